@@ -99,6 +99,14 @@ class Model:
         """
         return Model(self.name, (effect, *self.effects), self.held)
 
+    def effect(self, name: str) -> Effect:
+        """Return the effect of this name.
+
+        Args:
+            name: of an effect of the model.
+        """
+        return next(effect for effect in self.effects if effect.name == name)
+
     def without(self, *names: str) -> "Model":
         """The model less the effects of these names."""
         kept = tuple(effect for effect in self.effects if effect.name not in names)

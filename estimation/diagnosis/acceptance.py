@@ -176,7 +176,7 @@ def _accounts_for_error(
     is_counted = test.kind in partial.kinds and is_told_apart
     if entry.necessary >= _LEAST_OF_KIND or (entry.share >= _LEAST_OF_KIND and is_counted):
         return True
-    (effect,) = (one for one in end.solution.model.effects if one.name == test.effect)
+    effect = end.solution.model.effect(test.effect)
     alone = search.fitted(start.solution.model.with_effect(effect), end.solution.parameters)
     return bool(alone.held_out_mean_square < partial.budget.flexible * start.held_out_mean_square)
 
@@ -270,7 +270,7 @@ def similar_forms(search: Search, end: FitResult, name: str) -> dict[str, FitRes
         end: the model that the search ended with.
         name: the effect that is replaced.
     """
-    (effect,) = (part for part in end.solution.model.effects if part.name == name)
+    effect = end.solution.model.effect(name)
     without = search.without(end, name).solution.held_out
     least = without - _DRAWS_THE_SAME * (without - end.solution.held_out)
     return {
@@ -312,7 +312,7 @@ def most_parsimonious(
         is_complete: whether a model leaves no more than draws from it do.
     """
     for name in effects_by_importance(search, end):
-        (effect,) = (one for one in end.solution.model.effects if one.name == name)
+        effect = end.solution.model.effect(name)
         if _is_undetermined(end, effect) and (simpler := _simpler(search, end, effect)) is not end:
             end = simpler
             continue
@@ -383,7 +383,7 @@ def _may_be_nothing(before: FitResult, end: FitResult, name: str) -> bool:
     """
     if end.flexible.before.sum() <= 0.5 * before.flexible.before.sum():
         return False
-    (effect,) = (one for one in end.solution.model.effects if one.name == name)
+    effect = end.solution.model.effect(name)
     found = estimate_parameters(*final_solution(end))
     sizes = [found[f"{name}.{one.name}"] for one in effect.gains or effect.inner[:1]]
     return not any(abs(one.value) > 0.5 * _SURE * np.ptp(one.interval) for one in sizes)

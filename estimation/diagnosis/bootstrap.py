@@ -144,7 +144,7 @@ def improvement_test(
         if not effect:
             made = solve_gains(problem, model, parameters, rounds=2)
             return made, made.held_out
-        added = next(effect_there for effect_there in model.effects if effect_there.name == effect)
+        added = model.effect(effect)
         starts = added.starts(before.data)
         start = {parameter.name: known[f"{effect}.{parameter.name}"] for parameter in added.inner}
         tried = [start, *starts[:: max(len(starts) // _STARTS, 1)]]

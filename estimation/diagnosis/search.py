@@ -193,7 +193,7 @@ class Search:
         """
         for name in self.added_effects(fitted):
             model, known = fitted.solution.model, fitted.solution.parameters
-            (effect,) = (effect_there for effect_there in model.effects if effect_there.name == name)
+            effect = model.effect(name)
             tried = [
                 solve_gains(fitted.problem, model, {**known, **{f"{name}.{n}": v for n, v in start.items()}})
                 for start in self.fine_starts(fitted, effect)
@@ -241,7 +241,7 @@ class Search:
             name: the effect.
         """
         model, known = fit.solution.model, fit.solution.parameters
-        (effect,) = (effect_there for effect_there in model.effects if effect_there.name == name)
+        effect = model.effect(name)
         if not effect.inner or self.coarse is not None:
             return fit
         less = FitResult(fit.data, fit.problem, solve_gains(fit.problem, model.without(name), known))
@@ -306,7 +306,7 @@ class Search:
             fit: the model.
             name: the effect.
         """
-        (effect,) = (effect_there for effect_there in fit.solution.model.effects if effect_there.name == name)
+        effect = fit.solution.model.effect(name)
         solution, problem = fit.solution, fit.problem
         if isinstance(effect, RunVariation):
             inner = {
@@ -333,15 +333,12 @@ class Search:
             candidate for candidate in tried if _key(candidate.search.best.model) != _key(fit.solution.model)
         ]
         made = [self.with_candidate(candidate) for candidate in others[:2] if candidate.held_out < near]
-        made += self._in_parts(fit, name)
-        return self.ordered([substitute for substitute in made if self.is_sensible(substitute)])
-
-    def _in_parts(self, fit: FitResult, name: str) -> list[FitResult]:
-        """The model with the parts of an effect in its place, if it has any."""
-        (effect,) = (effect_there for effect_there in fit.solution.model.effects if effect_there.name == name)
+        # The model with the parts of an effect in its place, if it has any.
+        effect = fit.solution.model.effect(name)
         present = {effect_there.name for effect_there in fit.solution.model.effects}
         parts = [part for part in self.effects if part.name in effect.parts and part.name not in present]
-        return [self.with_each(self.without(fit, name), parts)] if parts else []
+        made += [self.with_each(self.without(fit, name), parts)] if parts else []
+        return self.ordered([substitute for substitute in made if self.is_sensible(substitute)])
 
     def with_each(self, fit: FitResult, effects: Sequence[Effect]) -> FitResult:
         """A model with these effects, one after the other, as far as the channel can have them.

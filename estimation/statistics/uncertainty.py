@@ -199,15 +199,6 @@ def _advice(names: tuple[str, ...], correlation: FloatArray, index: int) -> str:
 _TOO_SURE = "most samples are exactly alike, and the others do not fit: leave out samples at rest"
 
 
-def _is_too_sure(
-    jacobian: FloatArray, effort: FloatArray, residuals: FloatArray, covariance: Covariance
-) -> bool:
-    """Whether standard errors are far too small for the residuals: a noise-free majority set the scale."""
-    residual_rms = _rms(residuals)
-    scaled_error = covariance.std_err * np.linalg.norm(jacobian, axis=0)
-    return residual_rms > _DIGITS * _rms(effort) and bool((scaled_error < _SURE * residual_rms).any())
-
-
 def assemble(
     estimator: str,
     names: tuple[str, ...],
@@ -242,7 +233,11 @@ def assemble(
     used = np.ones(len(effort), dtype=np.bool_) if inliers is None else inliers
     gains = len(names) if gain_count is None else gain_count
     assessment = assess_parameters(names, values, jacobian[used], effort[used], covariance, gain_count=gains)
-    if _is_too_sure(jacobian, effort, residuals, covariance):
+    # Whether standard errors are far too small for the residuals: a noise-free majority set the scale.
+    residual_rms = _rms(residuals)
+    scaled_error = covariance.std_err * np.linalg.norm(jacobian, axis=0)
+    is_too_sure = residual_rms > _DIGITS * _rms(effort) and bool((scaled_error < _SURE * residual_rms).any())
+    if is_too_sure:
         covariance = unknown_covariance(len(values))
         note = assessment.note if assessment.identifiability is Identifiability.NONE else _TOO_SURE
         assessment = Assessment(Identifiability.NONE, note, (Determined.NO,) * len(names))

@@ -130,7 +130,7 @@ def test_a_channel_is_searched_varied_reduced_and_answered(name, monkeypatch):
     rough = given.get("forms", "base")
 
     stubs = {
-        "reject_reason": lambda data, model: given.get("refused"),
+        "reject_reason": lambda data: given.get("refused"),
         "prepare_search": lambda *_: search,
         "_Completeness": Judge,
         "select_effects": searching,
