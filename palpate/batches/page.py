@@ -22,7 +22,6 @@ from palpate.estimation.kinds import Kind
 from palpate.render import palette
 from palpate.render.report import as_html, rendered, styled
 
-TREND = "trend.html"
 _TEMPLATE = Path(__file__).parent / "page.html"
 _MOST_ROWS = 300  # of the table that the page shows, outliers and errors aside
 _MOST_POINTS = 400  # of one parameter in one group
@@ -74,11 +73,11 @@ def write_page(batch: BatchResult) -> None:
     _write(batch.page, f"Batch {batch.folder.name}", facts, sections)
 
 
-def write_trend(folder: Path, tested: Sequence[tuple[Series, Sequence[TrendChange]]], what: str) -> Path:
-    """Write the page of all series over time, those that change first; returns it.
+def write_trend(path: Path, tested: Sequence[tuple[Series, Sequence[TrendChange]]], what: str) -> None:
+    """Write the page of all series over time, those that change first.
 
     Args:
-        folder: of the table.
+        path: of the page.
         tested: series with their changes.
         what: the times count.
 
@@ -106,8 +105,7 @@ def write_trend(folder: Path, tested: Sequence[tuple[Series, Sequence[TrendChang
         sections.append(PageSection(title, figure=as_html(styled(figure, 260)), words=words))
     changing = sum(bool(changes) for _, changes in tested)
     facts = {"series": str(len(tested)), "that change": str(changing)}
-    _write(folder / TREND, "Trend", facts, sections)
-    return folder / TREND
+    _write(path, "Trend", facts, sections)
 
 
 def _write(path: Path, title: str, facts: Mapping[str, str], sections: Sequence[PageSection]) -> None:

@@ -17,6 +17,7 @@ LEVEL = 0.01  # chance of a change in a whole table where nothing changes
 LEAST = 10  # measurements of a series that is tested
 _SIDE = 3  # measurements before and after a step
 _PERMUTATIONS = 1_000  # at a time
+_MOST_VALUES = 5_000_000  # in all of these
 _MOST_LARGER = 20  # permutations with as large a change, after which there is none (Besag and Clifford, 1991)
 _MOST_CHANGES = 6  # of one series
 _SECONDS_A_DAY = 86_400.0
@@ -68,13 +69,13 @@ def time_axis(table: pa.Table, field: str | None = None) -> tuple[FloatArray, li
         if name not in table.column_names:
             raise InputError(f"--date {name}: no such column. There are: {', '.join(table.column_names)}")
         labels = texts(table, name)
-        for read, what in ((_days, "date"), (float, name)):
+        for read, what in ((_days, "date"), (_number, name)):
             try:
                 return np.array([read(label) for label in labels], dtype=np.float64), labels, what
-            except ValueError:
-                continue
+            except ValueError as error:
+                problem = str(error)
         if field:
-            raise InputError(f"--date {field}: give dates such as 2026-11-23, or numbers, not '{labels[0]}'")
+            raise InputError(f"--date {field}: give dates such as 2026-11-23, or numbers ({problem})")
     measurement = texts(table, "measurement")
     number = {name: float(place) for place, name in enumerate(dict.fromkeys(measurement), 1)}
     return np.array([number[name] for name in measurement]), measurement, "count"
@@ -149,10 +150,11 @@ def _largest_change(
     scaled = (values - mean) * np.sqrt(weights)
     observed = _statistics(scaled[None], times)
     larger = tried = 0
+    several = max(1, min(_PERMUTATIONS, _MOST_VALUES // len(scaled)))
     while larger < _MOST_LARGER and tried < 4.0 / level:
-        shuffled = rng.permuted(np.broadcast_to(scaled, (_PERMUTATIONS, len(scaled))), axis=1)
+        shuffled = rng.permuted(np.broadcast_to(scaled, (several, len(scaled))), axis=1)
         larger += int(np.count_nonzero(_statistics(shuffled, times).max(axis=1) >= observed.max()))
-        tried += _PERMUTATIONS
+        tried += several
     p_value = (1 + larger) / (1 + tried)
     if p_value > level:
         return None
@@ -209,6 +211,13 @@ def _days(text: str) -> float:
     """Days since 1970 of a date or time. ValueError: it is none."""
     moment = datetime.fromisoformat(text)
     return (moment if moment.tzinfo else moment.replace(tzinfo=UTC)).timestamp() / _SECONDS_A_DAY
+
+
+def _number(text: str) -> float:
+    """A finite number. ValueError: it is none."""
+    if not np.isfinite(value := float(text)):
+        raise ValueError(f"{text!r} is not finite")
+    return value
 
 
 def changes_of(

@@ -15,6 +15,7 @@ from palpate.workflows.data_options import JsonOption
 if TYPE_CHECKING:
     from palpate.batches.trend import Series, TrendChange
 
+PAGE = "trend.html"
 CHANGED = 10  # exit code, as of a diagnosis that finds something missing
 
 
@@ -79,9 +80,10 @@ def trend_command(
 
 
 def _state(data: Path) -> object:
-    """What differs once there is something new: names, sizes and times of the files."""
+    """What differs once there is something new: names, sizes and times of the files, our own page aside."""
     files = sorted(data.iterdir()) if data.is_dir() else [data] if data.exists() else []
-    return [(file.name, file.stat().st_size, file.stat().st_mtime_ns) for file in files if file.is_file()]
+    known = [(file.name, file.stat()) for file in files if file.is_file() and file.name != PAGE]
+    return [(name, stat.st_size, stat.st_mtime_ns) for name, stat in known]
 
 
 def _look(  # noqa: PLR0917, what was typed
@@ -114,7 +116,8 @@ def _look(  # noqa: PLR0917, what was typed
     tested = changes_of(table, times, names)
     if names and (unknown := set(names) - {series.name for series, _ in tested}):
         raise InputError(f"--parameter {min(unknown)}: no such series of at least {LEAST} measurements")
-    page = write_trend(out or (data if data.is_dir() else data.parent), tested, what)
+    page = (out or (data if data.is_dir() else data.parent)) / PAGE
+    write_trend(page, tested, what)
     changes = [_as_data(series, change, labels) for series, own in tested for change in own]
     content = {
         "table": str(out or data),

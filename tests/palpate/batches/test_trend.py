@@ -124,6 +124,24 @@ def test_what_is_no_table_no_date_or_too_short_is_said(tmp_path):
     assert_refused(run("trend", tmp_path / "table.csv"), "lacks the columns")
 
 
+def test_a_table_is_looked_at_again_only_when_it_is_new(tmp_path, monkeypatch):
+    """The page that a look writes beside the table is nothing new."""
+    folder, waits = tmp_path / "nightly", []
+    write_table(folder, 1.0 + 0.01 * np.random.default_rng(7).standard_normal(20), DAYS[:20])
+
+    def wait(seconds):
+        waits.append(seconds)
+        if len(waits) == 2:
+            write_table(folder, 1.0 + 0.01 * np.random.default_rng(8).standard_normal(21), DAYS[:21])
+        if len(waits) == 4:
+            raise KeyboardInterrupt
+
+    monkeypatch.setattr("palpate.commands.trend.time.sleep", wait)
+    followed = run("trend", folder, "--follow", "--every-s", 5)
+    assert followed.stdout.count("series tested") == 2
+    assert waits == [5.0] * 4
+
+
 def test_without_dates_the_order_counts_and_numbers_are_taken_as_they_are():
     table = pa.table({"measurement": ["b", "b", "a"], "channel": ["x", "y", "x"], "cycles": [100, 100, 2000]})
     times, labels, what = time_axis(table)
