@@ -168,7 +168,7 @@ def _overview(batch: BatchResult) -> PageSection:
         "mean budget",
         "effects named",
     )
-    words = ("A measurement whose error passes for noise has no budget and counts with zero shares.",)
+    words = ("A measurement whose error is within the noise has no budget and counts with zero shares.",)
     return PageSection("What is missing where", columns, lines, as_html(figure) if any(bars) else None, words)
 
 

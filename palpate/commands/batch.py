@@ -31,7 +31,9 @@ class BatchArguments(ReadOptions):
     ]
     effect: Annotated[
         list[str] | None,
-        typer.Option(help="Effect of your own that may be used; its file is run.", metavar="FILE.py:CLASS"),
+        typer.Option(
+            help=("Your own effect, as a further candidate; its file is executed."), metavar="FILE.py:CLASS"
+        ),
     ] = None
     urdf: Annotated[
         Path | None, typer.Option(help="The arm's URDF, for models that need it.", metavar="FILE")
@@ -99,7 +101,7 @@ def batch_command(
         str | None, typer.Option(help="Run on the workers of this dask scheduler.", metavar="ADDRESS")
     ] = None,
     retry: Annotated[
-        bool, typer.Option("--retry", help="Try measurements again that could not be judged.")
+        bool, typer.Option("--retry", help="Retry measurements that could not be judged.")
     ] = False,
     as_json: JsonOption = False,
 ) -> None:

@@ -48,7 +48,7 @@ def diagnose_command(
         bool,
         typer.Option(
             "--exit-code",
-            help="End with 10 if missing, else 11 if unexplained, else 12 if insufficient, else 0.",
+            help="Exit code 10 if missing, else 11 if unexplained, else 12 if insufficient, else 0.",
         ),
     ] = False,
     as_json: JsonOption = False,

@@ -36,7 +36,8 @@ def trend_command(
         typer.Option(help="Only this one, such as coulomb_friction.torque; may be repeated.", metavar="NAME"),
     ] = None,
     out: Annotated[
-        Path | None, typer.Option("--out", "-o", help="Judge recordings into this folder first.")
+        Path | None,
+        typer.Option("--out", "-o", help=("First judge the recordings and write the results here.")),
     ] = None,
     model: Annotated[
         str | None, typer.Option(help="Base model of recordings.", autocompletion=model_names)
@@ -45,11 +46,11 @@ def trend_command(
         str | None, typer.Option(help="Fields in names of recordings, such as '{arm}_{date}.csv'.")
     ] = None,
     follow: Annotated[
-        bool, typer.Option("--follow", help="Go on, and look again whenever something is new.")
+        bool, typer.Option("--follow", help="Keep running, and test again whenever there are new data.")
     ] = False,
-    every_s: Annotated[float, typer.Option(help="Time between two looks of --follow [s].", min=0.1)] = 30.0,
+    every_s: Annotated[float, typer.Option(help="Time between two tests of --follow [s].", min=0.1)] = 30.0,
     exit_code: Annotated[
-        bool, typer.Option("--exit-code", help=f"End with {CHANGED} if something changes, else with 0.")
+        bool, typer.Option("--exit-code", help=f"Exit code {CHANGED} if something changes, else 0.")
     ] = False,
     as_json: JsonOption = False,
 ) -> None:
