@@ -44,19 +44,7 @@ _MOST_FITS = 90  # in the cache; the least recently used are dropped, and would 
 
 
 class StudyFits(TableDisplay):
-    """Models of one measurement, each fitted once; see `ModelStudy`.
-
-    Args:
-        data: see `palpate.estimation.study.source.open_source`.
-        model: base model; None for the usual one of each channel.
-        options: how to read a file or table.
-        arm: the arm that the channels belong to, where the data does not say.
-        effects: the user's own, by the name under which to load them again, such as "my_effects.py:Mine".
-        held_out: runs excluded from fitting and used only for scoring; none to score each run by the others.
-
-    Raises:
-        InputError: the data cannot be used, the model is unknown or does not describe it, or no run is left.
-    """
+    """Models of one measurement, each fitted once; for the arguments see `ModelStudy`."""
 
     def __init__(
         self,

@@ -1,51 +1,24 @@
 """Saved models of one measurement: keep them, find them, and reject those of other data or versions."""
 
 from collections.abc import Callable, Mapping, Sequence
-from datetime import UTC, datetime
+from datetime import datetime
 from pathlib import Path
-from typing import Any
 
-from palpate.estimation.base_model import Arm
-from palpate.estimation.data.import_options import ImportOptions
 from palpate.estimation.diagnosis.result import ParameterValue
-from palpate.estimation.effect import Effect
-from palpate.estimation.study.channels import (
-    StudyChannel,
-)
+from palpate.estimation.study.channels import StudyChannel
 from palpate.estimation.study.fits import StudyFits
 from palpate.estimation.study.results import RevisionTable
 from palpate.estimation.study.revisions import KeptParameter, Revision, Revisions
 from palpate.estimation.study.saved_diagnosis import is_other
-from palpate.estimation.study.source import NO_OPTIONS
 from palpate.robot_io.errors import InputError
 
 
 class StudyRevisions(StudyFits):
-    """Revisions of a study's models; see `ModelStudy`.
+    """Revisions of a study's models; `ModelStudy` says where they are saved."""
 
-    Args:
-        data: see `StudyFits`, as all that is not listed here.
-        model: base model; None for the usual one of each channel.
-        folder: where revisions and the diagnosis are saved; None to keep them in memory.
-        now: clock for the creation time of revisions.
-    """
-
-    def __init__(
-        self,
-        data: Any,  # noqa: ANN401, whatever a user has
-        model: str | None = None,
-        *,
-        options: ImportOptions = NO_OPTIONS,
-        arm: Arm | None = None,
-        effects: Mapping[str, Effect] | None = None,
-        held_out: Sequence[int] = (),
-        folder: Path | None = None,
-        now: Callable[[], datetime] = lambda: datetime.now(UTC),
-    ) -> None:
-        super().__init__(data, model, options=options, arm=arm, effects=effects, held_out=held_out)
-        self.folder = folder
-        self._revisions = Revisions(folder)
-        self._now = now
+    folder: Path | None  # of revisions and the diagnosis; None to keep them in memory
+    _revisions: Revisions
+    _now: Callable[[], datetime]  # clock for the creation time of revisions
 
     @property
     def revisions(self) -> RevisionTable:

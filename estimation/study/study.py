@@ -31,6 +31,7 @@ from palpate.estimation.study.estimates import (
 )
 from palpate.estimation.study.kept_models import StudyRevisions
 from palpate.estimation.study.results import Change, ChannelResult, Stage, StudyDiagnosis
+from palpate.estimation.study.revisions import Revisions
 from palpate.estimation.study.saved_diagnosis import RESULT, diagnosis_data, is_other, read_diagnosis
 from palpate.estimation.study.source import NO_OPTIONS
 from palpate.robot_io.errors import InputError
@@ -75,9 +76,10 @@ class ModelStudy(StudyRevisions):
         now: Callable[[], datetime] = lambda: datetime.now(UTC),
         planner: Planner | None = None,
     ) -> None:
-        super().__init__(
-            data, model, options=options, arm=arm, effects=effects, held_out=held_out, folder=folder, now=now
-        )
+        super().__init__(data, model, options=options, arm=arm, effects=effects, held_out=held_out)
+        self.folder = folder
+        self._revisions = Revisions(folder)
+        self._now = now
         self._planner = planner
         self._probes: dict[_ProbeKey, NextProbe | None] = {}
         self._diagnoses: dict[ChannelKey, ChannelDiagnosis] = {}

@@ -10,18 +10,11 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from palpate.common import console
-from palpate.common.files import (
-    existing_file,
-    output_folder,
-)
+from palpate.common.files import existing_file, output_folder
 from palpate.estimation.data.import_options import ImportOptions
 from palpate.robot_io.errors import InputError, PalpateError
 from palpate.workbench.startup import AppState, EarlyServer, raw_curves
-from palpate.workflows.data_options import (
-    DataArguments,
-    ModelOption,
-    may_take_data,
-)
+from palpate.workflows.data_options import DataArguments, ModelOption, may_take_data
 
 if TYPE_CHECKING:
     from palpate.workbench.state import WorkbenchState
