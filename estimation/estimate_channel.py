@@ -80,7 +80,14 @@ def estimate_channel(
     if data.surface is not None:
         data = replace(data, touching=used)
     if model.inner or data.tare is not None or data.position_step > 0.0:
-        narrowed = replace(model, within=_where_touched(data, used))
+        within = {}
+        if data.surface is not None:
+            # The touch bounds the surface, which may be deeper if something pulls that the model does not
+            # know; it is where it was found if the press tells no slope.
+            within[_OFFSET] = (data.surface.highest_m - data.surface.position_m, float("inf"))
+            if steps_spanned(data, used) < FEWEST_STEPS:
+                within[_OFFSET] = (-_NOWHERE_M, _NOWHERE_M)
+        narrowed = replace(model, within=within)
         begun = fit_samples(narrowed, data, used, estimator.loss, searched)
         regression = model.regression(data, begun.parameters).select(used)
         estimate = _combine(begun, data, used, estimator.fit(regression, rng=rng))
@@ -121,18 +128,6 @@ def _check_samples(data: ChannelData, model: Model, used: BoolArray) -> None:
                 f"channel '{data.name}': its {what} is nowhere larger than {largest:.3g}, in SI units; "
                 "is the unit right?"
             )
-
-
-def _where_touched(data: ChannelData, used: BoolArray) -> dict[str, tuple[float, float]]:
-    """Bounds of a surface that was found: what the touch allows; where it is, if the press tells no slope.
-
-    Where forces begin may be deeper than the touch, if something pulls that the model does not know.
-    """
-    if data.surface is None:
-        return {}
-    if steps_spanned(data, used) < FEWEST_STEPS:
-        return {_OFFSET: (-_NOWHERE_M, _NOWHERE_M)}
-    return {_OFFSET: (data.surface.highest_m - data.surface.position_m, float("inf"))}
 
 
 def _combine(searched: SampleFit, data: ChannelData, rows: BoolArray, given: Estimate) -> Estimate:

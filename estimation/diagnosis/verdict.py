@@ -75,10 +75,15 @@ class Evidence:
     @cached_property
     def single_effects(self) -> dict[str, FitResult]:
         """The base model with one effect, for each of the most promising candidates."""
-        promising = [entry for entry in _screened(self.search) if entry.score >= SMALL]
-        return {
-            entry.effect: self.extended(self.search.start, entry.effect) for entry in promising[:_MOST_RANKED]
-        }
+        # Errors sample by sample, from what each candidate takes away on blocks, or on a coarse copy's.
+        start, coarse = self.search.start, self.search.coarse or self.search
+        before, promising = coarse.start.solution.held_out, list[str]()
+        for candidate in (option for option in coarse.screen(coarse.start) if option.possible):
+            share = (before - candidate.held_out) / max(before, 1e-300)
+            error = float(np.sqrt(max(start.rmse**2 - share * start.held_out_mean_square, 0.0)))
+            if start.rmse > 0.0 and 1.0 - error / start.rmse >= SMALL:
+                promising.append(candidate.effect.name)
+        return {name: self.extended(start, name) for name in promising[:_MOST_RANKED]}
 
     def extended(self, fit: FitResult, name: str) -> FitResult:
         """Fit a model with one more effect of the library.
@@ -257,18 +262,6 @@ def _accepted(evidence: Evidence, others: _Rivals) -> list[Accepted]:
             )
         )
     return accepted
-
-
-def _screened(search: Search) -> list[Ranked]:
-    """Errors sample by sample, from what each candidate takes away on blocks, or on a coarse copy's."""
-    tried, rmse, ranked = search.coarse or search, search.start.rmse, []
-    start = tried.start
-    for candidate in (option for option in tried.screen(start) if option.possible):
-        share = (start.solution.held_out - candidate.held_out) / max(start.solution.held_out, 1e-300)
-        error = float(np.sqrt(max(rmse**2 - share * search.start.held_out_mean_square, 0.0)))
-        score = float(1.0 - error / rmse) if rmse > 0.0 else 0.0
-        ranked.append(Ranked(effect=candidate.effect.name, rmse_held_out=error, score=score))
-    return ranked
 
 
 def error_decrease(accepted: Sequence[Accepted], base_rmse: float, last_rmse: float, unit: str) -> str:

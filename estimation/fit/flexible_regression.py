@@ -106,7 +106,11 @@ def fit_flexible(
     owner = np.concatenate([[number] * part.shape[1] for number, part in enumerate(parts, -2)])
     columns = np.column_stack(parts)
     equations = problem.normal_equations(columns, target, names)
-    if not _is_smoothing(equations, owner, columns):
+    # Is the model better with what windows took off, and is that about as large as it should be?
+    taken = columns[:, owner == -1]
+    biased, plain = (solve_normal_equations(equations.only(which)) for which in (owner < 0, owner == -2))
+    is_smoothing = taken.size > 0 and biased.held_out.sum() <= plain.held_out.sum()
+    if not is_smoothing or not is_plausible_bias(taken, biased.gains[-taken.shape[1] :]):
         equations, columns, owner = equations.only(owner != -1), columns[:, owner != -1], owner[owner != -1]
     plainly = _shrunken(equations, owner, ())
     alone = [_shrunken(equations, owner, (number,)) for number in range(len(blocks))]
@@ -119,15 +123,6 @@ def fit_flexible(
         _held_out_residual(columns, target, blocked, equations, shrunken) for shrunken in (best, plainly)
     )
     return FlexibleRegression(plainly.held_out, best.held_out, residual, before, by_signal)
-
-
-def _is_smoothing(equations: NormalEquations, owner: IntArray, columns: FloatArray) -> bool:
-    """Whether a model is better with what windows took off, and that is about as large as it should be."""
-    taken = columns[:, owner == -1]
-    beside, alone = (solve_normal_equations(equations.only(which)) for which in (owner < 0, owner == -2))
-    if not taken.size or beside.held_out.sum() > alone.held_out.sum():
-        return False
-    return is_plausible_bias(taken, beside.gains[-taken.shape[1] :])
 
 
 def is_plausible_bias(taken: FloatArray, gains: FloatArray) -> bool:
