@@ -16,12 +16,14 @@ from palpate.estimation.design.next_experiment import NextProbe
 from palpate.estimation.diagnosis import ChannelDiagnosis
 from palpate.estimation.effect import Effect
 from palpate.estimation.study import Arm, ModelStudy, Revision, StudyChannel
-from palpate.estimation.study.fitting import Progress
+from palpate.estimation.study.fitting import Judge, Progress, diagnose
+from palpate.estimation.study.results import StudyDiagnosis
 from palpate.export.feedforward import Feedforward, FittedJoint, make_feedforward
 from palpate.export.scenario import Export, FittedChannel, export_scenario
 from palpate.export.simulator import Written, write_simulator
 from palpate.export.target_terms import SimulatorFormat
 from palpate.render.build import view_of
+from palpate.render.notebook import PageAddress, notebook_progress
 from palpate.robot_io.errors import InputError
 from palpate.robot_io.files.file_model import read_text
 from palpate.robot_io.files.urdf_text import last_link, parse_urdf
@@ -155,6 +157,43 @@ class Study(ModelStudy):
             raise InputError(
                 f"--effect {text}: its columns are zero throughout {idle}: nothing to fit{place}"
             )
+
+    def diagnose(
+        self,
+        channel: str | None = None,
+        *,
+        apply: bool = False,
+        plan: bool = True,
+        progress: Progress | None = None,
+        judge: Judge = diagnose,
+    ) -> StudyDiagnosis:
+        """See `ModelStudy.diagnose`; without `progress`, a notebook shows a bar."""
+        if progress is not None:
+            return super().diagnose(channel, apply=apply, plan=plan, progress=progress, judge=judge)
+        bar = notebook_progress()
+        try:
+            return super().diagnose(channel, apply=apply, plan=plan, progress=bar, judge=judge)
+        finally:
+            bar("", 1.0)
+
+    def workbench(self, port: int = 0, *, browser: bool = True) -> PageAddress:
+        """Open the workbench's page on this study; it is there until this program or notebook ends.
+
+        Page and program share the study: a revision that one of them makes is there for the other.
+
+        Args:
+            port: on this machine; 0 takes any free one.
+            browser: open it in a browser, too.
+
+        Returns:
+            The address; a notebook shows it as a link.
+
+        Raises:
+            InputError: the port is taken, a page is open already, or the workbench is not installed.
+        """
+        from palpate.workbench.startup import open_page  # noqa: PLC0415, as above
+
+        return open_page(self, port, browser=browser)
 
     def plot(self, channel: str | None = None) -> "go.Figure":
         """The error as it falls, and curves of measurement and model, of one channel.

@@ -13,13 +13,12 @@ from palpate.common import console
 from palpate.common.files import existing_file, output_folder
 from palpate.estimation.data.import_options import ImportOptions
 from palpate.robot_io.errors import InputError, PalpateError
-from palpate.workbench.startup import AppState, EarlyServer, raw_curves
+from palpate.workbench.startup import LOOPBACK, AppState, early_server, raw_curves
 from palpate.workflows.data_options import DataArguments, ModelOption, may_take_data
 
 if TYPE_CHECKING:
     from palpate.workbench.state import WorkbenchState
 
-LOOPBACK = "127.0.0.1"
 _MODEL = "kelvin_voigt"  # of a riddle
 
 
@@ -66,7 +65,7 @@ def workbench_command(
     home.open = lambda path, options: _state(data, path, options, model)
     if file is not None and data.held_out:
         home.state = _state(data, file, data.options, model)  # a run that is not there is refused here
-    early = _early_server(port)
+    early = early_server(port)
     if foxglove is not None:
         from palpate.workbench.sources import Feed  # noqa: PLC0415, rarely wanted
 
@@ -112,12 +111,3 @@ def _posed() -> Path:
     from palpate.workbench.diagnosis import pose  # noqa: PLC0415, with the simulator
 
     return pose(output_folder(SESSIONS))
-
-
-def _early_server(port: int) -> EarlyServer:
-    """The page's address, open from now on. InputError: somebody has the port."""
-    try:
-        return EarlyServer(LOOPBACK, port)
-    except OSError as error:
-        said = f"--port {port}: {error.strerror or error}; another, or 0 for any free one"
-        raise InputError(said) from error
