@@ -3,6 +3,7 @@
 import os
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
+from importlib import import_module
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -191,9 +192,10 @@ class Study(ModelStudy):
         Raises:
             InputError: the port is taken, a page is open already, or the workbench is not installed.
         """
-        from palpate.workbench.startup import open_page  # noqa: PLC0415, as above
-
-        return open_page(self, port, browser=browser)
+        # By its name: the page imports this class, and what it needs takes seconds to import.
+        startup = import_module("palpate.workbench.startup")
+        address: PageAddress = startup.open_page(self, port, browser=browser)
+        return address
 
     def plot(self, channel: str | None = None) -> "go.Figure":
         """The error as it falls, and curves of measurement and model, of one channel.
