@@ -26,6 +26,7 @@ from palpate.export.target_terms import SimulatorFormat
 from palpate.render.build import view_of
 from palpate.render.notebook import PageAddress, notebook_progress
 from palpate.robot_io.errors import InputError
+from palpate.robot_io.extras import missing_package
 from palpate.robot_io.files.file_model import read_text
 from palpate.robot_io.files.urdf_text import last_link, parse_urdf
 from palpate.runs.hidden_effects import scenario_of, true_parameters
@@ -193,8 +194,11 @@ class Study(ModelStudy):
             InputError: the port is taken, a page is open already, or the workbench is not installed.
         """
         # By its name: the page imports this class, and what it needs takes seconds to import.
-        startup = import_module("palpate.workbench.startup")
-        address: PageAddress = startup.open_page(self, port, browser=browser)
+        try:
+            server = import_module("palpate.workbench.server")
+        except ModuleNotFoundError as error:
+            raise InputError(missing_package(error.name) or str(error)) from error
+        address: PageAddress = server.open_page(self, port, browser=browser)
         return address
 
     def plot(self, channel: str | None = None) -> "go.Figure":

@@ -7,10 +7,14 @@ answer, which only NiceGUI's own template gets, and `palpate.workbench.elements`
 
 import asyncio
 import secrets
+import webbrowser
 from collections.abc import Callable
 from http import HTTPStatus
+from pathlib import Path
 from socket import socket
+from threading import Thread
 from types import SimpleNamespace
+from typing import TYPE_CHECKING
 
 import jinja2
 import uvicorn
@@ -23,8 +27,14 @@ from starlette.responses import PlainTextResponse
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 from starlette.websockets import WebSocketClose
 
+from palpate.render.notebook import PageAddress
+from palpate.robot_io.errors import InputError
 from palpate.workbench.elements import Plot
-from palpate.workbench.startup import CLOSED, HEADERS, STYLE, AppState
+from palpate.workbench.startup import CLOSED, HEADERS, LOOPBACK, STYLE, AppState, early_server
+from palpate.workbench.state import WorkbenchState
+
+if TYPE_CHECKING:
+    from palpate.study import Study
 
 _OPEN = (
     "style-src 'self' 'unsafe-inline'; img-src 'self' data: blob:; font-src 'self' data:; "
@@ -150,6 +160,33 @@ def serve(home: AppState, listening: socket) -> None:
     # reads the data is just building, and Python then raises SystemError there.
     vars(ui_run_with)["gc"] = SimpleNamespace(get_objects=lambda: [server])
     server.run([listening])
+
+
+_pages: list[str] = []  # addresses of pages that this program has open
+
+
+def open_page(study: "Study", port: int = 0, *, browser: bool = True) -> PageAddress:
+    """Serve the page of a study in a thread of this program.
+
+    Args:
+        study: to show.
+        port: on this machine; 0 takes any free one.
+        browser: open it in a browser, too.
+
+    Raises:
+        InputError: the port is taken, or a page is open already.
+    """
+    if _pages:
+        raise InputError(f"workbench(): a page is open already, at {_pages[0]}; one at a time")
+    early = early_server(port)
+    address = PageAddress(f"http://{LOOPBACK}:{early.port}")
+    home = AppState(Path(), state=WorkbenchState(study))
+    home.open = lambda path, options: WorkbenchState(type(study)(path, **vars(options)))
+    Thread(target=serve, args=(home, early.release_socket()), daemon=True).start()
+    _pages.append(address)
+    if browser:
+        Thread(target=webbrowser.open, args=(address,), daemon=True).start()
+    return address
 
 
 def _end(home: AppState) -> None:

@@ -1,7 +1,6 @@
 """What the server shows and answers before the page's library is imported, which takes seconds."""
 
 import socket
-import webbrowser
 from base64 import b64encode
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
@@ -19,15 +18,12 @@ import numpy as np
 
 from palpate.estimation.data.import_options import ImportOptions
 from palpate.render import palette
-from palpate.render.notebook import PageAddress
 from palpate.render.thinning import peaks
 from palpate.robot_io.errors import InputError, PalpateError
-from palpate.robot_io.extras import missing_package
 from palpate.robot_io.session import Session
 from palpate.robot_io.types import FloatArray
 
 if TYPE_CHECKING:
-    from palpate.study import Study
     from palpate.workbench.sources import Feed
     from palpate.workbench.state import WorkbenchState
 
@@ -237,40 +233,6 @@ def _panel(title: str, time_s: FloatArray, curves: Sequence[tuple[FloatArray, st
     low, high = min(y.min() for y, _ in shown), max(y.max() for y, _ in shown)
     said = f"{title} from {low:.3g} to {high:.3g}, over {np.ptp(time_s[rows]):.1f} s, as measured"
     return f"<h2>{said}</h2>{picture(time_s[rows], shown, 1000, 200)}"
-
-
-_pages: list[str] = []  # addresses of pages that this program has open
-
-
-def open_page(study: "Study", port: int = 0, *, browser: bool = True) -> PageAddress:
-    """Serve the page of a study in a thread of this program.
-
-    Args:
-        study: to show.
-        port: on this machine; 0 takes any free one.
-        browser: open it in a browser, too.
-
-    Raises:
-        InputError: the port is taken, a page is open already, or the workbench is not installed.
-    """
-    if _pages:
-        raise InputError(f"workbench(): a page is open already, at {_pages[0]}; one at a time")
-    try:
-        from palpate.workbench.server import serve  # noqa: PLC0415, seconds to import
-        from palpate.workbench.state import WorkbenchState  # noqa: PLC0415, as above
-    except ModuleNotFoundError as error:
-        if missing := missing_package(error.name):
-            raise InputError(missing) from error
-        raise
-    early = early_server(port)
-    address = PageAddress(f"http://{LOOPBACK}:{early.port}")
-    home = AppState(Path(), state=WorkbenchState(study))
-    home.open = lambda path, options: WorkbenchState(type(study)(path, **vars(options)))
-    Thread(target=serve, args=(home, early.release_socket()), daemon=True).start()
-    _pages.append(address)
-    if browser:
-        Thread(target=webbrowser.open, args=(address,), daemon=True).start()
-    return address
 
 
 def early_server(port: int) -> EarlyServer:
