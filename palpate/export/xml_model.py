@@ -131,7 +131,13 @@ class _Mjcf:
         ]
 
     def value(self, element: Element, name: str, absent: str) -> str:
-        """An attribute of an element, by itself or from its default class."""
+        """An attribute of an element, by itself or from its default class.
+
+        Args:
+            element: of the MJCF.
+            name: of the attribute.
+            absent: value where neither states it.
+        """
         if (own := element.get(name)) is not None:
             return own
         tags = {element.tag} if element.tag == "joint" else {element.tag, *_SCALED}
@@ -165,7 +171,12 @@ class _Mjcf:
         return self._joints[joint.number - 1]
 
     def set_joint(self, element: Element, joint: TargetJoint) -> None:
-        """Write one joint's values."""
+        """Write one joint's values.
+
+        Args:
+            element: hinge or slide joint.
+            joint: with the target's values.
+        """
         number = {key: value.number for key, value in joint.values.items()}
         is_hinge = self.value(element, "type", "hinge") == "hinge"
         angles = [each.get("angle") for each in self._root.findall("compiler") if each.get("angle")]
@@ -260,7 +271,12 @@ class _Mjcf:
         _comment(self._root, sensor, "delay", joint.values["sensor_delay_s"].fitted)
 
     def add_payload(self, payload: Value, mounting: Mounting) -> None:
-        """Add a point mass at the tip."""
+        """Add a point mass at the tip.
+
+        Args:
+            payload: mass [kg].
+            mounting: of the arm, with the tip.
+        """
         if payload.number <= 0.0:
             self.left_out.append(_too_light(payload.number))
             return

@@ -163,7 +163,11 @@ def parameter_view(name: str, found: Found) -> ParameterView:
 
 
 def axes_of(kind: ChannelKind) -> Axes:
-    """A contact and a sliding joint are shown in millimetres, a turning joint in radians."""
+    """A contact and a sliding joint are shown in millimetres, a turning joint in radians.
+
+    Args:
+        kind: of the channel.
+    """
     unit = kind.effort_unit
     match kind:
         case ChannelKind.CONTACT:

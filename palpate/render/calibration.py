@@ -64,7 +64,11 @@ def _rows(name: str, quantity: Quantity | Quantities) -> Iterator[tuple[str, str
 
 
 def figure_page(figure: go.Figure) -> str:
-    """A figure as an HTML page that needs no network."""
+    """A figure as an HTML page that needs no network.
+
+    Args:
+        figure: to be shown.
+    """
     return str(figure.to_html(include_plotlyjs=True, config=PLOT_CONFIG))
 
 
@@ -116,7 +120,11 @@ def force_figure(fit: ForceFit, reading_unit: str) -> go.Figure:
 
 
 def encoder_figure(fit: EncoderFit) -> go.Figure:
-    """Each touch of each stop about its mean, with the uncertainty of the zero."""
+    """Each touch of each stop about its mean, with the uncertainty of the zero.
+
+    Args:
+        fit: of the encoders.
+    """
     made = make_subplots(1, 1)
     for joint, (shown, std_rad) in enumerate(zip(fit.shown_rad, fit.std_rad, strict=True)):
         place = joint + 1 + 0.12 * (np.arange(len(shown)) - 0.5 * (len(shown) - 1))
@@ -133,7 +141,11 @@ def encoder_figure(fit: EncoderFit) -> go.Figure:
 
 
 def arm_figure(fit: ArmFit) -> go.Figure:
-    """Residual torque of each joint over its speed and over its position."""
+    """Residual torque of each joint over its speed and over its position.
+
+    Args:
+        fit: of the drives and the base.
+    """
     joints = fit.residual_nm.shape[1]
     made = make_subplots(joints, 2, shared_yaxes=True, vertical_spacing=0.07, horizontal_spacing=0.03)
     for joint in range(joints):

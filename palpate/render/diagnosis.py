@@ -26,7 +26,11 @@ def enumerated(names: Sequence[str], last: str = "and") -> str:
 
 
 def diagnosed(diagnosis: ChannelDiagnosis) -> VerdictView:
-    """The verdict of a diagnosis."""
+    """The verdict of a diagnosis.
+
+    Args:
+        diagnosis: of one channel.
+    """
     names = tuple(entry.effect for entry in diagnosis.accepted)
     has_reason = diagnosis.complete and "; " in diagnosis.reason
     is_explained = diagnosis.verdict is not Verdict.UNEXPLAINED
@@ -156,7 +160,11 @@ _SHOWN = 0.005  # share below which what nothing explains is not mentioned
 
 
 def budget_view(diagnosis: ChannelDiagnosis) -> BudgetView | None:
-    """Arrange the error budget of a channel for display; None where the diagnosis has none."""
+    """Arrange the error budget of a channel for display; None where the diagnosis has none.
+
+    Args:
+        diagnosis: of one channel.
+    """
     if diagnosis.rest is None or diagnosis.baseline is None:
         return None
     kinds = [

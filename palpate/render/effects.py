@@ -205,12 +205,20 @@ def library() -> tuple[Effect, ...]:
 
 
 def kind_of(effect: Effect) -> ChannelKind:
-    """The channel in which an effect is shown: a contact, where it occurs there."""
+    """The channel in which an effect is shown: a contact, where it occurs there.
+
+    Args:
+        effect: of the library or the user's own.
+    """
     return next(kind for kind in ChannelKind if kind in effect.channels)
 
 
 def as_data(effect: Effect) -> dict[str, Any]:
-    """An effect as plain data; the keys are stable. Units are those of the kind in which it is shown."""
+    """An effect as plain data; the keys are stable. Units are those of the kind in which it is shown.
+
+    Args:
+        effect: of the library or the user's own.
+    """
     words = ("name", "physics", "equation", "source", "signature", "confused_with", "needs")
     kind = kind_of(effect)
     parameters = [
@@ -314,7 +322,11 @@ def _channels(effect: Effect) -> list[str]:
 
 
 def group_of(effect: Effect) -> str:
-    """One of `GROUPS`."""
+    """One of `GROUPS`.
+
+    Args:
+        effect: of the library or the user's own.
+    """
     if isinstance(effect, RunVariation):
         return "From run to run"
     if isinstance(effect, SensorEffect) or effect.name in {"bias", "drift"}:

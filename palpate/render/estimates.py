@@ -176,7 +176,11 @@ def remarks(estimates: ChannelEstimates, truth: Truth) -> list[str]:
 
 
 def spoilt_by(estimates: ChannelEstimates) -> str | None:
-    """What is wrong with the data, so that no estimate of them means anything; None if nothing shows."""
+    """What is wrong with the data, so that no estimate of them means anything; None if nothing shows.
+
+    Args:
+        estimates: of one channel.
+    """
     return contaminated(estimates.channel, estimates.model)
 
 
@@ -320,7 +324,11 @@ def markdown_summary(estimates: ChannelEstimates, truth: Truth, heading: str) ->
 
 
 def shown_parameters(estimate: Estimate) -> list[ParameterEstimate]:
-    """All but the surface, which has its own sentence."""
+    """All but the surface, which has its own sentence.
+
+    Args:
+        estimate: of one estimator.
+    """
     return [parameter for parameter in estimate.parameters if parameter.name != OFFSET]
 
 

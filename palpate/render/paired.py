@@ -160,7 +160,11 @@ def _compare_parameters(sides: Sides) -> Iterator[str]:
 
 
 def difference_text(difference: ParameterDifference) -> str:
-    """A difference with half of its 95 % interval, or as much of it as is known."""
+    """A difference with half of its 95 % interval, or as much of it as is known.
+
+    Args:
+        difference: of one parameter.
+    """
     if not np.isfinite(difference.value):
         return "–"
     half = f" ± {significant(difference.half, difference.half)}" if np.isfinite(difference.half) else ""

@@ -29,7 +29,11 @@ COLORS = (palette.MEASURED, palette.OTHER)
 
 
 def state_figure(view: PairedView) -> go.Figure:
-    """Measured effort of both, and the model of each dashed, over position and over velocity."""
+    """Measured effort of both, and the model of each dashed, over position and over velocity.
+
+    Args:
+        view: of one channel on both sides.
+    """
     made, axes = make_subplots(1, 2, shared_yaxes=True, horizontal_spacing=0.03), view.views[0].axes
     for column, x in enumerate(("position", "velocity"), start=1):
         for letter, color, channel in zip(LETTERS, COLORS, view.views, strict=True):
@@ -46,7 +50,11 @@ def state_figure(view: PairedView) -> go.Figure:
 
 
 def time_figure(view: PairedView) -> go.Figure:
-    """Both over time, and what each model leaves; the second at the times of the first, if it repeats it."""
+    """Both over time, and what each model leaves; the second at the times of the first, if it repeats it.
+
+    Args:
+        view: of one channel on both sides.
+    """
     made = make_subplots(2, 1, shared_xaxes=True, row_heights=[0.6, 0.4], vertical_spacing=0.06)
     first, second = view.views
     unit = first.axes.effort_unit
@@ -66,7 +74,11 @@ def time_figure(view: PairedView) -> go.Figure:
 
 
 def residual_figure(view: PairedView) -> go.Figure:
-    """Autocorrelation of what each model leaves, and its correlation with the velocity; bands hold 99 %."""
+    """Autocorrelation of what each model leaves, and its correlation with the velocity; bands hold 99 %.
+
+    Args:
+        view: of one channel on both sides.
+    """
     titles = ("Autocorrelation", "Cross-correlation with the velocity")
     made = make_subplots(1, 2, shared_yaxes=True, horizontal_spacing=0.04, subplot_titles=titles)
     for letter, color, side in zip(LETTERS, COLORS, view.pair, strict=True):

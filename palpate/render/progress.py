@@ -136,7 +136,12 @@ class _Drawn:
         self._share = 0.0
 
     def update(self, share: float, words: str) -> None:
-        """Move the bar to a share, never back, with words beside it."""
+        """Move the bar to a share, never back, with words beside it.
+
+        Args:
+            share: that is done, from 0 to 1.
+            words: the present step.
+        """
         self._share = max(self._share, share)
         self.progress.update(self._task, completed=self._share, description=words)
         self.progress.refresh()

@@ -99,14 +99,22 @@ def figure(channel: ChannelView | StudyView) -> go.Figure:
 
 
 def fall_figure(channel: ChannelView) -> go.Figure:
-    """The error in held-out runs, stage by stage down to the noise level."""
+    """The error in held-out runs, stage by stage down to the noise level.
+
+    Args:
+        channel: with its stages.
+    """
     made = make_subplots(1, 1)
     _draw_fall(made, channel)
     return styled(made, 96 + _BAR_PX * (len(channel.fall) + 1))
 
 
 def time_figure(channel: ChannelView) -> go.Figure:
-    """Measured effort and models over time, and below what each leaves; grey where it is not judged."""
+    """Measured effort and models over time, and below what each leaves; grey where it is not judged.
+
+    Args:
+        channel: with its stages.
+    """
     if not channel.stages:
         made = make_subplots(1, 1)
         _draw_time(made, channel, (1, 1))
@@ -118,14 +126,22 @@ def time_figure(channel: ChannelView) -> go.Figure:
 
 
 def position_figure(channel: ChannelView) -> go.Figure:
-    """Measured effort and each model over position."""
+    """Measured effort and each model over position.
+
+    Args:
+        channel: with its stages.
+    """
     made = make_subplots(1, 1)
     _draw_state(made, channel, (1, 1), channel.position, channel.axes.position)
     return styled(made, 400)
 
 
 def state_figure(channel: ChannelView) -> go.Figure:
-    """Measured effort and each model over position and over velocity; those between are in the legend."""
+    """Measured effort and each model over position and over velocity; those between are in the legend.
+
+    Args:
+        channel: with its stages.
+    """
     made = make_subplots(1, 2, shared_yaxes=True, horizontal_spacing=0.03)
     _draw_state(made, channel, (1, 1), channel.position, channel.axes.position)
     _draw_state(made, channel, (1, 2), channel.velocity, channel.axes.velocity, named=False)
@@ -134,7 +150,11 @@ def state_figure(channel: ChannelView) -> go.Figure:
 
 
 def map_figure(channel: ChannelView) -> go.Figure:
-    """Mean residual over position and velocity, of the base model and of the last stage."""
+    """Mean residual over position and velocity, of the base model and of the last stage.
+
+    Args:
+        channel: with its stages.
+    """
     stages, axes = channel.shown_stages, channel.axes
     titles = [_escaped(stage.name) for stage in stages]
     made = make_subplots(

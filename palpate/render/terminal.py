@@ -186,7 +186,11 @@ def _print_verdict(console: Console, verdict: VerdictView) -> None:
 
 
 def headline(verdict: VerdictView) -> Text:
-    """The verdict as a coloured word, and its sentence with the effects in bold."""
+    """The verdict as a coloured word, and its sentence with the effects in bold.
+
+    Args:
+        verdict: of one channel.
+    """
     color = f"bold {COLORS.get(verdict.word, '')}"
     text = emphasised(verdict.sentence, (*verdict.names, verdict.sentence.partition(":")[0]))
     if verdict.tag:
@@ -209,7 +213,11 @@ def emphasised(sentence: str, names: Iterable[str]) -> Text:
 
 
 def safe_text(text: str) -> str:
-    """Text from a file without escape sequences, where no markup is read."""
+    """Text from a file without escape sequences, where no markup is read.
+
+    Args:
+        text: from a file.
+    """
     return Text.from_markup(safe(text)).plain
 
 

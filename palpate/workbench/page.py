@@ -335,7 +335,11 @@ def _button(text: str, icon: str, work: Callable[[], object], about: str, look: 
 
 
 def gates(state: WorkbenchState) -> None:
-    """The checklist of the gate."""
+    """The checklist of the gate.
+
+    Args:
+        state: of the page.
+    """
     from palpate.estimation.data_quality import checklist  # noqa: PLC0415
 
     reasons = checklist(state.channel.to_fit, state.channel.model)

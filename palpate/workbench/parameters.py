@@ -31,7 +31,11 @@ class JudgedFit:
 
     @classmethod
     def of(cls, shown: DisplayedFit) -> "JudgedFit":
-        """Judge a fit; takes as long as its intervals."""
+        """Judge a fit; takes as long as its intervals.
+
+        Args:
+            shown: the fit.
+        """
         return cls(shown, shown.fitted.unphysical, shown.fitted.smooth_law_error)
 
 
@@ -53,7 +57,11 @@ class ErrorCard:
             self._fall = set_props(ui.html("").mark("waterfall"), title=elements.FALL)
 
     def show(self, shown: DisplayedFit) -> None:
-        """State the error of a fit; whether that is good is said by `judge`."""
+        """State the error of a fit; whether that is good is said by `judge`.
+
+        Args:
+            shown: the fit.
+        """
         unit, error = shown.fitted.data.kind.effort_unit, shown.fitted.rmse
         self._number.set_content(_number(error, unit, shown.noise, elements.ROUGH if shown.is_rough else ""))
         self._fall.set_content(waterfall(shown.steps, shown.noise, unit))
@@ -62,7 +70,11 @@ class ErrorCard:
             self.judge(self._judged)
 
     def judge(self, fit: "JudgedFit") -> None:
-        """State whether a fit whose intervals are known is good: a small error alone does not make it so."""
+        """State whether a fit whose intervals are known is good: a small error alone does not make it so.
+
+        Args:
+            fit: with its intervals.
+        """
         self._judged, shown = fit, fit.shown
         unit, error, noise = shown.fitted.data.kind.effort_unit, shown.fitted.rmse, shown.noise
         more = error > NOISE * fit.noise
@@ -154,7 +166,11 @@ class Parameters:
             self._list = ui.element("div").classes("parameters")
 
     def show(self, shown: DisplayedFit) -> None:
-        """List the parameters of a fit; its intervals come later, unless they are known already."""
+        """List the parameters of a fit; its intervals come later, unless they are known already.
+
+        Args:
+            shown: the fit.
+        """
         if self._shown is None or shown.fitted is not self._shown.fitted:
             self._estimates = {}
         self._shown, self._values = shown, shown.values

@@ -371,7 +371,11 @@ class PlotPanel:
             self._map: Plot | None = None
 
     def show(self, shown: DisplayedFit) -> None:
-        """Draw a fit; the first one of a channel with its base model."""
+        """Draw a fit; the first one of a channel with its base model.
+
+        Args:
+            shown: the fit.
+        """
         first, self._shown = self._shown is None, shown
         # Effort that the fit expects, and what it leaves in held-out runs, (n,) each.
         self._drawn = shown.fitted.predict(shown.fitted.values), shown.fitted.residual

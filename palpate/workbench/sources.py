@@ -326,7 +326,11 @@ _LAST = 30_000  # ticks that are kept
 
 
 def newest_growing(folder: Path) -> Path | None:
-    """The newest session of a folder, if it is still being written."""
+    """The newest session of a folder, if it is still being written.
+
+    Args:
+        folder: of sessions.
+    """
     files = sorted(folder.glob("*.mcap"), key=lambda file: file.stat().st_mtime)
     if not files:
         return None
@@ -337,7 +341,11 @@ def newest_growing(folder: Path) -> Path | None:
 
 
 def live_figure(ticks: Samples) -> Figure:
-    """Force with its residual, torques, and online estimates over the last seconds."""
+    """Force with its residual, torques, and online estimates over the last seconds.
+
+    Args:
+        ticks: of the session that is being written.
+    """
     time_s = ticks["time_s"]
     last = time_s > time_s[-1] - SPAN_S if len(time_s) else np.zeros(0, dtype=np.bool_)
     torques = ticks.vector("torque_measured_nm")[last].T

@@ -50,7 +50,11 @@ class AppState:
         return f'<p class="quiet">{escape(self.reading or "opening")} …</p>{self.raw}'
 
     def serve_report(self, path: Path) -> str:
-        """Make a report available to the browser; returns its address, which nobody can guess."""
+        """Make a report available to the browser; returns its address, which nobody can guess.
+
+        Args:
+            path: of the report.
+        """
         key = token_urlsafe(16)
         self.reports[key] = path
         return f"/report/{key}"

@@ -125,6 +125,9 @@ class WorkbenchState:
     def show(self, choice: ModelSelection | None = None) -> DisplayedFit:
         """Fit a choice, the present one by default, by the very fit that the commands use.
 
+        Args:
+            choice: channel, effects and held parameters; None for the present choice.
+
         Raises:
             InputError: it cannot be fitted.
         """
@@ -162,6 +165,9 @@ class WorkbenchState:
     def choose(self, choice: ModelSelection) -> DisplayedFit:
         """Fit a choice and make it the present one; nothing changes if it cannot be fitted.
 
+        Args:
+            choice: channel, effects and held parameters.
+
         Raises:
             InputError: it cannot be fitted.
         """
@@ -170,7 +176,11 @@ class WorkbenchState:
         return shown
 
     def set_choice(self, choice: ModelSelection) -> None:
-        """Make a choice the present one without a fit; undo goes back to the one before."""
+        """Make a choice the present one without a fit; undo goes back to the one before.
+
+        Args:
+            choice: channel, effects and held parameters.
+        """
         self._pulling = ""
         if choice != self.choice:
             self._past.append(self._step)
@@ -198,7 +208,11 @@ class WorkbenchState:
         self._pulling = ""
 
     def toggled(self, effect: str) -> ModelSelection:
-        """The present choice with an effect added, or taken away if it is there."""
+        """The present choice with an effect added, or taken away if it is there.
+
+        Args:
+            effect: its name.
+        """
         now = self.choice.effects
         return self.choice.with_effects(
             [name for name in now if name != effect] if effect in now else [*now, effect]
@@ -270,7 +284,11 @@ class WorkbenchState:
         return self.choice, (self.out, self.study.held_out)
 
     def to_channel(self, name: str) -> DisplayedFit:
-        """Show another channel, with what was last added to it."""
+        """Show another channel, with what was last added to it.
+
+        Args:
+            name: of the channel.
+        """
         return self.choose(self._start_of(name))
 
     def to_revision(self, revision: Revision) -> DisplayedFit:
@@ -313,6 +331,9 @@ class WorkbenchState:
 
     def joined_with(self, path: Path) -> "WorkbenchState":
         """Return a state with the runs of another session after those of this one; in memory.
+
+        Args:
+            path: of the other session.
 
         Raises:
             InputError: the session cannot be read, or has no channel of this one.
@@ -428,7 +449,11 @@ def evidence_of(study: Study, channel: StudyChannel, beside: Sequence[str], effe
 
 
 def groups(evidence: Sequence[EffectEvidence]) -> list[list[EffectEvidence]]:
-    """Effects with those that do the same to this data, the most telling first."""
+    """Effects with those that do the same to this data, the most telling first.
+
+    Args:
+        evidence: of each effect.
+    """
     left = sorted(evidence, key=lambda each: -each.falls)
     made: list[list[EffectEvidence]] = []
     while left:
@@ -453,7 +478,11 @@ def _listed(runs: Sequence[int]) -> str:
 
 
 def describe_kind(kind: ChannelKind) -> str:
-    """What a channel is, for its button."""
+    """What a channel is, for its button.
+
+    Args:
+        kind: of the channel.
+    """
     return {
         ChannelKind.CONTACT: "contact force",
         ChannelKind.REVOLUTE: "joint torque",
