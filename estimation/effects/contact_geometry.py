@@ -21,7 +21,7 @@ class ContactOffset(MotionEffect):
     physics = "The object's surface lies deeper or higher than assumed."
     equation = "x_true = x - offset"
     source = "geometry of the probe and the object"
-    signature = "all force-depth curves are shifted along the depth, while the force in free air is zero"
+    signature = "all force-depth curves are shifted along the depth, and the force in free air is zero"
     signals = ("position",)
     channels = frozenset({ChannelKind.CONTACT})
     inner = (Parameter("offset", "{position}", -0.02, 0.02, (-1e-3, 1e-3)),)
@@ -78,13 +78,13 @@ class PlasticSet(MotionEffect):
 
     name = "plastic_set"
     kind = Kind.CONTACT_GEOMETRY
-    physics = "Part of the indentation stays: on the way out the object is met later than on the way in."
+    physics = "Part of the indentation stays: on the way out contact ends deeper than it began on the way in."
     equation = (
         "x_true = x - dent, v_true = x_true', dent = share max_t(x); of it, kept is left for the next run"
     )
     source = "permanent set in indentation; K. L. Johnson, Contact Mechanics (1985), ch. 6"
     signature = (
-        "force reaches zero at a depth above zero on the way out, and the next press on the spot begins there"
+        "force reaches zero at a positive depth on the way out, and the next press on the spot begins there"
     )
     signals = ("position", "past motion")
     channels = frozenset({ChannelKind.CONTACT})

@@ -84,7 +84,7 @@ class PowerLawStiffness(AdditiveEffect):
     name = "power_law_stiffness"
     kind = Kind.ELASTIC_SHAPE
     physics = (
-        "The more it is pressed the more of the object carries, or the less; its force bends with depth."
+        "The deeper the press, the more (or less) of the object carries the load: the force curve bends."
     )
     equation = "F = k |x|^n sign(x)"
     source = (

@@ -154,7 +154,7 @@ class Payload(AdditiveEffect):
     physics = "The arm carries something: its weight and inertia load every joint."
     equation = "effort_i = m J_i^T (a_tip - g)"
     source = "W. Khalil, E. Dombre, Modeling, Identification and Control of Robots (2002), ch. 12"
-    signature = "all joints are off by what one mass at the tip would take, most with the arm stretched out"
+    signature = "the errors of all joints match one mass at the tip, largest with the arm stretched out"
     signals = ("position", "acceleration", "other joints")
     channels = frozenset({ChannelKind.REVOLUTE})
     gains = (Parameter("mass", "kg", -50.0, 50.0, (0.01, 5.0)),)

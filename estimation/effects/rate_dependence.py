@@ -41,7 +41,7 @@ class ViscousFriction(AdditiveEffect):
     physics = "Oil and bearings resist in proportion to speed."
     equation = "effort = d v"
     source = "B. Armstrong-Hélouvry, P. Dupont, C. Canudas de Wit, Automatica 30 (1994)"
-    signature = "effort is higher by an amount in proportion to speed, in either direction"
+    signature = "effort is higher in proportion to speed, in either direction"
     signals = ("velocity",)
     channels = JOINTS
     gains = (Parameter("d", "{effort} s/{position}", 0.0, 1e12, (0.001, 500.0)),)

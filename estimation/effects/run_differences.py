@@ -143,10 +143,12 @@ class RunOffset(RunVariation):
 
     name = "run_offset"
     kind = Kind.RUN_DIFFERENCES
-    physics = "The sensor was tared, mounted or charged anew before each run, each time a little differently."
+    physics = (
+        "The sensor was tared, mounted or charged again before each run, each time a little differently."
+    )
     equation = "reading = effort + b_r, b_r ~ N(0, spread^2)"
     source = "C. R. Henderson, Biometrics 31 (1975): best linear unbiased prediction in mixed models"
-    signature = "each run is off by one amount all along, another run by another"
+    signature = "each run has a constant offset of its own"
     signals = ("offset", "recorded")
     confused_with = {
         "bias": "record more runs: a bias is the same in all",
@@ -169,10 +171,10 @@ class RunGain(RunVariation):
 
     name = "run_gain"
     kind = Kind.RUN_DIFFERENCES
-    physics = "Specimens, spots or battery voltages differ: all of the effort is larger in one run."
+    physics = "Specimens, spots or battery voltages differ: the whole effort of a run is scaled."
     equation = "reading = (1 + b_r) effort, b_r ~ N(0, spread^2)"
     source = "N. M. Laird, J. H. Ware, Biometrics 38 (1982): random-effects models for longitudinal data"
-    signature = "each run has the shape of the others and a height of its own"
+    signature = "each run has the same shape as the others, scaled by a factor of its own"
     signals = ("effort", "recorded")
     confused_with = {
         "torque_gain": "record more runs: a wrong constant is the same in all",
@@ -220,10 +222,10 @@ class RunRipple(RunVariation):
 
     name = "run_ripple"
     kind = Kind.RUN_DIFFERENCES
-    physics = "Magnets and teeth make effort ripple, and the encoder counts from where it was switched on."
+    physics = "Magnets and teeth make the effort ripple, and the encoder's zero is where it was switched on."
     equation = "reading = effort + s_r sin(n q) + c_r cos(n q), s_r and c_r of each run"
     source = "J. Holtz, L. Springob, IEEE Trans. Industrial Electronics 43 (1996)"
-    signature = "a wave over position of the same length in all runs, that begins elsewhere in each"
+    signature = "a wave over position with the same wavelength in all runs and a different phase in each"
     signals = ("position", "recorded")
     channels = JOINTS
     inner = (*RunVariation.inner, *TorqueRipple.inner)
@@ -251,10 +253,10 @@ class RecordedDependence(SensorEffect):
 
     name = "recorded_dependence"
     kind = Kind.RECORDED_CONTEXT
-    physics = "Stiffness, friction or the sensor change with temperature, place or what else was recorded."
+    physics = "Stiffness, friction or the sensor change with temperature, place or another recorded quantity."
     equation = "reading = (1 + sum_j c_j (r_j - mean r_j)/sd r_j) effort"
     source = "D. C. Montgomery, Design and Analysis of Experiments (2012), ch. 15: covariates"
-    signature = "the whole effort is larger by a share where the recorded column is larger"
+    signature = "the effort is scaled by a factor that grows with the recorded column"
     signals = ("recorded",)
     channels = frozenset(ChannelKind)
     inner: ClassVar[tuple[Parameter, ...]] = (Parameter("change", "1", -3.0, 3.0, (-0.3, 0.3)),)

@@ -24,7 +24,7 @@ class Delay(SensorEffect):
     physics = "Conversion, bus and buffers hold every reading back by the same time."
     equation = "reading(t) = effort(t - T)"
     source = "E. O. Doebelin, Measurement Systems (2003), ch. 3: dead time"
-    signature = "readings keep their shape and come late against the motion"
+    signature = "readings keep their shape and lag behind the motion"
     signals = ("past effort",)
     channels = frozenset(ChannelKind)
     inner = (Parameter("time", "s", -0.5, 2.0, (0.001, 0.1)),)
@@ -59,7 +59,7 @@ class Lag(SensorEffect):
     physics = "A filter in the sensor smooths and delays."
     equation = "reading' = (effort - reading)/tau"
     source = "E. O. Doebelin, Measurement Systems (2003), ch. 3: first-order instrument"
-    signature = "readings come late and rounded, the more the faster the effort changes"
+    signature = "readings lag and are rounded, more so where the effort changes faster"
     signals = ("past effort",)
     channels = frozenset(ChannelKind)
     inner = (Parameter("tau", "s", 1e-05, 1.0, (0.001, 0.2), log=True),)
@@ -91,7 +91,7 @@ class Drift(AdditiveEffect):
     physics = "Warming up or creep of the sensor moves its zero steadily."
     equation = "reading = effort + d (t - t0)"
     source = "JCGM 200:2012 (VIM), 4.21: instrumental drift"
-    signature = "free air and every run shift steadily with the time of day, not with the time since contact"
+    signature = "free air and every run drift steadily with time, not with the time since contact"
     signals = ("time",)
     channels = frozenset(ChannelKind)
     one_sided = False

@@ -18,10 +18,10 @@ class Bias(AdditiveEffect):
 
     name = "bias"
     kind = Kind.SENSOR_STATICS
-    physics = "The sensor shows something when nothing acts."
+    physics = "The sensor reads a constant value when no force acts."
     equation = "reading = effort + b"
     source = "JCGM 200:2012 (VIM), 4.20: instrumental bias"
-    signature = "all readings are off by one amount, in free air too"
+    signature = "all readings have the same offset, in free air too"
     signals = ("offset",)
     channels = frozenset(ChannelKind)
     one_sided = False
@@ -49,7 +49,7 @@ class TorqueGain(SensorEffect):
     source = (
         "M. Gautier, S. Briot, J. Dyn. Sys. Meas. Control 136 (2014): global identification of drive gains"
     )
-    signature = "all of the effort is off by one factor; only a model with a known mass can show it"
+    signature = "all of the effort is scaled by one factor; only a model with a known mass can show it"
     signals = ("effort",)
     channels = frozenset({ChannelKind.REVOLUTE, ChannelKind.PRISMATIC})
     inner = (Parameter("gain", "1", 0.2, 5.0, (0.6, 1.6), log=True),)
@@ -83,7 +83,7 @@ class ForceSensorError(AdditiveEffect):
     physics = "The force sensor is off; all joints carry the true force."
     equation = "effort = share J^T p e, e by the other joints"
     source = "J. J. Craig, Introduction to Robotics (2005), ch. 5.10: forces at the tip and torques of joints"
-    signature = "in contact, all joints are off by what one and the same force at the tip takes"
+    signature = "in contact, the errors of all joints match one force at the tip"
     signals = ("load",)
     channels = frozenset({ChannelKind.REVOLUTE, ChannelKind.PRISMATIC})
     # About one: noise of the other joints' torques lowers it.
@@ -103,10 +103,10 @@ class Deadband(SensorEffect):
 
     name = "deadband"
     kind = Kind.SENSOR_STATICS
-    physics = "Friction or a threshold in the sensor swallows the first part of any effort."
+    physics = "Friction or a threshold in the sensor hides the first part of any effort."
     equation = "reading = effort - clip(effort, -width, width)"
     source = "E. O. Doebelin, Measurement Systems (2003), ch. 2: threshold"
-    signature = "readings stay at zero near zero and are short by one amount elsewhere"
+    signature = "readings are zero near zero, and too small by a constant elsewhere"
     signals = ("effort",)
     channels = frozenset(ChannelKind)
     inner = (Parameter("width", "{effort}", 1e-09, 10000.0, (0.001, 1.0), log=True),)
@@ -138,11 +138,12 @@ class ForceDeadband(AdditiveEffect):
 
     name = "force_deadband"
     kind = Kind.SENSOR_STATICS
-    physics = "The force sensor swallows the first part of any force; the joints carry it all the same."
+    physics = "The force sensor does not show the first part of any force; the joints carry it nevertheless."
     equation = "effort = w J^T p while touching"
     source = "E. O. Doebelin, Measurement Systems (2003), ch. 2: threshold; J^T F by virtual work"
     signature = (
-        "in contact, all joints carry what one more force at the tip would take, however hard it pushes"
+        "in contact, the errors of all joints match one additional force at the tip, the same however hard "
+        "it pushes"
     )
     signals = ("load",)
     channels = frozenset({ChannelKind.REVOLUTE, ChannelKind.PRISMATIC})

@@ -20,7 +20,7 @@ class StressRelaxation(AdditiveEffect):
 
     name = "stress_relaxation"
     kind = Kind.TIME_MEMORY
-    physics = "Part of the elastic force flows away with time, as in flesh, rubber and foam."
+    physics = "Part of the elastic force relaxes with time, as in flesh, rubber and foam."
     equation = "F = k1 z, z' = x' - z/tau, x only while pressed"
     source = (
         "C. Zener, Elasticity and Anelasticity of Metals (1948): standard linear solid; Y. C. Fung, "
@@ -58,13 +58,16 @@ class PowerLawRelaxation(MemoryEffect):
 
     name = "power_law_relaxation"
     kind = Kind.TIME_MEMORY
-    physics = "Elastic force flows away on all scales of time alike, as in muscle, cells and gels."
+    physics = "Elastic force relaxes on all time scales alike, as in muscle, cells and gels."
     equation = "F = integral (1 - share + share ((t - s)/1 s)^-alpha) dE(s), E elastic"
     source = (
         "R. L. Bagley, P. J. Torvik, J. Rheology 27 (1983); B. Fabry et al., Phys. Rev. Lett. 87 (2001): "
         "scale-free relaxation of cells"
     )
-    signature = "force in a hold falls as much in each tenfold time; the peak grows as a small power of speed"
+    signature = (
+        "force in a hold falls by the same amount in each decade of time; the peak grows as a small "
+        "power of speed"
+    )
     signals = ("past motion",)
     channels = frozenset({ChannelKind.CONTACT})
     inner = (
@@ -100,7 +103,7 @@ class RelaxationSpectrum(MemoryEffect):
 
     name = "relaxation_spectrum"
     kind = Kind.TIME_MEMORY
-    physics = "Parts of the elastic force flow away, some at once and some slowly, as in tissue and rubber."
+    physics = "Parts of the elastic force relax, some fast and some slowly, as in tissue and rubber."
     equation = "F = (1 - fast - slow) E + fast Z_fast + slow Z_slow, Z_i' = E' - Z_i/tau_i, E elastic"
     source = "Y. C. Fung, Biomechanics (1993), ch. 7.6: quasi-linear viscoelasticity; Prony series"
     signature = "force falls during a hold, fast at first and then slowly, by one share at any depth"
