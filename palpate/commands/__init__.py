@@ -19,7 +19,7 @@ COMMANDS: Mapping[str, tuple[str, str]] = {  # module, and what the list of comm
     "probe": ("probe", "Touch an object at several speeds and log every tick."),
     "replay": ("probe", "Repeat the motion of a session, in simulation or with an arm."),
     "estimate": ("diagnose", "Estimate stiffness and damping with confidence intervals."),
-    "inspect": ("inspect", "See a session in Rerun."),
+    "inspect": ("inspect", "Show a session in Rerun."),
     "compare": ("compare", "Show how far off the model is, and where it fails."),
     "diagnose": ("diagnose", "Find out which physical effect the model lacks, if any."),
     "resolve": ("probe", "Probe and diagnose, again and again, until one explanation is left."),
@@ -39,7 +39,7 @@ COMMANDS: Mapping[str, tuple[str, str]] = {  # module, and what the list of comm
     "info": ("sessions", "Show what is in a session file."),
     "sweep": ("sweep", "Probe many simulated objects, such as the paper's, with every estimator."),
     "batch": ("batch", "Estimate, compare and diagnose many recordings; one table, one page."),
-    "trend": ("trend", "Which parameters step or drift over time?"),
+    "trend": ("trend", "Find parameters that step or drift over time."),
     "teleop": ("teleop", "Work on a virtual object that learns to feel like the real one."),
     "calibrate": (
         "calibrate",

@@ -133,7 +133,7 @@ def _view(
             return view
         tick = np.searchsorted(ticks["time_s"], estimates.channel.time_s)
         desired_n = ticks["desired_force_n"][np.minimum(tick, len(ticks["time_s"]) - 1)]  # NaN where free
-        return replace(view, wanted=("aimed at", desired_n))
+        return replace(view, wanted=("reference", desired_n))
     view = channel_view(channel, (), None)
     joint = re.fullmatch(r"joint_(\d+)", channel.name)
     if ticks is None or joint is None:

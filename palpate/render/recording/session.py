@@ -103,7 +103,7 @@ def _log_signals(recording: rr.RecordingStream, scene: Scene) -> None:
     for joint in range(scene.joints):
         for entity, measured, commanded, name in (
             (_TORQUE, torque_nm, ticks["torque_sent_nm"], "commanded"),
-            (_POSITION, position, reference, "aimed at"),
+            (_POSITION, position, reference, "reference"),
         ):
             curves = {
                 "measured": (measured[:, joint], palette.MEASURED, 2.0),
