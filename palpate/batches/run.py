@@ -144,7 +144,7 @@ def batch(
         failures |= _run(cases, store, cluster, progress)
         del cases  # they take as much memory as the table
         common = find_common_effects(screen) if pool else ()
-    except (KeyboardInterrupt, PalpateError):
+    except (KeyboardInterrupt, SystemExit, PalpateError):
         result()
         raise
     return result()

@@ -148,7 +148,7 @@ def batch_command(
                 retry=retry,
                 progress=show,
             )
-    except KeyboardInterrupt:
+    except (KeyboardInterrupt, SystemExit):
         console.stderr().print(
             f"{counted[0]} of {counted[1]} measurements are done and in {shown(out)}; "
             "the same command continues from there"

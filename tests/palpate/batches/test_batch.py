@@ -246,7 +246,7 @@ def test_workers_of_a_scheduler_give_the_same_table(specimens, out, tmp_path, da
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("number", [signal.SIGKILL, signal.SIGINT])
+@pytest.mark.parametrize("number", [signal.SIGKILL, signal.SIGINT, signal.SIGTERM])
 def test_after_a_kill_or_ctrl_c_the_same_command_goes_on_and_ends_with_the_same_table(tmp_path, number):
     folder = write_specimens(tmp_path / "recordings", 8)
     whole, out = tmp_path / "whole", tmp_path / "out"
@@ -257,8 +257,8 @@ def test_after_a_kill_or_ctrl_c_the_same_command_goes_on_and_ends_with_the_same_
     _, errors = running.communicate(timeout=60)
     finished = ResultStore(out / "results").finished()
     assert 4 <= len(finished) < 16
-    if number == signal.SIGINT:
-        assert running.returncode == 130
+    if number != signal.SIGKILL:
+        assert running.returncode == {signal.SIGINT: 130, signal.SIGTERM: 143}[number]
         assert "the same command continues from there" in " ".join(errors.split())
         assert len(rows(out)) == len(finished)
         assert f"{len(finished)} of 16 done" in (out / "index.html").read_text()
