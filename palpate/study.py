@@ -74,12 +74,13 @@ class Study(ModelStudy):
             pyarrow, or a dict of arrays); or channels.
         model: base model; None for what suits each channel.
         columns: of a file or table, see `palpate.estimation.data.import_options.ImportOptions`; as are the
-            next five.
+            next six.
         units: such as {"force": "mN"}.
         where: only rows with this text in a column.
         context: further columns of numbers to keep.
         fresh: each run met an object that was never pressed before.
         runs: how many presses a recording of several holds; None to find them.
+        table: sheet, or line of the header, of another table than the file's longest.
         arm: what the channels belong to: an `Arm`, or the path of a URDF; its tip is its link "tip", or the
             last one.
         effects: of your own, beside palpate's: objects, or "my_effects.py:MyEffect".
@@ -103,6 +104,7 @@ class Study(ModelStudy):
         context: Sequence[str] = (),
         fresh: bool = False,
         runs: int | None = None,
+        table: str = "",
         arm: Arm | Path | str | None = None,
         effects: Sequence[str | Effect] = (),
         folder: Path | str | None = None,
@@ -136,6 +138,7 @@ class Study(ModelStudy):
                 tuple(context) if isinstance(context, list) else context,  # type: ignore[arg-type]
                 fresh,
                 runs,
+                table,
             ),
             arm=arm_from_urdf(Path(arm)) if isinstance(arm, str | Path) else arm,
             effects=own,

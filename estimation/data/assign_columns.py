@@ -169,6 +169,17 @@ def assign_columns(table: Table, options: ImportOptions) -> Columns:
         }
     taken = {*options.columns.values(), *options.context, *(column for _, column in chosen.values())}
     chosen |= choose_columns(table, chosen, taken, options, shift)
+    for _, column in chosen.values():
+        again = f"{column} (2)"
+        if (
+            again in table.names
+            and column not in options.columns.values()
+            and not table.is_same(column, again)
+        ):
+            raise InputError(
+                f"{table.path}: column '{column}' is there twice, with different values; choose with "
+                f"--column NAME={shlex.quote(column)} or NAME={shlex.quote(again)}, or rename one"
+            )
     run = _special(table, options, RUN)
     if run is None:  # a column such as `trial` or `Cycle` whose numbers each fill one block of rows
         names = (guess.column for guess in guess_columns(table.names) if guess.quantity == RUN)
@@ -324,10 +335,19 @@ def with_one_rate(
         InputError: that cannot be, since runs or times are not in order.
     """
     names = (*efforts, *motions)
-    there = {name: table.is_there(name) for name in names}
-    some = {name: float(np.mean(mask)) for name, mask in there.items() if np.mean(mask) < 1.0 - _SYSTEMATIC}
+    there = {name: table.is_there(name) for name in (time, *names)}
+    share = {name: float(np.mean(mask)) for name, mask in there.items()}
+    some = {name: share[name] for name in names if share[name] < 1.0 - _SYSTEMATIC}
     if not some:
-        return table, ""
+        filled = np.logical_and.reduce(list(there.values()))
+        if filled.all() or share[time] < 1.0 - _SYSTEMATIC:
+            return table, ""
+        lacking = ", ".join(f"'{name}'" for name, mask in there.items() if not mask.all())
+        count = int(np.sum(~filled))
+        return table.select(filled), (
+            f"{count} of {len(table)} rows left out: no value in {lacking}, the first in {table.row_word} "
+            f"{table.rows[np.argmin(filled)]}"
+        )
     slowest = min(some, key=lambda name: some[name])
     every = np.logical_and.reduce([there[name] for name in some])
     said = f"'{slowest}' has a value in {100.0 * some[slowest]:.2g} % of the rows"

@@ -200,6 +200,8 @@ _GOAL = frozenset(
 )
 _KNOWN = tuple((quantity, known) for quantity, known in WORDS.items() if quantity != RUN)
 OWN_NAME, _BY_NAME, _BY_WORD, _BY_UNIT, _BY_PAIR = 4, 3, 2, 1, 0
+_AGAIN = re.compile(r"(.+) \((\d+)\)")  # a name that is there more than once
+_UNNAMED = re.compile(r"column \d+")
 _JOINTLY = ("position", "velocity", "torque")  # what a file has for each of several joints
 _RADIANS = {"position": "rad", "velocity": "rad_s"}
 _INTERFACES = (  # whose names have units by their specifications: ROS (REP 103), RTDE, libfranka, Arduino
@@ -241,9 +243,16 @@ def guess_columns(names: Sequence[str], clocks: Collection[str] = ()) -> list[Gu
         names: of the columns.
         clocks: those that hold seconds of a clock, whatever unit the name says.
     """
+    # Where the header holds units alone, they say what is measured: "mm", "kN", "s".
+    units = {name: normalise(name.strip("[]() ")) for name in names if not _UNNAMED.fullmatch(name)}
+    units_only = sum(map(bool, map(dimension_of, units.values()))) >= max(2.0, 0.6 * len(units))
     guesses = [
-        replace(guess_column(f"{split_unit(name)[0]} [s]"), column=name)
+        Guess(name, "")
+        if (again := _AGAIN.fullmatch(name)) and again[1] in names
+        else replace(guess_column(f"{split_unit(name)[0]} [s]"), column=name)
         if name in clocks
+        else _by_unit(name, units.get(name, ""))
+        if units_only
         else guess_column(name)
         for name in names
     ]
@@ -266,6 +275,19 @@ def guess_columns(names: Sequence[str], clocks: Collection[str] = ()) -> list[Gu
         else (Guess(guess.column, "") if guess.rank == _BY_PAIR and guess.joint is None else guess)
         for guess in guesses
     ]
+
+
+def _by_unit(name: str, unit: str) -> Guess:
+    """A guess by nothing but the unit; what may stand for an effort is left out."""
+    fits = {
+        "time": "time",
+        "length": "displacement",
+        "angle": "position",
+        "force": "force",
+        "torque": "torque",
+    }
+    quantity = fits.get(dimension_of(unit) or "", "")
+    return Guess(name, quantity, None, unit, _BY_UNIT, "by its unit") if quantity else guess_column(name)
 
 
 def guess_column(name: str) -> Guess:

@@ -17,12 +17,22 @@ from python_calamine import CalamineSheet, CalamineWorkbook
 
 from palpate.estimation.data.file_columns import FileColumns, check_size
 from palpate.estimation.data.table_layout import with_run
-from palpate.estimation.data.text_dialect import commas_decide, find_layout, preamble_words
+from palpate.estimation.data.text_dialect import (
+    FEWEST_NUMBERS,
+    Block,
+    commas_decide,
+    find_layouts,
+    is_footer,
+    is_number,
+    preamble_words,
+    same_columns,
+)
 from palpate.robot_io.errors import InputError
 
 _LOOKED_AT = 200  # rows of a sheet, among which its table begins
 _MOST_CELLS = 30_000_000  # of a sheet, empty ones included: the reader keeps them all
 _CELL = re.compile(r"([A-Z]{1,3})(\d{1,7})")
+_BELOW = 8  # rows below one of words
 _MOST_SHEETS = 200
 _BEGINNINGS = (b"PK", bytes.fromhex("D0CF11E0A1B11AE1"))  # of .xlsx, a ZIP archive, and of .xls, [MS-CFB] 2.2
 
@@ -40,11 +50,12 @@ class _Sheet:
     numbers: list[int]  # of the rows in the sheet
 
 
-def read_excel_table(path: Path) -> FileColumns:
+def read_excel_table(path: Path, selected: str = "") -> FileColumns:
     """The table of a workbook (.xlsx, .xlsm, .xls); sheets with the same columns are runs of it.
 
     Args:
         path: of the workbook.
+        selected: sheet of another table; empty for the longest one.
 
     Raises:
         InputError: it is too large, or no sheet holds names of columns above rows of numbers.
@@ -61,12 +72,15 @@ def read_excel_table(path: Path) -> FileColumns:
                 if height * width > _MOST_CELLS:
                     raise InputError(f"{path}: a sheet of {height} rows, {width} columns; cut it into pieces")
     book = CalamineWorkbook.from_path(path)
-    sheets = [_sheet_of(book.get_sheet_by_name(name)) for name in book.sheet_names[:_MOST_SHEETS]]
-    loaded = [sheet for sheet in sheets if sheet is not None]
+    loaded = [
+        table for name in book.sheet_names[:_MOST_SHEETS] for table in _tables(book.get_sheet_by_name(name))
+    ]
     if not loaded:
         raise InputError(f"{path}: no sheet has names of columns above rows of numbers")
-    first = max(loaded, key=lambda sheet: len(sheet.rows))
-    alike = [sheet for sheet in loaded if sorted(sheet.names) == sorted(first.names)]
+    blocks = [Block(table.title, table.names, len(table.rows)) for table in loaded]
+    taken, note = same_columns(blocks, selected, path)
+    alike = [loaded[place] for place in taken]
+    first = max(alike, key=lambda table: len(table.rows))
     rows = [row for sheet in alike for row in _in_order(sheet, first.names)]
     columns = []
     for place in range(len(first.names)):
@@ -78,15 +92,19 @@ def read_excel_table(path: Path) -> FileColumns:
             cells = [datetime(*cell.timetuple()[:3]) if type(cell) is date else cell for cell in cells]
         columns.append(pa.array([_text(cell, first.decimal) for cell in cells]))
     table = pa.table(columns, names=list(first.names))
-    if len(alike) > 1:  # the sheet is the run
+    titles = list(dict.fromkeys(sheet.title for sheet in alike))
+    if len(alike) > 1:  # the sheet is the run, or one of its tables
+        labels = [
+            sheet.title if len(titles) == len(alike) else f"{sheet.title} {number}"
+            for number, sheet in enumerate(alike, 1)
+        ]
         ends = accumulate(len(sheet.rows) for sheet in alike)
         table = pa.concat_tables(
-            with_run(table.slice(end - len(sheet.rows), len(sheet.rows)), sheet.title)
-            for sheet, end in zip(alike, ends, strict=True)
+            with_run(table.slice(end - len(sheet.rows), len(sheet.rows)), label)
+            for sheet, end, label in zip(alike, ends, labels, strict=True)
         )
-    words = [f"sheet{'s' if len(alike) > 1 else ''} {_titles(alike)} of {len(book.sheet_names)}"]
-    if others := [sheet for sheet in loaded if sheet not in alike]:
-        words.append(f"not read, since their columns differ: {_titles(others)}")
+    listed = ", ".join(map(repr, titles[:5])) + (" ..." if len(titles) > 5 else "")
+    words = [f"sheet{'s' if len(titles) > 1 else ''} {listed} of {len(book.sheet_names)}", *note]
     return FileColumns(
         table,
         first.decimal,
@@ -103,10 +121,6 @@ def _in_order(sheet: _Sheet, names: tuple[str, ...]) -> list[list[Any]]:
     ours, theirs = (sorted(range(len(names)), key=header.__getitem__) for header in (names, sheet.names))
     place = dict(zip(ours, theirs, strict=True))  # names may repeat: sorting keeps their order
     return [[row[place[column]] for column in range(len(names))] for row in sheet.rows]
-
-
-def _titles(sheets: Sequence[_Sheet]) -> str:
-    return ", ".join(f"'{sheet.title}'" for sheet in sheets[:5]) + (" ..." if len(sheets) > 5 else "")
 
 
 def _extent(sheet: bytes) -> tuple[int, int]:
@@ -128,29 +142,39 @@ def _extent(sheet: bytes) -> tuple[int, int]:
     return last[0], last[1]
 
 
-def _sheet_of(sheet: CalamineSheet) -> _Sheet | None:
+def _tables(sheet: CalamineSheet) -> list[_Sheet]:
+    """The tables of a sheet, in their order."""
     rows: list[list[Any]] = sheet.to_python(skip_empty_area=True)
     decimal = _mark_in(rows)
-    head = [[_text(cell, decimal) for cell in row] for row in rows[:_LOOKED_AT]]
-    layout = find_layout(head, decimal)
-    if layout is None:
-        return None
-    width = len(layout.names)
-    filled = [
-        place for place in range(layout.first, len(rows)) if any(cell != "" for cell in rows[place][:width])
-    ]
-    body = [rows[place][:width] for place in filled]
+    looked_at = set(range(min(len(rows), _LOOKED_AT)))
+    for place, row in enumerate(rows):  # rows of words, and those below them
+        words = sum(isinstance(cell, str) and cell != "" for cell in row)
+        if words > 1 and sum(isinstance(cell, int | float) for cell in row) < FEWEST_NUMBERS:
+            looked_at.update(range(place, min(len(rows), place + _BELOW)))
+    places = sorted(looked_at)
+    head = [[_text(cell, decimal) for cell in rows[place]] for place in places]
+    layouts = list(find_layouts(head, decimal))
+    if not layouts:
+        return []
     above = 1 + (sheet.start or (0, 0))[0]
-    skipped = sum(any(row) for row in head[: layout.header])
-    return _Sheet(
-        sheet.name,
-        layout.names,
-        body,
-        skipped,
-        layout.titles,
-        _mark_in(body),
-        [above + place for place in filled],
-    )
+    tables: list[_Sheet] = []
+    ends = [*(places[layout.header] for layout in layouts[1:]), len(rows)]
+    for layout, end in zip(layouts, ends, strict=True):
+        width, counts = len(layout.names), is_number(head[layout.first][0], decimal)
+        filled = [
+            place
+            for place in range(places[layout.first], end)
+            if any(cell != "" for cell in rows[place][:width])
+        ]
+        while filled and is_footer(
+            [_text(cell, decimal) for cell in rows[filled[-1]][:width]], decimal, counts=counts
+        ):
+            filled.pop()
+        body = [rows[place][:width] for place in filled]
+        skipped = sum(any(row) for row in head[: layout.header]) if not tables else 0
+        numbers = [above + place for place in filled]
+        tables.append(_Sheet(sheet.name, layout.names, body, skipped, layout.titles, _mark_in(body), numbers))
+    return [table for table in tables if table.rows]
 
 
 def _mark_in(rows: Sequence[Sequence[Any]]) -> str:

@@ -61,7 +61,7 @@ def import_file(path: str | os.PathLike[str], options: ImportOptions = _DEFAULT)
     Raises:
         InputError: the file cannot be used; one line with row, column and remedy.
     """
-    return import_table(read_table(path), options)
+    return import_table(read_table(path, options.table), options)
 
 
 def import_table(table: Table, options: ImportOptions = _DEFAULT) -> Imported:

@@ -59,7 +59,7 @@ def import_files(
     for number, path in enumerate(paths):
         which = f"file {number + 1} of {len(paths)}" if len(paths) > 1 else "the file"
         progress(f"reading {which}", number / len(paths))
-        table = read_table(path)
+        table = read_table(path, options.table)
         progress("deriving the motion", (number + 0.5) / len(paths))
         parts.append(import_table(table, options))
     if len(parts) == 1:

@@ -21,6 +21,8 @@ class ImportOptions:
     fresh: bool = False
     runs: int | None = None  # how many presses the recording holds; None to find them
 
+    table: str = ""  # sheet, or line of the header, of another table than the file's longest
+
     def __post_init__(self) -> None:
         for name, example in _PAIRS.items():
             pairs = getattr(self, name)
@@ -33,6 +35,10 @@ class ImportOptions:
             )
         if not (self.runs is None or (isinstance(self.runs, int) and self.runs > 0)):
             raise InputError(f"runs={self.runs!r}: give the number of presses, such as 4")
+        if not isinstance(self.table, str):
+            raise InputError(
+                f"table={self.table!r}: give the title of a sheet, or the header's line, as text"
+            )
 
 
 _PAIRS = {

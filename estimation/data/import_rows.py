@@ -16,6 +16,7 @@ from palpate.robot_io.types import FloatArray, IntArray
 
 UNKNOWN_PHASE = -1
 _LONGEST_NUMBER = 18  # digits; what is longer is a name, as are serial numbers
+_MOST_REPEATED = 0.05  # of the rows, that may have the time of the row before
 _FEWEST = 5  # samples of a run: fewer have no acceleration that means anything
 
 
@@ -64,6 +65,15 @@ def arrange_rows(columns: Columns, *, fresh: bool = False, count: int | None = N
         labels = dict(sorted(zip(numbers, names, strict=True)))
     order = np.argsort(run, kind="stable")
     time_s = columns.values(TIME)[order]
+    same = np.abs(np.diff(time_s, prepend=-np.inf)) < FINEST_S
+    same[1:] &= np.diff(run[order]) == 0
+    if 0 < np.sum(same) < _MOST_REPEATED * len(order):
+        repeated = (
+            f"{np.sum(same)} of {len(order)} rows left out: the time of the row before again, the first in "
+            f"{table.row_word} {table.rows[order[np.argmax(same)]]}"
+        )
+        note = "; ".join(filter(None, [note, repeated]))
+        order, time_s = order[~same], time_s[~same]
     rows = Rows(order, time_s, run[order], _phases(table, columns.phase)[order], labels, note)
     _check_times(columns, rows)
     runs, counts = np.unique(rows.run, return_counts=True)

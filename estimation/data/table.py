@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import os
-from collections import Counter
 from collections.abc import Callable, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
@@ -119,6 +118,15 @@ class Table:
         except InputError:
             return False
 
+    def is_same(self, name: str, other_name: str) -> bool:
+        """Whether two columns hold the same cells.
+
+        Args:
+            name: of the column.
+            other_name: of the other column.
+        """
+        return bool(self._column(name).equals(self._column(other_name)))
+
     def labels(self, name: str) -> tuple[tuple[str, ...], IntArray]:
         """The texts of a column in order of appearance, each once, and which of them each row has, (n,).
 
@@ -206,11 +214,12 @@ class Table:
             ) from None
 
 
-def read_table(path: str | os.PathLike[str]) -> Table:
+def read_table(path: str | os.PathLike[str], selected: str = "") -> Table:
     """Open a data file by the ending of its name.
 
     Args:
         path: of the file.
+        selected: sheet, or line of the header, of another table than the longest one.
 
     Raises:
         InputError: it cannot be read, is empty, or is of no known kind.
@@ -226,8 +235,11 @@ def read_table(path: str | os.PathLike[str]) -> Table:
         raise InputError(
             f"{place}: unknown kind of file. Valid: {known}; a text file may be packed, as .csv.gz"
         )
+    several = read in {read_text_table, _read_excel}
+    if selected and not several:
+        raise InputError(f"--table {selected}: {place} holds one table only")
     try:
-        columns = read(place)
+        columns = read(place, selected) if several else read(place)
         table = table_of(columns.columns, place, columns.titles, columns.decimal, columns.rows)
         return replace(table, words=(*columns.words, *table.words), row_word=columns.row_word)
     except InputError:
@@ -253,7 +265,7 @@ def table_of(
         rows: number of each row in the file, shape (n,); None to count from 1.
 
     Raises:
-        InputError: it has no rows, or two columns of one name.
+        InputError: it has no rows.
     """
     columns = cells.rename_columns([" ".join(name.split()) for name in cells.column_names])
     held = [  # without the columns that have neither a name nor a value
@@ -268,19 +280,28 @@ def table_of(
         columns, places = one_below_the_other(columns, tests, titles, decimal)
         rows = rows[places]
         names, words = columns.column_names, [f"{len(tests)} tests side by side, taken as runs"]
-    twice = sorted(name for name, times in Counter(names).items() if times > 1)[:_MOST_NAMES]
-    if twice:
-        raise InputError(f"{place}: column {', '.join(map(repr, twice))} is there twice; rename one")
+    columns = columns.rename_columns(_numbered(names))
     if columns.num_rows == 0:
         raise InputError(f"{place}: no rows of data")
     columns, clocks = with_seconds(columns, decimal)
     return Table(place, columns, rows, decimal, (*words, *clocks))
 
 
-def _read_excel(path: Path) -> FileColumns:
+def _numbered(names: Sequence[str]) -> list[str]:
+    """Names of which each is there once: the second "GPa" becomes "GPa (2)"."""
+    numbered: list[str] = []
+    for name in names:
+        number = numbered.count(name) and 2
+        while number and f"{name} ({number})" in {*names, *numbered}:
+            number += 1
+        numbered.append(f"{name} ({number})" if number else name)
+    return numbered
+
+
+def _read_excel(path: Path, selected: str) -> FileColumns:
     from palpate.estimation.data.excel_table import read_excel_table  # noqa: PLC0415, seldom needed
 
-    return read_excel_table(path)
+    return read_excel_table(path, selected)
 
 
 def _read_ros(path: Path) -> FileColumns:
@@ -312,7 +333,7 @@ def _with_points(column: pa.ChunkedArray, decimal: str) -> pa.ChunkedArray:
     return pc.if_else(grouped, pc.replace_substring(trimmed, mark, ""), trimmed)
 
 
-_READERS: tuple[tuple[tuple[str, ...], Callable[[Path], FileColumns]], ...] = (
+_READERS: tuple[tuple[tuple[str, ...], Callable[..., FileColumns]], ...] = (
     ((".csv", ".tsv", ".txt", ".dat", ".asc", ".lvm", ".log", ".tra"), read_text_table),
     ((".xlsx", ".xlsm", ".xls"), _read_excel),
     ((".parquet", ".pq"), read_parquet),

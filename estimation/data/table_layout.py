@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from palpate.estimation.data.column_names import RUN, guess_columns, split_unit
+from palpate.estimation.data.text_dialect import MISSING
 from palpate.robot_io.extras import LazyModule
 from palpate.robot_io.types import BoolArray, FloatArray, IntArray
 
@@ -63,13 +64,7 @@ def one_below_the_other(
     parts, rows = [], []
     for test, label in zip(tests, labels, strict=True):
         cells = {name: columns.column(place) for name, place in test.items()}
-        held = [
-            pc.if_else(pc.is_nan(cells[name]), None, cells[name])  # frames fill up what is shorter with NaN
-            if pa.types.is_floating(cells[name].type)
-            else cells[name]
-            for name in own
-        ]
-        there = np.logical_or.reduce([is_filled(column) for column in held])
+        there = np.logical_or.reduce([is_filled(cells[name]) for name in own])
         for name, column in cells.items():  # text, since a shorter test may be real where another is integer
             if pa.types.is_floating(column.type) or pa.types.is_integer(column.type):
                 cells[name] = pc.replace_substring(column.cast(pa.string()), ".", decimal)
@@ -101,7 +96,10 @@ def is_filled(column: pa.ChunkedArray) -> BoolArray:
     """
     held = pc.is_valid(column)
     if is_text(column.type):
-        held = pc.and_kleene(held, pc.not_equal(pc.utf8_trim_whitespace(column), ""))
+        plain = pc.utf8_lower(pc.utf8_trim_whitespace(column))
+        held = pc.and_(held, pc.invert(pc.is_in(plain, pa.array(sorted(MISSING)))))
+    elif pa.types.is_floating(column.type):  # frames fill up what is shorter with NaN
+        held = pc.and_kleene(held, pc.invert(pc.is_nan(column)))
     return np.asarray(pc.fill_null(held, False).to_numpy(zero_copy_only=False), dtype=np.bool_)
 
 

@@ -2,11 +2,15 @@
 
 import csv
 import re
+import shlex
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from itertools import islice
+from pathlib import Path
 
 from palpate.estimation.data.column_names import parse_role
 from palpate.estimation.data.units import dimension_of, normalise
+from palpate.robot_io.errors import InputError
 
 NUMBER = {  # by the decimal mark; thousands may be grouped by the other one
     ".": re.compile(
@@ -21,6 +25,10 @@ FEWEST_NUMBERS = 2  # in such a line
 _COMMENT = "#%/;! \ufeff"
 _LABVIEW = ("X_Value", "Y_Unit_Label", "X_Dimension")
 _BRACKETS = "[](){}<>"
+_LIKE_A_UNIT = re.compile(r"[%‰]|[\w°%]{1,8}(?:[ ./·⋅*^_-]+[\w°]{1,8})*")
+MISSING = frozenset(
+    ["", "-", "--", "---", "#n/a", "n/a", "na", "nan", "#nv", "#wert!", "#value!", "#div/0!", "null", "none"]
+)
 
 
 @dataclass(frozen=True)
@@ -33,30 +41,47 @@ class Layout:
     titles: tuple[str, ...] = ()  # the row above the names
 
 
-def find_layout(rows: Sequence[Sequence[str]], decimal: str) -> Layout | None:
-    """Where the table begins; None where no row of names is followed by rows of numbers.
+def find_layouts(rows: Sequence[Sequence[str]], decimal: str) -> Iterator[Layout]:
+    """Yield where each table begins: a row of names, and perhaps one of units, directly above numbers.
 
     Args:
-        rows: cells of the first rows, as text.
+        rows: cells of rows of the file, as text.
         decimal: mark in numbers.
     """
-    numeric = [_numbers(row, decimal) for row in rows]
     for first in range(1, len(rows)):
-        width = max(len(_used(row)) for row in rows[first : first + _ALIKE])
-        if sum(numeric[first]) < FEWEST_NUMBERS or not _goes_on(rows, decimal, first):
+        if sum(_numbers(rows[first], decimal)) < FEWEST_NUMBERS or not _goes_on(rows, decimal, first):
             continue
-        header = _row_above(rows, first, width)
-        if header is None or sum(numeric[header]) > 0:
+        body = rows[first : first + _ALIKE]
+        width = max(len(_used(row)) for row in body)
+        held = {place for row in body for place, cell in enumerate(row) if not is_missing(cell)}
+        header: list[tuple[int, list[str]]] = []
+        for place in range(first - 1, -1, -1):
+            if not any(char.isalnum() for cell in rows[place] for char in cell):
+                continue  # blank, or a line of dashes
+            # A number above an empty column counts the tests, and is no name.
+            row = [
+                "" if column not in held and is_number(cell, decimal) else cell
+                for column, cell in enumerate(rows[place])
+            ]
+            if len(row) < width or sum(map(bool, map(str.strip, row))) < 2 or any(_numbers(row, decimal)):
+                break
+            header.append((place, row))
+            if len(header) == 2:
+                break
+        if not header:
             continue
-        units = _units(rows[header], width) if header > 0 else None
-        if units is None:
-            return Layout(_names(rows, header, width), first, header, _titles(rows, header))
-        above = _row_above(rows, header, width)
-        if above is not None and not any(numeric[above]):
-            plain = zip(_clean(rows[above], width), units, strict=True)
-            names = tuple(f"{name} [{unit}]" if unit else name for name, unit in plain)
-            return Layout(names, first, above, _titles(rows, above))
-    return None
+        units = [_units(row, width) for _, row in header]
+        (place, names), top = header[0], header[0][0]
+        of_names = None
+        if len(header) == 2 and (units[0] is None) != (units[1] is None):
+            of_names, top = units[0] or units[1], header[1][0]
+            place, names = header[0 if units[0] is None else 1]
+        called = _names(rows, place, names, width)
+        if of_names is not None:
+            pairs = zip(called, [*of_names, *[""] * len(called)], strict=False)
+            called = tuple(f"{name} [{unit}]" if unit else name for name, unit in pairs)
+        titles = tuple(" ".join(cell.split()) for cell in rows[top - 1]) if top else ()
+        yield Layout(called, first, top, titles)
 
 
 def preamble_words(lines: int) -> tuple[str, ...]:
@@ -75,7 +100,8 @@ def _goes_on(rows: Sequence[Sequence[str]], decimal: str, first: int) -> bool:
         if sum(map(bool, row)) > 0 and sum(_numbers(row, decimal)) < FEWEST_NUMBERS:
             return False
         for place, cell in enumerate(row):
-            if cell.strip() and kinds.setdefault(place, is_number(cell, decimal)) != is_number(cell, decimal):
+            number = is_number(cell, decimal)
+            if not is_missing(cell) and kinds.setdefault(place, number) != number:
                 return False
     return True
 
@@ -102,29 +128,28 @@ def _used(row: Sequence[str]) -> Sequence[str]:
     return row[:width]
 
 
-def _row_above(rows: Sequence[Sequence[str]], below: int, width: int) -> int | None:
-    """The nearest row above that is not empty and as wide."""
-    for place in range(below - 1, -1, -1):
-        if any(cell.strip() for cell in rows[place]):
-            return place if len(rows[place]) >= width and len(_used(rows[place])) >= 2 else None
-    return None
+def is_missing(cell: str) -> bool:
+    """Whether a cell says that there is no value: empty, "-", "#N/A" and the like.
 
-
-def _titles(rows: Sequence[Sequence[str]], header: int) -> tuple[str, ...]:
-    return tuple(" ".join(cell.split()) for cell in rows[header - 1]) if header else ()
+    Args:
+        cell: its text.
+    """
+    return cell.strip().lower() in MISSING
 
 
 def _units(row: Sequence[str], width: int) -> list[str] | None:
-    """The units, if this row holds nothing else and at least two of them; cells may be empty."""
+    """The units, if this row holds nothing else and at least two that are known; cells may be empty."""
     units = [cell.strip().strip(_BRACKETS).strip() for cell in row[:width]]
-    known = sum(dimension_of(normalise(unit)) is not None for unit in units)
+    units = [unit if any(char.isalnum() or char in "%°" for char in unit) else "" for unit in units]
+    known, filled = sum(dimension_of(normalise(unit)) is not None for unit in units), sum(map(bool, units))
     bracketed = all(not cell.strip() or cell.strip()[0] in _BRACKETS for cell in row[:width])
-    return units if known >= 2 and (bracketed or known == sum(map(bool, units))) else None
+    alike = 2 * known >= filled and all(not unit or _LIKE_A_UNIT.fullmatch(unit) for unit in units)
+    return units if known >= 2 and (bracketed or alike) else None
 
 
-def _names(rows: Sequence[Sequence[str]], header: int, width: int) -> tuple[str, ...]:
+def _names(rows: Sequence[Sequence[str]], header: int, row: Sequence[str], width: int) -> tuple[str, ...]:
     """The names; LabVIEW's units stand far above them."""
-    names = _clean(rows[header], max(width, len(_used(rows[header]))))
+    names = _clean(row, max(width, len(_used(row))))
     if names[0] != _LABVIEW[0]:
         return names
     said = {row[0]: row for row in rows[:header] if row}
@@ -144,7 +169,27 @@ DELIMITERS = (",", ";", "\t", "|")
 BLANKS = " "  # one or more between cells
 _LOOKED_AT = 1 << 18  # bytes
 _MOST_LINES = 400
+_LINE = re.compile(rb"[^\r\n]*(\r\n|\r|\n|$)")
+_WORDS = re.compile(  # a line that begins with a word, perhaps behind the number of a test
+    rb"[\r\n][ \t,;|\"']*(?:\d+[\"']?[ \t]*[,;|\t][ \t,;|\"']*)?[A-Za-z(\[{<#%/!\x80-\xff][^\r\n]*"
+)
+_CELLS = re.compile(
+    rb"(?:^|[\r\n\t,;|])[ \"]*[-+]?[\d.,]*\d(?:[eE][-+]?\d+)?[ \"]*(?=$|[\t,;|])"
+)  # with numbers
+_MOST_HEADERS, _BELOW = 10_000, 8  # lines with words, and lines below each, that are looked at
+_LEFT_OUT = "(lines left out)"
 _BLANK = re.compile(r"\s+(?![\[(])")  # none between a name and its unit
+
+
+@dataclass(frozen=True)
+class TextTable:
+    """Where one table of a text file begins."""
+
+    names: tuple[str, ...]  # of the columns
+    head: int  # byte at which the header begins
+    start: int  # byte at which the first row of numbers begins
+    titles: tuple[str, ...] = ()  # cells of the row above the header
+    counts: bool = False  # whether the first column holds numbers
 
 
 @dataclass(frozen=True)
@@ -153,49 +198,71 @@ class TextDialect:
 
     delimiter: str  # between cells
     decimal: str  # mark in numbers
-    names: tuple[str, ...]  # of the columns
-    head: int  # byte at which the names begin
-    start: int  # byte at which the first row of numbers begins
-    skipped: int = 0  # lines before the names
-    titles: tuple[str, ...] = ()  # cells of the row above the names
+    tables: tuple[TextTable, ...]  # at least one, in their order
 
     @property
     def words(self) -> tuple[str, ...]:
         """What is not as in a plain CSV."""
         names = {";": "semicolons", "\t": "tabs", "|": "bars", BLANKS: "blanks"}
         parts = [f"cells between {names[self.delimiter]}"] if self.delimiter in names else []
-        parts += ["decimal commas"] if self.decimal == "," else []
-        return (*parts, *preamble_words(self.skipped))
+        return (*parts, *(["decimal commas"] if self.decimal == "," else []))
 
 
 def find_dialect(content: bytes) -> TextDialect | None:
     """How a UTF-8 text is written; None where no names are followed by numbers.
 
     A first line that holds one of palpate's own names is a header, whatever stands below it. Else every
-    delimiter and decimal mark is tried, and that which makes the widest table wins.
+    delimiter and decimal mark is tried, and that whose longest table is the widest wins.
 
     Args:
-        content: of the file, or its beginning.
+        content: of the file.
     """
-    # Byte where each of the first lines begins, and its text; a last one that is cut off is left out.
-    head = content[:_LOOKED_AT]
-    lines: list[tuple[int, str]] = []
-    for match in re.finditer(rb"[^\r\n]*(\r\n|\r|\n|$)", head):
-        if len(lines) == _MOST_LINES or (match.end() == len(head) < len(content) and lines):
-            break
-        if match.group() or match.start() < len(head):
-            lines.append((match.start(), match.group().rstrip(b"\r\n").decode(errors="replace")))
+    lines = _sample(content)
     if not lines:
         return None
     first = max(DELIMITERS, key=lines[0][1].count)
     names = [" ".join(name.split()) for name in next(_cells([lines[0][1]], first), [])]
     if any(role and role.unit for role in map(parse_role, names)):
-        rows = list(_cells([text for _, text in lines[1:]], first))
-        decimal = "," if first != "," and commas_decide(rows) else "."
         named = tuple(name or f"column {number}" for number, name in enumerate(names, 1))
         end = re.compile(rb"\r\n|\r|\n|$").search(content, lines[0][0])
-        return TextDialect(first, decimal, named, lines[0][0], end.end() if end else len(content))
-    return max(_dialects(lines), key=lambda dialect: len(dialect.names), default=None)
+        dialect = _dialect(lines, first)
+        counts = len(lines) > 1 and is_number(line_cells(lines[1][1] + first, first)[0], dialect.decimal)
+        own = TextTable(named, lines[0][0], end.end() if end else len(content), (), counts)
+        return replace(dialect, tables=(own, *(table for table in dialect.tables if table.head > own.head)))
+    dialects = [_dialect(lines, delimiter) for delimiter in (*DELIMITERS, BLANKS)]
+
+    def width(dialect: TextDialect) -> int:
+        heads = [*(table.head for table in dialect.tables[1:]), len(content)]
+        sizes = [end - table.start for end, table in zip(heads, dialect.tables, strict=True)]
+        return len(dialect.tables[sizes.index(max(sizes))].names)
+
+    return max((dialect for dialect in dialects if dialect.tables), key=width, default=None)
+
+
+def _sample(content: bytes) -> list[tuple[int, str]]:
+    """Byte and text of lines that decide how the file is written: the first ones, and each with words.
+
+    Lines below each of these are among them. A last line that is cut off is left out.
+    """
+    lines: list[tuple[int, str]] = []
+
+    def take(begin: int, end: int, most: int) -> int:
+        for match in islice(_LINE.finditer(content, begin, end), most):
+            if match.end() == end < len(content) and lines:
+                break
+            if match.group():
+                lines.append((match.start(), match.group().rstrip(b"\r\n").decode(errors="replace")))
+                begin = match.end()
+        return begin
+
+    end = take(0, min(len(content), _LOOKED_AT), _MOST_LINES)
+    words = (match for match in _WORDS.finditer(content, end - 1) if len(_CELLS.findall(match.group())) < 2)
+    for match in islice(words, _MOST_HEADERS):
+        begin = max(match.start() + 1, end)
+        if begin > end:
+            lines.append((end, _LEFT_OUT))
+        end = take(begin, min(len(content), begin + _LOOKED_AT), _BELOW)
+    return lines
 
 
 def blanks_as_tabs(content: bytes) -> bytes:
@@ -207,32 +274,43 @@ def blanks_as_tabs(content: bytes) -> bytes:
     return re.sub(rb"(?m)^[ \t]+|[ \t]+(?=\r?$)", b"", re.sub(rb"[ \t]+", b"\t", content))
 
 
-def _dialects(lines: list[tuple[int, str]]) -> Iterator[TextDialect]:
-    """The dialect by each delimiter that makes a table of these lines."""
-    for delimiter in (*DELIMITERS, BLANKS):
-        rows = list(_cells([text for _, text in lines], delimiter))
-        decimal = "," if delimiter != "," and commas_decide(rows) else "."
-        layout = find_layout(rows, decimal)
-        if layout is not None:
-            # As many names as the rows have cells: both may end with the delimiter or a remark.
-            width, names = max(len(row) for row in rows[layout.first :][:3]), list(layout.names)
-            names += [f"column {number}" for number in range(len(names) + 1, width + 1)]
-            skipped = sum(bool(text.strip()) for _, text in lines[: layout.header])
-            head, start = (lines[row][0] for row in (layout.header, layout.first))
-            named = tuple(names[:width])
-            yield TextDialect(delimiter, decimal, named, head, start, skipped, layout.titles)
+def _dialect(lines: list[tuple[int, str]], delimiter: str) -> TextDialect:
+    """The dialect with this delimiter, and the tables that it makes of these lines, perhaps none."""
+    rows = list(_cells([text for _, text in lines], delimiter))
+    decimal = "," if delimiter != "," and commas_decide(rows) else "."
+    tables = []
+    for layout in find_layouts(rows, decimal):
+        # As many names as the rows have cells: both may end with the delimiter or a remark.
+        width, names = max(len(row) for row in rows[layout.first :][:3]), list(layout.names)
+        names += [f"column {number}" for number in range(len(names) + 1, width + 1)]
+        head, start = (lines[row][0] for row in (layout.header, layout.first))
+        counts = is_number(rows[layout.first][0], decimal)
+        tables.append(TextTable(tuple(names[:width]), head, start, layout.titles, counts))
+    return TextDialect(delimiter, decimal, tuple(tables))
 
 
-def is_footer(line: str, dialect: TextDialect) -> bool:
-    """Whether a line below the rows is none of them: empty, or words. A row that is cut off is one.
+def is_footer(cells: Sequence[str], decimal: str, *, counts: bool) -> bool:
+    """Whether a row below others is none of them: empty, or words. A row that is cut off is one.
+
+    Args:
+        cells: of the row, as text.
+        decimal: mark in numbers.
+        counts: whether the rows begin with a number.
+    """
+    filled = [cell for cell in cells if cell.strip()]
+    numbers = [is_number(cell, decimal) for cell in filled]
+    words = bool(filled) and not numbers[0]
+    return not filled or (words and (sum(numbers) < FEWEST_NUMBERS or (counts and not is_missing(cells[0]))))
+
+
+def line_cells(line: str, delimiter: str) -> list[str]:
+    """The cells of one line.
 
     Args:
         line: without its end.
-        dialect: of the file.
+        delimiter: between cells.
     """
-    cells = [cell for cell in next(_cells([line], dialect.delimiter), []) if cell.strip()]
-    numbers = [is_number(cell, dialect.decimal) for cell in cells]
-    return not cells or (not numbers[0] and sum(numbers) < FEWEST_NUMBERS)
+    return next(_cells([line], delimiter), [])
 
 
 def _cells(lines: list[str], delimiter: str) -> Iterator[list[str]]:
@@ -260,3 +338,40 @@ def commas_decide(rows: list[list[str]]) -> bool:
     if commas == points == 0:
         return any(both == (True, True) and "," in cell for both, cell in zip(readings, marked, strict=True))
     return commas > points
+
+
+@dataclass(frozen=True)
+class Block:
+    """One table of a file."""
+
+    title: str  # its sheet, or the line at which it begins
+    names: tuple[str, ...]  # of its columns
+    rows: int
+
+
+def same_columns(blocks: Sequence[Block], selected: str, place: Path) -> tuple[list[int], list[str]]:
+    """The longest table, or the selected one, with all that have the same columns; and words on the others.
+
+    Args:
+        blocks: at least one table.
+        selected: title of one of them; empty for the longest.
+        place: the file, for the error.
+
+    Returns:
+        Indices of the tables, in their order, and a sentence or nothing.
+
+    Raises:
+        InputError: no table has this title.
+    """
+    titled = [block for block in blocks if selected in ("", block.title)]
+    if not titled:
+        titles = ", ".join(dict.fromkeys(block.title for block in blocks))
+        raise InputError(f"--table {selected}: {place} has no such table. There are: {titles}")
+    longest = max(titled, key=lambda block: block.rows)
+    taken = [n for n, block in enumerate(blocks) if sorted(block.names) == sorted(longest.names)]
+    others = [block for number, block in enumerate(blocks) if number not in taken]
+    if not others:
+        return taken, []
+    listed = ", ".join(f"'{block.title}'" for block in others[:5]) + (" ..." if len(others) > 5 else "")
+    option = f"--table {shlex.quote(others[0].title)}"
+    return taken, [f"not read, since their columns differ: {listed}; {option} selects one"]

@@ -5,8 +5,7 @@ from __future__ import annotations
 import codecs
 import gzip
 import math
-import re
-from collections.abc import Iterator
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -17,10 +16,15 @@ from palpate.estimation.data.table_layout import with_run
 from palpate.estimation.data.text_dialect import (
     BLANKS,
     DELIMITERS,
+    Block,
     TextDialect,
+    TextTable,
     blanks_as_tabs,
     find_dialect,
     is_footer,
+    line_cells,
+    preamble_words,
+    same_columns,
 )
 from palpate.robot_io.errors import InputError
 from palpate.robot_io.extras import LazyModule
@@ -37,11 +41,12 @@ _LONGEST_LINE = 2**20 - 1  # bytes; the reader takes blocks of 1 MiB, and the li
 _SHOWN = 60  # characters of a line that is refused
 
 
-def read_text_table(path: Path) -> FileColumns:
-    """The columns of a text file as text, by the names above its first row of numbers.
+def read_text_table(path: Path, selected: str = "") -> FileColumns:
+    """The columns of a text file as text, by the names above the rows of its longest table.
 
     Args:
         path: of the file; packed if its name ends in .gz.
+        selected: line at which another table's header begins; empty for the longest table.
 
     Raises:
         InputError: it is too large, is no text, has no header, or a row has too few or too many cells.
@@ -54,18 +59,47 @@ def read_text_table(path: Path) -> FileColumns:
     if not content.strip():
         raise InputError(f"{path}: no rows of data; the file is empty")
     dialect = find_dialect(content) or _refused(content, path)
-    if not content[dialect.start : dialect.start + _LONGEST_LINE].strip():
+    if not content[dialect.tables[0].start :][:_LONGEST_LINE].strip():
         raise InputError(f"{path}: no rows of data")
-    tests, footer = find_blocks(content, dialect)
-    words = (*dialect.words, *footer, *([f"text in {encoding}"] if encoding else []))
+    heads = [*(table.head for table in dialect.tables[1:]), len(content)]
+    spans = [
+        (table, *_trimmed(content, table, end, dialect))
+        for table, end in zip(dialect.tables, heads, strict=True)
+    ]
+    below = [line for line in content[spans[-1][2] :].splitlines() if line.strip()]
+    filled = [span for span in spans if span[2] > span[1]]
+    if not filled:  # then a reader can say best what is wrong with these lines
+        filled, below = [(dialect.tables[0], dialect.tables[0].start, len(content))], []
+    blocks = [
+        Block(
+            str(1 + _line_ends(content, 0, table.head)), table.names, 1 + _line_ends(content, begin, end - 1)
+        )
+        for table, begin, end in filled
+    ]
+    taken, note = same_columns(blocks, selected, path)
+    tests = [filled[place] for place in taken]
+    lead = sum(bool(line.strip()) for line in content[: tests[0][0].head].splitlines())
+    words = [*dialect.words, *(preamble_words(lead) if taken[0] == 0 else []), *note]
+    words += [f"a footer of {len(below)} line{'s' if len(below) > 1 else ''}"] if below else []
+    words += [f"text in {encoding}"] if encoding else []
     places = [f"{path}, test {n}" if len(tests) > 1 else str(path) for n in range(1, len(tests) + 1)]
-    parts = [_block(content, *test, dialect, place) for test, place in zip(tests, places, strict=True)]
-    lines = [_lines(content, *test, len(part)) for test, part in zip(tests, parts, strict=True)]
+    parts = [
+        _block(content, begin, end, replace(dialect, tables=(table,)), place)
+        for (table, begin, end), place in zip(tests, places, strict=True)
+    ]
+    lines = [
+        _lines(content, begin, end, len(part)) for (_, begin, end), part in zip(tests, parts, strict=True)
+    ]
     if len(parts) == 1:
-        return FileColumns(parts[0], dialect.decimal, words, dialect.titles, lines[0], "line")
-    columns = pa.concat_tables([with_run(part, str(test)) for test, part in enumerate(parts, 1)])
-    words = (*words, f"{len(parts)} tests one after the other, taken as runs")
-    return FileColumns(columns, dialect.decimal, words, (), np.concatenate(lines), "line")
+        return FileColumns(parts[0], dialect.decimal, tuple(words), tests[0][0].titles, lines[0], "line")
+    order = sorted(range(parts[0].num_columns), key=parts[0].column_names.__getitem__)
+    for number, part in enumerate(parts):  # names may repeat: sorting keeps their order
+        theirs = sorted(range(part.num_columns), key=part.column_names.__getitem__)
+        ordered = part.select([place for _, place in sorted(zip(order, theirs, strict=True))])
+        parts[number] = with_run(ordered, str(number + 1))
+    columns = pa.concat_tables(parts)
+    words.append(f"{len(parts)} tests one after the other, taken as runs")
+    return FileColumns(columns, dialect.decimal, tuple(words), (), np.concatenate(lines), "line")
 
 
 def _block(content: bytes, begin: int, end: int, dialect: TextDialect, place: str) -> pa.Table:
@@ -92,13 +126,17 @@ def _lines(content: bytes, begin: int, end: int, count: int | None = None) -> In
         count: how many rows were read of them; None for as many as there are lines.
     """
     mark = b"\n" if b"\n" in content else b"\r"
-    first = 1 + content.count(mark, 0, begin)
+    first = 1 + _line_ends(content, 0, begin)
     if count is not None and count >= content.count(mark, begin, end):  # no line is empty
         return np.arange(first, first + count)
     lines = content[begin:end].split(mark)
     filled = first + np.flatnonzero([bool(line.strip(b"\r")) for line in lines])
     # Where a cell in quotation marks holds the end of a line, lines are more than rows.
     return filled if count is None or count == len(filled) else np.arange(first, first + count)
+
+
+def _line_ends(content: bytes, begin: int, end: int) -> int:
+    return content.count(b"\n" if b"\n" in content else b"\r", begin, end)
 
 
 def number_of(text: object) -> float:
@@ -150,7 +188,10 @@ class _Collector:
 
 
 def _parse(rows: pa.Buffer, dialect: TextDialect, wrong: _Collector | None = None) -> pa.Table:
-    names, delimiter = list(dialect.names), "\t" if dialect.delimiter == BLANKS else dialect.delimiter
+    names, delimiter = (
+        list(dialect.tables[0].names),
+        "\t" if dialect.delimiter == BLANKS else dialect.delimiter,
+    )
     return arrow_csv.read_csv(
         pa.BufferReader(rows),
         read_options=arrow_csv.ReadOptions(column_names=names, use_threads=wrong is None),
@@ -179,47 +220,19 @@ def _first_bad_row(rows: pa.Buffer, dialect: TextDialect, lines: IntArray) -> st
     return f"line {lines[row.number - 1]} {cells}: {' '.join(row.text.split())[:_SHOWN]!r}"
 
 
-_BLANKS = b" \t"
 _ENDS = (b"\n", b"\r")
 
 
-def find_blocks(content: bytes, dialect: TextDialect) -> tuple[list[tuple[int, int]], tuple[str, ...]]:
-    """First byte of each table's rows and the one after its last, and a word on lines below the last one.
-
-    Args:
-        content: of the file, UTF-8.
-        dialect: how it is written.
-    """
-    heads = list(_found(content, content[dialect.head : dialect.start], dialect.head))
-    ends = [*(begin for begin, _ in heads[1:]), len(content)]
-    blocks = [_trimmed(content, head[1], end, dialect) for head, end in zip(heads, ends, strict=True)]
-    filled = [(begin, end) for begin, end in blocks if end > begin]
-    if not filled:  # then a reader can say best what is wrong with these lines
-        return [(heads[0][1], len(content))], ()
-    below = [line for line in content[blocks[-1][1] :].splitlines() if line.strip()]
-    words = (f"a footer of {len(below)} line{'s' if len(below) > 1 else ''}",) if below else ()
-    return filled, words
-
-
-def _found(content: bytes, head: bytes, place: int) -> Iterator[tuple[int, int]]:
-    """Where lines begin and end that are those at a place, which is the first, but for blanks behind them."""
-    lines = [line.rstrip(_BLANKS) for line in head.splitlines()]
-    alike = re.compile(b"".join(re.escape(line) + rb"[ \t]*(?:\r\n|\r|\n|\Z)" for line in lines))
-    while place >= 0:
-        met = alike.match(content, place)
-        if met and (place == 0 or content[place - 1 : place] in _ENDS):
-            yield met.span()
-        place = content.find(lines[0], place + 1)
-
-
-def _trimmed(content: bytes, begin: int, end: int, dialect: TextDialect) -> tuple[int, int]:
+def _trimmed(content: bytes, table: TextTable, end: int, dialect: TextDialect) -> tuple[int, int]:
     """A block without the lines at its end that are no rows."""
+    begin = table.start
     ends = dict.fromkeys(_ENDS, end)  # where each was met last, so that every byte is looked at once
     while end > begin:
         line = end - (2 if content.endswith(b"\r\n", begin, end) else 1)
         ends |= {mark: content.rfind(mark, begin, line) for mark, place in ends.items() if place >= line}
         last = max(begin, *(place + 1 for place in ends.values()))
-        if not is_footer(content[last:end].decode(errors="replace").strip("\r\n"), dialect):
+        cells = line_cells(content[last:end].decode(errors="replace").strip("\r\n"), dialect.delimiter)
+        if not is_footer(cells, dialect.decimal, counts=table.counts):
             break
         end = last
     return begin, end

@@ -35,6 +35,7 @@ _FORCE = _with_prefixes("N", "munkM") | {
 }
 _TORQUE = _with_prefixes("Nm", "mukM") | {
     "Nmm": 1e-3,
+    "kNmm": 1.0,
     "Ncm": 1e-2,
     "gfcm": 1e-5 * _STANDARD_GRAVITY,
     "kgfcm": 1e-2 * _STANDARD_GRAVITY,
@@ -101,15 +102,15 @@ _SPELLINGS = {  # of units, in lower case, as machines and people write them
     "kgf": "kg kp",
     "ozf": "oz ounce ounces",
     "lbf": "lb lbs pound pounds",
-    "Nm": "n.m n-m n·m newton-meter newton-metre",
-    "Nmm": "n.mm n-mm n·mm",
-    "Ncm": "n.cm n-cm n·cm",
-    "gfcm": "gf.cm gf-cm gf·cm gcm g.cm g-cm g·cm",
-    "kgfcm": "kgf.cm kgf-cm kgf·cm kgcm kg.cm kg-cm kg·cm kpcm",
-    "kgfm": "kgf.m kgf-m kgf·m kgm kg.m kg-m kg·m",
-    "ozfin": "ozf.in ozf-in ozf·in ozin oz.in oz-in oz·in in-oz inoz",
-    "lbfin": "lbf.in lbf-in lbf·in lbin lb.in lb-in lb·in in-lbf in-lb inlb",
-    "lbfft": "lbf.ft lbf-ft lbf·ft lbft lb.ft lb-ft lb·ft ft-lbf ft-lb ftlb",
+    "Nm": "n.m n-m newton-meter newton-metre",
+    "Nmm": "n.mm n-mm",
+    "Ncm": "n.cm n-cm",
+    "gfcm": "gf.cm gf-cm gcm g.cm g-cm",
+    "kgfcm": "kgf.cm kgf-cm kgcm kg.cm kg-cm kpcm",
+    "kgfm": "kgf.m kgf-m kgm kg.m kg-m",
+    "ozfin": "ozf.in ozf-in ozin oz.in oz-in in-oz inoz",
+    "lbfin": "lbf.in lbf-in lbin lb.in lb-in in-lbf in-lb inlb",
+    "lbfft": "lbf.ft lbf-ft lbft lb.ft lb-ft ft-lbf ft-lb ftlb",
     "A": "amp amps ampere amperes",
     "V": "volt volts",
     "mV": "millivolt millivolts",
@@ -144,7 +145,7 @@ def normalise(unit: str) -> str:
         unit: as it is written, such as "mm/s^2".
     """
     plain = unit.strip().replace("²", "2").replace("^", "").replace("/", "_")
-    plain = re.sub("[µμ]", "u", plain).replace(" ", "").replace("*", "").rstrip(".")
+    plain = re.sub("[ *·⋅∙×]", "", re.sub("[µμ]", "u", plain)).rstrip(".")
     if _CLOCK.fullmatch(plain):
         return "s"
     if dimension_of(plain):

@@ -126,6 +126,7 @@ def _look(
         "unit": options.unit,
         "where": options.where,
         "context": options.context,
+        "table": options.table,
     }
     runs = None if options.runs is None else str(options.runs)
     more = " ".join(typed(file) for file in named[:-1])
@@ -146,7 +147,7 @@ def look_as_data(path: Path, options: ImportOptions) -> dict[str, Any]:
         path: the file.
         options: how to read it.
     """
-    table = read_table(path)
+    table = read_table(path, options.table)
     imported = import_table(table, options)
     roles = dict(imported.roles)
     return {
@@ -188,7 +189,7 @@ def look_at(path: Path, options: ImportOptions, like: Mapping[str, str] | None =
     Raises:
         InputError: it cannot be read; its columns are shown before where they could be.
     """
-    table, out = read_table(path), console.stdout()
+    table, out = read_table(path, options.table), console.stdout()
     ways = "; ".join(table.words)
     out.print(f"[bold]{shown(path)}[/bold]: {count(len(table), 'row')}{'; ' + safe(ways) if ways else ''}")
     try:

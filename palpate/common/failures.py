@@ -168,7 +168,7 @@ def remove_empty_folders() -> None:
 _PAIRS = {"unit": "units", "column": "columns", "where": "where"}
 _LISTS = {"context": "context", "effect": "effects"}
 _NUMBERS = {"runs": "runs", "from": "start", "revision": "revision"}
-_TEXTS = {"model": "model", "channel": "channel", "urdf": "arm"}
+_TEXTS = {"model": "model", "channel": "channel", "urdf": "arm", "table": "table"}
 _FLAGS = {"fresh-runs": "fresh", "fresh": "fresh", "apply": "apply"}
 _KEYWORDS = _LISTS | _NUMBERS | _TEXTS
 _WORD = r"""(?:'[^']*'|"[^"]*"|[^\s'",;:()])+(?:,\d+)*"""

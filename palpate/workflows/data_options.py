@@ -70,6 +70,14 @@ class ReadOptions:
         typer.Option(min=1, help="Number of presses in a recording; default: detected.", metavar="N"),
     ] = None
 
+    table: Annotated[
+        str | None,
+        typer.Option(
+            help="Sheet, or line of the header, of another table in the file; default: the longest.",
+            metavar="TABLE",
+        ),
+    ] = None
+
     @property
     def options(self) -> ImportOptions:
         """How to read a data file. InputError: one is not of the form NAME=VALUE, or is given twice."""
@@ -80,6 +88,7 @@ class ReadOptions:
             context=tuple(self.context or ()),
             fresh=self.fresh_runs,
             runs=self.runs,
+            table=self.table or "",
         )
 
 
@@ -173,6 +182,7 @@ class DataArguments(ReadOptions):
         given = {"effect": self.effect, "urdf": self.urdf, "tip-frame": self.tip_frame}
         given |= {"held-out": self.held_out}
         given |= {"column": self.column, "unit": self.unit, "where": self.where, "context": self.context}
+        given |= {"table": self.table}
         number = None if self.runs is None else str(self.runs)
         return retyped(self.file, **{**given, "fresh-runs": self.fresh_runs, "runs": number, **more})
 

@@ -347,11 +347,10 @@ TEMPERATURES = {"temp (C)": 20 + T, "temp [C]": 25 + T}
             {},
             "line 18, column 'force_N': 'oops' is no finite number; remove such rows",
         ),
-        ({"force_N": forces(at_16="")}, {}, "line 18, column 'force_N'"),
         (
-            {"force_N": forces(at_16="nan", at_17="nan", at_18="nan")},
+            {"force_N": forces(at_16="inf", at_17="inf", at_18="inf")},
             {},
-            "line 18, column 'force_N': 'nan' is no finite number (2 more like it)",
+            "line 18, column 'force_N': 'inf' is no finite number (2 more like it)",
         ),
         ({"force_N": forces(at_16="1,5")}, {}, "line 18 has 4 cells and the header 3"),
         (
@@ -364,7 +363,7 @@ TEMPERATURES = {"temp (C)": 20 + T, "temp [C]": 25 + T}
         ({"time_s": np.zeros(50), "run": ["one"] + ["two"] * 49}, {}, "of run 'two'"),
         ({"force_N": None}, {}, "a contact needs time_s, displacement_m, force_N"),
         ({"force_N": None}, {}, "--column force_N=COLUMN"),
-        ({"force_N": None, "F [N]": forces(at_7="NaN")}, {}, "line 9, column 'F [N]': 'NaN' is no finite"),
+        ({"force_N": None, "F [N]": forces(at_7="inf")}, {}, "line 9, column 'F [N]': 'inf' is no finite"),
         ({"force_N": None, "F [N]": [""] * 50}, {}, "line 2, column 'F [N]': '' is no finite"),
         ({"force_N": None, "F [N]": [1e300] * 50}, {}, "line 2, column 'F [N]': '1e+300' is too large"),
         ({"time_s": None}, {}, "no time; name it time_s"),
@@ -435,6 +434,19 @@ def test_what_makes_no_channel_is_refused_with_its_place_and_remedy(contact, cha
     assert words in refusal(contact(**changed), **options)
 
 
+@pytest.mark.parametrize("mark", ["", "-", "nan", "#N/A", " n/a "])
+def test_rows_without_a_value_are_left_out_and_counted(contact, mark):
+    imported = import_file(contact(force_N=forces(at_16=mark, at_30=mark)))
+    np.testing.assert_array_equal(imported.channels[0].effort, np.delete(F, [16, 30]))
+    assert "2 of 50 rows left out: no value in 'force_N', the first in line 18" in imported.notes
+
+
+def test_rows_that_repeat_a_time_are_left_out_and_counted(contact):
+    imported = import_file(contact(time_s=np.where(np.arange(50) == 20, T[19], T)))
+    np.testing.assert_array_equal(imported.channels[0].effort, np.delete(F, 20))
+    assert "1 of 50 rows left out: the time of the row before again, the first in line 22" in imported.notes
+
+
 @pytest.mark.parametrize(
     ("changed", "words"),
     [
@@ -484,7 +496,6 @@ HEADER = b"time_s,displacement_m,force_N\n"
         ("header.csv", HEADER, "no rows of data"),
         ("page.csv", "<html>404</html>", "no rows of data"),
         ("numbers.csv", b"0,1,2\n1,2,3\n", "first line holds numbers"),
-        ("twice.csv", b"time_s,force_N,force_N\n1,2,3\n", "column 'force_N' is there twice"),
         ("short.csv", TEXT.replace("\n0.03,0.003,3", "\n0.03,0.003"), "header 3: '0.03,0.003'"),
         ("long.csv", TEXT.replace("\n0.03,", "\n0.03,7,"), "line 5 has 4 cells and the header 3"),
         ("line.csv", TEXT.replace("\n0.03,", "\n1_0,"), "line 5, column 'time_s': '1_0' is no finite number"),
@@ -517,7 +528,7 @@ def test_arrays_that_make_no_table_are_named(tmp_path):
     holes, objects, uneven = (tmp_path / name for name in ("holes.parquet", "objects.npz", "uneven.npz"))
     force = [*F[:10].tolist(), None, *F[11:].tolist()]
     pa.parquet.write_table(pa.table({"time_s": T, "displacement_m": X, "force_N": force}), holes)
-    assert "row 11, column 'force_N': 'None' is no finite number" in refusal(holes)
+    assert "no value in 'force_N', the first in row 11" in import_file(holes).notes[0]
     np.savez(objects, time_s=np.array([{"a": 1}], dtype=object))  # and it is not unpickled
     assert "column 'time_s' holds objects" in refusal(objects)
     np.savez(uneven, time_s=T, displacement_m=X[:-1], force_N=F)

@@ -1,0 +1,120 @@
+"""Layouts of files as testing machines write them: the longest table is read, whatever stands around it."""
+
+import numpy as np
+import openpyxl
+import pytest
+
+from palpate.estimation.data.import_file import import_file
+from palpate.estimation.data.import_options import ImportOptions
+from palpate.robot_io.errors import InputError
+from tests.estimation.laboratories import presses
+
+TIME_S, WAY_M, FORCE_N = (signal[:600] for signal in presses())
+
+
+def rows(delimiter=",", decimal=".", *, before="", behind=""):
+    """One press in s, mm and N, as lines."""
+    cells = np.column_stack([TIME_S, 1e3 * WAY_M, FORCE_N])
+    texts = (delimiter.join(f"{value:.6f}" for value in row) for row in cells)
+    return "".join(before + text.replace(".", decimal) + behind + "\n" for text in texts)
+
+
+RESULTS = "Results 1,,,\n,Gauge length,Maximum force,Note\n,(mm),(N),\n1,9.5,31.2,\n2,9.7,30.5,\n,,,\n"
+NAMES = "Time,Displacement,Force\n"
+FILES = {
+    "results above, headers numbered": (
+        RESULTS + "".join(f"{n},{NAMES},(s),(mm),(N)\n" + rows(before=",") for n in (1, 2)),
+        2,
+    ),
+    "units of products": ("Way\tForce\tTorque\tTime\nmm\tN\tkN·mm\tsec\n", 0),
+    "units above names": ("(s),(mm),(N)\n" + NAMES + rows(), 1),
+    "units alone": ("s;mm;N\n" + rows(";", ","), 1),
+    "quoted": ('"Time","Extension","Load"\n"(s)","(mm)","(N)"\n\n' + rows(), 1),
+    "dashes below names": ("Time [s]  Way [mm]  Force [N]\n--------  --------  ---------\n" + rows("  "), 1),
+    "trailing columns": ("Time [s];Weg [mm];Kraft [N];;\n" + rows(";", ",", behind=";;"), 1),
+    "slashes": ("Zeit / s\tWeg / mm\tKraft / N\n" + rows("\t", ","), 1),
+    "statistics below": ("Time_s,Travel_mm,Force_N\n" + rows() + "Mean,1,2\nDeviation,3,4\n", 1),
+    "Zwick": ('"Prüfzeit";"Standardweg";"Standardkraft"\n"s";"mm";"N"\n' + rows(";", ","), 1),
+    "metadata between tests": (
+        "".join(f"Specimen {n}\nOperator,AB\n\n{NAMES}sec,mm,N\n{rows()}\n" for n in (1, 2, 3)),
+        3,
+    ),
+    "a column twice": ("Time [s],Travel [mm],Load [N],E [GPa],E [GPa]\n" + rows(behind=",1,2"), 1),
+    "a long preamble": ("Remark: none\n" * 700 + "Time [s],Travel [mm],Load [N]\n" + rows(), 1),
+}
+FILES["units of products"] = (
+    FILES["units of products"][0]
+    + "".join(
+        f"{1e3 * x:.6f}\t{f:.6f}\t0\t{t:.6f}\n" for t, x, f in zip(TIME_S, WAY_M, FORCE_N, strict=True)
+    ),
+    1,
+)
+
+
+@pytest.mark.parametrize("encoding", ["utf-8-sig", "utf-16", "cp1252"])
+@pytest.mark.parametrize("layout", FILES)
+def test_the_longest_table_is_read_by_the_names_above_it(tmp_path, layout, encoding):
+    text, tests = FILES[layout]
+    path = tmp_path / "press.txt"
+    path.write_bytes(text.encode(encoding))
+    (channel,) = import_file(path).channels
+    assert channel.name == "contact"
+    assert len(channel) == tests * len(TIME_S)
+    np.testing.assert_allclose(channel.position[: len(TIME_S)], WAY_M, atol=1e-8)
+    np.testing.assert_allclose(channel.effort[: len(TIME_S)], FORCE_N, atol=1e-5)
+    if tests > 1:
+        assert len(channel.runs) == tests
+
+
+def test_other_tables_are_named_with_the_option_that_selects_them(tmp_path):
+    path = tmp_path / "press.csv"
+    path.write_text(
+        "Time [s],Way [mm],Force [N]\n" + rows() + "\n\nTime [s],Heat [K],Force [N]\n1,2,3\n2,3,4\n"
+    )
+    line = str(4 + len(TIME_S))
+    assert (
+        f"not read, since their columns differ: '{line}'; --table {line} selects one"
+        in import_file(path).read
+    )
+    columns = {"displacement_mm": "Heat [K]"}
+    with pytest.raises(InputError, match="has 2 rows, at least 5"):
+        import_file(path, ImportOptions(table=line, columns=columns))
+    with pytest.raises(InputError, match=f"no such table. There are: 1, {line}"):
+        import_file(path, ImportOptions(table="2"))
+
+
+def test_sheets_with_rows_of_names_and_units_are_runs(tmp_path):
+    book = openpyxl.Workbook()
+    for title in ("Test 9", "Test 8"):
+        sheet = book.create_sheet(title)
+        sheet.append(["Segment", "Depth", "Load", "Time", "Modulus", "Hardness"])
+        sheet.append([None, "nm", "mN", "s", "GPa", "GPa"])
+        for number, (t, x, f) in enumerate(zip(TIME_S, WAY_M, FORCE_N, strict=True)):
+            sheet.append(["Load" if number == 0 else None, 1e9 * x, 1e3 * f, t, 1.7e308, 1.7e308])
+        sheet.append(["END"])
+    book.save(tmp_path / "tests.xlsx")
+    imported = import_file(tmp_path / "tests.xlsx")
+    assert list(imported.run_labels.values()) == ["Test 9", "Test 8"]
+    np.testing.assert_allclose(imported.channels[0].effort, np.tile(FORCE_N, 2), atol=1e-9)
+
+
+def test_two_tables_of_one_sheet_are_runs(tmp_path):
+    book = openpyxl.Workbook()
+    for _ in range(2):
+        book.active.append(["Time [s]", "Way [mm]", "Load [N]"])
+        for t, x, f in zip(TIME_S, WAY_M, FORCE_N, strict=True):
+            book.active.append([t, 1e3 * x, f])
+        book.active.append(["end of the test"])
+    book.save(tmp_path / "tests.xlsx")
+    (channel,) = import_file(tmp_path / "tests.xlsx").channels
+    assert len(channel.runs) == 2
+    np.testing.assert_allclose(channel.position, np.tile(WAY_M, 2), atol=1e-12)
+
+
+def test_a_column_in_use_that_is_there_twice_is_asked_about(tmp_path):
+    path = tmp_path / "press.csv"
+    path.write_text("Time [s],Way [mm],Load [N],Load [N]\n" + rows(behind=",7"))
+    with pytest.raises(InputError, match=r"'Load \[N\]' is there twice, with different values; choose with"):
+        import_file(path)
+    options = ImportOptions(columns={"force": "Load [N]"})
+    np.testing.assert_allclose(import_file(path, options).channels[0].effort, FORCE_N, atol=1e-5)
