@@ -200,7 +200,7 @@ class _Mjcf:
             texts["springref"] = f"{in_file(rest):.9g}"
         for key in _PASSIVE:
             before = self.value(element, key, "0")
-            if key not in texts and any(float(word) for word in before.split()):
+            if key not in texts and any(self._numbers(element, key, before)):
                 line = f"{key} {before} of the file is kept: the fitted model has none"
                 self.left_out.append(f"{joint.channel}: {line}")
         for key, value in texts.items():
@@ -216,8 +216,24 @@ class _Mjcf:
             self._add_sensor(element, joint, number["sensor_delay_s"])
 
     def _step_s(self) -> float:
-        steps = [each.get("timestep") for each in self._root.findall("option")]
-        return float(next((step for step in reversed(steps) if step), "0.002"))
+        options = [each for each in self._root.findall("option") if each.get("timestep")]
+        step_s = (
+            self._numbers(options[-1], "timestep", options[-1].get("timestep", ""))[0] if options else 0.002
+        )
+        if step_s <= 0.0:
+            raise InputError(f"{self._place}: <option> timestep {step_s:g} s: must be above 0")
+        return step_s
+
+    def _numbers(self, element: Element, name: str, text: str) -> list[float]:
+        """The numbers in an attribute; `InputError` if it holds anything else or nothing."""
+        try:
+            numbers = [float(word) for word in text.split()]
+        except ValueError:
+            numbers = []
+        if not numbers or not np.isfinite(numbers).all():
+            called = "".join(f" '{element.get(key)}'" for key in ("name", "joint") if element.get(key))
+            raise InputError(f"{self._place}: <{element.tag}>{called} {name} {text[:40]!a}: no finite number")
+        return numbers
 
     def _add_gap(self, element: Element, joint: TargetJoint, half: float) -> None:
         name = f"{element.get('name') or joint.channel}_backlash"
@@ -235,7 +251,7 @@ class _Mjcf:
         self.used.append(
             f"{joint.channel}: new joint '{name}': positions and velocities have one number more"
         )
-        if not float(self.value(element, "armature", "0")):
+        if not any(self._numbers(element, "armature", self.value(element, "armature", "0"))):
             line = (
                 "the rotor of its motor is not known: without an armature the contact at the gap's ends "
                 "is soft"
@@ -251,9 +267,9 @@ class _Mjcf:
         ]
         scaled = [each for each in actuators if each.tag in _SCALED and not each.get("biastype")]
         for each in scaled:
-            first, *further = self.value(each, "gear", "1").split()
-            each.set("gear", " ".join([f"{float(first) * factor:.9g}", *further]))
-            _comment(self._root, each, "gear", [f"{first} of the file times {factor:.9g}"])
+            first, *further = self._numbers(each, "gear", self.value(each, "gear", "1"))
+            each.set("gear", " ".join(f"{value:.9g}" for value in (first * factor, *further)))
+            _comment(self._root, each, "gear", [f"{first:.9g} of the file times {factor:.9g}"])
         if not scaled:
             kinds = ", ".join(f"<{each.tag}>" for each in actuators) or "none"
             line = f"'torque_gain' scales the gear of a <motor>; actuators of this joint: {kinds}"

@@ -62,6 +62,25 @@ def effort(model, q=(0.0, 0.0), v=(0.0, 0.0), a=(0.0, 0.0)):
     return data.qfrc_inverse[1]
 
 
+@pytest.mark.parametrize(
+    ("old", "new", "said"),
+    [
+        ('name="elbow"', 'name="elbow" stiffness="1,5"', "<joint> 'elbow' stiffness '1,5'"),
+        ('name="elbow"', 'name="elbow" stiffness="nan"', "<joint> 'elbow' stiffness 'nan'"),
+        ('name="elbow"', 'name="elbow" armature=" "', "<joint> 'elbow' armature ' '"),
+        ("<default>", '<option timestep="abc"/><default>', "<option> timestep 'abc'"),
+        ("<default>", '<option timestep="0"/><default>', "<option> timestep 0 s: must be above 0"),
+        ('<position joint="elbow" kp="5"/>', '<motor joint="elbow" gear="x"/>', "<motor> 'elbow' gear 'x'"),
+        ('<position joint="elbow" kp="5"/>', '<motor joint="elbow" gear=""/>', "<motor> 'elbow' gear ''"),
+    ],
+)
+def test_a_number_of_the_file_that_is_none_is_refused_with_its_place(old, new, said):
+    arm = arm_of(frictionloss=0.1, gap=0.01, gear=1.2, sensor_delay_s=0.002)
+    with pytest.raises(InputError, match=r"^mine\.xml: <") as refused:
+        patch_mjcf(HAND_MADE.replace(old, new), "mine.xml", arm, LEVEL, by_name=True)
+    assert said in str(refused.value)
+
+
 @pytest.mark.parametrize("name", ["viscous", "coulomb_and_viscous", "torque_gain"])
 def test_an_exported_joint_predicts_an_unseen_motion_as_well_as_the_fit_promised(name, tmp_path):
     trip = round_trip(CASES[name], tmp_path, diagnose=False)
