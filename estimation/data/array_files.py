@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import math
 import zipfile
 from collections.abc import Mapping
 from pathlib import Path
@@ -74,6 +75,44 @@ def read_npz(path: Path) -> FileColumns:
             if array.ndim == 1 or parse_role(name):  # others, such as a sampling rate, are no columns
                 arrays[name] = array
     return FileColumns(arrow_of(arrays, path))
+
+
+def read_mat(path: Path) -> FileColumns:
+    """The vectors of a MATLAB file that are columns, those of structs too: the most of one length.
+
+    Args:
+        path: of the file.
+
+    Raises:
+        InputError: it holds too much or no vectors, or is of version 7.3.
+    """
+    from scipy.io import loadmat, whosmat  # noqa: PLC0415, slow to import
+
+    try:
+        check_size(path, sum(8 * math.prod(shape) for _, shape, _ in whosmat(path)))
+        content = loadmat(path, simplify_cells=True)
+    except NotImplementedError as error:
+        raise InputError(f"{path}: is of version 7.3; save it in MATLAB with save(..., '-v7')") from error
+    vectors: dict[str, NDArray[Any]] = {}
+    pending = [(name, value) for name, value in content.items() if not name.startswith("__")]
+    while pending:
+        name, value = pending.pop(0)
+        if isinstance(value, Mapping):
+            pending += [
+                (str(key) if str(key) not in vectors else f"{name}.{key}", v) for key, v in value.items()
+            ]
+        elif (
+            isinstance(value, np.ndarray)
+            and value.ndim == 1
+            and len(value) > 1
+            and value.dtype.kind in "biuf"
+        ):
+            vectors[name] = value
+    if not vectors:
+        raise InputError(f"{path}: holds no vectors; a measurement needs time and two more")
+    lengths = [len(vector) for vector in vectors.values()]
+    length = max(lengths, key=lambda each: (lengths.count(each), each))
+    return FileColumns(arrow_of({n: v for n, v in vectors.items() if len(v) == length}, path))
 
 
 def arrow_of(arrays: Mapping[str, NDArray[Any]], place: Path) -> pa.Table:

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from palpate.estimation.data.array_files import read_npz, read_parquet
+from palpate.estimation.data.array_files import read_mat, read_npz, read_parquet
 from palpate.estimation.data.file_columns import BAGS, FileColumns, is_bag
 from palpate.estimation.data.table_layout import (
     find_tests,
@@ -22,7 +22,7 @@ from palpate.estimation.data.table_layout import (
     one_below_the_other,
     with_seconds,
 )
-from palpate.estimation.data.text_table import number_of, read_text_table
+from palpate.estimation.data.text_table import as_utf8, number_of, read_text_table
 from palpate.estimation.data.units import fault_of, more_like_it, useless_rows
 from palpate.robot_io.errors import InputError, UnknownNameError
 from palpate.robot_io.extras import LazyModule
@@ -38,6 +38,7 @@ else:
 _SHOWN = 60  # characters of a value in an error
 _LONGEST_LABEL = 1000  # characters of the name of a run or a phase
 _MOST_NAMES = 20  # that an error lists
+_HEAD_BYTES = 1 << 14
 _LOOKED_AT = 100  # rows that say whether a column holds numbers
 _GROUPED = {  # by the mark between thousands
     ",": r"^[+-]?[1-9]\d{0,2}(,\d{3})+(\.\d*)?$",
@@ -230,6 +231,8 @@ def read_table(path: str | os.PathLike[str], selected: str = "") -> Table:
         raise InputError(f"{place}: no such file")
     ending = BAGS[0] if bag else Path(place.name.lower().removesuffix(".gz")).suffix
     read = next((reader for endings, reader in _READERS if ending in endings), None)
+    if read is None and _is_text(place):
+        read = read_text_table
     if read is None:
         known = ", ".join(ENDINGS)
         raise InputError(
@@ -298,7 +301,19 @@ def _numbered(names: Sequence[str]) -> list[str]:
     return numbered
 
 
+def _is_text(path: Path) -> bool:
+    """Whether a file holds text, whatever its name ends in."""
+    with path.open("rb") as file:
+        head = file.read(_HEAD_BYTES)
+    try:
+        return bool(as_utf8(head, path)[0].strip()) and not head.startswith(b"%PDF")
+    except InputError:
+        return False
+
+
 def _read_excel(path: Path, selected: str) -> FileColumns:
+    if path.name.lower().endswith(".xls") and _is_text(path):  # machines write text that is called so
+        return read_text_table(path, selected)
     from palpate.estimation.data.excel_table import read_excel_table  # noqa: PLC0415, seldom needed
 
     return read_excel_table(path, selected)
@@ -338,6 +353,7 @@ _READERS: tuple[tuple[tuple[str, ...], Callable[..., FileColumns]], ...] = (
     ((".xlsx", ".xlsm", ".xls"), _read_excel),
     ((".parquet", ".pq"), read_parquet),
     ((".npz",), read_npz),
+    ((".mat",), read_mat),
     (BAGS, _read_ros),
 )
 ENDINGS = tuple(ending for endings, _ in _READERS for ending in endings)

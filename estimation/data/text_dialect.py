@@ -277,7 +277,7 @@ def blanks_as_tabs(content: bytes) -> bytes:
 def _dialect(lines: list[tuple[int, str]], delimiter: str) -> TextDialect:
     """The dialect with this delimiter, and the tables that it makes of these lines, perhaps none."""
     rows = list(_cells([text for _, text in lines], delimiter))
-    decimal = "," if delimiter != "," and commas_decide(rows) else "."
+    decimal = "," if commas_decide(rows, in_doubt=delimiter != ",") else "."
     tables = []
     for layout in find_layouts(rows, decimal):
         # As many names as the rows have cells: both may end with the delimiter or a remark.
@@ -324,19 +324,22 @@ def _cells(lines: list[str], delimiter: str) -> Iterator[list[str]]:
             yield [line]
 
 
-def commas_decide(rows: list[list[str]]) -> bool:
+def commas_decide(rows: list[list[str]], *, in_doubt: bool = True) -> bool:
     """Whether more numbers make sense with a decimal comma alone than with a decimal point alone.
 
     "1,234" may be either. Between other delimiters than commas it is taken for a little more than one.
 
     Args:
         rows: cells of the first rows, as text.
+        in_doubt: whether "1,234" is a little more than one where nothing else says so.
     """
     marked = [cell for row in rows for cell in map(str.strip, row) if "," in cell or "." in cell]
     readings = [(bool(NUMBER[","].fullmatch(cell)), bool(NUMBER["."].fullmatch(cell))) for cell in marked]
     commas, points = readings.count((True, False)), readings.count((False, True))
     if commas == points == 0:
-        return any(both == (True, True) and "," in cell for both, cell in zip(readings, marked, strict=True))
+        return in_doubt and any(
+            both == (True, True) and "," in cell for both, cell in zip(readings, marked, strict=True)
+        )
     return commas > points
 
 

@@ -67,7 +67,7 @@ class ComparedPair:
     ) -> None:
         files = (data.file, path or data.file)
         first = data.study(models[0], folder)
-        second = replace(data, file=files[1]).study(models[1] or models[0], None if path else folder)
+        second = replace(data, file=files[1]).study(models[1] or models[0], None if path else folder, first)
         kept = chosen_revisions(first, revisions[0])
         grown = _grown(first, kept), _grown(second, chosen_revisions(second, revisions[1]) or kept)
         self.files = files

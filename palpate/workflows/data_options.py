@@ -124,12 +124,15 @@ class DataArguments(ReadOptions):
         str | None, typer.Option(help="The tip's frame in that URDF.", show_default="tip, or its last link")
     ] = None
 
-    def study(self, model: str | None = None, folder: Path | None = None) -> "Study":
+    def study(
+        self, model: str | None = None, folder: Path | None = None, like: "Study | None" = None
+    ) -> "Study":
         """The study of this file.
 
         Args:
             model: base model; None for what suits each channel.
             folder: where revisions are kept; None for the usual place.
+            like: study of another file, whose notes were said and are not said again.
 
         Raises:
             InputError: the data cannot be used.
@@ -150,7 +153,9 @@ class DataArguments(ReadOptions):
             **vars(self.options),
         )
         warnings = (f"{name}: {warning}" for name, several in study.warnings.items() for warning in several)
-        console.say_read(study.source.read, (*study.source.notes, *warnings))
+        said = (like.source.read, *like.source.notes) if like is not None else ()
+        notes = [note for note in (*study.source.notes, *warnings) if note not in said]
+        console.say_read("" if study.source.read in said else study.source.read, notes)
         return study
 
     def refuse_unknown(self, model: str | None) -> None:

@@ -3,6 +3,7 @@
 import numpy as np
 import openpyxl
 import pytest
+from scipy.io import savemat
 
 from palpate.estimation.data.import_file import import_file
 from palpate.estimation.data.import_options import ImportOptions
@@ -39,6 +40,10 @@ FILES = {
         "".join(f"Specimen {n}\nOperator,AB\n\n{NAMES}sec,mm,N\n{rows()}\n" for n in (1, 2, 3)),
         3,
     ),
+    "quoted decimal commas": (
+        '"Zeit (s)","Weg (mm)","Kraft (N)"\n"' + rows('","', ",", behind='"').replace("\n", '\n"')[:-1],
+        1,
+    ),
     "a column twice": ("Time [s],Travel [mm],Load [N],E [GPa],E [GPa]\n" + rows(behind=",1,2"), 1),
     "a long preamble": ("Remark: none\n" * 700 + "Time [s],Travel [mm],Load [N]\n" + rows(), 1),
 }
@@ -64,6 +69,23 @@ def test_the_longest_table_is_read_by_the_names_above_it(tmp_path, layout, encod
     np.testing.assert_allclose(channel.effort[: len(TIME_S)], FORCE_N, atol=1e-5)
     if tests > 1:
         assert len(channel.runs) == tests
+
+
+@pytest.mark.parametrize("name", ["press", "press.prn", "press.xls", "press.v2"])
+def test_text_is_read_whatever_its_name_ends_in(tmp_path, name):
+    path = tmp_path / name
+    path.write_text("Time [s]\tTravel [mm]\tLoad [N]\n" + rows("\t"))
+    np.testing.assert_allclose(import_file(path).channels[0].effort, FORCE_N, atol=1e-5)
+
+
+def test_vectors_of_a_matlab_struct_are_columns(tmp_path):
+    data = {"time_s": TIME_S, "displacement_mm": 1e3 * WAY_M, "force_N": FORCE_N, "area": 3.0}
+    savemat(tmp_path / "press.mat", {"press": {"data": data}, "rate": 250.0, "gains": [1.0, 2.0]})
+    (channel,) = import_file(tmp_path / "press.mat").channels
+    np.testing.assert_allclose(channel.effort, FORCE_N)
+    savemat(tmp_path / "empty.mat", {"rate": 250.0})
+    with pytest.raises(InputError, match="holds no vectors"):
+        import_file(tmp_path / "empty.mat")
 
 
 def test_other_tables_are_named_with_the_option_that_selects_them(tmp_path):
