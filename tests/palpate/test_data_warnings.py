@@ -21,3 +21,12 @@ def test_warnings_reach_the_diagnosis_in_its_file_and_on_the_screen(tmp_path):
     kept = json.loads((tmp_path / "out" / "diagnosis.json").read_text())
     assert kept["channels"][0]["warnings"] == channel["warnings"]
     assert words in (tmp_path / "out" / "report.html").read_text()
+
+
+def test_notes_of_two_files_that_are_alike_are_said_once(tmp_path):
+    for seed, name in enumerate(("a.csv", "b.csv")):
+        file = write_presses(tmp_path / name, seed=seed)
+        text = file.read_text().replace("displacement_m,force_N", "Way [m],Load [N]", 1)
+        file.write_text(text)
+    result = done("compare", tmp_path / "a.csv", tmp_path / "b.csv")
+    assert result.stderr.count("read: ") == 1
