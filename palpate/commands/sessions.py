@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from palpate.common import console
 from palpate.common.console import as_command, count, duration, safe, shown, significant, typed
-from palpate.common.files import open_session, output_session
+from palpate.common.files import existing_file, open_session, output_session
 from palpate.estimation.channel import ChannelData, ChannelKind
 from palpate.estimation.data.channels import RUN_LABELS, session_channels
 from palpate.estimation.data.tick_channels import joined
@@ -155,7 +155,7 @@ def merge_command(
     """
     if len(sessions) < 2:
         raise InputError(f"{sessions[0]}: is one session; name two or more")
-    places = [path.resolve() for path in sessions]
+    places = [existing_file(path, "session").resolve() for path in sessions]
     if twice := [str(path) for n, path in enumerate(sessions) if places[n] in places[:n]]:
         raise InputError(f"{twice[0]}: is named twice; its runs would count as repetitions")
     file = output_session(out, keep=sessions)

@@ -151,9 +151,10 @@ def spare_files(folder: Path, names: Iterable[str], *, force: bool, keep: Iterab
 
 def different_files(*paths: Path | None) -> None:
     """Refuse outputs that would replace each other; `InputError` if two of them are one file."""
-    places = [path for path in paths if path is not None]
-    for number, path in enumerate(places):
-        if any(path.resolve() == place.resolve() for place in places[:number]):
+    named = [path for path in paths if path is not None]
+    places = [os.path.realpath(path) for path in named]  # unlike Path.resolve, it takes links in a circle
+    for number, path in enumerate(named):
+        if places[number] in places[:number]:
             raise InputError(f"output {path}: is named twice; give each output a name of its own")
 
 

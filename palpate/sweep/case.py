@@ -177,13 +177,13 @@ class ResultStore:
         Raises:
             InputError: a file is damaged.
         """
-        missing, parts = set(addresses), [pa.table({ADDRESS: pa.array([], pa.string())})]
+        missing, parts = set(addresses), dict[Path, pa.Table]()
         for path in (*self._packs(), *self._landed()):
             part = _read(path)
             new = missing.intersection(part[ADDRESS].unique().to_pylist())
-            parts.append(part.filter(pc.is_in(part[ADDRESS], pa.array(new, pa.string()))))
+            parts[path] = part.filter(pc.is_in(part[ADDRESS], pa.array(new, pa.string())))
             missing -= new
-        return pa.concat_tables(parts, promote_options="permissive")
+        return _joined(parts)
 
     def drop(self, addresses: Iterable[str]) -> None:
         """Delete the results of these cases; InputError if a file is damaged.
@@ -205,7 +205,7 @@ class ResultStore:
         landed = self._landed()
         if len(landed) < 2:
             return
-        table = pa.concat_tables(map(_read, landed), promote_options="permissive")
+        table = _joined({path: _read(path) for path in landed})
         _write(self.folder / f"{_PACK}{uuid4().hex}{_ENDING}", table)
         for path in landed:
             path.unlink(missing_ok=True)
@@ -221,8 +221,21 @@ class ResultStore:
 
 def _write(path: Path, table: pa.Table) -> None:
     unfinished = path.with_name(f".{os.getpid()}.{path.name}")
-    pq.write_table(table, unfinished)
+    pq.write_table(table, unfinished, write_page_checksum=True)
     unfinished.replace(path)
+
+
+def _joined(parts: Mapping[Path, pa.Table]) -> pa.Table:
+    """All rows as one table. InputError: a file has other types of columns than those before it."""
+    joined = pa.table({ADDRESS: pa.array([], pa.string())})
+    schema = joined.schema
+    for path, part in parts.items():
+        try:
+            schema = pa.unify_schemas([schema, part.schema], promote_options="permissive")
+        except pa.ArrowException as error:
+            why = f"its columns do not fit those of the other results ({one_line(error)})"
+            raise _damaged(path, why) from error
+    return pa.concat_tables([joined, *parts.values()], promote_options="permissive")
 
 
 def _read(path: Path, columns: list[str] | None = None) -> pa.Table:
@@ -230,7 +243,7 @@ def _read(path: Path, columns: list[str] | None = None) -> pa.Table:
     if not path.is_file():  # a pipe might never end
         raise _damaged(path, "is no regular file")
     try:
-        with pq.ParquetFile(path) as file:
+        with pq.ParquetFile(path, page_checksum_verification=True) as file:
             if file.metadata.num_rows > _MOST_ROWS:
                 raise _damaged(path, f"has {file.metadata.num_rows} rows, at most {_MOST_ROWS}")
             table = file.read(columns)

@@ -126,6 +126,8 @@ class _Composer(yaml.SafeLoader):
         for forbidden in ("anchor", "tag"):  # an alias is an event that holds an anchor
             if getattr(event, forbidden, None) is not None:
                 raise _error("an anchor (&), alias (*) or tag (!) is not allowed; quote text", event)
+        if any("\ud800" <= letter <= "\udfff" for letter in getattr(event, "value", "")):
+            raise _error("half of a surrogate pair (\\ud800 to \\udfff) is no character", event)
         self._depth += 1
         if self._depth > MAX_DEPTH:
             raise _error(f"nested deeper than {MAX_DEPTH} levels", event)

@@ -126,6 +126,7 @@ def test_the_mark_of_a_sealed_answer_belongs_to_its_own_session(tmp_path):
         (("PLAIN", "WIDER"), ("stream 'extra' has other columns", "width")),
         (("PLAIN", "IMPORTED"), ("has streams contact",)),
         (("A", "none.mcap"), ("no such file",)),
+        (("A", "circle.mcap"), ("circle.mcap: no such file",)),
     ],
 )
 def test_what_does_not_belong_together_is_refused(names, words, probings, imported, tmp_path):
@@ -137,6 +138,8 @@ def test_what_does_not_belong_together_is_refused(names, words, probings, import
         return write_session(tmp_path / name, [(stream, arrays)], SessionMetadata())
 
     files = {"A": probings[0], "IMPORTED": imported[0], "none.mcap": tmp_path / "none.mcap"}
+    files["circle.mcap"] = tmp_path / "circle.mcap"
+    files["circle.mcap"].symlink_to("circle.mcap")
     files["ARM"] = synthetic_session(tmp_path / "arm.mcap", urdf="<robot name='r'/>")
     files["PLAIN"] = session("plain.mcap", time_s=1, width=1)
     files["WIDER"] = session("wider.mcap", time_s=1, width=2)

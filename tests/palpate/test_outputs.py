@@ -260,3 +260,11 @@ def test_a_terminal_of_plain_ascii_gets_everything(session):
     result = run_process("estimate", strange, "--estimator", "lsq", env=environment)
     assert (result.returncode, result.stdout.isascii()) == (0, True), result.stderr
     assert r"\xfc.mcap: 1 channel" in result.stdout
+
+
+def test_a_link_that_leads_to_itself_is_one_output(tmp_path):
+    circle = tmp_path / "circle"
+    circle.symlink_to("circle")
+    different_files(circle, tmp_path / "a")
+    with pytest.raises(InputError, match="named twice"):
+        different_files(circle, circle)

@@ -3,6 +3,7 @@
 import os
 import shutil
 import sys
+from contextlib import suppress
 
 import pyarrow as pa
 import pyarrow.parquet as pq
@@ -157,3 +158,24 @@ def test_a_scheduler_that_is_not_there_is_bad_input(tmp_path, monkeypatch):
     monkeypatch.setattr("palpate.sweep.runner._JOIN_S", 0.3)
     with pytest.raises(InputError, match="does not answer"):
         run_cases([BASE], ResultStore(tmp_path), Cluster("tcp://127.0.0.1:9"))
+
+
+def test_a_result_whose_columns_have_other_types_is_refused_by_name(tmp_path):
+    store = ResultStore(tmp_path)
+    store.land("a", [{"number": 1}])
+    write(tmp_path / "b.parquet", address=["b"], number=[b"text"])
+    for read in (lambda: store.table("ab"), store.pack):
+        with pytest.raises(InputError, match=r"b\.parquet: its columns do not fit.*delete it"):
+            read()
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["a.parquet", "b.parquet"]
+
+
+def test_no_flipped_bit_of_the_data_changes_a_result(tmp_path):
+    store, path, rows = ResultStore(tmp_path), tmp_path / "a.parquet", [{"number": 1.5, "name": "press"}]
+    store.land("a", rows)
+    whole = path.read_bytes()
+    footer = len(whole) - 8 - int.from_bytes(whole[-8:-4], "little")
+    for place in range(4, footer):
+        path.write_bytes(whole[:place] + bytes([whole[place] ^ 1]) + whole[place + 1 :])
+        with suppress(InputError):
+            assert store.rows("a") == rows

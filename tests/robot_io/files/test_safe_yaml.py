@@ -43,6 +43,8 @@ def test_every_key_knows_its_line():
         ("a: 1\n---\nb: 2", 2, "another document"),
         ("a: [1, 2", 1, "expected"),
         ("a:\n\t- 1", 2, "cannot start any token"),
+        ('"\\ud800": 1', 1, "half of a surrogate pair"),
+        ('a: 1\nb: ["x\\udfffy"]', 2, "half of a surrogate pair"),
         ("a: " + "[" * 50 + "]" * 50, 1, "nested deeper"),
     ],
 )
