@@ -134,7 +134,9 @@ def content_hash(path: Path) -> str:
     """
     if path.is_dir():
         parts = sorted(file for file in path.rglob("*") if file.is_file())
-        return sha256("".join(f"{part.name}\0{content_hash(part)}" for part in parts).encode()).hexdigest()
+        return sha256(
+            os.fsencode("".join(f"{part.name}\0{content_hash(part)}" for part in parts))
+        ).hexdigest()
     with path.open("rb") as file:
         return file_digest(file, "sha256").hexdigest() + "".join(path.suffixes[-2:]).lower()
 

@@ -16,6 +16,7 @@ from palpate.common.files import whole_file
 from palpate.estimation.kinds import Kind
 from palpate.robot_io.errors import InputError
 from palpate.robot_io.files.file_model import one_line
+from palpate.robot_io.files.whole_file import as_utf8
 from palpate.robot_io.types import FloatArray
 from palpate.sweep.case import ADDRESS
 
@@ -101,8 +102,9 @@ def make_table(
         **{name: [each.fields.get(name) for each in chosen] for name in fields},
     }
     for name, cells in known.items():
-        table = table.append_column(name, pa.array(cells, pa.string()))
-    failed = pa.array([failures.get(each.name) for each in chosen], pa.string())
+        encodable = [cell if cell is None else as_utf8(cell) for cell in cells]
+        table = table.append_column(name, pa.array(encodable, pa.string()))
+    failed = pa.array([as_utf8(failures.get(each.name, "")) or None for each in chosen], pa.string())
     if "error" in table.column_names:
         place = table.column_names.index("error")
         table = table.set_column(place, "error", pc.coalesce(table["error"], failed))

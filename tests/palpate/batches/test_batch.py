@@ -266,3 +266,13 @@ def test_after_a_kill_or_ctrl_c_the_same_command_goes_on_and_ends_with_the_same_
     assert numbers(out) == numbers(whole), errors
     assert ResultStore(out / "results").finished() >= finished
     assert len(ResultStore(out / "results").finished()) == 16
+
+
+def test_names_that_are_no_utf8_are_rows_too(tmp_path):
+    good = tmp_path / os.fsdecode(b"good\xff.csv")
+    write_presses(tmp_path / "press.csv", speeds_m_s=SPEEDS).rename(good)
+    broken = tmp_path / os.fsdecode(b"broken\xfe.csv")
+    broken.write_text("this is\nno measurement\n")
+    run("batch", good, broken, "--out", tmp_path / "out", "--workers", 1)
+    told = {row["measurement"]: bool(row["error"]) for row in rows(tmp_path / "out")}
+    assert told == {"good?.csv": False, "broken?.csv": True}
