@@ -95,7 +95,7 @@ def make_table(
     chosen = [measurements[number] for number, _ in places]
     empty = [name for name in results.column_names if pa.types.is_null(results.schema.field(name).type)]
     table = results.drop_columns(empty).take(pa.array([row for _, row in places], pa.int64()))
-    known = {
+    known: dict[str, list[str | None]] = {
         "measurement": [each.name for each in chosen],
         "files": ["; ".join(map(str, each.files)) for each in chosen],
         "group": [each.fields.get(group, "") if group else EVERYTHING for each in chosen],
