@@ -25,7 +25,6 @@ N = len(T)
 @pytest.mark.parametrize(
     ("force", "said"),
     [
-        (np.ma.masked_greater(COLUMNS["force_N"], 4.0), "no finite number"),
         (np.ones((N, 2)), r"column 'force_N' has shape \(200, 2\), expected one value a row"),
         (3.0, r"column 'force_N' has shape \(\), expected one value a row"),
         (np.ones(N - 1), "different lengths: time_s 200, displacement_m 200, force_N 199"),
@@ -39,6 +38,13 @@ N = len(T)
 def test_what_is_no_column_of_numbers_is_named(force, said):
     with pytest.raises(InputError, match=said):
         open_source({**COLUMNS, "force_N": force})
+
+
+def test_masked_readings_are_left_out():
+    force = np.ma.masked_greater(COLUMNS["force_N"], 4.9)
+    (channel,) = open_source({**COLUMNS, "force_N": force}).channels
+    assert np.array_equal(channel.effort, force.compressed())
+    assert np.array_equal(channel.time_s, T[~force.mask])
 
 
 def test_columns_that_make_no_channel_are_named():
