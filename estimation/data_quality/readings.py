@@ -30,6 +30,9 @@ _FEWEST_BENDS = 100  # by which noise is told from a sensor's lower end
 # a random walk, and next to none in a formula's curves.
 _TURNING = 0.6
 _DIGITS = 1e-7  # of the effort: what is smaller are the last digits of the numbers, and no sensor's noise
+# Times the usual second difference: what is larger is a corner of the motion, the same in each run that
+# repeats it, and no noise.
+_CORNER = 4.0
 # Of the reader's steps, that half of the bends exceed: by chance, a reading is then the same in 1 of 3 cases.
 # Rounding alone makes bends of 0 or 1.
 _STEPS = 2.0
@@ -147,6 +150,8 @@ def copied_runs(data: ChannelData) -> dict[int, tuple[int, float]]:
     copies: dict[int, tuple[int, float]] = {}
     for length, runs in of_length.items():
         bends = np.diff(data.effort[np.array(runs)], 2)
+        corner = _CORNER * np.median(np.abs(bends), axis=1, keepdims=True)
+        bends = np.clip(bends, -corner, corner)
         bends /= np.linalg.norm(bends, axis=1, keepdims=True)
         least = _COPY if length >= _FEWEST_TOLD else _EQUAL
         for number, rows in enumerate(runs):

@@ -23,6 +23,7 @@ from palpate.robot_io.types import FloatArray
 _FREE = 0.9  # of the samples before a touch; the last of them may already belong to it
 _LEAST = 50  # samples
 _DIFFERENCES = (1.0, -3.0, 3.0, -1.0)  # of neighbouring readings: no motion that is smooth passes
+_STEP = 5.0  # times the mean way between readings, above which the motion jumps
 _WHITE = 1.2  # ratio of differences at twice the distance, up to which no motion passes
 _REPEATED = 0.01  # of the range of positions, by which runs that repeat one motion may differ
 _SLOWER = 1.5  # ratio of noise by repeats to noise by neighbors, above which some noise is slow
@@ -113,13 +114,18 @@ def _fast_noise(data: ChannelData) -> float | None:
     """
     sizes = []  # root mean square of third differences of readings so far apart, of unit gain for noise
     for distance in (1, 2):
-        parts = []
+        parts = [np.empty(0)]
         for rows in rows_of_runs(data.run):
             effort, count = data.effort[rows], len(rows) - 3 * distance
             if count > 0:
                 shifted = np.stack([effort[k * distance : k * distance + count] for k in range(4)])
-                parts.append(np.array(_DIFFERENCES) @ shifted)
-        sizes.append(rmse(np.concatenate(parts)) / float(np.linalg.norm(_DIFFERENCES)) if parts else 0.0)
+                # A motion that goes on by single steps between holds is not smooth there, nor is its effort.
+                moved = np.abs(np.diff(data.position[rows], prepend=data.position[rows[0]]))
+                steps = np.cumsum(moved > _STEP * moved.mean())
+                parts.append((np.array(_DIFFERENCES) @ shifted)[steps[3 * distance :] == steps[:count]])
+        differences = np.concatenate(parts)
+        is_enough = len(differences) >= _LEAST
+        sizes.append(rmse(differences) / float(np.linalg.norm(_DIFFERENCES)) if is_enough else 0.0)
     near, far = sizes
     return near if 0.0 < far <= _WHITE * near else None
 

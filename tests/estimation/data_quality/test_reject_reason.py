@@ -296,14 +296,17 @@ def test_a_copy_that_differs_by_less_than_its_noise_is_left_out(change, correlat
 
 
 @pytest.mark.parametrize("correlation", [0.0, 0.6])
-def test_the_same_motion_made_again_is_no_copy(correlation):
-    """The very same positions, to the last digit, with other noise."""
+@pytest.mark.parametrize("corner_n", [0.0, 20.0])
+def test_the_same_motion_made_again_is_no_copy(correlation, corner_n):
+    """The very same positions, to the last digit, with other noise and a jump of the force."""
     first, second = (session(3, correlation=correlation), session(4, correlation=correlation))
     rows = first.run == 0
     own = kelvin_voigt(first.position, first.velocity)
     noise = second.effort - kelvin_voigt(second.position, second.velocity)
     effort = own[rows] + noise[: np.sum(rows)]
     both = joined(first, replace(first.of_runs(np.array([0])), effort=effort))
+    turned = both.position > 0.5 * both.position.max()
+    both = replace(both, effort=both.effort + corner_n * turned)
     assert usable(both).all()
     assert quality_warnings(both) == []
 

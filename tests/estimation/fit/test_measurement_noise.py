@@ -34,6 +34,16 @@ def test_differences_of_readings_tell_the_noise_of_a_joint_whatever_is_missing()
     assert found.value == pytest.approx(NOISE_NM, rel=0.1)
 
 
+def test_steps_of_a_motion_from_hold_to_hold_are_no_noise():
+    data = swings(2, lambda q, v, a: 0.0 * q)
+    position = 0.01 * np.arange(len(data)) // 0.2 * 0.2  # a step every twenty readings
+    cogging = 10.0 * NOISE_NM * np.sin(7.3 * position / 0.2)
+    held = replace(data, position=position, velocity=0.0 * position, acceleration=0.0 * position)
+    found = noise_of(replace(held, effort=data.effort + cogging), SWING)
+    assert found.source is NoiseSource.NEIGHBORS
+    assert found.value == pytest.approx(NOISE_NM, rel=0.1)
+
+
 def test_errors_of_the_position_count_as_noise_as_the_model_passes_them_on():
     data, error_m = session(4), 1e-4
     read = data.position + np.random.default_rng(3).normal(0.0, error_m, len(data))
