@@ -74,6 +74,7 @@ def test_hidden_weight_is_found_in_goal_error(tmp_path):
     assert parameters["weight.g1"].unit == "rad"
 
 
+@pytest.mark.slow
 def test_a_hidden_gap_is_found_beside_the_weight(tmp_path):
     study = Study(written(tmp_path, weight=3.0, gap=0.08), keep=False)
     (found,) = study.diagnose().channels

@@ -137,6 +137,7 @@ def test_an_imported_file_becomes_an_object(tmp_path, monkeypatch):
     assert_refused(run("export", data, "-o", tmp_path / "world.yaml"), "exists already")
 
 
+@pytest.mark.slow
 @pytest.mark.usefixtures("log_in_process")
 def test_the_world_reproduces_the_force_that_was_measured(tmp_path):
     """Probe an object with something hidden, find it, and probe what was found, by another noise."""

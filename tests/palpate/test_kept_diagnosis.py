@@ -18,6 +18,7 @@ def words_of(page):
     return re.sub("<[^>]*>", "", page.read_text().partition("<main>")[2])
 
 
+@pytest.mark.slow
 def test_the_report_after_adding_keeps_the_verdict_and_tells_what_was_added(tmp_path):
     data, folder = write_presses(tmp_path / "hard.csv"), tmp_path / "out"
     assert run("diagnose", data, "--out", folder).exit_code == 0
@@ -36,6 +37,7 @@ def test_the_report_after_adding_keeps_the_verdict_and_tells_what_was_added(tmp_
     assert json.loads(added.stdout)["revisions"][0]["noise_floor"] == found["noise_floor"]
 
 
+@pytest.mark.slow
 def test_a_channel_with_an_effect_of_ones_own_is_not_silently_told_without_it(tmp_path):
     """It was added by a command; the report of a study that was not given its file says so."""
     data, place, folder = write_presses(tmp_path / "hard.csv"), write_own_effect(tmp_path), tmp_path / "out"

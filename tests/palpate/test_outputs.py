@@ -121,6 +121,7 @@ def test_plots_and_pictures_replace_nothing_unasked_nor_each_other(session, tmp_
     different_files(tmp_path / "a", None, tmp_path / "b", None)
 
 
+@pytest.mark.slow
 @pytest.mark.filterwarnings("error:.*surrogates")
 def test_names_that_are_no_utf8_are_read_and_written(session, hardening, tmp_path, monkeypatch):
     odd = os.fsdecode(b"\xe4\xff\x1b[2J")

@@ -190,6 +190,7 @@ def test_a_difference_of_many_times_is_told_in_plain_percent(soft, tmp_path):
     assert "N/m (+400 %)." in run("compare", soft, hard).stdout
 
 
+@pytest.mark.slow
 def test_what_was_added_is_put_side_by_side(hardening, tmp_path):
     softer = write_presses(tmp_path / "softer.csv", cubic=1e6, seed=8)
     base = run("compare", hardening, softer).stdout

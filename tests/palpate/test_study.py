@@ -28,6 +28,7 @@ def test_the_examples_in_the_docstrings_run(few_effects):
     assert result.failed == 0
 
 
+@pytest.mark.slow
 def test_a_notebook_from_the_frame_to_the_report(few_effects, frame, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     (tmp_path / "p.csv").unlink()

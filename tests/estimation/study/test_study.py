@@ -168,6 +168,7 @@ def test_data_is_known_by_its_arrays_and_joints_by_their_arm_too():
     assert len({ModelStudy(data, arm=arm).channels[0].sha256 for arm in (NO_ARM, Arm(tip_frame="x"))}) == 1
 
 
+@pytest.mark.slow
 def test_what_is_kept_is_gone_on_from_only_for_the_same_data(tmp_path):
     study = ModelStudy(session(4, cubic), folder=tmp_path)
     found = study.diagnose(apply=True)

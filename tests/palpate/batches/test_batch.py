@@ -140,6 +140,7 @@ def test_a_diagnosis_names_what_is_missing_and_an_added_effect_has_a_size_in_eve
     assert abs(sizes["plain.csv"]) < 2e5
 
 
+@pytest.mark.slow
 def test_a_suggested_model_is_the_one_that_fits_far_better(tmp_path):
     for number in range(3):
         law = lambda x, v: 3e4 * x**1.5 * (1 + 2.0 * v)  # noqa: E731
@@ -183,6 +184,7 @@ def test_names_tell_files_of_one_name_apart_and_a_file_of_any_bytes_is_no_list(t
         find_measurements([tmp_path / "list.csv"])
 
 
+@pytest.mark.slow
 def test_sessions_and_a_damaged_one_are_measurements_as_well(probed, tmp_path):
     (tmp_path / "whole.mcap").write_bytes(probed[0].read_bytes())
     (tmp_path / "damaged.mcap").write_bytes(probed[0].read_bytes()[:200])
