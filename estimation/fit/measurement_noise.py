@@ -39,6 +39,10 @@ class NoiseSource(StrEnum):
     EACH_RUN = "runs fitted by themselves"  # an upper bound: the base model may lack something in each
     FLEXIBLE = "a flexible regression"  # an upper bound: it may not follow everything
 
+    @classmethod
+    def _missing_(cls, value: object) -> "NoiseSource | None":
+        return cls.FLEXIBLE if value == "smooth law of all signals" else None  # its name in older files
+
 
 @dataclass(frozen=True)
 class MeasurementNoise:

@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 
 from palpate.batches.works.measuring import measure
+from palpate.common.failures import command_line_wording
 from palpate.common.files import existing_file
 from palpate.estimation.data.file_columns import counted, is_bag
 from palpate.estimation.data.table import ENDINGS, read_table
@@ -59,7 +60,8 @@ class MeasurementCase(Case):
 
     def run(self) -> list[Row]:
         """Read, estimate, compare and diagnose; see `Case.run`."""
-        return measure([Path(file) for file in self.files], self.parameters)
+        with command_line_wording():  # a worker has no command line, but its reasons stand in one table
+            return measure([Path(file) for file in self.files], self.parameters)
 
 
 def find_measurements(

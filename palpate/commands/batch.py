@@ -9,8 +9,8 @@ import typer
 
 from palpate.common import console
 from palpate.common.console import count, safe, shown, significant
-from palpate.common.options import effect_names, model_names, takes
-from palpate.workflows.data_options import JsonOption, ReadOptions
+from palpate.common.options import SchedulerOption, WorkersOption, effect_names, model_names, takes
+from palpate.workflows.data_options import EffectOption, JsonOption, ReadOptions
 
 if TYPE_CHECKING:
     from palpate.batches.pooling import BatchResult
@@ -29,12 +29,7 @@ class BatchArguments(ReadOptions):
             metavar="FOLDER|FILES|LIST.csv",
         ),
     ]
-    effect: Annotated[
-        list[str] | None,
-        typer.Option(
-            help=("Your own effect, as a further candidate; its file is executed."), metavar="FILE.py:CLASS"
-        ),
-    ] = None
+    effect: EffectOption = None
     urdf: Annotated[
         Path | None, typer.Option(help="The arm's URDF, for models that need it.", metavar="FILE")
     ] = None
@@ -94,12 +89,8 @@ def batch_command(
     group: Annotated[
         str | None, typer.Option(help="Field by which measurements are compared.", metavar="FIELD")
     ] = None,
-    workers: Annotated[
-        int | None, typer.Option(help="Processes on this machine; by default one a core.", min=1, max=1000)
-    ] = None,
-    scheduler: Annotated[
-        str | None, typer.Option(help="Run on the workers of this dask scheduler.", metavar="ADDRESS")
-    ] = None,
+    workers: WorkersOption = None,
+    scheduler: SchedulerOption = None,
     retry: Annotated[
         bool, typer.Option("--retry", help="Retry measurements that could not be judged.")
     ] = False,

@@ -10,6 +10,7 @@ import typer
 from palpate.common import console
 from palpate.common.console import count, duration, shown, typed
 from palpate.common.files import existing_file, output_folder
+from palpate.common.options import SchedulerOption, WorkersOption
 from palpate.render.progress import sweep_progress
 from palpate.robot_io.errors import InputError, PalpateError
 
@@ -28,12 +29,8 @@ def sweep_command(
         Path | None,
         typer.Option("--out", "-o", help="Output folder; an interrupted sweep in it is continued."),
     ] = None,
-    workers: Annotated[
-        int | None, typer.Option(help="Processes on this machine; by default one a core.", min=1, max=1000)
-    ] = None,
-    scheduler: Annotated[
-        str | None, typer.Option(help="Run on the workers of this dask scheduler.", metavar="ADDRESS")
-    ] = None,
+    workers: WorkersOption = None,
+    scheduler: SchedulerOption = None,
     limit: Annotated[int | None, typer.Option(help="Run only the first N cases.", min=1)] = None,
     plan: Annotated[
         bool,

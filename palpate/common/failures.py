@@ -12,8 +12,8 @@ import re
 import shlex
 import sys
 import traceback
-from collections.abc import Callable
-from contextlib import suppress
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager, suppress
 from functools import wraps
 from pathlib import Path
 from typing import Any, TypeVar
@@ -42,17 +42,16 @@ class OneLineGroup(TyperGroup):
     def main(self, *args: Any, **extra: Any) -> Any:  # noqa: ANN401
         """Run the command and leave with its exit code; see `TyperGroup.main`."""
         given = extra.get("args", args[0] if args else None)
-        before, ErrorWording.of_command_line = ErrorWording.of_command_line, True
         as_json, JsonOutput.was_printed = "--json" in (sys.argv[1:] if given is None else given), False
         try:
-            code = super().main(*args, **(extra | {"standalone_mode": False}))
+            with command_line_wording():
+                code = super().main(*args, **(extra | {"standalone_mode": False}))
             sys.stdout.flush()
         except typer.Abort:
             sys.exit(report("interrupted", INTERRUPTED, as_json=as_json))
         except Exception as error:
             sys.exit(report_error(error, as_json=as_json))
         finally:
-            ErrorWording.of_command_line = before
             remove_empty_folders()
         if code == INTERRUPTED:
             report("interrupted", INTERRUPTED)
@@ -187,6 +186,16 @@ class ErrorWording:
     """Whose words errors use; one for the whole process."""
 
     of_command_line = False
+
+
+@contextmanager
+def command_line_wording() -> Iterator[None]:
+    """Let errors name options of the command line, whoever calls."""
+    before, ErrorWording.of_command_line = ErrorWording.of_command_line, True
+    try:
+        yield
+    finally:
+        ErrorWording.of_command_line = before
 
 
 def in_python(text: str) -> str:

@@ -9,8 +9,16 @@ from collections.abc import Callable
 from dataclasses import MISSING, fields
 from inspect import Parameter, Signature, signature
 from pathlib import Path
-from typing import Any, get_type_hints
+from typing import Annotated, Any, get_type_hints
 
+import typer
+
+WorkersOption = Annotated[
+    int | None, typer.Option(help="Processes on this machine; by default one a core.", min=1, max=1000)
+]
+SchedulerOption = Annotated[
+    str | None, typer.Option(help="Run on the workers of this dask scheduler.", metavar="ADDRESS")
+]
 _KEYWORD, _NONE = Parameter.KEYWORD_ONLY, Parameter.empty
 
 

@@ -31,6 +31,12 @@ ModelOption = Annotated[
         autocompletion=model_names,
     ),
 ]
+EffectOption = Annotated[
+    list[str] | None,
+    typer.Option(
+        help="Your own effect, as a further candidate; its file is executed.", metavar="FILE.py:CLASS"
+    ),
+]
 JsonOption = Annotated[bool, typer.Option("--json", help="Print the result as JSON.")]
 
 
@@ -102,12 +108,7 @@ class DataArguments(ReadOptions):
             help="Session (.mcap), folder of sessions, or data file (.csv, .xlsx, .parquet, .npz ...)."
         ),
     ]
-    effect: Annotated[
-        list[str] | None,
-        typer.Option(
-            help=("Your own effect, as a further candidate; its file is executed."), metavar="FILE.py:CLASS"
-        ),
-    ] = None
+    effect: EffectOption = None
     urdf: Annotated[
         Path | None,
         typer.Option(help="The arm's URDF, for models that need it and data files.", metavar="FILE"),

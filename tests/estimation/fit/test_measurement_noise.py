@@ -1,5 +1,6 @@
 """Noise of a channel, what the best of many candidates takes from it, and what is said of what is left."""
 
+import json
 from dataclasses import replace
 from types import SimpleNamespace
 
@@ -7,6 +8,7 @@ import numpy as np
 import pytest
 from scipy import stats
 
+from palpate.estimation.diagnosis.result import Floor
 from palpate.estimation.fit.fit_result import FitResult, fit_model
 from palpate.estimation.fit.measurement_noise import NoiseSource, measurement_noise
 from palpate.estimation.fit.permutation import COUNT, null_improvements, surrogate_residuals
@@ -61,6 +63,11 @@ def test_a_sensor_that_shows_zero_in_free_air_says_nothing_there():
     found = noise_of(replace(data, effort=np.where(data.engaged, data.effort, 0.0)))
     assert found.source is not NoiseSource.FREE_AIR
     assert found.value == pytest.approx(NOISE_N, rel=0.2)
+
+
+def test_a_source_is_read_under_the_name_that_older_files_have():
+    stored = {"value": 0.1, "source": "smooth law of all signals", "free_air": None, "share_left": 0.0}
+    assert Floor.model_validate_json(json.dumps(stored)).source is NoiseSource.FLEXIBLE
 
 
 def slow_noise(count, size):

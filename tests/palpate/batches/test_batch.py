@@ -112,6 +112,10 @@ def test_the_same_batch_repeats_nothing_wherever_the_files_lie_and_a_changed_fil
 
 def test_a_file_that_cannot_be_read_is_a_row_with_its_reason_and_may_be_tried_again(specimens, tmp_path):
     out = tmp_path / "out"
+    nameless = tmp_path / "nameless.csv"
+    nameless.write_text("a,b\n1,2\n")
+    said = as_json("batch", nameless, specimens / "broken.csv", "--out", tmp_path / "bad", "--workers", 1)
+    assert "--column force_N=COLUMN" in said["errors"]["nameless.csv"]  # as on a command line
     files = (specimens / "broken.csv", specimens / "s0_soft.csv")
     said = as_json("batch", *files, "--out", out, "--workers", 1)
     assert (said["measurements"], said["finished"]) == (2, 2)
