@@ -252,7 +252,7 @@ def press_sides(displacement: FloatArray, force: FloatArray) -> PressSides:
         against = correlation_coefficient(np.gradient(displacement), force) < _DRAGGED
         return PressSides(force=-1.0 if against else 1.0, two_sided=True, springy=False)
     way, push = 1.0, 1.0
-    if alike > _GOES_WITH and _is_negative(displacement) and _is_negative(force):
+    if alike > _GOES_WITH and _is_negative(force):  # the reader of the motion may count from anywhere
         way = push = -1.0
     elif alike < -_GOES_WITH:
         way, push = (1.0, -1.0) if _is_negative(force) else (-1.0, 1.0)

@@ -23,8 +23,8 @@ from palpate.estimation.data.derivatives import (
     uneven_derivative_operator,
     wider_window,
 )
-from palpate.estimation.signals.blocks import blocks, equal_length_blocks
-from palpate.estimation.signals.cache_by_array import IdentityKey, cache_by_channel_arrays
+from palpate.estimation.signals.blocks import blocks, equal_length_blocks, number_pieces
+from palpate.estimation.signals.cache_by_array import IdentityKey, cache_by_array, cache_by_channel_arrays
 from palpate.estimation.signals.runwise import is_even, shifted_motion
 from palpate.robot_io.types import FloatArray, IntArray
 
@@ -34,6 +34,7 @@ _TRIED = 4000  # samples by which the operator that derived a velocity is recogn
 _ALIKE = 1e-6  # of a derivative's mean square, that one derived in another way may differ by
 _REACH_S = 0.03  # to either side, that positions are compared over: noise of an encoder counts little there
 _LEAST = 3  # samples
+_pieces = cache_by_array(number_pieces)  # derivatives know nothing across a gap in time
 
 
 @dataclass(frozen=True)
@@ -69,7 +70,7 @@ class MeasurementModel:
         if self.filters[0] is not None:
             noise = channel_derivative(data, error, self.filters[0], 1)
         else:
-            slow = low_frequency_noise(self.velocity_error, data.run, self.halves[1], rng)
+            slow = low_frequency_noise(self.velocity_error, self._pieces, self.halves[1], rng)
             noise = shuffle_noise(self.velocity_error, data.run, rng) + slow
         velocity, acceleration = self.bent[0] + noise, self.bent[1]
         if self.filters[1] is not None:
@@ -78,6 +79,10 @@ class MeasurementModel:
         return shifted_motion(
             data, error - self.error, velocity - data.velocity, acceleration - data.acceleration
         )
+
+    @property
+    def _pieces(self) -> IntArray:
+        return np.asarray(_pieces(self.data.time_s, self.data.run))
 
     def _another_error(self, rng: np.random.Generator) -> FloatArray:
         if self.step > 0.0:
@@ -97,7 +102,7 @@ class MeasurementModel:
             target = known[0] + (place - known[0] + span * rng.random()) % span
             nearest = np.minimum(np.searchsorted(known, target), len(fast) - 1)
             return np.asarray(self.error[fast][nearest] * rng.choice([-1.0, 1.0]))
-        slow = low_frequency_noise(self.error, self.data.run, self.halves[0], rng)
+        slow = low_frequency_noise(self.error, self._pieces, self.halves[0], rng)
         return shuffle_noise(self.error, self.data.run, rng) + slow
 
 
@@ -115,14 +120,15 @@ def identify_measurement_model(data: ChannelData) -> MeasurementModel:
 @cache_by_channel_arrays("time_s", "run", "position", "velocity", "acceleration", "position_step")
 def _readings_of(data: ChannelData) -> MeasurementModel:
     step = data.position_step or grid_step(data.position)
-    rounding = rounding_variance(data.time_s, data.position, data.run, step)
-    error, half = position_error(data.time_s, data.position, data.run, rounding)
+    piece = _pieces(data.time_s, data.run)
+    rounding = rounding_variance(data.time_s, data.position, piece, step)
+    error, half = position_error(data.time_s, data.position, piece, rounding)
     few = data.select(np.arange(min(len(data), _TRIED)))
     velocity, _ = _window(few, few.position, error, few.velocity, 1)
     of_velocity, half_of_velocity = np.zeros(len(data)), half
     acceleration, apart = _window(few, few.position, error, few.acceleration, 2)
     if velocity is None:
-        of_velocity, half_of_velocity = position_error(data.time_s, data.velocity, data.run, 0.0)
+        of_velocity, half_of_velocity = position_error(data.time_s, data.velocity, piece, 0.0)
     noise = of_velocity if velocity is None else channel_derivative(data, error, velocity, 1)
     of_it, apart_from_it = _window(few, few.velocity, noise, few.acceleration, 1)
     is_of_velocity = of_it is not None and apart_from_it < apart
@@ -194,22 +200,24 @@ def channel_derivative(data: ChannelData, signal: FloatArray, window: int, order
         window: samples to either side in a window.
         order: of the derivative.
     """
-    if len(signal) * (2 * window + 1) < _MOST_WEIGHTS and not is_even(data.time_s, data.run):
-        times = IdentityKey(data.time_s), IdentityKey(data.run)
+    piece = _pieces(data.time_s, data.run)
+    if len(signal) * (2 * window + 1) < _MOST_WEIGHTS and not is_even(data.time_s, piece):
+        times = IdentityKey(data.time_s), IdentityKey(piece)
         return np.asarray(_derivative_operator(*times, window, order) @ signal)
     integral = np.empty(len(signal))
-    for rows in blocks(data.run):
+    for rows in blocks(piece):
         integral[rows] = local_derivative(data.time_s[rows], signal[rows], window, order)
     return integral
 
 
 @lru_cache(maxsize=8)
 def _derivative_operator(
-    time_s: IdentityKey, run: IdentityKey, window: int, order: int
+    time_s: IdentityKey, piece: IdentityKey, window: int, order: int
 ) -> "scipy.sparse.csr_array":
     """Of a whole channel at uneven times: the same for each of many draws of its readings."""
-    pieces = (uneven_derivative_operator(time_s.thing[rows], window, order) for rows in blocks(run.thing))
-    return scipy.sparse.block_diag(list(pieces), format="csr")
+    times = (time_s.thing[rows] for rows in blocks(piece.thing))
+    operators = [uneven_derivative_operator(of_piece, window, order) for of_piece in times]
+    return scipy.sparse.block_diag(operators, format="csr")
 
 
 def _bent(data: ChannelData, exact: FloatArray, window: int | None, order: int) -> FloatArray:
@@ -232,11 +240,11 @@ def _unbent(data: ChannelData, derivative: FloatArray, window: int | None, order
 
 
 def _integrated(signal: FloatArray, data: ChannelData, times: int) -> FloatArray:
-    """A signal (n,) integrated so many times from the start of each run."""
+    """A signal (n,) integrated so many times from the start of each piece without a gap."""
     whole = signal
     for _ in range(times):
         whole = whole.copy()
-        for rows in blocks(data.run):
+        for rows in blocks(_pieces(data.time_s, data.run)):
             whole[rows] = scipy.integrate.cumulative_simpson(whole[rows], x=data.time_s[rows], initial=0.0)
     return whole
 
@@ -274,7 +282,7 @@ def inflate_acceleration_noise(data: ChannelData, reach_s: float = _REACH_S) -> 
         reach_s: time to either side [s] that positions are compared over.
     """
     missing = np.zeros(len(data))
-    for rows in blocks(data.run):
+    for rows in blocks(_pieces(data.time_s, data.run)):
         missing[rows] = _missing(
             data.time_s[rows], data.position[rows], data.velocity[rows], data.acceleration[rows], reach_s
         )

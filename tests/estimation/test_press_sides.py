@@ -178,3 +178,18 @@ def test_a_position_that_may_be_either_is_asked_about():
         InputError, match=r"of a press or of a linear axis; say --column displacement=position"
     ):
         imported(options, time_s=PRESS_T, run=PRESS_RUN, force_N=weight, position=PRESS_X)
+
+
+@pytest.mark.parametrize("zero", [-0.3, 0.0, 0.3])
+def test_a_push_towards_smaller_readings_is_turned_wherever_the_reader_counts_from(zero):
+    """A testing machine moves down, where its reading falls, and counts compression negative."""
+    sides = press_sides(zero - PRESS_X, -PUSH)
+    assert (sides.displacement, sides.force) == (-1.0, -1.0)
+    if zero:
+        assert sides.zero_m == pytest.approx(-zero, abs=2e-4)
+
+
+@pytest.mark.parametrize("zero", [-0.3, 0.3])
+def test_a_push_towards_larger_readings_keeps_its_way_wherever_the_reader_counts_from(zero):
+    sides = press_sides(zero + PRESS_X, -PUSH)
+    assert (sides.displacement, sides.force) == (1.0, -1.0)

@@ -256,3 +256,16 @@ def test_what_rests_or_whose_acceleration_nobody_knows_is_read_as_it_was():
         drawn = measurement.simulate(np.random.default_rng(0))
         assert not drawn.velocity.any()
         assert drawn.acceleration == pytest.approx(data.acceleration)
+
+
+def test_a_pause_within_a_run_adds_no_error_to_the_redrawn_motion():
+    """Pieces of a long test, of which only some cycles were kept, are derived each by itself."""
+    read_once = read(SMOOTH, noise=1e-3)
+    half = np.arange(len(read_once)) % np.sum(read_once.run == 0) >= np.sum(read_once.run == 0) // 2
+    time_s = read_once.time_s + 400.0 * half + 1000.0 * read_once.run
+    made = differentiate(time_s, read_once.position, 2 * read_once.run + half)
+    paused = replace(read_once, time_s=time_s, velocity=made.velocity, acceleration=made.acceleration)
+    drawn = identify_measurement_model(paused).simulate(np.random.default_rng(0))
+    whole = identify_measurement_model(read_once).simulate(np.random.default_rng(0))
+    limit = 1.5 * np.std(whole.velocity - read_once.velocity)
+    assert np.std(drawn.velocity - paused.velocity) < limit
