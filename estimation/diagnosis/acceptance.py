@@ -114,14 +114,18 @@ def accept_forms(
         for test in tests:
             less = search.without(end, test.effect)
             taken[test.effect] = (held_out_of_all(less.problem, less.solution) - left) / count
-        entries = partial.entries_beside(frozenset(test.kind for test in tests))
+        effects = [end.solution.model.effect(test.effect) for test in tests]
+        budget = partial.budget_with(frozenset().union(*map(partial.kinds_of, effects)))
+        entries = {entry.kind: entry for entry in budget.entries}
         rest = end.flexible.explained / max(int(end.problem.used.sum()), 1)  # less may be a part of that
         unexplained = max(end.rmse**2 - noise**2, 0.0)
+        by_laws = partial.budget.left * partial.budget.base**2
+        is_as_good = AS_GOOD * left / count <= by_laws  # as the flexible laws of all kinds that count
         least = max(SMALL * search.start.held_out_mean_square, rest, _OF_UNEXPLAINED * unexplained)
         failed = [
             test.effect
             for test in tests
-            if not test.is_known
+            if not (test.is_known or is_as_good)
             or _repeats_another(end, test.effect, taken)
             or not _accounts_for_error(
                 search, partial, end, test, entries, taken=taken[test.effect], unexplained=unexplained
@@ -156,8 +160,8 @@ def _accounts_for_error(
     """Whether an effect's kind accounts for a part of the error that no other kind takes in its place.
 
     A kind without a law of its own is taken at its effect's word, and so is an effect that alone leaves less
-    than the laws of all kinds together. A share counts for
-    a kind of the smallest set only: beside that, a needless law has a share too. Beside little that nothing
+    than the laws of all kinds together. A share counts only for a kind of the smallest set, or one that may
+    replace a kind of it: beside that, a needless law has a share too. Beside little that nothing
     explains, a named form is told from another kind's law by its few parameters.
 
     Args:
@@ -169,14 +173,16 @@ def _accounts_for_error(
         taken: mean square that the effect takes away in the model [effort^2].
         unexplained: mean square that nothing explains [effort^2].
     """
-    if test.kind not in entries:
+    effect, start = end.solution.model.effect(test.effect), search.start
+    own = [entries[kind] for kind in effect.also | {test.kind} if kind in entries]
+    if not own:
         return True
-    entry, start = entries[test.kind], search.start
+    entry = max(own, key=lambda entry: entry.share)
     is_told_apart = not entry.replaceable_by or unexplained < _UNDECIDED * taken
-    is_counted = test.kind in partial.kinds and is_told_apart
+    stands_in = {other for counted in partial.budget.entries for other in counted.replaceable_by}
+    is_counted = entry.kind in partial.kinds | stands_in and is_told_apart
     if entry.necessary >= _LEAST_OF_KIND or (entry.share >= _LEAST_OF_KIND and is_counted):
         return True
-    effect = end.solution.model.effect(test.effect)
     alone = search.fitted(start.solution.model.with_effect(effect), end.solution.parameters)
     return bool(alone.held_out_mean_square < partial.budget.flexible * start.held_out_mean_square)
 

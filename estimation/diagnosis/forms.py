@@ -12,7 +12,7 @@ from enum import StrEnum
 
 import numpy as np
 
-from palpate.estimation.budget.budget import BudgetEntry, ErrorBudget, error_budget
+from palpate.estimation.budget.budget import ErrorBudget, error_budget
 from palpate.estimation.budget.held_out import BaseColumns, HeldOutError, Kinds, SquaredErrors
 from palpate.estimation.budget.laws import Law, flexible_laws
 from palpate.estimation.channel import ChannelKind
@@ -23,7 +23,7 @@ from palpate.estimation.diagnosis.candidates import (
     parameter_count,
     screen_effects,
 )
-from palpate.estimation.diagnosis.search import Search
+from palpate.estimation.diagnosis.search import TIE, Search
 from palpate.estimation.effect import Effect
 from palpate.estimation.effects.run_differences import RunVariation
 from palpate.estimation.fit.fit_problem import FitProblem, Solution, solve_gains
@@ -96,14 +96,25 @@ class PartiallyLinear:
         """Kinds that account for the error."""
         return frozenset(self.budget.kinds)
 
-    def entries_beside(self, kinds: Kinds) -> dict[Kind, BudgetEntry]:
-        """Divide the error among these kinds and those that account for it.
+    def kinds_of(self, effect: Effect) -> Kinds:
+        """The kinds of an effect that account for the error; its first one where none does.
 
         Args:
-            kinds: kinds of the budget.
+            effect: which may belong to several kinds.
         """
-        budget = error_budget(self.error, np.random.default_rng(0), self.kinds | kinds)
-        return {entry.kind: entry for entry in budget.entries}
+        return self.kinds & (effect.also | {effect.kind}) or frozenset({effect.kind})
+
+    def budget_with(self, named: Kinds) -> ErrorBudget:
+        """Divide the error among the kinds that account for it and those of effects with a name.
+
+        A kind without a named effect gives way to a named one that may replace it.
+
+        Args:
+            named: kinds of the effects.
+        """
+        entries = self.budget.entries
+        replaced = {e.kind for e in entries if named.intersection(e.replaceable_by)} - named
+        return error_budget(self.error, np.random.default_rng(0), self.kinds - replaced | named)
 
     def beside(self, own: Kinds, kinds: Kinds, problem: FitProblem, base: Solution) -> FitProblem:
         """Project a problem on what laws of the kinds other than an effect's own cannot explain.
@@ -194,7 +205,8 @@ def _base_columns(start: FitResult) -> tuple[BaseColumns, FloatArray]:
 def named_forms(partial: PartiallyLinear) -> FitResult:
     """The base model with the best form of each kind that has one, all parameters fitted together.
 
-    Where several sets of kinds explain about as much by their flexible laws, their forms decide.
+    Where several sets of kinds explain about as much by their flexible laws, their forms decide; where these
+    leave as much too, the fewest parameters.
 
     Args:
         partial: the base model beside flexible laws.
@@ -208,7 +220,11 @@ def named_forms(partial: PartiallyLinear) -> FitResult:
     sets = list(dict.fromkeys((partial.kinds, budget.thorough, *budget.alternatives, *exchanged)))[
         :_MOST_SETS
     ]
-    return min((_forms_of(partial, kinds) for kinds in sets), key=lambda fit: fit.solution.held_out)
+    search, fits = partial.search, [_forms_of(partial, kinds) for kinds in sets]
+    sound = [fit for fit in fits if search.is_sensible(fit)] or fits
+    least = min(fit.solution.held_out for fit in sound)
+    near = [fit for fit in sound if fit.solution.held_out <= (1.0 + TIE) * least]
+    return min(near, key=lambda fit: (search.size(fit), fit.solution.held_out))
 
 
 def _forms_of(partial: PartiallyLinear, kinds: Kinds) -> FitResult:

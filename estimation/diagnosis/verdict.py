@@ -207,14 +207,14 @@ def _budget(evidence: Evidence) -> tuple[list[BudgetShare], Rest]:
     named: dict[Kind, list[str]] = {}
     for effect in end.solution.model.effects:
         if effect.name in search.added_effects(end):
-            named.setdefault(effect.kind, []).append(effect.name)
+            for kind in evidence.partial.kinds_of(effect) if evidence.partial else [effect.kind]:
+                named.setdefault(kind, []).append(effect.name)
     if evidence.partial is None:
         if not named:
             return [], Rest(noise=float(search.start.rmse > 0.0), unexplained=0.0)
         budget = error_budget(NamedError(search, end), np.random.default_rng(0), frozenset(named))
     else:
-        kinds = evidence.partial.kinds | frozenset(named)
-        budget = error_budget(evidence.partial.error, np.random.default_rng(0), kinds)
+        budget = evidence.partial.budget_with(frozenset(named))
     shares = []
     for entry in budget.entries:
         effects = named.get(entry.kind, [])

@@ -1,5 +1,7 @@
 """Forms of effects beside flexible laws of the other kinds: which is named, and how well it is known."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -15,6 +17,7 @@ from palpate.estimation.diagnosis.forms import (
 )
 from palpate.estimation.effects import EFFECTS
 from palpate.estimation.kinds import Kind
+from tests.estimation.contact_data import channel
 from tests.estimation.presses import kelvin_voigt, maxwell, session
 from tests.estimation.searches import PRESS, SWING, reached, searched
 from tests.estimation.swings import swings
@@ -138,3 +141,35 @@ def test_what_is_named_beside_an_unknown_law_is_approximate_and_alone_exact():
     (share,) = alone.budget
     assert (share.kind, share.form, share.effects) == (Kind.FRICTION, Form.EXACT, [RUB])
     assert share.share + alone.rest.noise + alone.rest.unexplained == pytest.approx(1.0, abs=0.01)
+
+
+def test_of_kinds_that_stand_in_for_each_other_the_form_of_fewest_parameters_bears_the_name():
+    """A spring that the displacement's zero is not at, and whose first loading beds it in."""
+    rng, depth, run = np.random.default_rng(0), np.linspace(2.1e-3, 9.5e-3, 150), np.repeat(np.arange(5), 150)
+    x, bedded = np.tile(depth, 5), np.repeat([2e-4, 2e-5, -6e-5, -7e-5, -8e-5], 150)
+    force = np.maximum(1.4e5 * (x - 2e-3 + bedded), 0.0) + rng.normal(0.0, 0.7, len(x))
+    time_s, v = 0.05 * np.arange(len(x)) + 100.0 * run, np.full(len(x), 1e-3)
+    search = searched(
+        channel(force, x, v, time_s, run=run), "layered_stiffness", "contact_offset", base=PRESS
+    )
+    partial = analyse_kinds(search)
+    fit = named_forms(partial)
+    end, (test,) = accept_forms(search, partial, fit)
+    assert search.added_effects(end) == ["contact_offset"]
+    assert end.solution.parameters["contact_offset.offset"] == pytest.approx(2e-3, abs=2e-4)
+    budget = partial.budget_with(frozenset({test.kind}))
+    assert budget.kinds[0] is Kind.CONTACT_GEOMETRY
+    assert Kind.ELASTIC_SHAPE in budget.entries[0].replaceable_by
+
+
+def test_forms_that_together_leave_as_little_as_the_laws_of_their_kinds_bear_their_names(monkeypatch):
+    """Though one of them takes less of the error than its own kind's law, which draws a part of the other."""
+    law = lambda q, v, a: rubbing(q, v, a) + 0.3 * np.sin(15.0 * q) * (1 + 0.1 * np.sin(4.0 * q))  # noqa: E731
+    search = searched(swings(1, law), RUB, RIPPLE)
+    partial, end = analyse_kinds(search), reached(search, RIPPLE, RUB)
+    monkeypatch.setattr(FormTest, "share", 0.5)
+    left = end.held_out_mean_square / search.start.held_out_mean_square
+    for of_laws, names in ((1.1 * left, [RIPPLE, RUB]), (0.8 * left, [])):
+        budget = replace(partial.budget, left=of_laws)
+        known, _ = accept_forms(search, replace(partial, budget=budget), end)
+        assert search.added_effects(known) == names
