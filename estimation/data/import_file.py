@@ -94,8 +94,8 @@ def import_table(table: Table, options: ImportOptions = _DEFAULT) -> Imported:
             "the servo's position gain (model position_servo)"
         )
     step_s = sample_time(rows.time_s, rows.run)
-    if not _QUICKEST_S <= step_s <= SLOWEST_S:  # as a mistaken unit makes them
-        time = columns.assigned["time", 0]
+    if TIME in columns and not _QUICKEST_S <= step_s <= SLOWEST_S:  # as a mistaken unit makes them
+        time = columns.assigned[TIME]
         notes.append(
             f"column '{time.column}': samples are {step_s:.3g} s apart; where one unit is called another, "
             f"say the right one, such as --unit time={likely_time_unit(step_s / time.factor)}"

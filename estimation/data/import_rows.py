@@ -41,16 +41,17 @@ def arrange_rows(columns: Columns, *, fresh: bool = False, count: int | None = N
         count: of presses in the recording, if the user says it.
 
     Raises:
-        InputError: no time, times that do not increase in a run, a run too short, an unknown phase.
+        InputError: a joint has no time, times do not increase in a run, a run is too short, a phase unknown.
     """
     table = columns.table
-    if TIME not in columns:
+    is_contact = DISPLACEMENT in columns and FORCE in columns
+    if TIME not in columns and not is_contact:  # nothing moves without a time; a press may be slow
         raise InputError(
             f"{table.path}: no time; name it time_s or add --column time_s=COLUMN. "
             f"Columns: {table.listed_names}"
         )
     if columns.run is None:
-        run, note = _found_runs(columns, count)
+        run, note = _found_runs(columns, _times(columns), count)
         labels = {number: str(number) for number in np.unique(run).tolist()}
     else:
         if count is not None:
@@ -64,7 +65,13 @@ def arrange_rows(columns: Columns, *, fresh: bool = False, count: int | None = N
         run, note = np.array(numbers, dtype=np.int64)[index], ""
         labels = dict(sorted(zip(numbers, names, strict=True)))
     order = np.argsort(run, kind="stable")
-    time_s = columns.values(TIME)[order]
+    time_s = _times(columns)[order]
+    if TIME not in columns:
+        no_time = (
+            f"{table.path}: no column holds a time: rows count as 1 s apart, so speeds, damping and times of "
+            "relaxation are per row; if there is one, add --column time=COLUMN"
+        )
+        note = "; ".join(filter(None, [note, no_time]))
     same = np.abs(np.diff(time_s, prepend=-np.inf)) < FINEST_S
     same[1:] &= np.diff(run[order]) == 0
     if 0 < np.sum(same) < _MOST_REPEATED * len(order):
@@ -85,14 +92,18 @@ def arrange_rows(columns: Columns, *, fresh: bool = False, count: int | None = N
     return replace(rows, time_s=time_in_run(time_s, rows.run)) if fresh else rows
 
 
-def _found_runs(columns: Columns, count: int | None) -> tuple[IntArray, str]:
+def _times(columns: Columns) -> FloatArray:
+    return columns.values(TIME) if TIME in columns else np.arange(len(columns.table), dtype=np.float64)
+
+
+def _found_runs(columns: Columns, time_s: FloatArray, count: int | None) -> tuple[IntArray, str]:
     """Number of each row's run where no column says it, and a word on how they were found.
 
     A clock that begins anew begins a run; a contact's presses are cut apart in free air.
     """
     place = columns.table.path
     contact = DISPLACEMENT in columns and FORCE in columns and not columns.two_sided
-    piece = restarts(columns.values(TIME))
+    piece = restarts(time_s)
     if not contact and count is not None:
         raise InputError(f"{place}: --runs {count}: there is no contact whose presses could be cut apart")
     run, presses = piece, 1

@@ -115,7 +115,7 @@ def accept_forms(
             less = search.without(end, test.effect)
             taken[test.effect] = (held_out_of_all(less.problem, less.solution) - left) / count
         effects = [end.solution.model.effect(test.effect) for test in tests]
-        budget = partial.budget_with(frozenset().union(*map(partial.kinds_of, effects)))
+        budget = partial.budget_with(frozenset(map(partial.kind_of, effects)))
         entries = {entry.kind: entry for entry in budget.entries}
         rest = end.flexible.explained / max(int(end.problem.used.sum()), 1)  # less may be a part of that
         unexplained = max(end.rmse**2 - noise**2, 0.0)

@@ -6,7 +6,7 @@ P. M. Robinson, Econometrica 56 (1988)). So a form need not wait until all other
 need not be exact.
 """
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from enum import StrEnum
 
@@ -96,13 +96,14 @@ class PartiallyLinear:
         """Kinds that account for the error."""
         return frozenset(self.budget.kinds)
 
-    def kinds_of(self, effect: Effect) -> Kinds:
-        """The kinds of an effect that account for the error; its first one where none does.
+    def kind_of(self, effect: Effect) -> Kind:
+        """The kind of an effect that accounts for most of the error; its first one where none does.
 
         Args:
             effect: which may belong to several kinds.
         """
-        return self.kinds & (effect.also | {effect.kind}) or frozenset({effect.kind})
+        own = effect.also | {effect.kind}
+        return next((kind for kind in self.budget.kinds if kind in own), effect.kind)
 
     def budget_with(self, named: Kinds) -> ErrorBudget:
         """Divide the error among the kinds that account for it and those of effects with a name.
@@ -390,25 +391,23 @@ def _run_test(partial: PartiallyLinear, end: FitResult, kinds: Kinds, name: str)
 class NamedError(SquaredErrors):
     """Squared errors of a model reduced to its effects of some kinds."""
 
-    search: Search
     end: FitResult
+    named: Mapping[str, Kind]  # kind of each added effect
 
     def __post_init__(self) -> None:
         """Number the runs of the blocks that count."""
-        base = {effect.name for effect in self.search.model.effects}
-        self._added = [effect for effect in self.end.solution.model.effects if effect.name not in base]
         self._run = np.unique(self.end.problem.blocked.run[self.end.problem.used], return_inverse=True)[1]
         self._squares: dict[Kinds, FloatArray] = {}
 
     @property
     def kinds(self) -> list[Kind]:
         """Kinds of the effects."""
-        return sorted({effect.kind for effect in self._added})
+        return sorted(set(self.named.values()))
 
     def residual(self, kinds: Kinds) -> FloatArray:
         """See `SquaredErrors.residual`."""
         problem, model = self.end.problem, self.end.solution.model
-        without = [effect.name for effect in self._added if effect.kind not in kinds]
+        without = [name for name, kind in self.named.items() if kind not in kinds]
         solution = solve_gains(problem, model.without(*without), self.end.solution.parameters, rounds=2)
         gains = solution.linear_fit.fold_gains[problem.blocked.fold]
         left: FloatArray = solution.target - np.sum(solution.columns * gains, axis=1)

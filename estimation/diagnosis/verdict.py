@@ -11,6 +11,7 @@ from palpate.estimation.budget.budget import error_budget
 from palpate.estimation.channel import ChannelData
 from palpate.estimation.design.next_experiment import exploring, separating, sufficient
 from palpate.estimation.diagnosis.acceptance import (
+    AS_GOOD,
     indistinguishable_models,
     models_by_importance,
     similar_forms,
@@ -40,6 +41,7 @@ from palpate.estimation.fit.measurement_noise import MeasurementNoise, free_air_
 from palpate.estimation.kinds import Kind, separating_experiment
 
 _MOST_RANKED = 3  # candidates that are fitted alone beside the base model
+_STANDS_IN = 2.0  # times what the names leave: a kind without a name that claims more stands in for them
 _PEAKED = 0.8  # of the square of an error, in its largest twentieth; of normal noise that is 0.28
 _Rivals = Mapping[str, Mapping[str, FitResult]]  # models with another effect in the place of one, by both
 
@@ -200,28 +202,34 @@ def _budget(evidence: Evidence) -> tuple[list[BudgetShare], Rest]:
     """Shares of the base model's squared error on blocks, which add up to one.
 
     Returns:
-        Shares of the accepted effects' kinds if nothing else is left, else of all kinds that count; and
-        what they leave. Beside a complete model that is noise.
+        Shares of the accepted effects' kinds if these leave no more than laws of all kinds that count, or
+        take most of what a kind without a name would; else of all kinds that count. And what they leave,
+        which beside a complete model is noise.
     """
-    search, end = evidence.search, evidence.end
-    named: dict[Kind, list[str]] = {}
-    for effect in end.solution.model.effects:
-        if effect.name in search.added_effects(end):
-            for kind in evidence.partial.kinds_of(effect) if evidence.partial else [effect.kind]:
-                named.setdefault(kind, []).append(effect.name)
-    if evidence.partial is None:
-        if not named:
-            return [], Rest(noise=float(search.start.rmse > 0.0), unexplained=0.0)
-        budget = error_budget(NamedError(search, end), np.random.default_rng(0), frozenset(named))
-    else:
-        budget = evidence.partial.budget_with(frozenset(named))
+    search, end, partial = evidence.search, evidence.end, evidence.partial
+    effects = [end.solution.model.effect(name) for name in search.added_effects(end)]
+    kinds = {effect.name: partial.kind_of(effect) if partial else effect.kind for effect in effects}
+    if partial is None and not kinds:
+        return [], Rest(noise=float(search.start.rmse > 0.0), unexplained=0.0)
+    rng = np.random.default_rng(0)
+    budget = error_budget(NamedError(end, kinds), rng, frozenset(kinds.values()))
+    replaceable: dict[Kind, tuple[Kind, ...]] = {}
+    if partial is not None:
+        by_laws = partial.budget_with(frozenset(kinds.values()))
+        without_name = (entry.share for entry in by_laws.entries if entry.kind not in kinds.values())
+        stands_in = max(without_name, default=0.0) > _STANDS_IN * budget.left
+        if (
+            budget.left > AS_GOOD * by_laws.left and not stands_in
+        ):  # else names are told from other kinds' laws
+            replaceable = {entry.kind: entry.replaceable_by for entry in by_laws.entries}
+        budget = budget if budget.left <= by_laws.left or stands_in else by_laws
     shares = []
     for entry in budget.entries:
-        effects = named.get(entry.kind, [])
-        form = max(map(evidence.form, effects), key=list(Form).index, default=Form.UNKNOWN)
-        if not effects and evidence.coarse is not None:
-            effects = closest_forms(evidence.coarse, entry.kind, frozenset(budget.kinds))
-        replaceable = list(entry.replaceable_by)
+        names = [name for name, kind in kinds.items() if kind is entry.kind]
+        form = max(map(evidence.form, names), key=list(Form).index, default=Form.UNKNOWN)
+        if not names and evidence.coarse is not None:
+            names = closest_forms(evidence.coarse, entry.kind, frozenset(budget.kinds))
+        others = list(replaceable.get(entry.kind, ()))
         shares.append(
             BudgetShare(
                 kind=entry.kind,
@@ -230,13 +238,13 @@ def _budget(evidence: Evidence) -> tuple[list[BudgetShare], Rest]:
                 necessary=entry.necessary,
                 sufficient=entry.sufficient,
                 form=form,
-                effects=effects,
-                replaceable_by=replaceable,
-                experiment=separating_experiment(entry.kind, replaceable[0]) if replaceable else "",
+                effects=names,
+                replaceable_by=others,
+                experiment=separating_experiment(entry.kind, others[0]) if others else "",
             )
         )
     noise = budget.left
-    if evidence.partial is not None:
+    if partial is not None:
         noise = min((evidence.noise.value / max(search.start.rmse, 1e-300)) ** 2, budget.left)
     return shares, Rest(noise=noise, unexplained=budget.left - noise)
 

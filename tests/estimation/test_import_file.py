@@ -366,7 +366,11 @@ TEMPERATURES = {"temp (C)": 20 + T, "temp [C]": 25 + T}
         ({"force_N": None, "F [N]": forces(at_7="inf")}, {}, "line 9, column 'F [N]': 'inf' is no finite"),
         ({"force_N": None, "F [N]": [""] * 50}, {}, "line 2, column 'F [N]': '' is no finite"),
         ({"force_N": None, "F [N]": [1e300] * 50}, {}, "line 2, column 'F [N]': '1e+300' is too large"),
-        ({"time_s": None}, {}, "no time; name it time_s"),
+        (
+            {"time_s": None, "displacement_m": None, "force_N": None, "position_rad": X, "torque_Nm": F},
+            {},
+            "no time; name it time_s",
+        ),
         ({}, {"columns": {"force_N": "load"}}, "has only time_s, displacement_m, force_N"),
         ({}, {"where": {"specimn": "P1"}}, "no column 'specimn'"),
         ({"specimen": ["P1"] * 50}, {"where": {"specimen": "P2"}}, "no such row. There are: P1"),
@@ -563,3 +567,11 @@ def test_of_two_columns_for_one_quantity_one_can_be_chosen(contact):
 def test_time_may_go_back_from_run_to_run_and_names_of_joints_need_not_be_used(contact):
     only(import_file(contact(time_s=BACK, run=[0] * 30 + [1] * 20)))
     assert import_file(contact(joint_velocity=20 + T)).unused == ()
+
+
+def test_a_slow_press_without_a_time_is_read_row_by_row_and_says_so(contact):
+    imported = import_file(contact(time_s=None))
+    channel = only(imported)
+    assert (np.diff(channel.time_s) == 1.0).all()
+    assert channel.effort == pytest.approx(F)
+    assert any("no column holds a time: rows count as 1 s apart" in note for note in imported.notes)

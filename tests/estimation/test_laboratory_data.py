@@ -194,7 +194,6 @@ RATE = {WAY: None, LOAD: None, "Angle [deg]": np.sin(T)}
         ({TIME: None, "Time (ticks)": T}, {}, "'ticks' is no unit of time that is known; use --unit time=s"),
         ({LOAD: None, "Load setpoint [N]": T}, {}, "no channel can be made of"),
         ({LOAD: None, "Stress [MPa]": T}, {}, "no channel can be made of"),
-        ({TIME: None, "n": np.arange(len(T))}, {}, "no time; name it time_s or add --column time_s=COLUMN"),
         ({"run": np.zeros(len(T), int)}, {"runs": 2}, "--runs 2: column 'run' says the runs already"),
         ({"Current [mA]": T} | RATE, {"runs": 2}, "--runs 2: there is no contact"),
         ({}, {"units": {"force": "3 parsec"}}, "measures no force"),

@@ -8,6 +8,7 @@ import pytest
 
 from palpate.estimation.channel import ChannelKind
 from palpate.estimation.design.next_experiment import exploring, separating, sufficient
+from palpate.estimation.diagnosis import diagnose
 from palpate.estimation.diagnosis.random_effects import add_run_variation, run_standard_deviation
 from palpate.estimation.diagnosis.residual_checks import ResidualFinding
 from palpate.estimation.diagnosis.result import Verdict
@@ -16,7 +17,9 @@ from palpate.estimation.effects import EFFECTS
 from palpate.estimation.fit.fit_result import final_solution, fit_model
 from palpate.estimation.fit.intervals import estimate_parameters
 from palpate.estimation.fit.measurement_model import identify_measurement_model
+from palpate.estimation.kinds import Kind
 from palpate.estimation.model import Model
+from tests.estimation.contact_data import channel
 from tests.estimation.presses import NOISE_N, kelvin_voigt, session
 from tests.estimation.searches import PRESS, SWING, reached, searched
 from tests.estimation.swings import NOISE_NM, swings
@@ -292,3 +295,19 @@ def test_an_effect_that_stood_for_the_difference_between_runs_is_left_out():
     search = searched(data, "run_offset", "bias", base=PRESS)
     found = add_run_variation(search, reached(search, "bias"))
     assert search.added_effects(found) == ["run_offset"]
+
+
+def test_a_kind_without_a_name_has_no_share_of_what_a_named_effect_takes():
+    """Laws of the elastic shape draw the hinge at a deeper surface; something small has no name."""
+    rng, run = np.random.default_rng(0), np.repeat(np.arange(3), 180)
+    x = np.tile(np.linspace(0.0, 3.7e-3, 180), 3)
+    depth = np.maximum(x - 2.9e-3, 0.0)
+    force = 9e3 * depth * (1.0 + 150.0 * depth) + 0.03 * np.sin(x / 1e-4) * (depth > 0.0)
+    force += rng.normal(0.0, 0.01, len(x))
+    data = channel(force, x, np.full(len(x), 2e-5), 1.0 * np.arange(len(x)) + 100.0 * run, run=run)
+    effects = [EFFECTS[name]() for name in ("contact_offset", "layered_stiffness")]
+    (judged,) = diagnose(data, PRESS, effects, rng=np.random.default_rng(0)).channels
+    assert not judged.complete
+    (entry,) = judged.budget
+    assert (entry.kind, entry.effects) == (Kind.CONTACT_GEOMETRY, ["contact_offset"])
+    assert entry.share > 0.99
