@@ -10,6 +10,7 @@ from scipy.signal import butter, filtfilt, savgol_filter
 
 from palpate.estimation.base_model import ModelContext
 from palpate.estimation.channel import ChannelData, ChannelKind
+from palpate.estimation.data.derivatives import differentiate
 from palpate.estimation.data.import_file import import_file
 from palpate.estimation.model import Model
 from palpate.estimation.models import MODELS
@@ -24,18 +25,17 @@ _JAW_RATIO = 1.04  # surgical tool: of the jaw's torque at the disc, as its READ
 def cogging_map(folder: Path) -> ChannelData:
     """Holding torque along one turn out and back, each quarter a run.
 
-    It was held still at each position; the velocity says from which side it came, at the pace of the mapping.
+    It was held nearly still at each position; its derivatives are made as those of a file are.
     """
     data = table(folder / "mapping.csv.gz")
     parts = []
     for run in (1, 2):
         of_run = data[data["run"] == run]
         t, q = of_run["time_s"], of_run["position_rad"]
-        pace = np.full(len(t), np.polyfit(t, q, 1)[0])
         for part in np.array_split(np.arange(len(t)), 4):
-            zero = np.zeros(len(part))
-            later = t[part] + 1e5 * run
-            parts.append([later, q[part], pace[part], zero, of_run["torque_Nm"][part]])
+            made = differentiate(t[part], q[part], np.zeros(len(part), dtype=np.int64))
+            motion = [t[part] + 1e5 * run, q[part], made.velocity, made.acceleration]
+            parts.append([*motion, of_run["torque_Nm"][part]])
     return channel(ChannelKind.REVOLUTE, parts)
 
 
