@@ -94,6 +94,8 @@ def accept_forms(
 ) -> tuple[FitResult, list[FormTest]]:
     """Reduce an incomplete model to the effects whose form is known, exactly or approximately.
 
+    Of forms of one kind with as few parameters, the one that leaves least is taken.
+
     Args:
         search: that led to the model.
         partial: the kinds that account for the error, on the same blocks.
@@ -134,9 +136,14 @@ def accept_forms(
             or not search.is_sound(end, test.effect)
             or (test.kind is Kind.RUN_DIFFERENCES and len(end.data.runs) < _RUNS)
         ]
-        if not failed:
+        if failed:
+            end = search.without(end, min(failed, key=lambda name: taken[name]))
+            continue
+        others = (fit for test in tests for fit in similar_forms(search, end, test.effect).values())
+        better = [fit for fit in others if search.is_sensible(fit) and search.is_better(fit, end)]
+        if not better:
             return end, tests
-        end = search.without(end, min(failed, key=lambda name: taken[name]))
+        end = min(better, key=lambda fit: fit.solution.held_out)
     return search.start, []
 
 
@@ -162,7 +169,7 @@ def _accounts_for_error(
     A kind without a law of its own is taken at its effect's word, and so is an effect that alone leaves less
     than the laws of all kinds together. A share counts only for a kind of the smallest set, or one that may
     replace a kind of it: beside that, a needless law has a share too. Beside little that nothing
-    explains, a named form is told from another kind's law by its few parameters.
+    explains, or where it takes as much, a named form is told from another kind's law by its few parameters.
 
     Args:
         search: that led to the model.
@@ -178,7 +185,10 @@ def _accounts_for_error(
     if not own:
         return True
     entry = max(own, key=lambda entry: entry.share)
+    in_its_place = [partial.kinds - {entry.kind} | {other} for other in entry.replaceable_by]
+    by_others = min(map(partial.error.mean_square, in_its_place), default=-np.inf)
     is_told_apart = not entry.replaceable_by or unexplained < _UNDECIDED * taken
+    is_told_apart |= AS_GOOD * test.left_by_all <= by_others
     stands_in = {other for counted in partial.budget.entries for other in counted.replaceable_by}
     is_counted = entry.kind in partial.kinds | stands_in and is_told_apart
     if entry.necessary >= _LEAST_OF_KIND or (entry.share >= _LEAST_OF_KIND and is_counted):

@@ -145,10 +145,13 @@ def diagnose_channel(
     end, tests = _accept(search, fit, checks, kinds)
     if not fit.is_exact and not checks.in_every_respect(end):
         rough = forms()
-        alone = search.fitted(rough.solution.model, rough.solution.parameters)
-        rival, other_tests = accept_forms(search, kinds(), alone)
+        of_kinds = search.fitted(rough.solution.model, rough.solution.parameters)
+        rival, other_tests = accept_forms(search, kinds(), of_kinds)
         if search.is_better(rival, end):
             end, tests = rival, other_tests
+        single = next((option for option in search.screen(search.start) if option.possible), None)
+        if end is search.start and single is not None:  # together, needless effects may have stood in its way
+            end, tests = accept_forms(search, kinds(), search.with_candidate(single))
     objection, complete = checks.objection(end), checks.in_every_respect(end)
     if not complete and end is search.start and (reason := _below_a_step(end)):
         return insufficient_diagnosis(data, reason)

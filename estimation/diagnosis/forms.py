@@ -62,6 +62,7 @@ class FormTest:
     by_law: float  # mean square that the kind's law takes away in its place, at least what the effect does
     added: float  # mean square that the law takes away beside it
     left: float  # mean square that is left beside it
+    left_by_all: float = np.inf  # the same beside laws of all other kinds that account for the error
 
     @property
     def share(self) -> float:
@@ -342,7 +343,8 @@ def form_tests(partial: PartiallyLinear, end: FitResult, kinds: Kinds = frozense
         beside_all = _form_test(partial, end, effect, kinds)
         # A law of a kind that no effect of the model belongs to may stand in for this effect.
         beside_named = _form_test(partial, end, effect, frozenset(other.kind for other in own))
-        tests.append(max(beside_all, beside_named, key=lambda test: test.share))
+        test = max(beside_all, beside_named, key=lambda test: test.share)
+        tests.append(replace(test, left_by_all=beside_all.left))
     tests += [_run_test(partial, end, kinds, e.name) for e in added if isinstance(e, RunVariation)]
     return tests
 
