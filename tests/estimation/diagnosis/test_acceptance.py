@@ -250,19 +250,27 @@ def test_parts_that_are_fewer_than_their_whole_are_held_against_it():
 
 
 @pytest.mark.parametrize(
-    ("share", "necessary", "others", "unexplained", "told"),
+    ("share", "necessary", "others", "unexplained", "by_other", "told"),
     [
-        (0.5, 0.3, (), 1.0, True),
-        (0.5, 0.3, (Kind.TIME_MEMORY,), 1.0, True),  # nothing else takes all of it
-        (0.5, 0.0, (), 1.0, True),
-        (0.5, 0.0, (Kind.TIME_MEMORY,), 1.0, False),  # what is left may be why relaxation takes as much
-        (0.5, 0.0, (Kind.TIME_MEMORY,), 0.05, True),  # of two kinds, the one with a simple form
-        (0.0, 0.0, (), 1.0, False),
-        (None, None, (), 1.0, True),  # its kind has no law
+        (0.5, 0.3, (), 1.0, 0.5, True),
+        (0.5, 0.3, (Kind.TIME_MEMORY,), 1.0, 0.5, True),  # nothing else takes all of it
+        (0.5, 0.0, (), 1.0, 0.5, True),
+        (0.5, 0.0, (Kind.TIME_MEMORY,), 1.0, 0.5, False),  # what is left may be why relaxation takes as much
+        (
+            0.5,
+            0.0,
+            (Kind.TIME_MEMORY,),
+            1.0,
+            1.0,
+            True,
+        ),  # a law of relaxation leaves as much as the form does
+        (0.5, 0.0, (Kind.TIME_MEMORY,), 0.05, 0.5, True),  # of two kinds, the one with a simple form
+        (0.0, 0.0, (), 1.0, 0.5, False),
+        (None, None, (), 1.0, 0.5, True),  # its kind has no law
     ],
 )
 def test_a_form_is_named_where_its_kind_accounts_for_some_of_the_error(
-    searches, share, necessary, others, unexplained, told
+    searches, share, necessary, others, unexplained, by_other, told
 ):
     search, _ = searches("a friction and what nobody knows")
     end, partial = reached(search, RUB), analyse_kinds(search)
@@ -270,7 +278,8 @@ def test_a_form_is_named_where_its_kind_accounts_for_some_of_the_error(
     entry = share is not None and BudgetEntry(
         Kind.FRICTION, share, (share, share), necessary, share, tuple(others)
     )
-    partial = replace(partial, budget=replace(partial.budget, flexible=0.0))
+    laws = SimpleNamespace(mean_square=lambda kinds: by_other * test.left_by_all)
+    partial = replace(partial, budget=replace(partial.budget, flexible=0.0), error=laws)
     entries = {Kind.FRICTION: entry} if entry else {}
     found = module._accounts_for_error(
         search, partial, end, test, entries, taken=1.0, unexplained=unexplained

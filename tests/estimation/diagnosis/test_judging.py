@@ -91,6 +91,7 @@ FLOW = {  # what is true of a channel: what is answered
     "the same, and nothing is left": ({"step": "coarse"}, ("base", True, None)),
     "the best forms leave less": ({"found": "b", "forms": "a", "complete": False}, ("a", False, None)),
     "they leave more": ({"found": "a", "forms": "b", "complete": False}, ("a", False, None)),
+    "only one effect bears a name": ({"single": "s", "complete": False}, ("s", False, None)),
     "it cannot say": ({"refused": "too short"}, "too short"),
 }  # fmt: skip
 
@@ -127,6 +128,8 @@ def test_a_channel_is_searched_varied_reduced_and_answered(name, monkeypatch):
         return model
 
     search = SimpleNamespace(start=base, coarse=None, fitted=fitted, is_better=lambda one, other: one < other)
+    search.screen = lambda one: [SimpleNamespace(possible=True)] if "single" in given else []
+    search.with_candidate = lambda option: _Named(given["single"])
     rough = given.get("forms", "base")
 
     stubs = {
