@@ -145,8 +145,8 @@ def diagnose_channel(
     end, tests = _accept(search, fit, checks, kinds)
     if not fit.is_exact and not checks.in_every_respect(end):
         rough = forms()
-        of_kinds = search.fitted(rough.solution.model, rough.solution.parameters)
-        rival, other_tests = accept_forms(search, kinds(), of_kinds)
+        formed = search.fitted(rough.solution.model, rough.solution.parameters)
+        rival, other_tests = accept_forms(search, kinds(), formed)
         if search.is_better(rival, end):
             end, tests = rival, other_tests
         single = next((option for option in search.screen(search.start) if option.possible), None)
