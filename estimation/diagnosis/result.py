@@ -5,6 +5,7 @@ from enum import StrEnum
 from math import isfinite
 from typing import Any, Self
 
+import numpy as np
 from pydantic import BaseModel, ConfigDict, Field, PrivateAttr
 
 from palpate.estimation.design.next_experiment import NextExperiment
@@ -56,6 +57,9 @@ class Fitted(_Entry):
 
     rmse: float
     parameters: Parameters
+    # The same of means over blocks, which derived velocities resolve; None in older files.
+    rmse_of_means: float | None = None
+    samples_per_mean: int = 1
 
     @classmethod
     def of(cls, fit: FitResult) -> Self:
@@ -64,7 +68,12 @@ class Fitted(_Entry):
         Args:
             fit: the model.
         """
-        return cls(rmse=fit.rmse, parameters=_parameters(fit))
+        return cls(
+            rmse=fit.rmse,
+            parameters=_parameters(fit),
+            rmse_of_means=float(np.sqrt(fit.held_out_mean_square)),
+            samples_per_mean=fit.problem.blocked.rows.shape[1],
+        )
 
 
 class Accepted(_Entry):

@@ -26,11 +26,11 @@ def accepted(effect, before, after, *rivals):
     return {**STEP, "effect": effect, "rmse_before": before, "rmse_after": after, "confused_with": rivals}
 
 
-def diagnosis(verdict, *steps, after=0.1, floor=0.1, **more):
-    base = {"rmse": 0.5, "parameters": {}}
+def diagnosis(verdict, *steps, after=0.1, floor=0.1, means=(None, None), **more):
+    base = {"rmse": 0.5, "parameters": {}, "rmse_of_means": means[0], "samples_per_mean": 10}
     about = {"channel": "contact", "reason": "r", "effort_unit": "N", "noise_floor": floor}
     about["floor"] = Floor(value=floor, source="free air", at_most=False, free_air=floor, share_left=0.0)
-    final = {"rmse": after, "parameters": {}}
+    final = base | {"rmse": after, "rmse_of_means": means[1]}
     return ChannelDiagnosis(
         verdict=verdict, accepted=list(steps), baseline=base, final=final, **{**about, **more}
     )
@@ -56,6 +56,12 @@ ONE, TWO = accepted("bias", 0.5, 0.2), accepted("lag", 0.2, 0.1, "delay", "dampi
         ),
         (diagnosis("missing", ONE, after=0.2), ("bias is missing", "With it"), ("are missing",)),
         (diagnosis("missing", ONE, after=0.495), ("stays at 0.495 N",), ("falls",)),
+        (diagnosis("missing", ONE, after=0.495, means=(0.4, 0.399)), ("stays at 0.495 N",), ("falls",)),
+        (
+            diagnosis("missing", ONE, after=0.495, means=(0.4, 0.1)),
+            ("stays at 0.495 N", "in means over 10 samples, it falls from 0.4 to 0.1 N"),
+            (),
+        ),
         (
             diagnosis("unexplained", depends_on=["a", "b"]),
             ("something is missing that no known effect explains; it depends on a and b",),
