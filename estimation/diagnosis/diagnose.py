@@ -167,7 +167,9 @@ def _accept(
         end = accept_effects(search, fit, checks.measurement)
         if end is not search.start:
             end = most_parsimonious(search, end, checks.measurement, checks.in_every_respect)
-            return end, form_tests(kinds(), end)
+            if checks.in_every_respect(end):
+                return end, form_tests(kinds(), end)
+            fit = end
     if checks.in_every_respect(search.start):  # what improves on it is no more than noise or smoothing
         return search.start, []
     return accept_forms(search, kinds(), fit)

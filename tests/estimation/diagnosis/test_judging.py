@@ -151,6 +151,20 @@ def test_a_channel_is_searched_varied_reduced_and_answered(name, monkeypatch):
     assert diagnose_channel(swings(1, runs=2), SWING, (), np.random.default_rng(0)) == expected
 
 
+@pytest.mark.parametrize(("simpler_is_complete", "way"), [(True, "complete"), (False, "forms of a simpler")])
+def test_a_model_that_is_simplified_and_then_leaves_something_is_judged_by_its_forms(
+    simpler_is_complete, way, monkeypatch
+):
+    complete = {"whole": True, "simpler": simpler_is_complete, "base": False}
+    judge = SimpleNamespace(measurement="readings", in_every_respect=complete.__getitem__)
+    monkeypatch.setattr(module, "accept_effects", lambda search, fit, measurement: fit)
+    monkeypatch.setattr(module, "most_parsimonious", lambda *_: "simpler")
+    monkeypatch.setattr(module, "form_tests", lambda partial, end: ["complete"])
+    monkeypatch.setattr(module, "accept_forms", lambda search, partial, fit: (fit, [f"forms of a {fit}"]))
+    search = SimpleNamespace(start="base")
+    assert module._accept(search, "whole", judge, lambda: None) == ("simpler", [way])
+
+
 @pytest.fixture
 def told_its_draw(monkeypatch):
     """A diagnosis that says the first number that it draws, and the model's first effect."""
