@@ -11,25 +11,27 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from palpate.estimation.data.choose_columns import (
-    DISPLACEMENT,
     EFFORTS,
-    FORCE,
     POSITION,
-    TIME,
     Assigned,
-    Key,
     assign_unit,
     check_all_say_their_units,
+    check_force_of_angle,
     check_units_are_used,
     choose_columns,
+    hold_the_same,
     is_pressed,
     is_said_scaled,
     joint_shift,
     unit_of,
 )
 from palpate.estimation.data.column_names import (
+    DISPLACEMENT,
+    FORCE,
     PHASE,
     RUN,
+    TIME,
+    Key,
     Role,
     guess_columns,
     parse_role,
@@ -160,7 +162,7 @@ def assign_columns(table: Table, options: ImportOptions) -> Columns:
         if name not in (RUN, PHASE):
             role = role_of_option(name, shift)
             chosen[role.key] = (role, column)
-    chosen = _by_own_name(table, options, chosen, shift)
+    chosen, notes = _by_own_name(table, options, chosen, shift)
     if any(quantity in EFFORTS for quantity, _ in chosen):  # a goal counts only where no effort is there
         chosen = {
             key: (role, name)
@@ -184,7 +186,6 @@ def assign_columns(table: Table, options: ImportOptions) -> Columns:
     if run is None:  # a column such as `trial` or `Cycle` whose numbers each fill one block of rows
         names = (guess.column for guess in guess_columns(table.names) if guess.quantity == RUN)
         run = next((n for n in names if table.is_numeric(n) and in_blocks(table.numbers(n))), None)
-    notes = list[str]()
     if TIME in chosen:
         efforts = [column for (quantity, _), (_, column) in chosen.items() if quantity in EFFORTS]
         motions = [column for key, (_, column) in chosen.items() if key != TIME and column not in efforts]
@@ -192,6 +193,7 @@ def assign_columns(table: Table, options: ImportOptions) -> Columns:
         notes += [note] if note else []
     notes += _press_or_axis(table, options, chosen)
     chosen = dict(sorted(chosen.items(), key=lambda item: table.names.index(item[1][1])))
+    check_force_of_angle(table, options, chosen)
     check_all_say_their_units(table, options, chosen)
     assigned = {key: assign_unit(table, options, role, name) for key, (role, name) in chosen.items()}
     check_units_are_used(table, options, chosen)
@@ -202,18 +204,26 @@ def assign_columns(table: Table, options: ImportOptions) -> Columns:
 
 def _by_own_name(
     table: Table, options: ImportOptions, chosen: dict[Key, tuple[Role, str]], shift: int
-) -> dict[Key, tuple[Role, str]]:
-    """With the columns whose names say quantity and unit, such as force_N."""
+) -> tuple[dict[Key, tuple[Role, str]], list[str]]:
+    """With the columns whose names say quantity and unit, such as force_N; and notes on what is there twice.
+
+    Raises:
+        InputError: two of them are for the same quantity and hold different values.
+    """
+    notes = []
     for name in table.names:
         role = parse_role(name, shift)
         if role and role.unit and name not in options.columns.values():
-            if role.key in chosen and chosen[role.key][1] not in options.columns.values():
+            earlier_role, earlier = chosen.setdefault(role.key, (role, name))
+            if earlier == name or earlier in options.columns.values():
+                continue
+            if not hold_the_same(table, role.key, (earlier, earlier_role.unit), (name, role.unit)):
                 raise InputError(
-                    f"{table.path}: columns '{chosen[role.key][1]}' and '{name}' both hold {role.quantity}; "
-                    f"choose with --column {name}=COLUMN"
+                    f"{table.path}: columns '{earlier}' and '{name}' both hold {role.numbered}, with "
+                    f"different values; choose with --column {role.numbered}={shlex.quote(earlier)}"
                 )
-            chosen.setdefault(role.key, (role, name))
-    return chosen
+            notes.append(f"'{earlier}' and '{name}' hold the same {role.numbered}: '{earlier}' is read")
+    return chosen, notes
 
 
 def _press_or_axis(

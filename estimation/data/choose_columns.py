@@ -8,13 +8,17 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from palpate.estimation.data.column_names import (
+    DISPLACEMENT,
     OF_JOINTS,
     QUANTITIES,
     STANDS_FOR,
+    TIME,
     Guess,
+    Key,
     Role,
     guess_column,
     guess_columns,
+    keys_of_channels,
     parse_role,
     si_unit,
     unit_in_name,
@@ -37,8 +41,6 @@ from palpate.estimation.statistics.correlation import correlation_coefficient
 from palpate.robot_io.errors import InputError
 from palpate.robot_io.types import FloatArray
 
-Key = tuple[str, int]  # quantity and number of the joint, 0 where there is none
-TIME, DISPLACEMENT, FORCE = ("time", 0), ("displacement", 0), ("force", 0)
 POSITION = ("position", 0)
 EFFORTS = ("force", "torque")
 _OTHER_SIGN = 0.2  # of its largest, that a force of a press may have on the other side
@@ -74,8 +76,8 @@ def choose_columns(
     ]
     free = [guess for guess in named if table.is_mostly_numeric(guess.column)]
     there = {*known, *(guess.key for guess in free)}
-    if not (_wanted(there) and TIME in there):
-        keys = _wanted({*known, *(guess.key for guess in named)})
+    if not (keys_of_channels(there) and TIME in there):
+        keys = keys_of_channels({*known, *(guess.key for guess in named)})
         for (
             guess
         ) in named:  # name the cell that is no number, where a channel could be made but for such cells
@@ -88,13 +90,27 @@ def choose_columns(
         or guess.key == TIME
         or units_meant(table, options, Role(*guess.key, guess.unit, shift), guess.column)
     ]
-    guesses = clear if _wanted({*known, *(guess.key for guess in clear)}) else free
+    guesses = clear if keys_of_channels({*known, *(guess.key for guess in clear)}) else free
     guesses_of: dict[Key, list[Guess]] = {}
     for guess in guesses:
         guesses_of.setdefault(guess.key, []).append(guess)
-    keys = [key for key in _wanted({*known, *guesses_of}) if key in guesses_of]
-    chosen = {key: _best(table, Role(*key, "", shift), guesses_of[key]) for key in keys}
-    return {key: (Role(*key, guess.unit, shift), guess.column) for key, guess in chosen.items()}
+    keys = [key for key in keys_of_channels({*known, *guesses_of}) if key in guesses_of]
+    fitting = {key: _best(table, key, guesses_of[key]) for key in keys}
+    chosen = {
+        key: (Role(*key, guesses[0].unit, shift), guesses[0].column) for key, guesses in fitting.items()
+    }
+    questions, answers = [], []
+    for key, (role, column) in chosen.items():
+        if len(fitting[key]) > 1:
+            names = " and ".join(f"'{guess.column}'" for guess in fitting[key][:4])
+            questions.append(f"columns {names} may hold {role.numbered}")
+            answers.append(f"--column {role.numbered}={shlex.quote(column)}")
+    if questions:
+        units = [unit for _, unit in _missing_units(table, options, chosen)]
+        raise InputError(
+            f"{table.path}: {', '.join(questions)}; choose with {' '.join(dict.fromkeys(answers + units))}"
+        )
+    return chosen
 
 
 def units_meant(table: Table, options: ImportOptions, role: Role, column: str) -> list[str]:
@@ -130,54 +146,46 @@ def is_pressed(position: FloatArray, force: FloatArray) -> bool:
     return bool(one_sided and abs(correlation_coefficient(position, force)) > _GOES_WITH)
 
 
-def _wanted(there: Collection[Key]) -> list[Key]:
-    """The keys that make channels of what is there, and their time."""
-    keys: list[Key] = []
-    if DISPLACEMENT in there and FORCE in there:
-        keys += [DISPLACEMENT, FORCE]
-    joints = sorted({joint for quantity, joint in there if quantity == "position"})
-    for joint in joints:
-        for effort in (("torque", joint), ("force", joint)):
-            if effort in there and effort not in keys:
-                keys += [("position", joint), effort]
-                break
-    if not keys:  # a servo, whose goal error stands for an effort that nobody measured
-        keys = [key for j in joints if ("goal", j) in there for key in (("position", j), ("goal", j))]
-    return [TIME, *keys] if keys else []
-
-
-def _best(table: Table, role: Role, guesses: list[Guess]) -> Guess:
-    """The column whose name fits best; of several times, one without a bad cell that goes on all along."""
-    if role.key == TIME and len(guesses) > 1:
+def _best(table: Table, key: Key, guesses: list[Guess]) -> list[Guess]:
+    """The columns whose names fit best, of those that change and differ; of several times, what goes on."""
+    if len(guesses) > 1:
+        guesses = [guess for guess in guesses if len(table.labels(guess.column)[0]) > 1] or guesses
+    if len(guesses) > 1 and key == TIME:
         guesses = [guess for guess in guesses if table.varies(guess.column)] or guesses
-        guesses = [
-            guess for guess in guesses if np.all(np.diff(table.numbers(guess.column)) > 0.0)
-        ] or guesses
+        for goes_on in (np.greater, np.greater_equal):  # a clock may say a time twice
+            onward = [guess for guess in guesses if goes_on(np.diff(table.numbers(guess.column)), 0.0).all()]
+            if onward:
+                guesses = onward
+                break
     fit = max(guess.fit for guess in guesses)
     first, *equal = (guess for guess in guesses if guess.fit == fit)
-    others = [guess for guess in equal if not _same(table, first, guess)]
-    if others:
-        names = " and ".join(f"'{guess.column}'" for guess in (first, *others[:3]))
-        raise InputError(
-            f"{table.path}: columns {names} may hold {role.numbered}; choose with "
-            f"--column {role.numbered}={shlex.quote(first.column)}"
-        )
-    return first
+    others = [
+        guess
+        for guess in equal
+        if not hold_the_same(table, key, (first.column, first.unit), (guess.column, guess.unit))
+    ]
+    return [first, *others]
 
 
-def _same(table: Table, first: Guess, second: Guess) -> bool:
-    """Whether two columns hold the same, be it in two units; not where a cell of them is no number."""
-    if not (first.unit and second.unit and dimension_of(first.unit) == dimension_of(second.unit)):
+def hold_the_same(table: Table, key: Key, first: tuple[str, str], second: tuple[str, str]) -> bool:
+    """Whether two columns hold the same, be it in two units; not where a cell of them is no number.
+
+    Args:
+        table: the rows.
+        key: what both seem to hold; of times only the differences count.
+        first: name and unit of a column.
+        second: those of the other one.
+    """
+    dimension = dimension_of(first[1])
+    if dimension is None or dimension != dimension_of(second[1]):
         return False
     try:
         values, other_values = (
-            factor_to_si(guess.unit, str(dimension_of(guess.unit)), guess.column)
-            * table.numbers(guess.column)
-            for guess in (first, second)
+            factor_to_si(unit, dimension, column) * table.numbers(column) for column, unit in (first, second)
         )
     except InputError:
         return False
-    if first.key == TIME:  # of which only the differences count
+    if key == TIME:
         values, other_values = values - values[0], other_values - other_values[0]
     return bool(np.allclose(values, other_values, rtol=1e-3, atol=1e-3 * float(np.ptp(values))))
 
@@ -284,31 +292,60 @@ def check_all_say_their_units(
         options: what the user says of columns, units and rows.
         chosen: role and column of each quantity.
     """
-    silent = [
-        (role, column)
-        for role, column in chosen.values()
-        if role.quantity != "time" and not unit_of(table, options, role, column)
-    ]
-    if silent:
-        columns = ", ".join(f"'{column}'" for _, column in silent)
-        units = dict.fromkeys(
-            f"--unit {role.quantity}="
-            + _likely_unit(
-                table,
-                role,
-                column,
-                linear=("force", role.joint) in chosen and ("torque", role.joint) not in chosen,
-            )
-            for role, column in silent
+    if missing := _missing_units(table, options, chosen):
+        columns, units = (
+            ", ".join(f"'{column}'" for column, _ in missing),
+            dict.fromkeys(u for _, u in missing),
         )
-        unknown = next(filter(None, (unknown_unit(column) for _, column in silent)), "")
-        single = len(silent) == 1
+        unknown = next(filter(None, (unknown_unit(column) for column, _ in missing)), "")
+        single = len(missing) == 1
         said = f"{'does' if single else 'do'} not say {'its unit' if single else 'their units'}"
         said += f" in a way that is known ('{unknown}')" if unknown else ""
         raise InputError(
             f"{table.path}: column{'' if single else 's'} {columns} {said}; say "
             f"{'it' if single else 'them'}, as in {' '.join(units)}"
         )
+
+
+def _missing_units(
+    table: Table, options: ImportOptions, chosen: dict[Key, tuple[Role, str]]
+) -> list[tuple[str, str]]:
+    """The columns whose unit nothing says, each with the option that says the likely one."""
+    missing = []
+    for role, column in chosen.values():
+        if role.quantity != "time" and not unit_of(table, options, role, column):
+            linear = ("force", role.joint) in chosen and ("torque", role.joint) not in chosen
+            unit = _likely_unit(table, role, column, linear=linear)
+            missing.append((column, f"--unit {role.quantity}={unit}"))
+    return missing
+
+
+def check_force_of_angle(table: Table, options: ImportOptions, chosen: dict[Key, tuple[Role, str]]) -> None:
+    """Ask for the lever arm where a joint has an angle and a force, and nothing else makes a channel.
+
+    Args:
+        table: the rows of the file, with the names of their columns.
+        options: what the user says of columns, units and rows.
+        chosen: role and column of each quantity.
+
+    Raises:
+        InputError: this is so.
+    """
+    if DISPLACEMENT in chosen or any(quantity in {"torque", "goal"} for quantity, _ in chosen):
+        return
+    for (quantity, joint), (role, column) in chosen.items():
+        if quantity != "position" or ("force", joint) not in chosen:
+            continue
+        force_role, force = chosen["force", joint]
+        unit = unit_of(table, options, force_role, force)
+        in_n = SI["force"].get(unit)
+        if dimension_of(unit_of(table, options, role, column)) == "angle" and (in_n or not unit):
+            torque = Role("torque", joint, "", role.shift).numbered
+            raise InputError(
+                f"{table.path}: column '{column}' is an angle and '{force}' a force, not a torque; if the "
+                f"force acts on a lever arm of 0.1 m, say --column {torque}={shlex.quote(force)} "
+                f"--unit {torque}={0.1 * (in_n or 1.0):g}Nm"
+            )
 
 
 def _likely_unit(table: Table, role: Role, column: str, *, linear: bool = False) -> str:

@@ -10,6 +10,9 @@ from palpate.robot_io.errors import InputError
 
 RUN, PHASE = "run", "phase"
 
+Key = tuple[str, int]  # quantity and number of the joint, 0 where there is none
+TIME, DISPLACEMENT, FORCE = ("time", 0), ("displacement", 0), ("force", 0)
+
 QUANTITIES: Mapping[str, tuple[str, ...]] = MappingProxyType(
     {
         "time": ("time",),
@@ -38,6 +41,8 @@ OF_JOINTS = frozenset({"position", "velocity", "acceleration", "torque", "force"
 _ALSO = {"depth": "displacement", "angle": "position"}
 _NAME = re.compile(rf"({'|'.join([*QUANTITIES, *_ALSO])})(?:_(\d+))?(?:_(.+))?", re.IGNORECASE)
 _BRACKETED = re.compile(r"\s*[\[({<]\s*(?!\d+\s*\])([^\])}>]*?)\s*[\])}>]\s*$")  # an index is no unit
+_DOTTED = re.compile(r"(.*\w)\.{1,2}([^\W\d_][\w.]*)\.")  # brackets as R writes them: "force..N."
+_STUCK = re.compile(r"([A-Za-z]*[a-z])(?:\.|(?=[A-Z]))([A-Za-z]+)")  # "ForceN", "Load.N"
 _AFTER = re.compile(r"\s*(?:/|,|\bin\b)\s*([^\s/,]+)\s*$")
 
 
@@ -114,13 +119,16 @@ def role_of_option(name: str, shift: int) -> Role:
 def split_unit(name: str) -> tuple[str, str]:
     """What any column's name says before its unit, and the unit, normalised; empty if it says none known.
 
-    Units stand in brackets, after a slash, a comma or "in", or at the end: "Weg / mm", "load_mN", "Load N".
+    Units stand in brackets, after a slash, a comma or "in", or at the end: "Weg / mm", "load_mN", "Load N",
+    "force..N." (as R writes brackets), "ForceN".
 
     Args:
         name: of a column.
     """
     match = _BRACKETED.search(name)
     stem, _, last = name.strip().rpartition(" ")
+    if joined := _joined_unit(name.strip()):
+        return joined
     if not match and stem and "/" in last and dimension_of(unit := normalise(last)):
         return stem.removesuffix(" in"), unit
     match = match or _AFTER.search(name)
@@ -137,6 +145,21 @@ def split_unit(name: str) -> tuple[str, str]:
             if dimension_of(ending):
                 return "_".join(parts[:-count]), ending
     return name, ""
+
+
+def _joined_unit(name: str) -> tuple[str, str] | None:
+    """A name and its unit without brackets or blanks between them, if it is one of "force..N.", "ForceN"."""
+    if dotted := _DOTTED.fullmatch(name):
+        for written in (dotted[2], dotted[2].replace(".", "/")):
+            if dimension_of(unit := normalise(written)):
+                return dotted[1], unit
+    if stuck := _STUCK.fullmatch(name):
+        known = {quantity for quantity, words in WORDS.items() if stuck[1].lower() in words} - {RUN}
+        for written in (stuck[2], stuck[2][0].lower() + stuck[2][1:]):
+            dimension = dimension_of(unit := normalise(written))
+            if dimension not in STANDS_FOR and any(dimension in QUANTITIES[quantity] for quantity in known):
+                return stuck[1], unit
+    return None
 
 
 def unknown_unit(name: str) -> str:
@@ -186,7 +209,9 @@ WORDS: Mapping[str, frozenset[str]] = MappingProxyType(
 """Words for each quantity, in lower case; one of three letters or more may stand among others."""
 
 _CURRENT = frozenset({"current", "currents", "strom", "motorstrom", "i", "iq"})
-_SAYS_NOTHING = frozenset(["actual", "measured", "present", "ist", "joint", "joints", "state", "states", "j"])
+_SAYS_NOTHING = frozenset(
+    ["actual", "measured", "feedback", "present", "ist", "joint", "joints", "state", "states", "j"]
+)
 _NOT_MEASURED = frozenset(
     [
         *("set", "setpoint", "target", "cmd", "command", "commanded", "goal", "desired", "des", "reference"),
@@ -200,6 +225,7 @@ _GOAL = frozenset(
 )
 _KNOWN = tuple((quantity, known) for quantity, known in WORDS.items() if quantity != RUN)
 OWN_NAME, _BY_NAME, _BY_WORD, _BY_UNIT, _BY_PAIR = 4, 3, 2, 1, 0
+_ARTICLE = re.compile(r"(?<=\w) (?:des|der|du|de|of the) (?=\w)")  # "Position des Kolbens" is no desired one
 _AGAIN = re.compile(r"(.+) \((\d+)\)")  # a name that is there more than once
 _UNNAMED = re.compile(r"column \d+")
 _JOINTLY = ("position", "velocity", "torque")  # what a file has for each of several joints
@@ -269,12 +295,50 @@ def guess_columns(names: Sequence[str], clocks: Collection[str] = ()) -> list[Gu
     }
     joints = [of for of, quantities in has.items() if {"position", "torque"} <= quantities]
     number = {of: place for place, of in enumerate(joints, 1)} if len(joints) > 1 else dict.fromkeys(joints)
-    return [
-        replace(guess, joint=number[guess.of])
-        if guess in loose and guess.of in number
-        else (Guess(guess.column, "") if guess.rank == _BY_PAIR and guess.joint is None else guess)
-        for guess in guesses
-    ]
+    # A torque that is nobody's may go with any position.
+    shared = len(joints) < 2 and any(
+        guess.quantity == "torque" and guess.joint is None and guess.rank > _BY_PAIR for guess in guesses
+    )
+    no_clock = all(guess.quantity != "time" for guess in guesses)
+    paired = []
+    for guess in guesses:
+        if guess in loose and guess.of in number:
+            paired.append(replace(guess, joint=number[guess.of]))
+        elif guess.rank == _BY_PAIR and guess.joint is None and not (shared and guess.quantity == "position"):
+            paired.append(Guess(guess.column, ""))
+        elif not guess.quantity and no_clock and _ends_in_time(guess.column):
+            paired.append(Guess(guess.column, "time", rank=_BY_PAIR, why="by the last word of its name"))
+        else:
+            paired.append(guess)
+    return paired
+
+
+def keys_of_channels(there: Collection[Key]) -> list[Key]:
+    """The keys that make channels of what is there, and their time; empty where none can be made.
+
+    Args:
+        there: quantities, each with the number of its joint.
+    """
+    keys: list[Key] = []
+    if DISPLACEMENT in there and FORCE in there:
+        keys += [DISPLACEMENT, FORCE]
+    joints = sorted({joint for quantity, joint in there if quantity == "position"})
+    for joint in joints:
+        for effort in (("torque", joint), ("force", joint)):
+            if effort in there and effort not in keys:
+                keys += [("position", joint), effort]
+                break
+    if not keys:  # a servo, whose goal error stands for an effort that nobody measured
+        keys = [key for j in joints if ("goal", j) in there for key in (("position", j), ("goal", j))]
+    return [TIME, *keys] if keys else []
+
+
+def _ends_in_time(name: str) -> bool:
+    """Whether the last word of a name without a unit is one for a time, as in "log:timestamp"."""
+    words = [word.lower() for word in re.findall(r"[^\W\d_]+", name)]
+    return (
+        bool(words) and len(words[-1]) > 2 and words[-1] in WORDS["time"] and _NOT_MEASURED.isdisjoint(words)
+    )
 
 
 def _by_unit(name: str, unit: str) -> Guess:
@@ -303,7 +367,8 @@ def guess_column(name: str) -> Guess:
     if name.strip().lower() in WORDS[RUN]:
         return Guess(name, RUN, why="by its name")
     stem, unit = split_unit(name)
-    words = re.findall(r"[^\W\d_]+|\d+", re.sub(r"(?<=[a-zäöü])(?=[A-Z])", " ", stem))
+    stem = _ARTICLE.sub(" ", re.sub(r"(?<=[a-zäöü])(?=[A-Z])", " ", stem))
+    words = re.findall(r"[^\W\d_]+|\d+", stem)
     numbers = [int(word) for word in words if word.isdecimal() and len(word) < 4]
     letters = [word.lower() for word in words if not word.isdecimal()]
     joint = numbers[0] if len(numbers) == 1 else None

@@ -9,8 +9,8 @@ import numpy as np
 
 from palpate.estimation.channel import ChannelData, ChannelKind
 from palpate.estimation.data.assign_columns import Columns, assign_columns
-from palpate.estimation.data.choose_columns import TIME, Key, units_meant
-from palpate.estimation.data.column_names import Role
+from palpate.estimation.data.choose_columns import units_meant
+from palpate.estimation.data.column_names import TIME, Key, Role
 from palpate.estimation.data.derivatives import differentiate
 from palpate.estimation.data.import_options import ImportOptions
 from palpate.estimation.data.import_rows import UNKNOWN_PHASE, Rows, arrange_rows

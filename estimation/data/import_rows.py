@@ -6,8 +6,8 @@ import numpy as np
 
 from palpate.control.loop.task import Phase
 from palpate.estimation.data.assign_columns import Columns
-from palpate.estimation.data.choose_columns import DISPLACEMENT, FORCE, TIME
-from palpate.estimation.data.presses import cut_into, cut_presses, restarts
+from palpate.estimation.data.column_names import DISPLACEMENT, FORCE, RUN, TIME, guess_columns
+from palpate.estimation.data.presses import FEWEST_ROWS, MOST_RUNS, cut_into, cut_presses, restarts
 from palpate.estimation.data.table import Table
 from palpate.estimation.data.units import FINEST_S
 from palpate.estimation.signals.blocks import time_in_run
@@ -104,6 +104,13 @@ def _found_runs(columns: Columns, time_s: FloatArray, count: int | None) -> tupl
     place = columns.table.path
     contact = DISPLACEMENT in columns and FORCE in columns and not columns.two_sided
     piece = restarts(time_s)
+    if not piece[-1] and count is None:
+        cycle, clock = _cycles(columns)
+        if clock:
+            return cycle, (
+                f"'{clock}' begins anew: cut into {cycle[-1] + 1} runs, one for each cycle; if that is "
+                f"wrong, add --column {RUN}=COLUMN" + (" or --runs N" if contact else "")
+            )
     if not contact and count is not None:
         raise InputError(f"{place}: --runs {count}: there is no contact whose presses could be cut apart")
     run, presses = piece, 1
@@ -120,6 +127,19 @@ def _found_runs(columns: Columns, time_s: FloatArray, count: int | None) -> tupl
     return run, f"{anew}cut into {number} runs, {which}if that is wrong, " + (
         "add --runs N" if contact else "name the column that numbers them, --column run=COLUMN"
     )
+
+
+def _cycles(columns: Columns) -> tuple[IntArray, str]:
+    """Number of each row's cycle, shape (n,), by a further clock that begins anew in each; and its column.
+
+    Cycles that are very many or short are left in one run, and the column is empty.
+    """
+    for guess in guess_columns(columns.unused):
+        if guess.key == TIME:
+            cycle = restarts(columns.table.numbers(guess.column))
+            if 0 < cycle[-1] < MOST_RUNS and np.bincount(cycle).min() >= FEWEST_ROWS:
+                return cycle, guess.column
+    return np.zeros(len(columns.table), dtype=np.int64), ""
 
 
 def _phases(table: Table, column: str | None) -> IntArray:

@@ -13,7 +13,7 @@ from palpate.robot_io.errors import InputError
 from palpate.robot_io.types import BoolArray, FloatArray, IntArray
 
 FEWEST_ROWS = 20  # of a run that nobody named: a press that is cut out, or a block of equal numbers
-_MOST_RUNS = 500  # that presses are cut into: of more, several are one run
+MOST_RUNS = 500  # that presses are cut into: of more, several are one run
 # of the usual range of the force: a press goes from below the one above the other
 _PRESSED, _RELEASED = 0.1, 0.05
 _SIGMAS = (8.0, 4.0)  # the same in deviations of the noise, whichever is more
@@ -76,7 +76,7 @@ def cut_presses(force: FloatArray, displacement: FloatArray, piece: IntArray) ->
     """
     levels = force_levels(force, displacement)
     tops = np.concatenate([_tops(force[rows], levels) + rows.start for rows in blocks(piece)])
-    presses = max(1, -(-len(tops) // _MOST_RUNS))
+    presses = max(1, -(-len(tops) // MOST_RUNS))
     return _cut(force, piece, tops.astype(np.int64), FEWEST_ROWS, presses), presses
 
 
@@ -147,6 +147,8 @@ def _between(force: FloatArray, first: int, second: int) -> int:
 
 
 _SLOW = 0.05  # of the usual speed, below which something is held
+_TURNS = 0.3  # of the speed beside a rest, that half of it goes beyond if the motion turns: 0.5 of a sine
+_FEWEST_RESTING = 3  # samples: a turn of a saw tooth has less
 _EDGE = 0.5  # of the usual speed, which a smoothed velocity has where the motion begins
 _SPRINGY = 0.5  # correlation of position and force: above, the force follows it; in free air it does not
 _LASTING = 9  # samples that decide together, so that noise makes no phases
@@ -199,9 +201,31 @@ def press_phases(
         of_run = np.asarray(
             scipy.ndimage.median_filter(way[rows], min(_LASTING, rows.stop - rows.start), mode="nearest")
         )
+        _pass_through_turns(of_run, velocity[rows])
         touching = np.asarray(scipy.ndimage.median_filter(pressed[rows].astype(np.int8), 3, mode="nearest"))
         phase[rows] = _PHASES[touching, of_run + 1]
     return phase
+
+
+def _pass_through_turns(way: IntArray, velocity: FloatArray) -> None:
+    """Let nothing rest where the motion only turns round, as a sine does: it slows down evenly.
+
+    Args:
+        way: shape (n,): -1, 0 or 1; changed in place.
+        velocity: shape (n,).
+    """
+    parts = list(blocks(way))
+    for number, rest in enumerate(parts):
+        beside = parts[max(number - 1, 0) : number] + parts[number + 1 : number + 2]
+        lasts = rest.stop - rest.start
+        moves_on = all(part.stop - part.start >= max(2 * lasts, _LASTING) for part in beside)
+        if way[rest.start] or not moves_on or len({way[part.start] for part in beside}) != len(beside):
+            continue
+        at_ends = [abs(velocity[row]) for row in (rest.start - 1, rest.stop) if 0 <= row < len(way)]
+        if lasts < _FEWEST_RESTING or np.median(np.abs(velocity[rest])) > _TURNS * min(
+            at_ends, default=np.inf
+        ):
+            way[rest] = np.sign(velocity[rest])
 
 
 def _usual(signal: FloatArray) -> float:

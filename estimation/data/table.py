@@ -44,6 +44,8 @@ _GROUPED = {  # by the mark between thousands
     ",": r"^[+-]?[1-9]\d{0,2}(,\d{3})+(\.\d*)?$",
     ".": r"^[+-]?[1-9]\d{0,2}(\.\d{3})+(,\d*)?$",
 }
+_BLANKS = "[ \u00a0\u202f]"  # that may stand between thousands
+_BLANKS_GROUP = rf"^[+-]?[1-9]\d{{0,2}}({_BLANKS}\d{{3}})+([.,]\d*)?([eE][+-]?\d+)?$"
 _HAS_POINT_TOO = r",\d{3}\.\d+$"  # so that it is no decimal comma
 
 
@@ -338,6 +340,9 @@ def _with_points(column: pa.ChunkedArray, decimal: str) -> pa.ChunkedArray:
     if not is_text(column.type):
         return column
     trimmed, mark = pc.utf8_trim_whitespace(column), "." if decimal == "," else ","
+    apart = pc.match_substring_regex(trimmed, _BLANKS_GROUP)
+    if pc.any(apart).as_py():
+        column = trimmed = pc.if_else(apart, pc.replace_substring_regex(trimmed, _BLANKS, ""), trimmed)
     grouped = pc.match_substring_regex(trimmed, _GROUPED[mark])
     if decimal == ",":
         separated = pc.any(pc.and_not(pc.match_substring(trimmed, mark), grouped)).as_py()

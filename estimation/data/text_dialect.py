@@ -8,17 +8,17 @@ from dataclasses import dataclass, replace
 from itertools import islice
 from pathlib import Path
 
-from palpate.estimation.data.column_names import parse_role
+from palpate.estimation.data.column_names import TIME, guess_columns, keys_of_channels, parse_role
 from palpate.estimation.data.units import dimension_of, normalise
 from palpate.robot_io.errors import InputError
 
+_NUMBER = (  # of a mark between thousands and a decimal mark; blanks may stand between thousands too
+    r"[+-]?(\d+({1}\d*)?|[1-9]\d{{0,2}}(({0}\d{{3}})+|([ \u00a0\u202f]\d{{3}})+)({1}\d*)?|{1}\d+)"
+    r"(e[+-]?\d+)?|[+-]?(nan|inf)"
+)
 NUMBER = {  # by the decimal mark; thousands may be grouped by the other one
-    ".": re.compile(
-        r"[+-]?(\d+(\.\d*)?|[1-9]\d{0,2}(,\d{3})+(\.\d*)?|\.\d+)(e[+-]?\d+)?|[+-]?(nan|inf)", re.IGNORECASE
-    ),
-    ",": re.compile(
-        r"[+-]?(\d+(,\d*)?|[1-9]\d{0,2}(\.\d{3})+(,\d*)?|,\d+)(e[+-]?\d+)?|[+-]?(nan|inf)", re.IGNORECASE
-    ),
+    ".": re.compile(_NUMBER.format(",", r"\."), re.IGNORECASE),
+    ",": re.compile(_NUMBER.format(r"\.", ","), re.IGNORECASE),
 }
 _ALIKE = 3  # lines in a row that make a table
 FEWEST_NUMBERS = 2  # in such a line
@@ -178,7 +178,7 @@ _CELLS = re.compile(
 )  # with numbers
 _MOST_HEADERS, _BELOW = 10_000, 8  # lines with words, and lines below each, that are looked at
 _LEFT_OUT = "(lines left out)"
-_BLANK = re.compile(r"\s+(?![\[(])")  # none between a name and its unit
+_BLANK = re.compile(r"[ \t]+(?![\[(])")  # none between a name and its unit
 
 
 @dataclass(frozen=True)
@@ -343,6 +343,12 @@ def commas_decide(rows: list[list[str]], *, in_doubt: bool = True) -> bool:
     return commas > points
 
 
+def _is_measurement(names: Sequence[str]) -> bool:
+    """Whether these names alone say a time, a motion and an effort."""
+    there = {guess.key for guess in guess_columns(names) if guess.quantity}
+    return TIME in there and bool(keys_of_channels(there))
+
+
 @dataclass(frozen=True)
 class Block:
     """One table of a file."""
@@ -353,15 +359,15 @@ class Block:
 
 
 def same_columns(blocks: Sequence[Block], selected: str, place: Path) -> tuple[list[int], list[str]]:
-    """The longest table, or the selected one, with all that have the same columns; and words on the others.
+    """The longest table of which a channel can be made, or the selected one, with all of the same columns.
 
     Args:
         blocks: at least one table.
-        selected: title of one of them; empty for the longest.
+        selected: title of one of them; empty for the longest, by names alone if none makes a channel.
         place: the file, for the error.
 
     Returns:
-        Indices of the tables, in their order, and a sentence or nothing.
+        Indices of the tables, in their order, and a sentence on the others or nothing.
 
     Raises:
         InputError: no table has this title.
@@ -370,7 +376,7 @@ def same_columns(blocks: Sequence[Block], selected: str, place: Path) -> tuple[l
     if not titled:
         titles = ", ".join(dict.fromkeys(block.title for block in blocks))
         raise InputError(f"--table {selected}: {place} has no such table. There are: {titles}")
-    longest = max(titled, key=lambda block: block.rows)
+    longest = max(titled, key=lambda block: (_is_measurement(block.names), block.rows))
     taken = [n for n, block in enumerate(blocks) if sorted(block.names) == sorted(longest.names)]
     others = [block for number, block in enumerate(blocks) if number not in taken]
     if not others:

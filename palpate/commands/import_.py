@@ -138,6 +138,7 @@ def _look(
 _VALUES = 3  # of a column that are shown
 _MOST_COLUMNS = 60
 _MOST_RUNS = 30
+_PAUSE = 10.0  # times the usual step: what lasts longer was not sampled
 
 
 def look_as_data(path: Path, options: ImportOptions) -> dict[str, Any]:
@@ -215,10 +216,13 @@ def look_at(path: Path, options: ImportOptions, like: Mapping[str, str] | None =
                 f"{part.effort.min():.2g} to {part.effort.max():.2g}",
             )
         out.print(made)
-        step_s = sample_time(channel.time_s, channel.run)
-        # of all runs together, in the order in which they came first
+        # of all runs together, in the order in which they came first; a pause in the recording counts nothing
+        usual_s, steps_s = 1.0 / rate, np.diff(channel.time_s, append=channel.time_s[-1:])
+        steps_s[(steps_s < 0.0) | (steps_s > _PAUSE * usual_s) | (np.diff(channel.run, append=-1) != 0)] = (
+            usual_s
+        )
         there = [number for number in dict.fromkeys(channel.phase.tolist()) if number in set(Phase)]
-        spans = (f"{phase(n)[0]} {duration(step_s * np.sum(channel.phase == n))}" for n in there)
+        spans = (f"{phase(n)[0]} {duration(float(np.sum(steps_s[channel.phase == n])))}" for n in there)
         if phases := ", ".join(spans):
             out.print(f"phases: {phases}")
     for note in (*imported.notes, *implausible(imported)):

@@ -1,0 +1,166 @@
+"""Tables as people leave them: marks in numbers, columns that say the same, clocks of cycles, odd rows."""
+
+import shlex
+from itertools import pairwise
+
+import numpy as np
+import openpyxl
+import pytest
+
+from palpate.control.loop.task import Phase
+from palpate.estimation.channel import ChannelKind
+from palpate.estimation.data.derivatives import differentiate
+from palpate.estimation.data.import_file import import_file
+from palpate.estimation.data.import_options import ImportOptions, parse_pairs
+from palpate.estimation.data.presses import press_phases
+from palpate.robot_io.errors import InputError
+from tests.estimation.laboratories import presses
+
+TIME_S, WAY_M, FORCE_N = (signal[:600] for signal in presses())
+
+
+def lines(*columns, delimiter=",", form="{:.6f}"):
+    """Rows of a table."""
+    return "".join(delimiter.join(map(form.format, row)) + "\n" for row in zip(*columns, strict=True))
+
+
+def only_channel(folder, text, name="table.csv"):
+    path = folder / name
+    path.write_text(text, encoding="utf-8")
+    (channel,) = import_file(path).channels
+    return channel
+
+
+@pytest.mark.parametrize("mark", ["\u00a0", "\u202f", " ", "."])
+@pytest.mark.parametrize("quote", ["", '"'])
+def test_blanks_part_thousands(tmp_path, mark, quote):
+    force = 1e5 * FORCE_N
+    cells = [f"{value:,.2f}".translate({44: mark, 46: ","}) for value in force]
+    rows = zip(TIME_S, 1e3 * WAY_M, cells, strict=True)
+    text = "".join(
+        ";".join(
+            quote + cell + quote for cell in (f"{t:.4f}".replace(".", ","), f"{x:.6f}".replace(".", ","), f)
+        )
+        + "\n"
+        for t, x, f in rows
+    )
+    channel = only_channel(tmp_path, "Time [s];Extension [mm];Load [N]\n" + text)
+    assert len(channel) == len(TIME_S)
+    np.testing.assert_allclose(channel.effort, force, atol=0.006)
+
+
+SWING_RAD = 0.8 + 0.4 * np.sin(6.0 * TIME_S)
+TORQUE_NM = 3.0 * np.sin(6.0 * TIME_S)
+
+
+def by_the_advice(path):
+    """What is read with the options that a refusal says, word for word."""
+    with pytest.raises(InputError) as caught:
+        import_file(path)
+    text = str(caught.value)
+    assert "\n" not in text
+    words = shlex.split(text[text.index("--") :])
+    columns, units = (
+        parse_pairs([value for at, value in pairwise(words) if at == option], option)
+        for option in ("--column", "--unit")
+    )
+    return import_file(path, ImportOptions(columns=columns, units=units))
+
+
+def test_of_columns_that_hold_the_same_in_two_units_one_is_read(tmp_path):
+    path = tmp_path / "joint.csv"
+    columns = (TIME_S, np.degrees(SWING_RAD), SWING_RAD, TORQUE_NM)
+    path.write_text("time_s,position_degrees,position_radians,torque_Nm\n" + lines(*columns))
+    imported = import_file(path)
+    np.testing.assert_allclose(imported.channels[0].position, SWING_RAD, atol=1e-6)
+    assert "'position_degrees' and 'position_radians' hold the same position" in imported.notes[0]
+    columns = (TIME_S, np.degrees(SWING_RAD), 0.5 * SWING_RAD, TORQUE_NM)
+    path.write_text("time_s,position_degrees,position_radians,torque_Nm\n" + lines(*columns))
+    np.testing.assert_allclose(by_the_advice(path).channels[0].position, SWING_RAD, atol=1e-6)
+
+
+def test_a_force_on_a_joint_that_turns_asks_for_its_lever_arm(tmp_path):
+    path = tmp_path / "leg.csv"
+    path.write_text("time,angle_deg,force_feedback\n" + lines(TIME_S, np.degrees(SWING_RAD), TORQUE_NM))
+    (channel,) = by_the_advice(path).channels
+    assert channel.kind is ChannelKind.REVOLUTE
+    np.testing.assert_allclose(channel.effort, 0.1 * TORQUE_NM, atol=1e-6)
+
+
+def test_what_is_ambiguous_and_says_no_unit_is_asked_for_at_once(tmp_path):
+    path = tmp_path / "motor.csv"
+    names = "log:timestamp,a:output_position,a:motor_position,a:joint_position,a:motor_current,torque\n"
+    columns = (TIME_S, SWING_RAD, 9.0 * SWING_RAD, 0.0 * TIME_S, TORQUE_NM, 5.0 * TORQUE_NM)
+    path.write_text(names + lines(*columns))
+    (channel,) = by_the_advice(path).channels
+    np.testing.assert_allclose(channel.time_s, TIME_S, atol=1e-6)
+    np.testing.assert_allclose(channel.position, SWING_RAD, atol=1e-6)
+    np.testing.assert_allclose(channel.effort, 5.0 * TORQUE_NM, atol=1e-5)
+
+
+def test_a_clock_of_cycles_tells_runs_and_no_time(tmp_path):
+    total = np.round(np.arange(600) * 0.01, 6)
+    total[300:] -= 0.01  # where a new step begins the time is there twice
+    cycle = np.arange(600) % 100 * 0.01
+    way = 17.0 - 0.2 * np.sin(np.pi * cycle)  # a position that falls into the object, and a negative force
+    rows = lines(total, cycle, way, -30.0 * (17.0 - way), delimiter=";")
+    path = tmp_path / "cycles.csv"
+    path.write_text(
+        "Gesamtzeit (s);Zykluszeit (s);Position des Kolbens (mm);Kraft (N)\n" + rows.replace(".", ",")
+    )
+    imported = import_file(path)
+    (channel,) = imported.channels
+    assert np.bincount(channel.run).tolist() == [100] * 6
+    assert any("'Zykluszeit (s)' begins anew: cut into 6 runs" in note for note in imported.notes)
+    assert np.ptp(channel.time_s) == pytest.approx(np.ptp(total), abs=1e-9)
+    np.testing.assert_allclose(channel.position, 1e-3 * (17.0 - way), atol=2e-6)
+    np.testing.assert_allclose(channel.effort, 30.0 * (17.0 - way), atol=1e-5)
+
+
+def test_of_sheets_the_longest_that_holds_a_measurement_is_read(tmp_path):
+    book = openpyxl.Workbook()
+    book.active.append(["Elapsed [ms]", "Byte0", "Byte1"])
+    for place in range(900):
+        book.active.append([place * 5.0, place % 255, 7])
+    sheet = book.create_sheet("Press")
+    sheet.append(["Elapsed Time [ms]", "Extension [mm]", "Load [N]"])
+    for t, x, f in zip(TIME_S, WAY_M, FORCE_N, strict=True):
+        sheet.append([1e3 * t, 1e3 * x, f])
+    book.save(tmp_path / "two.xlsx")
+    (channel,) = import_file(tmp_path / "two.xlsx").channels
+    np.testing.assert_allclose(channel.effort, FORCE_N)
+
+
+@pytest.mark.parametrize(
+    "header",
+    [
+        "TimeSec,PositionMm,ForceN",
+        "Time.s,Position.mm,Force.N",
+        "time..s.,position..mm.,force..N.",
+        "force.N.",
+    ],
+)
+def test_units_joined_to_names_are_read(tmp_path, header):
+    header = "time.s.,position.mm.,force.N." if header == "force.N." else header
+    text = header + "\n" + lines(TIME_S, 1e3 * WAY_M, FORCE_N)
+    channel = only_channel(tmp_path, text)
+    np.testing.assert_allclose(channel.time_s, TIME_S, atol=1e-6)
+    np.testing.assert_allclose(channel.position, WAY_M, atol=1e-8)
+    np.testing.assert_allclose(channel.effort, FORCE_N, atol=1e-6)
+
+
+@pytest.mark.parametrize("rate_hz", [20.0, 100.0, 1000.0])
+@pytest.mark.parametrize("noise_m", [0.0, 1e-5])
+def test_a_sine_has_no_hold_and_a_hold_stays_one(rate_hz, noise_m):
+    time_s = np.arange(0.0, 20.0, 1.0 / rate_hz)
+    run, pressed = np.zeros(len(time_s), dtype=np.int64), np.ones(len(time_s), dtype=np.bool_)
+    noise = np.random.default_rng(0).normal(0.0, noise_m, len(time_s))
+
+    def held(way):
+        depth = 1e-3 * (1.2 + way) + noise
+        velocity = differentiate(time_s, depth, run).velocity
+        return np.mean(press_phases(depth, velocity, 500.0 * depth, run, pressed) == Phase.HOLD)
+
+    assert held(np.sin(np.pi * time_s)) < 0.015
+    assert held(2.0 / np.pi * np.arcsin(np.sin(np.pi * time_s))) < 0.005
+    assert held(np.clip(1.5 * np.sin(0.2 * np.pi * time_s), -1.0, 1.0)) > 0.35  # of 0.54 that are clipped
