@@ -2,10 +2,10 @@
 
     python docs/make_recordings.py DATA_DIR [DATA_DIR ...] --answers FOLDER
 
-A DATA_DIR holds recordings by name: `NAME/import.csv.gz`, converted by benchmarks/measured/convert.py as a
-recipe says, or the folder of a set that benchmarks/measured/recordings.py reads. What is not there is left
-out. Diagnoses are kept in the folder of answers, one JSON file a recording; one that is there already is not
-made again. Pictures are drawn from the answers.
+A DATA_DIR holds recordings by name: `NAME/import.csv.gz` or `NAME/raw`, as benchmarks/measured/convert.py
+writes them by a recipe, or the folder of a set that benchmarks/measured/recordings.py reads. What is not
+there is left out. Diagnoses are kept in the folder of answers, one JSON file a recording; one that is there
+already is not made again. Pictures are drawn from the answers.
 """
 
 import json
@@ -22,7 +22,7 @@ sys.path.insert(0, str(Path(__file__).parents[1] / "benchmarks"))  # the benchma
 
 from measured.convert import RECIPES, load_recipe, split_of
 from measured.recordings import SETS, Recording
-from recordings import answer_of
+from recordings import answer_of, file_of
 
 from palpate.estimation.diagnosis import ChannelDiagnosis, diagnose
 from palpate.estimation.kinds import Kind
@@ -108,15 +108,17 @@ def _options() -> Namespace:
 def _of_recipes(options: Namespace) -> Iterator[Entry]:
     """Recordings that a recipe describes, of which the data are there."""
     for name in sorted(path.stem for path in RECIPES.glob("*.yaml")):
-        files = (folder / name / "import.csv.gz" for folder in options.data_dirs)
-        file = next(filter(Path.is_file, files), None)
-        if file is None:
+        recipe = load_recipe(name)
+        folders = (folder / name for folder in options.data_dirs)
+        folder = next(filter(Path.is_dir, folders), None)
+        if folder is None:
             continue
-        answer = options.answers / f"{name}.json"
+        file, answer = file_of(recipe, folder), options.answers / f"{name}.json"
+        if not file.exists():
+            continue
         if not answer.is_file() and options.no_new:
             continue
         print(name, flush=True)
-        recipe = load_recipe(name)
         yield _entry_of_recipe(recipe, answer_of(recipe, file, answer))
 
 

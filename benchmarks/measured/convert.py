@@ -443,6 +443,8 @@ def _decimate(
 def convert(recipe: Mapping[str, Any], origin: Origin, folder: Path) -> int:
     """Write FOLDER/import.csv.gz; with `raw` in the recipe, also the origin's files into FOLDER/raw.
 
+    A recipe without columns keeps the origin's files alone.
+
     Args:
         recipe: content of the recipe.
         origin: the repository that it names.
@@ -457,6 +459,8 @@ def convert(recipe: Mapping[str, Any], origin: Origin, folder: Path) -> int:
         for number, path in enumerate(_files(recipe, origin)):
             (folder / "raw" / f"{number} {PurePosixPath(path).name}").write_bytes(origin.read(path))
     total = 0
+    if "columns" not in recipe:
+        return total
     names = list(recipe["columns"])
     with (
         gzip.GzipFile(folder / "import.csv.gz", "wb", mtime=0) as packed,
