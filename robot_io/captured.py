@@ -24,7 +24,9 @@ def captured(lines: list[str], *descriptors: int) -> Iterator[None]:
     """
     _flush()
     kept = [(descriptor, os.dup(descriptor)) for descriptor in descriptors]
-    with _memory() as file:
+    in_memory = hasattr(os, "memfd_create")  # so that reading somebody else's file opens none for writing
+    file: BinaryIO
+    with os.fdopen(os.memfd_create("captured"), "w+b") if in_memory else tempfile.TemporaryFile() as file:
         for descriptor in descriptors:
             os.dup2(file.fileno(), descriptor)
         try:
@@ -36,13 +38,6 @@ def captured(lines: list[str], *descriptors: int) -> Iterator[None]:
                 os.close(own)
             file.seek(0)
             lines += file.read().decode("utf-8", "replace").splitlines()
-
-
-def _memory() -> BinaryIO:
-    """A file in memory, so that reading a file of somebody else opens none for writing; else on disk."""
-    if hasattr(os, "memfd_create"):
-        return os.fdopen(os.memfd_create("captured"), "w+b")
-    return tempfile.TemporaryFile()
 
 
 def _flush() -> None:

@@ -8,7 +8,7 @@ it is powered.
 """
 
 from abc import ABC, abstractmethod
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from types import TracebackType
 from typing import Literal, Self
 
@@ -204,28 +204,18 @@ def undo_all(components: Sequence[Labelled], step: Literal["close", "deactivate"
     failures: list[tuple[str, Exception]] = []
     interrupts: list[BaseException] = []
     for label, component in reversed(components):
-        for error in _insist(getattr(component, step)):
-            if isinstance(error, Exception):
+        for _ in range(_ATTEMPTS):
+            try:
+                getattr(component, step)()
+            except Exception as error:  # a driver's bug must not leave the next motor on
                 failures.append((label, error))
+                break
+            except BaseException as interrupt:
+                interrupts.append(interrupt)
             else:
-                interrupts.append(error)
+                break
     if interrupts:
         raise interrupts[0]
     if failures:
         text = "; ".join(f"{label}: {step} failed: {error}" for label, error in failures)
         raise DeviceError(text) from failures[0][1]
-
-
-def _insist(call: Callable[[], None]) -> list[BaseException]:
-    """Call until it was not interrupted, and return what it raised; a plain failure is not repeated."""
-    caught: list[BaseException] = []
-    for _ in range(_ATTEMPTS):
-        try:
-            call()
-        except Exception as error:  # a driver's bug must not leave the next motor on
-            return [*caught, error]
-        except BaseException as interrupt:
-            caught.append(interrupt)
-        else:
-            break
-    return caught

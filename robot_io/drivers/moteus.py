@@ -14,6 +14,7 @@ from dataclasses import dataclass
 from math import isfinite, tau
 from typing import Annotated, ClassVar, Final
 
+import numpy as np
 from pydantic import Field, model_validator
 
 from palpate.robot_io.clip import clip
@@ -173,15 +174,6 @@ def encode_torque(host_id: int, motor_id: int, torque_nm: float, watchdog_s: flo
     timeout = _WORD.pack(round(watchdog_s / _WATCHDOG_STEP_S))
     data = head + _FLOAT.pack(torque_nm) + middle + timeout + tail + _QUESTION + b"\x50\x50"
     return _frame(host_id, motor_id, data)
-
-
-def as_sent(torque_nm: float) -> float:
-    """A torque as the 32 bit float that travels [N m].
-
-    Args:
-        torque_nm: of any size [N m].
-    """
-    return float(_FLOAT.unpack(_FLOAT.pack(torque_nm))[0])
 
 
 def decode_state(frame: CanFrame) -> MoteusState:
@@ -344,7 +336,7 @@ class MoteusBus(AskedMotorBus[MoteusState]):
         ratio = motor.signed_ratio
         output_nm = clip(torque_nm / ratio, -motor.max_torque_nm, motor.max_torque_nm)
         frame = encode_torque(self._own.host_id, motor.motor_id, output_nm, self._own.watchdog_s)
-        return frame, as_sent(output_nm) * ratio
+        return frame, float(np.float32(output_nm)) * ratio
 
     def _error_names(self, error: int) -> str:
         return FAULTS.get(error, f"unknown fault {error}")

@@ -126,27 +126,23 @@ class NetFtStream:
         except ProtocolError:
             self.rejected += 1
             return []
-        if not self._is_new(record):
+        last = self._last or Record(record.sequence - 1, record.measurement - 1, 0, ())
+        steps = (record.sequence - last.sequence) % _COUNTERS
+        if not 0 < steps < _COUNTERS // 2 or record.measurement == last.measurement:
+            self.rejected += 1
+            self._old += 1
+            is_beginning = record.sequence <= _BEGINNING and last.sequence > 2 * _BEGINNING
+            if self._old >= (_OLD_BEGINNING if is_beginning else _OLD_RECORDS):
+                what = "has begun to count anew, or measures nothing new: has it restarted?"
+                self.complaint = f"the sensor {what}"
             return []
+        self._old = 0
+        self.own_time.goes_on(steps * self._period_s)
         counts, problem = record.counts[self._axis], status_problem(record.status)
         if not problem and abs(counts) >= _LARGEST_COUNTS:
             problem = "counts at their end"
         self._last, self.complaint = record, f"the sensor says '{problem}'" if problem else ""
         return [] if problem else [counts * self._scale]
-
-    def _is_new(self, record: Record) -> bool:
-        last = self._last or Record(record.sequence - 1, record.measurement - 1, 0, ())
-        steps = (record.sequence - last.sequence) % _COUNTERS
-        if 0 < steps < _COUNTERS // 2 and record.measurement != last.measurement:
-            self._old = 0
-            self.own_time.goes_on(steps * self._period_s)
-            return True
-        self.rejected += 1
-        self._old += 1
-        is_beginning = record.sequence <= _BEGINNING and last.sequence > 2 * _BEGINNING
-        if self._old >= (_OLD_BEGINNING if is_beginning else _OLD_RECORDS):
-            self.complaint = "the sensor has begun to count anew, or measures nothing new: has it restarted?"
-        return False
 
 
 PAGE: Final = "/netftapi2.xml"
@@ -352,23 +348,10 @@ class NetFt(SerialForceSensor, Examinable):
             )
         if not configuration.is_streaming:
             raise self._error("RDT is disabled: enable it on its page 'Communications'")
-        self._start()
+        tries = range(_REQUESTS)  # a request may be lost
+        if not any(self._bus.ask(START, lambda d: len(d) == RECORD_SIZE or None, _ANSWER_S) for _ in asked):
+            raise self._error("sends no records; check rdt_port, firewall and other programs")
         device = f"{configuration.product}, {configuration.rate_hz} records/s"
         self._found = f"{device}, {own.axis} axis, {own.capacity_n:.4g} N"
         stream = NetFtStream(newtons_per_count, own.axis, configuration.rate_hz)
         self._bus.listen(stream, own.capacity_n, has_checksums=True, own_time=stream.own_time)
-
-    def _start(self) -> None:
-        """Ask for records until one comes; a request may be lost."""
-        for _ in range(_REQUESTS):
-            if self._bus.ask(START, _is_record, _ANSWER_S):
-                return
-        raise self._error("sends no records; check rdt_port, firewall and other programs")
-
-
-def _is_record(datagram: bytes) -> bool | None:
-    try:
-        decode_record(datagram)
-    except ProtocolError:
-        return None
-    return True

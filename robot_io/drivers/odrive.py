@@ -9,6 +9,7 @@ from collections.abc import Mapping
 from math import inf, tau
 from typing import Annotated
 
+import numpy as np
 from pydantic import Field, model_validator
 
 from palpate.robot_io.driver import DriverContext
@@ -109,17 +110,8 @@ class OdriveBus(MotorBus):
         self._wait_for(self._all_heard, self._heartbeat_timeout_s)
         for joint, axis in enumerate(self._axes):
             self._check_heard(joint, axis)
-        self._measure_latency()
-        for joint in range(self.joint_count):
-            self._check_rate(joint, self._motion_at_s, self._limits.encoder_age_s, "encoder")
-            self._check_rate(joint, self._torque_at_s, self._limits.torque_age_s, "torque")
-
-    def _measure_latency(self) -> None:
-        """Measure how long each axis takes to answer, by which its samples are dated back.
-
-        CAN frames carry no time: what is always late by the same would pass as fresh. An axis that does not
-        answer is taken to be prompt.
-        """
+        # Measure how long each axis takes to answer, by which its samples are dated back: CAN frames carry no
+        # time, and what is always late by the same would pass as fresh. A silent axis is taken to be prompt.
         ask = [odrive.ask(axis.node_id, OdriveCommand.BUS_VOLTAGE_CURRENT) for axis in self._axes]
         latencies_s = []
         for _ in range(_LATENCY_ROUNDS):
@@ -131,6 +123,9 @@ class OdriveBus(MotorBus):
             if not complete:
                 break
         self._latency_s = [max(0.0, min(of_axis)) for of_axis in zip(*latencies_s, strict=True)]
+        for joint in range(self.joint_count):
+            self._check_rate(joint, self._motion_at_s, self._limits.encoder_age_s, "encoder")
+            self._check_rate(joint, self._torque_at_s, self._limits.torque_age_s, "torque")
 
     def _report(self) -> list[Finding]:
         self._heartbeats = [None] * self.joint_count
@@ -293,7 +288,11 @@ class OdriveBus(MotorBus):
             )
 
         if not self._wait_for(armed, self._heartbeat_timeout_s):
-            raise DeviceError(f"{self.line.label}: no closed-loop control: {self._states()}")
+            states = "; ".join(
+                f"{self.motor_label(joint)} is {self._describe(beat) if beat else 'silent'}"
+                for joint, beat in enumerate(self._heartbeats)
+            )
+            raise DeviceError(f"{self.line.label}: no closed-loop control: {states}")
 
     def _check_watchdogs(self) -> None:
         bit = odrive.WATCHDOG_EXPIRED[self._own.firmware]
@@ -308,12 +307,6 @@ class OdriveBus(MotorBus):
         raise DeviceError(
             f"{self.line.label}: the watchdog of {alive} did not expire in {limit_s:.2g} s without commands; "
             f"set {odrive.ENABLE_WATCHDOG} = True; {odrive.WATCHDOG_TIMEOUT} = {self._own.watchdog_s:g}"
-        )
-
-    def _states(self) -> str:
-        return "; ".join(
-            f"{self.motor_label(joint)} is {self._describe(beat) if beat else 'silent'}"
-            for joint, beat in enumerate(self._heartbeats)
         )
 
     def _describe(self, beat: Heartbeat) -> str:
@@ -333,15 +326,15 @@ class OdriveBus(MotorBus):
         node, command = odrive.split_odrive_id(frame.can_id)
         match command:
             case OdriveCommand.ENCODER_ESTIMATES:
-                position_rev, velocity_rev_s = odrive.decode_encoder_estimates(frame)
+                position_rev, velocity_rev_s = odrive.decode_pair(frame, "encoder estimates")
                 self._position_rad[joint] = axis.joint_angle_rad(tau * position_rev)
                 self._velocity_rad_s[joint] = tau * velocity_rev_s / axis.signed_ratio
                 self._motion_at_s[joint] = at_s - self._latency_s[joint]
             case OdriveCommand.GET_IQ if self._own.firmware is Firmware.V0_5:
-                _, current_a = odrive.decode_iq(frame)
+                _, current_a = odrive.decode_pair(frame, "motor current")
                 self._keep_torque(joint, current_a * (axis.torque_constant_nm_a or 0.0), at_s)
             case OdriveCommand.TORQUES if self._own.firmware is Firmware.V0_6:
-                _, torque_nm = odrive.decode_torques(frame)
+                _, torque_nm = odrive.decode_pair(frame, "motor torque")
                 self._keep_torque(joint, torque_nm, at_s)
             case OdriveCommand.HEARTBEAT:
                 beat = odrive.decode_heartbeat(frame, self._own.firmware)
@@ -351,7 +344,7 @@ class OdriveBus(MotorBus):
                     "encoder" in beat.component_errors or not _ENCODER_ERRORS.isdisjoint(names)
                 )
             case OdriveCommand.BUS_VOLTAGE_CURRENT:
-                self._supply_v[joint], _ = odrive.decode_bus_voltage_current(frame)
+                self._supply_v[joint], _ = odrive.decode_pair(frame, "bus voltage and current")
                 self._answered_at_s[joint] = at_s
             case OdriveCommand.GET_VERSION:
                 self._versions[node] = odrive.decode_version(frame)
@@ -373,7 +366,7 @@ class OdriveBus(MotorBus):
         axis = self._axes[joint]
         motor_nm = min(max(torque_nm / axis.signed_ratio, -axis.max_torque_nm), axis.max_torque_nm)
         self._sent_nm[joint] = motor_nm
-        sent_nm = odrive.as_sent(motor_nm) * axis.signed_ratio
+        sent_nm = float(np.float32(motor_nm)) * axis.signed_ratio
         return odrive.encode_input_torque(axis.node_id, motor_nm), sent_nm
 
     def _doubt(self, joint: int) -> str:

@@ -215,64 +215,24 @@ def decode_heartbeat(frame: CanFrame, firmware: Firmware) -> Heartbeat:
     return Heartbeat(axis_error, state, failed, trajectory_done=bool(data[7] & 0x80))
 
 
-def decode_encoder_estimates(frame: CanFrame) -> tuple[float, float]:
-    """Position [rev] and velocity [rev/s] of the motor.
+def decode_pair(frame: CanFrame, what: str) -> tuple[float, float]:
+    """Two floats: position [rev] and velocity [rev/s], wanted and measured current [A], or the like.
 
     Args:
         frame: as it came.
+        what: name of its content in errors.
 
     Returns:
-        Position [rev] and velocity [rev/s].
+        Both numbers.
 
     Raises:
         ProtocolError: wrong length, or not finite.
     """
-    return _two_finite_floats(frame, "encoder estimates")
-
-
-def decode_iq(frame: CanFrame) -> tuple[float, float]:
-    """Wanted and measured torque-making current [A] (0.5).
-
-    Args:
-        frame: as it came.
-
-    Returns:
-        Wanted and measured current [A].
-
-    Raises:
-        ProtocolError: wrong length, or not finite.
-    """
-    return _two_finite_floats(frame, "motor current")
-
-
-def decode_torques(frame: CanFrame) -> tuple[float, float]:
-    """Wanted and estimated motor torque [N m] (0.6).
-
-    Args:
-        frame: as it came.
-
-    Returns:
-        Wanted and estimated torque [N m].
-
-    Raises:
-        ProtocolError: wrong length, or not finite.
-    """
-    return _two_finite_floats(frame, "motor torque")
-
-
-def decode_bus_voltage_current(frame: CanFrame) -> tuple[float, float]:
-    """Supply voltage [V] and current [A].
-
-    Args:
-        frame: as it came.
-
-    Returns:
-        Voltage [V] and current [A].
-
-    Raises:
-        ProtocolError: wrong length, or not finite.
-    """
-    return _two_finite_floats(frame, "bus voltage and current")
+    expect_length(frame, what, 8)
+    first, second = _TWO_FLOATS.unpack(frame.data)
+    if not (isfinite(first) and isfinite(second)):
+        raise ProtocolError(f"{what}: {first} and {second} are not both finite")
+    return first, second
 
 
 def decode_version(frame: CanFrame) -> tuple[int, int, int]:
@@ -311,17 +271,13 @@ def encode_axis_state(node_id: int, state: AxisState) -> CanFrame:
     return CanFrame(odrive_id(node_id, OdriveCommand.SET_AXIS_STATE), _WORD.pack(state))
 
 
-def encode_controller_mode(
-    node_id: int, control_mode: int = TORQUE_CONTROL, input_mode: int = PASSTHROUGH
-) -> CanFrame:
-    """Choose how an axis controls its motor.
+def encode_controller_mode(node_id: int) -> CanFrame:
+    """Choose torque control, passed through.
 
     Args:
         node_id: of the axis.
-        control_mode: such as torque control.
-        input_mode: such as passthrough.
     """
-    data = _TWO_WORDS.pack(control_mode, input_mode)
+    data = _TWO_WORDS.pack(TORQUE_CONTROL, PASSTHROUGH)
     return CanFrame(odrive_id(node_id, OdriveCommand.SET_CONTROLLER_MODE), data)
 
 
@@ -370,20 +326,3 @@ def encode_clear_errors(node_id: int) -> CanFrame:
         node_id: of the axis.
     """
     return CanFrame(odrive_id(node_id, OdriveCommand.CLEAR_ERRORS), b"\x00")
-
-
-def as_sent(torque_nm: float) -> float:
-    """A torque as the 32 bit float that travels [N m].
-
-    Args:
-        torque_nm: of any size [N m].
-    """
-    return float(_FLOAT.unpack(_FLOAT.pack(torque_nm))[0])
-
-
-def _two_finite_floats(frame: CanFrame, what: str) -> tuple[float, float]:
-    expect_length(frame, what, 8)
-    first, second = _TWO_FLOATS.unpack(frame.data)
-    if not (isfinite(first) and isfinite(second)):
-        raise ProtocolError(f"{what}: {first} and {second} are not both finite")
-    return first, second

@@ -292,14 +292,10 @@ def decode_odrive(data: bytes) -> object:
             return odrive.decode_heartbeat(frame, odrive.Firmware.V0_5)
         case 1:
             return odrive.decode_heartbeat(frame, odrive.Firmware.V0_6)
-        case 2:
-            return odrive.decode_encoder_estimates(frame)
-        case 3:
-            return odrive.decode_torques(frame)
-        case 4:
-            return odrive.decode_iq(frame)
-        case _:
+        case 5:
             return odrive.decode_version(frame)
+        case _:
+            return odrive.decode_pair(frame, "floats")
 
 
 def is_wrong_odrive(data: bytes, _seen: bytes, accepted) -> bool:

@@ -52,8 +52,8 @@ BREAKS = [  # a codec, and how it is broken: module, name there, what replaces i
     ("dynamixel_stream", dynamixel, "_STUFFED", lambda old: b"never"),
     ("dynamixel_packet", dynamixel, "_STATUS", lambda old: Anything()),  # so is an instruction
     ("dynamixel_stream", dynamixel, "_STATUS", lambda old: Anything()),
-    ("dynamixel_packet", dynamixel, "crc16", lambda old: lambda data: Anything()),
-    ("dynamixel_fast_reply", dynamixel, "crc16", lambda old: lambda data: Anything()),
+    ("dynamixel_packet", dynamixel, "_checksum", lambda old: lambda data: Anything()),
+    ("dynamixel_fast_reply", dynamixel, "_checksum", lambda old: lambda data: Anything()),
     ("feetech_packet", feetech, "_WHOLE_SUM", lambda old: Anything()),
     ("feetech_stream", feetech, "_WHOLE_SUM", lambda old: Anything()),
     ("feetech_packet", feetech, "LARGEST_ID", lambda old: 0xFE),  # so is an echo
@@ -69,7 +69,7 @@ BREAKS = [  # a codec, and how it is broken: module, name there, what replaces i
     ("moteus", moteus, "isfinite", lambda old: lambda value: True),
     ("moteus", moteus, "_VOLT", lambda old: 0.1),
     ("odrive", odrive, "isfinite", lambda old: lambda value: True),
-    ("odrive", odrive, "_two_finite_floats", lambda old: lambda *args: old(*args)[::-1]),
+    ("odrive", odrive, "decode_pair", lambda old: lambda *args: old(*args)[::-1]),
     ("odrive", odrive, "_WORD", lambda old: struct.Struct(">I")),
     ("lorenz_telegram", lorenz, "checksums", lambda old: lambda content: AnyPair()),
     ("microcontroller_cell", microcontroller_cell, "checked", lambda old: lambda line: line.decode("latin1")),

@@ -346,13 +346,18 @@ class CanLine:
             DeviceError: the adapter failed or is bus-off.
         """
         bus, clock = self._opened(), self._clock
-        now_s, wall_offset_s = clock.now_s(), self._clock_minus_stamps_s()
+        now_s = clock.now_s()
+        # What to add to a time stamp to get the robot's time [s], or None if that is not known.
+        stamps = Timestamps.NONE if self._settings.interface == SLCAN else self._settings.timestamps
+        offset_s = {Timestamps.ROBOT: 0.0, Timestamps.WALL: now_s - time.time()}.get(stamps)
         frames: list[tuple[CanFrame, float]] = []
         emptied = False
         for _ in range(_MOST_FRAMES):
             try:
-                message = self._receive(bus)
-            except ProtocolError:
+                message = bus.recv(timeout=0.0)
+            except (can.CanError, OSError) as error:
+                raise DeviceError(f"{self.label}: cannot receive ({error})") from error
+            except (ValueError, IndexError, KeyError, TypeError):  # bytes that are no frame
                 self.counts["damaged"] += 1
                 continue
             if message is None:
@@ -361,7 +366,7 @@ class CanLine:
             frame = self._accept(message)
             if frame is not None:
                 now_s = clock.now_s()
-                at_s = self._drained_s if wall_offset_s is None else message.timestamp + wall_offset_s
+                at_s = self._drained_s if offset_s is None else message.timestamp + offset_s
                 frames.append((frame, min(max(at_s, self._drained_s), now_s)))
             if now_s > deadline_s and len(frames) > _MOST_FRAMES // 10:
                 break
@@ -377,24 +382,6 @@ class CanLine:
         if self._bus is None:
             raise DeviceError(f"{self.label}: not open")
         return self._bus
-
-    def _clock_minus_stamps_s(self) -> float | None:
-        """What to add to a time stamp to get the robot's time [s], or None if that is not known."""
-        match Timestamps.NONE if self._settings.interface == SLCAN else self._settings.timestamps:
-            case Timestamps.ROBOT:
-                return 0.0
-            case Timestamps.WALL:
-                return self._clock.now_s() - time.time()
-            case Timestamps.NONE:
-                return None
-
-    def _receive(self, bus: "can.BusABC | SlcanBus") -> "can.Message | None":
-        try:
-            return bus.recv(timeout=0.0)
-        except (can.CanError, OSError) as error:
-            raise DeviceError(f"{self.label}: cannot receive ({error})") from error
-        except (ValueError, IndexError, KeyError, TypeError) as error:
-            raise ProtocolError(f"{self.label}: bytes that are no frame") from error
 
     def _accept(self, message: "can.Message") -> CanFrame | None:
         if message.is_error_frame:

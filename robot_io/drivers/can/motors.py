@@ -399,29 +399,24 @@ class AskedMotorBus(MotorBus, Generic[StateType]):
         super()._drain(deadline_s)
         now_s = self._clock.now_s()
         for joint, requests in enumerate(self._requests):
-            self._match(joint)
+            # More states than requests are those of several motors, or late ones: if they differ, none is
+            # believed. Else the newest counts.
+            states, self._states[joint] = self._states[joint], []
+            asked = [state for state, at_s in states if requests.answer(at_s)]
+            self._answers[joint] += len(asked)
+            self._unasked[joint] += len(states) - len(asked)
+            if len(asked) < len(states) and any(state != states[0][0] for state, _ in states):
+                self._newest[joint] = None
+                self._last_problem[joint] = f"more answers than requests: {_TWO_MOTORS}"
+            elif asked:
+                self._newest[joint] = asked[-1]
+                self._errors[joint], self._enabled[joint] = self._condition(asked[-1])
             if requests.settle(now_s) is not None:
                 self._newest[joint] = None  # whose request is not known
             state = self._newest[joint]
             if state is not None and not requests.is_unsure:
                 self._newest[joint] = None
                 self._keep(joint, state, requests.answered_s)
-
-    def _match(self, joint: int) -> None:
-        """Find the newest of the states that a motor has sent since the last look.
-
-        More states than requests are those of several motors, or late ones: if they differ, none is believed.
-        """
-        states, self._states[joint] = self._states[joint], []
-        asked = [state for state, at_s in states if self._requests[joint].answer(at_s)]
-        self._answers[joint] += len(asked)
-        self._unasked[joint] += len(states) - len(asked)
-        if len(asked) < len(states) and any(state != states[0][0] for state, _ in states):
-            self._newest[joint] = None
-            self._last_problem[joint] = f"more answers than requests: {_TWO_MOTORS}"
-        elif asked:
-            self._newest[joint] = asked[-1]
-            self._errors[joint], self._enabled[joint] = self._condition(asked[-1])
 
     def _fault(self, joint: int, now_s: float) -> str:
         error = self._error(joint)

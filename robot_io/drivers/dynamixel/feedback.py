@@ -100,7 +100,7 @@ def feedback_reader(
         fast: Whether the servos know the fast sync read.
     """
     ids = tuple(servo_ids)
-    ask = protocol.fast_sync_read if fast else protocol.sync_read
+    ask = protocol.DIALECT.fast_sync_read if fast else protocol.DIALECT.sync_read
     sizes = range(FEEDBACK_SIZE, FEEDBACK_SIZE + PADDING + 1)
     return (_FastReader if fast else FeedbackReader)(
         port,

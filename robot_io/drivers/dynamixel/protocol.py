@@ -8,11 +8,17 @@ Protocol 2.0" and "CRC Calculation".
 """
 
 import struct
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from functools import lru_cache
 from typing import Final, NamedTuple
 
-from palpate.robot_io.drivers.servo.stream import PacketStream, equal_parts
+from palpate.robot_io.drivers.servo.stream import (
+    BROADCAST_ID,
+    LARGEST_ID,
+    SYNC_WRITE,
+    PacketStream,
+    ServoDialect,
+)
 from palpate.robot_io.errors import ProtocolError
 
 _POLYNOMIAL = 0x8005
@@ -45,9 +51,11 @@ def crc16(data: bytes, start: int = 0) -> int:
     return crc
 
 
+def _checksum(data: bytes, start: int = 0) -> bytes:
+    return crc16(data, start).to_bytes(_CRC, "little")
+
+
 HEADER: Final = b"\xff\xff\xfd\x00"
-LARGEST_ID: Final = 0xFC
-BROADCAST_ID: Final = 0xFE
 LARGEST_PACKET: Final = 1024  # bytes; far more than any reply to what this package asks
 
 _STATUS = 0x55
@@ -87,28 +95,6 @@ class DynamixelStatus(NamedTuple):
         return _ERROR_NAMES.get(number, f"error number {number}") if number else None
 
 
-def encode_packet(servo_id: int, instruction: int, parameters: bytes = b"") -> bytes:
-    """Encode an instruction packet.
-
-    Args:
-        servo_id: Servo that is addressed, or `BROADCAST_ID` for all.
-        instruction: Code of the instruction.
-        parameters: Its parameters, not stuffed.
-
-    Raises:
-        ProtocolError: No servo can have this id, or the packet would be too long.
-    """
-    if not (0 <= servo_id <= LARGEST_ID or servo_id == BROADCAST_ID):
-        raise ProtocolError(f"{servo_id} is no servo id: 0 to {LARGEST_ID}, or {BROADCAST_ID} for all")
-    body = bytes((instruction,)) + parameters
-    body = body.replace(_LAST_BEFORE_STUFFING, _STUFFED)
-    length = len(body) + _CRC
-    if _HEAD + length > LARGEST_PACKET:
-        raise ProtocolError(f"a packet of {_HEAD + length} bytes is too long, at most {LARGEST_PACKET}")
-    packet = HEADER + bytes((servo_id, length & 0xFF, length >> 8)) + body
-    return packet + crc16(packet).to_bytes(_CRC, "little")
-
-
 def decode_status(packet: bytes) -> DynamixelStatus:
     """Decode a status packet.
 
@@ -123,7 +109,7 @@ def decode_status(packet: bytes) -> DynamixelStatus:
     servo_id, length = packet[4], packet[5] | packet[6] << 8
     if length != len(packet) - _HEAD:
         raise ProtocolError(f"a packet of {len(packet)} bytes that says {_HEAD + length}")
-    if crc16(packet[:-_CRC]) != packet[-2] | packet[-1] << 8:
+    if packet[-_CRC:] != _checksum(packet[:-_CRC]):
         raise ProtocolError(f"CRC mismatch in a packet of servo {servo_id}")
     if packet[_HEAD] != _STATUS or servo_id > LARGEST_ID:
         raise ProtocolError(f"not an answer of a servo: id {servo_id}, instruction {packet[_HEAD]:#04x}")
@@ -147,126 +133,45 @@ class DynamixelStatusReader(PacketStream[DynamixelStatus]):
         return decode_status(packet)
 
 
-def packet_reader(request: bytes) -> DynamixelStatusReader:
-    """Make what finds the answers to a request; its echo is no status packet.
-
-    Args:
-        request: packet that the servos were sent.
-    """
-    return DynamixelStatusReader()
+PING_SIZE: Final = 3  # bytes of the answer to a ping: model number (2) and firmware version
+_FAST_SYNC_READ = 0x8A
 
 
-_PING, _READ, _WRITE, _REBOOT = 0x01, 0x02, 0x03, 0x08
-_SYNC_READ, _SYNC_WRITE, _FAST_SYNC_READ = 0x82, 0x83, 0x8A
+class DynamixelDialect(ServoDialect):
+    """See `ServoDialect`; an echo is no status packet."""
+
+    word = 2
+
+    def _packet(self, servo_id: int, instruction: int, parameters: bytes) -> bytes:
+        body = (bytes((instruction,)) + parameters).replace(_LAST_BEFORE_STUFFING, _STUFFED)
+        length = len(body) + _CRC
+        if _HEAD + length > LARGEST_PACKET:
+            raise ProtocolError(f"a packet of {_HEAD + length} bytes is too long, at most {LARGEST_PACKET}")
+        packet = HEADER + bytes((servo_id, length & 0xFF, length >> 8)) + body
+        return packet + _checksum(packet)
+
+    def fast_sync_read(self, address: int, size: int, servo_ids: Sequence[int]) -> bytes:
+        """Read the same bytes of several servos, which make one packet together; see `FastReply`."""
+        return self.encode_packet(BROADCAST_ID, _FAST_SYNC_READ, self.words(address, size) + bytes(servo_ids))
+
+    def sync_write_block(self, address: int, size: int, block: bytes) -> bytes:
+        if _LAST_BEFORE_STUFFING in block:
+            return self.encode_packet(BROADCAST_ID, SYNC_WRITE, self.words(address, size) + block)
+        head, crc = self._sync_write_head(address, size, len(block))
+        return head + block + _checksum(block, crc)
+
+    @lru_cache  # noqa: B019 -- there is one dialect
+    def _sync_write_head(self, address: int, size: int, count: int) -> tuple[bytes, int]:
+        """What comes before `count` bytes of a sync write that need no stuffing, and its checksum."""
+        packet = self.encode_packet(BROADCAST_ID, SYNC_WRITE, self.words(address, size) + bytes(count))
+        head = packet[: len(packet) - count - _CRC]
+        return head, crc16(head)
+
+    def packet_reader(self, request: bytes) -> DynamixelStatusReader:
+        return DynamixelStatusReader()
 
 
-PING_SIZE: Final = 3
-
-
-def ping(servo_id: int) -> bytes:
-    """Ask who a servo is: it answers with model number (2 bytes) and firmware version (1 byte).
-
-    Args:
-        servo_id: of the servo, or the broadcast id.
-    """
-    return encode_packet(servo_id, _PING)
-
-
-def ping_all() -> bytes:
-    """Ask who is on the line; each servo answers as to `ping`."""
-    return ping(BROADCAST_ID)
-
-
-def reboot(servo_id: int) -> bytes:
-    """Restart a servo, which is the only way out of a hardware error.
-
-    Args:
-        servo_id: of the servo.
-    """
-    return encode_packet(servo_id, _REBOOT)
-
-
-def read(servo_id: int, address: int, size: int) -> bytes:
-    """Read `size` bytes at `address`.
-
-    Args:
-        servo_id: of the servo.
-        address: of the first byte.
-        size: number of bytes.
-    """
-    return encode_packet(servo_id, _READ, _word(address) + _word(size))
-
-
-def write(servo_id: int, address: int, data: bytes) -> bytes:
-    """Write `data` at `address`; acknowledged with an empty answer.
-
-    Args:
-        servo_id: of the servo.
-        address: of the first byte.
-        data: the bytes.
-    """
-    return encode_packet(servo_id, _WRITE, _word(address) + data)
-
-
-def sync_read(address: int, size: int, servo_ids: Sequence[int]) -> bytes:
-    """Read the same bytes of several servos; each answers with a packet of its own, in this order.
-
-    Args:
-        address: of the first byte.
-        size: number of bytes from each servo.
-        servo_ids: in the order of the answers.
-    """
-    return encode_packet(BROADCAST_ID, _SYNC_READ, _word(address) + _word(size) + bytes(servo_ids))
-
-
-def fast_sync_read(address: int, size: int, servo_ids: Sequence[int]) -> bytes:
-    """Read the same bytes of several servos, which make one packet together; see `FastReply`.
-
-    Args:
-        address: of the first byte.
-        size: number of bytes from each servo.
-        servo_ids: in the order of their parts.
-    """
-    return encode_packet(BROADCAST_ID, _FAST_SYNC_READ, _word(address) + _word(size) + bytes(servo_ids))
-
-
-def sync_write(address: int, data: Mapping[int, bytes]) -> bytes:
-    """Write at the same address of several servos, each its own bytes; nobody answers.
-
-    Args:
-        address: Of the first byte.
-        data: Bytes by servo id.
-
-    Raises:
-        ProtocolError: The bytes are not of equal number.
-    """
-    return sync_write_block(address, *equal_parts(data))
-
-
-def sync_write_block(address: int, size: int, block: bytes) -> bytes:
-    """Write at the same address of several servos; nobody answers.
-
-    Args:
-        address: Of the first byte.
-        size: Number of bytes for each servo.
-        block: For each servo its id and its bytes.
-    """
-    if _LAST_BEFORE_STUFFING in block:
-        return encode_packet(BROADCAST_ID, _SYNC_WRITE, _word(address) + _word(size) + block)
-    head, crc = _sync_write_head(address, size, len(block))
-    return head + block + crc16(block, crc).to_bytes(_CRC, "little")
-
-
-@lru_cache
-def _sync_write_head(address: int, size: int, count: int) -> tuple[bytes, int]:
-    """What comes before `count` bytes of a sync write that need no stuffing, and its checksum."""
-    packet = encode_packet(BROADCAST_ID, _SYNC_WRITE, _word(address) + _word(size) + bytes(count))
-    head = packet[: len(packet) - count - _CRC]
-    return head, crc16(head)
-
-
-def _word(value: int) -> bytes:
-    return value.to_bytes(2, "little")
+DIALECT: Final = DynamixelDialect()
 
 
 FAST_HEADER: Final = HEADER + bytes((BROADCAST_ID,))
@@ -290,7 +195,7 @@ class FastReply:
         self._ids = bytes(servo_ids)
         self._part = data_size + _AROUND_DATA
         self.size = _FAST_HEAD + len(self._ids) * self._part
-        self.length = _word(self.size - _HEAD)
+        self.length = (self.size - _HEAD).to_bytes(2, "little")
         self._head = FAST_HEADER + self.length + bytes((_STATUS,))
         starts = range(_FAST_HEAD, self.size, self._part)
         self._data = [slice(start + 2, start + self._part - _CRC) for start in starts]
@@ -317,18 +222,15 @@ class FastReply:
         """
         if len(packet) != self.size or not packet.startswith(self._head):
             raise ProtocolError(f"not the answer to a fast sync read: {packet[:16].hex(' ')}")
-        if crc16(packet[:-_CRC]) != packet[-2] | packet[-1] << 8:
-            raise ProtocolError(f"CRC mismatch in {self._damaged_part(packet)} part of a fast sync read")
+        if packet[-_CRC:] != _checksum(packet[:-_CRC]):
+            # The first mismatch shows whose part it is; the last checksum covers all parts.
+            ends = zip(self._ids, range(_FAST_HEAD + self._part, self.size, self._part), strict=False)
+            damaged = (i for i, end in ends if packet[end - 2 : end] != _checksum(packet[: end - 2]))
+            raise ProtocolError(
+                f"CRC mismatch in servo {next(damaged, self._ids[-1])}'s part of a fast sync read"
+            )
         errors, ids = packet[_FAST_HEAD :: self._part], packet[_FAST_HEAD + 1 :: self._part]
         if ids != self._ids:
             answered, asked = next(pair for pair in zip(ids, self._ids, strict=True) if pair[0] != pair[1])
             raise ProtocolError(f"servo {answered} answered in place of servo {asked}")
         return list(map(DynamixelStatus, ids, errors, map(packet.__getitem__, self._data)))
-
-    def _damaged_part(self, packet: bytes) -> str:
-        """Whose part has the first CRC mismatch; the last one covers all, and is enough to accept."""
-        ends = range(_FAST_HEAD + self._part, self.size, self._part)
-        for servo_id, end in zip(self._ids, ends, strict=False):
-            if crc16(packet[: end - 2]) != packet[end - 2] | packet[end - 1] << 8:
-                return f"servo {servo_id}'s"
-        return f"servo {self._ids[-1]}'s"

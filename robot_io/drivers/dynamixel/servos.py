@@ -1,7 +1,6 @@
 """Setting up the servos of one bus, from the first ping to torque on and off; may take milliseconds."""
 
 from collections.abc import Iterator
-from typing import ClassVar
 
 from palpate.robot_io.clock import Clock
 from palpate.robot_io.drivers.dynamixel import protocol, tables
@@ -13,7 +12,7 @@ from palpate.robot_io.drivers.dynamixel.tables import (
     hardware_error_names,
     model_name,
 )
-from palpate.robot_io.drivers.servo.access import RegisterAccess, ServoDialect
+from palpate.robot_io.drivers.servo.access import RegisterAccess
 from palpate.robot_io.drivers.servo.feedback import FeedbackReader
 from palpate.robot_io.drivers.servo.line import TOO_HOT, ServoLine
 from palpate.robot_io.errors import DeviceError
@@ -25,7 +24,7 @@ class DynamixelAccess(RegisterAccess):
     """Registers of Dynamixel servos, and what is behind an alert."""
 
     def __init__(self, port: SerialPort, clock: Clock) -> None:
-        super().__init__(protocol, port, clock)
+        super().__init__(protocol.DIALECT, port, clock)
 
     def who(self, servo_id: int) -> tuple[int, int]:
         """Read model number and firmware version of a servo. DeviceError: as `ping`."""
@@ -68,7 +67,7 @@ class DynamixelLine(ServoLine):
         current_limits: largest current that each servo takes, in its unit, once they have been looked at.
     """
 
-    dialect: ClassVar[ServoDialect] = protocol
+    dialect = protocol.DIALECT
     torque_enable = tables.TORQUE_ENABLE
     present_position = tables.PRESENT_POSITION
     goal = tables.GOAL_CURRENT

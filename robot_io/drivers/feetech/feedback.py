@@ -102,7 +102,7 @@ def feedback_reader(
         port,
         clock,
         servo_ids,
-        asking={size: protocol.sync_read(end - size, size, servo_ids) for size in sizes},
+        asking={size: protocol.DIALECT.sync_read(end - size, size, servo_ids) for size in sizes},
         packets=FeetechStatusReader(largest=protocol.AROUND + FEEDBACK_SIZE + PADDING),
         decode=decode,
         around=protocol.AROUND,

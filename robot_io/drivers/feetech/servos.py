@@ -2,14 +2,13 @@
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import ClassVar
 
 from palpate.robot_io.clock import Clock
 from palpate.robot_io.drivers.feetech import protocol, tables
 from palpate.robot_io.drivers.feetech.protocol import error_names
 from palpate.robot_io.drivers.feetech.settings import FeetechServo, FeetechSettings
 from palpate.robot_io.drivers.feetech.tables import LARGEST_LIMIT, STATUS, model_name
-from palpate.robot_io.drivers.servo.access import RegisterAccess, ServoDialect
+from palpate.robot_io.drivers.servo.access import RegisterAccess
 from palpate.robot_io.drivers.servo.line import TOO_HOT, ServoLine
 from palpate.robot_io.errors import DeviceError
 from palpate.robot_io.examination import Finding, Level, graded
@@ -58,7 +57,7 @@ class FeetechLine(ServoLine):
         clock: Clock of the deadlines.
     """
 
-    dialect: ClassVar[ServoDialect] = protocol
+    dialect = protocol.DIALECT
     torque_enable = tables.TORQUE_ENABLE
     present_position = tables.PRESENT_POSITION
     goal = tables.GOAL_POSITION
@@ -70,7 +69,7 @@ class FeetechLine(ServoLine):
     def __init__(
         self, settings: FeetechSettings, torque_limits: Mapping[int, int], port: SerialPort, clock: Clock
     ) -> None:
-        super().__init__(settings, RegisterAccess(protocol, port, clock), port, clock)
+        super().__init__(settings, RegisterAccess(protocol.DIALECT, port, clock), port, clock)
         self.torque_limits = torque_limits
 
     def identify(self) -> None:

@@ -5,9 +5,9 @@ from typing import Annotated, ClassVar, Literal
 
 from pydantic import Field
 
-from palpate.robot_io.drivers.feetech.protocol import LARGEST_ID
 from palpate.robot_io.drivers.feetech.tables import DUTY_PER_RAD, MODELS, FeetechModel
 from palpate.robot_io.drivers.servo.settings import ServoBusSettings, ServoMounting
+from palpate.robot_io.drivers.servo.stream import LARGEST_ID
 
 HomingOffset = Annotated[int, Field(ge=-2047, le=2047, strict=True)]
 

@@ -13,9 +13,16 @@ from palpate.robot_io.drivers.mit.settings import MitBusSettings
 from palpate.robot_io.errors import DeviceError, ProtocolError
 from palpate.robot_io.examination import Finding, fail, ok
 
+_SAME_RANGE = 1e-3  # share by which a motor's own range may differ from the stated one
+_SAME_POSITION_RAD = 0.02  # between two answers of a motor without torque
+_TRIAL_SHARE = 0.01  # of a motor's torque range
+_TRIAL_S = 0.01  # until it is exerted
 
-class MitExchange(AskedMotorBus[MitState]):
-    """MIT-mode motors as they are asked and answer, whoever made them."""
+
+class MitBus(AskedMotorBus[MitState]):
+    """MIT-mode motors on a CAN bus, whoever made them."""
+
+    name = "mit_bus"
 
     def __init__(self, settings: Mapping[str, object], context: DriverContext) -> None:
         own = context.settings_as(MitBusSettings, settings)
@@ -111,18 +118,6 @@ class MitExchange(AskedMotorBus[MitState]):
             raise self._about(joint, f"does not say its {register.name}")
         return self._register_values[0]
 
-
-_SAME_RANGE = 1e-3  # share by which a motor's own range may differ from the stated one
-_SAME_POSITION_RAD = 0.02  # between two answers of a motor without torque
-_TRIAL_SHARE = 0.01  # of a motor's torque range
-_TRIAL_S = 0.01  # until it is exerted
-
-
-class MitBus(MitExchange):
-    """MIT-mode motors on a CAN bus."""
-
-    name = "mit_bus"
-
     def configure(self) -> None:
         """Open the adapter and hear every motor, with the torque off.
 
@@ -138,13 +133,22 @@ class MitBus(MitExchange):
                     problem = f"its {register.name} is {reported:g}, the robot file says {stated:g}"
                     raise self._about(joint, f"{problem}: state its 'ranges', or set the motor")
             if self._dialect.position_register:
-                self._check_position(joint, self._dialect.position_register)
+                # It must stand where its states say, on the same turn.
+                register = self._dialect.position_register
+                reported_rad = self._motors[joint].joint_angle_rad(self._register(joint, register))
+                stated_rad = self._position_rad[joint]
+                if not abs(reported_rad - stated_rad) <= _SAME_POSITION_RAD:
+                    problem = f"its {register.name} is {reported_rad:.3f} rad at the joint, its states say"
+                    remedy = "turn it back, or state its 'ranges'"
+                    raise self._about(joint, f"{problem} {stated_rad:.3f}: {remedy}")
 
     def _report(self) -> list[Finding]:
         """See `MotorBus._report`; the protocol tells neither voltage nor firmware."""
         self._motion_at_s = [-inf] * self.joint_count
         self._ask()
         self._wait_for(lambda: -inf not in self._motion_at_s, ANSWER_S)
+        proven = "set, read back and proven" if self._is_proven else "set and read back"
+        evidence = proven if self._dialect.set_up else "proven"
         observations = []
         for joint, motor in enumerate(self._motors):
             label, error = self.motor_label(joint), self._error(joint)
@@ -157,19 +161,12 @@ class MitBus(MitExchange):
             else:
                 value = f"answers, at {self._position_rad[joint]:+.3f} rad; does not report its model, "
                 value += f"the robot file says {motor.model}; CAN timeout {self._own.watchdog_s:g} s, "
-                observations.append(ok(label, value + f"{self._timeout_evidence} at activation"))
+                observations.append(ok(label, value + f"{evidence} at activation"))
         return observations
 
     def tick_wire_s(self) -> float | None:
         """See `Examinable.tick_wire_s`: a command to each motor, and its answer."""
         return 2 * self.joint_count * self._frame_s(8, extended=self._frames.extended)
-
-    @property
-    def _timeout_evidence(self) -> str:
-        """How the CAN timeout is known."""
-        if not self._dialect.set_up:
-            return "proven"
-        return "set, read back and proven" if self._is_proven else "set and read back"
 
     @property
     def _is_proven(self) -> bool:
@@ -188,15 +185,6 @@ class MitBus(MitExchange):
             self._send_confirmed(frames, "motor mode is not confirmed by", enabled=True)
         self._powered = True
         self._command, self._commanded_s = self._zero_torque(), self._clock.now_s()
-
-    def _check_position(self, joint: int, register: MotorRegister) -> None:
-        """That it stands where its states say, on the same turn. DeviceError: it does not."""
-        found_rad = self._motors[joint].joint_angle_rad(self._register(joint, register))
-        if not abs(found_rad - self._position_rad[joint]) <= _SAME_POSITION_RAD:
-            problem = f"its {register.name} is {found_rad:.3f} rad at the joint, its states say"
-            raise self._about(
-                joint, f"{problem} {self._position_rad[joint]:.3f}: turn it back, or state its 'ranges'"
-            )
 
     def _set_up(self) -> None:
         """Set mode and CAN timeout, and forget that it has fired.
@@ -237,7 +225,13 @@ class MitBus(MitExchange):
             for ranges, motor in zip(self._ranges, self._motors, strict=True)
         ]
         if not says_mode:
-            self._exert(trial_nm)
+            trial = [self._encode_torque(joint, torque_nm)[0] for joint, torque_nm in enumerate(trial_nm)]
+            self._answered(trial)
+            self._clock.sleep_until(self._clock.now_s() + _TRIAL_S)
+            exerting = self._exerting(trial, trial_nm)
+            if not all(exerting):
+                idle = self.motor_label(exerting.index(False))
+                raise DeviceError(f"{self.line.label}: {idle} shows no torque when told to exert some")
         self._outlast_watchdogs()
         if says_mode:
             self._answered(self._zero_torque())
@@ -245,16 +239,6 @@ class MitBus(MitExchange):
         else:
             going_on = self._exerting(self._to_every_motor(Order.ENTER), trial_nm)
         self._refuse_going_on(going_on, "is still in motor mode" if says_mode else "still exerts torque")
-
-    def _exert(self, trial_nm: list[float]) -> None:
-        """Exert torques (n) [N m] at the joints. DeviceError: a motor shows none."""
-        trial = [self._encode_torque(joint, torque_nm)[0] for joint, torque_nm in enumerate(trial_nm)]
-        self._answered(trial)
-        self._clock.sleep_until(self._clock.now_s() + _TRIAL_S)
-        exerting = self._exerting(trial, trial_nm)
-        if not all(exerting):
-            idle = self.motor_label(exerting.index(False))
-            raise DeviceError(f"{self.line.label}: {idle} shows no torque when told to exert some")
 
     def _exerting(self, frames: list[CanFrame], trial_nm: list[float]) -> list[bool]:
         """Whether the answers to `frames`, one to each motor, show at least half of torques (n) [N m]."""

@@ -232,7 +232,12 @@ class MitBusSettings(CanLineSettings):
             raise ValueError(
                 f"motors: 'answer_id' is Damiao's; those of maker '{self.maker}' have one 'host_id'"
             )
-        self._check_answer_ids(ids)
+        # An answer under a motor's id would be a command to it.
+        has_own = self.dialect.has_answer_ids
+        answer_ids = [self.answer_ids(motor)[0] for motor in self.motors] if has_own else [self.host]
+        twice = [number for number in answer_ids if number in ids or answer_ids.count(number) > 1]
+        if twice:
+            raise ValueError(f"answer id {twice[0]} is a motor's id, or that of two motors' answers")
         models = self.dialect.models
         unknown = [motor.model for motor in self.motors if motor.ranges is None and motor.model not in models]
         if unknown:
@@ -241,16 +246,6 @@ class MitBusSettings(CanLineSettings):
                 f"Valid: {', '.join(models)}, or state 'ranges'"
             )
         return self
-
-    def _check_answer_ids(self, motor_ids: list[int]) -> None:
-        """An answer under a motor's id would be a command to it."""
-        has_own = self.dialect.has_answer_ids
-        answer_ids = [self.answer_ids(motor)[0] for motor in self.motors] if has_own else [self.host]
-        wrong = [
-            answer_id for answer_id in answer_ids if answer_id in motor_ids or answer_ids.count(answer_id) > 1
-        ]
-        if wrong:
-            raise ValueError(f"answer id {wrong[0]} is a motor's id, or that of two motors' answers")
 
     @property
     def dialect(self) -> MitDialect:

@@ -1,11 +1,10 @@
 """Registers of one servo, and the protocol to read and write them; each answer is checked and may take ms."""
 
-from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any, Protocol
+from typing import Protocol
 
 from palpate.robot_io.clock import Clock
-from palpate.robot_io.drivers.servo.stream import PacketStream
+from palpate.robot_io.drivers.servo.stream import ServoDialect
 from palpate.robot_io.errors import DeviceError, DeviceTimeoutError, ProtocolError
 from palpate.robot_io.serial_port import SerialPort
 
@@ -78,31 +77,6 @@ class Packet(Protocol):
     @property
     def refusal(self) -> str | None:
         """Why the instruction was refused, or None if it was not."""
-
-
-class ServoDialect(Protocol):
-    """Instructions as bytes, and what finds the answers to them."""
-
-    def ping(self, servo_id: int) -> bytes:
-        """Ask one servo who it is."""
-
-    def ping_all(self) -> bytes:
-        """Ask who is on the line; each servo answers after those with smaller ids."""
-
-    def read(self, servo_id: int, address: int, size: int) -> bytes:
-        """Read `size` bytes from `address` on."""
-
-    def write(self, servo_id: int, address: int, data: bytes) -> bytes:
-        """Write bytes from `address` on."""
-
-    def sync_write(self, address: int, data: Mapping[int, bytes]) -> bytes:
-        """Write at the same address of several servos, each its own bytes; nobody answers."""
-
-    def sync_write_block(self, address: int, size: int, block: bytes) -> bytes:
-        """Do the same with a block of servo ids, each followed by the `size` bytes for that servo."""
-
-    def packet_reader(self, request: bytes) -> PacketStream[Any]:
-        """Make what finds the answers to a request, and not its echo."""
 
 
 _PATIENCE_S = 0.02  # beyond the time on the wire: USB adapters may hold bytes back for 16 ms

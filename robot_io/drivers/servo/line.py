@@ -6,8 +6,9 @@ from collections.abc import Callable, Iterable
 from typing import Any, ClassVar, NamedTuple, get_args
 
 from palpate.robot_io.clock import Clock
-from palpate.robot_io.drivers.servo.access import Register, RegisterAccess, ServoDialect
+from palpate.robot_io.drivers.servo.access import Register, RegisterAccess
 from palpate.robot_io.drivers.servo.settings import ServoBusSettings
+from palpate.robot_io.drivers.servo.stream import ServoDialect
 from palpate.robot_io.errors import DeviceError, DeviceTimeoutError
 from palpate.robot_io.examination import Finding, fail, warn
 from palpate.robot_io.serial_port import SerialPort

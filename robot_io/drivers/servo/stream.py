@@ -1,8 +1,8 @@
-"""Finds the packets of servos in a stream of bytes that comes in pieces and may be damaged anywhere."""
+"""Packets of servos: instructions, and answers in a stream that comes in pieces and may be damaged."""
 
 from abc import ABC, abstractmethod
-from collections.abc import Mapping
-from typing import ClassVar, Generic, TypeVar
+from collections.abc import Mapping, Sequence
+from typing import Any, ClassVar, Final, Generic, TypeVar
 
 from palpate.robot_io.errors import ProtocolError
 
@@ -76,22 +76,95 @@ class PacketStream(ABC, Generic[PacketType]):
         return packets
 
 
-def equal_parts(data: Mapping[int, bytes]) -> tuple[int, bytes]:
-    """Join what a sync write sends to each servo.
+LARGEST_ID: Final = 0xFC
+BROADCAST_ID: Final = 0xFE
+_PING, _READ, _WRITE, _SYNC_READ, SYNC_WRITE = 0x01, 0x02, 0x03, 0x82, 0x83
 
-    Args:
-        data: Bytes by servo id.
 
-    Returns:
-        Number of bytes for each servo, and all of them, each after the id of its servo.
+class ServoDialect(ABC):
+    """Instructions as bytes, and what finds the answers to them.
 
-    Raises:
-        ProtocolError: The bytes are not of equal number.
+    Args of its methods: `servo_id` of the servo, `address` of the first byte, `size` in bytes for each servo.
     """
-    sizes = {len(value) for value in data.values()}
-    if len(sizes) != 1:
-        raise ProtocolError(f"a sync write needs equally many bytes for each servo, not {sorted(sizes)}")
-    return sizes.pop(), b"".join(bytes((servo_id,)) + value for servo_id, value in data.items())
+
+    word: ClassVar[int]  # bytes of an address or a size
+
+    @abstractmethod
+    def _packet(self, servo_id: int, instruction: int, parameters: bytes) -> bytes:
+        """An instruction packet. ProtocolError: it would be too long."""
+
+    @abstractmethod
+    def sync_write_block(self, address: int, size: int, block: bytes) -> bytes:
+        """Write at the same address of several servos; nobody answers.
+
+        Args:
+            address: Of the first byte.
+            size: Number of bytes for each servo.
+            block: For each servo its id and its bytes.
+        """
+
+    @abstractmethod
+    def packet_reader(self, request: bytes) -> PacketStream[Any]:
+        """Make what finds the answers to a request, and not its echo.
+
+        Args:
+            request: packet that the servos were sent.
+        """
+
+    def encode_packet(self, servo_id: int, instruction: int, parameters: bytes = b"") -> bytes:
+        """Encode an instruction packet.
+
+        Args:
+            servo_id: Servo that is addressed, or `BROADCAST_ID` for all.
+            instruction: Code of the instruction.
+            parameters: Its parameters, not stuffed.
+
+        Raises:
+            ProtocolError: No servo can have this id, or the packet would be too long.
+        """
+        if not (0 <= servo_id <= LARGEST_ID or servo_id == BROADCAST_ID):
+            raise ProtocolError(f"{servo_id} is no servo id: 0 to {LARGEST_ID}, or {BROADCAST_ID} for all")
+        return self._packet(servo_id, instruction, parameters)
+
+    def words(self, *values: int) -> bytes:
+        """Addresses and sizes as bytes."""
+        return b"".join(value.to_bytes(self.word, "little") for value in values)
+
+    def ping(self, servo_id: int) -> bytes:
+        """Ask one servo who it is."""
+        return self.encode_packet(servo_id, _PING)
+
+    def ping_all(self) -> bytes:
+        """Ask who is on the line; each servo answers after those with smaller ids."""
+        return self.encode_packet(BROADCAST_ID, _PING)
+
+    def read(self, servo_id: int, address: int, size: int) -> bytes:
+        """Read bytes of one servo."""
+        return self.encode_packet(servo_id, _READ, self.words(address, size))
+
+    def write(self, servo_id: int, address: int, data: bytes) -> bytes:
+        """Write bytes of one servo, which acknowledges with an empty answer."""
+        return self.encode_packet(servo_id, _WRITE, self.words(address) + data)
+
+    def sync_read(self, address: int, size: int, servo_ids: Sequence[int]) -> bytes:
+        """Read the same bytes of several servos; each answers with a packet of its own, in this order."""
+        return self.encode_packet(BROADCAST_ID, _SYNC_READ, self.words(address, size) + bytes(servo_ids))
+
+    def sync_write(self, address: int, data: Mapping[int, bytes]) -> bytes:
+        """Write at the same address of several servos, each its own bytes; nobody answers.
+
+        Args:
+            address: Of the first byte.
+            data: Bytes by servo id.
+
+        Raises:
+            ProtocolError: The bytes are not of equal number.
+        """
+        sizes = {len(value) for value in data.values()}
+        if len(sizes) != 1:
+            raise ProtocolError(f"a sync write needs equally many bytes for each servo, not {sorted(sizes)}")
+        block = b"".join(bytes((servo_id,)) + value for servo_id, value in data.items())
+        return self.sync_write_block(address, sizes.pop(), block)
 
 
 def bit_names(value: int, names: Mapping[int, str]) -> str:

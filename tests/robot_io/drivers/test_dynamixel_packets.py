@@ -13,7 +13,6 @@ from palpate.robot_io.drivers.dynamixel.protocol import (
     FastReply,
     crc16,
     decode_status,
-    encode_packet,
 )
 from palpate.robot_io.errors import ProtocolError
 from palpate.sim_backend.emulators import dynamixel
@@ -32,25 +31,28 @@ def packet(text):
 # ROBOTIS e-manual, "DYNAMIXEL Protocol 2.0": examples of Ping, Read, Write, Reboot, Sync Read, Sync Write,
 # Fast Sync Read (and one more of the last from the manual of the JA40).
 REQUESTS = {
-    "ping 1": (protocol.ping(1), "ff ff fd 00 01 03 00 01 19 4e"),
-    "ping all": (protocol.ping(BROADCAST_ID), "ff ff fd 00 fe 03 00 01 31 42"),
-    "read position": (protocol.read(1, 132, 4), "ff ff fd 00 01 07 00 02 84 00 04 00 1d 15"),
+    "ping 1": (protocol.DIALECT.ping(1), "ff ff fd 00 01 03 00 01 19 4e"),
+    "ping all": (protocol.DIALECT.ping(BROADCAST_ID), "ff ff fd 00 fe 03 00 01 31 42"),
+    "read position": (protocol.DIALECT.read(1, 132, 4), "ff ff fd 00 01 07 00 02 84 00 04 00 1d 15"),
     "write position": (
-        protocol.write(1, 116, packet("00 02 00 00")),
+        protocol.DIALECT.write(1, 116, packet("00 02 00 00")),
         "ff ff fd 00 01 09 00 03 74 00 00 02 00 00 ca 89",
     ),
-    "reboot": (protocol.reboot(1), "ff ff fd 00 01 03 00 08 2f 4e"),
-    "sync read": (protocol.sync_read(132, 4, (1, 2)), "ff ff fd 00 fe 09 00 82 84 00 04 00 01 02 ce fa"),
+    "reboot": (protocol.DIALECT.encode_packet(1, 8), "ff ff fd 00 01 03 00 08 2f 4e"),
+    "sync read": (
+        protocol.DIALECT.sync_read(132, 4, (1, 2)),
+        "ff ff fd 00 fe 09 00 82 84 00 04 00 01 02 ce fa",
+    ),
     "sync write": (
-        protocol.sync_write(116, {1: packet("96 00 00 00"), 2: packet("aa 00 00 00")}),
+        protocol.DIALECT.sync_write(116, {1: packet("96 00 00 00"), 2: packet("aa 00 00 00")}),
         "ff ff fd 00 fe 11 00 83 74 00 04 00 01 96 00 00 00 02 aa 00 00 00 82 87",
     ),
     "fast sync read": (
-        protocol.fast_sync_read(132, 4, (3, 7, 4)),
+        protocol.DIALECT.fast_sync_read(132, 4, (3, 7, 4)),
         "ff ff fd 00 fe 0a 00 8a 84 00 04 00 03 07 04 20 f2",
     ),
     "fast sync read, JA40": (
-        protocol.fast_sync_read(580, 4, (1, 2)),
+        protocol.DIALECT.fast_sync_read(580, 4, (1, 2)),
         "ff ff fd 00 fe 09 00 8a 44 02 04 00 01 02 72 f2",
     ),
 }
@@ -114,7 +116,7 @@ def test_whatever_a_servo_sends_is_understood(servo_id, error, data):
 @example(servo_id=1, code=3, parameters=packet("ff ff fd fd 00 ff ff fd"))
 @given(IDS | st.just(BROADCAST_ID), st.integers(0, 252), TRICKY)
 def test_whatever_is_asked_is_understood_by_a_servo(servo_id, code, parameters):
-    sent = encode_packet(servo_id, code, parameters)
+    sent = protocol.DIALECT.encode_packet(servo_id, code, parameters)
     assert b"\xff\xff\xfd" not in sent[7:-2].replace(b"\xff\xff\xfd\xfd", b"")
     (understood,) = dynamixel.DynamixelReceiver().take(sent)
     assert (understood.target, understood.code, understood.parameters) == (servo_id, code, parameters)
@@ -153,7 +155,7 @@ def test_a_damaged_length_does_not_swallow_what_follows():
 def test_an_echo_of_the_request_is_no_answer():
     """Some adapters hear themselves."""
     answer = dynamixel.status(1, 0, packet("a6 00 00 00"))
-    assert DynamixelStatusReader().feed(protocol.read(1, 132, 4) + answer) == [decode_status(answer)]
+    assert DynamixelStatusReader().feed(protocol.DIALECT.read(1, 132, 4) + answer) == [decode_status(answer)]
 
 
 @pytest.mark.parametrize("place", range(3))
@@ -184,14 +186,14 @@ def test_the_alert_and_the_error_number_are_told_apart():
 
 @pytest.mark.parametrize("count", [0, 250, 300, 600])
 def test_a_packet_says_how_long_it_is(count):
-    packet = encode_packet(1, 3, bytes(count))
+    packet = protocol.DIALECT.encode_packet(1, 3, bytes(count))
     assert int.from_bytes(packet[5:7], "little") == len(packet) - 7 == 1 + count + 2
 
 
 def test_requests_that_no_servo_could_understand_are_not_made():
     with pytest.raises(ProtocolError, match="253"):
-        encode_packet(253, 1)
+        protocol.DIALECT.encode_packet(253, 1)
     with pytest.raises(ProtocolError, match="too long"):
-        encode_packet(1, 3, bytes(2000))
+        protocol.DIALECT.encode_packet(1, 3, bytes(2000))
     with pytest.raises(ProtocolError, match="equally many"):
-        protocol.sync_write(102, {1: b"ab", 2: b"c"})
+        protocol.DIALECT.sync_write(102, {1: b"ab", 2: b"c"})

@@ -15,14 +15,14 @@ IDS, DATA = st.integers(0, 0xFC), st.binary(max_size=40)
 @pytest.mark.parametrize(
     ("packet", "bytes_of_the_manual"),
     [
-        (protocol.read(1, 0x38, 2), "FF FF 01 04 02 38 02 BE"),
-        (protocol.write(0xFE, 5, b"\x01"), "FF FF FE 04 03 05 01 F4"),
+        (protocol.DIALECT.read(1, 0x38, 2), "FF FF 01 04 02 38 02 BE"),
+        (protocol.DIALECT.write(0xFE, 5, b"\x01"), "FF FF FE 04 03 05 01 F4"),
         (
-            protocol.sync_write(0x2A, {k: bytes.fromhex("0008 0000 E803") for k in (1, 2, 3, 4)}),
+            protocol.DIALECT.sync_write(0x2A, {k: bytes.fromhex("0008 0000 E803") for k in (1, 2, 3, 4)}),
             "FF FF FE 20 83 2A 06 01 00 08 00 00 E8 03 02 00 08 00 00 E8 03 03 00 08 00 00 E8 03 "
             "04 00 08 00 00 E8 03 58",
         ),
-        (protocol.sync_read(0x38, 8, (1, 2)), "FF FF FE 06 82 38 08 01 02 36"),
+        (protocol.DIALECT.sync_read(0x38, 8, (1, 2)), "FF FF FE 06 82 38 08 01 02 36"),
     ],
 )
 def test_examples_of_the_manual(packet, bytes_of_the_manual):
@@ -77,28 +77,28 @@ def test_answers_are_found_in_any_portions(answers, draw):
 @given(IDS, st.integers(0, 70), st.integers(1, 40))
 def test_an_echo_on_the_one_wire_is_no_answer(servo_id, address, size):
     """It differs from an answer in nothing but that it is what was sent."""
-    request = protocol.read(servo_id, address, size)
+    request = protocol.DIALECT.read(servo_id, address, size)
     assert isinstance(decode_status(request), FeetechStatus)
-    reader, answer = protocol.packet_reader(request), feetech.status(servo_id, 0, bytes(size))
+    reader, answer = protocol.DIALECT.packet_reader(request), feetech.status(servo_id, 0, bytes(size))
     expected = [FeetechStatus(servo_id, 0, bytes(size))]
     assert reader.feed(request + answer) == expected
     reader = FeetechStatusReader()
-    assert reader.feed(protocol.sync_read(40, 26, (1, 2)) + answer) == expected
+    assert reader.feed(protocol.DIALECT.sync_read(40, 26, (1, 2)) + answer) == expected
     assert reader.rejected == 0
 
 
 def test_an_echo_comes_once():
     """With a position sensor error, servo 1 says so of a position of 568: 38 02, as it was asked."""
-    request = protocol.read(1, 56, 2)
+    request = protocol.DIALECT.read(1, 56, 2)
     assert feetech.status(1, 2, (568).to_bytes(2, "little")) == request
-    assert protocol.packet_reader(request).feed(2 * request) == [FeetechStatus(1, 2, b"\x38\x02")]
+    assert protocol.DIALECT.packet_reader(request).feed(2 * request) == [FeetechStatus(1, 2, b"\x38\x02")]
 
 
 @pytest.mark.parametrize("servo_id", [-1, 0xFD, 0xFF])
 def test_requests_that_no_servo_could_understand_are_not_made(servo_id):
     with pytest.raises(ProtocolError, match="no servo id"):
-        protocol.ping(servo_id)
+        protocol.DIALECT.ping(servo_id)
     with pytest.raises(ProtocolError, match="equally many"):
-        protocol.sync_write(42, {1: b"\x00", 2: b"\x00\x00"})
+        protocol.DIALECT.sync_write(42, {1: b"\x00", 2: b"\x00\x00"})
     with pytest.raises(ProtocolError, match="too many"):
-        protocol.write(1, 0, bytes(250))
+        protocol.DIALECT.write(1, 0, bytes(250))
