@@ -349,7 +349,7 @@ class NetFt(SerialForceSensor, Examinable):
         if not configuration.is_streaming:
             raise self._error("RDT is disabled: enable it on its page 'Communications'")
         tries = range(_REQUESTS)  # a request may be lost
-        if not any(self._bus.ask(START, lambda d: len(d) == RECORD_SIZE or None, _ANSWER_S) for _ in asked):
+        if not any(self._bus.ask(START, lambda d: len(d) == RECORD_SIZE or None, _ANSWER_S) for _ in tries):
             raise self._error("sends no records; check rdt_port, firewall and other programs")
         device = f"{configuration.product}, {configuration.rate_hz} records/s"
         self._found = f"{device}, {own.axis} axis, {own.capacity_n:.4g} N"
