@@ -309,7 +309,13 @@ def choose_path(
     """
     floor_m = float(body.heights_m(start_rad)[1:].min())
     low, high = room(limits, _LIMIT_MARGIN_RAD)
-    speed = _allowed_speeds(limits, settings)
+    speed = paced(settings.speed_rad_s, limits)
+    joint = int(speed.argmin())
+    if speed[joint] < _SLOWEST_RAD_S:
+        raise InputError(
+            f"limits.velocity_rad_s of joint {joint + 1} is {limits.velocity_rad_s[joint]:g} rad/s: too slow "
+            f"to tell friction from weight; this motion needs {_SLOWEST_RAD_S / SHARE:g} rad/s or more"
+        )
     centre = highest_posture(body, low, high)
     check_way_up(body, start_rad, centre, limits)
     times = np.linspace(0.0, settings.duration_s, _POSTURES)
@@ -323,7 +329,10 @@ def choose_path(
             motion = path.along(times)
             each = (JointMotion(*row) for row in zip(*motion, strict=True))
             if is_clear(body, motion.position_rad, floor_m) and overloaded_joint(body, each, limits) is None:
-                score = _information(bodies, motion)
+                columns = design(bodies, *motion)
+                norms = np.linalg.norm(columns, axis=0)
+                sign, size = np.linalg.slogdet(columns[:, norms > 0].T @ columns[:, norms > 0])
+                score = float(size) if sign > 0 else -math.inf
                 best = (score, path) if best is None or score > best[0] else best
                 break
     if best is None:
@@ -332,18 +341,6 @@ def choose_path(
             "raise the arm first, or limits.torque_nm"
         )
     return best[1]
-
-
-def _allowed_speeds(limits: Limits, settings: ExcitationSettings) -> FloatArray:
-    """Speeds (n,) [rad/s]; refuses with `InputError` a joint too slow for its torque to say anything."""
-    speed = paced(settings.speed_rad_s, limits)
-    joint = int(speed.argmin())
-    if speed[joint] < _SLOWEST_RAD_S:
-        raise InputError(
-            f"limits.velocity_rad_s of joint {joint + 1} is {limits.velocity_rad_s[joint]:g} rad/s: too slow "
-            f"to tell friction from weight; this motion needs {_SLOWEST_RAD_S / SHARE:g} rad/s or more"
-        )
-    return speed
 
 
 def _shrinking(
@@ -364,13 +361,6 @@ def _shrinking(
     scale = np.minimum(room / reach, speed / rate)
     for share in _SHRINKING:
         yield FourierPath(centre, share * scale[:, None] * amplitude, phase, period_s, settings.duration_s)
-
-
-def _information(bodies: GravityBodies, motion: JointMotion) -> float:
-    columns = design(bodies, *motion)
-    norms = np.linalg.norm(columns, axis=0)
-    sign, size = np.linalg.slogdet(columns[:, norms > 0].T @ columns[:, norms > 0])
-    return float(size) if sign > 0 else -math.inf
 
 
 TOUCH_N = 5.0  # away from what the force sensor showed at the start

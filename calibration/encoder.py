@@ -280,7 +280,20 @@ class StopTask:
             text = f"joint {joint + 1} against its stop, the encoder shows {position:.5f} rad"
             stop = {"run": self._touch, "joint": joint, "stop_rad": approach.stop_rad, "shown_rad": position}
             events = (TaskEvent(EVENT, text, stop),)
-            self._leave(measurement.joint_position_rad)
+            # Back off, and go on to the next touch, the next stop, or home.
+            before, here = self._approach, self._reference_rad.copy()
+            here[before.joint] = measurement.joint_position_rad[before.joint]
+            back = here.copy()
+            back[before.joint] -= before.side * _BACK_RAD
+            self._touch += 1
+            self._pressing = False
+            self._free.forget()
+            if self._touch >= self._touches:
+                self._move_along([here, back, self._up_rad, self._start_rad])
+            elif self._approach is before:
+                self._move_along([here, back])
+            else:
+                self._move_along([here, back, self._up_rad, self._approach.posture_rad])
         return self._free.output(measurement, motion, torque_nm, phase, run, events=events)
 
     def _pushed(self, measurement: Measurement, motion: JointMotion, dt_s: float) -> FloatArray:
@@ -318,22 +331,6 @@ class StopTask:
                 f"is ({option}), or, if {held}its zero is off by so much, calibrate in a known pose first "
                 "(--pose)"
             )
-
-    def _leave(self, position_rad: FloatArray) -> None:
-        """Back off, and go on to the next touch, the next stop, or home."""
-        before, here = self._approach, self._reference_rad.copy()
-        here[before.joint] = position_rad[before.joint]
-        back = here.copy()
-        back[before.joint] -= before.side * _BACK_RAD
-        self._touch += 1
-        self._pressing = False
-        self._free.forget()
-        if self._touch >= self._touches:
-            self._move_along([here, back, self._up_rad, self._start_rad])
-        elif self._approach is before:
-            self._move_along([here, back])
-        else:
-            self._move_along([here, back, self._up_rad, self._approach.posture_rad])
 
 
 _ROUNDING_RAD = 1e-12  # of a mean of equal numbers

@@ -143,9 +143,17 @@ def read_reference_file(
     reading = _column(table, "reading", columns)
     reference = _column(table, "reference", columns)
     settled = columns.get("settled") or next((name for name in table.names if name == "settled"), None)
+    factors = _TO_N | {"kg": gravity_m_s2, "g": 1e-3 * gravity_m_s2, "lb": 0.45359237 * gravity_m_s2}
+    unit = reference.rpartition("_")[2].lower()
+    if unit not in factors:
+        raise InputError(
+            f"{table.path}: column '{reference}' must end in the reference's unit, "
+            f"one of {', '.join(factors)}"
+        )
+    unit_n = factors[unit]
     plateaus = find_plateaus(
         table.numbers(reading),
-        table.numbers(reference) * _newtons(table, reference, gravity_m_s2),
+        table.numbers(reference) * unit_n,
         None if settled is None else np.asarray(table.numbers(settled) != 0.0),
     )
     return plateaus, reading_unit or _reading_unit(table, reading)
@@ -163,17 +171,6 @@ def _column(table: Table, role: str, columns: Mapping[str, str]) -> str:
             f"There are: {table.listed_names}"
         )
     return candidates[0]
-
-
-def _newtons(table: Table, name: str, gravity_m_s2: float) -> float:
-    """Look up the size of one unit of the reference [N]."""
-    factors = _TO_N | {"kg": gravity_m_s2, "g": 1e-3 * gravity_m_s2, "lb": 0.45359237 * gravity_m_s2}
-    unit = name.rpartition("_")[2].lower()
-    if unit not in factors:
-        raise InputError(
-            f"{table.path}: column '{name}' must end in the reference's unit, one of {', '.join(factors)}"
-        )
-    return factors[unit]
 
 
 def _reading_unit(table: Table, name: str) -> str:

@@ -31,17 +31,13 @@ class Registry(Mapping[str, type[T]], Generic[T]):
     @cached_property
     def _members(self) -> dict[str, type[T]]:
         members: dict[str, type[T]] = {}
-        for member in self._search():
-            name = vars(member)["name"]
-            if name in members:
-                raise InputError(f"two {self.kind}s are called '{name}': {members[name]} and {member}")
-            members[name] = member
+        for package in map(importlib.import_module, self._packages):
+            for member in cast("tuple[type[T], ...]", _members_in(package, self.base)):  # type: ignore[arg-type]
+                name = vars(member)["name"]
+                if name in members:
+                    raise InputError(f"two {self.kind}s are called '{name}': {members[name]} and {member}")
+                members[name] = member
         return dict(sorted(members.items()))
-
-    def _search(self) -> Iterator[type[T]]:
-        for name in self._packages:
-            members = _members_in(importlib.import_module(name), self.base)  # type: ignore[arg-type]
-            yield from cast("tuple[type[T], ...]", members)
 
     def __getitem__(self, name: str) -> type[T]:
         try:
@@ -75,17 +71,13 @@ class Registry(Mapping[str, type[T]], Generic[T]):
 
 @cache
 def _members_in(package: ModuleType, base: type[object]) -> tuple[type[object], ...]:
-    """The members in a package, which several registries of a process look through."""
+    """The members that a package's modules define themselves; without an own name they are bases."""
     inside = pkgutil.walk_packages(getattr(package, "__path__", ()), package.__name__ + ".")
     modules = (package, *(importlib.import_module(entry.name) for entry in inside))
-    return tuple(member for module in modules for member in _defined_in(module, base))
-
-
-def _defined_in(module: ModuleType, base: type[object]) -> Iterator[type[object]]:
-    """Members that `module` itself defines; without an own name they are a base for others."""
-    for value in vars(module).values():
-        if not (inspect.isclass(value) and issubclass(value, base)):
-            continue
-        own_name = isinstance(vars(value).get("name"), str)
-        if own_name and value.__module__ == module.__name__ and not inspect.isabstract(value):
-            yield value
+    return tuple(
+        value
+        for module in modules
+        for value in vars(module).values()
+        if inspect.isclass(value) and issubclass(value, base) and value.__module__ == module.__name__
+        if isinstance(vars(value).get("name"), str) and not inspect.isabstract(value)
+    )

@@ -172,12 +172,15 @@ class Robot(Opened):
         torque, force = self.torque.read_torque(), self.force.read_force()
         encoder_at_s = min(position.sampled_at_s, velocity.sampled_at_s)
         encoder_status = max(position.status, velocity.status)
+        if force.value.shape != (1,):
+            raise DeviceError(f"{self.name}: force has shape {force.value.shape}, expected (1,)")
+        force_n = float(force.value[0])
         return Measurement(
             time_s=time_s,
             joint_position_rad=self._joint_values(position, "encoder position"),
             joint_velocity_rad_s=self._joint_values(velocity, "encoder velocity"),
             joint_torque_nm=self._joint_values(torque, "measured torque"),
-            force_n=self._force_value(force),
+            force_n=force_n,
             encoder_at_s=encoder_at_s,
             torque_at_s=torque.sampled_at_s,
             force_at_s=force.sampled_at_s,
@@ -252,11 +255,6 @@ class Robot(Opened):
             raise DeviceError(f"{self.name}: {what} has shape {values.shape}, expected ({self.joint_count},)")
         values.setflags(write=False)
         return values
-
-    def _force_value(self, reading: Reading) -> float:
-        if reading.value.shape != (1,):
-            raise DeviceError(f"{self.name}: force has shape {reading.value.shape}, expected (1,)")
-        return float(reading.value[0])
 
 
 def build_robot(

@@ -153,7 +153,16 @@ def load_robot_file(path: str | Path) -> RobotFile:
             raise input_error(robot_file.document, (key,), f"no such file: {robot_file.resolve(name)}")
         if name is not None and os.path.getsize(robot_file.resolve(name)) > MOST_BYTES:
             raise input_error(robot_file.document, (key,), f"larger than {MOST_BYTES} bytes", name)
-    _check_ports(robot_file)
+    # Refuse two buses with the same serial port, also under different names.
+    taken: dict[str, str] = {}
+    for name, bus in robot_file.buses.items():
+        port = bus.settings.get("port")
+        if not isinstance(port, str) or not port.startswith("/") or "\0" in port:
+            continue
+        first = taken.setdefault(os.path.realpath(port), name)
+        if first != name:
+            problem = f"is the port of '{first}' too: give each bus a port of its own"
+            raise input_error(robot_file.document, ("buses", name, "port"), problem, port)
     return robot_file
 
 
@@ -185,41 +194,20 @@ def _from_document(document: YamlDocument) -> RobotFile:
         if len(values) != count:
             problem = f"has {len(values)} values, home_rad has {count}: one per joint"
             raise input_error(robot_file.document, key_path, problem, list(values))
-    _check_rotors(robot_file)
-    _check_home(robot_file)
-    for key in ("encoder", "torque", "force"):
-        bus = getattr(robot_file, key).bus
-        if bus is not None and bus not in robot_file.buses:
-            valid = ", ".join(robot_file.buses) or "(none: 'buses' is empty)"
-            raise input_error(robot_file.document, (key, "bus"), f"is not in 'buses'. Valid: {valid}", bus)
-    return robot_file
-
-
-def _check_rotors(robot_file: RobotFile) -> None:
     for joint, inertia in enumerate(robot_file.rotor_inertia_kg_m2 or ()):
         most = robot_file.limits.torque_nm[joint] / _SLOWEST_RAD_S2
         if inertia > most:
             problem = f"give 0 to {most:g} kg m2: with more, the torque limit needs over 1 s to reach 1 rad/s"
             raise input_error(robot_file.document, ("rotor_inertia_kg_m2", joint), problem, inertia)
-
-
-def _check_home(robot_file: RobotFile) -> None:
     limits = robot_file.limits
     for joint, home in enumerate(robot_file.home_rad):
         low, high = limits.position_min_rad[joint], limits.position_max_rad[joint]
         if not low <= home <= high:
             problem = f"joint {joint + 1} is outside its position limits {low} to {high}"
             raise input_error(robot_file.document, ("home_rad", joint), problem, home)
-
-
-def _check_ports(robot_file: RobotFile) -> None:
-    """Refuse two buses with the same serial port, also under different names."""
-    taken: dict[str, str] = {}
-    for name, bus in robot_file.buses.items():
-        port = bus.settings.get("port")
-        if not isinstance(port, str) or not port.startswith("/") or "\0" in port:
-            continue
-        first = taken.setdefault(os.path.realpath(port), name)
-        if first != name:
-            problem = f"is the port of '{first}' too: give each bus a port of its own"
-            raise input_error(robot_file.document, ("buses", name, "port"), problem, port)
+    for key in ("encoder", "torque", "force"):
+        bus = getattr(robot_file, key).bus
+        if bus is not None and bus not in robot_file.buses:
+            valid = ", ".join(robot_file.buses) or "(none: 'buses' is empty)"
+            raise input_error(robot_file.document, (key, "bus"), f"is not in 'buses'. Valid: {valid}", bus)
+    return robot_file

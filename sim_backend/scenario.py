@@ -147,7 +147,12 @@ def load_scenario(source: object, base_dir: str | Path = ".") -> Scenario:
         return validate(Scenario, dict(source))
     if not isinstance(source, str | Path):
         raise InputError(f"a scenario is a name, a path or a mapping (is {source!r:.60})")
-    document = load_yaml(_scenario_path(str(source), Path(base_dir)))
+    is_shipped = str(source) in shipped_scenarios()
+    path = SHIPPED_DIR / f"{source}.yaml" if is_shipped else Path(base_dir) / source
+    if not path.is_file():
+        shipped = ", ".join(shipped_scenarios())
+        raise InputError(f"no scenario '{source}': no such file ({path}), and those shipped are {shipped}")
+    document = load_yaml(path)
     return validate(Scenario, document.data, document)
 
 
@@ -166,13 +171,3 @@ def parse_scenario(text: str, origin: str) -> Scenario:
     """
     document = parse_yaml(text, origin)
     return validate(Scenario, document.data, document)
-
-
-def _scenario_path(source: str, base_dir: Path) -> Path:
-    if source in shipped_scenarios():
-        return SHIPPED_DIR / f"{source}.yaml"
-    path = base_dir / source
-    if not path.is_file():
-        shipped = ", ".join(shipped_scenarios())
-        raise InputError(f"no scenario '{source}': no such file ({path}), and those shipped are {shipped}")
-    return path

@@ -91,7 +91,17 @@ class World:
         self.sensor_load_n = 0.0
         self.held = False
         self._build_plant(arm)
-        self._build_sensors()
+        settings, effects = self.scenario.sensors, self._effects
+        start_s, step_s = self._start_s, self._step_s
+        self.encoder = SimulatedEncoder(
+            settings.encoder, self._noise_of("encoder"), start_s, step_s, effects.encoder
+        )
+        self.torque_sensor = SimulatedTorqueSensor(
+            settings.torque, self._noise_of("torque"), start_s, effects.torque
+        )
+        self.force_sensor = SimulatedForceSensor(
+            settings.force, self._noise_of("force"), start_s, step_s, effects.force
+        )
         self._torque_nm: Sequence[float] = [0.0] * self.joint_count
         self._alters_joints = bool(effects.joint or effects.friction)
         self._observe()
@@ -121,19 +131,6 @@ class World:
             self.close()
             raise
         self._contact = TipContact(self._engine, self.object, self._step_s, self._effects)
-
-    def _build_sensors(self) -> None:
-        settings, effects = self.scenario.sensors, self._effects
-        start_s, step_s = self._start_s, self._step_s
-        self.encoder = SimulatedEncoder(
-            settings.encoder, self._noise_of("encoder"), start_s, step_s, effects.encoder
-        )
-        self.torque_sensor = SimulatedTorqueSensor(
-            settings.torque, self._noise_of("torque"), start_s, effects.torque
-        )
-        self.force_sensor = SimulatedForceSensor(
-            settings.force, self._noise_of("force"), start_s, step_s, effects.force
-        )
 
     def _noise_of(self, sensor: str) -> np.random.Generator:
         """A stream for each sensor, so that the settings of one do not change the noise of another."""

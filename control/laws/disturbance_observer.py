@@ -79,7 +79,10 @@ class DisturbanceObserver:
         if in_free_air:
             self._free_n += (beyond_n - self._free_n) * dt_s / (dt_s + _FREE_FILTER_S)
         unexplained_n = self._beyond_n - self._free_n
-        contradicted = abs(unexplained_n) > self._threshold_n or self._is_opposed(unexplained_n)
+        # The sensor may read a pull where the joints feel a push, as if its sign were wrong. Both must exceed
+        # half of what weight and friction may leave unexplained.
+        is_opposed = self._sensed_n < -self._opposed_n and self._sensed_n + unexplained_n > self._opposed_n
+        contradicted = abs(unexplained_n) > self._threshold_n or is_opposed
         suspicious = contradicted and not self._is_stalled(dt_s)
         self._count = self._count + 1 if suspicious else 0
         if self._count >= self._samples:
@@ -87,13 +90,6 @@ class DisturbanceObserver:
                 f"joint torques say about {output.force_n + unexplained_n:.1f} N where the force sensor says "
                 f"{output.force_n:.1f} N: is the sensor alive, and does nothing else touch the arm?"
             )
-
-    def _is_opposed(self, unexplained_n: float) -> bool:
-        """Whether the sensor reads a pull and the joints feel a push, as if the sensor's sign were wrong.
-
-        Both must exceed half of what weight and friction may leave unexplained.
-        """
-        return self._sensed_n < -self._opposed_n and self._sensed_n + unexplained_n > self._opposed_n
 
     def _is_stalled(self, dt_s: float) -> bool:
         self._period_s = min(self._period_s, dt_s)

@@ -188,7 +188,10 @@ class _Loop:
         watched = perf_counter()
         output = self._stopped_output if guard.tripped else self._step(measurement, dt_s)
         stepped = perf_counter()
-        measurement = self._aged_if_held_up(measurement)
+        held_s = (now_s := self._clock.now_s()) - measurement.time_s
+        if held_s > guard.longest_hold_up_s:  # dated now, its samples count as too old
+            guard.trip(f"the program was held up for {held_s:.3g} s within a tick")
+            measurement = measurement._replace(time_s=now_s)
         command = guard.limit(output.command, measurement, dt_s)
         limited = perf_counter()
         sent_nm = self._write(command, now_s)
@@ -235,14 +238,6 @@ class _Loop:
         except (Exception, SystemExit, KeyboardInterrupt) as error:  # sys.exit() must not drop the arm
             self._stop.fail("the task", error)
             return self._stopped_output
-
-    def _aged_if_held_up(self, measurement: Measurement) -> Measurement:
-        """Date the measurement now, so that its samples count as too old, if the program was held up."""
-        held_s = (now_s := self._clock.now_s()) - measurement.time_s
-        if held_s <= self._guard.longest_hold_up_s:
-            return measurement
-        self._guard.trip(f"the program was held up for {held_s:.3g} s within a tick")
-        return measurement._replace(time_s=now_s)
 
     def _write(self, command: Command, now_s: float) -> FloatArray:
         """Send a command; returns the sent torques, shape (n,) [N m], NaN if sending failed."""

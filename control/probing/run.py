@@ -95,26 +95,22 @@ class ProbingRun:
         output = self._control.step(measurement, HybridReference(free=still), dt_s)
         self._air.add(measurement.force_n)
         if self._time_s >= self._plan.free_air_s:
-            self._judge_free_air()
-            if not self.failure:
+            # Tare, and set the touch force; or end the run.
+            gains = self._touch_gains
+            mean_n, noise_n = self._air.mean, self._air.standard_deviation
+            touch_n = touch_force_n(noise_n, gains.touch_force_n)
+            text = f"free-air force {mean_n:.4f} N, noise {noise_n:.4f} N; touch counts from {touch_n:.3f} N"
+            self._event("free_air", text, mean_n=mean_n, noise_n=noise_n, touch_n=touch_n)
+            problem = free_air_problem(mean_n, touch_n, self._plan.force_limit_n, gains)
+            self._control.tare(self._control.force_bias_n if problem else mean_n, touch_n)
+            if problem:
+                self.failure = f"run {self.spec.run}: {problem}"
+                self._event("free_air_refused", self.failure, mean_n=mean_n, touch_n=touch_n)
+                self.finished = True
+            else:
                 self._enter(Phase.APPROACH, self._approach)
                 self._blend = SpeedBlend(still, self.spec.speed_m_s, self._plan.acceleration_m_s2)
         return output
-
-    def _judge_free_air(self) -> None:
-        """Tare, and set the touch force; or end the run."""
-        gains = self._touch_gains
-        mean_n, noise_n = self._air.mean, self._air.standard_deviation
-        touch_n = touch_force_n(noise_n, gains.touch_force_n)
-        text = f"free-air force {mean_n:.4f} N, noise {noise_n:.4f} N; touch counts from {touch_n:.3f} N"
-        self._event("free_air", text, mean_n=mean_n, noise_n=noise_n, touch_n=touch_n)
-        problem = free_air_problem(mean_n, touch_n, self._plan.force_limit_n, gains)
-        self._control.tare(self._control.force_bias_n if problem else mean_n, touch_n)
-        if problem is None:
-            return
-        self.failure = f"run {self.spec.run}: {problem}"
-        self._event("free_air_refused", self.failure, mean_n=mean_n, touch_n=touch_n)
-        self.finished = True
 
     def _approach(self, measurement: Measurement, dt_s: float) -> ControlOutput:
         goal = ForceGoal(self._plan.force_limit_n, self.spec.speed_m_s, hold=False)
@@ -133,19 +129,17 @@ class ProbingRun:
             self._site.start_above(surface_m, self._plan.retract_m)
             self._enter(Phase.LOADING, self._loading)
         elif output.state.travel_m >= self._site.search_travel_m or self._must_turn(output):
-            self._missed(output.state.travel_m)
+            line, from_m = self._site.line, self._site.approach_travel_m
+            start, end = line.point_at(from_m), line.point_at(output.state.travel_m)
+            way_mm = 1e3 * (output.state.travel_m - from_m)
+            self.failure = (
+                f"run {self.spec.run}: no touch within {way_mm:.0f} mm, from z = "
+                f"{1e3 * start[2]:.0f} mm to {1e3 * end[2]:.0f} mm: is the object there? "
+                "(search_depth_m, targets_world_m)"
+            )
+            self._event("missed_surface", self.failure)
+            self._go_back()
         return output
-
-    def _missed(self, travel_m: float) -> None:
-        line, from_m = self._site.line, self._site.approach_travel_m
-        start, end = line.point_at(from_m), line.point_at(travel_m)
-        self.failure = (
-            f"run {self.spec.run}: no touch within {1e3 * (travel_m - from_m):.0f} mm, from z = "
-            f"{1e3 * start[2]:.0f} mm to {1e3 * end[2]:.0f} mm: is the object there? "
-            "(search_depth_m, targets_world_m)"
-        )
-        self._event("missed_surface", self.failure)
-        self._go_back()
 
     def _loading(self, measurement: Measurement, dt_s: float) -> ControlOutput:
         limit_n, set_m_s = self._plan.force_limit_n, self.spec.speed_m_s

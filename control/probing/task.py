@@ -311,7 +311,16 @@ class ProbingTask:
                 self._control.set_line(site.line, site.approach_travel_m)
                 self._run = ProbingRun(self._control, site, spec, self._plan, self._gains)
             else:
-                self._end_at_rest(measurement)
+                fastest_rad_s = float(np.abs(measurement.joint_velocity_rad_s).max())
+                if fastest_rad_s < _REST_RAD_S:
+                    self._phase = Phase.IDLE
+                    text = f"{self.runs_done} runs done, {len(self.failures)} failures"
+                    self._events.append(TaskEvent("probing_done", text, {"runs": self.runs_done}))
+                elif self._move_s > self._way.duration_s + self._plan.settle_s + _REST_WAIT_S:
+                    raise SafetyTripError(
+                        f"back where the task started a joint still moves at {fastest_rad_s:.3g} rad/s after "
+                        f"{_REST_WAIT_S} s: the arm does not come to rest"
+                    )
         return output
 
     def _turn_back(self) -> None:
@@ -321,16 +330,3 @@ class ProbingTask:
         self._passed_rad = self._way.passed_rad(self._move_s)
         limit_rad_s2 = _BRAKE_FACTOR * self._plan.joint_acceleration_rad_s2
         self._brake, self._move_s = self._way.brake_at(self._move_s, limit_rad_s2), 0.0
-
-    def _end_at_rest(self, measurement: Measurement) -> None:
-        """Finish once the arm is at rest."""
-        fastest_rad_s = float(np.abs(measurement.joint_velocity_rad_s).max())
-        if fastest_rad_s < _REST_RAD_S:
-            self._phase = Phase.IDLE
-            text = f"{self.runs_done} runs done, {len(self.failures)} failures"
-            self._events.append(TaskEvent("probing_done", text, {"runs": self.runs_done}))
-        elif self._move_s > self._way.duration_s + self._plan.settle_s + _REST_WAIT_S:
-            raise SafetyTripError(
-                f"back where the task started a joint still moves at {fastest_rad_s:.3g} rad/s after "
-                f"{_REST_WAIT_S} s: the arm does not come to rest"
-            )

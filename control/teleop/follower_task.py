@@ -124,25 +124,7 @@ class FollowerTask:
         elif not self._linked and self._on_silence is OnSilence.RETREAT:
             task.cancel("the leader is silent")
         output = task.step(measurement, dt_s)
-        return self._after(task, output, measurement)
-
-    def _begin(self, measurement: Measurement) -> None:
-        target = self._queue.begin()
-        if target is None:
-            return
-        try:
-            task = self._probing(target)
-            task.start(measurement)
-        except InputError as error:
-            self._finish(TargetState.REFUSED, f"target {short_number(target.number)} refused: {error}")
-            return
-        self._under_way, self._base = task, self._runs
-        self._direction = np.array(target.direction_world)
-        text = f"target {short_number(target.number)} begun"
-        self._events.append(TaskEvent("target", text, {"target": target.number}))
-
-    def _after(self, task: ProbingTask, output: TaskOutput, measurement: Measurement) -> TaskOutput:
-        """Continue run numbers from target to target; the end of a target does not end the loop."""
+        # Continue run numbers from target to target; the end of a target does not end the loop.
         if output.run != NO_RUN:
             output = output._replace(run=self._base + output.run)
             self._runs = output.run + 1
@@ -158,6 +140,21 @@ class FollowerTask:
             self._under_way = None
             self._hold.start(measurement)
         return output._replace(done=False, events=(*events, *self._events))
+
+    def _begin(self, measurement: Measurement) -> None:
+        target = self._queue.begin()
+        if target is None:
+            return
+        try:
+            task = self._probing(target)
+            task.start(measurement)
+        except InputError as error:
+            self._finish(TargetState.REFUSED, f"target {short_number(target.number)} refused: {error}")
+            return
+        self._under_way, self._base = task, self._runs
+        self._direction = np.array(target.direction_world)
+        text = f"target {short_number(target.number)} begun"
+        self._events.append(TaskEvent("target", text, {"target": target.number}))
 
     def _finish(self, state: TargetState, remark: str) -> None:
         number = self._queue.current

@@ -303,48 +303,40 @@ def _reject_reason(
     calibration: Calibration, kind: str, robot_file: RobotFile, now_utc: datetime, *, emulated: bool
 ) -> str | None:
     """Describe why this calibration must not be used, or return None."""
-    if calibration.kind != kind:
-        return f"is a calibration of kind '{calibration.kind}'"
-    return (
-        _foreign(calibration, robot_file)
-        or (None if emulated else _not_of_real_devices(calibration))
-        or _out_of_date(calibration, now_utc)
-        or implausible(calibration, robot_file.limits)
+    again, unit = _again(calibration), getattr(calibration, "reading_unit", "N")
+    difference = first_difference(calibration.device, device_identity(robot_file, calibration.kind))
+    # Simulated devices have drivers of their own.
+    is_emulated = not emulated and calibration.source == "emulated"
+    made, until = calibration.made_utc, calibration.valid_until_utc
+    reasons = (
+        (calibration.kind != kind, f"is a calibration of kind '{calibration.kind}'"),
+        (
+            calibration.robot != robot_file.name,
+            f"is for the robot '{calibration.robot:.60}', this is '{robot_file.name}'",
+        ),
+        (difference, f"is for another device: {difference}"),
+        (
+            calibration.joint_count not in (None, robot_file.joint_count),
+            f"is for {calibration.joint_count} joints, the robot has {robot_file.joint_count}",
+        ),
+        (
+            calibration.urdf_sha256 not in (None, urdf_sha256(robot_file)),
+            f"was made with another URDF than '{robot_file.urdf}' is now; {again}",
+        ),
+        (unit != "N", f"is for readings in {unit}, and the robot's driver gives N; {again}, on the robot"),
+        (is_emulated, f"was made with emulated devices (--wire), not with the robot's own; {again}"),
+        (
+            not emulated and calibration.source is None,
+            f"does not say whether real devices were read ('source'); {again}",
+        ),
+        (now_utc >= until, f"expired on {until:%Y-%m-%d}; {again}"),
+        (
+            now_utc + _CLOCK_MAY_DIFFER < made,
+            f"was made on {made:%Y-%m-%d}, after today ({now_utc:%Y-%m-%d}): set the clock",
+        ),
     )
-
-
-def _foreign(calibration: Calibration, robot_file: RobotFile) -> str | None:
-    if calibration.robot != robot_file.name:
-        return f"is for the robot '{calibration.robot:.60}', this is '{robot_file.name}'"
-    if difference := first_difference(calibration.device, device_identity(robot_file, calibration.kind)):
-        return f"is for another device: {difference}"
-    if calibration.joint_count not in (None, robot_file.joint_count):
-        return f"is for {calibration.joint_count} joints, the robot has {robot_file.joint_count}"
-    if calibration.urdf_sha256 not in (None, urdf_sha256(robot_file)):
-        return f"was made with another URDF than '{robot_file.urdf}' is now; {_again(calibration)}"
-    if isinstance(calibration, ForceCalibration) and calibration.reading_unit != "N":
-        unit = calibration.reading_unit
-        return (
-            f"is for readings in {unit}, and the robot's driver gives N; {_again(calibration)}, on the robot"
-        )
-    return None
-
-
-def _not_of_real_devices(calibration: Calibration) -> str | None:
-    """Describe a calibration of emulated devices; simulated devices have drivers of their own."""
-    if calibration.source == "emulated":
-        return f"was made with emulated devices (--wire), not with the robot's own; {_again(calibration)}"
-    if calibration.source is None:
-        return f"does not say whether real devices were read ('source'); {_again(calibration)}"
-    return None
-
-
-def _out_of_date(calibration: Calibration, now_utc: datetime) -> str | None:
-    if now_utc >= calibration.valid_until_utc:
-        return f"expired on {calibration.valid_until_utc:%Y-%m-%d}; {_again(calibration)}"
-    if now_utc + _CLOCK_MAY_DIFFER < calibration.made_utc:
-        return f"was made on {calibration.made_utc:%Y-%m-%d}, after today ({now_utc:%Y-%m-%d}): set the clock"
-    return None
+    reason = next((text for holds, text in reasons if holds), None)
+    return reason or implausible(calibration, robot_file.limits)
 
 
 def _again(calibration: Calibration) -> str:

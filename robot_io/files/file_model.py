@@ -313,19 +313,15 @@ class FileModel(BaseModel):
             valid = {field.alias or name for name, field in cls.model_fields.items()}
             for key in data:
                 if key not in valid:
-                    raise _unknown_key(str(key), sorted(valid))
+                    close = get_close_matches(str(key), sorted(valid), n=1)
+                    hint = f"; did you mean '{close[0]}'?" if close else "."
+                    # The texts travel in the context: braces in a key must not be read as a template.
+                    shown = {"key": str(key)[:_MAX_SHOWN], "hint": hint, "valid": ", ".join(sorted(valid))}
+                    raise PydanticCustomError("unknown_key", "is not known{hint} Valid: {valid}", shown)
         return data
 
 
 Model = TypeVar("Model", bound=BaseModel)
-
-
-def _unknown_key(key: str, valid: list[str]) -> PydanticCustomError:
-    close = get_close_matches(key, valid, n=1)
-    hint = f"; did you mean '{close[0]}'?" if close else "."
-    # The texts travel in the context: braces in a key must not be read as a template.
-    context = {"key": key[:_MAX_SHOWN], "hint": hint, "valid": ", ".join(valid)}
-    return PydanticCustomError("unknown_key", "is not known{hint} Valid: {valid}", context)
 
 
 def validate(

@@ -185,7 +185,14 @@ class StuckEncoders:
         references_rad = reference_position_rad.tolist()
         torques_nm = measurement.joint_torque_nm.tolist()
         if time_s - self._marked_at_s >= self._still_s:
-            self._mark(time_s, positions_rad, references_rad)
+            # Remember where joints and references are; where nobody looked, the way since says nothing.
+            missed = time_s - self._marked_at_s > 2.0 * self._still_s
+            self._marked_at_s = time_s
+            for joint, position_rad, reference_rad in zip(
+                self._joints, positions_rad, references_rad, strict=True
+            ):
+                mark = (time_s, position_rad, reference_rad)
+                joint.marks = (mark, mark if missed else joint.marks[0])
         for i, joint in enumerate(self._joints):
             if not joint.samples or positions_rad[i] != joint.position_rad:
                 joint.begin(time_s, positions_rad[i], references_rad[i], torques_nm[i], measurement.force_n)
@@ -205,16 +212,6 @@ class StuckEncoders:
                     f"jammed) while its reference moved by {abs(moved_rad):.2g} rad and its torque by "
                     f"{changed_nm:.2g} N m"
                 )
-
-    def _mark(self, time_s: float, positions_rad: list[float], references_rad: list[float]) -> None:
-        """Remember where the joints and their references are."""
-        missed = time_s - self._marked_at_s > 2.0 * self._still_s  # nobody looked: the way since says nothing
-        self._marked_at_s = time_s
-        for joint, position_rad, reference_rad in zip(
-            self._joints, positions_rad, references_rad, strict=True
-        ):
-            mark = (time_s, position_rad, reference_rad)
-            joint.marks = (mark, mark if missed else joint.marks[0])
 
 
 _LEAST_KNOWN = 100  # samples, before anything is said

@@ -267,7 +267,15 @@ def _config(zenoh: Any, role: Role, settings: LineSettings) -> Any:  # noqa: ANN
             config = zenoh.Config.from_file(str(settings.config))
         except zenoh.ZError as error:
             raise InputError(f"{settings.config}: is no zenoh configuration: {cause(error)}") from None
-        _check_files(config, settings.config)
+        # Check that certificates and keys exist; zenoh does not report missing ones.
+        tls = json.loads(config.get_json(_TLS))
+        for name, file in tls.items():
+            if name.endswith(("_certificate", "_private_key")) and file:
+                where = f"{settings.config}: transport.link.tls.{name}"
+                if not Path(file).is_file():
+                    raise InputError(f"{where}: no file '{file}' (from where you are now)")
+                if name.endswith("_private_key"):
+                    check_secret(Path(file), where)
         return config
     endpoint = f"{_LOOPBACK}:{settings.port}"
     way = "listen" if role == "follower" else "connect"
@@ -279,18 +287,6 @@ def _config(zenoh: Any, role: Role, settings: LineSettings) -> Any:  # noqa: ANN
     config.insert_json5("connect/retry", json.dumps(_RETRY))
     config.insert_json5("connect/exit_on_failure", "false")
     return config
-
-
-def _check_files(config: Any, path: Path) -> None:  # noqa: ANN401, zenoh's own
-    """Check that certificates and keys exist; zenoh does not report missing ones."""
-    tls = json.loads(config.get_json(_TLS))
-    for name, file in tls.items():
-        if name.endswith(("_certificate", "_private_key")) and file:
-            where = f"{path}: transport.link.tls.{name}"
-            if not Path(file).is_file():
-                raise InputError(f"{where}: no file '{file}' (from where you are now)")
-            if name.endswith("_private_key"):
-                check_secret(Path(file), where)
 
 
 def _certified(config: Any) -> bool:  # noqa: ANN401, zenoh's own

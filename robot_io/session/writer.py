@@ -22,7 +22,6 @@ from palpate.robot_io.session.shared_log import (
     FINISHED,
     STARTING,
     Job,
-    RingBuffer,
     SharedLog,
     check_streams,
     open_memory,
@@ -112,9 +111,18 @@ class SessionWriter:
         """
         ring = self._rings.get(stream_name)
         if ring is None:
-            raise self._no_ring(stream_name)
+            if self._closed:
+                raise InputError(f"the session {self.path} is closed")
+            valid = ", ".join(name for name in self._rings if name != EVENT_STREAM)
+            raise UnknownNameError(f"no stream is called '{stream_name}'. Valid: {valid}")
         if self._wait_for_room and ring.full:
-            self._wait_for(ring)
+            give_up_s = time.monotonic() + STALL_LIMIT_S
+            while ring.full and self._process.poll() is None:
+                if time.monotonic() > give_up_s:
+                    self._wait_for_room = False  # from here on records are dropped, and counted
+                    self._patience_s = _KILL_LIMIT_S  # it has been waited for once
+                    raise UnloggedError(f"{self.path}: {_STALLED}")
+                time.sleep(_POLL_S)
         ring.push(record)
 
     def event(self, time_s: float, kind: str, text: str, data: Mapping[str, Any] | None = None) -> None:
@@ -124,21 +132,6 @@ class SessionWriter:
         """
         message = encode_event(Event(time_s, kind, text, data))
         self.append(EVENT_STREAM, (time_s, len(message), message))
-
-    def _wait_for(self, ring: RingBuffer) -> None:
-        give_up_s = time.monotonic() + STALL_LIMIT_S
-        while ring.full and self._process.poll() is None:
-            if time.monotonic() > give_up_s:
-                self._wait_for_room = False  # from here on records are dropped, and counted
-                self._patience_s = _KILL_LIMIT_S  # it has been waited for once
-                raise UnloggedError(f"{self.path}: {_STALLED}")
-            time.sleep(_POLL_S)
-
-    def _no_ring(self, stream_name: str) -> InputError:
-        if self._closed:
-            return InputError(f"the session {self.path} is closed")
-        valid = ", ".join(name for name in self._rings if name != EVENT_STREAM)
-        return UnknownNameError(f"no stream is called '{stream_name}'. Valid: {valid}")
 
     @property
     def dropped(self) -> int:
@@ -241,7 +234,12 @@ def write_session(
         SessionError: the file exists already or cannot be written.
     """
     check_streams([stream for stream, _ in streams])
-    tables = [_in_batches(stream, stream.arrays(columns)) for stream, columns in streams]
+    tables: list[_Table] = []
+    for stream, given in streams:
+        columns = stream.arrays(given)
+        # A long stream has as many records in a message as fit.
+        most = min(_BATCH, MAX_RECORD_BYTES // stream.dtype.itemsize)
+        tables.append((replace(stream, batch=most if len(columns[TIME_COLUMN]) > _MANY else 1), columns))
     new = new_session_path(path)
     try:
         with whole_file(new, replace=False) as unfinished, unfinished.open("wb") as file:
@@ -256,12 +254,6 @@ def write_session(
 
 
 _Table = tuple[Stream, Mapping[str, NDArray[Any]]]
-
-
-def _in_batches(stream: Stream, columns: Mapping[str, NDArray[Any]]) -> _Table:
-    """The stream with as many records in a message as its length asks for."""
-    most = min(_BATCH, MAX_RECORD_BYTES // stream.dtype.itemsize)
-    return replace(stream, batch=most if len(columns[TIME_COLUMN]) > _MANY else 1), columns
 
 
 def _write_all(

@@ -29,7 +29,11 @@ def main() -> None:
     # The program gets these signals as well; it is the one to end the session.
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     signal.signal(signal.SIGTERM, signal.SIG_IGN)
-    _leave_real_time()
+    # Drop the loop's priority and core, which a child process inherits.
+    with suppress(AttributeError, OSError):
+        os.sched_setscheduler(0, os.SCHED_OTHER, os.sched_param(0))
+    with suppress(AttributeError, OSError):
+        os.sched_setaffinity(0, range(os.cpu_count() or 1))
     job = Job.receive(sys.stdin)
     streams = streams_from_json(job.streams)
     log = SharedLog(job.memory, streams, job.ring_slots)
@@ -40,14 +44,6 @@ def main() -> None:
     except Exception as error:  # whatever it is, the program hears of it
         text, number = (error.strerror, error.errno) if isinstance(error, OSError) else (None, None)
         log.fail(text or str(error) or repr(error), number)
-
-
-def _leave_real_time() -> None:
-    """Drop the loop's priority and core, which a child process inherits."""
-    with suppress(AttributeError, OSError):
-        os.sched_setscheduler(0, os.SCHED_OTHER, os.sched_param(0))
-    with suppress(AttributeError, OSError):
-        os.sched_setaffinity(0, range(os.cpu_count() or 1))
 
 
 def _write_session(job: Job, streams: tuple[Stream, ...], log: SharedLog) -> None:

@@ -209,19 +209,16 @@ class Bench:
 
     def _run(self) -> None:
         while not self._stop.is_set():
-            self._await_traffic()
+            # Wait until something comes over a wire or is due on one, and at most for a step.
+            now_s = self._clock.now_s()
+            due_s = min((wire.next_due_s() for wire in self._wires), default=inf)
+            files = [file for wire in self._wires if (file := wire.fileno()) >= 0]
+            select.select(files, [], [], max(0.0, min(now_s + STEP_S, due_s) - now_s))
             now_s = self._clock.now_s()
             while self._now_s < now_s:
                 self._step_towards(now_s)
             for wire in self._wires:  # what has come by now has come now, not a step ago
                 wire.receive(self._now_s)
-
-    def _await_traffic(self) -> None:
-        """Wait until something comes over a wire or is due on one, and at most for a step."""
-        now_s = self._clock.now_s()
-        due_s = min((wire.next_due_s() for wire in self._wires), default=inf)
-        files = [file for wire in self._wires if (file := wire.fileno()) >= 0]
-        select.select(files, [], [], max(0.0, min(now_s + STEP_S, due_s) - now_s))
 
     def close(self) -> None:
         """End the thread, the wires and the world. Can be called again."""

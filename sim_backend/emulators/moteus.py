@@ -80,7 +80,13 @@ class EmulatedMoteus(EmulatedMotor):
                 step = 1.0 if form == 3 else _STEPS.get(register, (1.0, 1.0, 1.0))[form]
                 written[register] = math.nan if no_value else raw * step
         if 0x00 in written:
-            self._obey(round(written[0x00]), written, now_s)
+            mode = round(written[0x00])
+            if mode == STOPPED:
+                self.mode, self.fault = STOPPED, 0
+            elif mode == POSITION and self.mode in (STOPPED, POSITION):
+                self.mode, self._heard_s = POSITION, now_s
+                self._command = _DEFAULTS | written
+            self._drive()
         if not number & 0x8000:
             return []
         size = next((length for length in _LENGTHS if length >= len(answer)), 64)
@@ -96,16 +102,8 @@ class EmulatedMoteus(EmulatedMotor):
         ]
 
     def _packed(self, register: int, form: int) -> bytes:
-        value = self._value(register)
-        if form == 3:
-            return struct.pack("<f", value)
-        largest = (1 << 8 * (1 << form) - 1) - 1
-        steps = round(value / _STEPS.get(register, (1.0, 1.0, 1.0))[form])
-        return struct.pack(_FORMATS[form], min(max(steps, -largest), largest))
-
-    def _value(self, register: int) -> float:
         shown = self.shown
-        return {
+        value = {
             0x00: self.mode,
             0x01: shown.position_rad / math.tau if self.known else math.nan,
             0x02: shown.velocity_rad_s / math.tau,
@@ -115,14 +113,11 @@ class EmulatedMoteus(EmulatedMotor):
             0x0E: 31.0,
             0x0F: self.fault,
         }.get(register, 0.0)
-
-    def _obey(self, mode: int, written: dict[int, float], now_s: float) -> None:
-        if mode == STOPPED:
-            self.mode, self.fault = STOPPED, 0
-        elif mode == POSITION and self.mode in (STOPPED, POSITION):
-            self.mode, self._heard_s = POSITION, now_s
-            self._command = _DEFAULTS | written
-        self._drive()
+        if form == 3:
+            return struct.pack("<f", value)
+        largest = (1 << 8 * (1 << form) - 1) - 1
+        steps = round(value / _STEPS.get(register, (1.0, 1.0, 1.0))[form])
+        return struct.pack(_FORMATS[form], min(max(steps, -largest), largest))
 
     def _drive(self) -> None:
         torque_nm, limit_nm, command = 0.0, self._max_torque_nm, self._command

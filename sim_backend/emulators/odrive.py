@@ -76,10 +76,7 @@ class EmulatedOdrive(EmulatedMotor):
         command = message.arbitration_id & 0x1F
         if message.is_remote_frame:
             return self._answer(command)
-        self._obey(command, bytes(message.data))
-        return []
-
-    def _obey(self, command: int, data: bytes) -> None:
+        data = bytes(message.data)
         if command == 0x02:
             self._disarm(ESTOP_BIT[self._firmware])
         elif command == 0x07 and len(data) >= 4:
@@ -97,6 +94,7 @@ class EmulatedOdrive(EmulatedMotor):
         elif command == 0x18:
             self.error = 0
         self._drive()
+        return []
 
     def _disarm(self, error: int) -> None:
         self.error |= error

@@ -60,7 +60,10 @@ def _reduce(robot: ET.Element, tip_frame: str, mass_scale: float, behind_tip_m: 
     for link in links.values():
         _keep_only_inertial(link, mass_scale)
     carrier, centre = _in_last_moving_link(robot, tip_frame, behind_tip_m)
-    links[carrier].append(_sphere(float(np.linalg.norm(behind_tip_m)), centre))
+    sphere = ET.SubElement(links[carrier], "collision")
+    ET.SubElement(sphere, "origin", xyz=" ".join(map(repr, centre.tolist())), rpy="0 0 0")
+    radius = repr(float(np.linalg.norm(behind_tip_m)))
+    ET.SubElement(ET.SubElement(sphere, "geometry"), "sphere", radius=radius)
 
 
 def _keep_only_inertial(link: ET.Element, mass_scale: float) -> None:
@@ -97,13 +100,6 @@ def _name(joint: ET.Element, role: str) -> str:
     if element is None:
         raise InputError(f"URDF: joint '{joint.get('name')}' has no <{role}>")
     return element.get("link", "")
-
-
-def _sphere(radius_m: float, centre_m: FloatArray) -> ET.Element:
-    collision = ET.Element("collision")
-    ET.SubElement(collision, "origin", xyz=" ".join(map(repr, centre_m.tolist())), rpy="0 0 0")
-    ET.SubElement(ET.SubElement(collision, "geometry"), "sphere", radius=repr(radius_m))
-    return collision
 
 
 Vector = tuple[float, float, float]

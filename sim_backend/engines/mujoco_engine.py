@@ -34,7 +34,12 @@ class MujocoEngine(Engine):
         model.jnt_solref[:] = model.dof_solref[:] = (_STEPS_TO_STOP * step_s, 1.0)
         model.jnt_solimp[:] = model.dof_solimp[:] = _HARD
         self._tip = int(model.body(tip_frame).id)
-        check_serial([model.joint(i).name for i in range(model.njnt)], self._joints_towards_tip())
+        body, names = self._tip, []
+        while body > 0:
+            first = self._model.body_jntadr[body]
+            names += [self._model.joint(first + i).name for i in range(self._model.body_jntnum[body])]
+            body = self._model.body_parentid[body]
+        check_serial([model.joint(i).name for i in range(model.njnt)], names)
         effort = zip(model.jnt_actfrclimited, model.jnt_actfrcrange[:, 1], strict=True)
         self.torque_limit_nm = [float(limit) if limited else np.inf for limited, limit in effort]
         self._data = data = mujoco.MjData(model)
@@ -46,14 +51,6 @@ class MujocoEngine(Engine):
         self._force_world_n = np.zeros(3)
         self._no_torque = np.zeros(3)
         self._look()
-
-    def _joints_towards_tip(self) -> list[str]:
-        body, names = self._tip, []
-        while body > 0:
-            first = self._model.body_jntadr[body]
-            names += [self._model.joint(first + i).name for i in range(self._model.body_jntnum[body])]
-            body = self._model.body_parentid[body]
-        return names
 
     def place(self, position_rad: Sequence[float], velocity_rad_s: Sequence[float]) -> None:
         self._data.qpos[:] = position_rad

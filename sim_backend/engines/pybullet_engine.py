@@ -3,7 +3,6 @@
 import tempfile
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Any
 from weakref import finalize
 
 import numpy as np
@@ -68,7 +67,12 @@ class PyBulletEngine(Engine):
         movable = [info for info in infos if info[2] != bullet.JOINT_FIXED]
         self._joints = [info[0] for info in movable]
         self._tip = next((info[0] for info in infos if info[12].decode() == tip_frame), -1)
-        check_serial([info[1].decode() for info in movable], _joints_towards(infos, self._tip))
+        tip = self._tip
+        names = []
+        while tip >= 0:
+            names.append(str(infos[tip][1], "utf-8"))
+            tip = infos[tip][16]
+        check_serial([info[1].decode() for info in movable], names)
         self.torque_limit_nm = [info[10] or np.inf for info in movable]
 
     def place(self, position_rad: Sequence[float], velocity_rad_s: Sequence[float]) -> None:
@@ -171,11 +175,3 @@ def _load(client: int, text: str) -> int:
             reason = " ".join(line for line in said if not line.startswith("b3")) or str(error)
             raise InputError(f"URDF: PyBullet cannot load it ({reason})") from error
     return body
-
-
-def _joints_towards(infos: Sequence[Sequence[Any]], tip: int) -> list[str]:
-    names = []
-    while tip >= 0:
-        names.append(str(infos[tip][1], "utf-8"))
-        tip = infos[tip][16]
-    return names
