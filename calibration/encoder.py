@@ -27,11 +27,10 @@ from palpate.control.arm.rigid_body import RigidBody
 from palpate.control.laws.gains import TrackingGains
 from palpate.control.loop.task import NO_RUN, Phase, TaskEvent, TaskOutput
 from palpate.control.paths.trajectory import JointMotion, JointMove
-from palpate.robot_io.clip import clip
 from palpate.robot_io.errors import InputError, SafetyTripError
 from palpate.robot_io.guard import Limits
 from palpate.robot_io.session import Samples, Session
-from palpate.robot_io.types import FloatArray, Measurement, Status
+from palpate.robot_io.types import FloatArray, Measurement, Status, clip
 
 _NEAR_RAD = 0.12  # distance to the stop at which the approach begins
 _LIMIT_MARGIN_RAD = 0.1  # distance of postures to the position limits

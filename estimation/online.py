@@ -5,8 +5,7 @@ from collections import deque
 
 import numpy as np
 
-from palpate.control.laws.gains import TouchGains
-from palpate.control.laws.touch import RunningMean, release_force_n, touch_force_n
+from palpate.control.laws.gains import RunningMean, TouchGains, release_force_n, touch_force_n
 from palpate.control.loop.task import TaskOutput
 from palpate.control.loop.tick_record import NO_ESTIMATE, Estimates
 from palpate.estimation.contact_estimator import ContactLaw, OnlineContactLaw
@@ -51,7 +50,7 @@ class OnlineContactEstimator:
 
     Args:
         estimator: takes one sample at a time; a linear one is given Kelvin-Voigt with an unknown surface.
-        touch: what counts as contact, by the controller's own rule (see `palpate.control.laws.touch`).
+        touch: what counts as contact, by the controller's own rule (see `palpate.control.laws.gains`).
         half_window: samples on either side that go into a velocity.
     """
 

@@ -4,14 +4,13 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from palpate.robot_io.clip import clip
 from palpate.robot_io.clock import SimulatedClock
 from palpate.robot_io.driver import DriverContext
 from palpate.robot_io.drivers.joint_bus import BusEncoder, BusTorque, JointBus
 from palpate.robot_io.errors import LifecycleError
 from palpate.robot_io.files.file_model import FileModel, input_error
 from palpate.robot_io.interfaces import ForceSensor
-from palpate.robot_io.types import FloatArray, Reading, Status
+from palpate.robot_io.types import FloatArray, Reading, Status, clip
 from palpate.sim_backend.scenario import Scenario, load_scenario
 from palpate.sim_backend.sensors import SensorSample, quantise
 from palpate.sim_backend.world import World, world_of

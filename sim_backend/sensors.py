@@ -9,9 +9,8 @@ from typing import Annotated, Literal, NamedTuple
 import numpy as np
 from pydantic import Field
 
-from palpate.robot_io.clip import clip
 from palpate.robot_io.files.file_model import FileModel, NotNegative, Number, Positive
-from palpate.robot_io.types import Status
+from palpate.robot_io.types import Status, clip
 from palpate.sim_backend.hooks import SensorHook
 
 Rate = Field(default=1000.0, gt=0, le=1e6)

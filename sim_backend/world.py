@@ -9,11 +9,10 @@ from zlib import crc32
 import numpy as np
 from numpy.typing import ArrayLike
 
-from palpate.robot_io.clip import clip
 from palpate.robot_io.errors import InputError
 from palpate.robot_io.files.file_model import read_text
 from palpate.robot_io.robot_file import RobotFile
-from palpate.robot_io.types import FloatArray, frozen_array
+from palpate.robot_io.types import FloatArray, clip, frozen_array
 from palpate.sim_backend.contact import ComplianceObject, TipContact
 from palpate.sim_backend.engines import engine_class
 from palpate.sim_backend.engines.engine import dynamics_urdf

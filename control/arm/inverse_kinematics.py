@@ -17,9 +17,8 @@ from itertools import pairwise
 import numpy as np
 
 from palpate.control.arm.rigid_body import RigidBody
-from palpate.robot_io.clip import clip
 from palpate.robot_io.errors import InputError
-from palpate.robot_io.types import FloatArray, frozen_array
+from palpate.robot_io.types import FloatArray, clip, frozen_array
 
 NEAR_SINGULAR = math.sin(math.radians(3.0))
 _PARALLEL = 1e-6

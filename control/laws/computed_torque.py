@@ -12,9 +12,8 @@ import numpy as np
 from palpate.control.arm.rigid_body import RigidBody
 from palpate.control.laws.gains import TrackingGains
 from palpate.control.paths.trajectory import JointMotion
-from palpate.robot_io.clip import clip
 from palpate.robot_io.errors import InputError
-from palpate.robot_io.types import FloatArray, Measurement
+from palpate.robot_io.types import FloatArray, Measurement, clip
 
 
 class Pid:

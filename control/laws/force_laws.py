@@ -22,7 +22,7 @@ from typing import NamedTuple
 
 from palpate.control.laws.gains import ContactGains
 from palpate.control.paths.trajectory import LineState
-from palpate.robot_io.clip import clip
+from palpate.robot_io.types import clip
 
 _STIFFNESS_BOUNDS_N_M = (50.0, 30_000.0)
 _DAMPING_BOUNDS_N_S_M = (0.0, 400.0)

@@ -23,13 +23,11 @@ from palpate.control.laws.force_laws import (
     loading_acceleration,
     within_bounds,
 )
-from palpate.control.laws.gains import Gains, TouchGains
-from palpate.control.laws.touch import release_force_n
+from palpate.control.laws.gains import Gains, TouchGains, release_force_n
 from palpate.control.paths.press_line import PressLine
 from palpate.control.paths.trajectory import JointMotion, LineState
-from palpate.robot_io.clip import clip
 from palpate.robot_io.errors import InputError
-from palpate.robot_io.types import Command, FloatArray, Measurement, Status
+from palpate.robot_io.types import Command, FloatArray, Measurement, Status, clip
 
 
 class ForceGoal(NamedTuple):

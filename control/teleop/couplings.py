@@ -32,8 +32,8 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import NamedTuple
 
-from palpate.robot_io.clip import clip
 from palpate.robot_io.errors import InputError
+from palpate.robot_io.types import clip
 
 Packet = tuple[float, ...]  # what one side sends the other in a step
 _LONGEST = 10_000  # steps; a packet that is further behind the newest is ignored

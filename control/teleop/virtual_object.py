@@ -25,9 +25,12 @@ import math
 from collections.abc import Callable
 from typing import NamedTuple
 
-from palpate.robot_io.clip import clip
+import numpy as np
+
+from palpate.control.arm.inverse_kinematics import PlanarArm
+from palpate.control.arm.rigid_body import RigidBody
 from palpate.robot_io.errors import InputError
-from palpate.robot_io.types import FloatArray, frozen_array
+from palpate.robot_io.types import FloatArray, clip, frozen_array
 
 # force_n = law(depth_m, rate_m_s, dt_s): compression positive, 0 for depth <= 0. It is called once in each
 # step, touched or not, so that a law may have a memory.
@@ -182,3 +185,51 @@ class VirtualObject:
 
     def _along_normal(self, point_world_m: FloatArray) -> float:
         return float(self._normal.dot(frozen_array(point_world_m, (3,), what="point of the surface")))
+
+
+class VirtualArm:
+    """Kinematic arm without mass.
+
+    Args:
+        body: model of the arm.
+        tool_axis_tip: direction of the tool, tip frame, shape (3,).
+        direction_world: direction of the tool, world frame, shape (3,).
+        home_rad: joint positions at the start, shape (3,) [rad]; they decide how the elbow bends.
+
+    Attributes:
+        position_rad: joint positions, shape (3,) [rad].
+        reached: whether the tip is where the hand is, within the arm's plane.
+
+    Raises:
+        InputError: the arm is not planar, or the direction does not lie in its plane.
+    """
+
+    def __init__(
+        self, body: RigidBody, tool_axis_tip: FloatArray, direction_world: FloatArray, home_rad: FloatArray
+    ) -> None:
+        self._body, self._arm = body, PlanarArm(body, tool_axis_tip)
+        self._elbow = self._arm.elbow_of(home_rad)
+        _, _, self._tool_rad = self._arm.plane_direction(direction_world)
+        self.position_rad, self.reached = home_rad.copy(), True
+
+    def follow(self, hand_world_m: FloatArray) -> None:
+        """Put the tip where the hand is; out of reach, stay.
+
+        Args:
+            hand_world_m: shape (3,) [m].
+        """
+        u_m, w_m = self._arm.plane_point(hand_world_m)
+        try:
+            angles = self._arm.absolute_angles(u_m, w_m, self._tool_rad, self._elbow)
+        except InputError:
+            self.reached = False
+            return
+        self.reached = True
+        joints = zip(self._arm.joint_positions(angles), self.position_rad.tolist(), strict=True)
+        self.position_rad = np.array([q + math.tau * round((near - q) / math.tau) for q, near in joints])
+
+    @property
+    def tip_world_m(self) -> FloatArray:
+        """Tip position, shape (3,) [m]."""
+        tip, _ = self._body.tip_pose(self.position_rad)
+        return tip

@@ -15,8 +15,7 @@ from palpate.common.options import scenario_names, takes
 from palpate.control.loop.result import Outcome
 from palpate.control.probing.plan import ProbingPlan, load_probing_plan
 from palpate.control.teleop.follower_task import OnSilence
-from palpate.control.teleop.leader_arm import LeaderArm
-from palpate.control.teleop.operator_devices import OPERATOR_DEVICES, build_operator
+from palpate.control.teleop.leader_arm import OPERATOR_DEVICES, LeaderArm, build_operator
 from palpate.render.terminal import print_files
 from palpate.robot_io.clock import MonotonicClock
 from palpate.robot_io.errors import InputError

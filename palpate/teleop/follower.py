@@ -17,8 +17,7 @@ import numpy as np
 import yaml
 
 from palpate.control.arm.rigid_body import RigidBody
-from palpate.control.laws.gains import gains_of
-from palpate.control.laws.touch import RunningMean
+from palpate.control.laws.gains import RunningMean, gains_of
 from palpate.control.loop.realtime import realtime
 from palpate.control.loop.result import LoopResult
 from palpate.control.loop.stop_handler import one_line
@@ -27,9 +26,8 @@ from palpate.control.loop.tick_record import NO_ESTIMATE, Estimates
 from palpate.control.probing.plan import ProbingPlan
 from palpate.control.probing.sites import check_against_guard
 from palpate.control.probing.task import ProbingTask
-from palpate.control.teleop.follower_task import FollowerTask, OnSilence, plan_for
+from palpate.control.teleop.follower_task import FollowerTask, OnSilence, TargetQueue, plan_for
 from palpate.control.teleop.messaging import LINK_STREAM, Messaging
-from palpate.control.teleop.target_queue import TargetQueue
 from palpate.robot_io.calibration import load_calibrations
 from palpate.robot_io.clock import Clock
 from palpate.robot_io.guard import Guard

@@ -18,10 +18,9 @@ from palpate.control.arm.rigid_body import RigidBody
 from palpate.control.loop.realtime import realtime
 from palpate.control.loop.stop_handler import one_line
 from palpate.control.loop.timing import Histogram, SectionTiming, TickGrid
+from palpate.control.teleop.leader_arm import build_operator
 from palpate.control.teleop.messaging import LINK_STREAM
-from palpate.control.teleop.operator_devices import build_operator
-from palpate.control.teleop.virtual_arm import VirtualArm
-from palpate.control.teleop.virtual_object import VirtualObject
+from palpate.control.teleop.virtual_object import VirtualArm, VirtualObject
 from palpate.robot_io.clock import Clock, MonotonicClock
 from palpate.robot_io.errors import InputError, PalpateError
 from palpate.robot_io.link import ObjectEstimate, short_number

@@ -17,7 +17,6 @@ from typing import Annotated, ClassVar, Final
 import numpy as np
 from pydantic import Field, model_validator
 
-from palpate.robot_io.clip import clip
 from palpate.robot_io.driver import DriverContext
 from palpate.robot_io.drivers.can.line import CanFrame, CanLineSettings, expect_length
 from palpate.robot_io.drivers.can.motors import ANSWER_S, AskedMotorBus, MotorMounting
@@ -26,6 +25,7 @@ from palpate.robot_io.errors import DeviceError, InputError, ProtocolError
 from palpate.robot_io.examination import Finding, fail, ok, warn
 from palpate.robot_io.files.file_model import Number
 from palpate.robot_io.guard.limits import Torque
+from palpate.robot_io.types import clip
 
 
 class MoteusMotor(MotorMounting):

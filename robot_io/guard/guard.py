@@ -6,11 +6,10 @@ from math import inf, isfinite, nan, sqrt
 
 import numpy as np
 
-from palpate.robot_io.clip import clip
 from palpate.robot_io.errors import InputError, SafetyTripError
 from palpate.robot_io.guard.limits import LimitChecks, Limits, Problem, SafeState
 from palpate.robot_io.guard.plausibility import StuckEncoders, StuckForce, UnresponsiveDrives
-from palpate.robot_io.types import Command, FloatArray, Measurement
+from palpate.robot_io.types import Command, FloatArray, Measurement, clip
 
 GravityModel = Callable[[FloatArray], FloatArray]
 """Joint positions (n,) [rad] to the torques (n,) [N m] that hold the arm still there."""

@@ -33,9 +33,8 @@ ignored; and a small torque is not expected of a drive that has never shown so s
 
 from math import copysign, inf, isfinite, log, nan
 
-from palpate.robot_io.clip import clip
 from palpate.robot_io.guard.limits import Limits, Problem
-from palpate.robot_io.types import FloatArray, Measurement, Status
+from palpate.robot_io.types import FloatArray, Measurement, Status, clip
 
 _SAMPLES = 5  # new ones in that time; fewer are a drive that measures slower than it is asked
 _STEPS = 4  # of the encoder, that the reference must have moved, and

@@ -1,5 +1,6 @@
 """What a program shares with its writer process: a ring per stream, a few words of state, and the job."""
 
+import fcntl
 import json
 import mmap
 import os
@@ -7,16 +8,58 @@ import subprocess
 import sys
 import tempfile
 import threading
+import time
 from collections.abc import Sequence
 from contextlib import suppress
 from dataclasses import asdict, dataclass
-from typing import IO, Any
+from pathlib import Path
+from typing import IO, Any, BinaryIO
 
 import numpy as np
 
 from palpate.robot_io.errors import InputError, SessionError
 from palpate.robot_io.session.event import EVENT_STREAM, MAX_EVENT_BYTES
 from palpate.robot_io.session.stream import Record, RecordArray, Stream
+
+_WAIT_S, _POLL_S = 1.0, 0.01  # for a program that only looks whether there is a lock
+
+
+def lock(file: BinaryIO) -> None:
+    """Hold the file until it is closed. SessionError: another program holds it.
+
+    Args:
+        file: open for writing.
+    """
+    give_up_s = time.monotonic() + _WAIT_S
+    while True:
+        try:
+            fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except BlockingIOError:
+            if time.monotonic() > give_up_s:
+                raise SessionError("another program holds it") from None
+            time.sleep(_POLL_S)
+        except OSError:  # a file system without locks; that the file was made anew keeps others away there
+            return
+        else:
+            return
+
+
+def is_locked(path: Path) -> bool:
+    """Whether a program is writing a file at this moment, as far as the file system can tell.
+
+    Args:
+        path: of a file that is there.
+    """
+    with suppress(OSError):
+        descriptor = os.open(path, os.O_RDONLY | os.O_NONBLOCK)  # a pipe is not waited for
+        try:
+            fcntl.flock(descriptor, fcntl.LOCK_SH | fcntl.LOCK_NB)
+        except BlockingIOError:
+            return True
+        finally:
+            os.close(descriptor)
+    return False
+
 
 _LINE = 64  # bytes of a cache line; each counter has its own, so that the two sides do not slow each other
 _HEAD, _TAIL, _DROPPED = range(3)

@@ -16,7 +16,6 @@ from numpy.typing import ArrayLike, NDArray
 from palpate.robot_io.errors import InputError, SessionError, UnknownNameError, UnloggedError
 from palpate.robot_io.files.whole_file import whole_file
 from palpate.robot_io.session.event import EVENT_STREAM, Event, SessionMetadata, encode_event
-from palpate.robot_io.session.lock import is_locked
 from palpate.robot_io.session.mcap_file import McapFile
 from palpate.robot_io.session.shared_log import (
     FINISHED,
@@ -24,6 +23,7 @@ from palpate.robot_io.session.shared_log import (
     Job,
     SharedLog,
     check_streams,
+    is_locked,
     open_memory,
 )
 from palpate.robot_io.session.stream import MAX_RECORD_BYTES, TIME_COLUMN, Record, Stream, streams_to_json

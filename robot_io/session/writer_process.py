@@ -14,9 +14,8 @@ from typing import BinaryIO
 from palpate.robot_io.errors import SessionError
 from palpate.robot_io.files.whole_file import held_name
 from palpate.robot_io.session.event import EVENT_STREAM, SessionMetadata, encode_event, unclosed
-from palpate.robot_io.session.lock import lock
 from palpate.robot_io.session.mcap_file import McapFile
-from palpate.robot_io.session.shared_log import FINISHED, READY, Job, SharedLog
+from palpate.robot_io.session.shared_log import FINISHED, READY, Job, SharedLog, lock
 from palpate.robot_io.session.stream import TIME_COLUMN, Stream, streams_from_json
 
 IDLE_S = 0.01

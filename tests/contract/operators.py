@@ -16,7 +16,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from palpate.control.teleop.operator_devices import build_operator_device
+from palpate.control.teleop.leader_arm import build_operator_device
 from palpate.robot_io.clock import MonotonicClock, SimulatedClock
 from tests.mock_robot import mock_bus, write_mock_files
 

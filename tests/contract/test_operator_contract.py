@@ -3,8 +3,7 @@
 import numpy as np
 import pytest
 
-from palpate.control.teleop.leader_arm import LeaderArm
-from palpate.control.teleop.operator_devices import OPERATOR_DEVICES, build_operator_device
+from palpate.control.teleop.leader_arm import OPERATOR_DEVICES, LeaderArm, build_operator_device
 from palpate.robot_io.clock import MonotonicClock, SimulatedClock
 from palpate.robot_io.errors import DeviceError, InputError, LifecycleError, SafetyTripError
 from tests.contract.operators import BENCHES

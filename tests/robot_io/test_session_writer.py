@@ -16,9 +16,8 @@ from palpate.robot_io.errors import InputError, SessionError, UnknownNameError
 from palpate.robot_io.files.whole_file import whole_file
 from palpate.robot_io.session import Column, Event, Session, SessionWriter, Stream, write_session, writer
 from palpate.robot_io.session.event import decode_event, encode_event
-from palpate.robot_io.session.lock import is_locked
 from palpate.robot_io.session.mcap_file import McapFile
-from palpate.robot_io.session.shared_log import FAILED, READY, STARTING, SharedLog, open_memory
+from palpate.robot_io.session.shared_log import FAILED, READY, STARTING, SharedLog, is_locked, open_memory
 from tests.robot_io.session_parts import METADATA, TICK, assert_ticks, tick
 
 SLOW = Stream("slow", (Column("time_s", "s"), Column("x", "m")))

@@ -5,10 +5,18 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 
 from palpate.robot_io.driver import DriverContext
-from palpate.robot_io.drivers.dynamixel.feedback import DynamixelFeedback, feedback_problem
-from palpate.robot_io.drivers.dynamixel.servos import DynamixelLine, examine_servo
-from palpate.robot_io.drivers.dynamixel.settings import DynamixelSettings, ServoSettings
-from palpate.robot_io.drivers.dynamixel.tables import POSITION_STEP_RAD, VELOCITY_STEP_RAD_S
+from palpate.robot_io.drivers.dynamixel.servos import (
+    DynamixelFeedback,
+    DynamixelLine,
+    examine_servo,
+    feedback_problem,
+)
+from palpate.robot_io.drivers.dynamixel.tables import (
+    POSITION_STEP_RAD,
+    VELOCITY_STEP_RAD_S,
+    DynamixelSettings,
+    ServoSettings,
+)
 from palpate.robot_io.drivers.joint_bus import BusTorque
 from palpate.robot_io.drivers.servo.bus import ServoBus, ServoEncoder
 from palpate.robot_io.drivers.servo.feedback import FeedbackReader

@@ -1,4 +1,4 @@
-"""Registers and models of the Dynamixel X series, as data.
+"""Registers, models and settings of the Dynamixel X series, as data.
 
 The addresses are the same in all models here. Values are little-endian, signed ones in two's complement.
 
@@ -10,12 +10,17 @@ Source: ROBOTIS e-manual, "Control Table" and "Specifications" of the models; "D
 Fast Sync Read (minimum firmware; XC330 is taken to be as XL330).
 """
 
+from collections.abc import Collection
 from dataclasses import dataclass
 from math import pi
-from typing import Final
+from typing import Annotated, ClassVar, Final, Literal
 
-from palpate.robot_io.drivers.servo.access import Register
+from pydantic import Field, model_validator
+
+from palpate.robot_io.drivers.servo.joints import ServoBusSettings, ServoMounting
+from palpate.robot_io.drivers.servo.line import Register
 from palpate.robot_io.drivers.servo.stream import bit_names
+from palpate.robot_io.files.file_model import NotNegative, Positive, TorqueConstant
 
 # Kept without power; can be written while the torque is off.
 RETURN_DELAY_TIME: Final = Register("return delay time", 9, 1)  # 2 us
@@ -129,3 +134,47 @@ def model_name(number: int) -> str:
         number: that the servo answers with.
     """
     return next((model.name for model in MODELS.values() if model.number == number), f"model number {number}")
+
+
+class ServoSettings(ServoMounting):
+    """One servo; it drives the joint at its place in the list."""
+
+    known_models: ClassVar[Collection[str]] = MODELS
+
+    homing_offset: (
+        Annotated[int, Field(ge=-LARGEST_HOMING_OFFSET, le=LARGEST_HOMING_OFFSET, strict=True)] | None
+    ) = None
+    torque_constant_nm_a: TorqueConstant | None = None  # instead of the model's own [N m/A]
+
+    @property
+    def servo_model(self) -> DynamixelModel:
+        """The model's data."""
+        return MODELS[self.model]
+
+
+class DynamixelSettings(ServoBusSettings[ServoSettings]):
+    """A bus."""
+
+    # As set in the servos [bit/s].
+    baud_rate: Literal[57_600, 115_200, 1_000_000, 2_000_000, 3_000_000, 4_000_000, 4_500_000] = 4_000_000
+    # How long a servo waits before it answers, in steps of 2 us [s].
+    return_delay_s: Annotated[NotNegative, Field(le=LARGEST_RETURN_DELAY * RETURN_DELAY_STEP_S)] = 0.0
+    # A servo that hears nothing for so long lets go, in steps of 20 ms [s].
+    watchdog_s: Annotated[Positive, Field(ge=WATCHDOG_STEP_S, le=LARGEST_WATCHDOG * WATCHDOG_STEP_S)] = 0.06
+    fast_sync_read: bool = True  # use it if the firmware of all servos knows it
+
+    @property
+    def return_delay(self) -> int:
+        """In the servo's unit."""
+        return round(self.return_delay_s / RETURN_DELAY_STEP_S)
+
+    @property
+    def watchdog(self) -> int:
+        """In the servo's unit."""
+        return max(1, round(self.watchdog_s / WATCHDOG_STEP_S))
+
+    @model_validator(mode="after")
+    def _keep_their_data_alike(self) -> "DynamixelSettings":
+        if len({servo.servo_model.indirect_data for servo in self.servos}) > 1:
+            raise ValueError("servos: X330 and larger models keep their data elsewhere, and need two buses")
+        return self

@@ -14,8 +14,7 @@ from typing import Annotated
 
 from pydantic import Field, RootModel, model_validator
 
-from palpate.robot_io.drivers.feetech.settings import HomingOffset
-from palpate.robot_io.drivers.feetech.tables import COUNTS_PER_REVOLUTION, POSITION_STEP_RAD
+from palpate.robot_io.drivers.feetech.tables import COUNTS_PER_REVOLUTION, POSITION_STEP_RAD, HomingOffset
 from palpate.robot_io.errors import InputError
 from palpate.robot_io.files.file_model import FileModel, read_text, validate
 

@@ -6,10 +6,14 @@ from dataclasses import dataclass
 from palpate.robot_io.clock import Clock
 from palpate.robot_io.drivers.feetech import protocol, tables
 from palpate.robot_io.drivers.feetech.protocol import error_names
-from palpate.robot_io.drivers.feetech.settings import FeetechServo, FeetechSettings
-from palpate.robot_io.drivers.feetech.tables import LARGEST_LIMIT, STATUS, model_name
-from palpate.robot_io.drivers.servo.access import RegisterAccess
-from palpate.robot_io.drivers.servo.line import TOO_HOT, ServoLine
+from palpate.robot_io.drivers.feetech.tables import (
+    LARGEST_LIMIT,
+    STATUS,
+    FeetechServo,
+    FeetechSettings,
+    model_name,
+)
+from palpate.robot_io.drivers.servo.line import TOO_HOT, RegisterAccess, ServoLine
 from palpate.robot_io.errors import DeviceError
 from palpate.robot_io.examination import Finding, Level, graded
 from palpate.robot_io.serial_port import SerialPort

@@ -1,4 +1,4 @@
-"""Registers and models of the Feetech STS series, as data.
+"""Registers, models and settings of the Feetech STS series, as data.
 
 The motor sees a duty cycle, share of the supply voltage. In position control the servo makes it of its
 position error e, with P the register "P coefficient":
@@ -10,11 +10,16 @@ sheets of STS3215 (stall torque, no-load speed); the gain of the position error 
 feetech actuator, with an oscilloscope).
 """
 
+from collections.abc import Collection
 from dataclasses import dataclass
 from math import pi
-from typing import Final
+from typing import Annotated, ClassVar, Final, Literal
 
-from palpate.robot_io.drivers.servo.access import Register
+from pydantic import Field
+
+from palpate.robot_io.drivers.servo.joints import ServoBusSettings, ServoMounting
+from palpate.robot_io.drivers.servo.line import Register
+from palpate.robot_io.drivers.servo.stream import LARGEST_ID
 
 # Kept without power, where they are written while the lock is 0; with the lock at 1 they hold until then.
 FIRMWARE: Final = Register("firmware version", 0, 2)
@@ -111,3 +116,45 @@ def model_name(number: int) -> str:
     """
     names = [model.name for model in MODELS.values() if model.number == number]
     return " or ".join(names) or f"model number {number}"
+
+
+HomingOffset = Annotated[int, Field(ge=-2047, le=2047, strict=True)]
+
+
+class FeetechServo(ServoMounting):
+    """One servo; it drives the joint at its place in the list."""
+
+    known_models: ClassVar[Collection[str]] = MODELS
+
+    homing_offset: HomingOffset | None = None
+
+    @property
+    def servo_model(self) -> FeetechModel:
+        """The model's data."""
+        return MODELS[self.model]
+
+
+class FeetechSettings(ServoBusSettings[FeetechServo]):
+    """A bus."""
+
+    baud_rate: Literal[115_200, 250_000, 500_000, 1_000_000] = 1_000_000  # as set in the servos [bit/s]
+    # P coefficient of the servos' own position control: a torque is commanded as a distance from where the
+    # joint is, so that with more of it torque steps are coarser, and a joint is held more stiffly.
+    p_gain: Annotated[int, Field(ge=1, le=100, strict=True)] = 16
+    # Ids of servos that are no joints here: they hold where they stand while the torque is on.
+    hold: tuple[Annotated[int, Field(ge=0, le=LARGEST_ID, strict=True)], ...] = ()
+
+    @property
+    def duty_per_rad(self) -> float:
+        """Duty cycle for a position error [1/rad]."""
+        return DUTY_PER_RAD * self.p_gain
+
+    @property
+    def ids(self) -> tuple[int, ...]:
+        """See `ServoBusSettings.ids`; those that hold come last."""
+        return (*super().ids, *self.hold)
+
+    @property
+    def labels(self) -> tuple[str, ...]:
+        """See `ServoBusSettings.labels`."""
+        return (*super().labels, *(f"servo {servo_id} (holds)" for servo_id in self.hold))

@@ -12,9 +12,8 @@ import numpy as np
 from palpate.robot_io.driver import DriverContext
 from palpate.robot_io.drivers.joint_bus import BusEncoder, JointBus, check_one_per_joint
 from palpate.robot_io.drivers.servo.feedback import FeedbackReader
-from palpate.robot_io.drivers.servo.joints import ServoJoints, ServoPairs, ServoSample
+from palpate.robot_io.drivers.servo.joints import ServoBusSettings, ServoJoints, ServoPairs, ServoSample
 from palpate.robot_io.drivers.servo.line import ServoLine, examine_line
-from palpate.robot_io.drivers.servo.settings import ServoBusSettings
 from palpate.robot_io.errors import DeviceError, InputError, LifecycleError
 from palpate.robot_io.examination import Examinable, Finding
 from palpate.robot_io.files.file_model import FileModel, Positive

@@ -6,7 +6,7 @@ from math import inf
 from typing import Any, Generic, TypeVar
 
 from palpate.robot_io.clock import Clock
-from palpate.robot_io.drivers.servo.access import Packet
+from palpate.robot_io.drivers.servo.line import Packet
 from palpate.robot_io.drivers.servo.stream import PacketStream
 from palpate.robot_io.errors import DeviceTimeoutError, ProtocolError
 from palpate.robot_io.serial_port import SerialPort

@@ -10,7 +10,7 @@ from palpate.control.arm.rigid_body import RigidBody
 from palpate.control.teleop.force_mismatch import MismatchMonitor
 from palpate.control.teleop.messaging import Messaging
 from palpate.control.teleop.peer import Arrival, ClockOffset, Peer, PeerLimits
-from palpate.control.teleop.virtual_arm import VirtualArm
+from palpate.control.teleop.virtual_object import VirtualArm
 from palpate.robot_io.clock import SimulatedClock
 from palpate.robot_io.errors import InputError
 from palpate.robot_io.link import Frame, Heard, Intent, decode, encode

@@ -14,8 +14,7 @@ from palpate.control.loop.task import TaskOutput
 from palpate.control.loop.tick_record import NO_ESTIMATE, Estimates
 from palpate.control.probing.plan import ProbingPlan
 from palpate.control.probing.task import ProbingTask
-from palpate.control.teleop.follower_task import FollowerTask, plan_for
-from palpate.control.teleop.target_queue import TargetQueue
+from palpate.control.teleop.follower_task import FollowerTask, TargetQueue, plan_for
 from palpate.robot_io.calibration import load_calibrations
 from palpate.robot_io.link import Intent, Target, TargetState
 from palpate.robot_io.types import Measurement

@@ -4,9 +4,9 @@ import random
 from collections import Counter, deque
 from dataclasses import dataclass, field
 
+from palpate.control.teleop.follower_task import TargetQueue
 from palpate.control.teleop.messaging import Messaging
 from palpate.control.teleop.peer import Arrival
-from palpate.control.teleop.target_queue import TargetQueue
 from palpate.robot_io.clock import SimulatedClock
 from palpate.robot_io.errors import InputError
 from palpate.robot_io.link import (

@@ -7,8 +7,7 @@ from types import SimpleNamespace
 import pytest
 
 from palpate.robot_io.clock import SimulatedClock
-from palpate.robot_io.drivers.dynamixel.feedback import feedback_reader
-from palpate.robot_io.drivers.dynamixel.servos import DynamixelAccess
+from palpate.robot_io.drivers.dynamixel.servos import DynamixelAccess, feedback_reader
 from palpate.robot_io.drivers.dynamixel.tables import DRIVE_MODE
 from palpate.robot_io.errors import DeviceTimeoutError
 from palpate.sim_backend.emulators import dynamixel

@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 
 from palpate.robot_io.calibration.applied import device_identity
-from palpate.robot_io.drivers.dynamixel.settings import DynamixelSettings
-from palpate.robot_io.drivers.feetech.settings import FeetechSettings
+from palpate.robot_io.drivers.dynamixel.tables import DynamixelSettings
+from palpate.robot_io.drivers.feetech.tables import FeetechSettings
 from palpate.robot_io.errors import DeviceError, InputError
 from palpate.robot_io.examination import Level
 from palpate.robot_io.files.file_model import validate

@@ -7,9 +7,9 @@ from pydantic import TypeAdapter, ValidationError
 
 from palpate.robot_io.drivers.can.line import CanLineSettings
 from palpate.robot_io.drivers.can.motors import MotorMounting
-from palpate.robot_io.drivers.dynamixel.settings import DynamixelSettings, ServoSettings
+from palpate.robot_io.drivers.dynamixel.tables import DynamixelSettings, ServoSettings
 from palpate.robot_io.drivers.feetech.lerobot import LerobotMotor
-from palpate.robot_io.drivers.feetech.settings import FeetechServo, FeetechSettings
+from palpate.robot_io.drivers.feetech.tables import FeetechServo, FeetechSettings
 from palpate.robot_io.drivers.mit.settings import MitBusSettings, MitMotor, MitRangeSettings
 from palpate.robot_io.drivers.moteus import MoteusMotor
 from palpate.robot_io.drivers.net_ft import NetFtLineSettings
@@ -19,7 +19,7 @@ from palpate.robot_io.drivers.serial_force.gauges import ForceLinesSettings, Loa
 from palpate.robot_io.drivers.serial_force.line import AxisForceSettings, SerialLineSettings
 from palpate.robot_io.drivers.serial_force.lorenz import LorenzSettings
 from palpate.robot_io.drivers.serial_force.microcontroller_cell import MicrocontrollerCellSettings
-from palpate.robot_io.drivers.servo.settings import ServoBusSettings, ServoMounting
+from palpate.robot_io.drivers.servo.joints import ServoBusSettings, ServoMounting
 
 AMPERES = (ServoSettings, OdriveAxis)
 CAPABLE = (

@@ -7,7 +7,7 @@ from palpate.robot_io.drivers.feetech import tables as feetech
 from palpate.robot_io.drivers.feetech.protocol import error_names
 from palpate.robot_io.drivers.mit.settings import DIALECTS, Maker
 from palpate.robot_io.drivers.odrive_protocol import AXIS_ERRORS, WATCHDOG_EXPIRED, AxisState, Firmware
-from palpate.robot_io.drivers.servo.access import Register
+from palpate.robot_io.drivers.servo.line import Register
 from palpate.sim_backend.emulators import feetech as emulated_sts
 from palpate.sim_backend.emulators.dynamixel_servo import MODELS, items_of
 
