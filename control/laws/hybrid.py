@@ -196,7 +196,14 @@ class HybridController:
         speed_m_s = float(tip.velocity_world_m_s.dot(self._line.direction_world))
         since_s = measurement.force_at_s - self._force_at_s
         if self._is_new(measurement):
-            self._sense(self._line.travel_of(tip.position_world_m), speed_m_s, force_n, since_s)
+            travel_m, was_in_contact = self._line.travel_of(tip.position_world_m), self.switch.in_contact
+            if not was_in_contact and force_n < self.switch.release_force_n:
+                self._clear_travel_m = travel_m
+            if self.switch.update(force_n):
+                if not was_in_contact:
+                    self.surface_travel_m = self._clear_travel_m
+                    self.quick_estimator.reset()
+                self.quick_estimator.update(travel_m - self.surface_travel_m, speed_m_s, force_n, since_s)
         self.state = self._next_state(reference, force_n, speed_m_s, dt_s)
         motion = self._line.joint_motion(self.state, self.reference_rad)
         return self._follow(measurement, motion, tip, force_n, dt_s)
@@ -206,17 +213,6 @@ class HybridController:
         is_new = measurement.force_at_s > self._force_at_s and measurement.force_status == Status.OK
         self._force_at_s = max(self._force_at_s, measurement.force_at_s)
         return is_new
-
-    def _sense(self, travel_m: float, speed_m_s: float, force_n: float, since_s: float) -> None:
-        was_in_contact = self.switch.in_contact
-        if not was_in_contact and force_n < self.switch.release_force_n:
-            self._clear_travel_m = travel_m
-        if not self.switch.update(force_n):
-            return
-        if not was_in_contact:
-            self.surface_travel_m = self._clear_travel_m
-            self.quick_estimator.reset()
-        self.quick_estimator.update(travel_m - self.surface_travel_m, speed_m_s, force_n, since_s)
 
     def _next_state(
         self, reference: HybridReference, force_n: float, speed_m_s: float, dt_s: float

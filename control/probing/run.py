@@ -184,7 +184,24 @@ class ProbingRun:
             held = self._held
             text = f"held {held.mean:.3f} N +- {held.standard_deviation:.3f} N over the last half of the hold"
             self._event("held", text, mean_n=held.mean, spread_n=held.standard_deviation)
-            self._excite_or_leave()
+            excitation = self._plan.excitation
+            if excitation is None:
+                self._leave()
+                return output
+            self._event("excitation", f"{excitation.shape} of the {excitation.quantity} rides on the hold")
+            self._rest_travel_m = self._control.state.travel_m
+            if excitation.quantity == "force":
+                self._profile, self._amplitude = Profile(excitation), excitation.amplitude_n
+                self._enter(Phase.HOLD, self._excite_force)
+            else:
+                self._amplitude, offset = position_amplitude_m(
+                    excitation,
+                    **self._control.quick_estimator.compliance._asdict(),
+                    force_limit_n=self._plan.force_limit_n,
+                    speed_limit_m_s=self._plan.travel_speed_m_s,
+                )
+                self._profile = Profile(excitation, offset)
+                self._enter(Phase.HOLD, self._excite_position)
         return output
 
     def _hold_force(
@@ -208,26 +225,6 @@ class ProbingRun:
         )
         self._event("contact_lost", self.failure, force_n=output.force_n)
         return True
-
-    def _excite_or_leave(self) -> None:
-        excitation = self._plan.excitation
-        if excitation is None:
-            self._leave()
-            return
-        self._event("excitation", f"{excitation.shape} of the {excitation.quantity} rides on the hold")
-        self._rest_travel_m = self._control.state.travel_m
-        if excitation.quantity == "force":
-            self._profile, self._amplitude = Profile(excitation), excitation.amplitude_n
-            self._enter(Phase.HOLD, self._excite_force)
-        else:
-            self._amplitude, offset = position_amplitude_m(
-                excitation,
-                **self._control.quick_estimator.compliance._asdict(),
-                force_limit_n=self._plan.force_limit_n,
-                speed_limit_m_s=self._plan.travel_speed_m_s,
-            )
-            self._profile = Profile(excitation, offset)
-            self._enter(Phase.HOLD, self._excite_position)
 
     def _excite_force(self, measurement: Measurement, dt_s: float) -> ControlOutput:
         desired_n = self._plan.force_limit_n + self._amplitude * self._profile.at(self._time_s).value

@@ -109,29 +109,19 @@ def probing_sites(
         if line.start.near_singular:
             raise InputError(f"{name}: the arm would be stretched or folded (singular); move the target")
         lift_m = float(start @ direction) - highest_m + room_m
-        sites.append(_site(line, plan, position_rad, limits_rad, lift_m, name))
+        deepest_m = line.reach_m(plan.search_depth_m + plan.max_depth_m, position_rad, limits_rad)
+        clearance_m = max(plan.retract_m, plan.approach_clearance_m)
+        lifted_m = line.reach_m(-clearance_m - lift_m, position_rad, limits_rad)
+        search_m = min(plan.search_depth_m, deepest_m)
+        run_up_m = blend_distance_m(max(plan.speeds_m_s), plan.acceleration_m_s2)
+        if search_m <= run_up_m:
+            raise InputError(
+                f"{name}: the arm can go only {deepest_m * 1e3:.0f} mm on from the start of the approach "
+                f"within its joint limits, and needs more than {run_up_m * 1e3:.1f} mm to come up to speed"
+            )
+        site = ProbingSite(line, search_m, deepest_m, max(lifted_m, -clearance_m), lifted_m)
+        sites.append(site)
     return sites
-
-
-def _site(  # noqa: PLR0917
-    line: PressLine,
-    plan: ProbingPlan,
-    near_rad: FloatArray,
-    limits_rad: JointLimits,
-    lift_m: float,
-    name: str,
-) -> ProbingSite:
-    deepest_m = line.reach_m(plan.search_depth_m + plan.max_depth_m, near_rad, limits_rad)
-    clearance_m = max(plan.retract_m, plan.approach_clearance_m)
-    lifted_m = line.reach_m(-clearance_m - lift_m, near_rad, limits_rad)
-    search_m = min(plan.search_depth_m, deepest_m)
-    run_up_m = blend_distance_m(max(plan.speeds_m_s), plan.acceleration_m_s2)
-    if search_m <= run_up_m:
-        raise InputError(
-            f"{name}: the arm can go only {deepest_m * 1e3:.0f} mm on from the start of the approach within "
-            f"its joint limits, and needs more than {run_up_m * 1e3:.1f} mm to come up to speed"
-        )
-    return ProbingSite(line, search_m, deepest_m, max(lifted_m, -clearance_m), lifted_m)
 
 
 def check_against_guard(plan: ProbingPlan, robot_file: RobotFile) -> None:

@@ -179,7 +179,16 @@ class ProbingTask:
         run = self._run
         if run is not None:
             output, phase = run.step(measurement, dt_s), run.phase
-            self._after(run)
+            self._events.extend(run.events)
+            if run.finished:  # begin the next; a target without a touch is dropped
+                if run.failure:
+                    self.failures += (run.failure,)
+                    self._leave_out(run.spec.target)
+                else:
+                    self.runs_done += 1
+                self._run = None
+                self._here = Place(self._control.reference_rad, self._sites[run.spec.target])
+                self._begin_way()
         else:
             output = self._move(measurement, dt_s)
             phase = self._phase
@@ -215,20 +224,6 @@ class ProbingTask:
         else:
             self._fail("cancelled", why)
             self._turn_back()
-
-    def _after(self, run: ProbingRun) -> None:
-        """Collect a run's events; when it has ended, begin the next. A target without a touch is dropped."""
-        self._events.extend(run.events)
-        if not run.finished:
-            return
-        if run.failure:
-            self.failures += (run.failure,)
-            self._leave_out(run.spec.target)
-        else:
-            self.runs_done += 1
-        self._run = None
-        self._here = Place(self._control.reference_rad, self._sites[run.spec.target])
-        self._begin_way()
 
     def _begin_way(self) -> None:
         """Move to the next run's approach start, or back to where the task started."""

@@ -53,8 +53,11 @@ class TargetQueue:
         with self._lock:
             for target in intent.targets:
                 if target.number > self._newest:
-                    if not self._make_room():
-                        break
+                    if len(self._states) >= MOST_TARGETS:  # forget the oldest target that is over
+                        over = next((n for n, state in self._states.items() if state in _OVER), None)
+                        if over is None:
+                            break
+                        del self._states[over], self._targets[over]
                     self._newest = target.number
                     self._targets[target.number] = target
                     self._states[target.number] = TargetState.QUEUED
@@ -118,16 +121,6 @@ class TargetQueue:
         """Copy the states of all remembered targets, by number."""
         with self._lock:
             return dict(self._states)
-
-    def _make_room(self) -> bool:
-        """Forget the oldest target that is over if the queue is full; false if there is none."""
-        if len(self._states) < MOST_TARGETS:
-            return True
-        over = next((n for n, state in self._states.items() if state in _OVER), None)
-        if over is None:
-            return False
-        del self._states[over], self._targets[over]
-        return True
 
 
 class OnSilence(StrEnum):

@@ -140,20 +140,17 @@ class ModelMediatedFollower(CouplingSide):
             return self.way.speeds_m_s[self._presses]
         if self.stage is ProbingStage.RETRACT:
             if port.position_m < self._touched_m - _CLEARANCE_M:
-                self._press_done()
+                self._presses += 1
+                if self._presses < len(self.way.speeds_m_s):
+                    self.stage = ProbingStage.PRESS
+                    return -_RETRACT_M_S
+                answer = (self._target, *self.model.fit(np.array(self._samples)))
+                if np.isfinite(answer).all():  # else the last model stays
+                    self._answer = answer
+                self._samples.clear()
+                self.stage = ProbingStage.IDLE
             return -_RETRACT_M_S
         return 0.0
-
-    def _press_done(self) -> None:
-        self._presses += 1
-        if self._presses < len(self.way.speeds_m_s):
-            self.stage = ProbingStage.PRESS
-            return
-        answer = (self._target, *self.model.fit(np.array(self._samples)))
-        if np.isfinite(answer).all():  # else the last model stays
-            self._answer = answer
-        self._samples.clear()
-        self.stage = ProbingStage.IDLE
 
 
 def model_mediated(model: ObjectModel = KELVIN_VOIGT) -> Coupling:

@@ -126,9 +126,32 @@ def implausible(calibration: Calibration, limits: Limits) -> str | None:
         The reason, or None.
     """
     if isinstance(calibration, ForceCalibration):
-        return _force(calibration, limits.force_n)
-    if isinstance(calibration, TorqueCalibration):
-        return _torque(calibration, limits)
+        values, limit_n = calibration.values, limits.force_n
+        scale = values.scale.value
+        zero_n, most_n = abs(values.zero.value) * scale, _ZERO_SHARE * limit_n
+        under = f"under a force limit of {limit_n:g} N"
+        if zero_n > most_n:
+            return f"has a zero of {zero_n:.3g} N; {under} at most {most_n:.3g} N"
+        # At this reading even the flattest curve that is allowed is beyond the limit; if it bends back, then
+        # only beyond three times as much.
+        furthest = 2.0 * limit_n / (scale * (1.0 + _SLOPE_SHARE))
+        curvature = values.curvature.value if values.curvature else 0.0
+        most = (1.0 - _SLOPE_SHARE) * scale / (2.0 * furthest)
+        if abs(curvature) > most:
+            return (
+                f"has a curvature of {curvature:.3g} N/N^2, which hides forces from the guard; "
+                f"{under} at most {most:.3g} N/N^2"
+            )
+    elif isinstance(calibration, TorqueCalibration):
+        for name in ("offset", "command_offset"):
+            offsets_nm = getattr(calibration.values, name).value
+            for joint, (offset_nm, limit_nm) in enumerate(zip(offsets_nm, limits.torque_nm, strict=True), 1):
+                most_nm = _OFFSET_SHARE * limit_nm
+                if abs(offset_nm) > most_nm:
+                    return (
+                        f"has a {name} of {offset_nm:.3g} N m for joint {joint}; under a torque limit of "
+                        f"{limit_nm:g} N m at most {most_nm:.3g} N m"
+                    )
     return None
 
 
@@ -156,38 +179,6 @@ def doubtful(calibration: Calibration) -> str | None:
         f"the zero of {', '.join(far)}: that is far. Was the arm really where it was said to be? "
         "With a wrong zero it moves to other places than its limits say"
     )
-
-
-def _force(calibration: ForceCalibration, limit_n: float) -> str | None:
-    values = calibration.values
-    scale = values.scale.value
-    zero_n, most_n = abs(values.zero.value) * scale, _ZERO_SHARE * limit_n
-    if zero_n > most_n:
-        return f"has a zero of {zero_n:.3g} N; under a force limit of {limit_n:g} N at most {most_n:.3g} N"
-    # At this reading even the flattest curve that is allowed is beyond the limit; if it bends back, then only
-    # beyond three times as much.
-    furthest = 2.0 * limit_n / (scale * (1.0 + _SLOPE_SHARE))
-    curvature = values.curvature.value if values.curvature else 0.0
-    most = (1.0 - _SLOPE_SHARE) * scale / (2.0 * furthest)
-    if abs(curvature) > most:
-        return (
-            f"has a curvature of {curvature:.3g} N/N^2, which hides forces from the guard; "
-            f"under a force limit of {limit_n:g} N at most {most:.3g} N/N^2"
-        )
-    return None
-
-
-def _torque(calibration: TorqueCalibration, limits: Limits) -> str | None:
-    for name in ("offset", "command_offset"):
-        offsets_nm = getattr(calibration.values, name).value
-        for joint, (offset_nm, limit_nm) in enumerate(zip(offsets_nm, limits.torque_nm, strict=True), 1):
-            most_nm = _OFFSET_SHARE * limit_nm
-            if abs(offset_nm) > most_nm:
-                return (
-                    f"has a {name} of {offset_nm:.3g} N m for joint {joint}; under a torque limit of "
-                    f"{limit_nm:g} N m at most {most_nm:.3g} N m"
-                )
-    return None
 
 
 GRAVITY_M_S2 = 9.81
@@ -303,7 +294,8 @@ def _reject_reason(
     calibration: Calibration, kind: str, robot_file: RobotFile, now_utc: datetime, *, emulated: bool
 ) -> str | None:
     """Describe why this calibration must not be used, or return None."""
-    again, unit = _again(calibration), getattr(calibration, "reading_unit", "N")
+    again = f"make a new one: palpate calibrate {calibration.kind}"
+    unit = getattr(calibration, "reading_unit", "N")
     difference = first_difference(calibration.device, device_identity(robot_file, calibration.kind))
     # Simulated devices have drivers of their own.
     is_emulated = not emulated and calibration.source == "emulated"
@@ -337,10 +329,6 @@ def _reject_reason(
     )
     reason = next((text for holds, text in reasons if holds), None)
     return reason or implausible(calibration, robot_file.limits)
-
-
-def _again(calibration: Calibration) -> str:
-    return f"make a new one: palpate calibrate {calibration.kind}"
 
 
 Driver = TypeVar("Driver", bound=Component)

@@ -168,7 +168,18 @@ class OdriveBus(MotorBus):
     def power_on(self) -> None:
         """See `JointBus.power_on`; checks the watchdogs first."""
         self._arm()
-        self._check_watchdogs()
+        bit = odrive.WATCHDOG_EXPIRED[self._own.firmware]
+
+        def alive() -> list[int]:
+            return [j for j, beat in enumerate(self._heartbeats) if not (beat and beat.axis_error & bit)]
+
+        limit_s = self._own.watchdog_s + self._heartbeat_timeout_s
+        if not self._wait_for(lambda: not alive(), limit_s):
+            raise DeviceError(
+                f"{self.line.label}: the watchdog of {', '.join(map(self.motor_label, alive()))} did not "
+                f"expire in {limit_s:.2g} s without commands; set {odrive.ENABLE_WATCHDOG} = True; "
+                f"{odrive.WATCHDOG_TIMEOUT} = {self._own.watchdog_s:g}"
+            )
         self._arm()
         self._powered = True
 
@@ -293,21 +304,6 @@ class OdriveBus(MotorBus):
                 for joint, beat in enumerate(self._heartbeats)
             )
             raise DeviceError(f"{self.line.label}: no closed-loop control: {states}")
-
-    def _check_watchdogs(self) -> None:
-        bit = odrive.WATCHDOG_EXPIRED[self._own.firmware]
-
-        def expired() -> list[bool]:
-            return [beat is not None and bool(beat.axis_error & bit) for beat in self._heartbeats]
-
-        limit_s = self._own.watchdog_s + self._heartbeat_timeout_s
-        if self._wait_for(lambda: all(expired()), limit_s):
-            return
-        alive = ", ".join(self.motor_label(joint) for joint, over in enumerate(expired()) if not over)
-        raise DeviceError(
-            f"{self.line.label}: the watchdog of {alive} did not expire in {limit_s:.2g} s without commands; "
-            f"set {odrive.ENABLE_WATCHDOG} = True; {odrive.WATCHDOG_TIMEOUT} = {self._own.watchdog_s:g}"
-        )
 
     def _describe(self, beat: Heartbeat) -> str:
         names = odrive.axis_error_names(beat.axis_error, self._own.firmware)

@@ -156,7 +156,15 @@ def _value(node: yaml.Node, key_path: KeyPath, lines: dict[KeyPath, int]) -> obj
         return mapping
     if isinstance(node, yaml.SequenceNode):
         return [_value(item, (*key_path, index), lines) for index, item in enumerate(node.value)]
-    return _scalar(cast("yaml.ScalarNode", node))
+    # A plain value by the core schema of YAML 1.2; quoted text stays text.
+    text: str = node.value
+    if cast("yaml.ScalarNode", node).style is None:
+        if text.lower() in _WORDS:
+            return _WORDS[text.lower()]
+        for pattern, convert in _NUMBERS:
+            if pattern.fullmatch(text):
+                return convert(text)
+    return text
 
 
 _WORDS = {"": None, "~": None, "null": None, "true": True, "false": False}
@@ -166,19 +174,6 @@ _NUMBERS: tuple[tuple[re.Pattern[str], Callable[[str], float]], ...] = (
     (re.compile(r"[-+]?(\.[0-9]+|[0-9]+(\.[0-9]*)?)([eE][-+]?[0-9]+)?"), float),
     (re.compile(r"[-+]?\.(inf|nan)", re.IGNORECASE), lambda text: float(text.replace(".", ""))),
 )
-
-
-def _scalar(node: yaml.ScalarNode) -> object:
-    """A plain value by the core schema of YAML 1.2; quoted text stays text."""
-    text: str = node.value
-    if node.style is not None:
-        return text
-    if text.lower() in _WORDS:
-        return _WORDS[text.lower()]
-    for pattern, convert in _NUMBERS:
-        if pattern.fullmatch(text):
-            return convert(text)
-    return text
 
 
 def one_line(text: object) -> str:
@@ -346,7 +341,19 @@ def validate(
     except ValidationError as error:
         problems = error.errors(include_url=False)
         more = f" (and {len(problems) - 1} more)" if len(problems) > 1 else ""
-        raise InputError(_describe(problems[0], document, at) + more) from error
+        problem: Any = problems[0]
+        key_path, text, value = (*at, *problem["loc"]), str(problem["msg"]), None
+        if problem["type"] == "unknown_key":
+            key_path = (*key_path, problem["ctx"]["key"])
+        elif problem["type"] == "problem_at":
+            key_path = (*key_path, *problem["ctx"]["key"].split("."))
+        elif problem["type"] == "missing":
+            text = "is missing"
+        else:
+            text = text.removeprefix("Value error, ")
+            text = text[:1].lower() + text[1:]
+            value = problem["input"] if not isinstance(problem["input"], Mapping | BaseModel) else None
+        raise InputError(f"{input_error(document, key_path, text, value)}{more}") from error
 
 
 def member(value: object, registry: Registry[Model], key: str) -> Model:
@@ -387,40 +394,16 @@ def input_error(
     Returns:
         The error, to be raised.
     """
-    places = [_place(document, key_path)] if document else []
-    places += [_key_text(key_path)] if key_path else []
-    shown = "" if value is None else f" (is {_shorten(repr(value))})"
-    return InputError(one_line(": ".join(filter(None, (", ".join(places), f"{problem}{shown}")))))
-
-
-def _place(document: YamlDocument, key_path: KeyPath) -> str:
-    has_line = key_path[:1] in document.lines and key_path
-    return f"{document.origin} line {document.line_of(key_path)}" if has_line else document.origin
-
-
-def _key_text(key_path: KeyPath) -> str:
-    """Write a path such as `limits.torque_nm entry 3`; a key that is not a plain word is quoted."""
-    text = ""
-    for key in key_path:
-        if isinstance(key, int):
-            text += f" entry {key + 1}"
-        else:
-            text += ("." if text else "") + (key if key.isidentifier() else repr(key))
-    return text[:200]
-
-
-def _describe(problem: Any, document: YamlDocument | None, at: KeyPath) -> str:  # noqa: ANN401 (pydantic's dict)
-    key_path: KeyPath = (*at, *problem["loc"])
-    if problem["type"] == "unknown_key":
-        return str(input_error(document, (*key_path, problem["ctx"]["key"]), problem["msg"]))
-    if problem["type"] == "problem_at":
-        return str(input_error(document, (*key_path, *problem["ctx"]["key"].split(".")), problem["msg"]))
-    if problem["type"] == "missing":
-        return str(input_error(document, key_path, "is missing"))
-    message = str(problem["msg"]).removeprefix("Value error, ")
-    value = problem["input"] if not isinstance(problem["input"], Mapping | BaseModel) else None
-    return str(input_error(document, key_path, message[:1].lower() + message[1:], value))
-
-
-def _shorten(text: str) -> str:
-    return text if len(text) <= _MAX_SHOWN else text[: _MAX_SHOWN - 4] + " ..."
+    places = [document.origin] if document else []
+    if document and key_path and key_path[:1] in document.lines:
+        places = [f"{document.origin} line {document.line_of(key_path)}"]
+    if key_path:  # such as `limits.torque_nm entry 3`; a key that is not a plain word is quoted
+        words = (
+            f" entry {key + 1}" if isinstance(key, int) else f".{key if key.isidentifier() else repr(key)}"
+            for key in key_path
+        )
+        places.append("".join(words).removeprefix(".")[:200])
+    if value is not None:
+        shown = repr(value)
+        problem += f" (is {shown if len(shown) <= _MAX_SHOWN else shown[: _MAX_SHOWN - 4] + ' ...'})"
+    return InputError(one_line(": ".join(filter(None, (", ".join(places), problem)))))

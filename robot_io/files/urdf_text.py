@@ -39,8 +39,21 @@ def parse_urdf(text: str) -> Element:
         raise ValueError(f"its root is <{robot.tag}>, not <robot>")
     _check_tree(robot)
     for link in robot.iter("link"):
+        name = link.get("name")
         for inertial in link.iter("inertial"):
-            _check_inertial(inertial, link.get("name"))
+            # With impossible masses and inertias, a mass matrix need not be positive.
+            for mass in inertial.iter("mass"):
+                if not 0.0 <= _number(mass.get("value", "")) < math.inf:
+                    raise ValueError(f"mass of link '{name}' is {mass.get('value')} kg")
+            for element in inertial.iter("inertia"):
+                values = dict(_numbers(element))
+                tensor = np.array([values.get(key, math.nan) for key in _TENSOR]).reshape(3, 3)
+                if not np.isfinite(tensor).all():
+                    raise ValueError(f"inertia of link '{name}' lacks a number")
+                moments = np.linalg.eigvalsh(tensor)
+                if moments[0] < -_ROUNDING * abs(moments[2]):
+                    moment = f"{moments[0]:.3g} kg m^2"
+                    raise ValueError(f"inertia of link '{name}' has a negative moment, {moment}")
     for element in robot.iter():
         list(_numbers(element))
     return robot
@@ -152,21 +165,6 @@ def _linked(joint: Element, role: str) -> str:
     if element is None or not element.get("link"):
         raise ValueError(f"joint '{joint.get('name')}' has no <{role}>")
     return element.get("link", "")
-
-
-def _check_inertial(inertial: Element, link: str | None) -> None:
-    """Refuse impossible masses and inertias: with them, a mass matrix need not be positive."""
-    for mass in inertial.iter("mass"):
-        if not 0.0 <= _number(mass.get("value", "")) < math.inf:
-            raise ValueError(f"mass of link '{link}' is {mass.get('value')} kg")
-    for element in inertial.iter("inertia"):
-        values = dict(_numbers(element))
-        tensor = np.array([values.get(name, math.nan) for name in _TENSOR]).reshape(3, 3)
-        if not np.isfinite(tensor).all():
-            raise ValueError(f"inertia of link '{link}' lacks a number")
-        moments = np.linalg.eigvalsh(tensor)
-        if moments[0] < -_ROUNDING * abs(moments[2]):
-            raise ValueError(f"inertia of link '{link}' has a negative moment, {moments[0]:.3g} kg m^2")
 
 
 def _numbers(element: Element) -> Iterator[tuple[str, float]]:

@@ -77,7 +77,13 @@ class SafeStop:
         ]
         weights_nm = self._weights_nm(measurement.joint_position_rad)
         if stopping_s > self._brake_time_s:
-            self._support = self._lowered(weights_nm, velocities, stopping_s, dt_s)
+            # The support for this tick.
+            size_nm = sqrt(sum(weight * weight for weight in weights_nm))
+            power_w = sum(weight * speed for weight, speed in zip(weights_nm, velocities, strict=True))
+            sinking_rad_s = -power_w / (size_nm or inf)
+            rate = (1.0 - sinking_rad_s / self._sink_rad_s) / self._fade_s
+            most = min(_MOST_SUPPORT, max(self.duration_s - stopping_s, 0.0) / self._last_s)
+            self._support = min(max(self._support - rate * dt_s, 0.0), most)
         support = self._support
         return [
             min(max(support * weight - damping * min(max(velocity, -fastest), fastest), -largest), largest)
@@ -97,17 +103,6 @@ class SafeStop:
                 pass
             self._gravity_nm = None
         return [0.0] * len(self._brakes)
-
-    def _lowered(
-        self, weights_nm: list[float], velocities_rad_s: list[float], stopping_s: float, dt_s: float
-    ) -> float:
-        """Compute the support s for this tick."""
-        size_nm = sqrt(sum(weight * weight for weight in weights_nm))
-        power_w = sum(weight * speed for weight, speed in zip(weights_nm, velocities_rad_s, strict=True))
-        sinking_rad_s = -power_w / (size_nm or inf)
-        rate = (1.0 - sinking_rad_s / self._sink_rad_s) / self._fade_s
-        most = min(_MOST_SUPPORT, max(self.duration_s - stopping_s, 0.0) / self._last_s)
-        return min(max(self._support - rate * dt_s, 0.0), most)
 
 
 # Longer between two commands, the arm was let go: the rate limit then starts from the measured torque.

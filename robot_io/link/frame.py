@@ -14,7 +14,6 @@ import stat
 import struct
 import zlib
 from collections.abc import Callable
-from functools import partial
 from hmac import compare_digest
 from math import nan
 from pathlib import Path
@@ -34,15 +33,11 @@ class Seal(NamedTuple):
     broken: str  # what is said of a frame whose mark is another
 
 
-def _checksum(frame: bytes | memoryview) -> bytes:
-    return zlib.crc32(frame).to_bytes(4, "little")
-
-
-def _mark(key: bytes, frame: bytes | memoryview) -> bytes:
-    return hmac.digest(key, frame, "sha256")[:16]
-
-
-CHECKSUM = Seal(4, _checksum, "its checksum does not fit: it was damaged, or made with a key")
+CHECKSUM = Seal(
+    4,
+    lambda frame: zlib.crc32(frame).to_bytes(4, "little"),
+    "its checksum does not fit: it was damaged, or made with a key",
+)
 
 
 def key_seal(key: bytes) -> Seal:
@@ -54,7 +49,8 @@ def key_seal(key: bytes) -> Seal:
     Returns:
         The seal.
     """
-    return Seal(16, partial(_mark, key), "it was not made with this side's key")
+    broken = "it was not made with this side's key"
+    return Seal(16, lambda frame: hmac.digest(key, frame, "sha256")[:16], broken)
 
 
 def load_seal(path: Path, topic: str) -> Seal:

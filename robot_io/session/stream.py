@@ -135,19 +135,18 @@ class Stream:
                 f"unknown: {sorted(set(columns) - names)}"
             )
         count = np.shape(columns[TIME_COLUMN])[:1] or (1,)
-        return {column.name: self._array(columns[column.name], column, count) for column in self.columns}
-
-    def _array(self, values: ArrayLike, column: Column, count: tuple[int, ...]) -> NDArray[Any]:
-        where = f"stream '{self.name}', column '{column.name}'"
-        try:
-            array = np.asarray(values)
-        except ValueError as error:
-            raise InputError(f"{where}: no rectangular array") from error
-        if array.shape != count + column.shape:
-            raise InputError(f"{where}: shape {array.shape}, expected {count + column.shape}")
-        if not np.can_cast(array.dtype, column.scalar_dtype, casting="same_kind"):
-            raise InputError(f"{where}: {array.dtype} does not fit {column.dtype}")
-        return array
+        arrays: dict[str, NDArray[Any]] = {}
+        for column in self.columns:
+            where = f"stream '{self.name}', column '{column.name}'"
+            try:
+                array = arrays[column.name] = np.asarray(columns[column.name])
+            except ValueError as error:
+                raise InputError(f"{where}: no rectangular array") from error
+            if array.shape != count + column.shape:
+                raise InputError(f"{where}: shape {array.shape}, expected {count + column.shape}")
+            if not np.can_cast(array.dtype, column.scalar_dtype, casting="same_kind"):
+                raise InputError(f"{where}: {array.dtype} does not fit {column.dtype}")
+        return arrays
 
 
 def streams_to_json(streams: tuple[Stream, ...]) -> str:

@@ -35,7 +35,6 @@ from palpate.robot_io.drivers.servo.feedback import FeedbackReader
 from palpate.robot_io.drivers.servo.line import Packet
 from palpate.robot_io.errors import DeviceError, LifecycleError, ProtocolError
 from palpate.robot_io.examination import Finding, ok
-from palpate.robot_io.guard.limits import Limits
 from palpate.robot_io.serial_port import SerialPort
 from palpate.robot_io.types import FloatArray
 
@@ -158,7 +157,14 @@ class Plausibility:
         """
         feedback, servo_id = decode_feedback(packet), packet.servo_id
         if feedback.settings != self._settings[servo_id]:
-            raise self._changed_setting(servo_id, feedback)
+            settings = zip(_SETTINGS, feedback.settings, self._settings[servo_id], strict=True)
+            changed = [setting for setting in settings if setting[1] != setting[2]]
+            name, shown, told = changed[0]
+            problem = f"servo {servo_id}: {name} is {shown} in place of {told}"
+            restarted = ("torque limit", RESTARTED_LIMIT, 0)
+            if len(changed) == 1 and (name, shown, feedback.torque_on) == restarted:
+                raise DeviceError(f"{problem}: it has restarted")
+            raise ProtocolError(f"{problem}: damaged, or it has restarted")
         goals = self._goals[servo_id]
         if feedback.torque_on and goals and feedback.goal not in goals:
             raise ProtocolError(
@@ -173,15 +179,6 @@ class Plausibility:
             )
         self._last[servo_id] = now_s, feedback.position
         return feedback
-
-    def _changed_setting(self, servo_id: int, feedback: FeetechFeedback) -> DeviceError:
-        settings = zip(_SETTINGS, feedback.settings, self._settings[servo_id], strict=True)
-        changed = [setting for setting in settings if setting[1] != setting[2]]
-        name, shown, told = changed[0]
-        problem = f"servo {servo_id}: {name} is {shown} in place of {told}"
-        if len(changed) == 1 and (name, shown, feedback.torque_on) == ("torque limit", RESTARTED_LIMIT, 0):
-            return DeviceError(f"{problem}: it has restarted")
-        return ProtocolError(f"{problem}: damaged, or it has restarted")
 
 
 def feedback_problem(
@@ -238,7 +235,16 @@ class FeetechBus(ServoBus):
         self._steps_rad: list[float] = self._joints.steps[0].tolist()
         self._stiffness_nm_rad = [stall_nm * own.duty_per_rad for stall_nm in self._stall_nm]
         self._half_tick_s = 0.5 / context.robot_file.control_rate_hz
-        torque_limits = self._torque_limits(context.robot_file.limits)
+        # Largest duty cycle of each servo, in its unit: for its torque at its speed. Those that hold stand
+        # still, and may bear what the strongest servo of a joint may.
+        limits, pairs = context.robot_file.limits, self._pairs
+        servo_nm, speed_rad_s = pairs.shares(limits.torque_nm), pairs.of_servos(limits.velocity_rad_s)
+        servos = zip(servo_nm, speed_rad_s, self._drag_nms_rad, self._stall_nm, strict=True)
+        turning = [(torque + drag * speed) / stall for torque, speed, drag, stall in servos]
+        held = max(torque / stall for torque, stall in zip(servo_nm, self._stall_nm, strict=True))
+        duties = [max(duty, _LEAST_DUTY) for duty in (*turning, *len(own.hold) * [held])]
+        counts = [min(ceil(duty / tables.DUTY_PER_LOAD), tables.LARGEST_LIMIT) for duty in duties]
+        torque_limits = dict(zip(own.ids, counts, strict=True))
         self._line = FeetechLine(own, torque_limits, self._port, context.clock)
         self._fastest_counts_s = (
             _FASTEST * max(model.no_load_rad_s for model in models) / tables.POSITION_STEP_RAD
@@ -246,20 +252,6 @@ class FeetechBus(ServoBus):
         told = {servo_id: (0, 0, 0, limit, 1) for servo_id, limit in torque_limits.items()}
         self._plausibility = Plausibility(context.clock, told, self._fastest_counts_s)
         self._servos = {servo.id: servo for servo in own.turning}
-
-    def _torque_limits(self, limits: Limits) -> dict[int, int]:
-        """Largest duty cycle of each servo, in its unit, by id: for its torque at its speed.
-
-        Those that hold stand still, and may bear what the strongest servo of a joint may.
-        """
-        own, pairs = self._settings, self._pairs
-        servo_nm, speed_rad_s = pairs.shares(limits.torque_nm), pairs.of_servos(limits.velocity_rad_s)
-        servos = zip(servo_nm, speed_rad_s, self._drag_nms_rad, self._stall_nm, strict=True)
-        turning = [(torque + drag * speed) / stall for torque, speed, drag, stall in servos]
-        held = max(torque / stall for torque, stall in zip(servo_nm, self._stall_nm, strict=True))
-        duties = [max(duty, _LEAST_DUTY) for duty in (*turning, *len(own.hold) * [held])]
-        counts = [min(ceil(duty / tables.DUTY_PER_LOAD), tables.LARGEST_LIMIT) for duty in duties]
-        return dict(zip(own.ids, counts, strict=True))
 
     def _examine_servo(self, servo_id: int, label: str) -> list[Finding]:
         if servo_id in self._servos:

@@ -212,7 +212,13 @@ class Loadstar(SerialForceSensor, Examinable):
 
     def configure(self) -> None:
         """Check model, unit and capacity, and start the stream. DeviceError: no answer, or another device."""
-        self._wake()
+        # End a stream that may still run; then it answers to a ping.
+
+        def is_yes(line: bytes) -> bool | None:
+            return line.strip() == YES.encode() or None
+
+        if not any(self._ask_line(PING, is_yes, _ANSWER_S) for _ in range(_PINGS)):
+            raise self._error("no DI-100 or DI-1000 answers; check port and baud rate")
         try:
             model = model_of(self._ask(ASK_MODEL))
             unit = self._ask(ASK_UNITS)
@@ -230,13 +236,6 @@ class Loadstar(SerialForceSensor, Examinable):
             self._ask(TARE, may_be_yes=True)
         self._bus.listen(loadstar_stream(newtons_per_unit, capacity_n), self._own.capacity_n)
         self._bus.write(STREAM)
-
-    def _wake(self) -> None:
-        """End a stream that may still run; then it answers to a ping."""
-        for _ in range(_PINGS):
-            if self._ask_line(PING, lambda line: line.strip() == YES.encode() or None, _ANSWER_S):
-                return
-        raise self._error("no DI-100 or DI-1000 answers; check port and baud rate")
 
     def _ask(self, question: bytes, *, may_be_yes: bool = False) -> str:
         """The answer; a yes that nobody asked for is a late one to the ping. DeviceError: none, or a no."""
@@ -358,8 +357,10 @@ class Mark10(SerialForceSensor, Examinable):
         """The first line of an answer that is none of `but`. DeviceError: none came, or an error."""
 
         def take(line: bytes) -> str | None:
-            text = _text(line)
-            return text if text and not (but and but.fullmatch(text)) else None
+            with suppress(ProtocolError):
+                text = text_of(line)
+                return text if text and not (but and but.fullmatch(text)) else None
+            return None
 
         answer = self._ask_line(commands, take, _GAUGE_ANSWER_S)
         if answer is None:
@@ -368,9 +369,3 @@ class Mark10(SerialForceSensor, Examinable):
             said = error_name(int(error[1]))
             raise self._error(f"the gauge says '{said}' when asked for {what}")
         return answer
-
-
-def _text(line: bytes) -> str:
-    with suppress(ProtocolError):
-        return text_of(line)
-    return ""

@@ -145,7 +145,12 @@ class SerialReader:
         for data in pieces:
             self._keep(data, arrived_s)
         if self._poll:
-            self._ask(self._poll, now_s)
+            question = self._poll.to_send(now_s)
+            try:
+                if question:
+                    os.write(self._file_descriptor, question)
+            except OSError as error:
+                self.failure = f"the port failed ({error})"
 
     def _receive(self) -> list[bytes]:
         """What has arrived, in the pieces that the stream is to be fed with. EOFError: there is no port."""
@@ -153,14 +158,6 @@ class SerialReader:
         if not data:
             raise EOFError
         return [data]
-
-    def _ask(self, poll: Poll, now_s: float) -> None:
-        question = poll.to_send(now_s)
-        try:
-            if question:
-                os.write(self._file_descriptor, question)
-        except OSError as error:
-            self.failure = f"the port failed ({error})"
 
     def _keep(self, data: bytes, read_s: float) -> None:
         arrived_s: float | None = read_s

@@ -127,7 +127,10 @@ class CellStream:
                 continue
             if self._is_new(counter):
                 self.complaint = ""
-                samples.append(self._force_n(counts))
+                force_n = (counts - self._zero) * self._scale
+                at_end = counts in (LARGEST_COUNTS, -LARGEST_COUNTS - 1)
+                force_n = copysign(max(abs(force_n), self._capacity_n), force_n) if at_end else force_n
+                samples.append(force_n)
             else:
                 self._bad += 1
         return samples
@@ -143,11 +146,6 @@ class CellStream:
         self.own_time.goes_on(steps * self._period_s)
         self._counter, self._old_counter, self._old = counter, None, 0
         return True
-
-    def _force_n(self, counts: int) -> float:
-        force_n = (counts - self._zero) * self._scale
-        at_end = counts in (LARGEST_COUNTS, -LARGEST_COUNTS - 1)
-        return copysign(max(abs(force_n), self._capacity_n), force_n) if at_end else force_n
 
 
 class MicrocontrollerCellSettings(SerialForceSettings):
@@ -171,14 +169,6 @@ class MicrocontrollerCell(SerialForceSensor, Examinable):
     def configure(self) -> None:
         """Ask who is there, and listen. DeviceError: no answer, another protocol or another rate."""
         own = self._own
-        chip, rate_hz = self._identify()
-        if rate_hz != own.rate_hz:
-            raise self._error(f"the {chip} makes {rate_hz} samples/s, the robot file says {own.rate_hz}")
-        self._found = f"{chip}, {rate_hz} samples/s, load cell of {own.capacity_n:.4g} N by the robot file"
-        stream = CellStream(own.newtons_per_count, own.zero_counts, own.capacity_n, rate_hz)
-        self._bus.listen(stream, own.capacity_n, has_checksums=True, own_time=stream.own_time)
-
-    def _identify(self) -> tuple[str, int]:
         for _ in range(_QUESTIONS):
             words = self._ask_line(WHO, _identity, _ANSWER_S)
             if words is not None:
@@ -190,7 +180,12 @@ class MicrocontrollerCell(SerialForceSensor, Examinable):
             raise self._error(f"speaks version {version}, this driver version {VERSION}")
         if not rate.isdecimal():
             raise self._error(f"says '{rate}' samples a second, which is no number")
-        return chip, int(rate)
+        rate_hz = int(rate)
+        if rate_hz != own.rate_hz:
+            raise self._error(f"the {chip} makes {rate_hz} samples/s, the robot file says {own.rate_hz}")
+        self._found = f"{chip}, {rate_hz} samples/s, load cell of {own.capacity_n:.4g} N by the robot file"
+        stream = CellStream(own.newtons_per_count, own.zero_counts, own.capacity_n, rate_hz)
+        self._bus.listen(stream, own.capacity_n, has_checksums=True, own_time=stream.own_time)
 
 
 def _identity(line: bytes) -> list[str] | None:

@@ -132,14 +132,11 @@ class FeedbackReader(Generic[FeedbackType]):
                 newest = list(map(self._decode, packets)), request.asked_at_s
             except ProtocolError as error:
                 self._problem = str(error)
-            self._forget_up_to(request.asked_at_s)
+            # Answers come in the order of the requests: those to this one and to earlier ones are over.
+            over_s = request.asked_at_s
+            for earlier in self._in_turn:
+                earlier.asked_at_s = -inf if earlier.asked_at_s <= over_s else earlier.asked_at_s
         return newest
-
-    def _forget_up_to(self, asked_at_s: float) -> None:
-        """Answers come in the order of the requests: those to this one and to earlier ones are over."""
-        for request in self._in_turn:
-            if request.asked_at_s <= asked_at_s:
-                request.asked_at_s = -inf
 
     def _oldest_open(self, servo_id: int | None = None) -> Request | None:
         """The first request that is not answered, by this servo if one is given.

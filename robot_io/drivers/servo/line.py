@@ -385,22 +385,18 @@ def examine_line(
             remedy = "check its cable and power, or set its id"
             findings.append(fail(label, f"does not answer{others}", remedy))
         else:
-            findings += _look_at(servo_id, label, examine_servo)
+            try:
+                findings += list(examine_servo(servo_id, label))
+            except DeviceTimeoutError as error:
+                remedy = "check plugs, cable and ground"
+                findings.append(fail(label, f"answers now and then: {error}", remedy))
+            except DeviceError as error:
+                remedy = "correct the model or the id, or set the servo up"
+                findings.append(fail(label, str(error), remedy))
     if strangers:
         remedy = "take it off the line, or correct the ids"
         findings.append(warn("other servos", f"{_ids(strangers)} on the line too", remedy))
     return findings
-
-
-def _look_at(
-    servo_id: int, label: str, examine_servo: Callable[[int, str], Iterable[Finding]]
-) -> list[Finding]:
-    try:
-        return list(examine_servo(servo_id, label))
-    except DeviceTimeoutError as error:
-        return [fail(label, f"answers now and then: {error}", "check plugs, cable and ground")]
-    except DeviceError as error:
-        return [fail(label, str(error), "correct the model or the id, or set the servo up")]
 
 
 def _ask_everybody(line: ServoLine, port: SerialPort) -> Survey:
