@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
-from palpate.robot_io.calibration import Calibrations, load_calibrations
+from palpate.robot_io.calibration.applied import Calibrations, load_calibrations
 from palpate.robot_io.captured import STDERR, STDOUT, captured
 from palpate.robot_io.errors import InputError
 from palpate.robot_io.extras import LazyModule

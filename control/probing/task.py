@@ -24,7 +24,7 @@ from palpate.control.probing.plan import ProbingPlan
 from palpate.control.probing.routes import Place, Route, Routes, Swing
 from palpate.control.probing.run import ProbingRun
 from palpate.control.probing.sites import check_against_guard, check_tip_speeds, probing_sites
-from palpate.robot_io.calibration import Calibrations
+from palpate.robot_io.calibration.applied import Calibrations
 from palpate.robot_io.errors import InputError, SafetyTripError
 from palpate.robot_io.robot_file import RobotFile
 from palpate.robot_io.types import FloatArray, Measurement, frozen_array

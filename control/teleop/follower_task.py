@@ -18,8 +18,7 @@ from palpate.control.paths.trajectory import JointMotion
 from palpate.control.probing.plan import ProbingPlan
 from palpate.control.probing.task import ProbingTask
 from palpate.robot_io.errors import InputError
-from palpate.robot_io.link import Intent, Target, TargetState, short_number
-from palpate.robot_io.link.messages import MOST_TARGETS
+from palpate.robot_io.link.messages import MOST_TARGETS, Intent, Target, TargetState, short_number
 from palpate.robot_io.types import FloatArray, Measurement
 
 _OVER = (TargetState.DONE, TargetState.REFUSED, TargetState.CANCELLED, TargetState.FAILED)

@@ -5,7 +5,9 @@ from math import nan
 
 from palpate.control.teleop.peer import Arrival, Peer, PeerLimits
 from palpate.robot_io.clock import Clock
-from palpate.robot_io.link import FrameError, Line, Message
+from palpate.robot_io.link.frame import FrameError
+from palpate.robot_io.link.line import Line
+from palpate.robot_io.link.messages import Message
 from palpate.robot_io.session import Column, Stream
 
 STREAM_NAME = "link"

@@ -19,7 +19,7 @@ from math import inf, isfinite, nan
 from typing import NamedTuple
 
 from palpate.robot_io.errors import InputError
-from palpate.robot_io.link import Frame
+from palpate.robot_io.link.frame import Frame
 
 _WINDOW_S = 2.0
 _MOST = 512

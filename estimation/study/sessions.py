@@ -10,7 +10,7 @@ from palpate.estimation.channel import ChannelData
 from palpate.estimation.data.channels import run_labels, session_channels
 from palpate.estimation.data.column_names import RUN
 from palpate.estimation.data.import_file import chosen_texts
-from palpate.robot_io.calibration import parse_calibrations
+from palpate.robot_io.calibration.applied import parse_calibrations
 from palpate.robot_io.errors import InputError
 from palpate.robot_io.robot_file import parse_robot_file
 from palpate.robot_io.session import Session

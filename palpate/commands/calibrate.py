@@ -30,7 +30,7 @@ from palpate.render.calibration import (
     print_calibration,
 )
 from palpate.render.progress import motion_progress, weighing_progress
-from palpate.robot_io.calibration import Calibration
+from palpate.robot_io.calibration.file import Calibration
 from palpate.robot_io.errors import InputError, PalpateError
 from palpate.runs import calibration as runs
 from palpate.runs import calibration_file as fits

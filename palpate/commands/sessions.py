@@ -19,7 +19,7 @@ from palpate.estimation.channel import ChannelData, ChannelKind
 from palpate.estimation.data.channels import RUN_LABELS, session_channels
 from palpate.estimation.data.tick_channels import joined
 from palpate.estimation.effects import EFFECTS
-from palpate.robot_io.calibration import parse_calibrations
+from palpate.robot_io.calibration.applied import parse_calibrations
 from palpate.robot_io.errors import InputError
 from palpate.robot_io.session import Session, SessionMetadata, Stream, write_session
 from palpate.runs.hidden_effects import SEAL, open_answer, was_sealed

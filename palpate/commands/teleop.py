@@ -19,7 +19,8 @@ from palpate.control.teleop.leader_arm import OPERATOR_DEVICES, LeaderArm, build
 from palpate.render.terminal import print_files
 from palpate.robot_io.clock import MonotonicClock
 from palpate.robot_io.errors import InputError
-from palpate.robot_io.link import Impairment, LineSettings, load_seal
+from palpate.robot_io.link.frame import load_seal
+from palpate.robot_io.link.line import Impairment, LineSettings
 from palpate.robot_io.robot_file import load_robot_file
 from palpate.runs.options import SESSIONS, RunOptions, YesOption, ask_for_power, numbers
 from palpate.runs.robots import find_robot, robot_names

@@ -14,7 +14,7 @@ from palpate.control.loop.loop import READ_SHARE
 from palpate.doctor.limits import examine_limits
 from palpate.doctor.machine import can_interface, serial_port
 from palpate.doctor.signs import EmulatedHand, Hand, count_down, examine_powered, examine_signs
-from palpate.robot_io.calibration import doubtful, load_calibrations
+from palpate.robot_io.calibration.applied import doubtful, load_calibrations
 from palpate.robot_io.clock import Clock, MonotonicClock, SimulatedClock
 from palpate.robot_io.driver import DriverCatalogue
 from palpate.robot_io.errors import DeviceError, InputError, PalpateError, describe_error

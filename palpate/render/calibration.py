@@ -15,7 +15,8 @@ from palpate.calibration.force import ForceFit
 from palpate.common.console import safe, significant, table
 from palpate.render import palette
 from palpate.render.report import PLOT_CONFIG, styled
-from palpate.robot_io.calibration import Calibration, Quantities, Quantity, doubtful
+from palpate.robot_io.calibration.applied import doubtful
+from palpate.robot_io.calibration.file import Calibration, Quantities, Quantity
 
 _MILLI = 1e3
 _BRANCHES = (

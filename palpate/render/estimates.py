@@ -19,7 +19,7 @@ from palpate.estimation.fit.intervals import SIGMAS_95
 from palpate.estimation.study.estimates import BEST, MOST, OFFSET, ChannelEstimates
 from palpate.render.build import channel_view, stage_view
 from palpate.render.view import ChannelView, VerdictView
-from palpate.robot_io.calibration import parse_calibrations
+from palpate.robot_io.calibration.applied import parse_calibrations
 from palpate.robot_io.session import Session
 from palpate.runs.hidden_effects import SURFACE
 

@@ -25,7 +25,7 @@ from palpate.control.laws.gains import gains_of
 from palpate.control.loop.realtime import realtime
 from palpate.control.loop.result import Outcome
 from palpate.control.loop.task import Task
-from palpate.robot_io.calibration import load_calibrations
+from palpate.robot_io.calibration.applied import load_calibrations
 from palpate.robot_io.errors import InputError
 from palpate.robot_io.guard import Guard, Limits
 from palpate.robot_io.types import FloatArray

@@ -19,17 +19,19 @@ from palpate.common.console import FIRST_PROBE, as_shell_word, safe, shown, type
 from palpate.common.files import open_session
 from palpate.control.loop.tick_record import STREAM_NAME
 from palpate.estimation.data.tick_channels import checked_ticks
-from palpate.robot_io.calibration import (
+from palpate.robot_io.calibration.applied import (
+    device_identity,
+    first_difference,
+    parse_calibrations,
+    urdf_sha256,
+)
+from palpate.robot_io.calibration.file import (
     Calibration,
     EncoderCalibration,
     ForceCalibration,
     GravityCalibration,
     RawData,
     TorqueCalibration,
-    device_identity,
-    first_difference,
-    parse_calibrations,
-    urdf_sha256,
 )
 from palpate.robot_io.errors import InputError
 from palpate.robot_io.files.file_model import validate

@@ -23,7 +23,7 @@ from palpate.control.loop.stop_handler import one_line
 from palpate.control.loop.task import Phase, TaskOutput, make_output
 from palpate.control.loop.tick_record import NO_ESTIMATE
 from palpate.control.paths.trajectory import JointMotion
-from palpate.robot_io.calibration import load_calibrations
+from palpate.robot_io.calibration.applied import load_calibrations
 from palpate.robot_io.errors import InputError, LifecycleError, PalpateError
 from palpate.robot_io.guard import Guard
 from palpate.robot_io.types import FloatArray, Measurement, frozen_array

@@ -24,7 +24,7 @@ from palpate.estimation.contact_estimators import CONTACT_ESTIMATORS
 from palpate.estimation.estimator import OnlineEstimator
 from palpate.estimation.estimators import ESTIMATORS
 from palpate.estimation.online import OnlineContactEstimator
-from palpate.robot_io.calibration import Calibrations, load_calibrations
+from palpate.robot_io.calibration.applied import Calibrations, load_calibrations
 from palpate.robot_io.clock import SimulatedClock
 from palpate.robot_io.driver import DriverCatalogue
 from palpate.robot_io.errors import InputError, PalpateError

@@ -16,7 +16,7 @@ from palpate.control.loop.loop import run_loop
 from palpate.control.loop.result import LoopResult, Outcome
 from palpate.control.loop.task import Task
 from palpate.control.loop.tick_record import Observer, tick_stream
-from palpate.robot_io.calibration import Calibrations
+from palpate.robot_io.calibration.applied import Calibrations
 from palpate.robot_io.clock import Clock, MonotonicClock, SimulatedClock
 from palpate.robot_io.driver import DriverCatalogue
 from palpate.robot_io.errors import DeviceError, InputError

@@ -24,8 +24,7 @@ from palpate.estimation.study import Revision
 from palpate.estimation.study.revisions import KeptParameter
 from palpate.export.scenario import FittedChannel, export_scenario
 from palpate.robot_io.errors import InputError
-from palpate.robot_io.link import EstimatedParameter, ObjectEstimate
-from palpate.robot_io.link.messages import MOST_TEXT
+from palpate.robot_io.link.messages import MOST_TEXT, EstimatedParameter, ObjectEstimate
 from palpate.robot_io.session import Column, Samples, Stream
 from palpate.robot_io.types import FloatArray
 from palpate.sim_backend.scenario import Scenario

@@ -28,13 +28,14 @@ from palpate.control.probing.sites import check_against_guard
 from palpate.control.probing.task import ProbingTask
 from palpate.control.teleop.follower_task import FollowerTask, OnSilence, TargetQueue, plan_for
 from palpate.control.teleop.messaging import LINK_STREAM, Messaging
-from palpate.robot_io.calibration import load_calibrations
+from palpate.robot_io.calibration.applied import load_calibrations
 from palpate.robot_io.clock import Clock
 from palpate.robot_io.guard import Guard
-from palpate.robot_io.link import (
+from palpate.robot_io.link.line import Line, LineSettings
+from palpate.robot_io.link.messages import (
+    MOST_TARGETS,
+    MOST_TEXT,
     Intent,
-    Line,
-    LineSettings,
     Message,
     ObjectEstimate,
     Report,
@@ -42,7 +43,6 @@ from palpate.robot_io.link import (
     TargetState,
     short_number,
 )
-from palpate.robot_io.link.messages import MOST_TARGETS, MOST_TEXT
 from palpate.robot_io.session import RecordArray, Samples, SessionWriter, Stream
 from palpate.robot_io.types import Measurement
 from palpate.runs.probing import PLAN

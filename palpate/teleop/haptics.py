@@ -23,7 +23,7 @@ from palpate.control.teleop.messaging import LINK_STREAM
 from palpate.control.teleop.virtual_object import VirtualArm, VirtualObject
 from palpate.robot_io.clock import Clock, MonotonicClock
 from palpate.robot_io.errors import InputError, PalpateError
-from palpate.robot_io.link import ObjectEstimate, short_number
+from palpate.robot_io.link.messages import ObjectEstimate, short_number
 from palpate.robot_io.operator.device import OperatorDevice
 from palpate.robot_io.robot_file import RobotFile
 from palpate.robot_io.session import Column, SessionMetadata, SessionWriter, Stream

@@ -18,10 +18,10 @@ from palpate.control.loop.timing import SectionTiming
 from palpate.control.teleop.messaging import Messaging
 from palpate.robot_io.clock import Clock, MonotonicClock
 from palpate.robot_io.errors import InputError, PalpateError
-from palpate.robot_io.link import (
+from palpate.robot_io.link.line import Line, LineSettings
+from palpate.robot_io.link.messages import (
+    MOST_TARGETS,
     Intent,
-    Line,
-    LineSettings,
     Message,
     ObjectEstimate,
     Report,
@@ -30,7 +30,6 @@ from palpate.robot_io.link import (
     short_number,
     target_number,
 )
-from palpate.robot_io.link.messages import MOST_TARGETS
 from palpate.robot_io.robot_file import RobotFile
 from palpate.robot_io.session import SessionMetadata
 from palpate.runs.session import SOURCE

@@ -12,7 +12,7 @@ from palpate.control.loop.task import Phase
 from palpate.control.loop.tick_record import STREAM_NAME as TICK
 from palpate.control.teleop.messaging import STREAM_NAME as LINK
 from palpate.robot_io.errors import InputError
-from palpate.robot_io.link import short_number
+from palpate.robot_io.link.messages import short_number
 from palpate.robot_io.session import Event, Samples, Session
 from palpate.robot_io.types import BoolArray, FloatArray
 from palpate.sim_backend.scenario import Scenario

@@ -15,8 +15,7 @@ from palpate.control.loop.task import Phase
 from palpate.control.teleop.force_mismatch import MismatchMonitor
 from palpate.control.teleop.virtual_object import ForceLaw
 from palpate.robot_io.errors import InputError
-from palpate.robot_io.link import ContactModel, ObjectEstimate, Report, short_number
-from palpate.robot_io.link.messages import MOST_TARGETS
+from palpate.robot_io.link.messages import MOST_TARGETS, ContactModel, ObjectEstimate, Report, short_number
 from palpate.sim_backend.contact import ObjectResponse
 from palpate.sim_backend.contact_laws import describe_contact_law, parse_contact_law
 from palpate.sim_backend.hidden import hidden_effects

@@ -3,7 +3,7 @@ import shutil
 
 import pytest
 
-from palpate.robot_io.calibration import load_calibration
+from palpate.robot_io.calibration.file import load_calibration
 from palpate.robot_io.session import Session
 from palpate.runs.robots import find_robot
 from tests.palpate.cli import assert_refused, done, run

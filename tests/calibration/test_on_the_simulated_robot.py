@@ -15,7 +15,8 @@ from palpate.control.probing.plan import ProbingPlan
 from palpate.estimation.study.estimates import estimate_with
 from palpate.estimation.study.sessions import arm_of
 from palpate.estimation.study.source import open_source
-from palpate.robot_io.calibration import load_calibrations, parse_calibration
+from palpate.robot_io.calibration.applied import load_calibrations
+from palpate.robot_io.calibration.file import parse_calibration
 from palpate.robot_io.errors import InputError, PalpateError
 from palpate.robot_io.robot_file import load_robot_file, parse_robot_file
 from palpate.robot_io.session import Session

@@ -16,7 +16,7 @@ from palpate.doctor import signs
 from palpate.doctor.arm import ArmCheck, examine_arm, examine_devices, examine_ports
 from palpate.doctor.limits import examine_limits
 from palpate.doctor.signs import NUDGE_RAD, EmulatedHand, Hand, NudgeTask, gentle, is_still
-from palpate.robot_io.calibration import Calibrations
+from palpate.robot_io.calibration.applied import Calibrations
 from palpate.robot_io.errors import SafetyTripError
 from palpate.robot_io.examination import Level
 from palpate.robot_io.robot_file import load_robot_file, parse_robot_file

@@ -8,7 +8,7 @@ import pytest
 from palpate.common.console import FIRST_PROBE
 from palpate.estimation.data.channels import session_channels
 from palpate.estimation.study.estimates import estimate_with
-from palpate.robot_io.calibration import load_calibration
+from palpate.robot_io.calibration.file import load_calibration
 from palpate.robot_io.errors import InputError
 from palpate.robot_io.robot_file import parse_robot_file
 from palpate.robot_io.session import Session

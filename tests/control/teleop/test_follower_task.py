@@ -8,7 +8,7 @@ from palpate.control.loop.task import Phase, TaskOutput
 from palpate.control.probing.plan import ProbingPlan
 from palpate.control.probing.task import ProbingTask
 from palpate.control.teleop.follower_task import FollowerTask, OnSilence, TargetQueue, plan_for
-from palpate.robot_io.link import Target, TargetState, short_number, target_number
+from palpate.robot_io.link.messages import Target, TargetState, short_number, target_number
 from tests.control.probing_runs import TICK_S, WIDE, plant_above
 from tests.control.reference_plant import TOOL_AXIS_TIP, ReferencePlant, test_arm
 from tests.robot_io.link.link_parts import intent, target

@@ -13,7 +13,8 @@ from palpate.control.teleop.peer import Arrival, ClockOffset, Peer, PeerLimits
 from palpate.control.teleop.virtual_object import VirtualArm
 from palpate.robot_io.clock import SimulatedClock
 from palpate.robot_io.errors import InputError
-from palpate.robot_io.link import Frame, Heard, Intent, decode, encode
+from palpate.robot_io.link.frame import Frame, Heard, decode, encode
+from palpate.robot_io.link.messages import Intent
 from palpate.robot_io.robot_file import load_robot_file
 from tests.control.simulated_arms import ARMS
 

@@ -15,8 +15,8 @@ from palpate.control.loop.tick_record import NO_ESTIMATE, Estimates
 from palpate.control.probing.plan import ProbingPlan
 from palpate.control.probing.task import ProbingTask
 from palpate.control.teleop.follower_task import FollowerTask, TargetQueue, plan_for
-from palpate.robot_io.calibration import load_calibrations
-from palpate.robot_io.link import Intent, Target, TargetState
+from palpate.robot_io.calibration.applied import load_calibrations
+from palpate.robot_io.link.messages import Intent, Target, TargetState
 from palpate.robot_io.types import Measurement
 from palpate.runs.probing import run_guarded
 from palpate.runs.robots import find_robot

@@ -9,21 +9,16 @@ from palpate.control.teleop.messaging import Messaging
 from palpate.control.teleop.peer import Arrival
 from palpate.robot_io.clock import SimulatedClock
 from palpate.robot_io.errors import InputError
-from palpate.robot_io.link import (
+from palpate.robot_io.link.frame import CHECKSUM, Frame, FrameError, Heard, Seal, decode, encode
+from palpate.robot_io.link.messages import (
     ContactModel,
     EstimatedParameter,
-    Frame,
-    FrameError,
-    Heard,
     Intent,
     Message,
     ObjectEstimate,
     Report,
     Target,
-    decode,
-    encode,
 )
-from palpate.robot_io.link.frame import CHECKSUM, Seal
 from palpate.sim_backend.scenario import Scenario
 from palpate.teleop.virtual_object import TargetStates
 

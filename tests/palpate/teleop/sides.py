@@ -7,7 +7,8 @@ from multiprocessing.context import SpawnProcess
 from palpate.control.loop.task import Phase
 from palpate.control.teleop.peer import Arrival, Peer, PeerLimits
 from palpate.robot_io.clock import MonotonicClock
-from palpate.robot_io.link import Line, LineSettings, ObjectEstimate, Report
+from palpate.robot_io.link.line import Line, LineSettings
+from palpate.robot_io.link.messages import ObjectEstimate, Report
 from tests.robot_io.link.link_parts import intent, report, target
 
 WAIT_S = 120.0  # for a machine that has much else to do

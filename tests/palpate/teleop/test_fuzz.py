@@ -4,8 +4,8 @@ import os
 
 import pytest
 
-from palpate.robot_io.link import Target
 from palpate.robot_io.link.frame import CHECKSUM, key_seal
+from palpate.robot_io.link.messages import Target
 from tests.palpate.teleop.driven import drive
 from tests.palpate.teleop.link_fuzz import fuzz
 

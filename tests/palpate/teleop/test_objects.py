@@ -6,7 +6,7 @@ import pytest
 from palpate.control.loop.tick_record import tick_stream
 from palpate.control.probing.plan import ProbingPlan
 from palpate.robot_io.errors import InputError
-from palpate.robot_io.link import ContactModel
+from palpate.robot_io.link.messages import ContactModel
 from palpate.robot_io.session import Samples
 from palpate.sim_backend.scenario import load_scenario
 from palpate.teleop.estimating import first_look, second_look

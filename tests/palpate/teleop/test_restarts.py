@@ -6,7 +6,8 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from palpate.robot_io.link import Heard, ObjectEstimate, TargetState, decode, encode, target_number
+from palpate.robot_io.link.frame import Heard, decode, encode
+from palpate.robot_io.link.messages import ObjectEstimate, TargetState, target_number
 from palpate.sim_backend.scenario import load_scenario
 from palpate.teleop import follower, leader
 from palpate.teleop.estimating import sample_stream

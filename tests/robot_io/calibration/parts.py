@@ -3,13 +3,12 @@
 from datetime import UTC, datetime
 from pathlib import Path
 
-from palpate.robot_io.calibration import (
+from palpate.robot_io.calibration.applied import device_identity, urdf_sha256
+from palpate.robot_io.calibration.file import (
     EncoderCalibration,
     ForceCalibration,
     GravityCalibration,
     TorqueCalibration,
-    device_identity,
-    urdf_sha256,
 )
 from palpate.robot_io.robot_file import RobotFile, load_robot_file
 from tests.mock_robot import write_mock_files

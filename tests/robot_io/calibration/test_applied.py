@@ -5,8 +5,13 @@ import numpy as np
 import pytest
 
 from palpate.control.arm.rigid_body import RigidBody
-from palpate.robot_io.calibration import Calibrations, load_calibrations, parse_calibrations
-from palpate.robot_io.calibration.applied import CalibratedForceSensor, gravity_base_m_s2
+from palpate.robot_io.calibration.applied import (
+    CalibratedForceSensor,
+    Calibrations,
+    gravity_base_m_s2,
+    load_calibrations,
+    parse_calibrations,
+)
 from palpate.robot_io.clock import SimulatedClock
 from palpate.robot_io.driver import DriverCatalogue
 from palpate.robot_io.errors import InputError

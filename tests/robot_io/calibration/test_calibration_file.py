@@ -1,7 +1,7 @@
 import pytest
 import yaml
 
-from palpate.robot_io.calibration import load_calibration, parse_calibration
+from palpate.robot_io.calibration.file import load_calibration, parse_calibration
 from palpate.robot_io.errors import InputError
 from palpate.robot_io.robot_file import load_robot_file
 from tests.mock_robot import write_mock_files

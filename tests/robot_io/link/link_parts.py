@@ -1,6 +1,13 @@
 """Messages for tests of the line."""
 
-from palpate.robot_io.link import ContactModel, EstimatedParameter, Intent, ObjectEstimate, Report, Target
+from palpate.robot_io.link.messages import (
+    ContactModel,
+    EstimatedParameter,
+    Intent,
+    ObjectEstimate,
+    Report,
+    Target,
+)
 
 DOWN = (0.0, 0.0, -1.0)
 

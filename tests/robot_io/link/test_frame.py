@@ -6,17 +6,18 @@ import pytest
 from google.protobuf import descriptor_pb2, descriptor_pool, message_factory
 
 from palpate.robot_io.errors import InputError
-from palpate.robot_io.link import (
-    ContactModel,
+from palpate.robot_io.link.frame import (
+    CHECKSUM,
+    MOST_BYTES,
     FrameError,
     Heard,
-    Target,
+    Seal,
     decode,
     encode,
+    key_seal,
     load_seal,
-    target_number,
 )
-from palpate.robot_io.link.frame import CHECKSUM, MOST_BYTES, Seal, key_seal
+from palpate.robot_io.link.messages import ContactModel, Target, target_number
 from tests.robot_io.link.link_parts import estimate, intent, report, target
 
 MESSAGES = [intent(target(), target(7, 0.44), cancelled=(3,), ended=True), report(remark="µ"), estimate()]

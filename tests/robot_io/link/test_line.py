@@ -11,9 +11,8 @@ import pytest
 
 from palpate.robot_io.clock import MonotonicClock
 from palpate.robot_io.errors import InputError
-from palpate.robot_io.link import Impairment, Line, LineSettings
 from palpate.robot_io.link.frame import MOST_BYTES, load_seal
-from palpate.robot_io.link.line import BadNetwork
+from palpate.robot_io.link.line import BadNetwork, Impairment, Line, LineSettings
 from tests.free_port import free_port
 from tests.robot_io.link.link_parts import intent, report, target
 
