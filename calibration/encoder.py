@@ -80,7 +80,12 @@ def plan_stops(
     approaches = []
     for joint in range(body.joint_count):
         ways = _candidates(body, up, joint, bounds=(low, high), stops_rad=stops_rad, reach_rad=reach_rad)
-        candidates = ((lowest_m(body, way), it) for way, it in ways if _carried(body, way, limits))
+        at_rest = np.zeros(body.joint_count)
+        candidates = (
+            (lowest_m(body, way), it)
+            for way, it in ways
+            if overloaded_joint(body, (JointMotion(q, at_rest, at_rest) for q in way), limits) is None
+        )
         lowest, approach = max(candidates, key=lambda candidate: candidate[0], default=(None, None))
         if lowest is None or approach is None:
             raise InputError(
@@ -115,11 +120,6 @@ def with_room_for_stops(limits: Limits, approaches: Iterable[StopApproach], beyo
         else:
             low[joint] = min(low[joint], end_rad)
     return limits.model_copy(update={"position_min_rad": tuple(low), "position_max_rad": tuple(high)})
-
-
-def _carried(body: RigidBody, way_rad: FloatArray, limits: Limits) -> bool:
-    at_rest = np.zeros(body.joint_count)
-    return overloaded_joint(body, (JointMotion(q, at_rest, at_rest) for q in way_rad), limits) is None
 
 
 def _candidates(
@@ -295,6 +295,22 @@ class StopTask:
                 self._move_along([here, back, self._up_rad, self._approach.posture_rad])
         return self._free.output(measurement, motion, torque_nm, phase, run, events=events)
 
+    def _check_stop(self, position_rad: float, at_stop: bool) -> None:
+        """Trip for a stop that is too far from where it should be."""
+        approach, reach = self._approach, self._settings.reach_rad
+        if abs(position_rad - approach.stop_rad) > reach:
+            push_nm = float(self._settings.push_nm[approach.joint])
+            what = f"stands still against a push of {push_nm:.2g} N m" if at_stop else "met no stop"
+            remedy = "clear what is in its way, " if at_stop else ""
+            held = "friction holds it or " if at_stop else ""
+            option = "--upper-stops" if approach.side > 0 else "--lower-stops"
+            raise SafetyTripError(
+                f"joint {approach.joint + 1} {what} at {position_rad:.3f} rad, but its stop should be at "
+                f"{approach.stop_rad:.3f} rad (within {reach:g} rad); {remedy}say where its stop "
+                f"is ({option}), or, if {held}its zero is off by so much, calibrate in a known pose first "
+                "(--pose)"
+            )
+
     def _pushed(self, measurement: Measurement, motion: JointMotion, dt_s: float) -> FloatArray:
         """Torques that hold the other joints and push this one after its reference with little torque.
 
@@ -314,22 +330,6 @@ class StopTask:
         push_nm = spring_nm_rad * float(ahead) + damping_nms_rad * float(faster)
         torque_nm[joint] += clip(push_nm, -most_nm, most_nm)
         return torque_nm
-
-    def _check_stop(self, position_rad: float, at_stop: bool) -> None:
-        """Trip for a stop that is too far from where it should be."""
-        approach, reach = self._approach, self._settings.reach_rad
-        if abs(position_rad - approach.stop_rad) > reach:
-            push_nm = float(self._settings.push_nm[approach.joint])
-            what = f"stands still against a push of {push_nm:.2g} N m" if at_stop else "met no stop"
-            remedy = "clear what is in its way, " if at_stop else ""
-            held = "friction holds it or " if at_stop else ""
-            option = "--upper-stops" if approach.side > 0 else "--lower-stops"
-            raise SafetyTripError(
-                f"joint {approach.joint + 1} {what} at {position_rad:.3f} rad, but its stop should be at "
-                f"{approach.stop_rad:.3f} rad (within {reach:g} rad); {remedy}say where its stop "
-                f"is ({option}), or, if {held}its zero is off by so much, calibrate in a known pose first "
-                "(--pose)"
-            )
 
 
 _ROUNDING_RAD = 1e-12  # of a mean of equal numbers

@@ -68,7 +68,11 @@ def find_plateaus(reading: FloatArray, reference_n: FloatArray, settled: BoolArr
         InputError: fewer than three samples remain of every plateau.
     """
     steps = np.concatenate([[0], np.cumsum(np.diff(reference_n) != 0.0)])
-    pieces = [_settled(reading[rows], None if settled is None else settled[rows]) for rows in blocks(steps)]
+    pieces = [reading[rows] for rows in blocks(steps)]
+    if settled is None:
+        pieces = [piece[int(_SETTLING_SHARE * len(piece)) :] for piece in pieces]
+    else:
+        pieces = [piece[settled[rows]] for piece, rows in zip(pieces, blocks(steps), strict=True)]
     references = [float(reference_n[rows][0]) for rows in blocks(steps)]
     long_enough = [number for number, piece in enumerate(pieces) if len(piece) >= _FEWEST]
     if not long_enough:
@@ -97,10 +101,6 @@ def plateaus_of(references_n: Sequence[float], pieces: Sequence[FloatArray]) -> 
         np.concatenate([[0.0], np.sign(np.diff(reference))]),
         sum(map(len, pieces)) - sum(map(len, kept)),
     )
-
-
-def _settled(reading: FloatArray, settled: BoolArray | None) -> FloatArray:
-    return reading[int(_SETTLING_SHARE * len(reading)) :] if settled is None else reading[settled]
 
 
 def _is_glitch(piece: FloatArray) -> BoolArray:
@@ -306,6 +306,10 @@ def fit_force(plateaus: Plateaus, reference_rel_std: float = 0.0) -> ForceFit:
     span_n = float(np.ptp(plateaus.reference_n))
     bow = span_n / (4.0 * scale**2)  # of a parabola over its chord, as a share of the range
     residual = _residuals(values, plateaus, hysteresis=False)
+    # A plateau whose residual is much larger than the others' scatter, as from a wrong weight.
+    left = _residuals(values, plateaus)
+    worst = int(np.argmax(np.abs(left)))
+    scatter = float(np.sqrt(np.mean(np.delete(left, worst) ** 2)))
     return ForceFit(
         zero=UncertainValue(zero, zero_err),
         scale=UncertainValue(scale, scale_err),
@@ -315,7 +319,7 @@ def fit_force(plateaus: Plateaus, reference_rel_std: float = 0.0) -> ForceFit:
         plateaus=plateaus,
         residual_n=residual,
         range_n=(float(plateaus.reference_n.min()), float(plateaus.reference_n.max())),
-        suspect=_suspect(_residuals(values, plateaus)),
+        suspect=worst if abs(left[worst]) > _SUSPECT * scatter > 0.0 else None,
     )
 
 
@@ -382,11 +386,3 @@ def _residuals(
     zero, scale, curvature, cubic, half = values
     above = plateaus.reading - zero - (half * plateaus.direction if hysteresis else 0.0)
     return np.asarray(plateaus.reference_n - above * (scale + above * (curvature + above * cubic)))
-
-
-def _suspect(residual: FloatArray) -> int | None:
-    """Find a plateau whose residual is much larger than the others' scatter, as from a wrong weight."""
-    worst = int(np.argmax(np.abs(residual)))
-    rest = np.delete(residual, worst)
-    scatter = float(np.sqrt(np.mean(rest**2)))
-    return worst if abs(residual[worst]) > _SUSPECT * scatter > 0.0 else None

@@ -54,7 +54,7 @@ class SimulatedBus(JointBus):
         self.force = _reading(None, 1)
         self.scenario = load_scenario(own.scenario, context.robot_file.path.parent)
         if isinstance(self._clock, SimulatedClock):
-            self._clock.subscribe(self._advance_to)
+            self._clock.subscribe(lambda time_s: self._world.advance_to(time_s) if self._world else None)
 
     @property
     def joint_count(self) -> int:
@@ -145,10 +145,6 @@ class SimulatedBus(JointBus):
             self.world.advance_to(self._clock.now_s())
             self.world.set_torque(self._staged_torque_nm)
             self._staged_torque_nm = None
-
-    def _advance_to(self, time_s: float) -> None:
-        if self._world is not None:
-            self._world.advance_to(time_s)
 
 
 def _reading(sample: SensorSample | None, size: int, first: int = 0) -> Reading:

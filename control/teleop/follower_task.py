@@ -228,7 +228,13 @@ class FollowerTask:
         if output.run != NO_RUN:
             output = output._replace(run=self._base + output.run)
             self._runs = output.run + 1
-        events = tuple(self._numbered(event) for event in output.events)
+        events = []
+        for event in output.events:
+            data = event.data or {}
+            if "run" in data:
+                run = self._base + int(str(data["run"]))
+                data = {**data, "run": run, "target": self._queue.current}
+            events.append(TaskEvent(event.kind, event.text, data) if "run" in data else event)
         if output.done:
             number, failed = short_number(self._queue.current), "; ".join(task.failures)
             if task.cancelled:
@@ -261,10 +267,3 @@ class FollowerTask:
         self._queue.finish(state, remark)
         text = remark or f"target {short_number(number)} {state.name.lower()}"
         self._events.append(TaskEvent("target", text, {"target": number, "state": state.name}))
-
-    def _numbered(self, event: TaskEvent) -> TaskEvent:
-        data = event.data
-        if not data or "run" not in data:
-            return event
-        run = self._base + int(str(data["run"]))
-        return TaskEvent(event.kind, event.text, {**data, "run": run, "target": self._queue.current})

@@ -60,19 +60,13 @@ class MismatchMonitor:
 
     def mismatches(self) -> list[ForceMismatch]:
         """List places where the difference exceeds noise and a tenth of the force, largest first."""
-        mismatches = [
-            _mismatch(place, pairs) for place, pairs in self._pairs.items() if len(pairs) >= _FEWEST
-        ]
-        least_n = max(_TIMES_NOISE * self.noise_n, _LEAST_N)
-        off = [place for place in mismatches if place.rms_share > _SHARE and place.rms_n > least_n]
+        least_n, off = max(_TIMES_NOISE * self.noise_n, _LEAST_N), []
+        for place, pairs in self._pairs.items():
+            n, depths_m = len(pairs), [depth for depth, _, _ in pairs]
+            rms_n = sqrt(sum((measured - predicted) ** 2 for _, measured, predicted in pairs) / n)
+            mean_n = sum(measured - predicted for _, measured, predicted in pairs) / n
+            scale_n = max(sqrt(sum(measured**2 for _, measured, _ in pairs) / n), 1e-9)
+            share, ends_m = rms_n / scale_n, (min(depths_m), max(depths_m))
+            if n >= _FEWEST and share > _SHARE and rms_n > least_n:
+                off.append(ForceMismatch(place, mean_n / scale_n, rms_n, share, *ends_m, n))
         return sorted(off, key=lambda place: -place.rms_n)
-
-
-def _mismatch(place: Hashable, pairs: deque[tuple[float, float, float]]) -> ForceMismatch:
-    n = len(pairs)
-    measured_n = sqrt(sum(measured**2 for _, measured, _ in pairs) / n)
-    rms_n = sqrt(sum((measured - predicted) ** 2 for _, measured, predicted in pairs) / n)
-    mean_n = sum(measured - predicted for _, measured, predicted in pairs) / n
-    depths_m = [depth for depth, _, _ in pairs]
-    scale_n = max(measured_n, 1e-9)
-    return ForceMismatch(place, mean_n / scale_n, rms_n, rms_n / scale_n, min(depths_m), max(depths_m), n)

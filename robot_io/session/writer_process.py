@@ -9,7 +9,6 @@ import sys
 import time
 from contextlib import suppress
 from pathlib import Path
-from typing import BinaryIO
 
 from palpate.robot_io.errors import SessionError
 from palpate.robot_io.files.whole_file import held_name
@@ -46,7 +45,11 @@ def main() -> None:
 
 
 def _write_session(job: Job, streams: tuple[Stream, ...], log: SharedLog) -> None:
-    with _new_file(Path(job.path)) as file:
+    path = Path(job.path)
+    with held_name(path):  # which this program alone begins, and holds; another one may have been quicker
+        file = path.open("xb")
+    with file:
+        lock(file)
         drain = _Drain(log, McapFile(file, streams, SessionMetadata.from_strings(job.metadata, job.extra)))
         log.state = READY
         drain.run(job.parent_pid)
@@ -54,14 +57,6 @@ def _write_session(job: Job, streams: tuple[Stream, ...], log: SharedLog) -> Non
         os.fsync(file.fileno())
         if not (os.path.exists(job.path) and os.path.samestat(os.stat(job.path), os.fstat(file.fileno()))):
             raise SessionError("the file was deleted or replaced while it was being written")
-
-
-def _new_file(path: Path) -> BinaryIO:
-    """The file, which this program alone has begun, and holds. FileExistsError: another one was quicker."""
-    with held_name(path):
-        file = path.open("xb")
-    lock(file)
-    return file
 
 
 class _Drain:

@@ -205,7 +205,8 @@ class Memory:
             if len(raw) < item.size:
                 return Error.DATA_LENGTH
             value = int.from_bytes(raw, "little", signed=item.low is not None and item.low < 0)
-            error = _outside(item, value) or allowed(item, value)
+            low, high = value if item.low is None else item.low, value if item.high is None else item.high
+            error = allowed(item, value) if low <= value <= high else Error.DATA_RANGE
             if error:
                 return error
             place += item.size
@@ -219,14 +220,6 @@ class Memory:
             return place
         at = INDIRECT_ADDRESS + 2 * (place - self._indirect.start)
         return self._bytes[at] + 256 * self._bytes[at + 1]
-
-
-def _outside(item: Item, value: int) -> Error:
-    if item.low is not None and value < item.low:
-        return Error.DATA_RANGE
-    if item.high is not None and value > item.high:
-        return Error.DATA_RANGE
-    return Error.NONE
 
 
 class DynamixelMounting(EmulatedMounting):

@@ -258,7 +258,12 @@ class EmulatedRobstride(EmulatedMitMotor):
             return []
         self._heard_s = now_s
         if kind == 17:
-            return [self._parameter(data)]
+            index = int.from_bytes(data[:2], "little")
+            known = {**self.parameters, _POSITION: self.shown.position_rad}
+            if index not in known:
+                return [self._message(17, 1 << 8 | self.number, data[:2] + bytes(6))]
+            packed = struct.pack(_PARAMETERS[index], known[index]).ljust(4, b"\0")
+            return [self._message(17, self.number, data[:2] + bytes(2) + packed)]
         if kind == 18:
             self._write(data)
         elif kind in (3, 4):
@@ -279,14 +284,6 @@ class EmulatedRobstride(EmulatedMitMotor):
             return []
         self._drive()
         return [self._reply()]
-
-    def _parameter(self, data: bytes) -> can.Message:
-        index = int.from_bytes(data[:2], "little")
-        known = {**self.parameters, _POSITION: self.shown.position_rad}
-        if index not in known:
-            return self._message(17, 1 << 8 | self.number, data[:2] + bytes(6))
-        packed = struct.pack(_PARAMETERS[index], known[index]).ljust(4, b"\0")
-        return self._message(17, self.number, data[:2] + bytes(2) + packed)
 
     def _write(self, data: bytes) -> None:
         index = int.from_bytes(data[:2], "little")

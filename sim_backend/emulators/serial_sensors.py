@@ -475,17 +475,17 @@ class _Lorenz(SensorSettings):
     load_code: int
 
 
-def _lorenz(own: _Lorenz) -> EmulatedLorenz:
-    nominal_n = own.nominal_load * newtons_per(own.unit)
-    return EmulatedLorenz(nominal_n, own.counts_at_nominal, own.dimension_code, own.load_code)
-
-
 # By driver: what a robot file says, and the sensor that stands for it.
 _SENSORS: dict[str, tuple[type[SensorSettings], Callable[[Any], SerialSensor]]] = {
     "bota": (AxisSettings, lambda own: EmulatedBota(own.axis_index, own.capacity_n)),
     "force_lines": (_Ranged, lambda own: EmulatedGauge(own.capacity_n)),
     "loadstar": (_Ranged, lambda own: EmulatedLoadstar(own.capacity_n)),
-    "lorenz": (_Lorenz, _lorenz),
+    "lorenz": (
+        _Lorenz,
+        lambda own: EmulatedLorenz(
+            own.nominal_load * newtons_per(own.unit), own.counts_at_nominal, own.dimension_code, own.load_code
+        ),
+    ),
     "mark10": (_Ranged, lambda own: EmulatedMark10(own.capacity_n)),
     "microcontroller_cell": (
         _Cell,

@@ -58,26 +58,22 @@ def _reduce(robot: ET.Element, tip_frame: str, mass_scale: float, behind_tip_m: 
     if tip_frame not in links:
         raise InputError(f"URDF: no link '{tip_frame}' for tip_frame. Valid: {', '.join(sorted(links))}")
     for link in links.values():
-        _keep_only_inertial(link, mass_scale)
+        for child in list(link):
+            if child.tag != "inertial":
+                link.remove(child)
+        inertial = link.find("inertial")
+        if inertial is None:
+            inertial = ET.SubElement(link, "inertial")
+            ET.SubElement(inertial, "mass", value="0")
+            ET.SubElement(inertial, "inertia", ixx="0", ixy="0", ixz="0", iyy="0", iyz="0", izz="0")
+        for element in (*inertial.iter("mass"), *inertial.iter("inertia")):
+            for key, value in element.attrib.items():
+                element.set(key, repr(float(value) * mass_scale))
     carrier, centre = _in_last_moving_link(robot, tip_frame, behind_tip_m)
     sphere = ET.SubElement(links[carrier], "collision")
     ET.SubElement(sphere, "origin", xyz=" ".join(map(repr, centre.tolist())), rpy="0 0 0")
     radius = repr(float(np.linalg.norm(behind_tip_m)))
     ET.SubElement(ET.SubElement(sphere, "geometry"), "sphere", radius=radius)
-
-
-def _keep_only_inertial(link: ET.Element, mass_scale: float) -> None:
-    for child in list(link):
-        if child.tag != "inertial":
-            link.remove(child)
-    inertial = link.find("inertial")
-    if inertial is None:
-        inertial = ET.SubElement(link, "inertial")
-        ET.SubElement(inertial, "mass", value="0")
-        ET.SubElement(inertial, "inertia", ixx="0", ixy="0", ixz="0", iyy="0", iyz="0", izz="0")
-    for element in (*inertial.iter("mass"), *inertial.iter("inertia")):
-        for key, value in element.attrib.items():
-            element.set(key, repr(float(value) * mass_scale))
 
 
 def _in_last_moving_link(robot: ET.Element, link: str, point: FloatArray) -> tuple[str, FloatArray]:

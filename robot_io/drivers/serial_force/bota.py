@@ -9,6 +9,7 @@ the letter and a code: 0 is done. Source: Bota Systems' own examples and ROS dri
 
 import re
 import struct
+from binascii import crc_hqx
 from math import copysign, isfinite
 from typing import Final, Literal, NamedTuple
 
@@ -71,19 +72,11 @@ def crc16(data: bytes) -> int:
     Args:
         data: bytes that it covers.
     """
-    crc = 0xFFFF
-    for byte in data:
-        crc = crc >> 8 ^ _CRC_TABLE[(crc ^ byte) & 0xFF]
-    return crc ^ 0xFFFF
+    # `crc_hqx` has the same polynomial, most significant bit first.
+    return int(f"{crc_hqx(data.translate(_REVERSED), 0xFFFF):016b}"[::-1], 2) ^ 0xFFFF
 
 
-def _remainder(byte: int) -> int:
-    for _ in range(8):
-        byte = byte >> 1 ^ (0x8408 if byte & 1 else 0)
-    return byte
-
-
-_CRC_TABLE: Final = tuple(map(_remainder, range(256)))
+_REVERSED: Final = bytes(int(f"{byte:08b}"[::-1], 2) for byte in range(256))
 
 
 class Sample(NamedTuple):

@@ -244,16 +244,13 @@ class LorenzStream:
         leaves it two steps: a row is accepted only where no other one has as many.
         """
         while place + 3 * _SYNC_SAMPLES + 2 <= len(buffer):
-            steps = [_steps(buffer[place + shift :: 3][:_SYNC_SAMPLES]) for shift in range(3)]
+            rows = (buffer[place + shift :: 3][:_SYNC_SAMPLES] for shift in range(3))
+            # How often each row goes on by one.
+            steps = [sum((after - before) & 0xFF == 1 for before, after in pairwise(row)) for row in rows]
             if max(steps) == _SYNC_SAMPLES - 1 and sorted(steps)[1] <= 1:
                 return place + steps.index(max(steps)), True
             place += 1
         return place, False
-
-
-def _steps(counters: bytes) -> int:
-    """How often they go on by one."""
-    return sum((after - before) & 0xFF == 1 for before, after in pairwise(counters))
 
 
 _ANSWER_S = 0.3
