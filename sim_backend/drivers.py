@@ -114,7 +114,11 @@ class SimulatedBus(JointBus):
             self._world = None
 
     def poll(self, deadline_s: float) -> None:
-        """See `Bus.poll`; a simulated world is never late."""
+        """See `Bus.poll`; a simulated world is never late.
+
+        Args:
+            deadline_s: robot's clock [s].
+        """
         world, now_s = self.world, self._clock.now_s()
         world.advance_to(now_s)
         n, motion = self.joint_count, world.encoder.read(now_s)

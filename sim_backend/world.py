@@ -90,8 +90,7 @@ class World:
         self.sensor_load_n = 0.0
         self.held = False
         self._build_plant(arm)
-        settings, effects = self.scenario.sensors, self._effects
-        start_s, step_s = self._start_s, self._step_s
+        settings, step_s = scenario.sensors, self._step_s
         self.encoder = SimulatedEncoder(
             settings.encoder, self._noise_of("encoder"), start_s, step_s, effects.encoder
         )

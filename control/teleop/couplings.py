@@ -164,7 +164,12 @@ class Tracking:
                 raise InputError(f"tracking: stiffness and damping are finite and not negative, not {value}")
 
     def force_n(self, ahead_m: float, faster_m_s: float) -> float:
-        """Force [N] for how far the wanted motion is ahead [m] and how much faster it is [m/s]."""
+        """Force [N] for how far the wanted motion is ahead [m] and how much faster it is [m/s].
+
+        Args:
+            ahead_m: how far the wanted motion is ahead [m].
+            faster_m_s: how much faster it is [m/s].
+        """
         return self.stiffness_n_m * ahead_m + self.damping_n_s_m * faster_m_s
 
 
@@ -220,14 +225,23 @@ class Account:
         self._taken_j = 0.0
 
     def book(self, work_j: float) -> None:
-        """What this end did on the link in a step, negative if the link worked on it."""
+        """What this end did on the link in a step, negative if the link worked on it.
+
+        Args:
+            work_j: positive if this end worked on the link [J].
+        """
         if work_j > 0.0:
             self.put_in_j += work_j
         else:
             self._taken_j -= work_j
 
     def share_allowed(self, taking_j: float, other_put_in_j: float) -> float:
-        """The share 0 to 1 of a withdrawal that the other end is known to have covered."""
+        """The share 0 to 1 of a withdrawal that the other end is known to have covered.
+
+        Args:
+            taking_j: energy to be taken out [J].
+            other_put_in_j: by the other end, as known here [J].
+        """
         left_j = max(0.0, RESERVE_J + other_put_in_j - self._taken_j)
         return 1.0 if taking_j <= left_j else left_j / taking_j
 
@@ -297,13 +311,23 @@ class WaveEnd:
         self._sent = self._sent_j = self._used = self._used_j = 0.0
 
     def send(self, wave: float, dt_s: float) -> Packet:
-        """The packet for a wave [sqrt(W)]: itself, its integral, and the energy sent so far [J]."""
+        """The packet for a wave [sqrt(W)]: itself, its integral, and the energy sent so far [J].
+
+        Args:
+            wave: that goes out [sqrt(W)].
+            dt_s: step [s].
+        """
         self._sent += wave * dt_s
         self._sent_j += 0.5 * wave * wave * dt_s
         return wave, self._sent, self._sent_j
 
     def receive(self, newest: Packet | None, dt_s: float) -> float:
-        """The wave to use in this step [sqrt(W)]."""
+        """The wave to use in this step [sqrt(W)].
+
+        Args:
+            newest: packet of the other end, or None.
+            dt_s: step [s].
+        """
         if newest is None:
             return 0.0
         wave, sent, sent_j = newest

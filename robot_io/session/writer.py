@@ -105,6 +105,10 @@ class SessionWriter:
         If the ring is full it is dropped and counted. A record is a tuple with one value for each column, or
         an np.void of the stream's dtype.
 
+        Args:
+            stream_name: name of the stream.
+            record: a value for each column, in their order.
+
         Raises:
             InputError: there is no such stream, or the session is closed.
             TypeError, ValueError: the record does not have the stream's form.
@@ -129,6 +133,12 @@ class SessionWriter:
         """Log one event; see `Event`. Does not wait either.
 
         With its data an event is at most 4000 bytes, else cut. InputError: the session is closed.
+
+        Args:
+            time_s: on the session's clock [s].
+            kind: short word.
+            text: one line for people.
+            data: values for programs.
         """
         message = encode_event(Event(time_s, kind, text, data))
         self.append(EVENT_STREAM, (time_s, len(message), message))
@@ -228,6 +238,13 @@ def write_session(
 
     Folders above it are made. Columns have shape (n,) or (n, width), and events are in the order in which
     they happened. `progress` is told the share of the records that is written. Returns the path.
+
+    Args:
+        path: the new session file.
+        streams: each with its columns.
+        metadata: where the session comes from.
+        events: in the order of their times.
+        progress: is told the share that is written, 0 to 1.
 
     Raises:
         InputError: the arrays do not fit their streams.

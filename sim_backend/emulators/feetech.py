@@ -191,7 +191,11 @@ class EmulatedSts(LineServo):
         self._drive()
 
     def watch(self, now_s: float) -> None:
-        """Look at its position sensor, and control it; steps are shorter than samples of the joint."""
+        """Look at its position sensor, and control it; steps are shorter than samples of the joint.
+
+        Args:
+            now_s: bench's clock [s].
+        """
         shaft = self.shaft
         joint = (shaft.state(), shaft.limp, shaft.backwards) if shaft else None
         if (joint, self.stuck, self.error, self.supply_v, self._memory) == self._watched:

@@ -131,7 +131,11 @@ class EmulatedMoteus(EmulatedMotor):
         self._exert(min(max(torque_nm, -limit_nm), limit_nm))
 
     def tell(self, now_s: float) -> list[can.Message]:
-        """See `CanNode.tell`: nothing unasked, but here its watchdog runs."""
+        """See `CanNode.tell`: nothing unasked, but here its watchdog runs.
+
+        Args:
+            now_s: bench's clock [s].
+        """
         watchdog_s = self._command[0x27] or 0.1
         if self.mode == POSITION and now_s - self._heard_s > watchdog_s:
             self.mode = TIMEOUT

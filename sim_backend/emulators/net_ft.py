@@ -61,7 +61,11 @@ class EmulatedNetFt(SerialSensor):
         return b""
 
     def reading(self, force_n: float) -> bytes:
-        """See `SerialSensor.reading`; without a value a gage is broken."""
+        """See `SerialSensor.reading`; without a value a gage is broken.
+
+        Args:
+            force_n: with the sensor's own sign [N]; NaN where there is none.
+        """
         self._sequence += self._timer.passed
         self._measurement += self._timer.passed * self.measures * _INTERNAL_HZ // self.rate_hz
         status, counts = self.status, [17, -23, 31, 5, -7, 11]
@@ -74,7 +78,12 @@ class EmulatedNetFt(SerialSensor):
         return record(self._sequence, self._measurement, status, counts)
 
     def restart(self, now_s: float, silent_s: float) -> None:
-        """See `SerialSensor.restart`; nobody is sent anything until he asks again."""
+        """See `SerialSensor.restart`; nobody is sent anything until he asks again.
+
+        Args:
+            now_s: bench's clock [s].
+            silent_s: how long it says nothing [s].
+        """
         self._timer.stop()
         super().restart(now_s, silent_s)
 

@@ -151,7 +151,13 @@ class DynamixelDialect(ServoDialect):
         return packet + _checksum(packet)
 
     def fast_sync_read(self, address: int, size: int, servo_ids: Sequence[int]) -> bytes:
-        """Read the same bytes of several servos, which make one packet together; see `FastReply`."""
+        """Read the same bytes of several servos, which make one packet together; see `FastReply`.
+
+        Args:
+            address: of the first byte.
+            size: bytes from each servo.
+            servo_ids: in the order of their parts.
+        """
         return self.encode_packet(BROADCAST_ID, _FAST_SYNC_READ, self.words(address, size) + bytes(servo_ids))
 
     def sync_write_block(self, address: int, size: int, block: bytes) -> bytes:

@@ -192,7 +192,11 @@ class DynamixelAccess(RegisterAccess):
         super().__init__(protocol.DIALECT, port, clock)
 
     def who(self, servo_id: int) -> tuple[int, int]:
-        """Read model number and firmware version of a servo. DeviceError: as `ping`."""
+        """Read model number and firmware version of a servo. DeviceError: as `ping`.
+
+        Args:
+            servo_id: which servo.
+        """
         data = self.ping(servo_id, protocol.PING_SIZE)
         return data[0] | data[1] << 8, data[2]
 

@@ -141,7 +141,11 @@ class Plausibility:
         self._last.clear()
 
     def sent(self, goals: Mapping[int, int]) -> None:
-        """Remember goals that are on their way, by servo id."""
+        """Remember goals that are on their way, by servo id.
+
+        Args:
+            goals: by servo id [counts].
+        """
         for servo_id, goal in goals.items():
             self._goals[servo_id].appendleft(goal)
 

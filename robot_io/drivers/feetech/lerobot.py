@@ -67,6 +67,9 @@ def read_calibration(path: Path) -> dict[str, LerobotMotor]:
     """The joints of a calibration file by LeRobot's names.
 
     InputError: it cannot be read, or is no such file; with the first thing that is wrong.
+
+    Args:
+        path: of the file.
     """
     try:
         return validate(LerobotCalibration, json.loads(read_text(path))).root

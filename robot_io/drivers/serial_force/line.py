@@ -351,6 +351,14 @@ class ForceLine(Bus):
         `poll`, if there is one.
 
         DeviceError: the port is not open.
+
+        Args:
+            stream: makes readings of bytes.
+            capacity_n: where the range ends [N].
+            held_back_s: how long the stream waits for what confirms a reading [s].
+            has_checksums: whether each reading has one.
+            own_time: dates readings by the sensor's time.
+            poll: asks for each reading.
         """
         self._capacity_n = capacity_n
         self._reader = self.reader_type(

@@ -174,7 +174,14 @@ class RegisterAccess:
         self.write_bytes(servo_id, register.address, register.encode(value), f"setting {register.name}")
 
     def write_bytes(self, servo_id: int, address: int, data: bytes, what: str) -> None:
-        """Set bytes from `address` on; `what` is for the error. DeviceError: as `write`."""
+        """Set bytes from `address` on; `what` is for the error. DeviceError: as `write`.
+
+        Args:
+            servo_id: which servo.
+            address: of the first byte.
+            data: the bytes.
+            what: description for errors.
+        """
         packet = self._ask(servo_id, self._dialect.write(servo_id, address, data), 0)
         self._check(packet, what)
 
@@ -197,12 +204,22 @@ class RegisterAccess:
         self._confirm(servo_id, register, value)
 
     def settle_unanswered(self, servo_id: int, register: Register, value: int) -> None:
-        """Set a register of a servo that may not answer to writing, and read it back; see `settle`."""
+        """Set a register of a servo that may not answer to writing, and read it back; see `settle`.
+
+        Args:
+            servo_id: which servo.
+            register: which of its registers.
+            value: in the servo's unit.
+        """
         self._port.write(self._dialect.write(servo_id, register.address, register.encode(value)))
         self._confirm(servo_id, register, value)
 
     def why_alert(self, servo_id: int) -> str:
-        """Say what is behind the alert bit of a servo's answers; for the end of a message."""
+        """Say what is behind the alert bit of a servo's answers; for the end of a message.
+
+        Args:
+            servo_id: which servo.
+        """
         return ""
 
     def _confirm(self, servo_id: int, register: Register, value: int) -> None:
@@ -255,7 +272,11 @@ class Survey(NamedTuple):
 
 
 def listed(ids: Iterable[int]) -> str:
-    """Join ids for a message."""
+    """Join ids for a message.
+
+    Args:
+        ids: of servos.
+    """
     return ", ".join(map(str, ids))
 
 

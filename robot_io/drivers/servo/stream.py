@@ -82,10 +82,7 @@ _PING, _READ, _WRITE, _SYNC_READ, SYNC_WRITE = 0x01, 0x02, 0x03, 0x82, 0x83
 
 
 class ServoDialect(ABC):
-    """Instructions as bytes, and what finds the answers to them.
-
-    Args of its methods: `servo_id` of the servo, `address` of the first byte, `size` in bytes for each servo.
-    """
+    """Instructions as bytes, and what finds the answers to them."""
 
     word: ClassVar[int]  # bytes of an address or a size
 
@@ -131,7 +128,11 @@ class ServoDialect(ABC):
         return b"".join(value.to_bytes(self.word, "little") for value in values)
 
     def ping(self, servo_id: int) -> bytes:
-        """Ask one servo who it is."""
+        """Ask one servo who it is.
+
+        Args:
+            servo_id: of the servo.
+        """
         return self.encode_packet(servo_id, _PING)
 
     def ping_all(self) -> bytes:
@@ -139,15 +140,33 @@ class ServoDialect(ABC):
         return self.encode_packet(BROADCAST_ID, _PING)
 
     def read(self, servo_id: int, address: int, size: int) -> bytes:
-        """Read bytes of one servo."""
+        """Read bytes of one servo.
+
+        Args:
+            servo_id: of the servo.
+            address: of the first byte.
+            size: number of bytes.
+        """
         return self.encode_packet(servo_id, _READ, self.words(address, size))
 
     def write(self, servo_id: int, address: int, data: bytes) -> bytes:
-        """Write bytes of one servo, which acknowledges with an empty answer."""
+        """Write bytes of one servo, which acknowledges with an empty answer.
+
+        Args:
+            servo_id: of the servo.
+            address: of the first byte.
+            data: the bytes.
+        """
         return self.encode_packet(servo_id, _WRITE, self.words(address) + data)
 
     def sync_read(self, address: int, size: int, servo_ids: Sequence[int]) -> bytes:
-        """Read the same bytes of several servos; each answers with a packet of its own, in this order."""
+        """Read the same bytes of several servos; each answers with a packet of its own, in this order.
+
+        Args:
+            address: of the first byte.
+            size: bytes from each servo.
+            servo_ids: in the order of the answers.
+        """
         return self.encode_packet(BROADCAST_ID, _SYNC_READ, self.words(address, size) + bytes(servo_ids))
 
     def sync_write(self, address: int, data: Mapping[int, bytes]) -> bytes:
