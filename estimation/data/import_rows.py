@@ -1,11 +1,12 @@
 """Which run and phase each row of a data file belongs to, and in which order the rows come."""
 
+import shlex
 from dataclasses import dataclass, replace
 
 import numpy as np
 
 from palpate.control.loop.task import Phase
-from palpate.estimation.data.assign_columns import Columns
+from palpate.estimation.data.assign_columns import Columns, in_blocks
 from palpate.estimation.data.column_names import DISPLACEMENT, FORCE, RUN, TIME, guess_columns
 from palpate.estimation.data.presses import FEWEST_ROWS, MOST_RUNS, cut_into, cut_presses, restarts
 from palpate.estimation.data.table import Table
@@ -171,8 +172,19 @@ def _check_times(columns: Columns, rows: Rows) -> None:
     name, in_run, word = columns.name(TIME), "", columns.table.row_word
     if len(rows.labels) > 1:
         in_run = f" of run '{rows.labels[int(rows.run[late[0]])]}'"
+    in_order = next((name for name in columns.table.names if _orders(columns, name)), "")
+    remedy = f"say with --column {RUN}={shlex.quote(in_order or 'COLUMN')} where a new run begins"
     raise InputError(
         f"{columns.table.path}: {word} {after}, column '{name}': {rows.time_s[late[0] + 1]:.9g} s does not "
         f"come after {rows.time_s[late[0]]:.9g} s in {word} {before}{in_run}; times must increase within a "
-        f"run: sort the rows, or say with --column run={columns.like_runs or 'COLUMN'} where a new run begins"
+        f"run: {remedy if in_order else f'sort the rows, or {remedy}'}"
     )
+
+
+def _orders(columns: Columns, name: str) -> bool:
+    """Whether a column not in use holds texts, each in one block, within which the times increase."""
+    if name in columns.used:
+        return False
+    index = columns.table.labels(name)[1]
+    anew = np.diff(index) != 0
+    return in_blocks(index.astype(np.float64)) and bool((anew | (np.diff(_times(columns)) > 0.0)).all())

@@ -22,6 +22,7 @@ NUMBER = {  # by the decimal mark; thousands may be grouped by the other one
 }
 _ALIKE = 3  # lines in a row that make a table
 FEWEST_NUMBERS = 2  # in such a line
+_MOST_SETTINGS = 4  # rows between the names and the numbers
 _COMMENT = "#%/;! \ufeff"
 _LABVIEW = ("X_Value", "Y_Unit_Label", "X_Dimension")
 _BRACKETS = "[](){}<>"
@@ -53,6 +54,7 @@ def find_layouts(rows: Sequence[Sequence[str]], decimal: str) -> Iterator[Layout
             continue
         body = rows[first : first + _ALIKE]
         width = max(len(_used(row)) for row in body)
+        labelled = _has_row_names(body, decimal)
         held = {place for row in body for place, cell in enumerate(row) if not is_missing(cell)}
         header: list[tuple[int, list[str]]] = []
         for place in range(first - 1, -1, -1):
@@ -63,6 +65,10 @@ def find_layouts(rows: Sequence[Sequence[str]], decimal: str) -> Iterator[Layout
                 "" if column not in held and is_number(cell, decimal) else cell
                 for column, cell in enumerate(rows[place])
             ]
+            if not header and first - place <= _MOST_SETTINGS and _is_setting(row, rows[first], decimal):
+                continue
+            if labelled and len(_used(row)) == width - 1:  # as R writes names of rows
+                row = ["", *row]
             if len(row) < width or sum(map(bool, map(str.strip, row))) < 2 or any(_numbers(row, decimal)):
                 break
             header.append((place, row))
@@ -104,6 +110,21 @@ def _goes_on(rows: Sequence[Sequence[str]], decimal: str, first: int) -> bool:
             if not is_missing(cell) and kinds.setdefault(place, number) != number:
                 return False
     return True
+
+
+def _has_row_names(body: Sequence[Sequence[str]], decimal: str) -> bool:
+    """Whether the first column holds words, or counts the rows from 0 or 1."""
+    names = [row[0].strip().strip('"') for row in body if row]
+    counted = [[str(first + place) for place in range(len(names))] for first in (0, 1)]
+    return names in counted or not any(name == "" or is_number(name, decimal) for name in names)
+
+
+def _is_setting(row: Sequence[str], numbers: Sequence[str], decimal: str) -> bool:
+    """Whether a row between names and numbers says a setting of each column, such as "Range,10,50,100"."""
+    if len(_used(row)) > len(_used(numbers)) or not is_number(numbers[0], decimal):
+        return False
+    first, *others = row
+    return bool(first.strip()) and not is_number(first, decimal) and any(_numbers(others, decimal))
 
 
 def is_number(cell: str, decimal: str) -> bool:
@@ -315,7 +336,7 @@ def line_cells(line: str, delimiter: str) -> list[str]:
 
 def _cells(lines: list[str], delimiter: str) -> Iterator[list[str]]:
     if delimiter == BLANKS:
-        yield from (_BLANK.split(line.strip(" \t#%")) for line in lines)
+        yield from ([cell.strip('"') for cell in _BLANK.split(line.strip(" \t#%"))] for line in lines)
         return
     for line in lines:
         try:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import codecs
 import gzip
 import math
+from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -22,6 +23,7 @@ from palpate.estimation.data.text_dialect import (
     blanks_as_tabs,
     find_dialect,
     is_footer,
+    is_number,
     line_cells,
     preamble_words,
     same_columns,
@@ -39,6 +41,7 @@ else:
 
 _LONGEST_LINE = 2**20 - 1  # bytes; the reader takes blocks of 1 MiB, and the line must end in one
 _SHOWN = 60  # characters of a line that is refused
+_SYSTEMATIC = 0.25  # of the rows: fewer that end before the last column are torn
 
 
 def read_text_table(path: Path, selected: str = "") -> FileColumns:
@@ -83,13 +86,12 @@ def read_text_table(path: Path, selected: str = "") -> FileColumns:
     words += [f"a footer of {len(below)} line{'s' if len(below) > 1 else ''}"] if below else []
     words += [f"text in {encoding}"] if encoding else []
     places = [f"{path}, test {n}" if len(tests) > 1 else str(path) for n in range(1, len(tests) + 1)]
-    parts = [
+    read = [
         _block(content, begin, end, replace(dialect, tables=(table,)), place)
         for (table, begin, end), place in zip(tests, places, strict=True)
     ]
-    lines = [
-        _lines(content, begin, end, len(part)) for (_, begin, end), part in zip(tests, parts, strict=True)
-    ]
+    parts, lines = [part for part, _, _ in read], [numbers for _, numbers, _ in read]
+    words += dict.fromkeys(word for _, _, remarks in read for word in remarks)
     if len(parts) == 1:
         return FileColumns(parts[0], dialect.decimal, tuple(words), tests[0][0].titles, lines[0], "line")
     order = sorted(range(parts[0].num_columns), key=parts[0].column_names.__getitem__)
@@ -102,18 +104,68 @@ def read_text_table(path: Path, selected: str = "") -> FileColumns:
     return FileColumns(columns, dialect.decimal, tuple(words), (), np.concatenate(lines), "line")
 
 
-def _block(content: bytes, begin: int, end: int, dialect: TextDialect, place: str) -> pa.Table:
-    """The rows from one byte to another; not copied, for they may be many."""
+def _block(
+    content: bytes, begin: int, end: int, dialect: TextDialect, place: str
+) -> tuple[pa.Table, IntArray, list[str]]:
+    """The rows from one byte to another, the line of each, and remarks; not copied, for they may be many."""
     rows = pa.py_buffer(content).slice(begin, end - begin)
     if dialect.delimiter == BLANKS:
         rows = pa.py_buffer(blanks_as_tabs(content[begin:end]))
     try:
-        return _parse(rows, dialect)
+        part = _parse(rows, dialect)
+        return part, _lines(content, begin, end, len(part)), []
     except pa.ArrowInvalid as error:
-        problem = (
-            _first_bad_row(rows, dialect, _lines(content, begin, end)) or " ".join(str(error).split())[:200]
-        )
+        lines = _lines(content, begin, end)
+        mended = _mended(rows.to_pybytes(), lines, dialect)
+        with suppress(pa.ArrowInvalid):
+            if mended and len(part := _parse(pa.py_buffer(mended[0]), dialect)) == len(mended[1]):
+                return part, mended[1], mended[2]
+        problem = _first_bad_row(rows, dialect, lines) or " ".join(str(error).split())[:200]
         raise InputError(f"{place}: {problem}") from error
+
+
+def _mended(rows: bytes, lines: IntArray, dialect: TextDialect) -> tuple[bytes, IntArray, list[str]] | None:
+    """The rows without lines of words among them, and filled up where many end before the last column.
+
+    Args:
+        rows: text of the table.
+        lines: number in the file of each line that is not empty, shape (n,).
+        dialect: how it is written.
+
+    Returns:
+        The text, the number of each row's line, and remarks; None where nothing can be mended.
+    """
+    table, delimiter = dialect.tables[0], "\t" if dialect.delimiter == BLANKS else dialect.delimiter
+    texts = [line for line in rows.decode(errors="replace").splitlines() if line.strip()]
+    if len(texts) != len(lines):
+        return None
+    cells = [line_cells(text, delimiter) for text in texts]
+    words = [
+        table.counts
+        and not is_number(row[0], dialect.decimal)
+        and is_footer(row, dialect.decimal, counts=True)
+        for row in cells
+    ]
+    kept = np.flatnonzero(~np.array(words))
+    lacking = [len(table.names) - len(cells[place]) for place in kept]
+    short = np.flatnonzero(np.array(lacking) > 0)
+    few = len(short) < _SYSTEMATIC * len(kept) or dialect.delimiter == BLANKS
+    if not len(kept) or (len(short) and few):
+        return None
+    remarks = []
+    if len(kept) < len(texts):
+        count, first = len(texts) - len(kept), int(np.argmax(words))
+        remarks.append(
+            f"{count} line{'s' if count > 1 else ''} of words among the rows left out, the first is line "
+            f"{lines[first]}: {' '.join(texts[first].split())[:_SHOWN]!r}"
+        )
+    if len(short):
+        remarks.append(
+            f"{len(short)} of {len(kept)} rows end before the last column, the first in line "
+            f"{lines[kept[short[0]]]}: its cells count as empty"
+        )
+    filled = (texts[place] + delimiter * max(lack, 0) for place, lack in zip(kept, lacking, strict=True))
+    return "\n".join(filled).encode(), lines[kept], remarks
 
 
 def _lines(content: bytes, begin: int, end: int, count: int | None = None) -> IntArray:

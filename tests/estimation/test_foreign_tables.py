@@ -164,3 +164,50 @@ def test_a_sine_has_no_hold_and_a_hold_stays_one(rate_hz, noise_m):
     assert held(np.sin(np.pi * time_s)) < 0.015
     assert held(2.0 / np.pi * np.arcsin(np.sin(np.pi * time_s))) < 0.005
     assert held(np.clip(1.5 * np.sin(0.2 * np.pi * time_s), -1.0, 1.0)) > 0.35  # of 0.54 that are clipped
+
+
+CELLS = [f"{t:.4f},{1e3 * x:.6f},{f:.6f}\n" for t, x, f in zip(TIME_S, WAY_M, FORCE_N, strict=True)]
+HEADER = "Time [s],Extension [mm],Load [N]\n"
+UNEVEN = {
+    "a line of words": HEADER + "".join(CELLS[:300]) + "--- paused by operator\n" + "".join(CELLS[300:]),
+    "words in the table's columns": HEADER
+    + "".join(CELLS[:300])
+    + "pause\nnote,see log\n"
+    + "".join(CELLS[300:]),
+    "rows shorter than the header": HEADER.replace("\n", ",Remark,Operator\n")
+    + "".join(cells.replace("\n", ",ok,AB\n") if at % 3 == 0 else cells for at, cells in enumerate(CELLS)),
+    "counted rows": HEADER + "".join(f"{at},{cells}" for at, cells in enumerate(CELLS, 1)),
+    "named rows": HEADER + "".join(f"row{at},{cells}" for at, cells in enumerate(CELLS)),
+    "as R writes it": '"Time.s." "Extension.mm." "Load.N."\n'
+    + "".join(f'"{at}" {cells}'.replace(",", " ") for at, cells in enumerate(CELLS, 1)),
+    "settings between names and numbers": (
+        "Name,Time,Extension,Load\nUnit,s,mm,N\nRange,100,10,500\nFilter,1,2,2\n"
+        + "".join(f"{at},{cells}" for at, cells in enumerate(CELLS, 1))
+    ),
+    "numbers above the names": "Rate,100,Hz\nSpecimen,5,3,7\nArea,12.5,mm\n" + HEADER + "".join(CELLS),
+}
+
+
+@pytest.mark.parametrize("layout", UNEVEN)
+def test_rows_of_another_length_or_kind_spoil_no_table(tmp_path, layout):
+    channel = only_channel(tmp_path, UNEVEN[layout])
+    assert len(channel) == len(TIME_S)
+    np.testing.assert_allclose(channel.time_s, TIME_S, atol=1e-4)
+    np.testing.assert_allclose(channel.position, WAY_M, atol=1e-8)
+    np.testing.assert_allclose(channel.effort, FORCE_N, atol=1e-6)
+
+
+def test_lines_that_are_left_out_are_said_and_the_rows_keep_their_numbers(tmp_path):
+    path = tmp_path / "table.csv"
+    path.write_text(UNEVEN["a line of words"].replace(CELLS[400], "1,2,oops\n"))
+    with pytest.raises(InputError, match=r"line 403, column 'Load .N.': 'oops'"):
+        import_file(path)
+    path.write_text(UNEVEN["a line of words"])
+    assert "1 line of words among the rows left out, the first is line 302" in import_file(path).read
+
+
+def test_times_out_of_order_name_the_column_that_orders_them(tmp_path):
+    path = tmp_path / "sorted.csv"
+    rows = [f"{cells.strip()},{'up' if at < 300 else 'down'}\n" for at, cells in enumerate(CELLS)]
+    path.write_text(HEADER.replace("\n", ",level\n") + "".join(rows[300:] + rows[:300]))
+    assert len(by_the_advice(path).channels[0].runs) == 2
