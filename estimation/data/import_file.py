@@ -2,6 +2,7 @@
 
 import os
 import re
+import shlex
 from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
@@ -10,13 +11,13 @@ import numpy as np
 from palpate.estimation.channel import ChannelData, ChannelKind
 from palpate.estimation.data.assign_columns import Columns, assign_columns
 from palpate.estimation.data.choose_columns import units_meant
-from palpate.estimation.data.column_names import TIME, Key, Role
+from palpate.estimation.data.column_names import QUANTITIES, TIME, Key, Role, unit_in_name
 from palpate.estimation.data.derivatives import differentiate
 from palpate.estimation.data.import_options import ImportOptions
 from palpate.estimation.data.import_rows import UNKNOWN_PHASE, Rows, arrange_rows
 from palpate.estimation.data.presses import press_phases
 from palpate.estimation.data.table import Table, read_table
-from palpate.estimation.data.units import SLOWEST_S, likely_time_unit
+from palpate.estimation.data.units import SLOWEST_S, dimension_of, likely_time_unit
 from palpate.estimation.signals.blocks import blocks, number_pieces
 from palpate.estimation.signals.runwise import sample_time
 from palpate.estimation.statistics.correlation import correlation_coefficient
@@ -229,9 +230,26 @@ def _sources(columns: Columns) -> list[_Source]:
         raise InputError(
             f"{columns.table.path}: no channel can be made of columns {columns.table.listed_names}; "
             "a contact needs time_s, displacement_m, force_N, a joint time_s, position_rad, torque_Nm "
-            "(or position_m, force_N); say which is which, and in which unit, as in --column force_N=COLUMN"
+            f"(or position_m, force_N); say which is which, as in {_example(columns)}"
         )
     return sources
+
+
+def _example(columns: Columns) -> str:
+    """Options that make a contact of what is there, if two further columns hold numbers."""
+    free = [name for name in columns.table.names if columns.table.varies(name) and name not in columns.used]
+    options = []
+    for quantity, unit in (("force", "N"), ("displacement", "mm")):
+        if (quantity, 0) in columns:
+            continue
+        fitting = [name for name in free if dimension_of(unit_in_name(name)) in QUANTITIES[quantity]]
+        if not free:
+            return "--column displacement_mm=COLUMN --column force_N=COLUMN"
+        column = (fitting or free)[0]
+        free.remove(column)
+        options.append(f"--column {quantity}={shlex.quote(column)}")
+        options += [] if fitting else [f"--unit {quantity}={unit}"]
+    return " ".join(options)
 
 
 def _channel(source: _Source, columns: Columns, rows: Rows, notes: list[str]) -> ChannelData:

@@ -48,7 +48,7 @@ def arrange_rows(columns: Columns, *, fresh: bool = False, count: int | None = N
     is_contact = DISPLACEMENT in columns and FORCE in columns
     if TIME not in columns and not is_contact:  # nothing moves without a time; a press may be slow
         raise InputError(
-            f"{table.path}: no time; name it time_s or add --column time_s=COLUMN. "
+            f"{table.path}: no time, which a joint needs; name it time_s or add --column time_s=COLUMN. "
             f"Columns: {table.listed_names}"
         )
     if columns.run is None:
@@ -173,11 +173,20 @@ def _check_times(columns: Columns, rows: Rows) -> None:
     if len(rows.labels) > 1:
         in_run = f" of run '{rows.labels[int(rows.run[late[0]])]}'"
     in_order = next((name for name in columns.table.names if _orders(columns, name)), "")
-    remedy = f"say with --column {RUN}={shlex.quote(in_order or 'COLUMN')} where a new run begins"
+    number = shlex.quote(in_order or columns.like_runs or "COLUMN")
+    remedy = f"say with --column {RUN}={number} where a new run begins"
+    if (
+        not in_order
+        and np.median(np.diff(rows.time_s)) == 0.0
+        and {DISPLACEMENT, FORCE} <= {*columns.assigned}
+    ):
+        remedy = f"if it is not the time of each row, leave it out with --context {shlex.quote(name)}"
+    elif not in_order:
+        remedy = f"sort the rows, or {remedy}"
     raise InputError(
         f"{columns.table.path}: {word} {after}, column '{name}': {rows.time_s[late[0] + 1]:.9g} s does not "
         f"come after {rows.time_s[late[0]]:.9g} s in {word} {before}{in_run}; times must increase within a "
-        f"run: {remedy if in_order else f'sort the rows, or {remedy}'}"
+        f"run: {remedy}"
     )
 
 

@@ -59,12 +59,13 @@ def by_the_advice(path):
         import_file(path)
     text = str(caught.value)
     assert "\n" not in text
-    words = shlex.split(text[text.index("--") :])
+    said = list(pairwise(shlex.split(text[text.index("--") :])))
     columns, units = (
-        parse_pairs([value for at, value in pairwise(words) if at == option], option)
+        parse_pairs([value for at, value in said if at == option], option)
         for option in ("--column", "--unit")
     )
-    return import_file(path, ImportOptions(columns=columns, units=units))
+    context = tuple(value for at, value in said if at == "--context")
+    return import_file(path, ImportOptions(columns=columns, units=units, context=context))
 
 
 def test_of_columns_that_hold_the_same_in_two_units_one_is_read(tmp_path):
@@ -211,3 +212,19 @@ def test_times_out_of_order_name_the_column_that_orders_them(tmp_path):
     rows = [f"{cells.strip()},{'up' if at < 300 else 'down'}\n" for at, cells in enumerate(CELLS)]
     path.write_text(HEADER.replace("\n", ",level\n") + "".join(rows[300:] + rows[:300]))
     assert len(by_the_advice(path).channels[0].runs) == 2
+
+
+def test_what_makes_no_channel_is_asked_for_by_the_columns_that_are_there(tmp_path):
+    path = tmp_path / "voltages.csv"
+    path.write_text("time_s,level,pump_V,constant\n" + lines(TIME_S, 1e3 * WAY_M, FORCE_N, 0.0 * TIME_S))
+    (channel,) = by_the_advice(path).channels
+    np.testing.assert_allclose(channel.position, WAY_M, atol=1e-8)
+    np.testing.assert_allclose(channel.effort, FORCE_N, atol=1e-6)
+
+
+def test_a_time_that_is_none_of_the_rows_may_be_left_out(tmp_path):
+    path = tmp_path / "probes.csv"
+    done = np.repeat(np.arange(60.0), 10)
+    path.write_text("completion_time_s,depth_m,force_N\n" + lines(done, WAY_M, FORCE_N, form="{:.8f}"))
+    (channel,) = by_the_advice(path).channels
+    np.testing.assert_allclose(channel.position, WAY_M, atol=1e-7)
