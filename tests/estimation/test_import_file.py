@@ -369,7 +369,7 @@ TEMPERATURES = {"temp (C)": 20 + T, "temp [C]": 25 + T}
         (
             {"time_s": None, "displacement_m": None, "force_N": None, "position_rad": X, "torque_Nm": F},
             {},
-            "no time; name it time_s",
+            "no time, which a joint needs; name it time_s",
         ),
         ({}, {"columns": {"force_N": "load"}}, "has only time_s, displacement_m, force_N"),
         ({}, {"where": {"specimn": "P1"}}, "no column 'specimn'"),
