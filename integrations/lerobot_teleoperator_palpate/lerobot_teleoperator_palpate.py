@@ -14,8 +14,8 @@ from lerobot.teleoperators import Teleoperator, TeleoperatorConfig
 from lerobot.utils.decorators import check_if_already_connected, check_if_not_connected
 
 from palpate.control.arm.rigid_body import RigidBody
-from palpate.control.teleop.operator_devices import build_operator
-from palpate.control.teleop.virtual_arm import VirtualArm
+from palpate.control.teleop.leader_arm import build_operator
+from palpate.control.teleop.virtual_object import VirtualArm
 from palpate.robot_io.clock import MonotonicClock
 from palpate.robot_io.errors import InputError, PalpateError
 from palpate.runs.robots import find_robot
