@@ -90,7 +90,7 @@ def accept_effects(search: Search, end: FitResult, measurement: MeasurementModel
 
 
 def accept_forms(
-    search: Search, partial: PartiallyLinear, end: FitResult
+    search: Search, partial: PartiallyLinear, end: FitResult, measurement: MeasurementModel
 ) -> tuple[FitResult, list[FormTest]]:
     """Reduce an incomplete model to the effects whose form is known, exactly or approximately.
 
@@ -100,10 +100,11 @@ def accept_forms(
         search: that led to the model.
         partial: the kinds that account for the error, on the same blocks.
         end: base model and effects.
+        measurement: how the motion was read.
 
     Returns:
         The model with these effects, and the comparison of each with its kind's law; the base model and no
-        comparison where none has a known form.
+        comparison where none has a known form, or draws from the base model gain as much by them.
     """
     base = {effect.name for effect in search.model.effects}
     kinds = frozenset(effect.kind for effect in end.solution.model.effects if effect.name not in base)
@@ -142,7 +143,8 @@ def accept_forms(
         others = (fit for test in tests for fit in similar_forms(search, end, test.effect).values())
         better = [fit for fit in others if search.is_sensible(fit) and search.is_better(fit, end)]
         if not better:
-            return end, tests
+            is_real = improvement_test(search.start, end, measurement, search.rng).is_significant
+            return (end, tests) if is_real else (search.start, [])
         end = min(better, key=lambda fit: fit.solution.held_out)
     return search.start, []
 

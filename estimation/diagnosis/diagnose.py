@@ -146,12 +146,12 @@ def diagnose_channel(
     if not fit.is_exact and not checks.in_every_respect(end):
         rough = forms()
         formed = search.fitted(rough.solution.model, rough.solution.parameters)
-        rival, other_tests = accept_forms(search, kinds(), formed)
+        rival, other_tests = accept_forms(search, kinds(), formed, checks.measurement)
         if search.is_better(rival, end):
             end, tests = rival, other_tests
         single = next((option for option in search.screen(search.start) if option.possible), None)
         if end is search.start and single is not None:  # together, needless effects may have stood in its way
-            end, tests = accept_forms(search, kinds(), search.with_candidate(single))
+            end, tests = accept_forms(search, kinds(), search.with_candidate(single), checks.measurement)
     objection, complete = checks.objection(end), checks.in_every_respect(end)
     if not complete and end is search.start and (reason := _below_a_step(end)):
         return insufficient_diagnosis(data, reason)
@@ -170,9 +170,12 @@ def _accept(
             if checks.in_every_respect(end):
                 return end, form_tests(kinds(), end)
             fit = end
+        elif checks.leaves_noise(end) and search.added_effects(fit) and search.is_sensible(fit):
+            # Draws from the base model gain as much by a model to which nothing objects.
+            checks.withdraw_objection(end)
     if checks.in_every_respect(search.start):  # what improves on it is no more than noise or smoothing
         return search.start, []
-    return accept_forms(search, kinds(), fit)
+    return accept_forms(search, kinds(), fit, checks.measurement)
 
 
 class _Completeness:
@@ -182,7 +185,8 @@ class _Completeness:
         self._search = search
         self.measurement = identify_measurement_model(search.data)
         self.leaves_noise = cache(self._leaves_noise)
-        self.objection = cache(self._objection)
+        self._found_objection = cache(self._objection)
+        self._without_objection: list[FitResult] = []
 
     def in_every_respect(self, fit: FitResult) -> bool:
         """Whether a model is complete, and nothing that no signal shows speaks against it.
@@ -192,8 +196,23 @@ class _Completeness:
         """
         return self.leaves_noise(fit) and self.objection(fit) is None
 
+    def objection(self, fit: FitResult) -> ResidualFinding | None:
+        """What no signal shows and speaks against a model.
+
+        Args:
+            fit: the model.
+        """
+        return None if any(fit is known for known in self._without_objection) else self._found_objection(fit)
+
+    def withdraw_objection(self, fit: FitResult) -> None:
+        """Take a model for complete though its runs, or its error in time, look unusual.
+
+        Args:
+            fit: the model.
+        """
+        self._without_objection.append(fit)
+
     def _objection(self, fit: FitResult) -> ResidualFinding | None:
-        """What no signal shows and speaks against a model."""
         if fit.is_exact:
             return None
         complete = self.leaves_noise(fit)

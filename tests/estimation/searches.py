@@ -4,6 +4,7 @@ import numpy as np
 
 from palpate.estimation.diagnosis.search import prepare_search
 from palpate.estimation.effects import EFFECTS
+from palpate.estimation.fit.measurement_model import identify_measurement_model
 from palpate.estimation.model import Model
 
 SWING = Model("pendulum", (EFFECTS["pendulum"](), EFFECTS["viscous_friction"]()))
@@ -25,3 +26,8 @@ def reached(search, *names):
         (one,) = (one for one in search.screen(end) if one.effect.name == name)
         end = search.with_candidate(one)
     return end
+
+
+def measured(search):
+    """How the motion of a search's channel was read."""
+    return identify_measurement_model(search.data)

@@ -21,7 +21,7 @@ from palpate.estimation.diagnosis.forms import analyse_kinds, form_tests
 from palpate.estimation.effects import EFFECTS
 from palpate.estimation.fit.measurement_model import identify_measurement_model
 from palpate.estimation.kinds import Kind
-from tests.estimation.searches import SWING, reached, searched
+from tests.estimation.searches import SWING, measured, reached, searched
 from tests.estimation.swings import swings
 
 SPRING, RUB, RIPPLE, BIAS, SQUARE = (
@@ -90,7 +90,7 @@ def test_a_complete_model_keeps_the_effects_that_it_needs(searches, law, found, 
 )
 def test_an_incomplete_model_keeps_the_effects_whose_form_is_known(searches, law, found, kept):
     search, _ = searches(law)
-    end, tests = accept_forms(search, analyse_kinds(search), reached(search, *found))
+    end, tests = accept_forms(search, analyse_kinds(search), reached(search, *found), measured(search))
     assert set(search.added_effects(end)) == kept
     assert {test.effect for test in tests} == kept
 

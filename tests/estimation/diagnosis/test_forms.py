@@ -19,7 +19,7 @@ from palpate.estimation.effects import EFFECTS
 from palpate.estimation.kinds import Kind
 from tests.estimation.contact_data import channel
 from tests.estimation.presses import kelvin_voigt, maxwell, session
-from tests.estimation.searches import PRESS, SWING, reached, searched
+from tests.estimation.searches import PRESS, SWING, measured, reached, searched
 from tests.estimation.swings import swings
 
 RUB, RIPPLE, DRAG, SPRING = "coulomb_friction", "torque_ripple", "quadratic_friction", "joint_spring"
@@ -44,7 +44,7 @@ def incomplete():
 def test_a_form_is_named_though_something_of_another_kind_has_no_name(incomplete):
     search, partial = incomplete
     assert partial.kinds >= {Kind.FRICTION}
-    end, tests = accept_forms(search, partial, reached(search, RUB))
+    end, tests = accept_forms(search, partial, reached(search, RUB), measured(search))
     assert search.added_effects(end) == [RUB]
     (test,) = tests
     assert (test.effect, test.kind, test.is_known) == (RUB, Kind.FRICTION, True)
@@ -55,7 +55,7 @@ def test_a_form_is_named_though_something_of_another_kind_has_no_name(incomplete
 def test_a_form_that_its_kind_s_law_exceeds_by_far_is_not_named(incomplete):
     """Drag by the square of the speed is there nowhere."""
     search, partial = incomplete
-    end, tests = accept_forms(search, partial, reached(search, DRAG))
+    end, tests = accept_forms(search, partial, reached(search, DRAG), measured(search))
     assert (end, tests) == (search.start, [])
 
 
@@ -154,7 +154,7 @@ def test_of_kinds_that_stand_in_for_each_other_the_form_of_fewest_parameters_bea
     )
     partial = analyse_kinds(search)
     fit = named_forms(partial)
-    end, (test,) = accept_forms(search, partial, fit)
+    end, (test,) = accept_forms(search, partial, fit, measured(search))
     assert search.added_effects(end) == ["contact_offset"]
     assert end.solution.parameters["contact_offset.offset"] == pytest.approx(2e-3, abs=2e-4)
     budget = partial.budget_with(frozenset({test.kind}))
@@ -171,5 +171,5 @@ def test_forms_that_together_leave_as_little_as_the_laws_of_their_kinds_bear_the
     left = end.held_out_mean_square / search.start.held_out_mean_square
     for of_laws, names in ((1.1 * left, [RIPPLE, RUB]), (0.8 * left, [])):
         budget = replace(partial.budget, left=of_laws)
-        known, _ = accept_forms(search, replace(partial, budget=budget), end)
+        known, _ = accept_forms(search, replace(partial, budget=budget), end, measured(search))
         assert search.added_effects(known) == names

@@ -140,7 +140,7 @@ def test_a_channel_is_searched_varied_reduced_and_answered(name, monkeypatch):
         "add_run_variation": lambda tried, one: _Named(given["varied"]) if "varied" in given else one,
         "analyse_kinds": lambda *_: None,
         "named_forms": lambda *_: SimpleNamespace(solution=SimpleNamespace(model=rough, parameters={})),
-        "accept_forms": lambda tried, kinds, one: (one, []),
+        "accept_forms": lambda tried, kinds, one, measurement: (one, []),
         "_accept": lambda tried, one, judge, kinds: (one, []),
         "_below_a_step": lambda _: given.get("step"),
         "decide_verdict": lambda one: (one.end, one.complete, one.objection),
@@ -160,9 +160,30 @@ def test_a_model_that_is_simplified_and_then_leaves_something_is_judged_by_its_f
     monkeypatch.setattr(module, "accept_effects", lambda search, fit, measurement: fit)
     monkeypatch.setattr(module, "most_parsimonious", lambda *_: "simpler")
     monkeypatch.setattr(module, "form_tests", lambda partial, end: ["complete"])
-    monkeypatch.setattr(module, "accept_forms", lambda search, partial, fit: (fit, [f"forms of a {fit}"]))
+    monkeypatch.setattr(
+        module, "accept_forms", lambda search, partial, fit, measurement: (fit, [f"forms of a {fit}"])
+    )
     search = SimpleNamespace(start="base")
     assert module._accept(search, "whole", judge, lambda: None) == ("simpler", [way])
+
+
+@pytest.mark.parametrize(
+    ("sensible", "noise", "complete"), [(True, True, True), (False, True, False), (True, False, False)]
+)
+def test_an_objection_counts_no_more_where_draws_gain_as_much_by_a_model_to_which_nothing_objects(
+    sensible, noise, complete, monkeypatch
+):
+    base, whole = Mock(is_exact=False), Mock(is_exact=False)
+    search = SimpleNamespace(data=swings(1, runs=2), start=base, rng=None)
+    search.added_effects = lambda fit: ["a"] if fit is whole else []
+    search.is_sensible = lambda fit: sensible
+    judge = _Completeness(search)
+    judge.leaves_noise = lambda fit: fit is whole or noise
+    monkeypatch.setattr(module, "check_residuals", lambda fit, *_, complete: None if fit is whole else "runs")
+    monkeypatch.setattr(module, "accept_effects", lambda *_: base)
+    monkeypatch.setattr(module, "accept_forms", lambda *_: (base, []))
+    assert module._accept(search, whole, judge, lambda: None) == (base, [])
+    assert judge.in_every_respect(base) is complete
 
 
 @pytest.fixture
