@@ -297,6 +297,12 @@ def _with_sides(
             f"where the force begins; --unit displacement=1{way.unit} keeps it, `palpate add FILE "
             "contact_offset` fits it"
         )
+    low, high = np.quantile(force.factor * table.numbers(force.column), [0.005, 0.995])
+    if not sides.two_sided and min(-low, high) > _PULLS * max(-low, high):
+        notes.append(
+            f"'{force.column}' pulls about as much as it pushes; if this is a linear axis and no press, add "
+            f"--column position={shlex.quote(way.column)}"
+        )
     if sides.two_sided and way.column not in options.columns.values():
         quoted, contact = shlex.quote(way.column), "--column displacement={} makes a contact of it"
         notes.append(f"'{way.column}' and '{force.column}' take both signs,")
@@ -310,6 +316,9 @@ def _with_sides(
         )
         result = {POSITION if key == DISPLACEMENT else key: source for key, source in result.items()}
     return result, False, "; ".join(notes)
+
+
+_PULLS = 0.5  # of the larger force, that is to the other side
 
 
 def _own_name(column: str) -> bool:

@@ -45,6 +45,17 @@ class Imported:
     read: str = ""
     # What each column in use holds, in a few words, by its name.
     roles: Mapping[str, str] = field(default_factory=dict)
+    # Columns of position and effort of each joint's channel, by its name, where they are not palpate's own.
+    columns: Mapping[str, tuple[str, str]] = field(default_factory=dict)
+
+    def title(self, channel: str) -> str:
+        """A channel's name, with the columns that a joint's is made of.
+
+        Args:
+            channel: its name.
+        """
+        columns = " and ".join(f"'{column}'" for column in self.columns.get(channel, ()))
+        return f"{channel} of {columns}" if columns else channel
 
 
 def import_file(path: str | os.PathLike[str], options: ImportOptions = _DEFAULT) -> Imported:
@@ -107,7 +118,12 @@ def import_table(table: Table, options: ImportOptions = _DEFAULT) -> Imported:
     channels = [replace(channel, context=context, recorded=frozenset(context)) for channel in channels]
     unused = tuple(n for n in columns.unused if n not in options.context and _name(n) not in _TAKEN)
     read = "; ".join(filter(None, [columns.matched, *columns.table.words]))
-    return Imported(with_arm(channels), rows.labels, tuple(notes), unused, read, columns.roles)
+    named = {
+        source.name: (columns.name(source.position), columns.name(source.effort))
+        for source in sources
+        if source.kind is not ChannelKind.CONTACT and columns.matched
+    }
+    return Imported(with_arm(channels), rows.labels, tuple(notes), unused, read, columns.roles, named)
 
 
 def _signals(requests: Iterable[str]) -> dict[str, str]:

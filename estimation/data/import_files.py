@@ -84,7 +84,7 @@ def import_files(
     ways = list(dict.fromkeys(part.read for part in parts if part.read))
     differ = " (others differ)" if len(ways) > 1 else ""
     read = f"{len(parts)} files; {ways[0]}{differ}" if ways else ""
-    return Imported(tuple(channels), dict(enumerate(labels)), notes, unused, read, {})
+    return Imported(tuple(channels), dict(enumerate(labels)), notes, unused, read, {}, parts[0].columns)
 
 
 def joined_channels(parts: Sequence[ChannelData]) -> ChannelData:

@@ -85,7 +85,8 @@ def import_command(
         for fact in facts(imported):
             samples, runs = count(fact["samples"], "sample"), count(fact["runs"], "run")
             lasts = duration(fact["recorded_s"])
-            console.stdout().print(f"{fact['channel']} ({fact['kind']}): {samples}, {runs}, {lasts}")
+            title = safe(imported.title(fact["channel"]))
+            console.stdout().print(f"{title} ({fact['kind']}): {samples}, {runs}, {lasts}", soft_wrap=True)
         console.stdout().print(f"written: [bold]{shown(session)}[/bold]", soft_wrap=True)
 
     content = {"session": str(session), "channels": facts(imported), "notes": list(notes)}
@@ -204,7 +205,7 @@ def look_at(path: Path, options: ImportOptions, like: Mapping[str, str] | None =
         unit, effort = channel.kind.position_unit, channel.kind.effort_unit
         numbers = ("samples", "time", f"position {unit}", f"effort {effort}")
         rate = 1.0 / sample_time(channel.time_s, channel.run)
-        title = f"{channel.name}: {count(len(channel.runs), 'run')} at {rate:.4g} Hz"
+        title = f"{safe(imported.title(channel.name))}: {count(len(channel.runs), 'run')} at {rate:.4g} Hz"
         made = console.table(title, "run", *numbers, right=numbers)
         for run in channel.runs[:_MOST_RUNS]:
             part = channel.select(channel.run == run)
@@ -237,7 +238,9 @@ def implausible(imported: Imported) -> list[str]:
         imported: the file as it was read.
     """
     return [
-        f"{channel.name}: {warning}" for channel in imported.channels for warning in quality_warnings(channel)
+        f"{imported.title(channel.name)}: {warning}"
+        for channel in imported.channels
+        for warning in quality_warnings(channel)
     ]
 
 

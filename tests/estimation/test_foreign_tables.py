@@ -228,3 +228,24 @@ def test_a_time_that_is_none_of_the_rows_may_be_left_out(tmp_path):
     path.write_text("completion_time_s,depth_m,force_N\n" + lines(done, WAY_M, FORCE_N, form="{:.8f}"))
     (channel,) = by_the_advice(path).channels
     np.testing.assert_allclose(channel.position, WAY_M, atol=1e-7)
+
+
+def test_a_joint_is_called_by_its_columns(tmp_path):
+    path = tmp_path / "arm.csv"
+    columns = (TIME_S, SWING_RAD, TORQUE_NM, -SWING_RAD, TORQUE_NM)
+    names = "time [s],knee angle [rad],knee torque [Nm],hip angle [rad],hip torque [Nm]\n"
+    path.write_text(names + lines(*columns))
+    imported = import_file(path)
+    assert imported.title("joint_2") == "joint_2 of 'hip angle [rad]' and 'hip torque [Nm]'"
+    path.write_text("time_s,position_rad,torque_Nm\n" + lines(*columns[:3]))
+    assert import_file(path).title("joint_1") == "joint_1"
+
+
+def test_a_force_to_both_sides_is_said_to_be_perhaps_that_of_an_axis(tmp_path):
+    path = tmp_path / "lever.csv"
+    force = np.where(np.gradient(WAY_M) < 0.0, -FORCE_N, FORCE_N)
+    path.write_text("Time [s],Extension [mm],Load [N]\n" + lines(TIME_S, 1e3 * np.abs(WAY_M), force))
+    (note,) = [note for note in import_file(path).notes if "pulls about as much" in note]
+    assert "--column position='Extension [mm]'" in note
+    path.write_text("Time [s],Extension [mm],Load [N]\n" + lines(TIME_S, 1e3 * np.abs(WAY_M), FORCE_N))
+    assert not [note for note in import_file(path).notes if "pulls" in note]
