@@ -16,7 +16,7 @@ from palpate.estimation.budget import BudgetEntry
 from palpate.estimation.data.derivatives import grid_step
 from palpate.estimation.diagnosis.bootstrap import SMALL, encoder_step_error, improvement_test
 from palpate.estimation.diagnosis.candidates import Candidate, held_out_of_all, parameter_count
-from palpate.estimation.diagnosis.forms import FormTest, PartiallyLinear, form_tests
+from palpate.estimation.diagnosis.forms import AS_MUCH, FormTest, PartiallyLinear, form_tests
 from palpate.estimation.diagnosis.search import LEVEL, NEAR, Search, backward_step
 from palpate.estimation.effect import Effect
 from palpate.estimation.fit.fit_result import FitResult, final_solution
@@ -29,7 +29,6 @@ AS_GOOD = 0.9  # of the squared error that names leave, that a law without a nam
 Complete = Callable[[FitResult], bool]
 _RIVALS = 5  # looked at in the place of an effect; each must explain half of what that does
 _SMALL_SHARE = 0.01  # of the squared error that an effect takes away: no law of a real thing is exact
-_DRAWS_THE_SAME = 0.95  # of what an effect takes away: another of its kind that takes as much is its like
 _SURE = NormalDist().inv_cdf(1.0 - 0.5 * LEVEL) / NormalDist().inv_cdf(0.975)  # interval at `LEVEL` / 95 %
 _LEAST_OF_KIND = 0.02  # of the error, for which a kind must account beside the others
 _OF_UNEXPLAINED = 0.25  # of what nothing explains, beside which less may be a part of that
@@ -169,9 +168,9 @@ def _accounts_for_error(
     """Whether an effect's kind accounts for a part of the error that no other kind takes in its place.
 
     A kind without a law of its own is taken at its effect's word, and so is an effect that alone leaves less
-    than the laws of all kinds together. A share counts only for a kind of the smallest set, or one that may
-    replace a kind of it: beside that, a needless law has a share too. Beside little that nothing
-    explains, or where it takes as much, a named form is told from another kind's law by its few parameters.
+    than the laws of all kinds together. A share counts only for a kind of the smallest set, or one that takes
+    as much in the place of a kind of it: beside that, a needless law has a share too. Beside little that
+    nothing explains, or where it takes as much, a form is told from another kind's law by its few parameters.
 
     Args:
         search: that led to the model.
@@ -191,8 +190,8 @@ def _accounts_for_error(
     by_others = min(map(partial.error.mean_square, in_its_place), default=-np.inf)
     is_told_apart = not entry.replaceable_by or unexplained < _UNDECIDED * taken
     is_told_apart |= AS_GOOD * test.left_by_all <= by_others
-    stands_in = {other for counted in partial.budget.entries for other in counted.replaceable_by}
-    is_counted = entry.kind in partial.kinds | stands_in and is_told_apart
+    counted = partial.kinds.union(*map(partial.stand_ins, partial.budget.entries))
+    is_counted = entry.kind in counted and is_told_apart
     if entry.necessary >= _LEAST_OF_KIND or (entry.share >= _LEAST_OF_KIND and is_counted):
         return True
     alone = search.fitted(start.solution.model.with_effect(effect), end.solution.parameters)
@@ -290,7 +289,7 @@ def similar_forms(search: Search, end: FitResult, name: str) -> dict[str, FitRes
     """
     effect = end.solution.model.effect(name)
     without = search.without(end, name).solution.held_out
-    least = without - _DRAWS_THE_SAME * (without - end.solution.held_out)
+    least = without - AS_MUCH * (without - end.solution.held_out)
     return {
         candidate.effect.name: search.with_candidate(candidate)
         for candidate in search.alternatives(end, name)

@@ -12,7 +12,7 @@ from enum import StrEnum
 
 import numpy as np
 
-from palpate.estimation.budget.budget import ErrorBudget, error_budget
+from palpate.estimation.budget.budget import BudgetEntry, ErrorBudget, error_budget
 from palpate.estimation.budget.held_out import BaseColumns, HeldOutError, Kinds, SquaredErrors
 from palpate.estimation.budget.laws import Law, flexible_laws
 from palpate.estimation.channel import ChannelKind
@@ -38,7 +38,7 @@ _RIDGES = (1e-6, 1e-4, 1e-2)
 _COLLINEAR = 1e-9
 MOST_OF_LAW = 0.8  # of what a kind's flexible law takes, that a form must take to bear its name
 _HALF = 0.5  # of that, which a form must take to be tried in a model with all forms together
-_NEAR = 0.95  # of what a form takes, from which another one draws the same curve
+AS_MUCH = 0.95  # of what a form or a kind takes, from which another one draws the same curve
 _EXACT = 0.01  # of what a form takes, that its kind's law may add
 _MOST_SETS = 4  # of kinds, whose forms are compared
 _ROUNDS = 2  # of seeking each kind's form beside the others'
@@ -106,16 +106,28 @@ class PartiallyLinear:
         own = effect.also | {effect.kind}
         return next((kind for kind in self.budget.kinds if kind in own), effect.kind)
 
+    def stand_ins(self, entry: BudgetEntry) -> Kinds:
+        """Kinds that take as much in the place of one that accounts for the error, beside the others.
+
+        Args:
+            entry: of the kind in the budget.
+        """
+        base = self.error.mean_square()
+        least = AS_MUCH * (base - self.error.mean_square(self.kinds))
+        rest = self.kinds - {entry.kind}
+        return frozenset(
+            other for other in entry.replaceable_by if base - self.error.mean_square(rest | {other}) >= least
+        )
+
     def budget_with(self, named: Kinds) -> ErrorBudget:
         """Divide the error among the kinds that account for it and those of effects with a name.
 
-        A kind without a named effect gives way to a named one that may replace it.
+        A kind without a named effect gives way to a named one that takes as much in its place.
 
         Args:
             named: kinds of the effects.
         """
-        entries = self.budget.entries
-        replaced = {e.kind for e in entries if named.intersection(e.replaceable_by)} - named
+        replaced = {e.kind for e in self.budget.entries if named & self.stand_ins(e)} - named
         return error_budget(self.error, np.random.default_rng(0), self.kinds - replaced | named)
 
     def beside(self, own: Kinds, kinds: Kinds, problem: FitProblem, base: Solution) -> FitProblem:
@@ -286,7 +298,7 @@ def _best_form(
     most = max((none.held_out - one.held_out for one in tried), default=0.0)
     if most <= _HALF * taken or most <= 0.0:
         return None
-    near = [one for one in tried if none.held_out - one.held_out >= _NEAR * most]
+    near = [one for one in tried if none.held_out - one.held_out >= AS_MUCH * most]
     best = min(near, key=lambda one: (parameter_count(one.effect), one.held_out))
     solution = best.search.best
     effect = next(one for one in solution.model.effects if one.name == best.effect.name)
