@@ -35,7 +35,8 @@ _ON_GRID = 0.01  # of a grid's step
 _ARITHMETIC = 1e4  # spacings of floating-point numbers: smaller moves are rounding of the numbers themselves
 _STAIRCASE = 0.8  # of the slowest positions are those of a neighbour: an encoder waits at its steps
 _SLOWEST, _REACH = 0.1, 10  # share of the samples; samples to either side by which their speed is told
-_BLOCK = 20_000  # samples fitted at once, to bound memory
+_BLOCK = 20_000  # samples that are even or uneven together
+_AT_ONCE = 4096  # samples fitted at once: sums of their windows stay in the processor's cache
 
 
 @dataclass(frozen=True)
@@ -86,15 +87,19 @@ def differentiate(
         halves = wider_window(halves[0], wider), wider_window(halves[1], wider)
     else:
         halves = half_window, half_window
-    fitted = {half: np.zeros((len(position), 3)) for half in set(halves)}
-    for half, values in fitted.items():
-        for rows in pieces:
-            for first in range(rows.start, rows.stop, _BLOCK):
-                last = min(first + _BLOCK, rows.stop)
-                start = max(min(first - half, rows.stop - 2 * half - 1), rows.start)
-                around = slice(start, min(max(last + half, start + 2 * half + 1), rows.stop))
-                centres = np.arange(first, last) - around.start
-                values[first:last] = local_fit(time_s[around], position[around], centres, half).fitted
+    parts = [
+        (rows, first, min(first + _BLOCK, rows.stop))
+        for rows in pieces
+        for first in range(rows.start, rows.stop, _BLOCK)
+    ]
+    fitted = {}
+    for half in set(halves):
+        around, centres = [], []
+        for rows, first, last in parts:
+            start = max(min(first - half, rows.stop - 2 * half - 1), rows.start)
+            around.append(slice(start, min(max(last + half, start + 2 * half + 1), rows.stop)))
+            centres.append(np.arange(first, last) - start)
+        fitted[half] = _fits_by_piece(time_s, position, around, centres, half).fitted
     smooth = whole - position + fitted[halves[0]][:, 0]
     return Motion(smooth, fitted[halves[0]][:, 1], fitted[halves[1]][:, 2], halves)
 
@@ -314,33 +319,7 @@ def local_fit(time_s: FloatArray, position: FloatArray, centres: IntArray, half:
         centres: indices of the samples, shape (m,).
         half: samples on either side of each.
     """
-    width = min(2 * half + 1, len(position))
-    starts = np.clip(centres - half, 0, len(position) - width)
-    steps = np.diff(time_s)
-    if len(steps) == 0 or np.ptp(steps) <= _EVEN * steps.max():
-        step_s = float(np.mean(steps)) if len(steps) else 1.0
-        return _even_fit(step_s, position, centres, starts, width)
-    # Normal equations of each window, summed up sample by sample over all windows at once.
-    terms = min(DEGREE, len(position) - 1) + 1
-    unit = width / 2 * float(time_s[-1] - time_s[0]) / (len(time_s) - 1)
-    moments, products = np.zeros((2 * terms - 1, len(centres))), np.zeros((terms, len(centres)))
-    for offset in range(width):
-        power = np.ones(len(centres))
-        away = (time_s[starts + offset] - time_s[centres]) / unit
-        value = position[starts + offset] - position[centres]
-        for order in range(2 * terms - 1):
-            moments[order] += power
-            if order < terms:
-                products[order] += power * value
-            power = power * away
-    matrix = moments[np.add.outer(np.arange(terms), np.arange(terms))].transpose(2, 0, 1)
-    inverse = _inverse(matrix)
-    fitted, variance = np.zeros((len(centres), 3)), np.zeros((len(centres), 3))
-    fitted[:, : min(3, terms)] = np.einsum("nij,jn->ni", inverse, products)[:, :3]
-    fitted[:, 0] += position[centres]
-    variance[:, : min(3, terms)] = np.einsum("nii->ni", inverse)[:, :3]
-    per_second = np.array([1.0, 1 / unit, 2 / unit**2])
-    return LocalFit(fitted * per_second, variance * per_second**2)
+    return _fits_by_piece(time_s, position, [slice(0, len(time_s))], [centres], half)
 
 
 def local_fits(
@@ -363,9 +342,77 @@ def local_fits(
         ]
         around = np.concatenate([rows.start + centres for rows, centres in chosen])
         return _even_fit(float(np.mean(steps)), position, around, np.concatenate(starts), width)
-    fits = [local_fit(time_s[rows], position[rows], centres, half) for rows, centres in chosen]
-    fitted, variance = zip(*((fit.fitted, fit.variance) for fit in fits), strict=True)
-    return LocalFit(np.concatenate(fitted), np.concatenate(variance))
+    return _fits_by_piece(time_s, position, pieces, centres, half)
+
+
+def _fits_by_piece(
+    time_s: FloatArray, position: FloatArray, pieces: Sequence[slice], centres: Sequence[IntArray], half: int
+) -> LocalFit:
+    """The same, where each piece has steps of its own."""
+    counts = [len(chosen) for chosen in centres]
+    last = np.cumsum(counts)
+    fitted, variance = np.zeros((2, last[-1], 3))
+    uneven, units_s = np.zeros(last[-1], dtype=np.bool_), np.zeros(len(pieces))
+    for number, (rows, chosen) in enumerate(zip(pieces, centres, strict=True)):
+        times, own = time_s[rows], slice(last[number] - counts[number], last[number])
+        steps, width = times[1:] - times[:-1], min(2 * half + 1, len(times))
+        if len(steps) and steps.max() - steps.min() > _EVEN * steps.max():
+            uneven[own], units_s[number] = True, width / 2 * float(times[-1] - times[0]) / len(steps)
+            continue
+        starts = np.clip(chosen - half, 0, len(times) - width)
+        fit = _even_fit(float(np.mean(steps)) if len(steps) else 1.0, position[rows], chosen, starts, width)
+        fitted[own], variance[own] = fit.fitted, fit.variance
+    first, length = np.repeat([(rows.start, rows.stop - rows.start) for rows in pieces], counts, axis=0).T
+    unit_s, place = np.repeat(units_s, counts), np.concatenate(centres)
+    width = np.minimum(2 * half + 1, length)
+    starts, terms = first + np.clip(place - half, 0, length - width), np.minimum(DEGREE, length - 1) + 1
+    for count in np.unique(terms[uneven]):
+        alike = np.flatnonzero(uneven & (terms == count))
+        alike = alike[np.argsort(-width[alike], kind="stable")]
+        for rows in np.split(alike, range(_AT_ONCE, len(alike), _AT_ONCE)):
+            fitted[rows], variance[rows] = _uneven_fit(
+                time_s,
+                position,
+                centres=(first + place)[rows],
+                starts=starts[rows],
+                width=width[rows],
+                unit_s=unit_s[rows],
+                terms=int(count),
+            )
+    return LocalFit(fitted, variance)
+
+
+def _uneven_fit(
+    time_s: FloatArray,
+    position: FloatArray,
+    *,
+    centres: IntArray,
+    starts: IntArray,
+    width: IntArray,
+    unit_s: FloatArray,
+    terms: int,
+) -> tuple[FloatArray, FloatArray]:
+    """Normal equations of each window, summed up sample by sample over all windows, the widest first."""
+    moments, products = np.zeros((2 * terms - 1, len(centres))), np.zeros((terms, len(centres)))
+    at_s, at = time_s[centres], position[centres]
+    for offset in range(width[0]):
+        reach = int(np.searchsorted(-width, -offset))
+        rows = starts[:reach] + offset
+        away, value = (time_s[rows] - at_s[:reach]) / unit_s[:reach], position[rows] - at[:reach]
+        power = np.ones(reach)
+        for order in range(2 * terms - 1):
+            moments[order, :reach] += power
+            if order < terms:
+                products[order, :reach] += power * value
+            power *= away
+    matrix = moments[np.add.outer(np.arange(terms), np.arange(terms))].transpose(2, 0, 1)
+    inverse = _inverse(matrix)
+    fitted, variance = np.zeros((2, len(centres), 3))
+    fitted[:, : min(3, terms)] = np.einsum("nij,jn->ni", inverse, products)[:, :3]
+    fitted[:, 0] += at
+    variance[:, : min(3, terms)] = np.einsum("nii->ni", inverse)[:, :3]
+    per_second = np.stack([np.ones(len(centres)), 1 / unit_s, 2 / unit_s**2], axis=1)
+    return fitted * per_second, variance * per_second**2
 
 
 def local_derivative(time_s: FloatArray, signal: FloatArray, half: int, order: int) -> FloatArray:
@@ -385,25 +432,45 @@ def local_derivative(time_s: FloatArray, signal: FloatArray, half: int, order: i
     return np.concatenate([by_place[:half] @ signal[:width], middle, by_place[half + 1 :] @ signal[-width:]])
 
 
-def uneven_derivative_operator(time_s: FloatArray, half: int, order: int) -> "scipy.sparse.csr_array":
-    """Matrix (n, n) that turns a signal of one piece into what `local_derivative` makes of it.
+def uneven_derivative_operator(
+    time_s: FloatArray, pieces: Sequence[slice], half: int, order: int
+) -> "scipy.sparse.csr_array":
+    """Matrix (n, n) that turns a signal into what `local_derivative` makes of it in each piece.
 
     Args:
         time_s: times [s], shape (n,), at any steps.
+        pieces: rows of each smooth motion, which follow each other from the first to the last sample.
         half: samples to either side of each, that a polynomial is fitted to.
         order: of the derivative, 0 to 2.
     """
-    count, width = len(time_s), min(2 * half + 1, len(time_s))
-    terms = min(DEGREE, count - 1) + 1
-    if order >= terms:
-        return scipy.sparse.csr_array((count, count))
-    rows = np.clip(np.arange(count) - half, 0, count - width)[:, None] + np.arange(width)
-    unit = width / 2 * float(time_s[-1] - time_s[0]) / max(count - 1, 1) or 1.0
-    powers = ((time_s[rows] - time_s[:, None]) / unit)[..., None] ** np.arange(terms)
-    inverse = _inverse(np.einsum("nwi,nwj->nij", powers, powers))
-    weights = np.einsum("nwj,nj->nw", powers, inverse[:, order]) * factorial(order) / unit**order
-    ends = np.arange(0, rows.size + 1, width)
-    return scipy.sparse.csr_array((weights.ravel(), rows.ravel(), ends), shape=(count, count))
+    count = len(time_s)
+    first = np.array([rows.start for rows in pieces])
+    lengths = np.diff(first, append=count)
+    spans_s = time_s[first + lengths - 1] - time_s[first]
+    # As many as a fit has terms, or as samples in a window where these are more.
+    sizes = np.minimum(lengths, max(2 * half + 1, DEGREE + 1))
+    ends = np.append(0, np.cumsum(np.repeat(np.minimum(2 * half + 1, lengths), lengths)))
+    weights, columns = np.zeros(ends[-1]), np.zeros(ends[-1], dtype=np.int64)
+    piece = np.repeat(np.arange(len(pieces)), lengths)
+    for size in np.unique(sizes):
+        at = np.flatnonzero(sizes[piece] == size)
+        start, length, span_s = first[piece[at]], lengths[piece[at]], spans_s[piece[at]]
+        width, terms = min(2 * half + 1, int(size)), min(DEGREE, int(size) - 1) + 1
+        rows = (start + np.clip(at - start - half, 0, length - width))[:, None] + np.arange(width)
+        places = ends[at][:, None] + np.arange(width)
+        columns[places] = rows
+        if order >= terms:
+            continue
+        unit_s = width / 2 * span_s / np.maximum(length - 1, 1)
+        unit_s[unit_s == 0.0] = 1.0
+        powers = np.ones((*rows.shape, terms))
+        away = (time_s[rows] - time_s[at, None]) / unit_s[:, None]
+        for power in range(1, terms):
+            np.multiply(powers[..., power - 1], away, out=powers[..., power])
+        inverse = _inverse(powers.swapaxes(1, 2) @ powers)
+        derived = (powers @ inverse[:, order, :, None])[..., 0]
+        weights[places] = derived * factorial(order) / unit_s[:, None] ** order
+    return scipy.sparse.csr_array((weights, columns, ends), shape=(count, count))
 
 
 def _even_fit(

@@ -215,9 +215,7 @@ def _derivative_operator(
     time_s: IdentityKey, piece: IdentityKey, window: int, order: int
 ) -> "scipy.sparse.csr_array":
     """Of a whole channel at uneven times: the same for each of many draws of its readings."""
-    times = (time_s.thing[rows] for rows in blocks(piece.thing))
-    operators = [uneven_derivative_operator(of_piece, window, order) for of_piece in times]
-    return scipy.sparse.block_diag(operators, format="csr")
+    return uneven_derivative_operator(time_s.thing, list(blocks(piece.thing)), window, order)
 
 
 def _bent(data: ChannelData, exact: FloatArray, window: int | None, order: int) -> FloatArray:
@@ -244,7 +242,7 @@ def _integrated(signal: FloatArray, data: ChannelData, times: int) -> FloatArray
     whole = signal
     for _ in range(times):
         whole = whole.copy()
-        for rows in blocks(_pieces(data.time_s, data.run)):
+        for rows in equal_length_blocks(_pieces(data.time_s, data.run)):
             whole[rows] = scipy.integrate.cumulative_simpson(whole[rows], x=data.time_s[rows], initial=0.0)
     return whole
 

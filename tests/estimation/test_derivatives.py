@@ -270,10 +270,41 @@ def test_the_grid_of_an_encoder_is_found_though_its_zero_was_taken_off_in_floati
 
 
 @pytest.mark.parametrize("order", [0, 1, 2])
-@pytest.mark.parametrize("count", [1, 2, 5, 200])
-def test_an_operator_derives_a_signal_as_its_local_fits_do(order, count):
+@pytest.mark.parametrize("counts", [(1,), (2,), (5,), (200,), (9, 1, 3, 200, 2, 9, 4, 40)])
+def test_an_operator_derives_a_signal_as_local_fits_of_each_piece_do(order, counts):
     rng = np.random.default_rng(1)
-    time_s, signal = np.cumsum(rng.uniform(0.5e-3, 1.5e-3, count)), rng.standard_normal(count)
-    expected = local_fit(time_s, signal, np.arange(count), 4).fitted[:, order]
-    found = uneven_derivative_operator(time_s, 4, order) @ signal
+    time_s = np.cumsum(rng.uniform(0.5e-3, 1.5e-3, sum(counts)))
+    signal, ends = rng.standard_normal(len(time_s)), np.cumsum(counts).tolist()
+    pieces = [slice(end - count, end) for end, count in zip(ends, counts, strict=True)]
+    expected = np.concatenate(
+        [
+            local_fit(time_s[rows], signal[rows], np.arange(rows.stop - rows.start), 4).fitted[:, order]
+            for rows in pieces
+        ]
+    )
+    found = uneven_derivative_operator(time_s, pieces, 4, order) @ signal
     np.testing.assert_allclose(found, expected, rtol=1e-7, atol=1e-9 * (1.0 + np.abs(expected).max()))
+
+
+def test_pieces_of_uneven_samples_are_fitted_at_once_as_each_alone():
+    rng = np.random.default_rng(2)
+    counts = (40, 3, 7, 300, 5, 12, 7)
+    time_s = np.cumsum(rng.uniform(0.5e-3, 1.5e-3, sum(counts)))
+    time_s[50:350] = time_s[50] + 1e-3 * np.arange(300)  # one of them is even
+    time_s[350:] += 1.0
+    position, ends = rng.standard_normal(len(time_s)), np.cumsum(counts).tolist()
+    pieces = [slice(end - count, end) for end, count in zip(ends, counts, strict=True)]
+    centres = [np.arange(0, count, 2) for count in counts]
+    together = local_fits(time_s, position, pieces, centres, 5)
+    polynomials = []
+    for rows, chosen in zip(pieces, centres, strict=True):
+        for centre in chosen:
+            start = min(max(centre - 5, 0), max(rows.stop - rows.start - 11, 0))
+            window = slice(rows.start + start, min(rows.start + start + 11, rows.stop))
+            away = time_s[window] - time_s[rows.start + centre]
+            fitted = (
+                np.polynomial.Polynomial.fit(away, position[window], min(3, len(away) - 1)).convert().coef
+            )
+            polynomials.append(fitted[:3] * (1.0, 1.0, 2.0))
+    scale = np.abs(polynomials).max(axis=0)
+    np.testing.assert_allclose(together.fitted / scale, polynomials / scale, atol=1e-9)
