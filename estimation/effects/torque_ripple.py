@@ -3,6 +3,7 @@
 from typing import ClassVar
 
 import numpy as np
+from numpy.typing import NDArray
 
 from palpate.estimation.channel import JOINTS, ChannelData
 from palpate.estimation.effect import AdditiveEffect, Inner, Parameter
@@ -11,6 +12,7 @@ from palpate.estimation.signals.periodicity import harmonics
 from palpate.robot_io.types import FloatArray
 
 _LEAST_WAVES = 1.5  # within the range of motion; less of a wave could be any curve
+_AT_ONCE = 4096  # samples whose waves stay in the processor's cache
 
 
 class TorqueRipple(AdditiveEffect):
@@ -59,10 +61,16 @@ class TorqueRipple(AdditiveEffect):
 
     def columns(self, data: ChannelData, inner: Inner) -> FloatArray:
         """See `AdditiveEffect.columns`; shape (n, 2 len(multiples))."""
-        waves = inner["cycles"] * self._multiples
-        seen = waves * np.ptp(data.position) >= _LEAST_WAVES * 2.0 * np.pi
-        angle = np.multiply.outer(data.position, waves)
-        return np.hstack([np.sin(angle) * seen, np.cos(angle) * seen])
+        count, angle = len(self._multiples), inner["cycles"] * data.position
+        seen = inner["cycles"] * self._multiples * np.ptp(data.position) >= _LEAST_WAVES * 2.0 * np.pi
+        columns, multiples = np.zeros((2 * count, len(data))), self._multiples.astype(int).tolist()
+        for first in range(0, len(data), _AT_ONCE):
+            rows = slice(first, first + _AT_ONCE)
+            powers = {1: np.cos(angle[rows]) + 1j * np.sin(angle[rows])}
+            for number in np.flatnonzero(seen).tolist():
+                wave = _power(powers, multiples[number])
+                columns[number, rows], columns[count + number, rows] = wave.imag, wave.real
+        return columns.T
 
     def suited_to(self, data: ChannelData) -> "TorqueRipple":
         cycles, multiples = harmonics(data)
@@ -77,3 +85,11 @@ class TorqueRipple(AdditiveEffect):
         return tuple(
             {"cycles": float(n)} for n in (*starts, *(2.0 * np.pi / span * count for count in waves))
         )
+
+
+def _power(powers: dict[int, NDArray[np.complex128]], exponent: int) -> NDArray[np.complex128]:
+    """A power by those of half the exponent, which are kept: products take a fraction of sines' time."""
+    if exponent not in powers:
+        half = exponent // 2
+        powers[exponent] = _power(powers, half) * _power(powers, exponent - half)
+    return powers[exponent]

@@ -389,3 +389,15 @@ def test_finds_what_was_simulated_without_its_formula(name, scale):
         assert found[parameter] == pytest.approx(value, rel=case.within), parameter
     assert left < case.left
     assert EFFECTS[name]().applies_to(case.data)
+
+
+def test_multiples_of_a_ripple_are_sines_and_cosines_of_multiples_of_the_angle():
+    time_s = np.arange(9000) * 1e-3
+    data = channel(REVOLUTE, time_s, 3.0 * np.sin(time_s), np.zeros(9000))
+    multiples = (1, 2, 7, 12, 144)
+    angle = np.multiply.outer(0.5 * data.position, multiples)
+    seen = 0.5 * np.array(multiples) * np.ptp(data.position) >= 3.0 * np.pi
+    expected = np.hstack([np.sin(angle) * seen, np.cos(angle) * seen])
+    assert not seen[:2].any()
+    columns = EFFECTS["torque_ripple"](multiples).columns(data, {"cycles": 0.5})
+    np.testing.assert_allclose(columns, expected, atol=1e-12)
