@@ -64,3 +64,15 @@ def describe_error(error: BaseException, own_file: str = "") -> str:
     file = Path(last.filename)
     name = f"{file.parent.name}/{file.name}" if file.stem == "__init__" else file.name
     return f"{text} ({name}, line {last.lineno})"
+
+
+def one_line(text: object) -> str:
+    """Write foreign text for a message: one line, without control characters.
+
+    Args:
+        text: anything.
+
+    Returns:
+        Printable text.
+    """
+    return "".join(char if char.isprintable() else "?" for char in " ".join(str(text).split()))

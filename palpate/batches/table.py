@@ -14,8 +14,7 @@ import pyarrow.parquet as pq
 from palpate.batches.measurements import BatchMeasurement
 from palpate.common.files import whole_file
 from palpate.estimation.kinds import Kind
-from palpate.robot_io.errors import InputError
-from palpate.robot_io.files.file_model import one_line
+from palpate.robot_io.errors import InputError, one_line
 from palpate.robot_io.files.whole_file import as_utf8
 from palpate.robot_io.types import FloatArray
 from palpate.sweep.case import ADDRESS

@@ -3,7 +3,6 @@
 import importlib
 import re
 from collections.abc import Mapping
-from importlib.metadata import version
 from inspect import getdoc
 from typing import Annotated, Any
 
@@ -89,6 +88,8 @@ app = typer.Typer(
 
 def _show_version(wanted: bool) -> None:
     if wanted:
+        from importlib.metadata import version  # noqa: PLC0415, it reads mail headers
+
         typer.echo(f"palpate {version('palpate')}")
         raise typer.Exit
 

@@ -19,13 +19,11 @@ from pathlib import Path
 from typing import Any, TypeVar
 
 import typer
-from pydantic import ValidationError
 from typer.core import TyperGroup
 
 from palpate.common.preflight import library_remedy
-from palpate.robot_io.errors import DeviceError, InputError, PalpateError, UnloggedError
+from palpate.robot_io.errors import DeviceError, InputError, PalpateError, UnloggedError, one_line
 from palpate.robot_io.extras import missing_package
-from palpate.robot_io.files.file_model import one_line
 
 BAD_INPUT = 2
 FAILED = 1
@@ -120,6 +118,8 @@ def _usage(error: typer.TyperException) -> str:
     context = getattr(error, "ctx", None)
     hint = f" (see: {context.command_path} --help)" if context else ""
     text = error.format_message().replace("Value error, ", "").partition(", unable to parse")[0]
+    from pydantic import ValidationError  # noqa: PLC0415, takes a tenth of a second to import
+
     if isinstance(error.__cause__, ValidationError):
         given = str(error.__cause__.errors(include_url=False)[0]["input"])[:_MOST_SHOWN]
         text = text.replace(": Input should", f": '{given}' should", 1)

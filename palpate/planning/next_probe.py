@@ -30,8 +30,8 @@ from palpate.planning.experiments import (
     candidates,
     rehearse_all,
 )
-from palpate.robot_io.errors import InputError
-from palpate.robot_io.files.file_model import one_line, parse_yaml, validate
+from palpate.robot_io.errors import InputError, one_line
+from palpate.robot_io.files.file_model import parse_yaml, validate
 from palpate.robot_io.session import Samples, Session
 from palpate.robot_io.types import FloatArray
 from palpate.runs.hidden_effects import SEALED

@@ -26,8 +26,7 @@ import pyarrow.compute as pc
 import pyarrow.parquet as pq
 
 from palpate.common.failures import make_folder
-from palpate.robot_io.errors import InputError
-from palpate.robot_io.files.file_model import one_line
+from palpate.robot_io.errors import InputError, one_line
 from palpate.robot_io.types import FloatArray
 
 Row = dict[str, Any]

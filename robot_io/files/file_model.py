@@ -25,7 +25,7 @@ from pydantic import (
 )
 from pydantic_core import PydanticCustomError
 
-from palpate.robot_io.errors import InputError
+from palpate.robot_io.errors import InputError, one_line
 from palpate.robot_io.registry import Registry
 
 MAX_BYTES = 256 * 1024
@@ -174,18 +174,6 @@ _NUMBERS: tuple[tuple[re.Pattern[str], Callable[[str], float]], ...] = (
     (re.compile(r"[-+]?(\.[0-9]+|[0-9]+(\.[0-9]*)?)([eE][-+]?[0-9]+)?"), float),
     (re.compile(r"[-+]?\.(inf|nan)", re.IGNORECASE), lambda text: float(text.replace(".", ""))),
 )
-
-
-def one_line(text: object) -> str:
-    """Write foreign text for a message: one line, without control characters.
-
-    Args:
-        text: anything.
-
-    Returns:
-        Printable text.
-    """
-    return "".join(char if char.isprintable() else "?" for char in " ".join(str(text).split()))
 
 
 MOST_BYTES = 16 * 1024 * 1024

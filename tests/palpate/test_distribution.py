@@ -129,6 +129,13 @@ def test_importing_palpate_imports_no_library():
     assert run_process(code=code).stdout == "\n"
 
 
+def test_the_list_of_commands_imports_no_library_but_that_of_the_command_line():
+    code = (
+        "import sys, palpate.commands; print({'numpy', 'pydantic', 'yaml', 'mcap'} & set(sys.modules) or '')"
+    )
+    assert run_process(code=code).stdout == "\n"
+
+
 def test_python_control_is_found_in_a_checkout_too(tmp_path):
     """`control` at the root has no `__init__.py`: a package of that name anywhere on the path comes first."""
     (tmp_path / "control").mkdir()
