@@ -463,12 +463,9 @@ def uneven_derivative_operator(
             continue
         unit_s = width / 2 * span_s / np.maximum(length - 1, 1)
         unit_s[unit_s == 0.0] = 1.0
-        powers = np.ones((*rows.shape, terms))
-        away = (time_s[rows] - time_s[at, None]) / unit_s[:, None]
-        for power in range(1, terms):
-            np.multiply(powers[..., power - 1], away, out=powers[..., power])
-        inverse = _inverse(powers.swapaxes(1, 2) @ powers)
-        derived = (powers @ inverse[:, order, :, None])[..., 0]
+        powers = ((time_s[rows] - time_s[at, None]) / unit_s[:, None])[..., None] ** np.arange(terms)
+        inverse = _inverse(np.einsum("nwi,nwj->nij", powers, powers))
+        derived = np.einsum("nwj,nj->nw", powers, inverse[:, order])
         weights[places] = derived * factorial(order) / unit_s[:, None] ** order
     return scipy.sparse.csr_array((weights, columns, ends), shape=(count, count))
 
