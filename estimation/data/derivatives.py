@@ -364,19 +364,19 @@ def _fits_by_piece(
         fitted[own], variance[own] = fit.fitted, fit.variance
     first, length = np.repeat([(rows.start, rows.stop - rows.start) for rows in pieces], counts, axis=0).T
     unit_s, place = np.repeat(units_s, counts), np.concatenate(centres)
-    width = np.minimum(2 * half + 1, length)
-    starts, terms = first + np.clip(place - half, 0, length - width), np.minimum(DEGREE, length - 1) + 1
+    widths, terms = np.minimum(2 * half + 1, length), np.minimum(DEGREE, length - 1) + 1
+    starts = first + np.clip(place - half, 0, length - widths)
     for count in np.unique(terms[uneven]):
         alike = np.flatnonzero(uneven & (terms == count))
-        alike = alike[np.argsort(-width[alike], kind="stable")]
-        for rows in np.split(alike, range(_AT_ONCE, len(alike), _AT_ONCE)):
-            fitted[rows], variance[rows] = _uneven_fit(
+        alike = alike[np.argsort(-widths[alike], kind="stable")]
+        for some in np.split(alike, np.arange(_AT_ONCE, len(alike), _AT_ONCE)):
+            fitted[some], variance[some] = _uneven_fit(
                 time_s,
                 position,
-                centres=(first + place)[rows],
-                starts=starts[rows],
-                width=width[rows],
-                unit_s=unit_s[rows],
+                centres=(first + place)[some],
+                starts=starts[some],
+                width=widths[some],
+                unit_s=unit_s[some],
                 terms=int(count),
             )
     return LocalFit(fitted, variance)
