@@ -11,13 +11,15 @@ from palpate.estimation.data.column_names import DISPLACEMENT, FORCE, RUN, TIME,
 from palpate.estimation.data.presses import FEWEST_ROWS, MOST_RUNS, cut_into, cut_presses, restarts
 from palpate.estimation.data.table import Table
 from palpate.estimation.data.units import FINEST_S
-from palpate.estimation.signals.blocks import time_in_run
+from palpate.estimation.signals.blocks import blocks, time_in_run
 from palpate.robot_io.errors import InputError
 from palpate.robot_io.types import FloatArray, IntArray
 
 UNKNOWN_PHASE = -1
 _LONGEST_NUMBER = 18  # digits; what is longer is a name, as are serial numbers
 _MOST_REPEATED = 0.05  # of the rows, that may have the time of the row before
+_WHOLE = 0.3  # of the position's range, that a cycle goes through
+_MOST = 0.8  # of the stretches between a clock's beginnings, that are cycles
 _FEWEST = 5  # samples of a run: fewer have no acceleration that means anything
 
 
@@ -133,12 +135,21 @@ def _found_runs(columns: Columns, time_s: FloatArray, count: int | None) -> tupl
 def _cycles(columns: Columns) -> tuple[IntArray, str]:
     """Number of each row's cycle, shape (n,), by a further clock that begins anew in each; and its column.
 
-    Cycles that are very many or short are left in one run, and the column is empty.
+    Cycles that are very many or short are left in one run, and the column is empty. So are steps of a
+    programme, which do not lead back to where they began.
     """
+    moved = next(key for key in columns.assigned if key[0] in {"displacement", "position"})
     for guess in guess_columns(columns.unused):
         if guess.key == TIME:
-            cycle = restarts(columns.table.numbers(guess.column))
-            if 0 < cycle[-1] < MOST_RUNS and np.bincount(cycle).min() >= FEWEST_ROWS:
+            cycle, position = restarts(columns.table.numbers(guess.column)), columns.values(moved)
+            if not 0 < cycle[-1] < MOST_RUNS or np.bincount(cycle).min() < FEWEST_ROWS:
+                continue
+            ways = [position[rows] for rows in blocks(cycle)]
+            leads_back = [
+                np.ptp(way) > _WHOLE * np.ptp(position) and abs(way[-1] - way[0]) < 0.5 * np.ptp(way)
+                for way in ways
+            ]
+            if np.mean(leads_back) > _MOST:
                 return cycle, guess.column
     return np.zeros(len(columns.table), dtype=np.int64), ""
 

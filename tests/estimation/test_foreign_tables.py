@@ -118,6 +118,16 @@ def test_a_clock_of_cycles_tells_runs_and_no_time(tmp_path):
     np.testing.assert_allclose(channel.effort, 30.0 * (17.0 - way), atol=1e-5)
 
 
+def test_a_clock_of_steps_tells_no_runs(tmp_path):
+    step = np.concatenate([np.arange(200), np.arange(200), np.arange(200)]) * 0.01
+    way = np.concatenate([np.linspace(0.0, 2.0, 200), np.full(200, 2.0), np.linspace(2.0, 0.0, 200)])
+    path = tmp_path / "steps.csv"
+    rows = lines(np.arange(600) * 0.01, step, way, 30.0 * way)
+    path.write_text("Total Time (s),Step Time (s),Extension (mm),Load (N)\n" + rows)
+    (channel,) = import_file(path).channels
+    assert len(channel.runs) == 1
+
+
 def test_of_sheets_the_longest_that_holds_a_measurement_is_read(tmp_path):
     book = openpyxl.Workbook()
     book.active.append(["Elapsed [ms]", "Byte0", "Byte1"])
