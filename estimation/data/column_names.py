@@ -225,7 +225,11 @@ _GOAL = frozenset(
 )
 _KNOWN = tuple((quantity, known) for quantity, known in WORDS.items() if quantity != RUN)
 OWN_NAME, _BY_NAME, _BY_WORD, _BY_UNIT, _BY_PAIR = 4, 3, 2, 1, 0
-_ARTICLE = re.compile(r"(?<=\w) (?:des|der|du|de|of the) (?=\w)")  # "Position des Kolbens" is no desired one
+# "Position des Kolbens" is German for that of the piston, "Position des" is a desired one.
+_ARTICLE = re.compile(
+    rf"(?i:\b({'|'.join(word for words in WORDS.values() for word in sorted(words) if len(word) > 2)})) des "
+    "(?=[A-ZÄÖÜ][a-zäöü]{3})"
+)
 _AGAIN = re.compile(r"(.+) \((\d+)\)")  # a name that is there more than once
 _UNNAMED = re.compile(r"column \d+")
 _JOINTLY = ("position", "velocity", "torque")  # what a file has for each of several joints
@@ -367,7 +371,7 @@ def guess_column(name: str) -> Guess:
     if name.strip().lower() in WORDS[RUN]:
         return Guess(name, RUN, why="by its name")
     stem, unit = split_unit(name)
-    stem = _ARTICLE.sub(" ", re.sub(r"(?<=[a-zäöü])(?=[A-Z])", " ", stem))
+    stem = _ARTICLE.sub(r"\1 ", re.sub(r"(?<=[a-zäöü])(?=[A-Z])", " ", stem))
     words = re.findall(r"[^\W\d_]+|\d+", stem)
     numbers = [int(word) for word in words if word.isdecimal() and len(word) < 4]
     letters = [word.lower() for word in words if not word.isdecimal()]

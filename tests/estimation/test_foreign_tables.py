@@ -9,6 +9,7 @@ import pytest
 
 from palpate.control.loop.task import Phase
 from palpate.estimation.channel import ChannelKind
+from palpate.estimation.data.column_names import guess_column
 from palpate.estimation.data.derivatives import differentiate
 from palpate.estimation.data.import_file import import_file
 from palpate.estimation.data.import_options import ImportOptions, parse_pairs
@@ -126,6 +127,19 @@ def test_a_clock_of_steps_tells_no_runs(tmp_path):
     path.write_text("Total Time (s),Step Time (s),Extension (mm),Load (N)\n" + rows)
     (channel,) = import_file(path).channels
     assert len(channel.runs) == 1
+
+
+@pytest.mark.parametrize(
+    ("name", "quantity"),
+    [
+        ("Position des Kolbens (mm)", "position"),
+        ("Joint des Position (rad)", "goal"),
+        ("q des (rad)", "goal"),
+        ("Position des (rad)", "goal"),
+    ],
+)
+def test_a_german_of_the_is_no_desired(name, quantity):
+    assert guess_column(name).quantity == quantity
 
 
 def test_of_sheets_the_longest_that_holds_a_measurement_is_read(tmp_path):
