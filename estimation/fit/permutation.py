@@ -39,7 +39,7 @@ def null_improvements(
         observed: share of the error that the best candidate takes from the recording.
         most: surrogates that may reach it.
     """
-    drawn = surrogate_residuals(noise, run, rng).astype(np.float32)
+    drawn = surrogate_residuals(noise, run, rng).astype(np.float32, order="C")
     explained = _explained(drawn, base)
     left = np.sum(drawn**2, axis=0) - explained
     best = np.zeros(drawn.shape[1])
@@ -58,12 +58,13 @@ def surrogate_residuals(noise: FloatArray, run: IntArray, rng: np.random.Generat
         run: of each, shape (w,).
         rng: for the draws.
     """
-    made = np.empty((len(noise), COUNT))
+    made = np.empty((COUNT, len(noise)))
     for number in np.unique(run):
         rows = np.flatnonzero(run == number)
-        shifts = (np.arange(len(rows))[:, None] + rng.integers(0, len(rows), COUNT)) % len(rows)
-        made[rows] = noise[rows][shifts] * rng.choice([-1.0, 1.0], COUNT)
-    return made
+        shifts, signs = rng.integers(0, len(rows), COUNT), rng.choice([-1.0, 1.0], COUNT)
+        shifted = np.lib.stride_tricks.sliding_window_view(np.tile(noise[rows], 2), len(rows))
+        made[:, rows] = shifted[shifts] * signs[:, None]
+    return made.T
 
 
 def _explained(noise: NDArray[np.float32], columns: FloatArray) -> FloatArray:
