@@ -247,8 +247,10 @@ class Hysteresis(SensorEffect):
         held = np.abs(effort - reading) < inner["width"] * (1.0 - 1e-9)
         first = np.append(True, np.diff(data.run) != 0)
         last = np.maximum.accumulate(np.where(held & ~first, 0, np.arange(len(effort))))
-        unmoved = held & first & (data.kind is ChannelKind.CONTACT)
-        return np.where(unmoved[last][:, None], 0.0, columns[last]), reading
+        slopes = columns.T.take(last, axis=1).T
+        if data.kind is ChannelKind.CONTACT:
+            slopes[(held & first)[last]] = 0.0
+        return slopes, reading
 
     def starts(self, data: ChannelData) -> tuple[Inner, ...]:
         """See `Effect.starts`: shares of the largest reading."""

@@ -121,7 +121,12 @@ class FitProblem:
             names: of the gains of the first columns, by which others of the arm may know them.
         """
         order, folds = self._by_fold
-        white = self._white(np.concatenate([columns.T, target[None]]).T).T.take(order, axis=1)
+        if self.noise_model is WHITE and self.weights is None and self.nuisance is None:
+            white = np.empty((columns.shape[1] + 1, len(order)))
+            columns.T.take(order, axis=1, out=white[:-1], mode="clip")
+            target.take(order, out=white[-1], mode="clip")
+        else:
+            white = self._white(np.concatenate([columns.T, target[None]]).T).T.take(order, axis=1)
         return NormalEquations(
             gram_matrices(white[:, rows].T for rows in folds).products, self._known(names, columns.shape[1])
         )

@@ -165,10 +165,10 @@ def play(signal: FloatArray, run: IntArray, half_width: float, start: FloatArray
     low[first] = high[first] = start
     length = int(np.sqrt(len(signal))) + 1
     low, high = split_columns(low, length), split_columns(high, length)
-    least, most = low[0], high[0]
+    least, most = low[0].copy(), high[0].copy()
     for low_now, high_now in zip(low[1:], high[1:], strict=True):
-        least = np.minimum(np.maximum(least, low_now), high_now)
-        most = np.minimum(np.maximum(most, low_now), high_now)
+        for end in (least, most):
+            np.minimum(np.maximum(end, low_now, out=end), high_now, out=end)
     state = np.empty_like(least)
     state[0] = low[0, 0]
     for number in range(1, len(state)):
