@@ -89,11 +89,11 @@ def fading_memory(
     # Memory of strains (k, n) at any steps (n,) [s], the first of each run the usual one; see `_evenly`.
     later, wait_s, change = runs.start[1:], steps_s.copy(), _changes(strain, runs)
     wait_s[runs.start[:1]], wait_s[later] = np.inf, runs.pause_s[:-1]
-    left = np.zeros(strain.shape)
+    left, rows = np.zeros(strain.shape), runs.rows if np.any(np.diff(runs.start) < 0) else slice(None)
     for rate, weight in zip(rates.tolist(), weights.tolist(), strict=True):
         over, added = np.exp(-wait_s * rate), _taken(steps_s * rate) * change
         added[:, later] -= over[later] * strain[:, runs.end[:-1]]
-        left[:, runs.rows] += weight * linear_recursion(over[runs.rows], added.T[runs.rows]).T
+        left[:, rows] += weight * linear_recursion(over[rows], added.T[rows]).T
     return left.T.reshape(signal.shape)
 
 
