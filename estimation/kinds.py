@@ -32,6 +32,19 @@ class Kind(StrEnum):
         return _WORDS[self]
 
 
+# In one pass at one speed these cannot be told from a law of the position: they need a return, a hold or
+# another speed.
+OF_HISTORY = frozenset(
+    {
+        Kind.RATE_DEPENDENCE,
+        Kind.FRICTION,
+        Kind.TIME_MEMORY,
+        Kind.INERTIA,
+        Kind.SENSOR_DYNAMICS,
+        Kind.DRIFT,
+    }
+)
+
 _WORDS = {
     Kind.ELASTIC_SHAPE: "elastic shape",
     Kind.RATE_DEPENDENCE: "rate dependence",

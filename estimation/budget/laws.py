@@ -10,13 +10,13 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from palpate.estimation.channel import ChannelKind
+from palpate.estimation.channel import ChannelData, ChannelKind
 from palpate.estimation.fit.blocks import BlockedData
 from palpate.estimation.fit.smooth_features import hats, reversal_memory
-from palpate.estimation.kinds import Kind
+from palpate.estimation.kinds import OF_HISTORY, Kind
 from palpate.estimation.signals.blocks import rows_of_runs
 from palpate.estimation.signals.exponential_memory import low_pass, relax
-from palpate.estimation.signals.free_air import is_one_way, zero_in_free_air
+from palpate.estimation.signals.free_air import is_one_speed, is_one_way, zero_in_free_air
 from palpate.estimation.signals.runwise import derivative, running_max, sample_time, shift
 from palpate.robot_io.types import BoolArray, FloatArray, IntArray
 
@@ -106,10 +106,22 @@ def flexible_laws(blocked: BlockedData, effort: FloatArray, residual: FloatArray
     laws.append(_law(Kind.RECORDED_CONTEXT, *map(hats, recorded), *(unit * effort for unit in scaled)))
     direction = np.tanh(unit_speed / _DIRECTIONS[-1])
     laws.append(_law((Kind.FRICTION, Kind.RECORDED_CONTEXT), *(unit * direction for unit in scaled)))
-    pushing = frozenset(_OF_OBJECT) if is_contact else frozenset[Kind]()
+    pushing, unseen = frozenset(_OF_OBJECT) if is_contact else frozenset[Kind](), unseen_kinds(data)
     return [
-        replace(law, one_sided=law.one_sided and law.kinds <= pushing) for law in laws if law.columns.size
+        replace(law, one_sided=law.one_sided and law.kinds <= pushing)
+        for law in laws
+        if law.columns.size and not law.kinds & unseen
     ]
+
+
+def unseen_kinds(data: ChannelData) -> frozenset[Kind]:
+    """Kinds that the motion cannot tell from a law of the position: a contact pressed once at one speed.
+
+    Args:
+        data: the channel.
+    """
+    is_single = data.kind is ChannelKind.CONTACT and is_one_speed(data.time_s, data.position, data.run)
+    return OF_HISTORY if is_single else frozenset()
 
 
 def _law(kind: Kind | tuple[Kind, ...], *columns: FloatArray, nonnegative: bool = False) -> Law:

@@ -5,6 +5,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from palpate.estimation.budget.laws import unseen_kinds
 from palpate.estimation.channel import ChannelData, ChannelKind
 from palpate.estimation.data.derivatives import reading_error
 from palpate.estimation.effect import Effect, Inner, SensorEffect
@@ -108,10 +109,14 @@ def applicable_effects(data: ChannelData, model: Model, effects: Iterable[Effect
     present = {effect.name for effect in model.effects}
     # a tilt turns a weight that is there; beside one, what else goes round with the angle is a tilt
     skipped = _NOT_TRIED[data.kind] | _BASES | present | {"weight" if present & HEAVY else "gravity_tilt"}
+    unseen = unseen_kinds(data)
     return tuple(
         effect.suited_to(data)
         for effect in effects
-        if effect.name not in skipped and not effect.name.startswith(OF_RUNS) and effect.applies_to(data)
+        if effect.name not in skipped
+        and not effect.name.startswith(OF_RUNS)
+        and not effect.also | {effect.kind} <= unseen
+        and effect.applies_to(data)
     )
 
 

@@ -13,6 +13,8 @@ _WINDOW = 50  # readings at most, at the end of a run
 _FEWEST = 5  # readings, at each end
 _HIDDEN = 0.5  # of the noise, below which a zero does not show
 _RETURNS = 0.02  # of the range, below which a position does not return
+_UNEVEN = 0.1  # of a run's duration, by which a position may come early or late at one speed
+_SAME_SPEED = 0.2  # of a speed, by which those of other runs may differ
 _SIGMAS = 3.0  # standard errors, below which a rate is not known to differ from zero
 
 
@@ -86,6 +88,30 @@ def is_one_way(position: FloatArray, run: IntArray) -> bool:
         min(_way_back(position[rows]), _way_back(-position[rows])) < _RETURNS * np.ptp(position[rows])
         for rows in rows_of_runs(run)
     )
+
+
+def is_one_speed(time_s: FloatArray, position: FloatArray, run: IntArray) -> bool:
+    """Whether all runs go one way at one speed, so that whatever has a memory is a law of the position.
+
+    Args:
+        time_s: shape (n,) [s].
+        position: shape (n,).
+        run: of each sample, shape (n,).
+    """
+    if not is_one_way(position, run):
+        return False
+    speeds = []
+    for rows in rows_of_runs(run):
+        way, duration_s = position[rows] - position[rows].mean(), float(np.ptp(time_s[rows]))
+        energy = float(way @ way)
+        if energy == 0.0:
+            return False
+        pace = float(way @ time_s[rows]) / energy
+        off_s = time_s[rows] - time_s[rows].mean() - pace * way
+        if pace == 0.0 or float(np.max(np.abs(off_s))) > _UNEVEN * duration_s:
+            return False
+        speeds.append(1.0 / pace)
+    return float(np.ptp(speeds)) < _SAME_SPEED * float(np.max(np.abs(speeds)))
 
 
 def _way_back(position: FloatArray) -> float:
