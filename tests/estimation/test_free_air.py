@@ -6,10 +6,13 @@ import numpy as np
 import pytest
 
 from palpate.estimation.budget.laws import flexible_laws
+from palpate.estimation.channel import ChannelData, ChannelKind
+from palpate.estimation.data_quality import quality_warnings
+from palpate.estimation.diagnosis.candidates import applicable_effects
 from palpate.estimation.effects import EFFECTS
 from palpate.estimation.fit.fit_result import fit_model
 from palpate.estimation.kinds import Kind
-from palpate.estimation.signals.free_air import is_one_way, zero_in_free_air
+from palpate.estimation.signals.free_air import is_one_speed, is_one_way, zero_in_free_air
 from tests.estimation.fits import MODEL
 from tests.estimation.presses import NOISE_N, K, kelvin_voigt, session
 from tests.estimation.swings import swings
@@ -73,3 +76,32 @@ def test_time_cannot_be_told_from_a_position_that_goes_one_way():
     assert is_one_way(ramp.position, data.run)
     assert is_one_way(jitter - ramp.position, data.run)
     assert not is_one_way(data.position, data.run)
+
+
+@pytest.mark.parametrize(
+    ("runs", "seen"),
+    [
+        ([(1e-3, 0.0, 0.0)] * 3, False),
+        ([(1e-3, 0.0, 0.0), (1.1e-3, 0.0, 0.0)], False),
+        ([(1e-3, 0.0, 0.0), (2e-3, 0.0, 0.0)], True),  # another speed
+        ([(1e-3, 0.0, 0.0), (-1e-3, 0.0, 0.0)], True),  # another way
+        ([(1e-3, 3.0, 0.0)] * 2, True),  # a hold
+        ([(1e-3, 0.0, 2.0)] * 2, True),  # a return
+    ],
+)
+def test_history_is_seen_by_a_hold_a_return_or_another_speed_alone(runs, seen):
+    """Runs of 10 s: speed [m/s], hold at the end [s], return [s]."""
+    parts = []
+    for number, (speed, hold_s, back_s) in enumerate(runs):
+        t = np.arange(0.0, 10.0 + hold_s + back_s, 0.05)
+        x = speed * np.minimum(t, 10.0) - speed * np.clip(t - 10.0 - hold_s, 0.0, None)
+        parts.append((t + 100.0 * number, x, np.full(len(t), number)))
+    time_s, x, run = map(np.concatenate, zip(*parts, strict=True))
+    assert is_one_speed(time_s, x, run) is not seen
+    zeros = np.zeros(len(x))
+    data = ChannelData("contact", ChannelKind.CONTACT, time_s, x, zeros, zeros, zeros, run, run - run - 1)
+    relaxation, stiffening = (EFFECTS[name]() for name in ("stress_relaxation", "power_law_stiffness"))
+    tried = applicable_effects(data, MODEL, [relaxation, stiffening])
+    assert [effect.name for effect in tried] == ["stress_relaxation"] * seen + ["power_law_stiffness"]
+    warned = any("all runs go one way at one speed" in warning for warning in quality_warnings(data))
+    assert warned is not seen
