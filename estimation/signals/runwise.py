@@ -18,6 +18,7 @@ _WINDOW = 5  # samples over which a derivative is smoothed
 _EVEN = 0.01  # of the usual step, by which steps may differ in even sampling
 _ALL = slice(None)
 _STEADY_S = 0.025  # a probing tip reverses at most once in it
+_MOST_CLAMPS = 32  # condensed to one, and entered one after the other
 
 
 @cache_by_array
@@ -143,9 +144,7 @@ def _cubic_weights(times: FloatArray, at: FloatArray) -> FloatArray:
 def play(signal: FloatArray, run: IntArray, half_width: float, start: FloatArray | None = None) -> FloatArray:
     """Apply the play (backlash) operator: follow the signal only once it has crossed a gap.
 
-    Each sample clamps the state between its own two ends of the gap, and several clamps in a row are one
-    clamp: pieces of samples are first condensed to one clamp each, side by side, then entered with their own
-    states.
+    Each sample clamps the state between its own two ends of the gap.
 
     Args:
         signal: shape (n,) or (n, k), whose columns are independent.
@@ -163,21 +162,33 @@ def play(signal: FloatArray, run: IntArray, half_width: float, start: FloatArray
     low, high = signal - half_width, signal + half_width
     start = signal[first] if start is None else np.clip(start, low[first], high[first])
     low[first] = high[first] = start
-    length = int(np.sqrt(len(signal))) + 1
-    low, high = split_columns(low, length), split_columns(high, length)
-    least, most = low[0].copy(), high[0].copy()
-    for low_now, high_now in zip(low[1:], high[1:], strict=True):
+    return _clamped(low, high)
+
+
+def _clamped(low: FloatArray, high: FloatArray) -> FloatArray:
+    """State (n,) or (n, k) after each of n clamps between its own ends, from the first clamp's lower end.
+
+    Several clamps in a row are one clamp: pieces are first condensed to one each, side by side, which are as
+    many clamps less, and then entered with their own states.
+    """
+    length = min(int(np.sqrt(len(low))) + 1, _MOST_CLAMPS)
+    lows, highs = split_columns(low, length), split_columns(high, length)
+    least, most = lows[0].copy(), highs[0].copy()
+    for low_now, high_now in zip(lows[1:], highs[1:], strict=True):
         for end in (least, most):
             np.minimum(np.maximum(end, low_now, out=end), high_now, out=end)
-    state = np.empty_like(least)
-    state[0] = low[0, 0]
-    for number in range(1, len(state)):
-        state[number] = np.minimum(np.maximum(state[number - 1], least[number - 1]), most[number - 1])
-    played = np.empty_like(low)
+    if len(least) > _MOST_CLAMPS:
+        ends = _clamped(least, most)
+    else:
+        ends = least
+        for number in range(1, len(ends)):
+            ends[number] = np.minimum(np.maximum(ends[number - 1], least[number]), most[number])
+    state = np.concatenate([low[:1], ends[:-1]])
+    played = np.empty_like(lows)
     for place in range(length):
-        state = np.minimum(np.maximum(state, low[place]), high[place], out=played[place])
-    flat = played.swapaxes(0, 1).reshape(length * len(state), *signal.shape[1:])
-    return np.asarray(flat[: len(signal)])
+        state = np.minimum(np.maximum(state, lows[place]), highs[place], out=played[place])
+    flat = played.swapaxes(0, 1).reshape(-1, *low.shape[1:])
+    return np.asarray(flat[: len(low)])
 
 
 @cache_by_array
