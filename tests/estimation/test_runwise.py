@@ -43,6 +43,12 @@ def test_play_forgets_between_runs_and_keeps_columns_apart():
         assert played[500:, column] == pytest.approx(stepped_play(two[500:, column], 0.2))
 
 
+def test_play_of_a_long_signal_is_that_of_the_definition():
+    values = np.cumsum(np.random.default_rng(6).standard_normal(5000))
+    played = play(values, np.zeros(5000, dtype=np.int64), 3.0)
+    np.testing.assert_array_equal(played, stepped_play(values, 3.0))
+
+
 def test_play_of_nothing_is_nothing():
     for shape in [(0,), (0, 2), (7, 0)]:
         assert play(np.empty(shape), np.zeros(shape[0], dtype=np.int64), 0.2).shape == shape
