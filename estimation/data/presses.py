@@ -215,16 +215,13 @@ def _pass_through_turns(way: IntArray, velocity: FloatArray) -> None:
         velocity: shape (n,).
     """
     parts = list(blocks(way))
-    for number, rest in enumerate(parts):
-        beside = parts[max(number - 1, 0) : number] + parts[number + 1 : number + 2]
+    for before, rest, after in zip(parts, parts[1:], parts[2:], strict=False):
         lasts = rest.stop - rest.start
-        moves_on = all(part.stop - part.start >= max(2 * lasts, _LASTING) for part in beside)
-        if way[rest.start] or not moves_on or len({way[part.start] for part in beside}) != len(beside):
+        moves_on = min(before.stop - before.start, after.stop - after.start) >= max(2 * lasts, _LASTING)
+        if way[rest.start] or not moves_on or way[before.start] == way[after.start]:
             continue
-        at_ends = [abs(velocity[row]) for row in (rest.start - 1, rest.stop) if 0 <= row < len(way)]
-        if lasts < _FEWEST_RESTING or np.median(np.abs(velocity[rest])) > _TURNS * min(
-            at_ends, default=np.inf
-        ):
+        at_ends = min(abs(velocity[rest.start - 1]), abs(velocity[rest.stop]))
+        if lasts < _FEWEST_RESTING or np.median(np.abs(velocity[rest])) > _TURNS * at_ends:
             way[rest] = np.sign(velocity[rest])
 
 

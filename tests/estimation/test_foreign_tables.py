@@ -189,6 +189,8 @@ def test_a_sine_has_no_hold_and_a_hold_stays_one(rate_hz, noise_m):
     assert held(np.sin(np.pi * time_s)) < 0.015
     assert held(2.0 / np.pi * np.arcsin(np.sin(np.pi * time_s))) < 0.005
     assert held(np.clip(1.5 * np.sin(0.2 * np.pi * time_s), -1.0, 1.0)) > 0.35  # of 0.54 that are clipped
+    late_s = np.maximum(time_s - 1.0, 0.0)
+    assert held(1.0 - np.cos(np.pi * late_s)) > 0.04 - 2.0 / len(time_s)  # of 0.05 before the sine begins
 
 
 CELLS = [f"{t:.4f},{1e3 * x:.6f},{f:.6f}\n" for t, x, f in zip(TIME_S, WAY_M, FORCE_N, strict=True)]
