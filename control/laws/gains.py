@@ -2,7 +2,7 @@
 
 import math
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Annotated
+from typing import Annotated
 
 from pydantic import Field, model_validator
 
@@ -99,10 +99,6 @@ def gains_of(robot_file: RobotFile) -> Gains:
     return validate(Gains, robot_file.gains, robot_file.document, ("gains",))
 
 
-if TYPE_CHECKING:
-    from palpate.control.laws.gains import TouchGains
-
-
 _NOISE_FACTOR = 6.0  # standard deviations of the free-air force that count as contact
 
 
@@ -119,7 +115,7 @@ def touch_force_n(noise_n: float, least_n: float = 0.0) -> float:
     return max(least_n, _NOISE_FACTOR * noise_n)
 
 
-def release_force_n(touch_n: float, gains: "TouchGains") -> float:
+def release_force_n(touch_n: float, gains: TouchGains) -> float:
     """Compute the force above the free-air mean below which a contact is over.
 
     Args:
@@ -132,7 +128,7 @@ def release_force_n(touch_n: float, gains: "TouchGains") -> float:
     return gains.release_share * touch_n
 
 
-def free_air_problem(force_n: float, touch_n: float, force_limit_n: float, gains: "TouchGains") -> str | None:
+def free_air_problem(force_n: float, touch_n: float, force_limit_n: float, gains: TouchGains) -> str | None:
     """Describe why no object can be probed with this free-air force.
 
     The force in free air is tared away: if an object made it, all later forces are wrong by as much. Below

@@ -20,7 +20,7 @@ class ForceMismatch:
     place: Hashable  # such as target and phase
     share: float  # mean of measured minus predicted, over the mean measured force; positive: felt too soft
     rms_n: float  # of measured minus predicted [N]
-    rms_share: float  # the same over the measured force's
+
     shallow_m: float  # least and
     deep_m: float  # greatest depth of the samples [m]
     samples: int
@@ -66,7 +66,7 @@ class MismatchMonitor:
             rms_n = sqrt(sum((measured - predicted) ** 2 for _, measured, predicted in pairs) / n)
             mean_n = sum(measured - predicted for _, measured, predicted in pairs) / n
             scale_n = max(sqrt(sum(measured**2 for _, measured, _ in pairs) / n), 1e-9)
-            share, ends_m = rms_n / scale_n, (min(depths_m), max(depths_m))
-            if n >= _FEWEST and share > _SHARE and rms_n > least_n:
-                off.append(ForceMismatch(place, mean_n / scale_n, rms_n, share, *ends_m, n))
+            if n >= _FEWEST and rms_n / scale_n > _SHARE and rms_n > least_n:
+                ends_m = min(depths_m), max(depths_m)
+                off.append(ForceMismatch(place, mean_n / scale_n, rms_n, *ends_m, n))
         return sorted(off, key=lambda place: -place.rms_n)
