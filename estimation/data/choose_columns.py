@@ -78,10 +78,8 @@ def choose_columns(
     there = {*known, *(guess.key for guess in free)}
     if not (keys_of_channels(there) and TIME in there):
         keys = keys_of_channels({*known, *(guess.key for guess in named)})
-        for (
-            guess
-        ) in named:  # name the cell that is no number, where a channel could be made but for such cells
-            if guess.key in keys:
+        for guess in named:  # say which cell is no number, where a channel could be made but for it
+            if guess.key in keys and guess.key not in there:
                 table.numbers(guess.column)
     clear = [
         guess

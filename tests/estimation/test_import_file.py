@@ -575,3 +575,10 @@ def test_a_slow_press_without_a_time_is_read_row_by_row_and_says_so(contact):
     assert (np.diff(channel.time_s) == 1.0).all()
     assert channel.effort == pytest.approx(F)
     assert any("no column holds a time: rows count as 1 s apart" in note for note in imported.notes)
+
+
+def test_words_that_sound_like_a_displacement_are_left_where_another_column_holds_it(contact):
+    stroke = ["down"] * 25 + ["up"] * 25
+    columns = {"displacement_m": None, "force_N": None, "time_s": None}
+    path = contact(**columns, **{"travel (mm)": 1e3 * X, "force (gf)": F, "stroke": stroke})
+    assert only(import_file(path)).position == pytest.approx(X)
