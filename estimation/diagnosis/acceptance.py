@@ -16,7 +16,7 @@ from palpate.estimation.budget import BudgetEntry
 from palpate.estimation.data.derivatives import grid_step
 from palpate.estimation.diagnosis.bootstrap import SMALL, encoder_step_error, improvement_test
 from palpate.estimation.diagnosis.candidates import Candidate, held_out_of_all, parameter_count
-from palpate.estimation.diagnosis.forms import AS_MUCH, FormTest, PartiallyLinear, form_tests
+from palpate.estimation.diagnosis.forms import AS_MUCH, MOST_OF_LAW, FormTest, PartiallyLinear, form_tests
 from palpate.estimation.diagnosis.search import LEVEL, NEAR, Search, backward_step
 from palpate.estimation.effect import Effect
 from palpate.estimation.fit.fit_result import FitResult, final_solution
@@ -121,8 +121,11 @@ def accept_forms(
         entries = {entry.kind: entry for entry in budget.entries}
         rest = end.flexible.explained / max(int(end.problem.used.sum()), 1)  # less may be a part of that
         unexplained = max(end.rmse**2 - noise**2, 0.0)
-        by_laws = partial.budget.left * partial.budget.base**2
-        is_as_good = AS_GOOD * left / count <= by_laws  # as the flexible laws of all kinds that count
+        all_error = partial.budget.base**2
+        is_as_good = (
+            AS_GOOD * left / count <= partial.budget.left * all_error
+        )  # as laws of all kinds that count
+        is_as_good &= left / count <= (1.0 - MOST_OF_LAW) * all_error
         least = max(SMALL * search.start.held_out_mean_square, rest, _OF_UNEXPLAINED * unexplained)
         failed = [
             test.effect

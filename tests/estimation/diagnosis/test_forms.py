@@ -168,8 +168,9 @@ def test_forms_that_together_leave_as_little_as_the_laws_of_their_kinds_bear_the
     search = searched(swings(1, law), RUB, RIPPLE)
     partial, end = analyse_kinds(search), reached(search, RIPPLE, RUB)
     monkeypatch.setattr(FormTest, "share", 0.5)
-    left = end.held_out_mean_square / search.start.held_out_mean_square
-    for of_laws, names in ((1.1 * left, [RIPPLE, RUB]), (0.8 * left, [])):
-        budget = replace(partial.budget, left=of_laws)
+    left, base = end.held_out_mean_square, partial.budget.base
+    shares = ((1.1, base, [RIPPLE, RUB]), (0.8, base, []), (1.1, 2.0 * np.sqrt(left), []))
+    for of_laws, all_error, names in shares:  # names take most of the error, or a share that is no kind's
+        budget = replace(partial.budget, left=of_laws * left / all_error**2, base=all_error)
         known, _ = accept_forms(search, replace(partial, budget=budget), end, measured(search))
         assert search.added_effects(known) == names
