@@ -128,7 +128,7 @@ def _next(  # noqa: PLR0917, what was typed and found
     again, kept = data.typed(**asked), data.typed(folder=out)
     improved = [channel for channel in diagnosis.channels if channel.accepted]
     if improved and apply:
-        yield from console.export_steps(kept, [channel.kind for channel in study.source.channels])
+        yield from console.export_steps(kept, [study.channel(item.channel).kind for item in improved])
         yield f"palpate revisions {kept}", "all revisions, each a step to go back to"
     for item in [] if apply else improved:
         names = " ".join(entry.effect for entry in item.accepted)

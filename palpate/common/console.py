@@ -149,15 +149,22 @@ def rerun_step(recording: Path) -> tuple[str, str]:
 
 
 def export_steps(kept: str, kinds: Iterable[ChannelKind]) -> list[tuple[str, str]]:
-    """The command that exports a kept model; none of a servo's goal error, which no simulator has.
+    """The commands that export kept models; none of a servo's goal error, which no simulator has.
 
     Args:
         kept: the data and the folder of revisions, as typed.
-        kinds: of the channels.
+        kinds: of the channels with a kept model.
     """
-    if ChannelKind.SERVO in set(kinds):
+    joints = set(kinds) - {ChannelKind.CONTACT}
+    if ChannelKind.SERVO in joints:
         return []
-    return [(f"palpate export {kept}", "the improved model as a simulated world")]
+    export = f"palpate export {kept}"
+    steps = [(export, "the improved model as a simulated world")]
+    if joints:
+        into = "the joints in a copy of your MJCF; also urdf, isaaclab, bam"
+        steps.append((f"{export} --format mjcf --patch MODEL.xml", into))
+        steps.append((f"{export} --format feedforward", "the joints' torques as a table, in Python and C"))
+    return steps
 
 
 def present(

@@ -12,7 +12,7 @@ import yaml
 from palpate.sim_backend.world import ArmDescription, World
 from palpate.study import Study
 from tests.estimation.swings import DAMPING, INERTIA, WEIGHT, swings
-from tests.palpate.cli import as_json, assert_refused, done, run
+from tests.palpate.cli import as_json, assert_refused, done, next_commands, run
 from tests.palpate.presses import write_table
 from tests.sim_backend.hidden_parts import hidden, quiet_scenario
 
@@ -102,6 +102,19 @@ def swinging(tmp_path_factory):
     Study(path, "pendulum", folder=folder).add("stribeck_friction", "bias")
     done("export", path, "--format", "feedforward", "--folder", folder, "-o", folder / "ff.yaml")
     return path, folder
+
+
+def test_what_was_added_to_a_joint_leads_to_a_simulator_and_to_a_feedforward(swinging, tmp_path):
+    path, _ = swinging
+    added = done("add", path, "stribeck_friction", "--model", "pendulum", "--out", tmp_path)
+    mjcf, feedforward = (words for words in next_commands(added) if "--format" in words)
+    (tmp_path / "arm.xml").write_text(
+        "<mujoco><worldbody><body><joint/><geom size='1'/></body></worldbody></mujoco>"
+    )
+    done(*[tmp_path / "arm.xml" if word == "MODEL.xml" else word for word in mjcf])
+    assert "frictionloss" in (tmp_path / "model.xml").read_text()
+    done(*feedforward)
+    assert "joint_1" in (tmp_path / "feedforward.yaml").read_text()
 
 
 def function_of(folder):
