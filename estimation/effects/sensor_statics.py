@@ -9,6 +9,7 @@ from palpate.estimation.channel import ChannelData, ChannelKind
 from palpate.estimation.effect import AdditiveEffect, Errors, Inner, Parameter, SensorEffect
 from palpate.estimation.kinds import Kind
 from palpate.estimation.signals.blocks import block_index
+from palpate.estimation.signals.free_air import is_one_way
 from palpate.estimation.signals.runwise import play
 from palpate.robot_io.types import FloatArray
 
@@ -227,6 +228,11 @@ class Hysteresis(SensorEffect):
         "damping": "probe at two speeds",
     }
     linear = False
+
+    def applies_to(self, data: ChannelData) -> bool:
+        """See `Effect.applies_to`: a press that does not return shows a bias at most."""
+        is_one_pass = data.kind is ChannelKind.CONTACT and is_one_way(data.position, data.run)
+        return super().applies_to(data) and not is_one_pass
 
     def sense(self, effort: FloatArray, data: ChannelData, inner: Inner) -> FloatArray:
         width = inner["width"]
