@@ -125,8 +125,8 @@ class _WithRotor(LoadDependentFriction):
     inner = (*LoadDependentFriction.inner, Parameter("link_share", "1", 0.0, 1.0, (0.3, 1.0)))
 
     def _load(self, data: ChannelData, inner: Inner) -> FloatArray:
-        rotor = (1.0 - inner["link_share"]) * data.context[_LUMPED]
-        return np.asarray(data.context["load"] - rotor)
+        lumped = data.context.get(_LUMPED, 0.0)  # none where the search has taken the weight off the model
+        return np.asarray(data.context["load"] - (1.0 - inner["link_share"]) * lumped)
 
     def starts(self, data: ChannelData) -> tuple[Inner, ...]:
         sliding = super().starts(data)

@@ -9,7 +9,10 @@ from scipy.special import beta, betainc
 
 from palpate.estimation.channel import ChannelKind
 from palpate.estimation.effects import EFFECTS
+from palpate.estimation.fit.fit_result import fit_model
+from palpate.estimation.model import Model
 from tests.estimation.recover import channel, recover
+from tests.estimation.swings import swings
 
 CONTACT, REVOLUTE = ChannelKind.CONTACT, ChannelKind.REVOLUTE
 NOISE = 1e-3  # of the effort's size
@@ -401,3 +404,15 @@ def test_multiples_of_a_ripple_are_sines_and_cosines_of_multiples_of_the_angle()
     assert not seen[:2].any()
     columns = EFFECTS["torque_ripple"](multiples).columns(data, {"cycles": 0.5})
     np.testing.assert_allclose(columns, expected, atol=1e-12)
+
+
+def test_a_share_of_the_link_stays_without_meaning_where_a_weight_is_taken_off_the_model():
+    """The search takes each effect off a model in turn, and keeps the form of the others."""
+    data = swings(1)
+    heavy = Model("inertia", tuple(EFFECTS[name]() for name in ("inertia", "viscous_friction", "weight")))
+    start = fit_model(data, heavy, {})
+    friction = EFFECTS["load_dependent_friction"]().suited_to(start.data)
+    assert [parameter.name for parameter in friction.inner] == ["transition", "link_share"]
+    whole = fit_model(data, heavy.with_effect(friction), start.solution.parameters)
+    less = fit_model(data, whole.solution.model.without("weight"), whole.solution.parameters)
+    assert np.isfinite(less.rmse)
