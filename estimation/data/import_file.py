@@ -11,7 +11,7 @@ import numpy as np
 from palpate.estimation.channel import ChannelData, ChannelKind
 from palpate.estimation.data.assign_columns import Columns, assign_columns
 from palpate.estimation.data.choose_columns import units_meant
-from palpate.estimation.data.column_names import QUANTITIES, TIME, Key, Role, unit_in_name
+from palpate.estimation.data.column_names import QUANTITIES, TIME, Key, Role, guess_columns, unit_in_name
 from palpate.estimation.data.derivatives import differentiate
 from palpate.estimation.data.import_options import ImportOptions
 from palpate.estimation.data.import_rows import UNKNOWN_PHASE, Rows, arrange_rows
@@ -30,6 +30,8 @@ DERIVED = ("load", "rigid_body_torque", "rigid_body_regressor", "payload_effort_
 _LONGEST_SIGNAL = 50  # letters; a session allows 64, some of which say what it is
 _TAKEN = frozenset({*OF_THE_ARM, *DERIVED})
 _QUICKEST_S = 1e-5  # time from sample to sample, below which its unit is asked about, as above `SLOWEST_S`
+# What else a column may hold, which is then no torque.
+_NO_EFFORT = {"time", "position", "velocity", "acceleration", "run", "phase", "goal"}
 _DEFAULT = ImportOptions()
 
 
@@ -252,8 +254,13 @@ def _sources(columns: Columns) -> list[_Source]:
 
 
 def _example(columns: Columns) -> str:
-    """Options that make a contact of what is there, if two further columns hold numbers."""
-    free = [name for name in columns.table.names if columns.table.varies(name) and name not in columns.used]
+    """Options that make a joint of an angle, or a contact, if further columns hold numbers."""
+    guesses = {guess.column: guess.quantity for guess in guess_columns(columns.table.names)}
+    numbers = [name for name in columns.table.names if columns.table.varies(name)]
+    free = [name for name in numbers if name not in columns.used and guesses.get(name) not in _NO_EFFORT]
+    angle = next((name for name in numbers if guesses.get(name) == "position"), None)
+    if angle is not None and free and dimension_of(unit_in_name(angle)) == "angle":
+        return f"--column torque={shlex.quote(free[0])} --unit torque=1Nm"
     options = []
     for quantity, unit in (("force", "N"), ("displacement", "mm")):
         if (quantity, 0) in columns:

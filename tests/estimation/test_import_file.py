@@ -582,3 +582,11 @@ def test_words_that_sound_like_a_displacement_are_left_where_another_column_hold
     columns = {"displacement_m": None, "force_N": None, "time_s": None}
     path = contact(**columns, **{"travel (mm)": 1e3 * X, "force (gf)": F, "stroke": stroke})
     assert only(import_file(path)).position == pytest.approx(X)
+
+
+def test_a_joint_without_an_effort_is_asked_for_the_column_that_stands_for_it(contact):
+    motor = {"position (rad)": X, "velocity (rad/s)": np.gradient(X, T), "voltage (V)": F}
+    path = contact(displacement_m=None, force_N=None, **motor)
+    assert "--column torque='voltage (V)' --unit torque=1Nm" in refusal(path)
+    options = {"columns": {"torque": "voltage (V)"}, "units": {"torque": "1Nm"}}
+    assert only(import_file(path, ImportOptions(**options))).effort == pytest.approx(F)
