@@ -5,7 +5,8 @@ from collections import deque
 
 import numpy as np
 
-from palpate.control.laws.gains import RunningMean, TouchGains, release_force_n, touch_force_n
+from palpate.control.laws.gains import TouchGains
+from palpate.control.laws.touch import RunningMean, release_force_n, touch_force_n
 from palpate.control.loop.task import TaskOutput
 from palpate.control.loop.tick_record import NO_ESTIMATE, Estimates
 from palpate.estimation.contact_estimator import ContactLaw, OnlineContactLaw

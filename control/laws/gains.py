@@ -1,7 +1,5 @@
-"""Controller gains, the section `gains` of a robot file, and when a force counts as touch."""
+"""Controller gains, the section `gains` of a robot file."""
 
-import math
-from dataclasses import dataclass
 from typing import Annotated
 
 from pydantic import Field, model_validator
@@ -97,89 +95,3 @@ def gains_of(robot_file: RobotFile) -> Gains:
         InputError: a gain is invalid; the error names file, line, key and valid values.
     """
     return validate(Gains, robot_file.gains, robot_file.document, ("gains",))
-
-
-_NOISE_FACTOR = 6.0  # standard deviations of the free-air force that count as contact
-
-
-def touch_force_n(noise_n: float, least_n: float = 0.0) -> float:
-    """Compute the force above the free-air mean from which on there is contact.
-
-    Args:
-        noise_n: standard deviation of the force in free air [N].
-        least_n: touch force of a quieter sensor, see `TouchGains` [N].
-
-    Returns:
-        Touch force [N].
-    """
-    return max(least_n, _NOISE_FACTOR * noise_n)
-
-
-def release_force_n(touch_n: float, gains: TouchGains) -> float:
-    """Compute the force above the free-air mean below which a contact is over.
-
-    Args:
-        touch_n: touch force at which it began [N].
-        gains: share of the touch force.
-
-    Returns:
-        Release force [N].
-    """
-    return gains.release_share * touch_n
-
-
-def free_air_problem(force_n: float, touch_n: float, force_limit_n: float, gains: TouchGains) -> str | None:
-    """Describe why no object can be probed with this free-air force.
-
-    The force in free air is tared away: if an object made it, all later forces are wrong by as much. Below
-    the touch force an object is not noticed.
-
-    Args:
-        force_n: mean force in free air [N].
-        touch_n: touch force above it [N].
-        force_limit_n: force limit of the plan [N].
-        gains: largest shares of the force limit.
-
-    Returns:
-        Problem and remedy, or None.
-    """
-    limit = f"force_limit_n {force_limit_n:g} N"
-    most_n = gains.bias_share * force_limit_n
-    if not abs(force_n) <= most_n:
-        return (
-            f"{force_n:.3g} N in free air, with {limit} at most {most_n:.3g} N: is the tool touched? "
-            "If not, tare the force sensor, or allow more (gains.touch.bias_share in the robot file)"
-        )
-    most_n = gains.limit_share * force_limit_n
-    if not touch_n <= most_n:
-        return (
-            f"a touch counts from {touch_n:.3g} N on, with {limit} at most {most_n:.3g} N: the sensor is "
-            "too noisy (or gains.touch.touch_force_n of the robot file too high); a force_limit_n of "
-            f"{touch_n / gains.limit_share:.3g} N is enough"
-        )
-    return None
-
-
-@dataclass
-class RunningMean:
-    """Mean and standard deviation by Welford's recursion (Technometrics 4(3), 1962)."""
-
-    count: int = 0
-    mean: float = 0.0
-    _squares: float = 0.0
-
-    def add(self, value: float) -> None:
-        """Take in one sample.
-
-        Args:
-            value: the sample.
-        """
-        self.count += 1
-        before = value - self.mean
-        self.mean += before / self.count
-        self._squares += before * (value - self.mean)
-
-    @property
-    def standard_deviation(self) -> float:
-        """Standard deviation of the samples so far; 0 for fewer than two."""
-        return math.sqrt(self._squares / (self.count - 1)) if self.count > 1 else 0.0

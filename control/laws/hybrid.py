@@ -23,7 +23,8 @@ from palpate.control.laws.force_laws import (
     loading_acceleration,
     within_bounds,
 )
-from palpate.control.laws.gains import Gains, TouchGains, release_force_n
+from palpate.control.laws.gains import Gains, TouchGains
+from palpate.control.laws.touch import release_force_n
 from palpate.control.paths.press_line import PressLine
 from palpate.control.paths.trajectory import JointMotion, LineState
 from palpate.robot_io.errors import InputError

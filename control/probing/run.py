@@ -6,8 +6,9 @@ The surface is not given: the approach ends with the touch that the force sensor
 import math
 from collections.abc import Callable
 
-from palpate.control.laws.gains import Gains, RunningMean, free_air_problem, touch_force_n
+from palpate.control.laws.gains import Gains
 from palpate.control.laws.hybrid import ControlOutput, ForceGoal, HybridController, HybridReference
+from palpate.control.laws.touch import RunningMean, free_air_problem, touch_force_n
 from palpate.control.loop.task import Phase, TaskEvent
 from palpate.control.paths.excitation import Profile, position_amplitude_m
 from palpate.control.paths.trajectory import LineReturn, LineState, SpeedBlend, turning_distance_m

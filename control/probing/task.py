@@ -15,8 +15,9 @@ import numpy as np
 from palpate.control.arm.inverse_kinematics import PlanarArm
 from palpate.control.arm.rigid_body import RigidBody
 from palpate.control.laws.disturbance_observer import DisturbanceObserver
-from palpate.control.laws.gains import Gains, free_air_problem, gains_of
+from palpate.control.laws.gains import Gains, gains_of
 from palpate.control.laws.hybrid import ControlOutput, HybridController
+from palpate.control.laws.touch import free_air_problem
 from palpate.control.loop.task import NO_RUN, Phase, TaskEvent, TaskOutput, make_output
 from palpate.control.loop.tick_record import Estimates
 from palpate.control.paths.trajectory import JointBrake, JointPath

@@ -42,6 +42,7 @@ from palpate.estimation.data.import_options import ImportOptions
 from palpate.estimation.data.presses import FEWEST_ROWS, press_sides
 from palpate.estimation.data.table import Table
 from palpate.estimation.data.units import dimension_of
+from palpate.estimation.statistics.correlation import correlation_coefficient
 from palpate.robot_io.errors import InputError
 from palpate.robot_io.extras import LazyModule
 from palpate.robot_io.types import FloatArray
@@ -297,8 +298,10 @@ def _with_sides(
             f"where the force begins; --unit displacement=1{way.unit} keeps it, `palpate add FILE "
             "contact_offset` fits it"
         )
-    low, high = np.quantile(force.factor * table.numbers(force.column), [0.005, 0.995])
-    if not sides.two_sided and min(-low, high) > _PULLS * max(-low, high):
+    efforts = force.factor * table.numbers(force.column)
+    low, high = np.quantile(efforts, [0.005, 0.995])
+    is_noise = abs(correlation_coefficient(efforts[1:], efforts[:-1])) < _NEIGHBORS
+    if not sides.two_sided and not is_noise and min(-low, high) > _PULLS * max(-low, high):
         notes.append(
             f"'{force.column}' pulls about as much as it pushes; if this is a linear axis and no press, add "
             f"--column position={shlex.quote(way.column)}"
@@ -318,6 +321,7 @@ def _with_sides(
     return result, False, "; ".join(notes)
 
 
+_NEIGHBORS = 0.5  # correlation of neighboring readings, below which a force is noise in free air
 _PULLS = 0.5  # of the larger force, that is to the other side
 
 

@@ -4,7 +4,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from palpate.control.laws.gains import touch_force_n
+from palpate.control.laws.touch import touch_force_n
 from palpate.control.loop.task import Phase
 from palpate.estimation.channel import FEWEST_STEPS, Surface, Tare
 from palpate.estimation.signals.blocks import block_index

@@ -17,7 +17,8 @@ import numpy as np
 import yaml
 
 from palpate.control.arm.rigid_body import RigidBody
-from palpate.control.laws.gains import RunningMean, gains_of
+from palpate.control.laws.gains import gains_of
+from palpate.control.laws.touch import RunningMean
 from palpate.control.loop.realtime import realtime
 from palpate.control.loop.result import LoopResult
 from palpate.control.loop.stop_handler import one_line

@@ -193,7 +193,7 @@ def test_how_much_may_be_there_is_the_robot_file_s_to_say():
 
 
 def test_controller_and_estimation_share_one_rule_of_touch(monkeypatch):
-    monkeypatch.setattr("palpate.control.laws.gains._NOISE_FACTOR", 12.0)
+    monkeypatch.setattr("palpate.control.laws.touch._NOISE_FACTOR", 12.0)
     monkeypatch.setattr(
         "palpate.control.laws.hybrid.release_force_n",
         lambda touch_n, _gains: released_below.append(touch_n) or 0.1,
