@@ -71,8 +71,8 @@ def arrange_rows(columns: Columns, *, fresh: bool = False, count: int | None = N
     time_s = _times(columns)[order]
     if TIME not in columns:
         no_time = (
-            f"{table.path}: no column holds a time: rows count as 1 s apart, so speeds, damping and times of "
-            "relaxation are per row; if there is one, add --column time=COLUMN"
+            "no column holds a time: rows count as 1 s apart, so speeds, damping and relaxation times are "
+            "not in seconds; if a column does, add --column time=COLUMN"
         )
         note = "; ".join(filter(None, [note, no_time]))
     same = np.abs(np.diff(time_s, prepend=-np.inf)) < FINEST_S

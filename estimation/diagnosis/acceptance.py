@@ -121,11 +121,9 @@ def accept_forms(
         entries = {entry.kind: entry for entry in budget.entries}
         rest = end.flexible.explained / max(int(end.problem.used.sum()), 1)  # less may be a part of that
         unexplained = max(end.rmse**2 - noise**2, 0.0)
-        all_error = partial.budget.base**2
-        is_as_good = (
-            AS_GOOD * left / count <= partial.budget.left * all_error
-        )  # as laws of all kinds that count
-        is_as_good &= left / count <= (1.0 - MOST_OF_LAW) * all_error
+        # Together they leave as little as the laws of all kinds that count, and little of the whole error.
+        share_left = left / count / partial.budget.base**2
+        is_as_good = share_left <= min(partial.budget.left / AS_GOOD, 1.0 - MOST_OF_LAW)
         least = max(SMALL * search.start.held_out_mean_square, rest, _OF_UNEXPLAINED * unexplained)
         failed = [
             test.effect

@@ -149,9 +149,9 @@ def diagnose_channel(
         rival, other_tests = accept_forms(search, kinds(), formed, checks.measurement)
         if search.is_better(rival, end):
             end, tests = rival, other_tests
-        single = next((option for option in search.screen(search.start) if option.possible), None)
-        if end is search.start and single is not None:  # together, needless effects may have stood in its way
-            end, tests = accept_forms(search, kinds(), search.with_candidate(single), checks.measurement)
+        if end is search.start:  # together, needless effects may have stood in one's way
+            for single in [option for option in search.screen(end) if option.possible][:1]:
+                end, tests = accept_forms(search, kinds(), search.with_candidate(single), checks.measurement)
     objection, complete = checks.objection(end), checks.in_every_respect(end)
     if not complete and end is search.start and (reason := _below_a_step(end)):
         return insufficient_diagnosis(data, reason)

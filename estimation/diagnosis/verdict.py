@@ -41,7 +41,7 @@ from palpate.estimation.fit.measurement_noise import MeasurementNoise, free_air_
 from palpate.estimation.kinds import Kind, separating_experiment
 
 _MOST_RANKED = 3  # candidates that are fitted alone beside the base model
-_STANDS_IN = 2.0  # times what the names leave: a kind without a name that claims more stands in for them
+_CLAIMS = 2.0  # times what the names leave: a kind without a name that claims more imitates them
 _PEAKED = 0.8  # of the square of an error, in its largest twentieth; of normal noise that is 0.28
 _Rivals = Mapping[str, Mapping[str, FitResult]]  # models with another effect in the place of one, by both
 
@@ -217,12 +217,11 @@ def _budget(evidence: Evidence) -> tuple[list[BudgetShare], Rest]:
     if partial is not None:
         by_laws = partial.budget_with(frozenset(kinds.values()))
         without_name = (entry.share for entry in by_laws.entries if entry.kind not in kinds.values())
-        stands_in = max(without_name, default=0.0) > _STANDS_IN * budget.left
-        if (
-            budget.left > AS_GOOD * by_laws.left and not stands_in
-        ):  # else names are told from other kinds' laws
+        imitates = max(without_name, default=0.0) > _CLAIMS * budget.left
+        # Names that leave clearly less than laws, or that a law imitates, are told from other kinds.
+        if budget.left > AS_GOOD * by_laws.left and not imitates:
             replaceable = {entry.kind: entry.replaceable_by for entry in by_laws.entries}
-        budget = budget if budget.left <= by_laws.left or stands_in else by_laws
+        budget = budget if budget.left <= by_laws.left or imitates else by_laws
     shares = []
     for entry in budget.entries:
         names = [name for name, kind in kinds.items() if kind is entry.kind]

@@ -2,11 +2,12 @@
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from math import ceil, cos, degrees, sin
+from math import ceil, degrees
 from xml.etree import ElementTree
 from xml.etree.ElementTree import Element, SubElement
 
 import numpy as np
+from scipy.spatial.transform import Rotation
 
 from palpate.export.target_terms import TargetArm, TargetJoint, Value, as_comment
 from palpate.robot_io.errors import InputError
@@ -60,7 +61,8 @@ def patch_mjcf(text: str, place: str, arm: TargetArm, mounting: Mounting, *, by_
     for joint in arm.joints:
         model.set_joint(model.joint(joint, by_name=by_name), joint)
     if (tilt := arm.arm.get("tilt_rad")) is not None:
-        gravity = _turned(mounting.gravity_m_s2, mounting.tilt_axis, -tilt.number)
+        turn = Rotation.from_rotvec(-tilt.number * mounting.tilt_axis)
+        gravity = turn.apply(mounting.gravity_m_s2)
         option = root.find("option")
         option = _inserted(root, 0, "option") if option is None else option
         option.set("gravity", " ".join(f"{value:.9g}" for value in gravity))
@@ -330,13 +332,6 @@ def _polynomial(*coefficients: float) -> str:
     """Coefficients of MuJoCo's polynomial of a spring or damper, without zeros at its end."""
     kept = np.trim_zeros(np.array(coefficients), "b")
     return " ".join(f"{value:.9g}" for value in kept) or "0"
-
-
-def _turned(vector: FloatArray, axis: FloatArray, angle_rad: float) -> FloatArray:
-    """Rotate by Rodrigues' formula."""
-    across = np.cross(axis, vector)
-    along: FloatArray = axis * (axis @ vector) * (1.0 - cos(angle_rad))
-    return vector * cos(angle_rad) + across * sin(angle_rad) + along
 
 
 def _too_light(mass_kg: float) -> str:

@@ -97,8 +97,8 @@ def _error(diagnosis: ChannelDiagnosis) -> str:
         if means is None or before_means is None or means > _NO_FALL * before_means:
             return f"{stays}."
         return (
-            f"{stays} sample by sample, which is finer than the derived velocity; in means over "
-            f"{after.samples_per_mean} samples, it falls from {before_means:.3g} to {means:.3g} {unit}."
+            f"{stays} sample by sample. Averaged over {after.samples_per_mean} samples, the resolution of "
+            f"the velocity, it falls from {before_means:.3g} to {means:.3g} {unit}."
         )
     fall = f"from {before.rmse:.3g} to {after.rmse:.3g} {unit}"
     return f"With {added}, the error in held-out runs falls {fall}{noise}."

@@ -59,7 +59,7 @@ ONE, TWO = accepted("bias", 0.5, 0.2), accepted("lag", 0.2, 0.1, "delay", "dampi
         (diagnosis("missing", ONE, after=0.495, means=(0.4, 0.399)), ("stays at 0.495 N",), ("falls",)),
         (
             diagnosis("missing", ONE, after=0.495, means=(0.4, 0.1)),
-            ("stays at 0.495 N", "in means over 10 samples, it falls from 0.4 to 0.1 N"),
+            ("stays at 0.495 N", "Averaged over 10 samples", "it falls from 0.4 to 0.1 N"),
             (),
         ),
         (
