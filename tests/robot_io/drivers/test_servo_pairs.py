@@ -9,6 +9,7 @@ import pytest
 from palpate.robot_io.calibration.applied import device_identity
 from palpate.robot_io.drivers.dynamixel.tables import DynamixelSettings
 from palpate.robot_io.drivers.feetech.tables import FeetechSettings
+from palpate.robot_io.drivers.servo.joints import ServoPairs
 from palpate.robot_io.errors import DeviceError, InputError
 from palpate.robot_io.examination import Level
 from palpate.robot_io.files.file_model import validate
@@ -220,6 +221,39 @@ def test_a_calibration_outlives_another_tolerance_and_no_other_second():
 
 
 ONE = {"id": 1, "model": "XM540-W270"}
+
+
+def pair_on_the_middle_joint():
+    """Three joints of 8 N m, of which two servos turn the second; the fourth servo is its second one."""
+    servos = [ONE, ONE | {"id": 2, "second": {"id": 4}}, ONE | {"id": 3}]
+    settings = validate(DynamixelSettings, {"port": "p", "servos": servos})
+    return ServoPairs(settings, parse_robot_file(DYNAMIXEL.read_text(encoding="utf-8"), DYNAMIXEL).limits)
+
+
+@pytest.mark.parametrize(
+    ("torque_nm", "named"),
+    [
+        ([0.0, 2.0, 0.0, 2.0], False),
+        ([2.0, 0.0, 2.0, 0.0], False),
+        ([2.0, 2.0, 2.0, 0.0], True),
+        ([2.0, 0.0, 2.0, 2.0], True),
+    ],
+)
+def test_the_torques_that_are_compared_are_those_of_the_pair(torque_nm, named):
+    pairs = pair_on_the_middle_joint()
+    said = [pairs.torque_difference(np.array(torque_nm), 1e-3 * k) for k in range(20)][-1]
+    assert (said is not None) is named
+    assert not named or said.startswith("servos 2 and 4 (joint 2) exert ")
+
+
+@pytest.mark.parametrize(
+    ("largest_nm", "may_nm"),
+    [([5.0, 1.0, 7.0, 3.0], [5.0, 1.0, 7.0, 1.0]), ([5.0, 3.0, 7.0, 1.0], [5.0, 1.0, 7.0, 1.0])],
+)
+def test_both_of_a_pair_may_what_the_weaker_can(largest_nm, may_nm):
+    assert pair_on_the_middle_joint().weaker(largest_nm) == may_nm
+
+
 STS = {"id": 1, "model": "STS3215-12V"}
 
 

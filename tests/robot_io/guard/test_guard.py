@@ -577,6 +577,24 @@ def test_an_encoder_that_freezes_is_named_before_the_joint_is_far_off(guard, see
     assert frozen.joint_torque_nm.tolist() == [0.0, -1.0]
 
 
+def test_the_second_joints_encoder_is_judged_by_its_own_drive():
+    """Half of its torque limit of 5 N m makes it stuck, whatever the first joint's drive does."""
+
+    def watch(first_nm, second_nm):
+        guard = Guard(LIMITS, SAFE_STATE, 2)
+        for k in range(200):
+            stuck_rad, reference_rad = SPEED * min(k, 100), SPEED * k
+            state = {
+                "joint_position_rad": [0.0, stuck_rad],
+                "joint_torque_nm": [first_nm * (k > 100), second_nm * (reference_rad - stuck_rad)],
+            }
+            guard.watch(measured(k * DT, **state), np.array([0.0, reference_rad]))
+        return guard.tripped
+
+    assert watch(9.0, 0.0) is None
+    assert watch(0.0, 400.0).cause.startswith("encoder of joint 2: stuck at 0.0")
+
+
 def test_an_encoder_that_has_never_shown_a_step_may_be_a_coarse_one(guard):
     """Nobody knows its steps: a sound one is expected to show a twentieth of the tracking limit."""
     tick = watch_many(guard, 300, lambda k: 0.0, lambda k: SPEED * k / 4, lambda k: 6.0 if k > 5 else 0.0)
