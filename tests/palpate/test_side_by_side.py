@@ -7,10 +7,11 @@ import numpy as np
 import pytest
 from rerun.chunk import RrdReader
 
+from palpate.estimation.estimate import ParameterEstimate
 from palpate.estimation.study.paired_comparison import ParameterDifference, side_by_side
 from palpate.study import Study
 from tests.palpate.cli import as_json, assert_refused, done, next_commands, run
-from tests.palpate.presses import write_presses, write_table
+from tests.palpate.presses import NOISE_N, write_presses, write_table
 
 
 def law(stiffness):
@@ -86,6 +87,32 @@ def test_what_the_model_lacks_alike_in_two_repetitions_leaves_their_difference_s
     found = {one.name: one for one in sides(hardening(400.0, 1), hardening(405.0, 12)).differences}
     assert found["stiffness.k"].differs
     assert found["stiffness.k"].value == pytest.approx(5.0, abs=0.6)
+
+
+def test_the_paired_interval_is_that_of_white_noise_in_both(soft, again):
+    """Noise is all that differs: the errors are those of sqrt(2) times the noise, (X'X)^-1 its size."""
+    pair = sides(soft, again)
+    fitted = pair.first.compared.fitted
+    rows = fitted.judged & (fitted.data.position > 0.0)
+    motion = np.column_stack([fitted.data.position, fitted.data.velocity])[rows]
+    expected = NOISE_N * np.sqrt(2.0 * np.diag(np.linalg.inv(motion.T @ motion)))
+    found = {one.name: one for one in pair.differences}
+    paired = [found[name].paired_std_err for name in ("stiffness.k", "damping.c")]
+    np.testing.assert_allclose(paired, expected, rtol=0.25)
+    assert [found[name].half for name in ("stiffness.k", "damping.c")] == pytest.approx(
+        [1.96 * std_err for std_err in paired]
+    )
+
+
+def test_errors_of_two_measurements_add_as_squares():
+    sides_of_k = (
+        ParameterEstimate("stiffness.k", "N/m", value, std_err, (value - 2 * std_err, value + 2 * std_err))
+        for value, std_err in ((400.0, 3.0), (410.0, 4.0))
+    )
+    difference = ParameterDifference("stiffness.k", "N/m", *sides_of_k)
+    assert difference.value == 10.0
+    assert difference.half == pytest.approx(1.96 * 5.0)
+    assert difference.differs
 
 
 def test_another_motion_is_not_paired(soft, tmp_path):

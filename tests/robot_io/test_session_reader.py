@@ -204,6 +204,19 @@ def test_a_damaged_file_is_refused_or_not_changed_in_what_is_read(tmp_path, whol
     assert_ticks(session.samples("tick"), range(1500))
 
 
+@pytest.mark.parametrize(
+    ("text", "damaged"),
+    [(b"gain: 1.5", b"gain: 7.5"), (b"seed: 3", b"seed: 8"), (b"0.1.0", b"0.9.0"), (b"a\nb", b"a\nc")],
+)
+def test_a_damaged_text_of_a_finished_file_is_refused(tmp_path, whole, text, damaged):
+    """It may be a calibration; no chunk covers it, only the checksum of the whole."""
+    assert whole.count(text) == 1
+    path = tmp_path / "s.mcap"
+    path.write_bytes(whole.replace(text, damaged))
+    with pytest.raises(SessionError, match="the checksum of its data does not fit"):
+        Session.open(path)
+
+
 @within_one_folder
 @given(junk=st.binary(max_size=2000), keep=st.integers(8, 3000), close=st.booleans())
 def test_junk_after_a_good_beginning_never_breaks_the_reader(tmp_path, whole, junk, keep, close):

@@ -81,6 +81,23 @@ def test_no_answer_is_dated_later_than_its_request(damaged, fast, servos, period
         assert seen > 0
 
 
+@pytest.mark.parametrize("fast", [True, False], ids=["fast", "plain"])
+def test_an_answer_that_comes_again_is_no_new_feedback(fast):
+    """The servos have fallen silent, and an adapter repeats what they said."""
+    clock = SimulatedClock()
+    line = LateLine(clock, 2e-4, damaged=False)
+    reader = feedback_reader(line, clock, (1, 2), 224, fast=fast)
+    answers = []
+    line._maybe_damaged = lambda answer: answers.append(answer) or answer
+    assert reader.read(1e-3)[1] == 0.0
+    line.write = lambda _: None
+    for repeated in range(1, 4):
+        clock.sleep_until(1e-3 * repeated)
+        line._coming = [(clock.now_s(), answers[0])]
+        with pytest.raises(DeviceTimeoutError, match="did not answer in time"):
+            reader.read(clock.now_s() + 5e-4)
+
+
 def test_what_came_after_a_question_was_given_up_does_not_answer_the_next():
     line = bytearray(dynamixel.status(1, 0, b"\x07"))
     came = lambda *_: bytes([line.pop(0) for _ in range(len(line))])  # noqa: E731

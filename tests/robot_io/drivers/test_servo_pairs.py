@@ -9,7 +9,7 @@ import pytest
 from palpate.robot_io.calibration.applied import device_identity
 from palpate.robot_io.drivers.dynamixel.tables import DynamixelSettings
 from palpate.robot_io.drivers.feetech.tables import FeetechSettings
-from palpate.robot_io.drivers.servo.joints import ServoPairs
+from palpate.robot_io.drivers.servo.joints import ServoJoints, ServoPairs
 from palpate.robot_io.errors import DeviceError, InputError
 from palpate.robot_io.examination import Level
 from palpate.robot_io.files.file_model import validate
@@ -244,6 +244,20 @@ def test_the_torques_that_are_compared_are_those_of_the_pair(torque_nm, named):
     said = [pairs.torque_difference(np.array(torque_nm), 1e-3 * k) for k in range(20)][-1]
     assert (said is not None) is named
     assert not named or said.startswith("servos 2 and 4 (joint 2) exert ")
+
+
+def test_a_second_across_the_edge_of_the_first_ones_turn_stays_beside_it():
+    """The two stand 0.01 rad apart, half a turn from the middle of the range, one on either side of it."""
+    servos = [ONE | {"second": {"id": 4}}]
+    settings = validate(DynamixelSettings, {"port": "p", "servos": servos})
+    limits = parse_robot_file(DYNAMIXEL.read_text(encoding="utf-8"), DYNAMIXEL).limits
+    steps = np.array([[2 * pi / 4096] * 2, [1.0, 1.0], [1.0, 1.0]])
+    joints = ServoJoints(settings.turning, ServoPairs(settings, limits), [0.0], steps)
+    counts = ([-3, 4], [0, 0], [0, 0])
+    joints.choose_turns(counts)
+    first_rad, second_rad = joints.motion(counts)[0]
+    assert abs(first_rad) == pytest.approx(pi, abs=0.01)
+    assert second_rad - first_rad == pytest.approx(7 * steps[0, 0])
 
 
 @pytest.mark.parametrize(
