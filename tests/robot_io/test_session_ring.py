@@ -132,7 +132,16 @@ def test_protobuf_writes_the_same_bytes(width):
     assert parsed.SerializeToString(deterministic=True) == message
 
 
-@pytest.mark.parametrize("damage", [lambda m: m[:-1], lambda m: m + m[:5], lambda m: b"\x7a" + m[1:]])
+@pytest.mark.parametrize(
+    "damage",
+    [
+        lambda m: m[:-1],
+        lambda m: m + m[:5],
+        lambda m: b"\x7a" + m[1:],
+        lambda m: m[: len(m) // 3] + b"\x7a" + m[len(m) // 3 + 1 :],
+    ],
+    ids=["too short", "too long", "first", "second"],
+)
 def test_messages_of_another_form_are_refused(damage):
     wire = WireFormat(TICK)
     with pytest.raises(SessionError, match="tick"):

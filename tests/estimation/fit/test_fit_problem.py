@@ -147,6 +147,19 @@ def test_a_column_that_only_others_move_gets_what_they_say():
     assert solve_normal_equations(NormalEquations(nothing)).gains == pytest.approx([0.0])
 
 
+def test_what_others_say_of_gains_counts_beside_one_that_is_fixed():
+    """As if the others' rows stood below these, all less what the fixed gain makes of them."""
+    rows, effort = RNG.normal(size=(40, 3)), RNG.normal(size=40)
+    known = Information(np.repeat((rows.T @ rows)[None], 2, axis=0), np.repeat((rows.T @ effort)[None], 2, 0))
+    both = np.column_stack([COLUMNS, TARGET])
+    fixed = np.array([False, True, False])
+    equations = NormalEquations((both.T @ both)[None], known).with_fixed(fixed, np.array([0.0, 3.0, 0.0]))
+    stacked, target = np.vstack([COLUMNS, rows]), np.concatenate([TARGET, effort])
+    expected = np.linalg.lstsq(stacked[:, ~fixed], target - 3.0 * stacked[:, 1], rcond=None)[0]
+    system, moment = equations.training(np.ones(2))
+    np.testing.assert_allclose(np.linalg.solve(system[0], moment[0]), expected)
+
+
 @pytest.mark.parametrize("count", [3, 4])
 def test_as_many_gains_as_samples_have_no_error_that_is_known(count):
     found = problem(trusted=np.arange(COUNT) < count).solve(COLUMNS, TARGET)

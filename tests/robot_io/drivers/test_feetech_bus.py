@@ -95,6 +95,21 @@ def test_a_torque_is_a_goal_beside_the_joint(arm):
     np.testing.assert_allclose(measured.joint_torque_nm, arm.drive_torque_nm, rtol=0.1, atol=0.01)
 
 
+@pytest.mark.parametrize(("count", "sign"), [(2, -1.0), (4093, 1.0)], ids=["lowest", "highest"])
+def test_no_goal_lies_beyond_the_ends_of_the_counts_and_what_is_lost_is_said(arm, count, sign):
+    arm.start()
+    hold(arm)
+    arm.ticks(2)
+    motors, step_rad = arm.robot.buses["motors"], 2 * pi / 4096
+    of_servos = motors.sample.of_servos.copy()
+    of_servos[0, 1] = motors._joints.offset_rad[1] + count * motors._joints.steps[0, 1]
+    of_servos[1, 1] = 0.0
+    motors.sample = motors.sample._replace(of_servos=of_servos)
+    sent_nm = motors.stage(np.array([0.0, sign * np.sign(motors._joints.steps[0, 1]), 0.0]))
+    ends_nm = motors._stiffness_nm_rad[1] * 2 * step_rad
+    assert abs(sent_nm[1]) == pytest.approx(ends_nm)
+
+
 def test_the_load_of_a_turning_motor_is_no_torque(arm):
     """Its duty cycle holds what the speed takes; that is taken off."""
     arm.start()
