@@ -42,7 +42,6 @@ from palpate.estimation.data.import_options import ImportOptions
 from palpate.estimation.data.presses import FEWEST_ROWS, press_sides
 from palpate.estimation.data.table import Table
 from palpate.estimation.data.units import dimension_of
-from palpate.estimation.statistics.correlation import correlation_coefficient
 from palpate.robot_io.errors import InputError
 from palpate.robot_io.extras import LazyModule
 from palpate.robot_io.types import FloatArray
@@ -298,14 +297,6 @@ def _with_sides(
             f"where the force begins; --unit displacement=1{way.unit} keeps it, `palpate add FILE "
             "contact_offset` fits it"
         )
-    efforts = force.factor * table.numbers(force.column)
-    low, high = np.quantile(efforts, [0.005, 0.995])
-    is_noise = abs(correlation_coefficient(efforts[1:], efforts[:-1])) < _NEIGHBORS
-    if not sides.two_sided and not is_noise and min(-low, high) > _PULLS * max(-low, high):
-        notes.append(
-            f"'{force.column}' pulls about as much as it pushes; if this is a linear axis and no press, add "
-            f"--column position={shlex.quote(way.column)}"
-        )
     if sides.two_sided and way.column not in options.columns.values():
         quoted, contact = shlex.quote(way.column), "--column displacement={} makes a contact of it"
         notes.append(f"'{way.column}' and '{force.column}' take both signs,")
@@ -319,10 +310,6 @@ def _with_sides(
         )
         result = {POSITION if key == DISPLACEMENT else key: source for key, source in result.items()}
     return result, False, "; ".join(notes)
-
-
-_NEIGHBORS = 0.5  # correlation of neighboring readings, below which a force is noise in free air
-_PULLS = 0.5  # of the larger force, that is to the other side
 
 
 def _own_name(column: str) -> bool:

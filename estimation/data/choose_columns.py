@@ -45,6 +45,7 @@ POSITION = ("position", 0)
 EFFORTS = ("force", "torque")
 _OTHER_SIGN = 0.2  # of its largest, that a force of a press may have on the other side
 _GOES_WITH = 0.3  # correlation of position and force
+_BEGINNING = 0.05  # of the way, in which an axis already needs its force
 
 
 def choose_columns(
@@ -133,15 +134,22 @@ def units_meant(table: Table, options: ImportOptions, role: Role, column: str) -
 def is_pressed(position: FloatArray, force: FloatArray) -> bool:
     """Whether a position (n,) and a force (n,) are rather those of a press than of an axis.
 
-    A press's force has one sign and grows with the position; what moves an axis has both.
+    A press's force has one sign, and grows with the position or is not there when the motion begins. What
+    moves an axis has both signs, or is there from the first movement on, as friction is.
 
     Args:
         position: shape (n,), in any unit.
         force: shape (n,), of either sign.
     """
     low, high = np.quantile(force, [0.005, 0.995])
-    one_sided = min(abs(low), abs(high)) < _OTHER_SIGN * max(abs(low), abs(high))
-    return bool(one_sided and abs(correlation_coefficient(position, force)) > _GOES_WITH)
+    largest = max(abs(low), abs(high))
+    if min(abs(low), abs(high)) >= _OTHER_SIGN * largest:
+        return False
+    if abs(correlation_coefficient(position, force)) > _GOES_WITH:
+        return True
+    moved = np.abs(position - position[0])
+    begins = slice(int(np.argmax(moved > 0.0)), int(np.argmax(moved > _BEGINNING * np.ptp(position))))
+    return bool(force[begins].size and abs(np.median(force[begins])) < _OTHER_SIGN * largest)
 
 
 def _best(table: Table, key: Key, guesses: list[Guess]) -> list[Guess]:
@@ -353,7 +361,8 @@ def _likely_unit(table: Table, role: Role, column: str, *, linear: bool = False)
     """
     values = table.numbers(column) if table.is_numeric(column) else np.zeros(1)
     if role.quantity == "time":
-        return likely_time_unit(float(np.median(np.diff(values))) if len(values) > 1 else 0.0)
+        step = float(np.median(np.diff(values))) if len(values) > 1 else 0.0
+        return likely_time_unit(step, float(np.ptp(values)) if step > 0.0 else np.inf)
     span = float(np.ptp(values))
     if linear and role.quantity == "position":
         most, otherwise = _LARGE["displacement"]

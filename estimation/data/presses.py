@@ -242,6 +242,8 @@ _FARTHEST = 0.9  # of the same
 _RESTS = 0.2  # of the force's deviation on that side, below which it rests
 _FEWEST = 20  # samples far out, or about a level of the force
 _SHALLOW = 0.02  # of the pressed samples: deeper than these no force begins
+_PULLS = 0.5  # of the larger force, that is to the other side
+_NOT_NOISE = 0.5  # correlation of neighboring readings, which noise in free air does not have
 _OF_AIR = 0.1  # of the displacement's range, that free air must span
 
 
@@ -267,11 +269,14 @@ def press_sides(displacement: FloatArray, force: FloatArray) -> PressSides:
         force: shape (n,).
     """
     alike = correlation_coefficient(displacement, force)
-    if _is_two_sided(displacement, force):
+    if _is_two_sided(displacement, force) or _pulls_deep_inside(displacement, force):
         if abs(alike) > _SPRINGY:
             return PressSides(force=float(np.sign(alike)), two_sided=True)
         against = correlation_coefficient(np.gradient(displacement), force) < _DRAGGED
         return PressSides(force=-1.0 if against else 1.0, two_sided=True, springy=False)
+    until = int(np.argmax(np.abs(force))) + 1  # then it may tear
+    if abs(alike) <= _GOES_WITH and until >= _FEWEST:
+        alike = correlation_coefficient(displacement[:until], force[:until])
     way, push = 1.0, 1.0
     if alike > _GOES_WITH and _is_negative(force):  # the reader of the motion may count from anywhere
         way = push = -1.0
@@ -307,6 +312,20 @@ def _zero(displacement: FloatArray, force: FloatArray) -> float:
     stiffness, _, offset = np.linalg.lstsq(columns[pressed], force[pressed] - levels.free, rcond=None)[0]
     begins = -offset / stiffness if stiffness > 0.0 else high
     return float(np.clip(begins, np.min(free), np.quantile(displacement[pressed], _SHALLOW)))
+
+
+def _pulls_deep_inside(displacement: FloatArray, force: FloatArray) -> bool:
+    """Whether the force (n,) takes both signs alike where the displacement (n,) is far from zero.
+
+    There an object that can only push still does, whichever way it moves; one that sticks pulls farther out.
+    """
+    neighbors = correlation_coefficient(force[1:], force[:-1]) if len(force) > 1 else 0.0
+    if neighbors < _NOT_NOISE:
+        return False
+    farthest = displacement[np.argmax(np.abs(displacement))]
+    deep = force[displacement * np.sign(farthest) > _FARTHER * abs(farthest)]
+    low, high = np.quantile(deep, [0.1, 0.9]) if len(deep) >= _FEWEST else (0.0, 0.0)
+    return bool(min(-low, high) > _PULLS * max(-low, high) > _PULLS * _PULLS * np.abs(force).max())
 
 
 def _is_two_sided(displacement: FloatArray, force: FloatArray) -> bool:

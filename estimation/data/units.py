@@ -16,6 +16,7 @@ _STANDARD_GRAVITY = 9.80665  # m/s^2: what a gram or a kilogram weighs where it 
 _POUND = 0.45359237 * _STANDARD_GRAVITY
 _INCH = 0.0254
 SLOWEST_S = 0.5  # time from sample to sample, beyond which another unit of time is likelier
+SHORTEST_S = 1.0  # a recording, of mechanics at this scale
 
 
 def _with_prefixes(unit: str, prefixes: str) -> dict[str, float]:
@@ -177,13 +178,19 @@ def dimension_of(unit: str) -> str | None:
     return _FACTORS[unit][0] if unit in _FACTORS else None
 
 
-def likely_time_unit(step: float) -> str:
+def likely_time_unit(step: float, span: float = math.inf) -> str:
     """The largest unit of time in which samples that are this far apart are less than `SLOWEST_S` apart.
+
+    Where the whole recording would be shorter than `SHORTEST_S` in it, the next larger unit is likelier.
 
     Args:
         step: between samples, in the unknown unit of time.
+        span: from the first to the last sample, in the same unit.
     """
-    return next((unit for unit in ("s", "ms", "us") if step * _TIME[unit] <= SLOWEST_S), "ns")
+    units = ("s", "ms", "us", "ns")
+    number = next((n for n, unit in enumerate(units[:3]) if step * _TIME[unit] <= SLOWEST_S), 3)
+    is_too_short = span * _TIME[units[number]] < SHORTEST_S
+    return units[number - 1] if is_too_short and number > 0 else units[number]
 
 
 def factor_to_si(unit: str, dimension: str, where: str) -> float:

@@ -11,7 +11,7 @@ from palpate.estimation.kinds import Kind
 from palpate.estimation.signals.blocks import block_index
 from palpate.estimation.signals.free_air import is_one_way
 from palpate.estimation.signals.runwise import play
-from palpate.robot_io.types import FloatArray
+from palpate.robot_io.types import FloatArray, IntArray
 
 
 class Bias(AdditiveEffect):
@@ -161,6 +161,9 @@ class ForceDeadband(AdditiveEffect):
 
 
 _NOISE, _OF_THOSE = 4.0, 0.05  # times the noise, and share of the readings beyond the limit
+_ORDER = 6  # of the polynomial that such readings are compared with
+_FEWEST_OF_CURVE = 5 * _ORDER  # of them in a run
+_OF_CURVE = 0.5  # of their variance that it leaves: of noise about one value it leaves almost all
 
 
 class Saturation(SensorEffect):
@@ -191,14 +194,32 @@ class Saturation(SensorEffect):
     def is_misnamed(
         self, data: ChannelData, parameters: Mapping[str, float], errors: Errors, noise: float
     ) -> bool:
-        """See `Effect.is_misnamed`: readings go on beyond the limit, by more than noise."""
+        """See `Effect.is_misnamed`: readings go on beyond the limit by more than noise, or follow a curve."""
         above = np.abs(data.effort) - parameters[f"{self.name}.limit"]
-        return bool(np.sum(above > _NOISE * noise) > _OF_THOSE * np.sum(above > 0.0))
+        beyond = above > 0.0
+        if np.sum(above > _NOISE * noise) > _OF_THOSE * np.sum(beyond):
+            return True
+        return _follows_a_curve(above[beyond], np.flatnonzero(beyond), data.run[beyond])
 
     def starts(self, data: ChannelData) -> tuple[Inner, ...]:
         """See `Effect.starts`: shares of the largest reading."""
         peak = float(np.max(np.abs(data.effort))) or 1.0
         return tuple({"limit": float(part * peak)} for part in (0.55, 0.7, 0.8, 0.88, 0.94, 0.97, 0.99))
+
+
+def _follows_a_curve(readings: FloatArray, places: IntArray, run: IntArray) -> bool:
+    """Whether readings (m,) that should be one value and noise lie on a smooth curve in each run.
+
+    An end of a range is the same however far the effort is beyond it. What yields goes on, bends and falls.
+    """
+    total, left = 0.0, 0.0
+    for number in np.unique(run):
+        own, at = readings[run == number], places[run == number]
+        if len(own) >= _FEWEST_OF_CURVE:
+            curve = np.polynomial.Legendre.fit(at, own, _ORDER)(at)
+            total += float(np.sum((own - own.mean()) ** 2))
+            left += float(np.sum((own - curve) ** 2))
+    return left < _OF_CURVE * total
 
 
 _STILL = 0.1  # of the width, within which an effort has not moved

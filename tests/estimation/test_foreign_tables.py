@@ -267,11 +267,31 @@ def test_a_joint_is_called_by_its_columns(tmp_path):
     assert import_file(path).title("joint_1") == "joint_1"
 
 
-def test_a_force_to_both_sides_is_said_to_be_perhaps_that_of_an_axis(tmp_path):
+def test_a_force_to_both_sides_deep_inside_is_that_of_an_axis(tmp_path):
     path = tmp_path / "lever.csv"
     force = np.where(np.gradient(WAY_M) < 0.0, -FORCE_N, FORCE_N)
     path.write_text("Time [s],Extension [mm],Load [N]\n" + lines(TIME_S, 1e3 * np.abs(WAY_M), force))
-    (note,) = [note for note in import_file(path).notes if "pulls about as much" in note]
-    assert "--column position='Extension [mm]'" in note
+    imported = import_file(path)
+    assert imported.channels[0].name == "joint_1"
+    assert any("--column displacement='Extension [mm]' makes a contact" in note for note in imported.notes)
     path.write_text("Time [s],Extension [mm],Load [N]\n" + lines(TIME_S, 1e3 * np.abs(WAY_M), FORCE_N))
-    assert not [note for note in import_file(path).notes if "pulls" in note]
+    assert import_file(path).channels[0].name == "contact"
+
+
+def test_a_strip_that_tears_is_pulled_though_its_force_then_falls(tmp_path):
+    path = tmp_path / "strip.csv"
+    way = np.linspace(0.0, 20.0, 800)
+    force = np.where(way < 9.0, 0.3 * way + 0.02 * way**2, np.maximum(4.3 - 0.6 * (way - 9.0), 0.0))
+    path.write_text("Time [s],Position [mm],Fz [N]\n" + lines(np.linspace(0.0, 200.0, 800), -way, -force))
+    assert import_file(path).channels[0].name == "contact"
+    dragged = np.full(800, 2.0) + 0.01 * np.sin(way)  # an axis needs its force from the first movement on
+    path.write_text("Time [s],Position [mm],Fz [N]\n" + lines(np.linspace(0.0, 200.0, 800), way, dragged))
+    assert import_file(path).channels[0].name == "joint_1"
+
+
+@pytest.mark.parametrize(("step", "count", "unit"), [(0.526, 200, "s"), (2.0, 4000, "ms"), (0.01, 300, "s")])
+def test_a_time_without_a_unit_is_no_shorter_than_a_press_lasts(tmp_path, step, count, unit):
+    path = tmp_path / "slow.csv"
+    time, way = step * np.arange(count), np.linspace(0.0, 1.0, count)
+    path.write_text("Time,Travel [mm],Load [N]\n" + lines(time, way, 3.0 * way + 0.1 * way**2))
+    assert f"its steps are taken for {unit};" in import_file(path).notes[0]

@@ -2,6 +2,7 @@
 
 from dataclasses import replace
 
+import numpy as np
 import pytest
 
 from palpate.estimation.effects import EFFECTS
@@ -100,3 +101,14 @@ def test_readings_do_not_go_on_beyond_the_end_of_a_range(share, clipped):
     data = replace(data, effort=data.effort.clip(-0.7 * top, 0.7 * top))
     given = {"saturation.limit": share * 0.7 * top}
     assert EFFECTS["saturation"]().is_misnamed(data, given, dict, 0.01 * top) is not clipped
+
+
+def test_an_end_of_a_range_is_flat_and_what_yields_is_not():
+    data = session(2)
+    top = float(data.effort.max())
+    given, saturation = {"saturation.limit": 0.8 * top}, EFFECTS["saturation"]()
+    noise = 0.01 * top * np.random.default_rng(3).standard_normal(len(data.effort))
+    cut_off = np.minimum(data.effort, 0.8 * top) + noise
+    assert not saturation.is_misnamed(replace(data, effort=cut_off), given, dict, 0.1 * top)
+    yields = np.minimum(data.effort, 0.8 * top + 0.2 * (data.effort - 0.8 * top))
+    assert saturation.is_misnamed(replace(data, effort=yields + 0.1 * noise), given, dict, 0.1 * top)
