@@ -16,7 +16,7 @@ from palpate.estimation.fit.smooth_features import hats, reversal_memory
 from palpate.estimation.kinds import OF_HISTORY, Kind
 from palpate.estimation.signals.blocks import rows_of_runs
 from palpate.estimation.signals.exponential_memory import low_pass, relax
-from palpate.estimation.signals.free_air import is_one_speed, is_one_way, zero_in_free_air
+from palpate.estimation.signals.free_air import is_one_speed, is_one_way, never_returns, zero_in_free_air
 from palpate.estimation.signals.runwise import derivative, running_max, sample_time, shift
 from palpate.robot_io.types import BoolArray, FloatArray, IntArray
 
@@ -115,13 +115,16 @@ def flexible_laws(blocked: BlockedData, effort: FloatArray, residual: FloatArray
 
 
 def unseen_kinds(data: ChannelData) -> frozenset[Kind]:
-    """Kinds that the motion cannot tell from a law of the position: a contact pressed once at one speed.
+    """Kinds that the motion of a contact cannot tell from a law of the position.
+
+    Memory of the path is one where no run returns, and so is memory of any kind in one pass at one speed.
 
     Args:
         data: the channel.
     """
-    is_single = data.kind is ChannelKind.CONTACT and is_one_speed(data.time_s, data.position, data.run)
-    return OF_HISTORY if is_single else frozenset()
+    if data.kind is not ChannelKind.CONTACT or not never_returns(data.position, data.run):
+        return frozenset()
+    return OF_HISTORY if is_one_speed(data.time_s, data.position, data.run) else frozenset({Kind.FRICTION})
 
 
 def _law(kind: Kind | tuple[Kind, ...], *columns: FloatArray, nonnegative: bool = False) -> Law:

@@ -35,7 +35,7 @@ from palpate.estimation.data_quality.timing import lost_rows, time_offset
 from palpate.estimation.fit.blocks import PIECES, block_average, block_length
 from palpate.estimation.fit.normal_equations import ORDER, ArNoise
 from palpate.estimation.model import Model
-from palpate.estimation.signals.free_air import is_one_speed
+from palpate.estimation.signals.free_air import is_one_speed, never_returns
 from palpate.estimation.signals.runwise import apply_per_run, sample_time
 from palpate.robot_io.types import BoolArray
 
@@ -194,12 +194,14 @@ def _runs(data: ChannelData) -> str | None:
 def _motion_once(data: ChannelData) -> str | None:
     """Say what one way tells alike: a single run's parts are held out at other places."""
     if len(data.runs) > 1:
-        if data.kind is not ChannelKind.CONTACT or not is_one_speed(data.time_s, data.position, data.run):
+        if data.kind is not ChannelKind.CONTACT or not never_returns(data.position, data.run):
             return None
-        return (
-            "all runs go one way at one speed: relaxation, friction and damping cannot be told from the "
-            "shape of the elastic law; hold, return, or add runs at another speed"
-        )
+        if is_one_speed(data.time_s, data.position, data.run):
+            return (
+                "all runs go one way at one speed: relaxation, friction and damping cannot be told from the "
+                "shape of the elastic law; hold, return, or add runs at another speed"
+            )
+        return "no run returns: friction cannot be told from the shape of the elastic law; let one return"
     travelled = sum(np.ptp(part) for part in np.array_split(data.position, PIECES))
     if travelled >= _TRAVELLED * np.ptp(data.position):
         return None

@@ -90,6 +90,17 @@ def is_one_way(position: FloatArray, run: IntArray) -> bool:
     )
 
 
+def never_returns(position: FloatArray, run: IntArray) -> bool:
+    """Whether positions (n,) go the same one way in all runs, so that memory of the path is a law of them.
+
+    Args:
+        position: shape (n,).
+        run: of each sample, shape (n,).
+    """
+    ways = {float(np.sign(position[rows[-1]] - position[rows[0]])) for rows in rows_of_runs(run)}
+    return len(ways) == 1 and is_one_way(position, run)
+
+
 def is_one_speed(time_s: FloatArray, position: FloatArray, run: IntArray) -> bool:
     """Whether all runs go one way at one speed, so that whatever has a memory is a law of the position.
 
@@ -98,7 +109,7 @@ def is_one_speed(time_s: FloatArray, position: FloatArray, run: IntArray) -> boo
         position: shape (n,).
         run: of each sample, shape (n,).
     """
-    if not is_one_way(position, run):
+    if not never_returns(position, run):
         return False
     speeds = []
     for rows in rows_of_runs(run):

@@ -100,10 +100,12 @@ def test_history_is_seen_by_a_hold_a_return_or_another_speed_alone(runs, seen):
     assert is_one_speed(time_s, x, run) is not seen
     zeros = np.zeros(len(x))
     data = ChannelData("contact", ChannelKind.CONTACT, time_s, x, zeros, zeros, zeros, run, run - run - 1)
-    names = ["stress_relaxation", "power_law_stiffness", "hysteresis"]
+    names = ["stress_relaxation", "power_law_stiffness", "hysteresis", "dry_friction"]
     tried = [effect.name for effect in applicable_effects(data, MODEL, [EFFECTS[name]() for name in names])]
     assert ("stress_relaxation" in tried) is seen
     assert "power_law_stiffness" in tried
-    assert ("hysteresis" in tried) is any(back_s for _, _, back_s in runs)
+    returns = any(back_s for _, _, back_s in runs)
+    assert ("hysteresis" in tried) is returns
+    assert ("dry_friction" in tried) is (returns or min(speed for speed, _, _ in runs) < 0.0)
     warned = any("all runs go one way at one speed" in warning for warning in quality_warnings(data))
     assert warned is not seen
