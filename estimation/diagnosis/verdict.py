@@ -76,7 +76,7 @@ class Evidence:
 
     @cached_property
     def single_effects(self) -> dict[str, FitResult]:
-        """The base model with one effect, for each of the most promising candidates."""
+        """The base model with one effect, for each of the most promising candidates that is what it says."""
         # Errors sample by sample, from what each candidate takes away on blocks, or on a coarse copy's.
         start, coarse = self.search.start, self.search.coarse or self.search
         before, promising = coarse.start.solution.held_out, list[str]()
@@ -85,7 +85,8 @@ class Evidence:
             error = float(np.sqrt(max(start.rmse**2 - share * start.held_out_mean_square, 0.0)))
             if start.rmse > 0.0 and 1.0 - error / start.rmse >= SMALL:
                 promising.append(candidate.effect.name)
-        return {name: self.extended(start, name) for name in promising[:_MOST_RANKED]}
+        fits = {name: self.extended(start, name) for name in promising[:_MOST_RANKED]}
+        return {name: fit for name, fit in fits.items() if self.search.is_sound(fit, name)}
 
     def extended(self, fit: FitResult, name: str) -> FitResult:
         """Fit a model with one more effect of the library.

@@ -9,7 +9,7 @@ from palpate.estimation.channel import ChannelData, ChannelKind
 from palpate.estimation.effect import AdditiveEffect, Errors, Inner, Parameter, SensorEffect
 from palpate.estimation.kinds import Kind
 from palpate.estimation.signals.blocks import block_index
-from palpate.estimation.signals.free_air import is_one_way
+from palpate.estimation.signals.free_air import is_one_way, zero_in_free_air
 from palpate.estimation.signals.runwise import play
 from palpate.robot_io.types import FloatArray, IntArray
 
@@ -35,6 +35,11 @@ class Bias(AdditiveEffect):
         "drift": "wait: a bias stays",
         "asymmetric_friction": "let the joint rest: a bias stays",
     }
+
+    def applies_to(self, data: ChannelData) -> bool:
+        """See `Effect.applies_to`: without free air, the offset of a contact is where its surface lies."""
+        is_contact = data.kind is ChannelKind.CONTACT
+        return super().applies_to(data) and not (is_contact and zero_in_free_air(data) is None)
 
     def columns(self, data: ChannelData, inner: Inner) -> FloatArray:
         return np.ones((len(data), 1))
