@@ -226,7 +226,9 @@ def _unquoted(word: str) -> str:
 
 
 def speaks_python(made: Class) -> Class:
-    """Let errors of a class's public methods use Python's words, except below a command line.
+    """Let errors of a class's public methods be one printable line, in Python's words.
+
+    Below a command line they keep its words, and are made printable where they are reported.
 
     Args:
         made: a class.
@@ -239,7 +241,7 @@ def speaks_python(made: Class) -> Class:
                 return method(*args, **by_name)
             except PalpateError as error:
                 if not ErrorWording.of_command_line:
-                    error.args = (in_python(str(error)),)
+                    error.args = (one_line(in_python(str(error))),)
                 raise
 
         return call

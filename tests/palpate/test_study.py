@@ -193,3 +193,16 @@ def test_revisions_with_other_runs_held_out_are_of_other_data(tmp_path):
     assert held.latest(held.channel()) is None
     with pytest.raises(InputError, match="other data"):
         held.add("bias", start=1)
+
+
+@pytest.mark.parametrize(
+    "content", [None, b"", b"a,b\n1,2\n", bytes(range(256))], ids=["missing", "empty", "text", "binary"]
+)
+@pytest.mark.parametrize("ending", ["csv", "mcap", "npz", "parquet", "xlsx", "db3", "xyz"])
+def test_an_error_shows_no_control_character_of_a_file_name(tmp_path, ending, content):
+    path = tmp_path / f"press\x1b[31m\n\x07\u202e.{ending}"
+    if content is not None:
+        path.write_bytes(content)
+    with pytest.raises(InputError, match=r"press\?\[31m \?\?\.") as refusal:
+        Study(path)
+    assert str(refusal.value).isprintable()

@@ -114,6 +114,14 @@ def test_colour_is_recovered_and_taken_out(memory):
     assert abs(np.corrcoef(white[1:], white[:-1])[0, 1]) < 0.03
 
 
+def test_what_one_run_ends_with_and_the_next_begins_with_is_no_colour():
+    noise = np.random.default_rng(5).normal(size=(2000, 6))
+    noise[1:, 0] = noise[:-1, -1]  # white within each run
+    run = np.repeat(np.arange(2000), 6)
+    noise_model = estimate_ar_noise(noise.ravel(), run, np.ones(len(run), dtype=bool))
+    assert noise_model.coefficients == pytest.approx([0.0] * 4, abs=0.04)
+
+
 def test_blocks_hold_whole_runs_out_and_leave_the_edge_of_contact():
     data = session(1)
     blocked = block_average(data)
