@@ -144,6 +144,32 @@ def test_even_uncorrelated_noise_gives_the_textbook_errors():
     assert np.median([each.degrees_of_freedom for each in found]) > 1000
 
 
+def test_residuals_that_few_samples_leave_are_made_up_for():
+    """Five gains of twenty samples take a quarter of the noise's energy with them."""
+    rng = np.random.default_rng(0)
+    columns = rng.normal(size=(20, 5))
+    hat = columns @ np.linalg.pinv(columns)
+    draws = [noise - hat @ noise for noise in rng.normal(size=(500, 20))]
+    variance = np.mean([sandwich(columns, left, np.ones(20)).std_err ** 2 for left in draws], axis=0)
+    truth = np.diag(np.linalg.inv(columns.T @ columns))
+    assert np.mean(variance / truth) == pytest.approx(1.0, abs=0.12)
+
+
+def test_runs_are_no_neighbours_where_one_ends_and_the_next_begins():
+    """The order of runs says nothing; scores of neighbouring samples of one run go together."""
+    rng = np.random.default_rng(3)
+    run = np.repeat(np.arange(30), 6)
+    columns = np.column_stack([np.ones(180), rng.normal(size=180)])
+    residuals = np.repeat(rng.normal(size=30), 6) + 0.3 * rng.normal(size=180)
+    residuals -= columns @ np.linalg.lstsq(columns, residuals, rcond=None)[0]
+    order = np.concatenate([np.flatnonzero(run == number) for number in np.argsort(residuals[::6])])
+    plain, ordered = (
+        sandwich(columns[rows], residuals[rows], np.ones(180), run[rows]).std_err
+        for rows in (np.arange(180), order)
+    )
+    np.testing.assert_allclose(ordered, plain)
+
+
 def test_errors_have_the_parameters_units():
     columns = motion()[0]
     residuals = np.random.default_rng(2).standard_normal(len(columns))

@@ -254,6 +254,17 @@ def test_a_position_that_is_lost_is_no_old_one(bench):
     assert arm.ticks(3).torque_at_s == before
 
 
+@pytest.mark.parametrize(
+    ("fault", "status"), [(35, Status.FAULT), (42, Status.FAULT), (43, Status.FAULT), (38, Status.OK)]
+)
+def test_a_position_of_an_encoder_with_a_fault_is_none_however_sound_it_looks(bench, fault, status):
+    arm = bench(MOTEUS).start()
+    arm.motors[1].mode, arm.motors[1].fault = 1, fault
+    measurement = arm.ticks(3)
+    assert np.isfinite(measurement.joint_position_rad).all()
+    assert (measurement.encoder_status, measurement.torque_status) == (status, Status.FAULT)
+
+
 def test_what_cuts_a_torque_is_said(bench):
     arm = bench(MOTEUS).start()
     arm.motors[2]._max_torque_nm = 0.25
