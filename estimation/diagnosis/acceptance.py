@@ -34,6 +34,7 @@ _LEAST_OF_KIND = 0.02  # of the error, for which a kind must account beside the 
 _OF_UNEXPLAINED = 0.25  # of what nothing explains, beside which less may be a part of that
 _UNDECIDED = 0.1  # of what an effect takes: more that nothing explains may belong to another kind
 _RUNS = 5  # of which fewer do not say how runs vary, where something else is left too
+_OF_READER = frozenset({Kind.SENSOR_STATICS, Kind.SENSOR_DYNAMICS})
 _WITHIN = 1e-3  # of the energy of what an effect adds, by which curves that are the same may differ
 
 
@@ -140,8 +141,14 @@ def accept_forms(
         if failed:
             end = search.without(end, min(failed, key=lambda name: taken[name]))
             continue
-        others = (fit for test in tests for fit in similar_forms(search, end, test.effect).values())
+        others = [fit for test in tests for fit in similar_forms(search, end, test.effect).values()]
         better = [fit for fit in others if search.is_sensible(fit) and search.is_better(fit, end)]
+        better = better or [
+            fit
+            for test in tests
+            for fit in _of_the_object(search, end, test.effect)
+            if search.is_sensible(fit)
+        ]
         if not better:
             is_real = improvement_test(search.start, end, measurement, search.rng).is_significant
             return (end, tests) if is_real else (search.start, [])
@@ -299,6 +306,30 @@ def similar_forms(search: Search, end: FitResult, name: str) -> dict[str, FitRes
         and parameter_count(candidate.effect) <= parameter_count(effect)
         and candidate.held_out <= least
     }
+
+
+def _of_the_object(search: Search, end: FitResult, name: str) -> Iterator[FitResult]:
+    """Models with an effect of the object or the drive in the place of one of the reader.
+
+    A reader is seldom at fault: it is only where nothing that it reads, with as few parameters, takes about
+    as much.
+
+    Args:
+        search: of the channel.
+        end: the model that the search ended with.
+        name: the effect that is replaced.
+    """
+    effect = end.solution.model.effect(name)
+    if effect.kind not in _OF_READER:
+        return
+    without = search.without(end, name).solution.held_out
+    least = without - AS_MUCH * (without - end.solution.held_out)
+    for candidate in search.alternatives(end, name):
+        of_object = candidate.effect.kind not in _OF_READER | {Kind.RUN_DIFFERENCES, Kind.DRIFT, Kind.OTHER}
+        if of_object and parameter_count(candidate.effect) <= parameter_count(effect):
+            fit = search.with_candidate(candidate)
+            if fit.solution.held_out <= least:
+                yield fit
 
 
 def _wholes(search: Search, end: FitResult, name: str) -> list[Effect]:

@@ -295,3 +295,13 @@ def test_a_time_without_a_unit_is_no_shorter_than_a_press_lasts(tmp_path, step, 
     time, way = step * np.arange(count), np.linspace(0.0, 1.0, count)
     path.write_text("Time,Travel [mm],Load [N]\n" + lines(time, way, 3.0 * way + 0.1 * way**2))
     assert f"its steps are taken for {unit};" in import_file(path).notes[0]
+
+
+@pytest.mark.parametrize("runs", [1, 2])
+def test_the_run_may_stand_behind_the_unit(tmp_path, runs):
+    path = tmp_path / "lab.csv"
+    way, force = np.linspace(0.0, 5e-3, 200), np.linspace(0.0, 5.0, 200)
+    names = ",".join(f'"Position (m) Run #{n}","Force (N) Run #{n}"' for n in range(1, runs + 1))
+    path.write_text(names + "\n" + lines(*(way, force) * runs))
+    (channel,) = import_file(path).channels
+    assert (channel.name, len(channel.runs), channel.position.max()) == ("contact", runs, pytest.approx(5e-3))

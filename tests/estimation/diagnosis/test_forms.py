@@ -174,3 +174,15 @@ def test_forms_that_together_leave_as_little_as_the_laws_of_their_kinds_bear_the
         budget = replace(partial.budget, left=of_laws * left / all_error**2, base=all_error)
         known, _ = accept_forms(search, replace(partial, budget=budget), end, measured(search))
         assert search.added_effects(known) == names
+
+
+def test_what_the_reader_and_the_object_draw_alike_is_the_object_s():
+    """A press whose displacement counts from elsewhere: a dead band of the reader draws nearly the same."""
+    depth, run = np.linspace(18e-3, 38e-3, 400), np.repeat(np.arange(3), 400)
+    x, v = np.tile(depth, 3), np.full(1200, 1e-3)
+    force = 3e4 * (x - 16e-3) + 1e5 * (x - 18e-3) ** 2 + np.random.default_rng(0).normal(0.0, 0.3, 1200)
+    data = channel(force, x, v, 0.05 * np.arange(1200) + 100.0 * run, run=run)
+    for names in (("deadband",), ("deadband", "contact_offset")):
+        search = searched(data, *names, base=PRESS)
+        end, _ = accept_forms(search, analyse_kinds(search), reached(search, "deadband"), measured(search))
+        assert search.added_effects(end) == [names[-1]]
