@@ -145,7 +145,8 @@ def is_pressed(position: FloatArray, force: FloatArray) -> bool:
     largest = max(abs(low), abs(high))
     if min(abs(low), abs(high)) >= _OTHER_SIGN * largest:
         return False
-    if abs(correlation_coefficient(position, force)) > _GOES_WITH:
+    until = int(np.argmax(np.abs(force))) + 1  # then it may tear
+    if any(abs(correlation_coefficient(position[:n], force[:n])) > _GOES_WITH for n in (len(force), until)):
         return True
     moved = np.abs(position - position[0])
     begins = slice(int(np.argmax(moved > 0.0)), int(np.argmax(moved > _BEGINNING * np.ptp(position))))

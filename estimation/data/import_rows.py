@@ -85,6 +85,7 @@ def arrange_rows(columns: Columns, *, fresh: bool = False, count: int | None = N
         note = "; ".join(filter(None, [note, repeated]))
         order, time_s = order[~same], time_s[~same]
     rows = Rows(order, time_s, run[order], _phases(table, columns.phase)[order], labels, note)
+    rows = _with_spread_times(columns, rows)
     _check_times(columns, rows)
     runs, counts = np.unique(rows.run, return_counts=True)
     if counts.min() < _FEWEST:
@@ -154,6 +155,32 @@ def _cycles(columns: Columns) -> tuple[IntArray, str]:
     return np.zeros(len(columns.table), dtype=np.int64), ""
 
 
+def _with_spread_times(columns: Columns, rows: Rows) -> Rows:
+    """Rows of one time spread evenly up to the next time, where a clock counts in coarser steps than rows.
+
+    A run whose clock stands still throughout, or ever goes back, stays as it is.
+    """
+    time_s = rows.time_s.copy()
+    for of_run in blocks(rows.run):
+        read = rows.time_s[of_run]
+        steps = np.diff(read)
+        first = np.flatnonzero(np.append(True, steps > FINEST_S))  # rows at which the clock goes on
+        if (steps < 0.0).any() or len(first) in {1, len(read)}:
+            continue
+        usual_s = (read[first[-1]] - read[0]) / first[-1]
+        end_s = read[-1] + usual_s * (len(read) - first[-1])
+        time_s[of_run] = np.interp(np.arange(len(read)), [*first, len(read)], [*read[first], end_s])
+    spread = int(np.sum(time_s != rows.time_s))
+    if not spread:
+        return rows
+    name = columns.name(TIME)
+    words = (
+        f"'{name}' repeats its times: {spread} of {len(time_s)} rows are spread evenly up to the next one; "
+        f"if it is not the time of each row, leave it out with --context {shlex.quote(name)}"
+    )
+    return replace(rows, time_s=time_s, note="; ".join(filter(None, [rows.note, words])))
+
+
 def _phases(table: Table, column: str | None) -> IntArray:
     if column is None:
         return np.full(len(table), UNKNOWN_PHASE, dtype=np.int64)
@@ -186,13 +213,7 @@ def _check_times(columns: Columns, rows: Rows) -> None:
     in_order = next((name for name in columns.table.names if _orders(columns, name)), "")
     number = shlex.quote(in_order or columns.like_runs or "COLUMN")
     remedy = f"say with --column {RUN}={number} where a new run begins"
-    if (
-        not in_order
-        and np.median(np.diff(rows.time_s)) == 0.0
-        and {DISPLACEMENT, FORCE} <= {*columns.assigned}
-    ):
-        remedy = f"if it is not the time of each row, leave it out with --context {shlex.quote(name)}"
-    elif not in_order:
+    if not in_order:
         remedy = f"sort the rows, or {remedy}"
     raise InputError(
         f"{columns.table.path}: {word} {after}, column '{name}': {rows.time_s[late[0] + 1]:.9g} s does not "

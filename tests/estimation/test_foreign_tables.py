@@ -252,8 +252,20 @@ def test_a_time_that_is_none_of_the_rows_may_be_left_out(tmp_path):
     path = tmp_path / "probes.csv"
     done = np.repeat(np.arange(60.0), 10)
     path.write_text("completion_time_s,depth_m,force_N\n" + lines(done, WAY_M, FORCE_N, form="{:.8f}"))
-    (channel,) = by_the_advice(path).channels
+    (note,) = (note for note in import_file(path).notes if "repeats its times" in note)
+    assert note.endswith("leave it out with --context completion_time_s")
+    options = ImportOptions(context=("completion_time_s",))
+    (channel,) = import_file(path, options).channels
     np.testing.assert_allclose(channel.position, WAY_M, atol=1e-7)
+    np.testing.assert_allclose(np.diff(channel.time_s), 1.0)
+
+
+def test_rows_of_one_second_are_spread_over_it(tmp_path):
+    path = tmp_path / "logger.csv"
+    path.write_text("time_s,depth_m,force_N\n" + lines(np.floor(TIME_S * 20.0) / 20.0, WAY_M, FORCE_N))
+    (channel,) = import_file(path).channels
+    assert np.abs(channel.time_s - TIME_S).max() < 0.05 + 1e-6
+    assert np.diff(channel.time_s).min() > 0.0
 
 
 def test_a_joint_is_called_by_its_columns(tmp_path):
