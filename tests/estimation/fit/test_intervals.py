@@ -89,6 +89,14 @@ def test_each_parameter_has_its_unit_and_an_interval_of_two_standard_errors(foun
     assert not any(one.at_bound for one in known.values())
 
 
+def test_a_gain_that_is_kept_from_going_beyond_its_bound_is_said_to_be_there():
+    fit = fit_model(swings(4, lambda q, v, a: -2.0 * DAMPING * v), BASE, {})
+    damping, inertia = (fit.parameters[name] for name in ("viscous_friction.d", "pendulum.inertia"))
+    assert (damping.value, damping.std_err, damping.at_bound) == (0.0, 0.0, True)
+    assert not inertia.at_bound
+    assert [words.split()[:4] for words in fit.unphysical] == [["viscous_friction.d", "would", "be", "below"]]
+
+
 def test_the_colour_is_taken_out_only_where_nothing_is_missing(found):
     _, fit = found
     problem, solution = final_solution(fit)

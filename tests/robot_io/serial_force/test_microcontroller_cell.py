@@ -154,3 +154,14 @@ def test_a_damaged_line_costs_itself_alone(arm):
     assert arm.ticks(5, None).force_n == pytest.approx(50.0, abs=0.01)
     sensor.reading = lambda force_n: reading(float("inf"))
     assert arm.ticks(5, None).force_status is Status.SATURATED
+
+
+@pytest.mark.parametrize("end_n", [1e6, -1e6], ids=["push", "pull"])
+def test_either_end_of_the_range_is_its_end(arm, end_n):
+    arm.robot.configure()
+    sensor = arm.arm.wires["load_cell"]._sensor
+    reading = sensor.reading
+    sensor.reading = lambda force_n: reading(end_n)
+    measurement = arm.ticks(20, None)
+    assert measurement.force_status is Status.SATURATED
+    assert measurement.force_n * end_n > 0.0
