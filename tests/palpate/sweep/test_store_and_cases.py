@@ -9,9 +9,10 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
 
-from palpate.robot_io.errors import InputError
-from palpate.sweep import Case, Cluster, ResultStore, run_cases
+from palpate.robot_io.errors import InputError, PalpateError
+from palpate.sweep import Case, Cluster, ResultStore, case, run_cases
 from palpate.sweep.case import code_version
+from palpate.sweep.runner import run_one
 
 BASE = Case("tests.palpate.sweep.slow_work:work", {"k": 500, "noise": [0.0, 0.1]}, 1)
 
@@ -43,6 +44,30 @@ def test_a_change_of_the_works_code_changes_the_address(tmp_path, monkeypatch):
     code_version.cache_clear()
     assert Case("little_work:work", {}).address != before
     sys.modules.pop("little_work", None)
+
+
+def test_a_change_of_the_physics_changes_the_address(tmp_path, monkeypatch):
+    """Or results of the old contact law would be taken for those of the new one."""
+    monkeypatch.syspath_prepend(tmp_path)
+    (tmp_path / "little_physics").mkdir()
+    law = tmp_path / "little_physics" / "law.py"
+    law.write_text("STIFFNESS = 1\n")
+    monkeypatch.setattr(case, "_PHYSICS", ("little_physics",))
+    versions = []
+    for stiffness in (1, 1, 2):
+        law.write_text(f"STIFFNESS = {stiffness}\n")
+        code_version.cache_clear()
+        versions.append(code_version("tests.palpate.sweep.slow_work"))
+    code_version.cache_clear()
+    assert versions[0] == versions[1] != versions[2]
+
+
+def test_a_worker_with_other_code_gives_no_result(tmp_path):
+    """One that has joined a scheduler later; its own address of the case is another."""
+    store = ResultStore(tmp_path)
+    with pytest.raises(PalpateError, match="runs another version of palpate"):
+        run_one(BASE, Case(BASE.work, BASE.parameters, 7).address, tmp_path)
+    assert store.finished() == set()
 
 
 def test_work_that_is_not_there_is_refused():

@@ -36,6 +36,19 @@ def test_ticks_in_memory_are_those_of_a_session(tmp_path, log_in_process):
         np.testing.assert_array_equal(kept[column], session[column], err_msg=column)
 
 
+def test_worlds_that_differ_in_anything_have_noise_of_their_own(monkeypatch):
+    """With one noise for all objects of a grid, their errors would be one and the same."""
+    monkeypatch.setattr(probing, "probe_in_memory", lambda robot, scenario, plan: None)
+    probing._probed.cache_clear()
+    stiffer = PARAMETERS | {"law": LAW | {"stiffness_n_m": 801.0}}
+    worlds = [(PARAMETERS, 1), (PARAMETERS, 2), (stiffer, 1), (PARAMETERS | {"noise_std_n": 0.03}, 1)]
+    seeds = [probing.probed(parameters, seed)[1].seed for parameters, seed in worlds]
+    probing._probed.cache_clear()
+    assert len(set(seeds)) == len(worlds)
+    assert probing.probed(PARAMETERS, 1)[1].seed == seeds[0]
+    probing._probed.cache_clear()
+
+
 def test_a_run_that_touches_nothing_is_an_error():
     plan = PARAMETERS["plan"] | {"search_depth_m": 0.05}
     with pytest.raises(PalpateError, match="no touch"):
