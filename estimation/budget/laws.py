@@ -16,7 +16,13 @@ from palpate.estimation.fit.smooth_features import hats, reversal_memory
 from palpate.estimation.kinds import OF_HISTORY, Kind
 from palpate.estimation.signals.blocks import rows_of_runs
 from palpate.estimation.signals.exponential_memory import low_pass, relax
-from palpate.estimation.signals.free_air import is_one_speed, is_one_way, never_returns, zero_in_free_air
+from palpate.estimation.signals.free_air import (
+    is_one_pace,
+    is_one_speed,
+    is_one_way,
+    never_returns,
+    zero_in_free_air,
+)
 from palpate.estimation.signals.runwise import derivative, running_max, sample_time, shift
 from palpate.robot_io.types import BoolArray, FloatArray, IntArray
 
@@ -115,16 +121,21 @@ def flexible_laws(blocked: BlockedData, effort: FloatArray, residual: FloatArray
 
 
 def unseen_kinds(data: ChannelData) -> frozenset[Kind]:
-    """Kinds that the motion of a contact cannot tell from a law of the position.
+    """Kinds that the motion of a contact cannot tell from laws of the position and the direction.
 
     Memory of the path is one where no run returns, and so is memory of any kind in one pass at one speed.
+    Where all motion is equally fast, what grows with the speed is friction, or the base model's damping.
 
     Args:
         data: the channel.
     """
-    if data.kind is not ChannelKind.CONTACT or not never_returns(data.position, data.run):
+    if data.kind is not ChannelKind.CONTACT:
         return frozenset()
-    return OF_HISTORY if is_one_speed(data.time_s, data.position, data.run) else frozenset({Kind.FRICTION})
+    unseen = {Kind.RATE_DEPENDENCE} if is_one_pace(data.velocity[data.engaged]) else set[Kind]()
+    if never_returns(data.position, data.run):
+        one_pass = is_one_speed(data.time_s, data.position, data.run)
+        unseen |= OF_HISTORY if one_pass else {Kind.FRICTION}
+    return frozenset(unseen)
 
 
 def _law(kind: Kind | tuple[Kind, ...], *columns: FloatArray, nonnegative: bool = False) -> Law:

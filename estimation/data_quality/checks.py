@@ -35,7 +35,7 @@ from palpate.estimation.data_quality.timing import lost_rows, time_offset
 from palpate.estimation.fit.blocks import PIECES, block_average, block_length
 from palpate.estimation.fit.normal_equations import ORDER, ArNoise
 from palpate.estimation.model import Model
-from palpate.estimation.signals.free_air import is_one_speed, never_returns
+from palpate.estimation.signals.free_air import is_one_pace, is_one_speed, never_returns
 from palpate.estimation.signals.runwise import apply_per_run, sample_time
 from palpate.robot_io.types import BoolArray
 
@@ -211,6 +211,21 @@ def _motion_once(data: ChannelData) -> str | None:
     )
 
 
+def _one_pace(data: ChannelData) -> str | None:
+    """Say that only one speed was measured, where runs return."""
+    is_contact = data.kind is ChannelKind.CONTACT
+    if (
+        not is_contact
+        or not is_one_pace(data.velocity[data.engaged])
+        or never_returns(data.position, data.run)
+    ):
+        return None
+    return (
+        "all motion is at one speed: dependence on the rate cannot be told from friction and damping; add "
+        "runs at another speed"
+    )
+
+
 def _blocks(data: ChannelData) -> str | None:
     """There must be a block to fit to, and one to hold out, in another run if there are several.
 
@@ -248,6 +263,7 @@ _IMPLAUSIBLE: tuple[tuple[str, _Check], ...] = (
     ("units", mistaken_units),
     ("sync", misaligned),
     ("sync", lost_rows),
+    ("excitation", _one_pace),
     ("excitation", unrelated),
     ("excitation", late_touch),
 )

@@ -115,7 +115,7 @@ def applicable_effects(data: ChannelData, model: Model, effects: Iterable[Effect
         for effect in effects
         if effect.name not in skipped
         and not effect.name.startswith(OF_RUNS)
-        and not effect.also | {effect.kind} <= unseen
+        and effect.kind not in unseen
         and effect.applies_to(data)
     )
 

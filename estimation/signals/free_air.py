@@ -15,6 +15,7 @@ _HIDDEN = 0.5  # of the noise, below which a zero does not show
 _RETURNS = 0.02  # of the range, below which a position does not return
 _UNEVEN = 0.1  # of a run's duration, by which a position may come early or late at one speed
 _SAME_SPEED = 0.2  # of a speed, by which those of other runs may differ
+_MOVING = 0.3  # of the largest speed: what is slower rests or turns
 _SIGMAS = 3.0  # standard errors, below which a rate is not known to differ from zero
 
 
@@ -123,6 +124,19 @@ def is_one_speed(time_s: FloatArray, position: FloatArray, run: IntArray) -> boo
             return False
         speeds.append(1.0 / pace)
     return float(np.ptp(speeds)) < _SAME_SPEED * float(np.max(np.abs(speeds)))
+
+
+def is_one_pace(velocity: FloatArray) -> bool:
+    """Whether all motion is equally fast, to either side, so that a law of the speed is one of the direction.
+
+    Args:
+        velocity: shape (n,).
+    """
+    speed = np.abs(velocity[velocity != 0.0])
+    if not len(speed):
+        return False
+    slow, fast = np.quantile(speed[speed >= _MOVING * np.quantile(speed, 0.95)], [0.1, 0.9])
+    return bool(fast < (1.0 + _SAME_SPEED) * slow)
 
 
 def _way_back(position: FloatArray) -> float:

@@ -100,12 +100,31 @@ def test_history_is_seen_by_a_hold_a_return_or_another_speed_alone(runs, seen):
     assert is_one_speed(time_s, x, run) is not seen
     zeros = np.zeros(len(x))
     data = ChannelData("contact", ChannelKind.CONTACT, time_s, x, zeros, zeros, zeros, run, run - run - 1)
-    names = ["stress_relaxation", "power_law_stiffness", "hysteresis", "dry_friction"]
+    names = ["stress_relaxation", "power_law_stiffness", "hysteresis", "dry_friction", "hunt_crossley"]
     tried = [effect.name for effect in applicable_effects(data, MODEL, [EFFECTS[name]() for name in names])]
-    assert ("stress_relaxation" in tried) is seen
+    assert ("stress_relaxation" in tried) is ("hunt_crossley" in tried) is seen
     assert "power_law_stiffness" in tried
     returns = any(back_s for _, _, back_s in runs)
     assert ("hysteresis" in tried) is returns
     assert ("dry_friction" in tried) is (returns or min(speed for speed, _, _ in runs) < 0.0)
     warned = any("all runs go one way at one speed" in warning for warning in quality_warnings(data))
     assert warned is not seen
+
+
+@pytest.mark.parametrize(("speeds", "seen"), [((1e-3, 1.1e-3), False), ((1e-3, 3e-3), True)])
+def test_dependence_on_the_rate_is_seen_at_two_speeds_alone(speeds, seen):
+    """Triangles of 5 mm, so that friction is seen at any speed."""
+    parts = []
+    for number, speed in enumerate(speeds):
+        t = np.arange(0.0, 10e-3 / speed, 0.01)
+        x = 5e-3 - np.abs(speed * t - 5e-3)
+        parts.append((t + 100.0 * number, x, np.full(len(t), number)))
+    time_s, x, run = map(np.concatenate, zip(*parts, strict=True))
+    velocity, zeros = np.gradient(x, time_s), np.zeros(len(x))
+    data = ChannelData("contact", ChannelKind.CONTACT, time_s, x, velocity, zeros, zeros, run, run - run - 1)
+    tried = {
+        e.name
+        for e in applicable_effects(data, MODEL, [EFFECTS["hunt_crossley"](), EFFECTS["dry_friction"]()])
+    }
+    assert tried == ({"hunt_crossley", "dry_friction"} if seen else {"dry_friction"})
+    assert any("all motion is at one speed" in warning for warning in quality_warnings(data)) is not seen
