@@ -120,6 +120,7 @@ class HeldOutError(SquaredErrors):
         self._needs = needs
         signs = [self.base.lower >= 0.0, *(law.nonnegative for law in shared)]
         self._nonnegative: BoolArray = np.concatenate(signs)
+        self._latest = np.ones(len(self._nonnegative))  # coefficients of the latest fit, of a similar one
         sides = [self.base.one_sided, *(np.full(law.columns.shape[1], law.one_sided) for law in shared)]
         self._one_sided: BoolArray = np.concatenate(sides)
         self._run: IntArray = np.unique(self.blocked.run[rows], return_inverse=True)[1]
@@ -165,20 +166,21 @@ class HeldOutError(SquaredErrors):
         penalty = np.where(is_base, _COLLINEAR, ridge) * len(self._target)
         lower, upper = np.where(self._nonnegative[chosen], 0.0, -np.inf), np.full(len(chosen), np.inf)
         grams = self._grams[:, chosen[:, None], chosen]
-        moments, whole = self._moments[:, chosen], np.arange(len(self._folds))
+        moments = self._moments[:, chosen]
+        all_folds, all_moments = grams.sum(axis=0) + np.diag(penalty), moments.sum(axis=0)
         predicted = np.empty(len(self._target))
         for fold, rows in enumerate(self._folds):
-            others = whole != fold
-            system, moment = grams[others].sum(axis=0) + np.diag(penalty), moments[others].sum(axis=0)
-            coefficients = solve_within_bounds(system, moment, lower, upper)
+            system, moment = all_folds - grams[fold], all_moments - moments[fold]
+            coefficients = solve_within_bounds(system, moment, lower, upper, self._latest[chosen])
             lifted = self._lifted(chosen, coefficients)
             for _ in range(_ROUNDS if lifted.mean() > _FEW else 0):
                 train = np.flatnonzero(lifted & (self._fold != fold))
                 change, less = self._where_lifted(chosen, train)
-                coefficients = solve_within_bounds(system - change, moment - less, lower, upper)
+                coefficients = solve_within_bounds(system - change, moment - less, lower, upper, coefficients)
                 before, lifted = lifted, self._lifted(chosen, coefficients)
                 if np.array_equal(lifted, before):
                     break
+            self._latest[chosen] = coefficients
             pushes = self._one_sided[chosen]
             columns = self._columns[np.ix_(rows, chosen)]
             predicted[rows] = columns @ coefficients

@@ -26,7 +26,7 @@ from palpate.estimation.signals.free_air import (
 from palpate.estimation.signals.runwise import derivative, running_max, sample_time, shift
 from palpate.robot_io.types import BoolArray, FloatArray, IntArray
 
-_TURNS = (0.001, 0.003, 0.01, 0.04, 0.15, 0.5)  # paths over which a reversal is remembered, as shares of the range
+_TURNS = (0.001, 0.003, 0.01, 0.04, 0.15, 0.5)  # of the range: paths over which a reversal is remembered
 _DIRECTIONS = (0.004, 0.02)  # shares of the usual speed, over which the direction turns
 _BENDS = (0.03, 0.1, 0.2, 0.3, 0.4, 0.5, 0.6, 0.7, 0.8, 0.9)  # of the range, and of all samples
 _TIMES = 8  # relaxation times, from a few samples to twice the longest run

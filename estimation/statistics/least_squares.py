@@ -79,7 +79,11 @@ def solve_definite(system: FloatArray, target: FloatArray) -> FloatArray:
 
 
 def solve_within_bounds(
-    system: FloatArray, moment: FloatArray, lower: FloatArray, upper: FloatArray
+    system: FloatArray,
+    moment: FloatArray,
+    lower: FloatArray,
+    upper: FloatArray,
+    guess: FloatArray | None = None,
 ) -> FloatArray:
     """Minimise x' system x / 2 - moment' x within bounds by block principal pivoting.
 
@@ -91,12 +95,15 @@ def solve_within_bounds(
         moment: shape (q,).
         lower: smallest values, shape (q,); -inf for none.
         upper: largest values, shape (q,); inf for none.
+        guess: the minimum of a similar problem, shape (q,), whose values at bounds are tried first.
 
     Returns:
         The minimum, shape (q,); values at a bound are equal to it.
     """
     count, patience = len(moment) + 1, _PATIENCE
     low, high = np.zeros((2, len(moment)), dtype=np.bool_)
+    if guess is not None:
+        low, high = guess <= lower, guess >= upper
     solution = np.zeros(len(moment))
     rest = _AT_REST * np.max(np.abs(moment), initial=0.0)
     for _ in range(_MOST_EXCHANGES * len(moment) + 1):
