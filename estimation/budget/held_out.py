@@ -168,37 +168,33 @@ class HeldOutError(SquaredErrors):
         grams = self._grams[:, chosen[:, None], chosen]
         moments = self._moments[:, chosen]
         all_folds, all_moments = grams.sum(axis=0) + np.diag(penalty), moments.sum(axis=0)
+        columns, pushes = self._columns[:, chosen], self._one_sided[chosen]
+        pushing = columns[:, pushes]
         predicted = np.empty(len(self._target))
         for fold, rows in enumerate(self._folds):
             system, moment = all_folds - grams[fold], all_moments - moments[fold]
             coefficients = solve_within_bounds(system, moment, lower, upper, self._latest[chosen])
-            lifted = self._lifted(chosen, coefficients)
+            # Blocks where an object would have to pull, which it cannot: there it lets go.
+            lifted = self._may_lift & (pushing @ coefficients[pushes] < 0.0)
             for _ in range(_ROUNDS if lifted.mean() > _FEW else 0):
                 train = np.flatnonzero(lifted & (self._fold != fold))
-                change, less = self._where_lifted(chosen, train)
+                change, less = _of_what_lets_go(columns[train], pushes, self._target[train])
                 coefficients = solve_within_bounds(system - change, moment - less, lower, upper, coefficients)
-                before, lifted = lifted, self._lifted(chosen, coefficients)
+                before, lifted = lifted, self._may_lift & (pushing @ coefficients[pushes] < 0.0)
                 if np.array_equal(lifted, before):
                     break
             self._latest[chosen] = coefficients
-            pushes = self._one_sided[chosen]
-            columns = self._columns[np.ix_(rows, chosen)]
-            predicted[rows] = columns @ coefficients
-            predicted[rows] -= lifted[rows] * (columns[:, pushes] @ coefficients[pushes])
+            predicted[rows] = columns[rows] @ coefficients
+            predicted[rows] -= lifted[rows] * (pushing[rows] @ coefficients[pushes])
         return predicted
 
-    def _lifted(self, chosen: IntArray, coefficients: FloatArray) -> BoolArray:
-        """Blocks where an object would have to pull, which it cannot: there it lets go, shape (n,)."""
-        pushes = self._one_sided[chosen]
-        if not pushes.any():
-            return np.zeros(len(self._target), dtype=np.bool_)
-        return self._may_lift & (self._columns[:, chosen[pushes]] @ coefficients[pushes] < 0.0)
 
-    def _where_lifted(self, chosen: IntArray, rows: IntArray) -> tuple[FloatArray, FloatArray]:
-        """Products of columns on some blocks, less those of what still acts where the object has let go."""
-        columns, target = self._columns[np.ix_(rows, chosen)], self._target[rows]
-        rest = columns * ~self._one_sided[chosen]
-        return columns.T @ columns - rest.T @ rest, (columns - rest).T @ target
+def _of_what_lets_go(
+    columns: FloatArray, pushes: BoolArray, target: FloatArray
+) -> tuple[FloatArray, FloatArray]:
+    """Products of columns (n, k) on some blocks, less those of what still acts where the object lets go."""
+    rest = columns * ~pushes
+    return columns.T @ columns - rest.T @ rest, (columns - rest).T @ target
 
 
 def fit_each_run(signal: FloatArray, columns: FloatArray, run: IntArray) -> FloatArray:

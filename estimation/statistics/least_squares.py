@@ -109,9 +109,10 @@ def solve_within_bounds(
     for _ in range(_MOST_EXCHANGES * len(moment) + 1):
         solution = np.where(low, lower, np.where(high, upper, 0.0))
         free = ~(low | high)
-        if free.any():
-            left = moment[free] - system[free] @ solution
-            solution[free] = solve_definite(system[np.ix_(free, free)], left)
+        if len(places := np.flatnonzero(free)):
+            rows = system[places]
+            left = moment[places] - rows @ solution if solution.any() else moment[places]
+            solution[places] = solve_definite(rows[:, places], left)
         slope = system @ solution - moment
         below, above = free & (solution < lower), free & (solution > upper)
         wrong = below | above | (low & (slope < -rest)) | (high & (slope > rest))
