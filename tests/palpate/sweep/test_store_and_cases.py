@@ -11,7 +11,7 @@ import pytest
 
 from palpate.robot_io.errors import InputError, PalpateError
 from palpate.sweep import Case, Cluster, ResultStore, case, run_cases
-from palpate.sweep.case import code_version
+from palpate.sweep.case import BOUND, HIGH, LOW, TRUE, code_version, errors_of
 from palpate.sweep.runner import run_one
 
 BASE = Case("tests.palpate.sweep.slow_work:work", {"k": 500, "noise": [0.0, 0.1]}, 1)
@@ -204,3 +204,21 @@ def test_no_flipped_bit_of_the_data_changes_a_result(tmp_path):
         path.write_bytes(whole[:place] + bytes([whole[place] ^ 1]) + whole[place + 1 :])
         with suppress(InputError):
             assert store.rows("a") == rows
+
+
+def test_errors_are_over_their_bounds_as_root_mean_squares_and_intervals_hold_the_truth_or_not():
+    names = ("k", f"{TRUE}k", f"{BOUND}k", f"{LOW}k", f"{HIGH}k")
+    rows = [
+        dict(zip(names, values, strict=True))
+        for values in (
+            (103.0, 100.0, 1.0, 99.0, 107.0),
+            (96.0, 100.0, 1.0, 92.0, 99.0),  # below the truth
+            (105.0, 100.0, 1.0, 101.0, 109.0),  # above it
+            (100.0, 100.0, 1.0, None, None),  # states none
+        )
+    ]
+    errors = errors_of([*rows, {"k": 2.0, f"{TRUE}k": 0.0}, {"k": None, f"{TRUE}k": 5.0}], "k")
+    assert errors.relative == pytest.approx([0.03, -0.04, 0.05, 0.0])
+    assert errors.at_zero.tolist() == [2.0]
+    assert errors.over_bound == pytest.approx((50.0 / 4.0) ** 0.5)
+    assert errors.covered == pytest.approx(1.0 / 3.0)

@@ -112,6 +112,7 @@ def port(tmp_path_factory):
         ({"Origin": "http://evil.example"}, HTTPStatus.FORBIDDEN),
         ({"Origin": "http://127.0.0.1:1"}, HTTPStatus.FORBIDDEN),  # another program's page on this machine
         ({"Origin": "https://127.0.0.1:{port}"}, HTTPStatus.FORBIDDEN),
+        ({"Origin": "http://127.0.0.1:{port}0"}, HTTPStatus.FORBIDDEN),
         ({"Origin": "null"}, HTTPStatus.FORBIDDEN),  # a page in a sandbox, or a file
         ({}, HTTPStatus.FORBIDDEN),
     ],
