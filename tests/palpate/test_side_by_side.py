@@ -173,6 +173,48 @@ def test_other_times_are_no_repetition(soft, tmp_path):
     assert sides(soft, three).fits[0][1] > 97.0
 
 
+def columns_of(file):
+    """Time, depth, force and run of a file of presses."""
+    return np.loadtxt(file, delimiter=",", skiprows=1).T
+
+
+def test_a_repetition_that_began_later_and_ended_earlier_is_laid_over_run_by_run(soft, again, tmp_path):
+    time_s, depth, force, run_number = columns_of(again)
+    ends_s = np.array([time_s[run_number == run].max() for run in run_number])
+    rows = time_s < 0.96 * ends_s
+    table = {"time_s": time_s + 7.0, "displacement_m": depth, "force_N": force, "run": run_number}
+    cut = write_table(tmp_path / "cut.csv", **{name: column[rows] for name, column in table.items()})
+    whole, later = sides(soft, again).overlay, sides(soft, cut).overlay
+    assert later is not None
+    known = np.isfinite(later)
+    assert np.mean(known) == pytest.approx(0.96, abs=0.005)
+    np.testing.assert_allclose(later[known], whole[known], atol=1e-6)
+
+
+def test_a_difference_is_held_against_the_louder_of_both(soft, again, tmp_path):
+    time_s, depth, force, run_number = columns_of(again)
+    noisy = force + np.random.default_rng(5).normal(0.0, 10 * NOISE_N, len(force))
+    loud = write_table(
+        tmp_path / "loud.csv", time_s=time_s, displacement_m=depth, force_N=noisy, run=run_number
+    )
+    for pair in (sides(soft, loud), sides(loud, soft)):
+        found = {one.name: one for one in pair.differences}["stiffness.k"]
+        fitted = pair.first.compared.fitted
+        pressed = np.where(fitted.data.position > 0.0, fitted.data.position, 0.0)[fitted.judged]
+        change_n = abs(found.value) * np.sqrt(np.mean(pressed**2))
+        assert found.floors == pytest.approx(change_n / (10 * NOISE_N), rel=0.15)
+
+
+def test_a_model_describes_its_own_measurement_by_runs_that_it_was_not_fitted_to(hardening):
+    side = sides(hardening, hardening, "kelvin_voigt", "hunt_crossley").first
+    fitted = side.compared.fitted
+    effort, left = fitted.data.effort[fitted.judged], fitted.residual[fitted.judged]
+    expected = 100 * (1 - np.linalg.norm(left) / np.linalg.norm(effort - effort.mean()))
+    assert side.fit_of(side) == pytest.approx(expected, abs=1e-6)
+    in_sample = (fitted.data.effort - fitted.predicted)[fitted.judged]
+    assert np.linalg.norm(in_sample) < np.linalg.norm(left)
+
+
 def test_few_samples_have_no_model_and_are_laid_over_all_the_same(tmp_path):
     files = [
         write_presses(tmp_path / f"{n}.csv", speeds_m_s=(0.02,), force_of=law(400.0), seed=n) for n in (1, 2)
