@@ -237,6 +237,20 @@ def test_what_is_left_in_contact_is_held_against_free_air():
     )
 
 
+@pytest.mark.parametrize(("share", "is_noise"), [(0.7, False), (1.5, True)])
+def test_a_hum_below_noise_that_is_louder_in_contact_is_not_held_against_the_model(share, is_noise):
+    """The noise on blocks is so many times the hum; draws know that of free air alone."""
+    hum = session(2, lambda t, x, v, run: kelvin_voigt(x, v, 0.4 * np.sin(2 * np.pi * 7.3 * t)))
+    block = fit_model(hum, MODEL, {}).problem.blocked.rows.shape[1]
+    loud_n = share * 0.4 / np.sqrt(2.0) * np.sqrt(block) * hum.engaged
+    noise = np.random.default_rng(1).normal(size=len(hum))
+    data = replace(hum, effort=hum.effort + loud_n * noise)
+    found = exceeds_noise(
+        fit_model(data, MODEL, {}), identify_measurement_model(data), np.random.default_rng(0)
+    )
+    assert (found is None) is is_noise
+
+
 @pytest.mark.parametrize(("creak_nm", "is_noise"), [(0.1, False), (0.0, True)])
 def test_what_is_left_in_motion_is_held_against_rest(creak_nm, is_noise):
     rng, t = np.random.default_rng(3), np.arange(0.0, 60.0, 0.005)

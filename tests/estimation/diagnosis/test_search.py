@@ -403,7 +403,7 @@ def test_parts_are_tried_in_the_place_of_their_whole():
 
 
 @pytest.mark.parametrize(
-    ("friction_nm", "low", "high"), [(0.0, 0.02, 1.0), (0.004, 0.0, 0.01), (0.3, 0.0, 0.0)]
+    ("friction_nm", "low", "high"), [(0.0, 0.02, 1.0), (0.004, 0.005, 0.01), (0.3, 0.0, 0.0)]
 )
 def test_chance_is_told_by_how_often_noise_alone_gives_as_much(friction_nm, low, high):
     """Nothing is there; something small; and so much of so many samples that nobody need ask."""
