@@ -15,6 +15,7 @@ from palpate.estimation.diagnosis.forms import (
     form_tests,
     named_forms,
 )
+from palpate.estimation.diagnosis.verdict import Evidence
 from palpate.estimation.effects import EFFECTS
 from palpate.estimation.kinds import Kind
 from tests.estimation.contact_data import channel
@@ -93,6 +94,20 @@ def test_a_form_is_known_that_takes_most_of_its_law_and_closed_where_the_law_add
 ):
     test = FormTest(RUB, Kind.FRICTION, taken, by_law, added, left)
     assert (test.is_known, test.is_closed) == (known, closed)
+
+
+@pytest.mark.parametrize(
+    ("complete", "added", "form"),
+    [
+        (True, 0.0, Form.EXACT),
+        (True, 0.5, Form.APPROXIMATE),  # a law of its kind takes half as much again
+        (False, 0.0, Form.APPROXIMATE),
+    ],
+)
+def test_a_form_is_exact_where_only_noise_is_left_and_its_kinds_law_adds_nothing(complete, added, form):
+    test = FormTest(RUB, Kind.FRICTION, taken=1.0, by_law=1.0, added=added, left=0.1)
+    evidence = Evidence(None, None, None, complete, None, [test])
+    assert evidence.form(RUB) is form
 
 
 def test_the_law_of_its_own_kind_adds_nothing_to_a_true_form_and_something_to_a_rough_one():
