@@ -17,6 +17,7 @@ from palpate.estimation.data.import_options import ImportOptions
 from palpate.estimation.data.import_rows import UNKNOWN_PHASE, Rows, arrange_rows
 from palpate.estimation.data.presses import press_phases
 from palpate.estimation.data.table import Table, read_table
+from palpate.estimation.data.text_dialect import NAMELESS
 from palpate.estimation.data.units import SLOWEST_S, dimension_of, likely_time_unit
 from palpate.estimation.signals.blocks import blocks, number_pieces
 from palpate.estimation.signals.runwise import sample_time
@@ -32,6 +33,7 @@ _TAKEN = frozenset({*OF_THE_ARM, *DERIVED})
 _QUICKEST_S = 1e-5  # time from sample to sample, below which its unit is asked about, as above `SLOWEST_S`
 # What else a column may hold, which is then no torque.
 _NO_EFFORT = {"time", "position", "velocity", "acceleration", "run", "phase", "goal"}
+_SHOWN_CELLS = 12  # of a row, in an error
 _DEFAULT = ImportOptions()
 
 
@@ -246,11 +248,21 @@ def _sources(columns: Columns) -> list[_Source]:
                     "with a length (m, mm); correct one with --unit or --column"
                 )
         raise InputError(
-            f"{columns.table.path}: no channel can be made of columns {columns.table.listed_names}; "
+            f"{columns.table.path}: no channel can be made of columns {columns.table.listed_names}"
+            f"{_first_row(columns)}; "
             "a contact needs time_s, displacement_m, force_N, a joint time_s, position_rad, torque_Nm "
             f"(or position_m, force_N); say which is which, as in {_example(columns)}"
         )
     return sources
+
+
+def _first_row(columns: Columns) -> str:
+    """What stands in the first row of a table without names, for the error; else nothing."""
+    table = columns.table
+    if NAMELESS not in table.words:
+        return ""
+    cells = ", ".join(f"{table.numbers(name)[0]:g}" for name in table.names[:_SHOWN_CELLS])
+    return f" (it names none; the first row is {cells}{' ...' if len(table.names) > _SHOWN_CELLS else ''})"
 
 
 def _example(columns: Columns) -> str:
@@ -262,6 +274,10 @@ def _example(columns: Columns) -> str:
     if angle is not None and free and dimension_of(unit_in_name(angle)) == "angle":
         return f"--column torque={shlex.quote(free[0])} --unit torque=1Nm"
     options = []
+    clocks = (name for name in free if (np.diff(columns.table.numbers(name)) > 0.0).all())
+    if TIME not in columns and (clock := next(clocks, "")):
+        options.append(f"--column time={shlex.quote(clock)}")
+        free.remove(clock)
     for quantity, unit in (("force", "N"), ("displacement", "mm")):
         if (quantity, 0) in columns:
             continue

@@ -186,6 +186,8 @@ def _clean(row: Sequence[str], width: int) -> tuple[str, ...]:
     return tuple(cell or f"column {number}" for number, cell in enumerate(cells, 1))
 
 
+NAMELESS = "no names of columns"
+_UNNAMED = re.compile(r"column \d+")
 DELIMITERS = (",", ";", "\t", "|")
 BLANKS = " "  # one or more between cells
 _LOOKED_AT = 1 << 18  # bytes
@@ -200,6 +202,7 @@ _CELLS = re.compile(
 _MOST_HEADERS, _BELOW = 10_000, 8  # lines with words, and lines below each, that are looked at
 _LEFT_OUT = "(lines left out)"
 _BLANK = re.compile(r"[ \t]+(?![\[(])")  # none between a name and its unit
+_ANY_BLANK, _ONLY_UNITS = re.compile(r"[ \t]+"), re.compile(r"([\[(][^])]*[])][ \t]*)+")  # "(s) (mm) (N)"
 
 
 @dataclass(frozen=True)
@@ -226,6 +229,7 @@ class TextDialect:
         """What is not as in a plain CSV."""
         names = {";": "semicolons", "\t": "tabs", "|": "bars", BLANKS: "blanks"}
         parts = [f"cells between {names[self.delimiter]}"] if self.delimiter in names else []
+        parts += [NAMELESS] if all(map(_UNNAMED.fullmatch, self.tables[0].names)) else []
         return (*parts, *(["decimal commas"] if self.decimal == "," else []))
 
 
@@ -257,7 +261,21 @@ def find_dialect(content: bytes) -> TextDialect | None:
         sizes = [end - table.start for end, table in zip(heads, dialect.tables, strict=True)]
         return len(dialect.tables[sizes.index(max(sizes))].names)
 
-    return max((dialect for dialect in dialects if dialect.tables), key=width, default=None)
+    return max((dialect for dialect in dialects if dialect.tables), key=width, default=_nameless(lines))
+
+
+def _nameless(lines: list[tuple[int, str]]) -> TextDialect | None:
+    """The dialect of rows of numbers that no row of names stands above; None where the first rows are not."""
+    for delimiter in (*DELIMITERS, BLANKS):
+        rows = list(_cells([text for _, text in lines[:_ALIKE]], delimiter))
+        decimal = "," if commas_decide(rows, in_doubt=delimiter != ",") else "."
+        width = len(rows[0])
+        if width >= FEWEST_NUMBERS and all(
+            len(row) == width and sum(_numbers(row, decimal)) >= FEWEST_NUMBERS for row in rows
+        ):
+            names = tuple(f"column {number}" for number in range(1, width + 1))
+            return TextDialect(delimiter, decimal, (TextTable(names, lines[0][0], lines[0][0], (), True),))
+    return None
 
 
 def _sample(content: bytes) -> list[tuple[int, str]]:
@@ -336,7 +354,10 @@ def line_cells(line: str, delimiter: str) -> list[str]:
 
 def _cells(lines: list[str], delimiter: str) -> Iterator[list[str]]:
     if delimiter == BLANKS:
-        yield from ([cell.strip('"') for cell in _BLANK.split(line.strip(" \t#%"))] for line in lines)
+        for line in lines:
+            plain = line.strip(" \t#%")
+            between = _ANY_BLANK if _ONLY_UNITS.fullmatch(plain) else _BLANK
+            yield [cell.strip('"') for cell in between.split(plain)]
         return
     for line in lines:
         try:

@@ -216,8 +216,6 @@ def _refused(content: bytes, path: Path) -> TextDialect:
     below = (line.decode(errors="replace") for line in rest if line.strip())
     if len(cells) == 1 and not any(math.isnan(number_of(cell)) for cell in below):
         raise InputError(f"{path}: holds one column, {_shown(header)}; a measurement needs time and two more")
-    if all(not math.isnan(number_of(cell)) for cell in cells):
-        raise InputError(f"{path}: the first line holds numbers; put the names of the columns there")
     raise InputError(
         f"{path}: no line with the names of columns is followed by rows of numbers; it begins with "
         f"{_shown(header)}; write the names in one line, and numbers below each of them"

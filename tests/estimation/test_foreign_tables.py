@@ -317,3 +317,23 @@ def test_the_run_may_stand_behind_the_unit(tmp_path, runs):
     path.write_text(names + "\n" + lines(*(way, force) * runs))
     (channel,) = import_file(path).channels
     assert (channel.name, len(channel.runs), channel.position.max()) == ("contact", runs, pytest.approx(5e-3))
+
+
+@pytest.mark.parametrize("delimiter", [",", ";", " ", "\t"])
+def test_rows_that_nothing_names_are_called_by_their_places(tmp_path, delimiter):
+    path = tmp_path / "bare.txt"
+    path.write_text(lines(TIME_S, 1e3 * WAY_M, FORCE_N, delimiter=delimiter))
+    with pytest.raises(InputError, match=r"\(it names none; the first row is 0, .*--column time='column 1'"):
+        import_file(path)
+    columns = {"time": "column 1", "displacement": "column 2", "force": "column 3"}
+    options = ImportOptions(columns=columns, units={"time": "s", "displacement": "mm", "force": "N"})
+    (channel,) = import_file(path, options).channels
+    np.testing.assert_allclose(channel.position, WAY_M, atol=1e-8)
+
+
+def test_units_in_brackets_alone_stand_apart_between_blanks(tmp_path):
+    path = tmp_path / "bands.txt"
+    rows = lines(TIME_S, 1e3 * WAY_M, FORCE_N, delimiter=" ")
+    path.write_text("Raw Data\nTime Displacement Force\n(s) (mm) (N)\n" + rows)
+    (channel,) = import_file(path).channels
+    np.testing.assert_allclose(channel.position, WAY_M, atol=1e-8)

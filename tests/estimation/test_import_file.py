@@ -499,7 +499,7 @@ HEADER = b"time_s,displacement_m,force_N\n"
         ("one.csv", b"force\n1\n2\n3\n", "holds one column, 'force'; a measurement needs time and two more"),
         ("header.csv", HEADER, "no rows of data"),
         ("page.csv", "<html>404</html>", "no rows of data"),
-        ("numbers.csv", b"0,1,2\n1,2,3\n", "first line holds numbers"),
+        ("numbers.csv", b"0,1,2\n1,2,3\n", "it names none; the first row is 0, 1, 2"),
         ("short.csv", TEXT.replace("\n0.03,0.003,3", "\n0.03,0.003"), "header 3: '0.03,0.003'"),
         ("long.csv", TEXT.replace("\n0.03,", "\n0.03,7,"), "line 5 has 4 cells and the header 3"),
         ("line.csv", TEXT.replace("\n0.03,", "\n1_0,"), "line 5, column 'time_s': '1_0' is no finite number"),

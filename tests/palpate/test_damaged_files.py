@@ -168,8 +168,9 @@ def test_what_is_imported_of_a_degenerate_table_stands_there(tmp_path, columns):
             rounding = 4.0 * np.finfo(float).eps * np.max(np.abs(numbers))
             moved, expected = (np.abs(x - np.asarray(x)[0]) for x in (stored[column], numbers))
             np.testing.assert_allclose(moved, expected, rtol=1e-12, atol=rounding)
-        else:
-            np.testing.assert_allclose(np.abs(stored[column]), np.abs(numbers), rtol=1e-12)
+        else:  # rows that repeat a time are spread up to the next one
+            own = np.append(True, np.diff(numbers) != 0.0) | (name != NAMES[0])
+            np.testing.assert_allclose(np.abs(stored[column])[own], np.abs(numbers)[own], rtol=1e-12)
 
 
 @many
