@@ -105,14 +105,18 @@ def test_the_paired_interval_is_that_of_white_noise_in_both(soft, again):
 
 
 def test_errors_of_two_measurements_add_as_squares():
-    sides_of_k = (
+    sides_of_k = [
         ParameterEstimate("stiffness.k", "N/m", value, std_err, (value - 2 * std_err, value + 2 * std_err))
         for value, std_err in ((400.0, 3.0), (410.0, 4.0))
-    )
+    ]
     difference = ParameterDifference("stiffness.k", "N/m", *sides_of_k)
     assert difference.value == 10.0
     assert difference.half == pytest.approx(1.96 * 5.0)
     assert difference.differs
+    of_one = ParameterDifference("stiffness.k", "N/m", *sides_of_k, is_same_data=True)
+    assert of_one.value == 10.0
+    assert np.isnan(of_one.half)  # the errors of two models of one measurement are not independent
+    assert of_one.differs is None
 
 
 def test_another_motion_is_not_paired(soft, tmp_path):

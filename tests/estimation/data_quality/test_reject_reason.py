@@ -117,6 +117,9 @@ IMPLAUSIBLE = {  # what is said of it, and how often
     "90 % of the loaded samples show 3 N: the sensor is saturated": lambda: replace(
         DATA, effort=np.minimum(F, 3.0)
     ),
+    "of the loaded samples show -0.9 N m: the sensor is saturated": lambda: replace(
+        swinging(), effort=np.maximum(swinging().effort, -0.9)
+    ),
     "of free air shows exactly 1 N, and no sample less": lambda: replace(DATA, effort=np.maximum(F, 1.0)),
     "the force is 0.5 s late against the motion (correlation 0.99 if shifted": lambda: replace(
         DATA, effort=np.roll(F, 250)

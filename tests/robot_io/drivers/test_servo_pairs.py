@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 from palpate.robot_io.calibration.applied import device_identity
+from palpate.robot_io.drivers.dynamixel.bus import count_steps
 from palpate.robot_io.drivers.dynamixel.tables import DynamixelSettings
 from palpate.robot_io.drivers.feetech.tables import FeetechSettings
 from palpate.robot_io.drivers.servo.joints import ServoJoints, ServoPairs
@@ -228,6 +229,14 @@ def pair_on_the_middle_joint():
     servos = [ONE, ONE | {"id": 2, "second": {"id": 4}}, ONE | {"id": 3}]
     settings = validate(DynamixelSettings, {"port": "p", "servos": servos})
     return ServoPairs(settings, parse_robot_file(DYNAMIXEL.read_text(encoding="utf-8"), DYNAMIXEL).limits)
+
+
+def test_a_stated_torque_constant_takes_the_place_of_the_models():
+    """2.69 mA a count, in either direction; a maker's constant is of a motor without its gears' losses."""
+    stated = ONE | {"id": 2, "torque_constant_nm_a": 2.0, "reversed": True}
+    settings = validate(DynamixelSettings, {"port": "p", "servos": [ONE, stated]})
+    torque_nm = count_steps(settings.turning)[2]
+    np.testing.assert_allclose(torque_nm, [DYNAMIXEL_STEP_NM, -0.00269 * 2.0], rtol=1e-3)
 
 
 @pytest.mark.parametrize(
