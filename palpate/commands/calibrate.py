@@ -1,8 +1,7 @@
 """`palpate calibrate`: find out how force sensor, encoders, drives and base differ from what they say."""
 
 import sys
-from collections.abc import Callable, Iterator
-from contextlib import ExitStack, contextmanager
+from collections.abc import Callable
 from pathlib import Path
 from typing import Annotated, NamedTuple
 
@@ -12,7 +11,6 @@ from plotly.graph_objects import Figure
 from palpate.calibration.arm_fit import ArmFit
 from palpate.calibration.force import (
     STANDARD_GRAVITY_M_S2,
-    ForceFit,
     fit_force,
     read_reference_file,
     read_weighing,
@@ -115,10 +113,19 @@ def force(
                 file, columns, gravity_m_s2=gravity_m_s2, reading_unit=reading_unit
             )
         fit = fit_force(plateaus, PERCENT * reference_percent)
+        remarks = []
+        if fit.plateaus.glitches:
+            remarks.append(f"{fit.plateaus.glitches} samples were left out as glitches of the converter")
+        if fit.suspect is not None:
+            force_n, off_n = fit.plateaus.reference_n[fit.suspect], fit.residual_n[fit.suspect]
+            remarks.append(
+                f"plateau {fit.suspect + 1} ({force_n:.4g} N) is {off_n:+.2g} N off, unlike the others: "
+                "was it the right weight?"
+            )
         return _Found(
             lambda stamp: fits.force_calibration(fit, unit, stamp),
             lambda: force_figure(fit, unit),
-            _remarks_on(fit),
+            tuple(remarks),
         )
 
     _calibrate("force", options, record, work_out)
@@ -234,18 +241,25 @@ def _calibrate(
     path = output_file(options.out or CALIBRATIONS / f"{options.stamped_name(kind)}.yaml")
     plot = output_file(path.with_suffix(".html"))
     different_files(path, plot, options.session)
-    with ExitStack() as ending:
-        raw = options.from_
-        if raw is None:
-            session = output_session(options.session or SESSIONS / f"{options.stamped_name(kind)}.mcap")
-            job = runs.CalibrationJob(robot_file, session, kind, permission=permission, **options.job)
-            ending.enter_context(_say_what_is_left(job))
+    raw, job = options.from_, None
+    if raw is None:
+        raw = output_session(options.session or SESSIONS / f"{options.stamped_name(kind)}.mcap")
+        job = runs.CalibrationJob(robot_file, raw, kind, permission=permission, **options.job)
+    try:
+        if job is not None:
             record(job)
-            raw = session
         fit = work_out(raw)
         calibration = fit.calibration(fits.Stamp.of(robot_file, raw, options.valid_days))
         with whole_set({plot: figure_page(fit.draw()), path: calibration.to_yaml()}):
             pass
+    except (PalpateError, KeyboardInterrupt) as error:
+        if job is not None:
+            said = [AT_REST + "; "] * isinstance(error, KeyboardInterrupt) + ["no calibration is written"]
+            if job.session.exists():
+                said.append(f". The recording so far stays in {shown(job.session)}")
+            if len(said) > 1:
+                console.stderr().print("".join(said), soft_wrap=True)
+        raise
     if options.as_json:
         written = {"file": str(path), "plot": str(plot), "raw": str(raw)}
         console.print_json(written | calibration.model_dump(mode="json"))
@@ -256,20 +270,6 @@ def _calibrate(
     out.print(f"written: {files}", soft_wrap=True)
     out.print(f"from:    {shown(raw)}", soft_wrap=True)
     say_how_to_use_it(calibration, path.resolve(), NamedRobot(options.robot, robot_file, options.drivers))
-
-
-@contextmanager
-def _say_what_is_left(job: runs.CalibrationJob) -> Iterator[None]:
-    """Say after Ctrl-C how things stand, and after a failure what is left of it."""
-    try:
-        yield
-    except (PalpateError, KeyboardInterrupt) as error:
-        said = [AT_REST + "; "] * isinstance(error, KeyboardInterrupt) + ["no calibration is written"]
-        if job.session.exists():
-            said.append(f". The recording so far stays in {shown(job.session)}")
-        if len(said) > 1:
-            console.stderr().print("".join(said), soft_wrap=True)
-        raise
 
 
 def ask_for_weight(gravity_m_s2: float) -> runs.Place:
@@ -289,17 +289,3 @@ def ask_for_weight(gravity_m_s2: float) -> runs.Place:
             raise PalpateError(f"no answer at weight {number + 1}: {words}")  # what was weighed stays
 
     return ask
-
-
-def _remarks_on(fit: ForceFit) -> tuple[str, ...]:
-    """What a person should know of a fit, beside its numbers."""
-    remarks = []
-    if fit.plateaus.glitches:
-        remarks.append(f"{fit.plateaus.glitches} samples were left out as glitches of the converter")
-    if fit.suspect is not None:
-        force_n, off_n = fit.plateaus.reference_n[fit.suspect], fit.residual_n[fit.suspect]
-        remarks.append(
-            f"plateau {fit.suspect + 1} ({force_n:.4g} N) is {off_n:+.2g} N off, unlike the others: "
-            "was it the right weight?"
-        )
-    return tuple(remarks)

@@ -19,7 +19,7 @@ from palpate.runs.options import ENGINE
 from palpate.sim_backend.contact_laws.standard import KelvinVoigtLaw
 from palpate.sim_backend.engines import EngineName
 from palpate.sim_backend.hidden import sealed_path
-from palpate.sim_backend.scenario import MOST_SEED, Scenario, load_scenario, shipped_scenarios
+from palpate.sim_backend.scenario import MOST_SEED, load_scenario, shipped_scenarios
 from palpate.workflows.demo import (
     HIDDEN_PLAN,
     PLAN,
@@ -90,7 +90,15 @@ def demo_command(
             out_.print(f"recording  [bold]{shown(demo.recording)}[/bold]", soft_wrap=True)
         for number, plot in enumerate(demo.plots):
             out_.print(f"{'' if number else 'plots':<10} [bold]{shown(plot)}[/bold]", soft_wrap=True)
-    hidden = _find_hidden(second, world, seed, again) if second is not None else None
+    hidden = None
+    if second is not None:
+        talk.print("\n[bold]Now the object has a hidden effect that the model lacks.[/bold]")
+        world = hide_one(world, np.random.default_rng(seed))
+        with probing_progress(HIDDEN_PLAN, live=True) as watcher:
+            probe_demo(second, world, seed, watcher, HIDDEN_PLAN, command_line=again)
+        talk.print(f"probed again; what is hidden is sealed in {shown(sealed_path(second))}")
+        with diagnosis_progress(["contact"]) as progress:
+            hidden = solve(second, progress)
     if as_json:
         console.print_json({"again": again, **_as_data(demo, hidden)})
         return
@@ -110,17 +118,6 @@ def demo_command(
             steps.insert(1, console.rerun_step(hidden.files["recording"]))
         steps.insert(2, ("palpate probe --hidden random --seed 7", "another riddle, drawn from all effects"))
     console.next_steps(*steps, (again, "the same demo again"))
-
-
-def _find_hidden(session: Path, world: Scenario, seed: int | None, again: str) -> HiddenDemo:
-    talk = console.stderr()
-    talk.print("\n[bold]Now the object has a hidden effect that the model lacks.[/bold]")
-    world = hide_one(world, np.random.default_rng(seed))
-    with probing_progress(HIDDEN_PLAN, live=True) as watcher:
-        probe_demo(session, world, seed, watcher, HIDDEN_PLAN, command_line=again)
-    talk.print(f"probed again; what is hidden is sealed in {shown(sealed_path(session))}")
-    with diagnosis_progress(["contact"]) as progress:
-        return solve(session, progress)
 
 
 def _as_data(demo: Demo, hidden: HiddenDemo | None) -> dict[str, Any]:

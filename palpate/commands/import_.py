@@ -249,16 +249,11 @@ def _columns(table: Table, roles: dict[str, str] | None = None) -> Printed:
     holds = () if roles is None else ("holds",)
     made = console.table("", "column", *holds, "first values")
     for name in table.names[:_MOST_COLUMNS]:
-        values = ", ".join(_told_apart(table.head(_VALUES).columns.column(name).to_pylist()))
+        values = table.head(_VALUES).columns.column(name).to_pylist()
+        for digits in (4, 8, 12):  # as few as show that the values differ
+            texts = [f"{value:.{digits}g}" if isinstance(value, float) else str(value) for value in values]
+            if len(set(texts)) == len(set(map(str, values))):
+                break
         role = () if roles is None else (safe(roles.get(name, "")) or "[dim]not used[/dim]",)
-        made.add_row(safe(name), *role, safe(values[:40]))
+        made.add_row(safe(name), *role, safe(", ".join(texts)[:40]))
     return made
-
-
-def _told_apart(values: list[Any]) -> list[str]:
-    """Values with as few digits as show that they differ, if they do."""
-    for digits in (4, 8, 12):
-        texts = [f"{value:.{digits}g}" if isinstance(value, float) else str(value) for value in values]
-        if len(set(texts)) == len(set(map(str, values))):
-            break
-    return texts

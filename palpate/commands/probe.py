@@ -100,30 +100,10 @@ def probe_command(
     with probing_progress(plan, live=job.simulated, remark=remark) as watcher:
         outcome = run_probing(job, watcher)
     if options.as_json:
-        console.print_json(_as_data(outcome))
+        console.print_json(outcome.as_data())
     else:
         _print(outcome, len(list(plan.runs())))
     outcome.raise_for_failure()
-
-
-def _as_data(outcome: ProbingOutcome) -> dict[str, Any]:
-    loop = outcome.loop
-    return {
-        "session": str(outcome.session),
-        "sealed": str(outcome.sealed) if outcome.sealed else None,
-        "outcome": str(loop.outcome),
-        "cause": loop.cause,
-        "failed_runs": list(outcome.failures),
-        "ticks": loop.ticks,
-        "overruns": loop.overruns,
-        "dropped": loop.dropped,
-        "unsent": loop.unsent,
-        "log_error": loop.log_error,
-        "observer_error": loop.observer_error,
-        "deactivation_error": loop.deactivation_error,
-        "duration_s": loop.duration_s,
-        "wall_s": loop.wall_s,
-    }
 
 
 def _print(outcome: ProbingOutcome, planned: int) -> None:

@@ -40,8 +40,31 @@ def info_command(
     data = describe_session(opened)
     if as_json:
         console.print_json(data)
-    else:
-        _print(opened, data)
+        return
+    out = console.stdout()
+    out.print(f"[bold]{shown(opened.path)}[/bold]")
+    for label, value in _facts(data).items():
+        out.print(f"  {label:<10} {value}")
+    numbers = ("samples", "rate", "runs")
+    table = console.table("Streams", "stream", *numbers, "columns", right=numbers)
+    for stream in data["streams"]:
+        rate = f"{stream['rate_hz']:.0f} Hz" if stream["rate_hz"] else "–"
+        columns = ", ".join(
+            f"{c['name']}[{c['width']}]" if c["width"] > 1 else c["name"] for c in stream["columns"]
+        )
+        runs = str(stream["runs"] or "–")
+        table.add_row(safe(stream["name"]), str(stream["samples"]), rate, runs, f"[dim]{safe(columns)}[/dim]")
+    out.print(table)
+    if data["events"]:
+        table = console.table("Events", "time", "kind", "what", right=("time",))
+        times_s = (opened.samples(name)["time_s"][:1].tolist() for name in opened.stream_names)
+        # times count from the session's begin: a real arm's clock has run since its machine was started
+        start_s = min(chain(*times_s, (event.time_s for event in opened.events)))
+        for event in opened.events[:MOST_EVENTS]:
+            table.add_row(f"{event.time_s - start_s:.3f} s", safe(event.kind), safe(event.text))
+        if len(opened.events) > MOST_EVENTS:
+            table.add_row("", "", f"... and {len(opened.events) - MOST_EVENTS} more (see --json)")
+        out.print(table)
 
 
 def describe_session(session: Session) -> dict[str, Any]:
@@ -51,7 +74,25 @@ def describe_session(session: Session) -> dict[str, Any]:
         session: the whole session.
     """
     metadata = session.metadata
-    streams = [_describe_stream(session, name) for name in session.stream_names]
+    streams: list[dict[str, Any]] = []
+    for name in session.stream_names:
+        samples = session.samples(name)
+        steps = np.diff(samples["time_s"])
+        step_s = float(np.median(steps)) if len(steps) else 0.0
+        runs = np.unique(samples["run"]) if "run" in samples else np.empty(0)
+        columns = samples.stream.columns
+        streams.append(
+            {
+                "name": name,
+                "samples": len(samples),
+                "duration_s": float(steps[steps > 0.0].sum()),  # a clock may restart with a run or session
+                "rate_hz": 1.0 / step_s if step_s > 0 else None,
+                "runs": int(np.count_nonzero(runs >= 0)),
+                "columns": [
+                    {"name": c.name, "unit": c.unit, "width": c.width, "doc": c.doc} for c in columns
+                ],
+            }
+        )
     return {
         "file": str(session.path),
         "created_utc": metadata.created_utc,
@@ -68,51 +109,6 @@ def describe_session(session: Session) -> dict[str, Any]:
         "streams": streams,
         "events": [vars(event) for event in session.events],
     }
-
-
-def _describe_stream(session: Session, name: str) -> dict[str, Any]:
-    samples = session.samples(name)
-    time_s = samples["time_s"]
-    steps = np.diff(time_s)
-    step_s = float(np.median(steps)) if len(steps) else 0.0
-    runs = np.unique(samples["run"]) if "run" in samples else np.empty(0)
-    return {
-        "name": name,
-        "samples": len(samples),
-        "duration_s": float(steps[steps > 0.0].sum()),  # a clock may begin anew with a run or session
-        "rate_hz": 1.0 / step_s if step_s > 0 else None,
-        "runs": int(np.count_nonzero(runs >= 0)),
-        "columns": [
-            {"name": c.name, "unit": c.unit, "width": c.width, "doc": c.doc} for c in samples.stream.columns
-        ],
-    }
-
-
-def _print(session: Session, data: dict[str, Any]) -> None:
-    out = console.stdout()
-    out.print(f"[bold]{shown(session.path)}[/bold]")
-    for label, value in _facts(data).items():
-        out.print(f"  {label:<10} {value}")
-    numbers = ("samples", "rate", "runs")
-    table = console.table("Streams", "stream", *numbers, "columns", right=numbers)
-    for stream in data["streams"]:
-        rate = f"{stream['rate_hz']:.0f} Hz" if stream["rate_hz"] else "–"
-        columns = ", ".join(
-            f"{c['name']}[{c['width']}]" if c["width"] > 1 else c["name"] for c in stream["columns"]
-        )
-        runs = str(stream["runs"] or "–")
-        table.add_row(safe(stream["name"]), str(stream["samples"]), rate, runs, f"[dim]{safe(columns)}[/dim]")
-    out.print(table)
-    if data["events"]:
-        table = console.table("Events", "time", "kind", "what", right=("time",))
-        times_s = (session.samples(name)["time_s"][:1].tolist() for name in session.stream_names)
-        # times count from the session's begin: a real arm's clock has run since its machine was started
-        start_s = min(chain(*times_s, (event.time_s for event in session.events)))
-        for event in session.events[:MOST_EVENTS]:
-            table.add_row(f"{event.time_s - start_s:.3f} s", safe(event.kind), safe(event.text))
-        if len(session.events) > MOST_EVENTS:
-            table.add_row("", "", f"... and {len(session.events) - MOST_EVENTS} more (see --json)")
-        out.print(table)
 
 
 def _facts(data: dict[str, Any]) -> dict[str, str]:
@@ -197,7 +193,7 @@ def merged_streams(sessions: Sequence[Session]) -> list[Merged]:
     Raises:
         InputError: they are not of one arm, or not of the same streams.
     """
-    _check(sessions)
+    _check_compatible(sessions)
     merged = list[Merged]()
     for name in sessions[0].stream_names:
         parts = [session.samples(name) for session in sessions]
@@ -281,11 +277,11 @@ def surfaces_apart(sessions: Sequence[Session]) -> list[str]:
         "has one surface: measure displacements from the surface, or compare the two (palpate compare A B)"
         for session, contacts in zip(sessions[1:], others, strict=True)
         for name in sorted(first.keys() & contacts.keys())
-        if (deeper_m := _deeper(first[name], contacts[name]))
+        if (deeper_m := _depth_difference(first[name], contacts[name]))
     ]
 
 
-def _deeper(first: ChannelData, second: ChannelData) -> float:
+def _depth_difference(first: ChannelData, second: ChannelData) -> float:
     """By how much deeper the second is touched than the first [m]; 0 where runs differ by about as much."""
     force_n = _BEGUN * min(
         data.effort[data.run == run].max() for data in (first, second) for run in data.runs
@@ -305,7 +301,7 @@ def _deeper(first: ChannelData, second: ChannelData) -> float:
     return deeper if abs(deeper) > max(_APART * deepest, _SPREADS * max(np.ptp(a), np.ptp(b))) else 0.0
 
 
-def _check(sessions: Sequence[Session]) -> None:
+def _check_compatible(sessions: Sequence[Session]) -> None:
     first = sessions[0]
     for session in sessions[1:]:
         if session.metadata.urdf != first.metadata.urdf:

@@ -27,7 +27,7 @@ from palpate.runs.robots import find_robot, robot_names
 from palpate.runs.session import raise_for_end
 from palpate.sim_backend.scenario import load_scenario, shipped_scenarios
 from palpate.teleop.demo import run_demo
-from palpate.teleop.follower import FollowerJob, FollowerOutcome, run_follower
+from palpate.teleop.follower import FollowerJob, run_follower
 from palpate.teleop.haptics import HapticJob
 from palpate.teleop.leader import LeaderJob, leader_metadata, run_leader
 
@@ -132,7 +132,22 @@ def follower(
             }
         )
     else:
-        _print(job, outcome)
+        stdout = console.stdout()
+        states = ", ".join(f"{number} {state.name.lower()}" for number, state in outcome.states.items())
+        is_finished = outcome.loop.outcome is Outcome.FINISHED
+        end = "" if is_finished else f"; [red]{safe(outcome.loop.one_line())}[/red]"
+        stdout.print(f"targets: {states or 'none'}; {count(outcome.estimates, 'estimate')} sent{end}")
+        if outcome.talk_error:
+            stdout.print(f"  [yellow]the link was given up: {safe(outcome.talk_error)}[/yellow]")
+        stdout.print(f"written: [bold]{shown(job.session)}[/bold]", soft_wrap=True)
+        typed_session = typed(job.session)
+        steps = {
+            f"palpate estimate {typed_session}": "stiffness and damping of every place",
+            f"palpate inspect {typed_session}": "with the leader's session before it: both on one time line",
+        }
+        if not outcome.estimates:
+            steps = {"palpate teleop leader": "chooses places to probe"}
+        console.next_steps(*steps.items())
     raise_for_end(outcome.loop)
 
 
@@ -214,7 +229,10 @@ def leader(  # noqa: PLR0917, one parameter an option
     out_.print(f"targets: {targets or 'none'}; {count(outcome.estimates, 'estimate')} received")
     if outcome.lateness is not None:
         late = outcome.lateness
-        out_.print(f"haptic loop: {late.count} ticks, late p99 {_us(late.p99_s)}, p99.9 {_us(late.p999_s)}")
+        out_.print(
+            f"haptic loop: {late.count} ticks, late p99 {1e6 * late.p99_s:.0f} us, "
+            f"p99.9 {1e6 * late.p999_s:.0f} us"
+        )
     out_.print(f"written: [bold]{shown(session)}[/bold]", soft_wrap=True)
     if outcome.heard:
         console.next_steps(
@@ -285,10 +303,6 @@ def demo(
         console.stdout().print(f"[yellow]{slowness}[/yellow]", soft_wrap=True)
 
 
-def _us(seconds: float) -> str:
-    return f"{1e6 * seconds:.0f} us"
-
-
 def _line(
     name: str, port: int, config: Path | None, key: Path | None, bad_network: str | None
 ) -> LineSettings:
@@ -303,21 +317,3 @@ def _line(
     if key is not None:
         load_seal(existing_file(key, "key"), name)  # only to know that it is one
     return LineSettings(name, port, config, key, impairment)
-
-
-def _print(job: FollowerJob, outcome: FollowerOutcome) -> None:
-    out = console.stdout()
-    states = ", ".join(f"{number} {state.name.lower()}" for number, state in outcome.states.items())
-    end = "" if outcome.loop.outcome is Outcome.FINISHED else f"; [red]{safe(outcome.loop.one_line())}[/red]"
-    out.print(f"targets: {states or 'none'}; {count(outcome.estimates, 'estimate')} sent{end}")
-    if outcome.talk_error:
-        out.print(f"  [yellow]the link was given up: {safe(outcome.talk_error)}[/yellow]")
-    out.print(f"written: [bold]{shown(job.session)}[/bold]", soft_wrap=True)
-    session = typed(job.session)
-    steps = {
-        f"palpate estimate {session}": "stiffness and damping of every place",
-        f"palpate inspect {session}": "with the leader's session before it: both on one time line",
-    }
-    if not outcome.estimates:
-        steps = {"palpate teleop leader": "chooses places to probe"}
-    console.next_steps(*steps.items())

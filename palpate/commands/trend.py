@@ -13,7 +13,7 @@ from palpate.robot_io.errors import InputError
 from palpate.workflows.data_options import JsonOption
 
 if TYPE_CHECKING:
-    from palpate.batches.trend import Series, TrendChange
+    pass
 
 PAGE = "trend.html"
 CHANGED = 10  # exit code, as of a diagnosis that finds something missing
@@ -119,7 +119,23 @@ def _look(  # noqa: PLR0917, what was typed
         raise InputError(f"--parameter {min(unknown)}: no such series of at least {LEAST} measurements")
     page = (out or (data if data.is_dir() else data.parent)) / PAGE
     write_trend(page, tested, what)
-    changes = [_as_data(series, change, labels) for series, own in tested for change in own]
+    changes: list[dict[str, Any]] = [
+        {
+            "group": series.group,
+            "channel": series.channel,
+            "series": series.name,
+            "unit": series.unit,
+            "kind": change.kind,
+            "first": labels[series.rows[change.first]],
+            "last": labels[series.rows[change.last]],
+            "before": change.before,
+            "after": change.after,
+            "std_err": change.std_err,
+            "p_value": change.p_value,
+        }
+        for series, own in tested
+        for change in own
+    ]
     content = {
         "table": str(out or data),
         "time": what,
@@ -142,23 +158,6 @@ def _look(  # noqa: PLR0917, what was typed
 
     console.present(content, show, as_json=as_json)
     return bool(changes)
-
-
-def _as_data(series: "Series", change: "TrendChange", labels: list[str]) -> dict[str, Any]:
-    """A change as plain data; the keys are stable."""
-    ends = {"first": change.first, "last": change.last}
-    return {
-        "group": series.group,
-        "channel": series.channel,
-        "series": series.name,
-        "unit": series.unit,
-        "kind": change.kind,
-        **{name: labels[series.rows[place]] for name, place in ends.items()},
-        "before": change.before,
-        "after": change.after,
-        "std_err": change.std_err,
-        "p_value": change.p_value,
-    }
 
 
 def in_words(change: dict[str, Any]) -> str:

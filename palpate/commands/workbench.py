@@ -80,7 +80,14 @@ def workbench_command(
         with suppress(PalpateError):  # the page says what is wrong with it
             home.raw = raw_curves(file)
     if riddle:
-        home.read(lambda: _state(data, _posed(), ImportOptions(), model or _MODEL), "probing an object")
+
+        def probe_object() -> "WorkbenchState":
+            from palpate.runs.options import SESSIONS  # noqa: PLC0415, with the simulator
+            from palpate.workbench.diagnosis import pose  # noqa: PLC0415, with the simulator
+
+            return _state(data, pose(output_folder(SESSIONS)), ImportOptions(), model or _MODEL)
+
+        home.read(probe_object, "probing an object")
     elif file is not None and home.state is None:
         home.read(lambda: _state(data, file, data.options, model), f"reading {file.name}")
     early.answer_with(home.waiting)
@@ -105,10 +112,3 @@ def _state(data: DataArguments, path: Path, options: ImportOptions, model: str |
         runs=options.runs,
     )
     return WorkbenchState(given.study(model), given.typed(**{"held-out": None}))  # known already
-
-
-def _posed() -> Path:
-    from palpate.runs.options import SESSIONS  # noqa: PLC0415, with the simulator
-    from palpate.workbench.diagnosis import pose  # noqa: PLC0415, with the simulator
-
-    return pose(output_folder(SESSIONS))

@@ -4,6 +4,7 @@ from collections.abc import Mapping
 from contextlib import ExitStack
 from dataclasses import KW_ONLY, dataclass, field
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import yaml
@@ -100,6 +101,26 @@ class ProbingOutcome:
         if self.failures:
             text = count(len(self.failures), "failure")
             raise PalpateError(f"{text} while probing: {self.failures[0]}")
+
+    def as_data(self) -> dict[str, Any]:
+        """The outcome as plain data; the keys are stable."""
+        loop = self.loop
+        return {
+            "session": str(self.session),
+            "sealed": str(self.sealed) if self.sealed else None,
+            "outcome": str(loop.outcome),
+            "cause": loop.cause,
+            "failed_runs": list(self.failures),
+            "ticks": loop.ticks,
+            "overruns": loop.overruns,
+            "dropped": loop.dropped,
+            "unsent": loop.unsent,
+            "log_error": loop.log_error,
+            "observer_error": loop.observer_error,
+            "deactivation_error": loop.deactivation_error,
+            "duration_s": loop.duration_s,
+            "wall_s": loop.wall_s,
+        }
 
 
 def run_probing(job: ProbingJob, watcher: Watcher = NOBODY) -> ProbingOutcome:
