@@ -2,6 +2,7 @@
 
 import os
 from collections.abc import Mapping, Sequence
+from contextlib import suppress
 from dataclasses import replace
 from importlib import import_module
 from pathlib import Path
@@ -393,21 +394,17 @@ def arm_from_urdf(path: Path, tip_frame: str | None = None) -> Arm:
     Raises:
         InputError: the file is not there, is no URDF, or has no such frame.
     """
-    chosen = tip_frame or _last_link(existing_file(path, "URDF"))
+    existing_file(path, "URDF")
+    chosen = tip_frame or TIP_FRAME
+    if tip_frame is None:
+        with suppress(OSError, ValueError):  # `RigidBody` says why it is no URDF
+            robot = parse_urdf(read_text(path))
+            if TIP_FRAME not in {link.get("name") for link in robot.findall("link")}:
+                chosen = last_link(robot) or TIP_FRAME
     said = f"{path}: no link is called '{TIP_FRAME}'; its last one, '{chosen}', is taken: see --tip-frame"
     notes = () if tip_frame is not None or chosen == TIP_FRAME else (said,)
-    RigidBody.from_urdf(existing_file(path, "URDF"), chosen)  # also where no model asks for it
+    RigidBody.from_urdf(path, chosen)  # also where no model asks for it
     return Arm(read_text(path), chosen, str(path), notes=notes)
-
-
-def _last_link(path: Path) -> str:
-    """The link that the tip is at; where the file is no URDF, `RigidBody` says why."""
-    try:
-        robot = parse_urdf(read_text(path))
-    except (OSError, ValueError):
-        return TIP_FRAME
-    links = {link.get("name") for link in robot.findall("link")}
-    return TIP_FRAME if TIP_FRAME in links else last_link(robot) or TIP_FRAME
 
 
 def _refuse_goal_error(joints: Sequence[FittedJoint | StudyChannel]) -> None:

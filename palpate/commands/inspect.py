@@ -8,12 +8,11 @@ import typer
 from palpate.common import console
 from palpate.common.console import shown, typed
 from palpate.common.files import different_files, open_session, output_file, output_folder, spare_files
+from palpate.control.loop.tick_record import STREAM_NAME as TICK
+from palpate.control.teleop.messaging import STREAM_NAME as LINK
 from palpate.render.inspection import PLOTS, RECORDING, look_into
 from palpate.render.recording.file import open_window, take_picture
 from palpate.robot_io.errors import InputError
-from palpate.teleop.haptics import STREAM_NAME as HAPTIC
-from palpate.teleop.merged_sessions import merge_sessions
-from palpate.teleop.recording import record_both
 
 BOTH = "both.rrd"  # name of a leader's and a follower's recording
 PIXELS = (1600, 1000)  # width and height of a picture
@@ -44,9 +43,12 @@ def inspect_command(  # noqa: PLR0917, one parameter an option
     Without a display the recording is written to a file that Rerun opens on any machine: --save, or a file in
     the session's folder, which is overwritten.
     """
-    opened = open_session(session)
-    merged = None if other is None else merge_sessions(opened, open_session(other))
-    if other is None and HAPTIC in opened.stream_names:
+    opened, merged = open_session(session), None
+    if other is not None:
+        from palpate.teleop.merged_sessions import merge_sessions  # noqa: PLC0415, for two sides alone
+
+        merged = merge_sessions(opened, open_session(other))
+    elif LINK in opened.stream_names and TICK not in opened.stream_names:
         raise InputError(f"{session}: is a leader's session: give that of its follower as well")
     for output in (save, screenshot):
         if output is not None:
@@ -63,6 +65,8 @@ def inspect_command(  # noqa: PLR0917, one parameter an option
     else:
         if plots is not None:
             raise InputError("--plots is for one session; palpate inspect FOLLOWER --plots FOLDER")
+        from palpate.teleop.recording import record_both  # noqa: PLC0415, as above
+
         moment_s = record_both(merged, recording)
         out.print(merged.clock_summary())
     out.print(f"recording: [bold]{shown(recording)}[/bold]", soft_wrap=True)

@@ -48,40 +48,31 @@ def python() -> Iterator[Finding]:
 
 def packages() -> Iterator[Finding]:
     """Every dependency is there, in the version that the project is tested with."""
-    pinned = _pinned_versions()
+    # pinned versions by package; none where palpate is installed without its source tree
+    text = CONSTRAINTS.read_text(encoding="utf-8") if CONSTRAINTS.is_file() else ""
+    pairs = (line.split("==") for line in text.splitlines() if "==" in line)
+    pinned = {name.strip().lower(): version.strip() for name, version in pairs}
     required = [Requirement(line) for line in metadata.requires("palpate") or []]
     names = [
         requirement.name.lower()
         for requirement in required
         if not requirement.marker or requirement.marker.evaluate({"extra": ""})
     ]
-    versions = {name: _installed_version(name) for name in names}
-    missing = [name for name, version in versions.items() if version is None]
-    untested = [
-        f"{name} {version} (tested: {pinned[name]})"
-        for name, version in versions.items()
-        if version is not None and pinned.get(name, version) != version
-    ]
+    missing, untested = [], []
+    for name in names:
+        try:
+            version = metadata.version(name)
+        except metadata.PackageNotFoundError:
+            missing.append(name)
+            continue
+        if pinned.get(name, version) != version:
+            untested.append(f"{name} {version} (tested: {pinned[name]})")
     if missing:
         yield fail("packages", f"not installed: {', '.join(missing)}", "make clean env")
     if untested:
         yield warn("packages", f"other versions than tested: {', '.join(untested)}", "make clean env")
     if not missing and not untested:
         yield ok("packages", f"all {len(names)} there" + (", in the tested versions" if pinned else ""))
-
-
-def _pinned_versions() -> dict[str, str]:
-    """Versions by package; empty where palpate is installed without its source tree."""
-    text = CONSTRAINTS.read_text(encoding="utf-8") if CONSTRAINTS.is_file() else ""
-    pairs = (line.split("==") for line in text.splitlines() if "==" in line)
-    return {name.strip().lower(): version.strip() for name, version in pairs}
-
-
-def _installed_version(name: str) -> str | None:
-    try:
-        return metadata.version(name)
-    except metadata.PackageNotFoundError:
-        return None
 
 
 def physics_engines() -> Iterator[Finding]:

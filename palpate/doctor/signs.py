@@ -154,7 +154,7 @@ def examine_signs(robot: Robot, body: RigidBody, hand: Hand) -> Iterator[Finding
             yield RESTLESS
             return
         angles_rad = _read_for(robot, _START_S)[-1].joint_position_rad
-        hand.turn(joint, _in_words(body, angles_rad, joint))
+        hand.turn(joint, _tip_motion(body, angles_rad, joint))
         yield _joint_finding(joint, _watch(robot, hand, lambda m: m.joint_position_rad, _MOVED_RAD))
     if not _wait_until(robot, hand, is_still):
         yield RESTLESS
@@ -163,7 +163,13 @@ def examine_signs(robot: Robot, body: RigidBody, hand: Hand) -> Iterator[Finding
     hand.press("against the tip of the tool, towards the arm")
     pressed_n = float(_watch(robot, hand, lambda m: np.array([m.force_n]), _PRESSED_N)[0])
     yield _force_finding(pressed_n)
-    yield _hands_away(robot, hand, rest_n)
+    hand.leave()
+    if _wait_until(robot, hand, lambda newest: abs(_force_n(newest) - rest_n) < _TOUCHED_N):
+        yield ok("hands away", f"the force is back at {rest_n:+.2f} N")
+        return
+    force_n = _force_n(_read_for(robot, 0.1))
+    value = f"{force_n:+.2f} N are left of the press; it was {rest_n:+.2f} N before"
+    yield fail("hands away", value, "take every hand off the arm; if it stays, the sensor sticks")
 
 
 def count_down(robot: Robot, hand: Hand) -> Iterator[Finding]:
@@ -203,7 +209,7 @@ def is_still(measurements: list[Measurement]) -> bool:
     return good and bool((np.ptp([m.joint_position_rad for m in measurements], axis=0) < _STILL_RAD).all())
 
 
-def _in_words(body: RigidBody, angles_rad: FloatArray, joint: int) -> str:
+def _tip_motion(body: RigidBody, angles_rad: FloatArray, joint: int) -> str:
     """What a positive turn of a joint looks like at the tip, such as "the tip goes up and forwards"."""
     turned_rad = angles_rad.copy()
     turned_rad[joint] += _SHOWN_RAD
@@ -258,16 +264,6 @@ def _read_for(robot: Robot, duration_s: float) -> list[Measurement]:
 
 def _force_n(measurements: list[Measurement]) -> float:
     return float(np.mean([m.force_n for m in measurements]))
-
-
-def _hands_away(robot: Robot, hand: Hand, rest_n: float) -> Finding:
-    """Wait until the force is what it was before somebody pressed."""
-    hand.leave()
-    if _wait_until(robot, hand, lambda newest: abs(_force_n(newest) - rest_n) < _TOUCHED_N):
-        return ok("hands away", f"the force is back at {rest_n:+.2f} N")
-    force_n = _force_n(_read_for(robot, 0.1))
-    value = f"{force_n:+.2f} N are left of the press; it was {rest_n:+.2f} N before"
-    return fail("hands away", value, "take every hand off the arm; if it stays, the sensor sticks")
 
 
 def _joint_finding(joint: int, moved_rad: FloatArray) -> Finding:

@@ -181,7 +181,13 @@ def export_scenario(base: Scenario, fitted: Sequence[FittedChannel], description
     used: list[str] = []
     left_out: list[str] = []
     # What the contact's own model says already: a dead band that the joints found is the same one.
-    by_channel = [(channel, _by_effect(channel.revision)) for channel in fitted]
+    by_channel: list[tuple[FittedChannel, Effects]] = []
+    for channel in fitted:
+        values_of: Effects = defaultdict(dict)
+        for name, parameter in channel.revision.parameters.items():
+            effect, _, own = name.partition(".")
+            values_of[effect][own] = parameter.value
+        by_channel.append((channel, dict(values_of)))
     contacts = [
         one.revision.channel for one, effects in by_channel if one.is_contact and "deadband" in effects
     ]
@@ -208,14 +214,6 @@ def export_scenario(base: Scenario, fitted: Sequence[FittedChannel], description
             (used if made else left_out).extend(f"{where}: {line}" for line in lines)
             left_out += [f"{where}: {line}" for line in lost(name, values)]
     return Export(scenario.with_hidden(hidden), tuple(used), tuple(left_out))
-
-
-def _by_effect(revision: Revision) -> Effects:
-    effects: Effects = defaultdict(dict)
-    for name, parameter in revision.parameters.items():
-        effect, _, own = name.partition(".")
-        effects[effect][own] = parameter.value
-    return dict(effects)
 
 
 def _with_object(
@@ -259,8 +257,17 @@ def _entries(
     terms = {**SENSOR, **(CONTACT if channel.is_contact else {**JOINT, **ARM})}
     if name not in terms:
         return [], [f"the simulator has no effect '{name}'"]
+    where, placed = channel.revision.channel, []
     try:
-        placed = [_place(str(entry["effect"]), channel) | entry for entry in terms[name](values)]
+        for entry in terms[name](values):
+            place: Entry = {}
+            if entry["effect"] in SENSOR:
+                place = {"channel": "contact" if channel.is_contact else where}
+            elif entry["effect"] == "payload" and not channel.is_contact:
+                place = {"joint": channel.joint_count}
+            elif entry["effect"] != "gravity_tilt" and not channel.is_contact:
+                place = {"joint": int(where.removeprefix("joint_"))}
+            placed.append(place | entry)
         made = [parse_imperfection(entry) for entry in placed]
     except (InputError, ZeroDivisionError) as error:
         return [], [f"the simulator cannot do '{name}' with these values: {error}"]
@@ -269,17 +276,6 @@ def _entries(
         for entry in placed
     ]
     return made, lines
-
-
-def _place(effect: str, channel: FittedChannel) -> Entry:
-    where = channel.revision.channel
-    if effect in SENSOR:
-        return {"channel": "contact" if channel.is_contact else where}
-    if channel.is_contact or effect == "gravity_tilt":
-        return {}
-    if effect == "payload":
-        return {"joint": channel.joint_count}
-    return {"joint": int(where.removeprefix("joint_"))}
 
 
 def _shown(value: object) -> str:

@@ -3,6 +3,7 @@
 import math
 import shlex
 from collections.abc import Callable, Iterable, Iterator, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from itertools import chain, combinations
 
@@ -318,7 +319,15 @@ class _Ground:
         if contact is None or contact.data.surface is None or not session.metadata.robot_file:
             return None
         metadata, before = session.metadata, _plan_of(session)
-        stiffness, damping = _spring_and_damper(study, contact)
+        # stiffness [N/m] and damping [N s/m] of the base model; the secant where it has none
+        data, damping = contact.data, 0.0
+        stiffness = float(np.max(data.effort)) / max(float(np.max(data.position)), 1e-9)
+        with suppress(InputError):  # it cannot be judged
+            parameters = study.fit(contact).parameters
+            if spring := parameters.get("stiffness.k"):
+                stiffness = spring.value
+            if damper := parameters.get("damping.c"):
+                damping = max(damper.value, 0.0)
         surface_m, normal = round(contact.data.surface.position_m, 3), before.press_direction_world
         known = KnownObject(_rounded(stiffness), _rounded(damping), surface_m, normal)
         arm = ArmText(metadata.robot_file, metadata.urdf, study.source.arm.gravity_m_s2, str(session.path))
@@ -346,18 +355,6 @@ class _Ground:
 def _rounded(positive: float) -> float:
     """To the nearest of ten values a decade, 12 % off at most; 0 stays."""
     return float(f"{10.0 ** (round(10.0 * math.log10(positive)) / 10.0):.2e}") if positive > 0.0 else 0.0
-
-
-def _spring_and_damper(study: ModelStudy, contact: StudyChannel) -> tuple[float, float]:
-    """Stiffness [N/m] and damping [N s/m] of the base model; the secant where it has none."""
-    data = contact.data
-    secant = float(np.max(data.effort)) / max(float(np.max(data.position)), 1e-9)
-    try:
-        parameters = study.fit(contact).parameters
-    except InputError:  # it cannot be judged
-        return secant, 0.0
-    stiffness, damping = parameters.get("stiffness.k"), parameters.get("damping.c")
-    return stiffness.value if stiffness else secant, max(damping.value, 0.0) if damping else 0.0
 
 
 _WORLD = ("--robot", "--scenario", "--engine", "--seed", "--hidden", "--drivers")

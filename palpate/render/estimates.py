@@ -172,7 +172,26 @@ def remarks(estimates: ChannelEstimates, truth: Truth) -> list[str]:
         estimates: of one channel.
         truth: true parameters by name, as far as they are known.
     """
-    return [*_remarks_on_data(estimates, truth), *_remarks_on_fits(estimates)]
+    said = []
+    reason, surface, channel = spoilt_by(estimates), estimates.surface_of(estimates.best), estimates.channel
+    if reason is not None:
+        said.append(f"do not rely on these estimates: {reason}")
+    if surface is not None:
+        half_mm = MILLI * SIGMAS_95 * surface.std_err_m
+        sure = f" ± {significant(half_mm, half_mm)}" if np.isfinite(half_mm) else ""
+        true = f" (truth {significant(MILLI * truth[SURFACE], half_mm)} mm)" if SURFACE in truth else ""
+        place = significant(MILLI * surface.position_m, half_mm)
+        said.append(f"surface at {place}{sure} mm along the press direction{true}")
+    tare = channel.tare
+    if tare is not None and np.any(np.abs(tare.effort) > NOTABLE * tare.std_err):
+        mean = significant(float(np.mean(tare.effort)), float(np.max(tare.std_err)))
+        said.append(f"the force in free air, {mean} N, was subtracted")
+    if FEWEST_STEPS <= steps_spanned(channel, estimates.rows) < FEW_STEPS:
+        steps = in_steps(channel, estimates.rows)
+        said.append(
+            f"{steps}: the intervals allow for this, but a damping from so few steps is estimated too low"
+        )
+    return [*said, *_remarks_on_fits(estimates)]
 
 
 def spoilt_by(estimates: ChannelEstimates) -> str | None:
@@ -182,25 +201,6 @@ def spoilt_by(estimates: ChannelEstimates) -> str | None:
         estimates: of one channel.
     """
     return contaminated(estimates.channel, estimates.model)
-
-
-def _remarks_on_data(estimates: ChannelEstimates, truth: Truth) -> Iterator[str]:
-    reason, surface, channel = spoilt_by(estimates), estimates.surface_of(estimates.best), estimates.channel
-    if reason is not None:
-        yield f"do not rely on these estimates: {reason}"
-    if surface is not None:
-        half_mm = MILLI * SIGMAS_95 * surface.std_err_m
-        sure = f" ± {significant(half_mm, half_mm)}" if np.isfinite(half_mm) else ""
-        true = f" (truth {significant(MILLI * truth[SURFACE], half_mm)} mm)" if SURFACE in truth else ""
-        place = significant(MILLI * surface.position_m, half_mm)
-        yield f"surface at {place}{sure} mm along the press direction{true}"
-    tare = channel.tare
-    if tare is not None and np.any(np.abs(tare.effort) > NOTABLE * tare.std_err):
-        mean = significant(float(np.mean(tare.effort)), float(np.max(tare.std_err)))
-        yield f"the force in free air, {mean} N, was subtracted"
-    if FEWEST_STEPS <= steps_spanned(channel, estimates.rows) < FEW_STEPS:
-        steps = in_steps(channel, estimates.rows)
-        yield f"{steps}: the intervals allow for this, but a damping from so few steps is estimated too low"
 
 
 def _remarks_on_fits(estimates: ChannelEstimates) -> Iterator[str]:

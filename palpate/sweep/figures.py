@@ -2,6 +2,7 @@
 
 from collections.abc import Callable, Sequence
 from functools import partial, wraps
+from operator import itemgetter
 from typing import Any, ParamSpec
 
 import matplotlib as mpl
@@ -173,7 +174,17 @@ def force_displacement(ticks: Sequence[Row], grid: Sequence[Row]) -> Figure:
     left.set_ylim(-0.5, 17)
     left.set_title("force; dotted: k·x + c·v at the set speed")
     left.legend()
-    _peaks(right, grid)
+    # peak force over what the dashpot alone asks for at the touch
+    for number, color in enumerate(SPEEDS):
+        jump = [
+            row["law damping_n_s_m"] * 1e-3 * float(row["speeds_mm_s"].split(", ")[number]) for row in grid
+        ]
+        right.plot(jump, [row["peak_n"][number] for row in grid], "o", ms=2.2, color=color, alpha=0.6, mew=0)
+    ends = np.array([0.0, 15.5])
+    right.plot(ends, ends, color=BASE, lw=0.8, ls=":")
+    right.axhline(10.0, color=TRUTH, lw=0.8, ls="--")
+    right.set(xlabel="c·v at the set speed [N]", ylabel="highest measured force [N]", ylim=(0, 17))
+    right.set_title("all objects of the grid")
     return figure
 
 
@@ -189,11 +200,32 @@ def grid_estimates(rows: Sequence[Row]) -> Figure:
     k_axis, c_axis = ("law stiffness_n_m", "k [N/m]"), ("law damping_n_s_m", "c [N s/m]")
     sides = ((K, k_axis, c_axis, (6.5, 20.6)), (C, c_axis, k_axis, (18.4, 29.5)))
     for (name, own_axis, other_axis, papers), (above, below) in zip(sides, all_axes.T, strict=True):
-        _estimates(above, good, name, own_axis[0], other_axis[0])
+        for true, own in grouped(good, itemgetter(own_axis[0])).items():
+            x = column(own, other_axis[0])
+            above.plot([x.min(), x.max()], [true, true], color=BASE, lw=0.7)
+        for method, style in (
+            ("lsq", {"ms": 4.5, "mfc": "none", "mew": 0.6}),
+            ("ransac", {"ms": 2.0, "mew": 0}),
+        ):
+            own = [row for row in good if row["estimator"] == method]
+            above.plot(column(own, other_axis[0]), column(own, name), "o", color=_KNOWN[method], **style)
         figure_name = "4b" if name == K else "4c"
         above.set(xlabel=f"true {other_axis[1]}", ylabel=f"estimate of {own_axis[1]}")
         above.set_title(f"{figure_name}: dots RANSAC, rings LSQ, lines the truth")
-        _worst_over(below, good, name, other_axis[0])
+        for number, (estimator, own) in enumerate(grouped(good, lambda row: row["estimator"]).items()):
+            points = []
+            for value, some in grouped(own, itemgetter(other_axis[0])).items():
+                relative = errors_of(some, name).relative
+                if len(relative):
+                    points.append((value, 100 * np.abs(relative).max()))
+            below.plot(
+                *zip(*sorted(points), strict=True),
+                color=_color(estimator, number),
+                marker="o",
+                ms=2.2,
+                lw=1.0,
+                label=estimator,
+            )
         for value, method, place in zip(papers, ("RANSAC", "LSQ"), ("top", "bottom"), strict=True):
             below.axhline(value, color=PAPER, lw=0.9, ls="--")
             text = f"paper, {method}, worst"
@@ -255,7 +287,19 @@ def ransac_map(rows: Sequence[Row], names: Sequence[str]) -> Figure:
             (above, "subset", "trials", 1000),
             (below, "trials", "subset", 5),
         ):
-            image = _heat(axes, [row for row in own if row[fixed] == value], along, norm)
+            shown = [row for row in own if row[fixed] == value]
+            x, y = (sorted({row[key] for row in shown}) for key in ("threshold", along))
+            errors = np.full((len(y), len(x)), np.nan)
+            for row in shown:
+                errors[y.index(row[along]), x.index(row["threshold"])] = row["k_over_bound"]
+            image = axes.imshow(errors, origin="lower", aspect="auto", cmap="viridis_r", norm=norm)
+            for (i, j), error in np.ndenumerate(errors):
+                text = f"{error:.1f}" if error < 10 else f"{error:.0f}" if error < 1000 else ">999"
+                color = "white" if error > 8 else "#1d2733"
+                axes.text(j, i, text, ha="center", va="center", fontsize=5.5, color=color)
+            axes.set_xticks(range(len(x)), [f"{value:g}" for value in x], fontsize=6.5, rotation=45)
+            axes.set_yticks(range(len(y)), [f"{value:g}" for value in y], fontsize=6.5)
+            axes.grid(visible=False)
             axes.set_ylabel(
                 f"samples in a subset\n({value} trials)"
                 if along == "subset"
@@ -334,63 +378,6 @@ def _panels(rows: int, columns: int, width_in: float, height_in: float, **shared
     figure = Figure(figsize=(width_in, height_in))
     axes = figure.subplots(rows, columns, squeeze=False, **shared)  # type: ignore[call-overload]
     return figure, axes if rows > 1 and columns > 1 else axes.ravel()
-
-
-def _peaks(axes: Axes, grid: Sequence[Row]) -> None:
-    """Peak force over what the dashpot alone asks for at the touch."""
-    for number, color in enumerate(SPEEDS):
-        jump = [
-            row["law damping_n_s_m"] * 1e-3 * float(row["speeds_mm_s"].split(", ")[number]) for row in grid
-        ]
-        axes.plot(jump, [row["peak_n"][number] for row in grid], "o", ms=2.2, color=color, alpha=0.6, mew=0)
-    ends = np.array([0.0, 15.5])
-    axes.plot(ends, ends, color=BASE, lw=0.8, ls=":")
-    axes.axhline(10.0, color=TRUTH, lw=0.8, ls="--")
-    axes.set(xlabel="c·v at the set speed [N]", ylabel="highest measured force [N]", ylim=(0, 17))
-    axes.set_title("all objects of the grid")
-
-
-def _estimates(axes: Axes, rows: Sequence[Row], name: str, own_axis: str, other: str) -> None:
-    for true, own in grouped(rows, lambda row: row[own_axis]).items():
-        x = column(own, other)
-        axes.plot([x.min(), x.max()], [true, true], color=BASE, lw=0.7)
-    for method, style in (("lsq", {"ms": 4.5, "mfc": "none", "mew": 0.6}), ("ransac", {"ms": 2.0, "mew": 0})):
-        own = [row for row in rows if row["estimator"] == method]
-        axes.plot(column(own, other), column(own, name), "o", color=_KNOWN[method], **style)
-
-
-def _worst_over(axes: Axes, rows: Sequence[Row], name: str, other: str) -> None:
-    for number, (estimator, own) in enumerate(grouped(rows, lambda row: row["estimator"]).items()):
-        points = []
-        for value, some in grouped(own, lambda row: row[other]).items():
-            relative = errors_of(some, name).relative
-            if len(relative):
-                points.append((value, 100 * np.abs(relative).max()))
-        axes.plot(
-            *zip(*sorted(points), strict=True),
-            color=_color(estimator, number),
-            marker="o",
-            ms=2.2,
-            lw=1.0,
-            label=estimator,
-        )
-
-
-def _heat(axes: Axes, rows: Sequence[Row], along: str, norm: LogNorm) -> Any:  # noqa: ANN401
-    x, y = (sorted({row[key] for row in rows}) for key in ("threshold", along))
-    values = np.full((len(y), len(x)), np.nan)
-    for row in rows:
-        values[y.index(row[along]), x.index(row["threshold"])] = row["k_over_bound"]
-    image = axes.imshow(values, origin="lower", aspect="auto", cmap="viridis_r", norm=norm)
-    for (i, j), value in np.ndenumerate(values):
-        text = f"{value:.1f}" if value < 10 else f"{value:.0f}" if value < 1000 else ">999"
-        axes.text(
-            j, i, text, ha="center", va="center", fontsize=5.5, color="white" if value > 8 else "#1d2733"
-        )
-    axes.set_xticks(range(len(x)), [f"{value:g}" for value in x], fontsize=6.5, rotation=45)
-    axes.set_yticks(range(len(y)), [f"{value:g}" for value in y], fontsize=6.5)
-    axes.grid(visible=False)
-    return image
 
 
 def _percent_ticks(axes: Axes, digits: Sequence[int] = (1,)) -> None:

@@ -112,7 +112,15 @@ class GridFile(FileModel):
 
     def laws(self) -> list[dict[str, Any]]:
         """Every object's law, with a number for each parameter; `InputError` if there are too many."""
-        given = [{name: _values(value) for name, value in entry.items()} for entry in self.objects]
+        given: list[dict[str, list[Any]]] = []
+        for entry in self.objects:
+            choices: dict[str, list[Any]] = {}
+            for name, value in entry.items():
+                if isinstance(value, Mapping):
+                    choices[name] = validate(Range, value).values()
+                else:
+                    choices[name] = list(value) if isinstance(value, list | tuple) else [value]
+            given.append(choices)
         if (objects := sum(math.prod(map(len, entry.values())) for entry in given)) > MOST_CASES:
             raise InputError(f"{objects:.3g} objects; at most {MOST_CASES} cases")
         if not objects:
@@ -175,9 +183,3 @@ def shipped_grid(name: str) -> GridFile:
         name: of the file, without its ending.
     """
     return load_grid(SHIPPED / f"{name}.yaml")
-
-
-def _values(value: Any) -> list[Any]:  # noqa: ANN401
-    if isinstance(value, Mapping):
-        return validate(Range, value).values()
-    return list(value) if isinstance(value, list | tuple) else [value]

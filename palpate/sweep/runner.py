@@ -9,10 +9,9 @@ import time
 from collections import Counter, deque
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures import CancelledError
-from contextlib import contextmanager, suppress
+from contextlib import suppress
 from dataclasses import dataclass
 from itertools import islice
-from multiprocessing import get_context
 from multiprocessing.connection import Connection, wait
 from multiprocessing.process import BaseProcess
 from pathlib import Path
@@ -21,6 +20,7 @@ from uuid import uuid4
 
 from threadpoolctl import threadpool_limits
 
+from palpate.common.worker_process import start_worker
 from palpate.estimation.workers import end_with_parent
 from palpate.robot_io.errors import InputError, PalpateError, describe_error
 from palpate.sweep.case import Case, ResultStore, code_version
@@ -89,12 +89,7 @@ class _Worker:
             run: does the work of a case.
             folder: of the results.
         """
-        context = get_context("spawn")
-        own, worker_end = context.Pipe()
-        process = context.Process(target=_serve, args=(worker_end, run, folder), daemon=True)
-        process.start()
-        worker_end.close()
-        return cls(process, own)
+        return cls(*start_worker(_serve, run, folder))
 
     def give(self, case: Case, address: str) -> None:
         """Let it work out a case; that it has ended is seen when the answer is asked for.
@@ -224,7 +219,17 @@ def _run(cluster: Cluster, todo: dict[str, Case], store: ResultStore) -> Iterato
     if cluster.scheduler is None:
         yield from run_in_processes(run_one, todo, folder, cluster.workers or os.cpu_count() or 1)
         return
-    with _client(cluster.scheduler) as client:
+    from distributed import Client  # noqa: PLC0415, takes half a second
+
+    try:
+        client = Client(cluster.scheduler, timeout=_JOIN_S)
+    except (OSError, ValueError, TimeoutError) as error:
+        raise InputError(f"scheduler {cluster.scheduler}: does not answer ({error})") from error
+    with client:
+        try:
+            client.wait_for_workers(1, timeout=_JOIN_S)
+        except TimeoutError:
+            raise InputError(f"scheduler {cluster.scheduler}: has no workers (dask worker ADDRESS)") from None
         # Refuse workers that do not write into this folder, or whose results would be of other code.
         modules = {case.work.partition(":")[0] for case in todo.values()}
         mark = store.folder.absolute() / f".seen-by-all-{uuid4().hex}"
@@ -246,7 +251,7 @@ def _run(cluster: Cluster, todo: dict[str, Case], store: ResultStore) -> Iterato
 
 def _run_on_dask(client: Any, todo: dict[str, Case], folder: Path) -> Iterator[str]:  # noqa: ANN401, dask's
     """The same as `_run`, by the workers of a scheduler."""
-    from distributed import as_completed  # noqa: PLC0415, takes half a second
+    from distributed import as_completed  # noqa: PLC0415, as above
 
     waiting = iter(todo.items())
     mark = uuid4().hex[:8]  # a key of an earlier client may still be running
@@ -266,23 +271,6 @@ def _run_on_dask(client: Any, todo: dict[str, Case], folder: Path) -> Iterator[s
         yield f"{todo[address].label}: {problem}" if problem else ""
         for arguments in islice(waiting, 1):
             pending.add(submit(*arguments))
-
-
-@contextmanager
-def _client(scheduler: str) -> Iterator[Any]:
-    """A client of a dask scheduler that has workers."""
-    from distributed import Client  # noqa: PLC0415, as above
-
-    try:
-        client = Client(scheduler, timeout=_JOIN_S)
-    except (OSError, ValueError, TimeoutError) as error:
-        raise InputError(f"scheduler {scheduler}: does not answer ({error})") from error
-    with client:
-        try:
-            client.wait_for_workers(1, timeout=_JOIN_S)
-        except TimeoutError:
-            raise InputError(f"scheduler {scheduler}: has no workers (dask worker ADDRESS)") from None
-        yield client
 
 
 def _look(mark: Path, modules: list[str]) -> tuple[bool, list[str]]:

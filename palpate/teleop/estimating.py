@@ -4,24 +4,24 @@ After every run a first look: spring and damper or Hunt-Crossley, whichever leav
 the last run of a target the diagnosis, which may add effects, and says whether the model is complete.
 """
 
-import ctypes
 import os
 import signal
 from collections.abc import Callable
 from dataclasses import replace
 from math import nan
-from multiprocessing import get_context
 from multiprocessing.connection import Connection
 from typing import NamedTuple
 
 import numpy as np
 
+from palpate.common.worker_process import start_worker
 from palpate.control.loop.stop_handler import one_line
 from palpate.estimation.channel import ChannelData
 from palpate.estimation.data.contact import find_contacts
 from palpate.estimation.data.tick_channels import contact_channels
 from palpate.estimation.study import Revision
 from palpate.estimation.study.revisions import KeptParameter
+from palpate.estimation.workers import end_with_parent
 from palpate.export.scenario import FittedChannel, export_scenario
 from palpate.robot_io.errors import InputError
 from palpate.robot_io.link.messages import MOST_TEXT, EstimatedParameter, ObjectEstimate
@@ -37,7 +37,6 @@ Look = Callable[[Samples, int], ObjectEstimate]
 _SURE = 1.96  # standard errors on either side: 95 %
 _NICE = 5  # of the diagnosis: the arm comes first
 _ENOUGH = 1.3  # times the noise: what leaves no more needs no second law
-_PR_SET_PDEATHSIG = 1  # Linux, prctl(2)
 
 
 def sample_stream(joint_count: int) -> Stream:
@@ -140,11 +139,7 @@ class _EstimatorProcess:
     """One process with one kind of look. It is sent nothing while it is not waiting: a pipe may fill up."""
 
     def __init__(self, look: Look, nice: int) -> None:
-        context = get_context("spawn")
-        self._pipe, worker_end = context.Pipe()
-        self.process = context.Process(target=_serve, args=(look, nice, os.getpid(), worker_end), daemon=True)
-        self.process.start()
-        worker_end.close()
+        self.process, self._pipe = start_worker(_serve, look, nice)
         self._waiting: dict[int, Samples] = {}
         self._ready = False
 
@@ -172,13 +167,11 @@ class _EstimatorProcess:
         return results
 
 
-def _serve(look: Look, nice: int, parent: int, pipe: Connection) -> None:
+def _serve(pipe: Connection, look: Look, nice: int) -> None:
     """Look at whatever comes; ends with its parent, leaves Ctrl-C to it, and may give way to it."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     os.nice(nice)
-    ctypes.CDLL(None).prctl(_PR_SET_PDEATHSIG, signal.SIGKILL)
-    if os.getppid() != parent:  # it ended before it could be heard of
-        return
+    end_with_parent()
     pipe.send(None)  # ready: all is imported
     while True:
         try:

@@ -169,22 +169,23 @@ class FollowerMessaging(threading.Thread):
         return self._messaging.record(now_s)
 
     def _exchange(self) -> None:
-        self._listen()
+        """Hear the leader, estimate, and send a report with the estimates that the leader lacks."""
+        changed, self.queue.linked = self._messaging.receive(), self._messaging.linked
+        if changed and self.queue.linked:
+            self._say("the leader is heard")
+        elif changed:
+            self._say("the leader is silent: nothing new is begun")
+        if problem := self._messaging.problem():
+            self.notes.append(("link", problem, {}))
+            self._say(problem)
         self._think()
         self._messaging.send(self._report())
-        self._send_estimates()
+        now_s = self._clock.now_s()
+        if now_s >= self._resend_s:  # a lost estimate is sent until the leader confirms it
+            self._resend_s = now_s + _RESEND_S
+            for estimate in self._unseen():
+                self._messaging.send(estimate)
         self._quiet = not self._estimator.busy  # only now: all that was made is among the newest
-
-    def _listen(self) -> None:
-        changed, self.queue.linked = self._messaging.receive(), self._messaging.linked
-        if changed:
-            words = (
-                "the leader is heard" if self.queue.linked else "the leader is silent: nothing new is begun"
-            )
-            self._say(words)
-        if words := self._messaging.problem():
-            self.notes.append(("link", words, {}))
-            self._say(words)
 
     def _think(self) -> None:
         """Hand samples to the estimator, and take its answers."""
@@ -214,14 +215,6 @@ class FollowerMessaging(threading.Thread):
 
     def _unseen(self) -> list[ObjectEstimate]:
         return [made for made in list(self._newest.values()) if made.revision not in self._seen]
-
-    def _send_estimates(self) -> None:
-        """Send those that the leader has not said to have; what is lost is sent again."""
-        now_s = self._clock.now_s()
-        if now_s >= self._resend_s:
-            self._resend_s = now_s + _RESEND_S
-            for estimate in self._unseen():
-                self._messaging.send(estimate)
 
     def _report(self) -> Report:
         moment, states = self.moment, self.queue.states()

@@ -110,12 +110,12 @@ def haptic_stream(joint_count: int) -> Stream:
     )
 
 
-def run_haptics(job: HapticJob, pipe: Connection) -> None:
+def run_haptics(pipe: Connection, job: HapticJob) -> None:
     """Render until the script ends, the main process says so, or it is gone; for a process of its own.
 
     Args:
-        job: what is rendered.
         pipe: to the main process.
+        job: what is rendered.
     """
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is for the main process, which then says to end
     clock, lateness, failure, opened = MonotonicClock(), Histogram(), "", False
@@ -221,7 +221,16 @@ class _Haptics:
             if orders.link is not None:
                 self._log.append(LINK_STREAM.name, orders.link)
             if orders.render is not None:
-                self._feel(orders.render, now_s)
+                estimate = orders.render
+                try:
+                    self._object.update(force_law(estimate.model), np.array(estimate.surface_world_m))
+                except InputError as error:  # the last one goes on
+                    self._refused.append(f"estimate {estimate.revision}: {error}")
+                    continue
+                self._revision = estimate.revision
+                target, summary = short_number(estimate.target), summarize_estimate(estimate)
+                text = f"estimate {estimate.revision}, target {target}: {summary}"
+                self._log.event(now_s, FEEL, text, felt_data(estimate))
         self._ticks += 1
         if self._ticks % _TELL_TICKS == 0 and self._told - self._read < _MOST_UNREAD:
             tip = tuple(hand.position_world_m.tolist())
@@ -231,14 +240,3 @@ class _Haptics:
             self._told += 1
             self._selected.clear()
             self._refused.clear()
-
-    def _feel(self, estimate: ObjectEstimate, now_s: float) -> None:
-        try:
-            self._object.update(force_law(estimate.model), np.array(estimate.surface_world_m))
-        except InputError as error:  # the last one goes on
-            self._refused.append(f"estimate {estimate.revision}: {error}")
-            return
-        self._revision = estimate.revision
-        number = short_number(estimate.target)
-        text = f"estimate {estimate.revision}, target {number}: {summarize_estimate(estimate)}"
-        self._log.event(now_s, FEEL, text, felt_data(estimate))

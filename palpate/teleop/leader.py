@@ -4,16 +4,15 @@ This process talks and shows; a process of its own renders (`palpate.teleop.hapt
 network nor a slow terminal is ever felt.
 """
 
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from collections.abc import Callable
 from dataclasses import dataclass, field
 from datetime import UTC, datetime
 from importlib.metadata import version
 from math import dist, nan
-from multiprocessing import get_context
 from multiprocessing.connection import Connection
 from multiprocessing.process import BaseProcess
 
+from palpate.common.worker_process import start_worker
 from palpate.control.loop.timing import SectionTiming
 from palpate.control.teleop.messaging import Messaging
 from palpate.robot_io.clock import Clock, MonotonicClock
@@ -96,29 +95,19 @@ def run_leader(job: LeaderJob, say: Say, show: Say) -> LeaderOutcome:
         PalpateError: the haptic process has ended, and why.
     """
     clock = MonotonicClock()
-    with Line("leader", job.link, clock) as line, _haptic_process(job.haptics) as (process, pipe):
-        leader = _Leader(job, line, clock, process, pipe, say, show)
+    with Line("leader", job.link, clock) as line:
+        process, pipe = start_worker(run_haptics, job.haptics)
         try:
-            leader.run()
-        except KeyboardInterrupt:
-            say(leader.end())
-            leader.run()
-        return leader.outcome()
-
-
-@contextmanager
-def _haptic_process(job: HapticJob) -> Iterator[tuple[BaseProcess, Connection]]:
-    """A process that renders; it ends by itself when the pipe is closed."""
-    context = get_context("spawn")
-    own, worker_end = context.Pipe()
-    process = context.Process(target=run_haptics, args=(job, worker_end), daemon=True)
-    process.start()
-    worker_end.close()
-    try:
-        yield process, own
-    finally:
-        own.close()
-        process.join(_START_S)
+            leader = _Leader(job, line, clock, process, pipe, say, show)
+            try:
+                leader.run()
+            except KeyboardInterrupt:
+                say(leader.end())
+                leader.run()
+            return leader.outcome()
+        finally:
+            pipe.close()  # which ends the haptic process
+            process.join(_START_S)
 
 
 class _Leader:
@@ -163,12 +152,11 @@ class _Leader:
             self._hear_operator()
             if self._telling is None and now_s - begun_s > _START_S:
                 raise PalpateError(f"the haptic process was not heard within {_START_S:g} s")
-            self._hear_follower()
+            self._exchange()
             # Feel the estimate of the nearest place that was probed.
             chosen = self._target_states.choose(self._telling.tip_world_m) if self._telling else None
             if chosen is not None:
                 self._send(HapticCommands(self._read, render=chosen))
-            self._messaging.send(self._intent())
             # the session's part goes to the process that writes it
             if self._telling is not None and (self._notes or not now_s < self._link_s + _LINK_RECORD_S):
                 self._link_s, notes = now_s, tuple(self._notes)
@@ -213,26 +201,24 @@ class _Leader:
     def _hear_operator(self) -> None:
         try:
             while self._pipe.poll():
-                self._take_report(self._pipe.recv())
+                report: HapticReport = self._pipe.recv()
+                if report.lateness is not None:  # the last report
+                    self._lateness = report.lateness
+                    if not report.opened:
+                        raise InputError(f"the operator's device cannot be opened: {report.failure}")
+                    if report.failure:
+                        raise PalpateError(f"the haptic loop has ended: {report.failure}")
+                    self._over = True
+                    continue
+                self._telling, self._read = report, self._read + 1
+                for place in report.selected:
+                    self._select(place)
+                for text in report.refused:
+                    self._note("refused", f"not rendered: {text}")
+                if report.finished and not self._ending:
+                    self.end()
         except (EOFError, OSError) as error:
             raise self._lost() from error
-
-    def _take_report(self, telling: HapticReport) -> None:
-        if telling.lateness is not None:
-            self._lateness = telling.lateness
-            if not telling.opened:
-                raise InputError(f"the operator's device cannot be opened: {telling.failure}")
-            if telling.failure:
-                raise PalpateError(f"the haptic loop has ended: {telling.failure}")
-            self._over = True
-            return
-        self._telling, self._read = telling, self._read + 1
-        for place in telling.selected:
-            self._select(place)
-        for text in telling.refused:
-            self._note("refused", f"not rendered: {text}")
-        if telling.finished and not self._ending:
-            self.end()
 
     def _select(self, place: tuple[float, ...]) -> None:
         """A new target; or, where one is waiting or being probed, that one called off."""
@@ -246,12 +232,15 @@ class _Leader:
             place_mm = ", ".join(f"{1e3 * value:.0f}" for value in place)
             self._note("target", f"target {short_number(number)} chosen at ({place_mm}) mm")
 
-    def _hear_follower(self) -> None:
+    def _exchange(self) -> None:
+        """Hear the follower, and tell it which targets are wanted."""
         if self._messaging.receive():
             is_heard = self._messaging.linked
             self._note("link", "the follower is heard" if is_heard else "the follower is silent")
         if problem := self._messaging.problem():
             self._note("link", problem)
+        queued, cancelled = self._queued()[:MOST_TARGETS], self._cancelled[-MOST_TARGETS:]
+        self._messaging.send(Intent(tuple(queued), tuple(cancelled), self._target_states.seen, self._ending))
 
     def _take(self, message: Message, sent_s: float) -> None:
         if isinstance(message, ObjectEstimate):
@@ -277,10 +266,6 @@ class _Leader:
                 self._note("follower", "the follower has ended")
                 self.end()
                 self._over = True
-
-    def _intent(self) -> Intent:
-        queued = tuple(self._queued()[:MOST_TARGETS])
-        return Intent(queued, tuple(self._cancelled[-MOST_TARGETS:]), self._target_states.seen, self._ending)
 
     def _queued(self) -> list[Target]:
         """Targets that the follower has not finished, and that are not called off."""

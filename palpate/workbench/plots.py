@@ -2,6 +2,7 @@
 
 from collections.abc import Awaitable, Callable, Mapping, Sequence
 from dataclasses import dataclass
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -348,6 +349,16 @@ class PlotPanel:
                 base = _of_base(self._shown)
                 self._time.restyle(time_update(self._motion, base, self._drawn, self._span_s))
 
+        def move_cursor(name: str, event: events.ValueChangeEventArguments[Any]) -> None:
+            """Put a cursor at a time [s], or on the nearer end of the curves; None takes it away."""
+            if self._cursors.get(name) == event.value:
+                return
+            self._cursors.pop(name, None)
+            if event.value is not None:
+                self._cursors[name] = float(np.clip(event.value, *self._motion.time_s[[0, -1]]))
+            self._time.relayout(cursor_shapes(self._cursors))
+            self._read_cursors()
+
         def place_cursor(event: events.GenericEventArguments) -> None:
             name, self._next = self._next, "B" if self._next == "A" else "A"
             self._at[name].set_value(round(float(event.args), 4))
@@ -361,7 +372,10 @@ class PlotPanel:
             self._time.on("point", place_cursor)
             with ui.row().classes("bar cursors"):
                 set_props(ui.label("cursors").classes("quiet"), title=elements.CURSORS)
-                self._at = {name: self._cursor(name) for name in ("A", "B")}
+                self._at = {}
+                for name in ("A", "B"):
+                    cursor = ui.number(f"{name} [s]", format="%.3f", on_change=partial(move_cursor, name))
+                    self._at[name] = cursor.props("dense outlined").classes("cursor")
                 self._reading = ui.html("").classes("reading").mark("reading")
         with ui.element("section").classes("card"):
             heading("Over the state", elements.STATE)
@@ -457,20 +471,6 @@ class PlotPanel:
         for select in (out, judged):  # several can be chosen before the list is closed
             select.on("popup-show", lambda: use(still=True)).on("popup-hide", lambda: use(still=False))
             select.on_value_change(lambda: use(still=choosing))
-
-    def _cursor(self, name: str) -> ui.number:
-        def put(event: events.ValueChangeEventArguments[Any]) -> None:
-            """Put the cursor at a time [s], or on the nearer end of the curves; None takes it away."""
-            if self._cursors.get(name) == event.value:
-                return
-            self._cursors.pop(name, None)
-            if event.value is not None:
-                self._cursors[name] = float(np.clip(event.value, *self._motion.time_s[[0, -1]]))
-            self._time.relayout(cursor_shapes(self._cursors))
-            self._read_cursors()
-
-        cursor = ui.number(f"{name} [s]", format="%.3f", on_change=put)
-        return cursor.props("dense outlined").classes("cursor")
 
     def _read_cursors(self) -> None:
         rows = {name: int(np.argmin(np.abs(self._motion.time_s - t))) for name, t in self._cursors.items()}

@@ -8,6 +8,7 @@ from multiprocessing import get_context
 from multiprocessing.connection import Connection
 from threading import Event
 
+from palpate.common.worker_process import start_worker
 from palpate.estimation.channel import ChannelData
 from palpate.estimation.diagnosis import Diagnosis
 from palpate.estimation.diagnosis.extension import PackedFit, fit_extended
@@ -62,12 +63,7 @@ class DiagnosisProcess:
             StoppedError: it was stopped.
             PalpateError: the process failed.
         """
-        context = get_context("spawn")
-        receiver, sender = context.Pipe()
-        job = (sender, list(data), list(models), list(effects), file)
-        process = context.Process(target=_diagnose, args=job, daemon=True)
-        process.start()
-        sender.close()
+        process, receiver = start_worker(_diagnose, list(data), list(models), list(effects), file)
         try:
             while not self._stop.is_set():
                 if receiver.poll(_POLL_S):

@@ -141,7 +141,10 @@ def resolve(  # noqa: PLR0917 (what to do, and who is told of it)
                 item.channel for item in judged if item.verdict in {Verdict.MISSING, Verdict.UNEXPLAINED}
             }
             if end is StopReason.INSEPARABLE:
-                end, judged = _simplest(study, judged)
+                # State the law that all others contain, where there is one.
+                judged = [with_the_simplest(study, study.channel(item.channel), item) for item in judged]
+                if not any(is_undecided(item) for item in judged):
+                    end = StopReason.SIMPLEST
                 diagnosis = diagnosis.model_copy(update={"channels": judged})
         write_text(output_folder(folder / "study") / RESULT, as_json(study.diagnosis_data(diagnosis)))
         decision = _decision(number + 1, ran.session, outcome.loop.duration_s, judged, end, following)
@@ -198,15 +201,6 @@ def _is_adequate(diagnosis: ChannelDiagnosis) -> bool:
     return diagnosis.verdict is Verdict.ADEQUATE
 
 
-def _simplest(
-    study: Study, diagnoses: Sequence[ChannelDiagnosis]
-) -> tuple[StopReason, list[ChannelDiagnosis]]:
-    """Where one of the laws that are left is contained in all others, that one is stated."""
-    stated = [with_the_simplest(study, study.channel(item.channel), item) for item in diagnoses]
-    is_open = any(is_undecided(item) for item in stated)
-    return StopReason.INSEPARABLE if is_open else StopReason.SIMPLEST, stated
-
-
 def _decision(  # noqa: PLR0917 (what it is made of)
     number: int,
     session: Path,
@@ -220,7 +214,9 @@ def _decision(  # noqa: PLR0917 (what it is made of)
         for item in diagnoses
         if item.accepted
     }
-    what = "; ".join(_in_words(item) for item in diagnoses if not _is_adequate(item)) or "nothing is missing"
+    what = (
+        "; ".join(_explanation(item) for item in diagnoses if not _is_adequate(item)) or "nothing is missing"
+    )
     if following is not None:
         then = f"next, to {following.proposal.purpose}: {following.reason}"
     else:
@@ -256,7 +252,7 @@ _ENDS = {
 }
 
 
-def _in_words(diagnosis: ChannelDiagnosis) -> str:
+def _explanation(diagnosis: ChannelDiagnosis) -> str:
     """A channel and what may explain it."""
     if diagnosis.verdict is Verdict.INSUFFICIENT:
         return f"{diagnosis.channel} cannot be judged ({diagnosis.reason})"

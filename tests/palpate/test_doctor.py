@@ -55,8 +55,10 @@ def test_a_missing_package_is_a_failure(monkeypatch):
     assert "numpy" not in finding.text
 
 
-def test_an_untested_version_is_a_warning(monkeypatch):
-    monkeypatch.setattr(machine, "_pinned_versions", lambda: {"numpy": "0.0.1"})
+def test_an_untested_version_is_a_warning(monkeypatch, tmp_path):
+    constraints = tmp_path / "constraints.txt"
+    constraints.write_text("# tested versions\nnumpy==0.0.1\n")
+    monkeypatch.setattr(machine, "CONSTRAINTS", constraints)
     (finding,) = machine.packages()
     assert finding.level is Level.WARN
     assert "0.0.1" in finding.text

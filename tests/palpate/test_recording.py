@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from rerun.chunk import RrdReader
 
-from palpate.render.recording.scene import PICTURES_HZ, Block, Scene, load_urdf, moving_joints
+from palpate.render.recording.scene import PICTURES_HZ, PressedBlock, Scene, load_urdf, moving_joints
 from palpate.render.recording.session import record_session
 from palpate.robot_io.errors import InputError
 from palpate.robot_io.session import Event
@@ -116,11 +116,11 @@ class TestBlock:
 
     def test_under_the_tip_it_is_as_deep_as_measured(self):
         tip = self.center + 0.012 * self.press
-        vertices, _ = Block(self.center, self.press).pressed(tip[None], np.array([0.012]))
+        vertices, _ = PressedBlock(self.center, self.press).pressed(tip[None], np.array([0.012]))
         assert (self.center[2] - vertices[0, :, 2]).max() == pytest.approx(0.012, rel=1e-6)
 
     def test_at_its_rim_it_stays_where_it_is(self):
-        block = Block(self.center, self.press)
+        block = PressedBlock(self.center, self.press)
         vertices, _ = block.pressed(self.center[None], np.array([0.02]))
         rim = np.abs(vertices[0, :, 0] - self.center[0]) > 0.08
         assert (self.center[2] - vertices[0, rim, 2]).max() < 0.001
@@ -128,7 +128,7 @@ class TestBlock:
     def test_normals_stand_on_the_surface(self):
         tips, depth = self.center[None] + [[0.01, 0.005, 0.0]], np.array([0.015])
         press = np.array([0.3, -0.2, -0.9]) / np.linalg.norm([0.3, -0.2, -0.9])
-        block = Block(self.center, press)
+        block = PressedBlock(self.center, press)
         vertices, normals = block.pressed(tips, depth)
         grid, normal_grid = (values[0].reshape(33, 33, 3) for values in (vertices, normals))
         along = grid[2:, 1:-1] - grid[:-2, 1:-1]

@@ -266,7 +266,20 @@ def record_rerun(view: StudyView, path: Path) -> None:
                 recording.log(f"{channel.name}/words", words)
             recording.reset_time()
         for channel in drawn:
-            _log_time(recording, channel)
+            # measurement, first and last model, what they leave, and the motion
+            place, stages = f"{channel.name}/time", channel.shown_stages
+            colors = [palette.MODEL] if len(stages) == 1 else [palette.BASE, palette.MODEL]
+            models = list(zip(stages, colors, strict=False))
+            effort = {"measured": (channel.effort, palette.MEASURED, 2.0)}
+            effort |= {stage.name: (stage.predicted, color, 1.2) for stage, color in models}
+            send_lines(recording, f"{place}/effort", channel.time_s, effort)
+            if models:
+                left = {stage.name: (stage.residual, color, 1.0) for stage, color in models}
+                send_lines(recording, f"{place}/residual", channel.time_s, left)
+            for what, values in (("position", channel.position), ("velocity", channel.velocity)):
+                send_lines(
+                    recording, f"{place}/{what}", channel.time_s, {what: (values, palette.MEASURED, 1.2)}
+                )
 
 
 def _log_curves(recording: rr.RecordingStream, channel: ChannelView) -> None:
@@ -302,21 +315,6 @@ def _log_curves(recording: rr.RecordingStream, channel: ChannelView) -> None:
         curves = run_curves(channel.position, stage.residual, pressed)
         recording.log(f"{left.entity}/now", left.strips(curves, palette.MODEL, 1.4))
     recording.reset_time()
-
-
-def _log_time(recording: rr.RecordingStream, channel: ChannelView) -> None:
-    """Measurement, first and last model, what they leave, and the motion."""
-    place, stages = f"{channel.name}/time", channel.shown_stages
-    colors = [palette.MODEL] if len(stages) == 1 else [palette.BASE, palette.MODEL]
-    models = list(zip(stages, colors, strict=False))
-    effort = {"measured": (channel.effort, palette.MEASURED, 2.0)}
-    effort |= {stage.name: (stage.predicted, color, 1.2) for stage, color in models}
-    send_lines(recording, f"{place}/effort", channel.time_s, effort)
-    if models:
-        left = {stage.name: (stage.residual, color, 1.0) for stage, color in models}
-        send_lines(recording, f"{place}/residual", channel.time_s, left)
-    for what, values in (("position", channel.position), ("velocity", channel.velocity)):
-        send_lines(recording, f"{place}/{what}", channel.time_s, {what: (values, palette.MEASURED, 1.2)})
 
 
 def _growth_tab(channel: ChannelView) -> rrb.Horizontal:

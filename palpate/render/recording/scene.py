@@ -185,7 +185,7 @@ _RADIUS_M = 0.018  # of the dimple
 _RESOLUTION_M = 5e-5  # smaller changes of depth are not drawn
 
 
-class Block:
+class PressedBlock:
     """A block below a point on its top.
 
     Args:
@@ -394,7 +394,7 @@ def log_object(recording: rr.RecordingStream, scene: Scene) -> None:
     point, depth_m = scene.touch_point_world_m, scene.depth_m
     if point is None or depth_m is None:
         return
-    block = Block(point, scene.main_press_direction_world)
+    block = PressedBlock(point, scene.main_press_direction_world)
     for entity, mesh in (("sides", block.sides()), ("top", block.top())):
         recording.log(f"{_OBJECT}/{entity}", rr.CoordinateFrame(ROOT_FRAME), mesh, static=True)
     rows = block.rows_that_differ(rows, depth_m)

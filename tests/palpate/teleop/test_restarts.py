@@ -46,6 +46,10 @@ class StoredLine:
         return self.now
 
 
+def sent_estimates(line):
+    return [(sent.target, sent.revision) for sent in line.sent if isinstance(sent, ObjectEstimate)]
+
+
 @pytest.fixture
 def line():
     return StoredLine()
@@ -70,21 +74,22 @@ def followed(line, monkeypatch):
 def test_what_became_of_the_last_leaders_targets_says_nothing_of_this_ones(led, line):
     last = [target_number(5, count) for count in (0, 1)]
     line.put(1, 0, report(targets=tuple(last), states=(TargetState.DONE, TargetState.REFUSED)))
-    led._hear_follower()
+    led._exchange()
     led._select((0.4, 0.0, 0.05))
-    (wanted,) = led._intent().targets
-    assert wanted.number not in last
+    led._exchange()
+    (queued,) = line.sent[-1].targets
+    assert queued.number not in last
 
 
 def test_estimates_of_a_follower_that_was_started_again_are_taken(led, line):
     line.put(1, 0, estimate(revision=7))
-    led._hear_follower()
-    assert led._intent().seen == (7,)
+    led._exchange()
+    assert line.sent[-1].seen == (7,)
     line.now += LATER_S
     again = estimate(revision=0, rmse_n=0.5)
     line.put(2, 0, again)
-    led._hear_follower()
-    assert led._intent().seen == (0,)
+    led._exchange()
+    assert line.sent[-1].seen == (0,)
     assert led._target_states.choose((0.4, 0.0, 0.05)) == again
 
 
@@ -93,10 +98,10 @@ def test_who_has_not_heard_this_program_is_not_obeyed(followed, line, answers):
     """It may be what somebody recorded on another day, with the pair's own key."""
     messaging, _ = followed
     line.put(1, 0, intent(target(0)), answers=answers)
-    messaging._listen()
+    messaging._exchange()
     assert messaging.queue.states() == {}
     line.put(1, 1, intent(target(0)))
-    messaging._listen()
+    messaging._exchange()
     assert messaging.queue.states() == {0: TargetState.QUEUED}
 
 
@@ -105,7 +110,7 @@ def test_while_nothing_is_heard_the_other_side_is_told_again_that_this_one_liste
         line.now = now_s
         if 3.5 < now_s < 7.0:
             line.put(1, int(2.0 * now_s), report())
-        led._hear_follower()
+        led._exchange()
     assert line.anew == [3.0, 10.5]  # the last word, at 6.5 s, holds for a second
 
 
@@ -113,11 +118,11 @@ def test_what_may_be_wrong_is_said_once(led, line):
     line.advice = "is it running?"
     for now_s in (9.0, 10.0, 11.0):
         line.now = now_s
-        led._hear_follower()
+        led._exchange()
     assert [text for _, text in led._notes] == ["nobody was heard for 10 s: is it running?"]
     line.malformed, line.refused = 3, "another key"
     for _ in range(2):
-        led._hear_follower()
+        led._exchange()
     assert [text for _, text in led._notes[1:]] == ["a frame was refused: another key"]
 
 
@@ -128,26 +133,24 @@ def test_an_estimate_that_was_lost_is_sent_again_though_newer_ones_of_other_plac
         answers.append(estimate(target=place))
         messaging._think()
     line.put(1, 1, intent(seen=(0, 2)))  # revision 1 was lost
-    messaging._listen()
-    messaging._send_estimates()
-    assert [(one.target, one.revision) for one in line.sent] == [(1, 1)]
+    messaging._exchange()
+    assert sent_estimates(line) == [(1, 1)]
     line.put(1, 2, intent(seen=(0, 1, 2)))
     line.now += LATER_S / 10.0
-    messaging._listen()
-    messaging._send_estimates()
-    assert len(line.sent) == 1
+    messaging._exchange()
+    assert sent_estimates(line) == [(1, 1)]
 
 
 def test_another_leader_is_told_what_the_last_ones_targets_are_like(followed, line):
     messaging, answers = followed
     line.put(1, 0, intent(target(0)))
-    messaging._listen()
+    messaging._exchange()
     answers.append(estimate(target=0, runs=6, verdict="adequate"))
     messaging._think()
     line.put(1, 1, intent(seen=(0,)))
     line.now += LATER_S
     line.put(2, 0, intent())
-    messaging._listen()
+    messaging._exchange()
     answers.append(estimate(target=target_number(2, 0), runs=1, verdict=""))
     messaging._think()
     assert [one.runs for one in messaging._unseen()] == [6, 1]
