@@ -52,7 +52,7 @@ _WITHOUT_VALUE = re.compile(r"--[a-z-]+=")  # an option with nothing after its s
 
 
 class CommandGroup(OneLineGroup):
-    """Knows every command by name and first line; imports a command's module only to run it.
+    """Group of all commands by name and first line; it imports a command's module only to run it.
 
     What is behind a command (simulator, viewer, statistics) takes a second or two to import, and nobody who
     asks for help should wait for it.
@@ -63,7 +63,7 @@ class CommandGroup(OneLineGroup):
         self.commands = {name: TyperCommand(name, help=text) for name, (_, text) in COMMANDS.items()}
 
     def resolve_command(self, ctx: Any, args: list[str]) -> tuple[str | None, Any, list[str]]:  # noqa: ANN401
-        """Find the command that is called, and load it; see `TyperGroup.resolve_command`."""
+        """Find and load the command that is called; see `TyperGroup.resolve_command`."""
         # A shell makes empty names of variables that are not set: "" would be the current folder.
         before = ["", *args]
         for number, argument in enumerate(args):

@@ -20,7 +20,7 @@ _MOST_SHOWN = 8  # errors, outliers and parameters in the terminal; the page has
 
 @dataclass(frozen=True, kw_only=True)
 class BatchArguments(ReadOptions):
-    """What is measured, and what belongs to all measurements, as the user typed that."""
+    """Measurements of a batch, and the options that belong to all of them, as the user typed them."""
 
     data: Annotated[
         list[str],

@@ -1,4 +1,4 @@
-"""`palpate calibrate`: find out how force sensor, encoders, drives and base differ from what they say."""
+"""`palpate calibrate`: measure the errors of force sensor, encoders, drives and base."""
 
 import sys
 from collections.abc import Callable
@@ -199,7 +199,7 @@ def gravity(options: MotionOptions) -> None:
 
 
 class _Found(NamedTuple):
-    """What a calibration is made of: its file's content and picture, and what a person should know beside."""
+    """Result of a calibration: the file's content, its picture and remarks for the user."""
 
     calibration: Callable[[fits.Stamp], Calibration]
     draw: Callable[[], Figure]
@@ -236,7 +236,7 @@ def _calibrate(
     work_out: Callable[[Path], _Found],
     permission: Permission = without_question,
 ) -> None:
-    """Record, unless there is a file to work from; fit, write file and picture, and say what was found."""
+    """Record or read a session, fit it, write the calibration with its picture, and print the result."""
     robot_file = options.robot_file
     path = output_file(options.out or CALIBRATIONS / f"{options.stamped_name(kind)}.yaml")
     plot = output_file(path.with_suffix(".html"))
@@ -273,7 +273,7 @@ def _calibrate(
 
 
 def ask_for_weight(gravity_m_s2: float) -> runs.Place:
-    """Somebody who puts the weights on, and is waited for.
+    """Return a function that asks a person to put a weight on, and waits for it.
 
     Args:
         gravity_m_s2: what makes a mass a weight [m/s^2].

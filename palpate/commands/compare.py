@@ -1,4 +1,4 @@
-"""`palpate compare`: where does the model fail?"""
+"""`palpate compare`: show how far a model misses a measurement, and where."""
 
 from collections.abc import Sequence
 from dataclasses import replace
@@ -40,7 +40,7 @@ Steps = list[tuple[str, str]]
 
 
 class ComparedPair:
-    """Two studies that are compared.
+    """Two studies, compared channel by channel.
 
     Args:
         data: the first, and how both are read.
@@ -85,7 +85,7 @@ class ComparedPair:
         self._studies = (first, second)
 
     def view(self, commands: Sequence[str] = ()) -> PairView:
-        """What every medium draws.
+        """Build the view that terminal, report and recording share.
 
         Args:
             commands: that show the same again.
@@ -116,7 +116,7 @@ class ComparedPair:
 
 
 def chosen_revisions(study: Study, numbers: Sequence[int]) -> list[Revision]:
-    """The revisions of these numbers. InputError: one is not there, or two are of one channel.
+    """Look up revisions by number. InputError: one does not exist, or two are of one channel.
 
     Args:
         study: the measurement and its revisions.
@@ -132,14 +132,14 @@ def chosen_revisions(study: Study, numbers: Sequence[int]) -> list[Revision]:
 
 
 def _grown(study: Study, kept: Sequence[Revision]) -> Grown:
-    """The models of revisions in a study, or its base models where there are none."""
+    """Return the models of revisions in a study, or its base models without revisions."""
     return [(study.channel_of(revision), revision.effects) for revision in kept] or [
         (channel, ()) for channel in study.channels
     ]
 
 
 def write_pair(folder: Path, pair: ComparedPair, view: PairView) -> dict[str, Path]:
-    """Write result, report and recording; all of them appear, or none. Returns them by what they are.
+    """Write result, report and recording, all or none; return their paths by kind.
 
     Args:
         folder: made if needed.
@@ -160,7 +160,7 @@ def write_pair(folder: Path, pair: ComparedPair, view: PairView) -> dict[str, Pa
 
 
 def _names(first: Study, second: Study, grown: tuple[Grown, Grown]) -> tuple[str, str]:
-    """What tells the two apart: their files, with as many folders as needed, or else their models."""
+    """Name both sides: by file, with folders where needed, or by model where the file is the same."""
     paths = [study.source.path for study in (first, second)]
     if paths[0] is None or paths[1] is None or paths[0].resolve() == paths[1].resolve():
         both = {c.name for c, _ in grown[0]} & {c.name for c, _ in grown[1]}
@@ -280,7 +280,7 @@ def _side_by_side(
     as_json: bool,
     force: bool,
 ) -> None:
-    """Print two sides, and write them where that was asked; `given` are the options that chose them."""
+    """Print both sides, and write files if requested; `given` holds the options that selected them."""
     if out is not None:
         spare_files(out, PAIR_FILES, force=force, keep=pair.files)
     same = pair.files[0] == pair.files[1]
@@ -335,7 +335,7 @@ def _after(  # noqa: PLR0917, what was typed
     channel: str | None,
     folder: Path | None,
 ) -> Steps:
-    """Commands that go on from a comparison of base models; the nearest first."""
+    """Suggest commands that follow a comparison of base models, the nearest first."""
     steps: Steps = []
     newest = [kept for result in results if (kept := study.newest(result.channel)) is not None]
     if newest:

@@ -1,4 +1,4 @@
-"""`palpate demo`: everything once, without asking anything."""
+"""`palpate demo`: run the whole workflow once without questions."""
 
 from datetime import datetime
 from pathlib import Path

@@ -1,4 +1,4 @@
-"""`palpate diagnose` and `estimate`: what a measurement says."""
+"""`palpate diagnose` and `estimate`: diagnose missing effects, and estimate parameters."""
 
 from collections.abc import Iterable, Iterator
 from pathlib import Path
@@ -107,7 +107,7 @@ def diagnose_command(
 
 
 def exit_code_of(verdicts: Iterable[Verdict]) -> int:
-    """What the program ends with: the code of what says most, 0 where all is adequate.
+    """Return the exit code of the most severe verdict; 0 if all channels are adequate.
 
     Args:
         verdicts: one of each channel.
@@ -124,7 +124,7 @@ def _next(  # noqa: PLR0917, what was typed and found
     apply: bool,
     plan: Path | None,
 ) -> Steps:
-    """Commands that go on from a diagnosis, the nearest first."""
+    """Suggest commands that follow a diagnosis, the nearest first."""
     again, kept = data.typed(**asked), data.typed(folder=out)
     improved = [channel for channel in diagnosis.channels if channel.accepted]
     if improved and apply:

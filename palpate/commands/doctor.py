@@ -1,4 +1,4 @@
-"""`palpate doctor`: does this machine have what palpate needs, and is an arm wired as its file says?"""
+"""`palpate doctor`: check this machine, and whether an arm matches its robot file."""
 
 import sys
 from collections.abc import Mapping
@@ -117,7 +117,7 @@ def _refuse(options: Mapping[str, object], remedy: str) -> None:
 
 
 def _examine(check: ArmCheck, *, quiet: bool) -> list[Finding]:
-    """Every finding, each shown as soon as it is there: somebody may be standing at the arm."""
+    """Run all checks of an arm, and print each finding at once: somebody may be standing at the arm."""
     findings: list[Finding] = []
     remark = f"emulated devices: {safe(wires_in_words(check.robot_file))}" if check.wired else ""
     if not check.wired and not is_simulated(check.robot_file):
@@ -150,7 +150,7 @@ def _print_line(finding: Finding, *, quiet: bool) -> None:
 def _next_steps(
     check: ArmCheck, robot: str, as_built: str | None, failed: bool, unpowered: bool
 ) -> list[tuple[str, str]]:
-    """What to type after this, with what was typed now."""
+    """Suggest commands that follow a check, with the same options."""
     arm = f"--robot {as_shell_word(robot)}" + " --wire" * check.wired
     own = "".join(f" --drivers {as_shell_word(package)}" for package in check.drivers)
     again = f"palpate doctor {arm}" + (f" --as-built {as_shell_word(as_built)}" if as_built else "") + own

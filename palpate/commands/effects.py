@@ -1,4 +1,4 @@
-"""`palpate effects`: the effects that palpate knows, in words, as equations, and drawn."""
+"""`palpate effects`: list and draw the effects of the library."""
 
 from pathlib import Path
 from typing import Annotated

@@ -1,4 +1,4 @@
-"""`palpate export` and `report`: models as a world or feedforward, data as a table, all as one page."""
+"""`palpate export` and `report`: write models, recorded data or a report."""
 
 from collections.abc import Sequence
 from enum import StrEnum
@@ -33,7 +33,7 @@ PROGRAMS = {Program.FOXGLOVE: "Foxglove", Program.PLOTJUGGLER: "PlotJuggler"}
 
 
 class Format(StrEnum):
-    """What the fitted models are written as."""
+    """File format of the exported models."""
 
     SCENARIO = "scenario"
     FEEDFORWARD = "feedforward"
@@ -185,7 +185,7 @@ def export_command(
 def _export_feedforward(
     data: DataArguments, study: "Study", table: Path, revisions: Sequence[int], *, force: bool, as_json: bool
 ) -> None:
-    """Write the feedforward of the joints: a table, and the functions beside it."""
+    """Write the feedforward of the joints as a table with functions in Python and C."""
     if table.suffix not in {".yaml", ".yml"}:
         raise InputError(f"output {table}: a feedforward is written as .yaml, with .py and .c beside it")
     files = {"table": table, "python": table.with_suffix(".py"), "c": table.with_suffix(".c")}
@@ -204,7 +204,7 @@ def _export_feedforward(
 
 
 def _warn_of_base_models(study: "Study", revisions: Sequence[int]) -> None:
-    """Name the joints without a revision, of which the base model was written."""
+    """Warn of joints without a revision, whose base models were written."""
     chosen = {study.revision(number).channel for number in revisions}
     plain = [
         item.name
@@ -217,7 +217,7 @@ def _warn_of_base_models(study: "Study", revisions: Sequence[int]) -> None:
 
 
 def _export_table(data: DataArguments, name: str, out: Path | None, *, force: bool, as_json: bool) -> None:
-    """Write a stream or channel, by default into the folder of what is derived."""
+    """Write a stream or channel, by default into the session's folder of results."""
     existing_data(data.file)
     path = out or derived_folder(data.file) / f"{name}.csv"
     check_ending(path)
@@ -236,7 +236,7 @@ def _export_table(data: DataArguments, name: str, out: Path | None, *, force: bo
 
 
 def _export_layout(file: Path, program: Program, out: Path | None, *, force: bool, as_json: bool) -> None:
-    """Write a layout, by default into the folder of what is derived."""
+    """Write a viewer's layout, by default into the session's folder of results."""
     session = open_session(file)
     path = out or derived_folder(file) / f"{program}{LAYOUT_ENDINGS[program]}"
     text = layout_of(session, program)

@@ -1,4 +1,4 @@
-"""`palpate import`: make a session from anybody's measurements."""
+"""`palpate import`: convert measurements from data files to a session."""
 
 import sys
 from collections.abc import Mapping, Sequence
@@ -100,7 +100,7 @@ def import_command(
 
 
 def _data_in(path: Path) -> list[Path]:
-    """The file, or those in a folder. InputError: there is none, or a session, which needs no import."""
+    """Return the file, or the data files of a folder. InputError: none, or a session (needs no import)."""
     files = data_files(path) if path.is_dir() else [existing_file(path, "data file")]
     for file in files:
         if is_session(file):
@@ -143,7 +143,7 @@ _PAUSE = 10.0  # times the usual step: what lasts longer was not sampled
 
 
 def look_as_data(path: Path, options: ImportOptions) -> dict[str, Any]:
-    """What is in a file, as it would be imported, as plain data. InputError: it cannot be read.
+    """Return what an import would read from a file, as plain data. InputError: it cannot be read.
 
     Args:
         path: the file.
@@ -163,7 +163,7 @@ def look_as_data(path: Path, options: ImportOptions) -> dict[str, Any]:
 
 
 def facts(imported: Imported) -> list[dict[str, Any]]:
-    """Kind, samples, runs and length of each channel, as plain data.
+    """Return kind, samples, runs and length of each channel, as plain data.
 
     Args:
         imported: the file as it was read.
@@ -181,7 +181,7 @@ def facts(imported: Imported) -> list[dict[str, Any]]:
 
 
 def look_at(path: Path, options: ImportOptions, like: Mapping[str, str] | None = None) -> Mapping[str, str]:
-    """Print what is in a file, as it would be imported; returns what its columns hold.
+    """Print what an import would read from a file; return the role of each column.
 
     Args:
         path: the file.
@@ -232,7 +232,7 @@ def look_at(path: Path, options: ImportOptions, like: Mapping[str, str] | None =
 
 
 def implausible(imported: Imported) -> list[str]:
-    """What in the channels is implausible, in one sentence each.
+    """Describe what is implausible in each channel, one sentence each.
 
     Args:
         imported: the file as it was read.
@@ -245,7 +245,7 @@ def implausible(imported: Imported) -> list[str]:
 
 
 def _columns(table: Table, roles: dict[str, str] | None = None) -> Printed:
-    """The columns, with what each holds where that is known."""
+    """Tabulate the columns, with their roles where known."""
     holds = () if roles is None else ("holds",)
     made = console.table("", "column", *holds, "first values")
     for name in table.names[:_MOST_COLUMNS]:

@@ -1,4 +1,4 @@
-"""`palpate add`, `remove` and `revisions`: grow a model step by step, and go back."""
+"""`palpate add`, `remove` and `revisions`: extend a model step by step, and go back."""
 
 from dataclasses import replace
 from pathlib import Path

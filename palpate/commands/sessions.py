@@ -1,4 +1,4 @@
-"""`palpate info`, `merge` and `reveal`: what a session holds, several as one, and what was hidden in it."""
+"""`palpate info`, `merge` and `reveal`: describe sessions, merge them, and open sealed answers."""
 
 import sys
 from collections.abc import Mapping, Sequence
@@ -68,7 +68,7 @@ def info_command(
 
 
 def describe_session(session: Session) -> dict[str, Any]:
-    """The session's facts as plain data; the keys are stable.
+    """Return the session's facts as plain data; the keys are stable.
 
     Args:
         session: the whole session.
@@ -183,7 +183,7 @@ Merged = tuple[Stream, Mapping[str, NDArray[np.generic]]]
 
 
 def merged_streams(sessions: Sequence[Session]) -> list[Merged]:
-    """Each stream that all sessions have, one session's samples after the other's.
+    """Concatenate each stream that all sessions have.
 
     Clocks stay as they are: where one goes on through all sessions, the object remembers what was before.
 
@@ -205,7 +205,7 @@ def merged_streams(sessions: Sequence[Session]) -> list[Merged]:
 
 
 def merged_metadata(sessions: Sequence[Session], command_line: str, software_version: str) -> SessionMetadata:
-    """What is said of the first, as far as it is true of all.
+    """Return the first session's metadata without what differs between the sessions.
 
     Args:
         sessions: in order.
@@ -230,7 +230,7 @@ def merged_metadata(sessions: Sequence[Session], command_line: str, software_ver
 
 
 def not_whole(sessions: Sequence[Session]) -> list[str]:
-    """Which sessions lack something, in one sentence each: what is merged of them does not show it.
+    """Name incomplete sessions, one sentence each: the merged session does not show it.
 
     Args:
         sessions: that are merged.
@@ -243,7 +243,7 @@ def not_whole(sessions: Sequence[Session]) -> list[str]:
 
 
 def _lacking(sessions: Sequence[Session]) -> dict[str, str]:
-    """Which sessions lack something, or were merged from such, as metadata; nothing if none does."""
+    """Return the names of incomplete sessions as metadata; empty if all are complete."""
     lacking = [
         session.path.name
         for session in sessions
@@ -253,7 +253,7 @@ def _lacking(sessions: Sequence[Session]) -> dict[str, str]:
 
 
 def surfaces_apart(sessions: Sequence[Session]) -> list[str]:
-    """Which contacts begin at another depth than in the first session, in one sentence each.
+    """Name contacts that begin at another depth than in the first session, one sentence each.
 
     A merged session is judged as presses onto one surface: nothing is shifted.
 
@@ -360,7 +360,7 @@ def reveal_command(
 
 
 def describe_answer(session: Path, answer: SealedAnswer) -> dict[str, Any]:
-    """The answer as plain data; the keys are stable.
+    """Return the answer as plain data; the keys are stable.
 
     Args:
         session: file of the session.

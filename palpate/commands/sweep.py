@@ -113,7 +113,7 @@ def sweep_command(
 
 
 def _cases(what: str) -> tuple[Mapping[str, Sequence[Any]], Any, str]:
-    """Cases part by part, the grid they come from (None of the paper), and what to call them."""
+    """Return the cases part by part, their grid (None for the paper) and a title."""
     if what == PAPER:
         from palpate.sweep.paper import paper_cases  # noqa: PLC0415, as above
 

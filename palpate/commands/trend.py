@@ -1,4 +1,4 @@
-"""`palpate trend`: parameters over time, with steps and drifts."""
+"""`palpate trend`: find steps and drifts of parameters over time."""
 
 import time
 from pathlib import Path
@@ -81,7 +81,7 @@ def trend_command(
 
 
 def _state(data: Path) -> object:
-    """What differs once there is something new: names, sizes and times of the files, our own page aside."""
+    """Return names, sizes and times of the watched files, without the page that trend writes."""
     files = sorted(data.iterdir()) if data.is_dir() else [data] if data.exists() else []
     known = [(file.name, file.stat()) for file in files if file.is_file() and file.name != PAGE]
     return [(name, stat.st_size, stat.st_mtime_ns) for name, stat in known]
@@ -96,7 +96,7 @@ def _look(  # noqa: PLR0917, what was typed
     pattern: str | None,
     as_json: bool,
 ) -> bool:
-    """Test all series once, and print and write what changes; whether anything does."""
+    """Test all series once, print and write the changes; return whether there is any."""
     from palpate.batches.page import write_trend  # noqa: PLC0415, its libraries take a second
     from palpate.batches.table import TABLE, read_table  # noqa: PLC0415, as above
     from palpate.batches.trend import LEAST, LEVEL, changes_of, time_axis  # noqa: PLC0415, as above
@@ -161,7 +161,7 @@ def _look(  # noqa: PLR0917, what was typed
 
 
 def in_words(change: dict[str, Any]) -> str:
-    """A change in a sentence.
+    """Describe a change in a sentence.
 
     Args:
         change: as plain data.

@@ -1,4 +1,4 @@
-"""Where words go, and how they are written: numbers, paths and commands as text.
+"""Consoles for results and remarks, and text for numbers, paths and commands.
 
 Results go to stdout, progress and remarks to stderr, so that `--json` output can be piped.
 """
@@ -29,12 +29,12 @@ PIPE_WIDTH = 120
 
 
 def stdout() -> Console:
-    """The console for results. Made on each call: the tests exchange `sys.stdout`."""
+    """Return the console for results, made anew on each call because tests replace `sys.stdout`."""
     return _console(stderr=False)
 
 
 def stderr() -> Console:
-    """The console for progress, remarks and next steps."""
+    """Return the console for progress, remarks and suggested commands."""
     return _console(stderr=True)
 
 
@@ -59,7 +59,7 @@ def print_json(data: Any) -> None:  # noqa: ANN401
 
 
 def plain(value: Any) -> Any:  # noqa: ANN401
-    """The same value in JSON's own types.
+    """Convert a value to JSON's own types.
 
     Args:
         value: mappings, sequences, arrays, and what has a text.
@@ -76,7 +76,7 @@ def plain(value: Any) -> Any:  # noqa: ANN401
 
 
 def table(title: str, *columns: str, right: Iterable[str] = ()) -> Table:
-    """A table in the house style: light rules, numbers to the right; what is too wide is folded, not cut.
+    """Make a table in the house style: light rules, numbers right-aligned, long cells folded.
 
     Args:
         title: above it; empty for none.
@@ -94,7 +94,7 @@ def table(title: str, *columns: str, right: Iterable[str] = ()) -> Table:
 
 
 def natural_width(made: Table) -> int:
-    """Columns of a terminal that a table takes if nothing in it is folded.
+    """Return the columns of a terminal that a table takes if nothing is folded.
 
     Args:
         made: the table.
@@ -104,7 +104,7 @@ def natural_width(made: Table) -> int:
 
 
 def as_typed(command: str) -> str:
-    """A command as it can be typed here: with its folder, where the shell would not find it otherwise.
+    """Return a command as it can be typed here, with its folder if the shell would not find it.
 
     Args:
         command: with the program's name first.
@@ -134,12 +134,12 @@ def next_steps(*commands: tuple[str, str]) -> None:
 
 
 def has_display() -> bool:
-    """Whether a window can be opened here."""
+    """Return whether a window can be opened."""
     return sys.platform == "darwin" or bool(os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY"))
 
 
 def rerun_step(recording: Path) -> tuple[str, str]:
-    """The command that opens a recording of revisions, with what it does and what it needs.
+    """Return the command that opens a recording of revisions, with its purpose and requirements.
 
     Args:
         recording: file for Rerun.
@@ -149,7 +149,7 @@ def rerun_step(recording: Path) -> tuple[str, str]:
 
 
 def export_steps(kept: str, kinds: Iterable[ChannelKind]) -> list[tuple[str, str]]:
-    """The commands that export kept models; none of a servo's goal error, which no simulator has.
+    """Return the commands that export revisions; none for a servo's goal error, which no simulator has.
 
     Args:
         kept: the data and the folder of revisions, as typed.
@@ -191,7 +191,7 @@ def present(
 
 
 def say_read(read: str, notes: Iterable[str]) -> None:
-    """Say on stderr what of a data file was taken for what; nothing of a session.
+    """Report on stderr how the columns of a data file were interpreted; nothing for a session.
 
     Args:
         read: the file's columns and their roles; empty for a session.
@@ -205,7 +205,7 @@ def say_read(read: str, notes: Iterable[str]) -> None:
 
 
 def command_group(about: str) -> typer.Typer:
-    """Commands under one name, which by itself prints its help.
+    """Make a group of commands that prints its help when called by itself.
 
     Args:
         about: the help of the group.
@@ -235,7 +235,7 @@ _MOST_DIGITS = 8
 
 
 def safe(text: str) -> str:
-    """Text from a file for a console: one line, no escape sequence, no mark of direction, no markup.
+    """Make text from a file safe for a console: one line without escapes, direction marks or markup.
 
     Args:
         text: of a file, which may hold anything.
@@ -246,7 +246,7 @@ def safe(text: str) -> str:
 
 
 def count(number: int, one: str) -> str:
-    """A number with its noun, such as "1 run" and "3,000 runs".
+    """Return a number with its noun, such as "1 run" and "3,000 runs".
 
     Args:
         number: how many.
@@ -256,7 +256,7 @@ def count(number: int, one: str) -> str:
 
 
 def duration(seconds: float) -> str:
-    """A duration as a person says it.
+    """Format a duration for people.
 
     Args:
         seconds: of time [s].
@@ -268,7 +268,7 @@ def duration(seconds: float) -> str:
 
 
 def shown(path: Path) -> str:
-    """A path as short as it can be said from where the user is, in one line, for a console.
+    """Shorten a path relative to the current folder, in one line, for a console.
 
     Args:
         path: absolute, or from the current folder.
@@ -277,7 +277,7 @@ def shown(path: Path) -> str:
 
 
 def typed(path: Path) -> str:
-    """A path as short as it can be typed where the user is, for a shell.
+    """Shorten a path relative to the current folder, quoted for a shell.
 
     Args:
         path: absolute, or from the current folder.
@@ -286,7 +286,7 @@ def typed(path: Path) -> str:
 
 
 def as_shell_word(text: str) -> str:
-    """Text as one word of a command that can be pasted into a shell.
+    """Quote text as one word of a shell command.
 
     Args:
         text: any text.
@@ -304,7 +304,7 @@ def as_shell_word(text: str) -> str:
 
 
 def as_command(arguments: Iterable[str]) -> str:
-    """How palpate was called, to be pasted into a shell.
+    """Return the command line of this call, ready to be pasted into a shell.
 
     Args:
         arguments: behind the program's name.
@@ -313,7 +313,7 @@ def as_command(arguments: Iterable[str]) -> str:
 
 
 def _from_here(path: Path) -> str:
-    """As short as it can be said, and never like an option."""
+    """Shorten a path relative to the current folder, so that it never looks like an option."""
     try:
         text = str(path.absolute().relative_to(Path.cwd()))
     except ValueError:
@@ -322,7 +322,7 @@ def _from_here(path: Path) -> str:
 
 
 def chance(p_value: float) -> str:
-    """A p value from surrogates, of which there are too few to say less than this.
+    """Format a p value of surrogates: with few surrogates only an upper bound.
 
     Args:
         p_value: between 0 and 1.
@@ -331,7 +331,7 @@ def chance(p_value: float) -> str:
 
 
 def significant(value: float, uncertainty: float | None = None) -> str:
-    """A value with as many digits as its uncertainty allows (two of the uncertainty's), or five in all.
+    """Format a value to two digits of its uncertainty, or to five digits in all.
 
     Of what is not determined, with an uncertainty without bound or none that is known (NaN), two digits show
     the size. What rounds to zero has no sign.

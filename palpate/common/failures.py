@@ -1,4 +1,4 @@
-"""How a command ends: a failure is one line and an exit code, and folders that stayed empty are removed.
+"""End a command: print a failure as one line with an exit code, and remove folders that stayed empty.
 
 Below a command line an error names options (`--unit`); from Python it names keywords (`units=`). With
 `--json` a failure is JSON as well.
@@ -127,7 +127,7 @@ def _usage(error: typer.TyperException) -> str:
 
 
 def _give_up_output() -> int:
-    """Nobody takes our output (`| head`, a full disk); keep the interpreter from complaining at its end."""
+    """Discard further output (`| head`, a full disk) so that the interpreter does not complain at its end."""
     os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
     return FAILED
 
@@ -142,7 +142,7 @@ _made: list[Path] = []  # in this process; innermost first
 
 
 def make_folder(folder: Path) -> None:
-    """Make a folder and those that it is in, and remember which of them are new.
+    """Make a folder with its parents, and remember which of them are new.
 
     Args:
         folder: absolute, or from the current folder.
@@ -157,7 +157,7 @@ def make_folder(folder: Path) -> None:
 
 
 def remove_empty_folders() -> None:
-    """Leave nothing behind where nothing came of a command; what holds anything stays."""
+    """Remove new folders that are still empty."""
     for folder in _made:
         with suppress(OSError):  # there is something in it, or it was never made
             folder.rmdir()
@@ -183,14 +183,14 @@ Class = TypeVar("Class", bound=type)
 
 
 class ErrorWording:
-    """Whose words errors use; one for the whole process."""
+    """Whether error messages name options or keywords; one setting for the whole process."""
 
     of_command_line = False
 
 
 @contextmanager
 def command_line_wording() -> Iterator[None]:
-    """Let errors name options of the command line, whoever calls."""
+    """Let error messages name options of the command line within the context."""
     before, ErrorWording.of_command_line = ErrorWording.of_command_line, True
     try:
         yield
@@ -221,12 +221,12 @@ def _keyword(option: re.Match[str]) -> str:
 
 
 def _unquoted(word: str) -> str:
-    """A word as a shell understands it."""
+    """Return a word as a shell understands it."""
     return "".join(shlex.split(word))
 
 
 def speaks_python(made: Class) -> Class:
-    """Let errors of a class's public methods be one printable line, in Python's words.
+    """Let errors of a class's public methods be one printable line with Python keywords.
 
     Below a command line they keep its words, and are made printable where they are reported.
 

@@ -1,4 +1,4 @@
-"""Files that the user names, checked before any work is done, and the folders of what is derived from them.
+"""Check files that the user names before any work is done, and find the folders of results.
 
 Nobody's file is replaced without `--force`, and what is read never. What palpate derives from a file lies
 in a folder of its own name beside a session, or here; such a folder, and one in which revisions are kept,
@@ -23,7 +23,7 @@ SESSION = ".mcap"
 
 
 def existing_file(path: Path, what: str) -> Path:
-    """The path, if a readable file is there; no device and no pipe, which might never end.
+    """Return the path if it is a readable regular file; no device and no pipe, which might never end.
 
     Args:
         path: as the user gave it.
@@ -44,7 +44,7 @@ def existing_file(path: Path, what: str) -> Path:
 
 
 def existing_data(path: Path) -> Path:
-    """The path, if it is a folder or a readable file; `InputError` if not.
+    """Return the path if it is a folder or a readable file; `InputError` if not.
 
     Args:
         path: as the user gave it.
@@ -53,7 +53,7 @@ def existing_data(path: Path) -> Path:
 
 
 def open_session(path: Path) -> Session:
-    """Read a session file; `InputError` if it is not there or is no session.
+    """Read a session file; `InputError` if it does not exist or is no session.
 
     Args:
         path: as the user gave it.
@@ -71,7 +71,7 @@ def open_session(path: Path) -> Session:
 
 
 def output_file(path: Path, *, force: bool | None = None, keep: Iterable[Path] = ()) -> Path:
-    """The path, if a file can be written there; its folder is made.
+    """Return the path if a file can be written there; its folder is made.
 
     A folder that is empty when the command ends is taken away again: see `remove_empty_folders`.
 
@@ -98,7 +98,7 @@ def output_file(path: Path, *, force: bool | None = None, keep: Iterable[Path] =
 
 
 def output_session(path: Path, keep: Iterable[Path] = ()) -> Path:
-    """The path, if a session can be written there; see `output_file`. InputError: it is not called one.
+    """Check the path of a new session; see `output_file`. InputError: its ending is not a session's.
 
     Args:
         path: as the user gave it.
@@ -113,7 +113,7 @@ def output_session(path: Path, keep: Iterable[Path] = ()) -> Path:
 
 
 def output_folder(folder: Path) -> Path:
-    """The folder, made if needed, if files can be written in it.
+    """Return the folder, made if needed, if files can be written in it.
 
     Args:
         folder: as the user gave it.
@@ -133,7 +133,7 @@ def output_folder(folder: Path) -> Path:
 
 
 def spare_files(folder: Path, names: Iterable[str], *, force: bool, keep: Iterable[Path] = ()) -> None:
-    """Refuse to fill a folder where that would replace what must not be replaced.
+    """Refuse to fill a folder where that would replace protected files.
 
     Args:
         folder: it need not be there yet.
@@ -160,7 +160,7 @@ def different_files(*paths: Path | None) -> None:
 
 @contextmanager
 def whole_file(path: Path) -> Iterator[Path]:
-    """A name to write under; when all is written, the file gets its own name, replacing what was there.
+    """Yield a temporary name to write to; on success the file replaces the one of the final name.
 
     Args:
         path: the file; it appears whole or not at all.
@@ -177,7 +177,7 @@ def whole_file(path: Path) -> Iterator[Path]:
 
 @contextmanager
 def whole_set(texts: Mapping[Path, str]) -> Iterator[None]:
-    """Files of text that appear together after what stands within the `with`, or not at all if that fails.
+    """Write several text files after the body of the `with`, or none if it fails.
 
     Args:
         texts: by the file's path.
@@ -203,7 +203,7 @@ def write_text(path: Path, text: str) -> None:
 
 
 def derived_folder(path: Path) -> Path:
-    """The usual folder; it need not be there yet.
+    """Return the usual folder of results; it need not exist yet.
 
     Args:
         path: a session, which has a folder beside it; a folder of sessions, which has one in it; or a data
@@ -215,7 +215,7 @@ def derived_folder(path: Path) -> Path:
 
 
 def folder_to_fill(path: Path, out: Path | None, names: Iterable[str], *, force: bool) -> Path:
-    """The derived folder, if these files can be put there; it need not be there yet.
+    """Return the folder of results if these files can be put there; it need not exist yet.
 
     Args:
         path: session or data file.
@@ -234,7 +234,7 @@ def folder_to_fill(path: Path, out: Path | None, names: Iterable[str], *, force:
 
 
 def folder_to_read(path: Path, folder: Path | None) -> Path:
-    """The folder in which revisions are kept, where there may be none yet.
+    """Return the folder in which revisions are kept; it may hold none yet.
 
     Args:
         path: session or data file.

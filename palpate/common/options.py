@@ -25,7 +25,7 @@ _KEYWORD, _NONE = Parameter.KEYWORD_ONLY, Parameter.empty
 def takes(
     options: type, lead: str = "", **defaults: object
 ) -> Callable[[Callable[..., None]], Callable[..., None]]:
-    """Gives a command one option for each field of `options`; they come as its first argument.
+    """Give a command one option for each field of `options`, passed as its first argument.
 
     Args:
         options: a dataclass of keywords.
@@ -64,14 +64,14 @@ _YAML = ("*.yaml", "*.yml")
 
 
 def effect_names() -> list[str]:
-    """All effects of the library."""
+    """Return the names of all effects of the library."""
     from palpate.estimation.effects import EFFECTS  # noqa: PLC0415
 
     return list(EFFECTS)
 
 
 def estimator_names() -> list[str]:
-    """All estimators."""
+    """Return the names of all estimators."""
     from palpate.estimation.estimators import ESTIMATORS  # noqa: PLC0415
     from palpate.estimation.study.estimates import ALL  # noqa: PLC0415
 
@@ -79,19 +79,19 @@ def estimator_names() -> list[str]:
 
 
 def model_names() -> list[str]:
-    """All base models."""
+    """Return the names of all base models."""
     from palpate.estimation.models import MODELS  # noqa: PLC0415
 
     return list(MODELS)
 
 
 def scenario_names() -> list[str]:
-    """The shipped worlds, and files of one's own."""
+    """Return the shipped scenarios, and the user's own files."""
     from palpate.sim_backend.scenario import shipped_scenarios  # noqa: PLC0415
 
     return [*shipped_scenarios(), *own_files()]
 
 
 def own_files() -> list[str]:
-    """The YAML files of the current folder."""
+    """Return the YAML files of the current folder."""
     return sorted(path.name for pattern in _YAML for path in Path().glob(pattern))

@@ -30,7 +30,7 @@ def folder_problem() -> str | None:
 
 
 def library_remedy(error: ImportError) -> str | None:
-    """What to do where a package cannot load a library of the system; None if it failed for another reason.
+    """Return the remedy if a package cannot load a system library; None for other failures.
 
     Pinocchio's wheel takes OpenMP from the system, which small images of Debian and Ubuntu do not have.
 
@@ -41,5 +41,5 @@ def library_remedy(error: ImportError) -> str | None:
 
 
 def first_problem() -> str | None:
-    """The first thing that keeps palpate from starting, in one line with its remedy, or None."""
+    """Return the first problem that keeps palpate from starting, with its remedy, or None."""
     return python_problem((sys.version_info[0], sys.version_info[1])) or folder_problem()

@@ -1,4 +1,4 @@
-"""Effects and drivers of the user's own: loaded, checked, tried, and run under guard."""
+"""Load, check, try out and run effects and drivers of the user's own."""
 
 import ast
 import importlib.util
@@ -34,12 +34,12 @@ LIMIT_S = 30.0  # for loading, and for trying each method once; a search calls t
 
 
 class _TooLongError(BaseException):
-    """Raised within the code; what catches every `Exception` lets it pass."""
+    """Raised within the user's code by the timer; `except Exception` does not catch it."""
 
 
 @contextmanager
 def foreign_code(where: str, limit_s: float | None = None, own_file: str = "") -> Iterator[None]:
-    """Within, whatever is raised is one clear line, also what would end the program; but not Ctrl-C.
+    """Turn any error of the user's code, also an exit, into one clear line; Ctrl-C passes.
 
     What the code prints goes to stderr: stdout is for results, which a program may read.
 
@@ -84,7 +84,7 @@ FORM = "FILE.py:Class"
 
 
 def load_user_effects(texts: Sequence[str]) -> dict[str, Effect]:
-    """The effects that the user names, by how they were named.
+    """Load the user's effects, by the texts that name them.
 
     Args:
         texts: each of the form FILE.py:Class.
@@ -107,7 +107,7 @@ def load_user_effects(texts: Sequence[str]) -> dict[str, Effect]:
 
 
 def load_user_effect(text: str) -> Effect:
-    """The effect that the user names on the command line.
+    """Load an effect that the user names on the command line.
 
     Args:
         text: of the form FILE.py:Class.
@@ -148,7 +148,7 @@ _NAME = re.compile(r"[a-z][a-z0-9_]*")
 
 
 def flaw(found: type[Effect]) -> str | None:
-    """What is wrong with what a class states, and in which line; None if nothing is.
+    """Describe the first error in what a class states, with its line; None if there is none.
 
     Args:
         found: a class of the user's.
@@ -157,7 +157,7 @@ def flaw(found: type[Effect]) -> str | None:
 
 
 def file_of(found: type) -> str:
-    """Path of the file that a class is written in; empty if there is none.
+    """Return the path of the file that defines a class; empty if there is none.
 
     Args:
         found: a class.
@@ -169,7 +169,7 @@ def file_of(found: type) -> str:
 
 
 def place_of(found: type, attribute: str) -> str:
-    """Where a class states an attribute or method, or else begins, such as " (mine.py, line 14)".
+    """Return where a class defines a name, such as " (mine.py, line 14)"; else where it begins.
 
     Args:
         found: a class.
@@ -190,7 +190,7 @@ def place_of(found: type, attribute: str) -> str:
 
 
 def _flaws(found: Any) -> Iterator[tuple[str, str]]:  # noqa: ANN401, it may state anything
-    """Attributes with what is wrong with each."""
+    """Yield attributes with their errors."""
     missing = [what for what in STATED if not hasattr(found, what)]
     if missing:
         yield "", f"states no {', '.join(missing)}; see Bias in estimation/effects/sensor_statics.py"
@@ -239,7 +239,7 @@ _Shape = tuple[int, ...]
 
 
 def watched(effect: Effect) -> Effect:
-    """The effect, whose methods raise an `InputError` where they fail or give what cannot be used.
+    """Wrap an effect so that its methods raise `InputError` on failure or unusable results.
 
     Args:
         effect: of the user's.
@@ -271,7 +271,7 @@ def watched(effect: Effect) -> Effect:
 
 
 def rehearse(effect: Effect, data: ChannelData) -> bool | None:
-    """Call each method of a watched effect on a channel, before a search relies upon it.
+    """Call each method of a watched effect on a channel, before a search relies on it.
 
     Args:
         effect: a watched effect.
@@ -324,7 +324,7 @@ def rehearse(effect: Effect, data: ChannelData) -> bool | None:
 
 
 def _flaw(effect: Effect, method: str, args: tuple[Any, ...], made: Any) -> str | None:  # noqa: ANN401
-    """What is wrong with what a method gave, in words; None if nothing is."""
+    """Describe the error in a method's result; None if there is none."""
     if method == "suited_to" and not (isinstance(made, Effect) and made.name == effect.name):
         return f"suited_to gives {made!r}, expected an effect of the same name"
     names = {parameter.name for parameter in effect.inner}
@@ -353,7 +353,7 @@ def _arrays(
     args: tuple[Any, ...],
     made: Any,  # noqa: ANN401, as the user's code has it
 ) -> Iterator[tuple[str, FloatArray, _Shape]]:
-    """The arrays in what a method gave: what each is, and the shape that it should have."""
+    """Yield name, array and expected shape of each array in a method's result."""
     match method, args:
         case "columns", (ChannelData() as data, *_):
             yield method, made, (len(data), len(effect.gains))

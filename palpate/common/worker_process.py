@@ -1,4 +1,4 @@
-"""Start a worker process of one's own and talk to it over a pipe."""
+"""Start a worker process and communicate with it over a pipe."""
 
 from collections.abc import Callable
 from multiprocessing import get_context

@@ -1,4 +1,4 @@
-"""All that is looked at before an arm gets power, and then its signs, in the order in which it is shown."""
+"""Check an arm before it gets power, and then the signs of its joints and sensor."""
 
 from collections.abc import Callable, Iterator, Mapping, Set
 from contextlib import ExitStack, suppress
@@ -36,7 +36,7 @@ NOT_POWERED = warn(
 
 @dataclass(frozen=True)
 class ArmCheck:
-    """What is to be examined, and how far."""
+    """What to examine, and how far."""
 
     robot_file: RobotFile
     wired: bool = False  # emulate its devices
@@ -47,7 +47,7 @@ class ArmCheck:
 
 
 def examine_arm(check: ArmCheck) -> Iterator[Finding]:
-    """Limits, ports, devices, rates; then signs by hand; then a small motion. A failed stage is the last.
+    """Check limits, ports, devices and rates, then signs by hand and by power; stop after a failed stage.
 
     The torque stays off until `may_power` has said yes, and it is off at the end.
 
@@ -102,7 +102,7 @@ def examine_arm(check: ArmCheck) -> Iterator[Finding]:
 
 
 def _set_up(check: ArmCheck, stack: ExitStack) -> tuple[Clock, RobotFile, Hand]:
-    """The clock, the robot file that leads to the devices, and who moves the arm."""
+    """Return clock, robot file of the devices, and whoever moves the arm."""
     if check.wired:
         clock, scenario = SimulatedClock(), load_scenario(DEFAULT_SCENARIO)
         arm = emulate(check.robot_file, scenario, clock, as_built=check.as_built)
@@ -118,7 +118,7 @@ def _set_up(check: ArmCheck, stack: ExitStack) -> tuple[Clock, RobotFile, Hand]:
 
 
 def _with_robot(make: Callable[[], Robot], look: Callable[[Robot], Iterator[Finding]]) -> Iterator[Finding]:
-    """Open the whole arm for one stage; it is closed, and so without torque, when the stage ends."""
+    """Open the whole arm for one stage, and close it afterwards, without torque."""
     try:
         with make() as robot:
             yield from look(robot)
@@ -220,7 +220,7 @@ _WARN, _FAIL = Level.WARN, Level.FAIL
 
 @dataclass(frozen=True)
 class _Watched:
-    """What the arm showed in some ticks."""
+    """Measurements of some ticks."""
 
     reading_s: FloatArray  # how long each reading took, shape (n,)
     measurements: tuple[Measurement, ...]
@@ -309,7 +309,7 @@ def _computed(robot: Robot, period_s: float) -> Iterator[Finding]:
 
 
 def _device(watched: _Watched, device: str, bus: str | None, limit_s: float) -> Finding:
-    """What a device's samples show; a robot calls all devices faulty where the bus of one has failed."""
+    """Judge a device's samples; a robot calls all devices of a failed bus faulty."""
     complaint = watched.complaints.get(bus or "")
     subject, because = f"{device} samples", f": {complaint}" if complaint else ""
     at_s = np.array([getattr(m, f"{device}_at_s") for m in watched.measurements])

@@ -1,4 +1,4 @@
-"""Whether the limits of a robot file suit its arm: not too tight for it, nor so wide that they are none."""
+"""Check that the limits of a robot file suit its arm: neither too tight nor too wide."""
 
 from collections.abc import Iterator
 
@@ -24,7 +24,7 @@ _WARN, _FAIL = Level.WARN, Level.FAIL
 
 
 def examine_limits(robot_file: RobotFile, body: RigidBody) -> Iterator[Finding]:
-    """Torque against weight, the brake against inertia, ages against the rate, watchdogs, loose limits.
+    """Check torque, brake, ages, watchdogs and the other limits of a robot file.
 
     Args:
         robot_file: of the arm.
@@ -84,7 +84,7 @@ def examine_limits(robot_file: RobotFile, body: RigidBody) -> Iterator[Finding]:
 
 
 def random_poses_rad(limits: Limits) -> FloatArray:
-    """Poses spread over the joints' ranges, shape (poses, n) [rad].
+    """Draw poses over the joints' ranges, shape (poses, n) [rad].
 
     Args:
         limits: with the joints' ranges.
@@ -108,7 +108,7 @@ def _brake(robot_file: RobotFile, body: RigidBody, poses_rad: FloatArray) -> Fin
 
 
 def _force(robot_file: RobotFile) -> Finding:
-    """The limit against the sensor's settings: `capacity_n`, or `nominal_load` in `unit`."""
+    """Check the force limit against the sensor's `capacity_n`, or `nominal_load` in `unit`."""
     limit_n, settings = robot_file.limits.force_n, robot_file.force.settings
     capacity_n, load, unit = (settings.get(key) for key in ("capacity_n", "nominal_load", "unit"))
     if isinstance(load, int | float) and isinstance(unit, str) and not isinstance(capacity_n, int | float):
@@ -151,7 +151,7 @@ def _position(limits: Limits, body: RigidBody) -> Finding:
 
 
 def _latch(name: str, limits: Limits, tick_s: float) -> Finding:
-    """How long a device may go on answering and be wrong; in less than a tick it answers once at most."""
+    """Check how long a faulty device may go on; in less than a tick it answers at most once."""
     limit_s, usual_s = float(getattr(limits, name)), float(Limits.model_fields[name].default)
     value = f"{1e3 * limit_s:g} ms"
     too_short = limit_s < tick_s * (1.0 - 1e-9)
@@ -168,7 +168,7 @@ def _latch(name: str, limits: Limits, tick_s: float) -> Finding:
 
 
 def _beyond(limits: FloatArray, most: FloatArray) -> bool:
-    """Whether a limit is above what is stated; 0 states nothing."""
+    """Return whether a limit exceeds the stated one; 0 states none."""
     return bool(((most > 0) & (limits > most)).any())
 
 

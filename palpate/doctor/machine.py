@@ -1,4 +1,4 @@
-"""This machine: interpreter and packages, simulation, and what a real arm needs.
+"""Check this machine: interpreter, packages, simulation, and what a real arm needs.
 
 Simulation needs nothing of the last, so that nothing there is a failure.
 """
@@ -38,7 +38,7 @@ RIGHTS = (
 
 
 def python() -> Iterator[Finding]:
-    """A CPython that palpate runs on, in an environment of its own."""
+    """Check for a supported CPython in an environment of its own."""
     version = ".".join(str(part) for part in sys.version_info[:3])
     problem = preflight.python_problem((sys.version_info[0], sys.version_info[1])) or ""
     bare = "not a virtual environment: make env, then use .venv/bin/palpate"
@@ -47,7 +47,7 @@ def python() -> Iterator[Finding]:
 
 
 def packages() -> Iterator[Finding]:
-    """Every dependency is there, in the version that the project is tested with."""
+    """Check that every dependency is installed in the tested version."""
     # pinned versions by package; none where palpate is installed without its source tree
     text = CONSTRAINTS.read_text(encoding="utf-8") if CONSTRAINTS.is_file() else ""
     pairs = (line.split("==") for line in text.splitlines() if "==" in line)
@@ -76,7 +76,7 @@ def packages() -> Iterator[Finding]:
 
 
 def physics_engines() -> Iterator[Finding]:
-    """Every physics engine that is installed does its work: a dropped mass falls as it should."""
+    """Check that every installed physics engine lets a dropped mass fall correctly."""
     from palpate.sim_backend.engines import engine_class, installed_engines  # noqa: PLC0415, a failing import is a finding
 
     engines = installed_engines()
@@ -95,7 +95,7 @@ def physics_engines() -> Iterator[Finding]:
 
 
 def pinocchio() -> Iterator[Finding]:
-    """A rigid-body model can be built and evaluated."""
+    """Check that a rigid-body model can be built and evaluated."""
     if not find_spec("pinocchio"):
         yield ok("pinocchio", f"only an arm needs it; {missing_package('pinocchio')}")
         return
@@ -110,7 +110,7 @@ def pinocchio() -> Iterator[Finding]:
 
 
 def rerun() -> Iterator[Finding]:
-    """The viewer's program is there, and something to show it on."""
+    """Check that the viewer is installed, and that there is a display or a driver to draw with."""
     if not find_spec("rerun"):
         yield ok("rerun", f"only recordings need it; {missing_package('rerun')}")
         return
@@ -125,12 +125,12 @@ def rerun() -> Iterator[Finding]:
 
 
 def has_vulkan_driver() -> bool:
-    """Whether Vulkan can draw, if only in software."""
+    """Return whether Vulkan can draw, if only in software."""
     return any(Path(folder).is_dir() and any(Path(folder).glob("*.json")) for folder in VULKAN_DRIVERS)
 
 
 def real_time() -> Iterator[Finding]:
-    """The loop may run under SCHED_FIFO, on a kernel that is made for it."""
+    """Check that the loop may run under SCHED_FIFO, on a real-time kernel."""
     is_made = _text(Path("/sys/kernel/realtime")) == "1" or "PREEMPT_RT" in os.uname().version
     kernel = "real-time kernel" if is_made else "ordinary kernel (expect rare late ticks)"
     policy, parameters = os.sched_getscheduler(0), os.sched_getparam(0)
@@ -144,7 +144,7 @@ def real_time() -> Iterator[Finding]:
 
 
 def memory_lock() -> Iterator[Finding]:
-    """The loop's memory can be kept from being swapped out."""
+    """Check that the loop's memory can be locked against swapping."""
     soft, _ = resource.getrlimit(resource.RLIMIT_MEMLOCK)
     limited = os.geteuid() != 0 and soft != resource.RLIM_INFINITY
     value = f"limited to {soft // 2**20} MiB" if limited else "unlimited"
@@ -152,7 +152,7 @@ def memory_lock() -> Iterator[Finding]:
 
 
 def serial_ports() -> Iterator[Finding]:
-    """USB serial adapters, the right to open them, and their buffering time."""
+    """Check USB serial adapters: permission and buffering time."""
     ports = sorted(Path("/dev").glob("ttyUSB*")) + sorted(Path("/dev").glob("ttyACM*"))
     if not ports:
         yield ok("serial ports", "none connected (only a real arm needs one)")
@@ -160,7 +160,7 @@ def serial_ports() -> Iterator[Finding]:
 
 
 def serial_port(subject: str, port: Path, denied: Level) -> Finding:
-    """Whether a port that is there may be opened (else `denied`), and whether its adapter collects bytes.
+    """Check permission (else `denied`) and buffering time of a serial port.
 
     Args:
         subject: of the finding.
@@ -178,7 +178,7 @@ def serial_port(subject: str, port: Path, denied: Level) -> Finding:
 
 
 def can_interfaces() -> Iterator[Finding]:
-    """SocketCAN interfaces and whether they are up."""
+    """Check whether SocketCAN interfaces are up."""
     types = sorted(Path("/sys/class/net").glob("*/type"))
     names = [entry.parent.name for entry in types if _text(entry) == ARPHRD_CAN]
     if not names:
@@ -187,7 +187,7 @@ def can_interfaces() -> Iterator[Finding]:
 
 
 def can_interface(subject: str, name: str, down: Level) -> Finding:
-    """Whether a CAN interface is there, and up (else `down`).
+    """Check whether a CAN interface exists and is up (else `down`).
 
     Args:
         subject: of the finding.
@@ -218,7 +218,7 @@ CHECKS: tuple[Callable[[], Iterator[Finding]], ...] = (
 
 
 def examine_all() -> Iterator[Finding]:
-    """Run every check; one that breaks is itself a finding, never the end of the examination."""
+    """Run every check; a check that raises becomes a finding, and the others still run."""
     for check in CHECKS:
         try:
             yield from check()

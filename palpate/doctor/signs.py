@@ -1,4 +1,4 @@
-"""The signs of an arm's joints and force sensor, found by hand and by power."""
+"""Check the signs of an arm's joints and force sensor, by hand and under power."""
 
 from collections.abc import Callable, Iterator
 
@@ -53,7 +53,7 @@ RESTLESS = fail("rest", "the arm does not come to rest", "let it lie or hang fre
 
 
 class Hand:
-    """A person at the arm, which has no torque, who reads what to do."""
+    """A person at the unpowered arm, who follows printed instructions."""
 
     patience_s = 30.0
 
@@ -75,7 +75,7 @@ class Hand:
         console.stderr().print(f"[bold]Press gently with a finger[/bold] {words}")
 
     def go_on(self, elapsed_s: float) -> None:
-        """Time has passed since what was begun last [s]. A person needs no telling.
+        """Report the time since the current action began [s]; a person needs no such report.
 
         Args:
             elapsed_s: time since what was begun last [s].
@@ -99,7 +99,7 @@ class Hand:
 
 
 class EmulatedHand(Hand):
-    """Moves the simulated arm behind emulated devices, by its true angles; says nothing."""
+    """Moves the simulated arm behind emulated devices by its true angles, without printing."""
 
     patience_s = 1.0
 
@@ -142,7 +142,7 @@ class EmulatedHand(Hand):
 
 
 def examine_signs(robot: Robot, body: RigidBody, hand: Hand) -> Iterator[Finding]:
-    """Ask a hand to turn each joint of a configured robot and to press on its tool, and see what it shows.
+    """Ask a hand to turn each joint and to press on the tool, and check the measured signs.
 
     Args:
         robot: configured, without power.
@@ -173,7 +173,7 @@ def examine_signs(robot: Robot, body: RigidBody, hand: Hand) -> Iterator[Finding
 
 
 def count_down(robot: Robot, hand: Hand) -> Iterator[Finding]:
-    """Some seconds in which nobody may touch the arm; what shows that somebody does is a failure.
+    """Count down before power; a movement or force in that time is a failure.
 
     Args:
         robot: configured, without power.
@@ -195,7 +195,7 @@ def count_down(robot: Robot, hand: Hand) -> Iterator[Finding]:
 
 
 def is_still(measurements: list[Measurement]) -> bool:
-    """Whether no joint has moved, as far as good samples tell; none tell nothing.
+    """Return whether no joint has moved, by the good samples alone; False without any.
 
     Good are samples if encoders and force have sampled anew meanwhile, and none of them reports a fault.
 
@@ -210,7 +210,7 @@ def is_still(measurements: list[Measurement]) -> bool:
 
 
 def _tip_motion(body: RigidBody, angles_rad: FloatArray, joint: int) -> str:
-    """What a positive turn of a joint looks like at the tip, such as "the tip goes up and forwards"."""
+    """Describe the tip's motion for a positive turn of a joint, such as "the tip goes up and forwards"."""
     turned_rad = angles_rad.copy()
     turned_rad[joint] += _SHOWN_RAD
     way_m = body.tip_pose(turned_rad)[0] - body.tip_pose(angles_rad)[0]
@@ -224,7 +224,7 @@ def _tip_motion(body: RigidBody, angles_rad: FloatArray, joint: int) -> str:
 def _watch(
     robot: Robot, hand: Hand, amounts: Callable[[Measurement], FloatArray], enough: float
 ) -> FloatArray:
-    """By how much each amount has changed once one has changed enough, or at the end of the patience."""
+    """Return the changes once one is large enough, or when the hand's patience ends."""
     before: FloatArray = np.mean([amounts(m) for m in _read_for(robot, _START_S)], axis=0)
     begun_s = robot.clock.now_s()
     change = np.zeros_like(before)
@@ -240,7 +240,7 @@ def _watch(
 
 
 def _wait_until(robot: Robot, hand: Hand, is_so: Callable[[list[Measurement]], bool]) -> bool:
-    """Whether something is so of the last half second, before the hand's patience is at its end."""
+    """Wait until a condition holds for half a second; False once the hand's patience ends."""
     begun_s = robot.clock.now_s()
     newest: list[Measurement] = []
     while (elapsed_s := robot.clock.now_s() - begun_s) < _STILL_S + hand.patience_s:
@@ -253,7 +253,7 @@ def _wait_until(robot: Robot, hand: Hand, is_so: Callable[[list[Measurement]], b
 
 
 def _read_for(robot: Robot, duration_s: float) -> list[Measurement]:
-    """Every measurement of a while, one a millisecond or as fast as the bus is; at least one."""
+    """Read measurements for a while, one a millisecond or as fast as the bus is; at least one."""
     measurements: list[Measurement] = []
     end_s = robot.clock.now_s() + duration_s
     while robot.clock.now_s() < end_s or not measurements:
@@ -288,7 +288,7 @@ def _force_finding(pressed_n: float) -> Finding:
 
 
 class NudgeTask:
-    """Holds the arm where it stands, and moves one joint after the other there and back."""
+    """Hold the arm, and move one joint after the other there and back."""
 
     def __init__(self, robot_file: RobotFile, body: RigidBody) -> None:
         self._free = FreeMotion(body, gains_of(robot_file).tracking)
@@ -357,7 +357,7 @@ def examine_powered(robot: Robot, robot_file: RobotFile, body: RigidBody) -> Ite
 
 
 def gentle(limits: Limits, body: RigidBody) -> Limits:
-    """The limits with which a joint that is held is let go: little way off its path, little push.
+    """Return limits for a held joint that let it go after little motion or force.
 
     Args:
         limits: of the robot file.
