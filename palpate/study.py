@@ -1,4 +1,4 @@
-"""The way in: one study of one measurement, with tables, pictures, a report, and a simulated world of it."""
+"""One study of one measurement: compare, diagnose, extend, and export models."""
 
 import os
 from collections.abc import Mapping, Sequence
@@ -183,7 +183,7 @@ class Study(ModelStudy):
             bar("", 1.0)
 
     def workbench(self, port: int = 0, *, browser: bool = True) -> PageAddress:
-        """Open the workbench's page on this study; it is there until this program or notebook ends.
+        """Open the workbench on this study; it runs until this program or notebook ends.
 
         Page and program share the study: a revision that one of them makes is there for the other.
 
@@ -206,7 +206,7 @@ class Study(ModelStudy):
         return address
 
     def plot(self, channel: str | None = None) -> "go.Figure":
-        """The error as it falls, and curves of measurement and model, of one channel.
+        """Draw one channel: the error of each stage, and curves of measurement and models.
 
         Raises:
             InputError: there is no such channel, or there are several.
@@ -216,7 +216,7 @@ class Study(ModelStudy):
         return figure(view_of(self, [self._newest_result(self._current(self.channel(channel)))]).channels[0])
 
     def report(self, path: Path | str, commands: Sequence[str] = ()) -> Path:
-        """Write all that is known as one HTML file. InputError: it cannot be written."""
+        """Write the report as one HTML file. InputError: it cannot be written."""
         from palpate.render.report import write_report  # noqa: PLC0415, as above
 
         return write_report(view_of(self, commands=commands), _path(path, "report"))
@@ -241,7 +241,7 @@ class Study(ModelStudy):
         return made
 
     def export_feedforward(self, path: Path | str, revisions: int | Sequence[int] = ()) -> Feedforward:
-        """Write what moves the joints as a table (YAML), and beside it as Python and C functions.
+        """Write the joints' feedforward as a table (YAML), with functions in Python and C beside it.
 
         Args:
             path: the table, replaced if it is there; the functions have its name and end in .py and .c.
@@ -294,7 +294,7 @@ class Study(ModelStudy):
     def _fitted_joints(
         self, revisions: int | Sequence[int], what: str
     ) -> tuple[list[FittedJoint], list[str]]:
-        """Joints with their newest or chosen models, and why others have none."""
+        """Return joints with their newest or chosen models, and reasons for those left out."""
         numbers = [revisions] if isinstance(revisions, int) else revisions
         if not isinstance(numbers, list | tuple):
             raise InputError(f"revisions={numbers!r}: give a revision's number, or a list of them")
@@ -332,7 +332,7 @@ class Study(ModelStudy):
         return fitted, failures
 
     def to_export(self, numbers: Sequence[int] = ()) -> list[Revision]:
-        """The revisions that `export` writes; see there."""
+        """Return the revisions that `export` writes."""
         if numbers:
             chosen = [self._revisions.get(number) for number in numbers]
         else:
@@ -357,7 +357,7 @@ class Study(ModelStudy):
         return chosen
 
     def exported(self, revisions: Sequence[Revision]) -> Export:
-        """The simulated world of these revisions; see `export`."""
+        """Return the simulated world of these revisions; see `export`."""
         joints = sum(channel.name.startswith("joint_") for channel in self.source.channels)
         fitted = [
             FittedChannel(revision, self.channel_of(revision).data.surface, joints) for revision in revisions
@@ -371,7 +371,7 @@ class Study(ModelStudy):
         return export_scenario(base, fitted, f"as measured in {self.source.name}: {'; '.join(models)}")
 
     def truth_of(self, channel: ChannelData) -> Mapping[str, float]:
-        """True parameters of a simulated session: those of the object, not of the joints."""
+        """Return true parameters of a simulated session: the object's, not the joints'."""
         session = self.source.session
         return true_parameters(session) if session and channel.kind is ChannelKind.CONTACT else {}
 
@@ -385,7 +385,7 @@ def _plan_probe(
 
 
 def arm_from_urdf(path: Path, tip_frame: str | None = None) -> Arm:
-    """The arm of a URDF file.
+    """Read the arm of a URDF file.
 
     Args:
         path: the file.

@@ -24,7 +24,7 @@ EQUATION = (
 
 @dataclass(frozen=True)
 class JointTerms:
-    """What one joint's effort is made of; lengths are rad, or m of a linear axis, efforts N m or N."""
+    """Terms of one joint's effort; lengths in rad (m for a linear axis), efforts in N m (N)."""
 
     gravity_sine: float = 0.0  # [effort]
     gravity_cosine: float = 0.0  # [effort]
@@ -83,7 +83,7 @@ class FittedJoint:
 
     @property
     def by_effect(self) -> dict[str, dict[str, ParameterEstimate]]:
-        """Fitted parameters by effect and their own names; none for an effect that is known."""
+        """Fitted parameters by effect and own name; empty for effects with known parameters."""
         effects: dict[str, dict[str, ParameterEstimate]] = {
             effect.name: {} for effect in self.fit.model.effects
         }
@@ -103,7 +103,7 @@ class Feedforward:
     left_out: tuple[str, ...]  # what the table cannot express or the data do not determine, one line each
 
     def write(self, path: Path, source: str) -> None:
-        """Write the table (.yaml), and beside it the functions (.py, .c).
+        """Write the table (.yaml), and the functions (.py, .c) beside it.
 
         Args:
             path: of the table.
@@ -155,12 +155,12 @@ class Feedforward:
 
 
 def _literals(terms: JointTerms) -> str:
-    """Numbers that Python and C read as the very same."""
+    """Write numbers so that Python and C read the same values."""
     return ", ".join(map(repr, asdict(terms).values()))
 
 
 def make_feedforward(joints: Sequence[FittedJoint]) -> Feedforward:
-    """The feedforward of fitted joints, in the order of their numbers.
+    """Make the feedforward of fitted joints, ordered by number.
 
     Args:
         joints: with their fits.
@@ -228,7 +228,7 @@ def _title(joint: FittedJoint) -> str:
 
 
 def _comment(text: str) -> str:
-    """A text that ends no comment of Python or C."""
+    """Make text safe within a comment of Python or C."""
     return json.dumps(text, ensure_ascii=True)[1:-1].replace("*/", "* /").replace("\\", "/")
 
 

@@ -26,7 +26,7 @@ SHORTEST_SLIP_M = 1e-6
 
 
 def _one(effect: str, **names: str) -> Term:
-    """The effect of the same name, its parameters renamed: scenario's name = fitted name."""
+    """Make a term of the same effect with renamed parameters: scenario's name = fitted name."""
     return lambda p: [{"effect": effect} | {key: p[name] for key, name in names.items()}]
 
 
@@ -52,7 +52,7 @@ def _ripple(p: Values) -> list[Entry]:
 
 
 def lost(effect: str, p: Values) -> Iterator[str]:
-    """What of a fitted effect is simulated otherwise, in a sentence.
+    """Describe what the simulator does differently for a fitted effect, in a sentence.
 
     Args:
         effect: its name.
@@ -143,7 +143,7 @@ SILENT = frozenset({"rigid_body"})  # what the simulated arm is anyway
 
 @dataclass(frozen=True)
 class FittedChannel:
-    """What is known of one channel."""
+    """A channel's revision with its surface."""
 
     revision: Revision  # the fitted model
     # Where the channel's depth counts from, along the downward press direction; None if given.
@@ -166,7 +166,7 @@ class Export:
 
 
 def export_scenario(base: Scenario, fitted: Sequence[FittedChannel], description: str) -> Export:
-    """The world that behaves as the fitted models say.
+    """Make the simulated world that behaves as the fitted models.
 
     Args:
         base: what the models say nothing of: sensors, arm, physics. What is hidden in it is dropped.
@@ -219,7 +219,7 @@ def export_scenario(base: Scenario, fitted: Sequence[FittedChannel], description
 def _with_object(
     scenario: Scenario, effects: Effects, surface: Surface | None, swallowed_n: float
 ) -> tuple[Scenario, list[str]]:
-    """Put spring, damper and surface into the object itself, and take them off the list."""
+    """Move spring, damper and surface into the object itself, and out of the list of effects."""
     spring, damper = effects.pop("stiffness", None), effects.pop("damping", None)
     law: dict[str, object] | None = None
     if spring is not None or damper is not None:
@@ -251,7 +251,7 @@ def _with_object(
 def _entries(
     name: str, values: Mapping[str, float], channel: FittedChannel
 ) -> tuple[list[Imperfection], list[str]]:
-    """One effect as entries of the scenario, or the reason why that cannot be."""
+    """Convert one effect to entries of the scenario, or return the reason why not."""
     if name in SILENT:
         return [], []
     terms = {**SENSOR, **(CONTACT if channel.is_contact else {**JOINT, **ARM})}

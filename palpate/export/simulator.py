@@ -19,7 +19,7 @@ from palpate.robot_io.files.file_model import read_text
 
 @dataclass(frozen=True)
 class Written:
-    """Files of a target."""
+    """Files of an export."""
 
     files: tuple[Path, ...]
     used: tuple[str, ...]  # what went into them, one line each
@@ -36,7 +36,7 @@ def write_simulator(
     failures: Sequence[str],
     source: str,
 ) -> Written:
-    """Write fitted joints as the file of a simulator.
+    """Write fitted joints in a simulator's file format.
 
     Args:
         joints: with their fits.

@@ -1,4 +1,4 @@
-"""Recorded data for other programs: a stream or channel as a table, and layouts that show a session."""
+"""Export recorded data: streams and channels as tables, layouts for viewers."""
 
 import json
 import re
@@ -35,7 +35,7 @@ _NAMES = {
 
 
 def recorded_table(path: Path, options: ImportOptions, name: str) -> pa.Table:
-    """A stream of a session, its events, or a channel of any data, as a table.
+    """Return a session's stream or events, or a channel of any data, as a table.
 
     Args:
         path: session, folder of sessions, or data file.
@@ -59,7 +59,7 @@ def recorded_table(path: Path, options: ImportOptions, name: str) -> pa.Table:
 
 
 def stream_table(samples: Samples) -> pa.Table:
-    """Every column of a stream; a wide one as several, numbered from 1. Units are kept with the fields.
+    """Return every column of a stream; wide ones as several, numbered from 1. Fields keep their units.
 
     Args:
         samples: of the stream.
@@ -92,7 +92,7 @@ def channel_table(channel: ChannelData) -> pa.Table:
 
 
 def events_table(session: Session) -> pa.Table:
-    """What happened, one row an event; its data as JSON.
+    """Return the events, one a row, with their data as JSON.
 
     Args:
         session: the session.
@@ -109,7 +109,7 @@ def events_table(session: Session) -> pa.Table:
 
 
 def write_table(table: pa.Table, path: Path) -> None:
-    """Write a table as its ending says; the file appears whole or not at all.
+    """Write a table in the format of its ending, whole or not at all.
 
     Args:
         table: what is written.
@@ -128,7 +128,7 @@ def write_table(table: pa.Table, path: Path) -> None:
 
 
 def check_ending(path: Path) -> None:
-    """Refuse a file of another kind. InputError: it is neither CSV nor Parquet by its ending.
+    """Refuse other formats. InputError: the ending is neither CSV's nor Parquet's.
 
     Args:
         path: of the output.
@@ -142,7 +142,7 @@ _STEPS = ("run", "phase")
 
 
 class Program(StrEnum):
-    """What opens the layout."""
+    """Viewer that opens the layout."""
 
     FOXGLOVE = "foxglove"
     PLOTJUGGLER = "plotjuggler"
@@ -153,7 +153,7 @@ Plots = Mapping[str, Sequence[tuple[Stream, Column]]]  # by title
 
 
 def layout_of(session: Session, program: Program) -> str:
-    """The text of a layout. InputError: the session has nothing to plot.
+    """Return a viewer's layout as text. InputError: the session has nothing to plot.
 
     Args:
         session: whose streams are shown.
@@ -173,7 +173,7 @@ def layout_of(session: Session, program: Program) -> str:
 
 
 def _series(plot: Sequence[tuple[Stream, Column]], name: Callable[[str, str], str]) -> list[str]:
-    """What a program calls each curve of a plot; of a wide column each of its values.
+    """Return each curve's name for a viewer; a wide column has one a value.
 
     Where a message holds many records of a long stream, the first of each is shown.
     """
@@ -195,7 +195,7 @@ def _foxglove(plots: Plots) -> str:
 
 
 def _stacked(panels: Sequence[str]) -> Any:  # noqa: ANN401, a tree of names
-    """Panels one above the other, each as high."""
+    """Stack panels of equal height."""
     if len(panels) == 1:
         return panels[0]
     tree = {"direction": "column", "first": panels[0], "second": _stacked(panels[1:])}

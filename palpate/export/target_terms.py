@@ -1,4 +1,4 @@
-"""What other simulators can express of fitted joints: for each target and effect how, or why not."""
+"""What other simulators can express of fitted joints: for each target and effect, how or why not."""
 
 import json
 from collections.abc import Callable, Mapping, Sequence
@@ -32,7 +32,7 @@ class TargetTerm:
 
 
 def _named(lost: str = "", **names: str) -> TargetTerm:
-    """Values that are fitted parameters: target's name = fitted name."""
+    """Make values from fitted parameters: target's name = fitted name."""
     return TargetTerm(lambda p: {key: p[name] for key, name in names.items()}, lost)
 
 
@@ -41,7 +41,7 @@ def _mean(p: Fitted, name: str, ends: tuple[str, str]) -> float:
 
 
 def _asymmetric(dry: Sequence[str], viscous: str) -> TargetTerm:
-    """Friction of two directions as the mean of both."""
+    """Average the friction of both directions."""
     return TargetTerm(
         lambda p: {
             **dict.fromkeys(dry, _mean(p, "", ("forward", "backward"))),
@@ -175,7 +175,7 @@ Values = Mapping[str, Value]
 
 @dataclass(frozen=True)
 class TargetJoint:
-    """What a target is told of one joint."""
+    """Values of one joint for a target."""
 
     channel: str  # such as "joint_2"
     name: str  # in the arm's file; the channel's where there is none
@@ -194,7 +194,7 @@ class TargetJoint:
 
 @dataclass(frozen=True)
 class TargetArm:
-    """What a target is told of an arm."""
+    """Values of an arm for a target."""
 
     source: str  # what was measured
     joints: tuple[TargetJoint, ...]
@@ -270,7 +270,7 @@ def _shown(parameter: ParameterEstimate) -> str:
 
 
 def as_comment(text: str) -> str:
-    """Make a text safe within a comment of XML or Python, or a docstring: one line that ends none.
+    """Make text safe within a comment of XML or Python, or a docstring: one line that ends none.
 
     Args:
         text: any text, such as the name of a file.

@@ -1,4 +1,4 @@
-"""Fitted joints written into a MJCF or a URDF: attributes of joints, gravity, and a payload at the tip."""
+"""Write fitted joints into an MJCF or a URDF: attributes of joints, gravity, and a payload at the tip."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -24,7 +24,7 @@ _PASSIVE = ("armature", "damping", "frictionloss", "stiffness")
 
 @dataclass(frozen=True)
 class Mounting:
-    """How the arm stands, and where its tip is."""
+    """How the arm is mounted, and where its tip is."""
 
     tip_frame: str  # name of the tip's frame, empty where no URDF is known
     tip_m: FloatArray  # shape (3,), the tip in the frame of the link that the last joint moves
@@ -42,7 +42,7 @@ class Patched:
 
 
 def patch_mjcf(text: str, place: str, arm: TargetArm, mounting: Mounting, *, by_name: bool) -> Patched:
-    """Write the values of an arm into the text of a MJCF.
+    """Write the values of an arm into the text of an MJCF.
 
     A value replaces that of the file: the fitted model has no friction, spring or rotor but these.
 
@@ -115,7 +115,7 @@ def patch_urdf(text: str, place: str, arm: TargetArm, mounting: Mounting) -> Pat
 
 
 class _Mjcf:
-    """A MJCF that is being changed."""
+    """An MJCF that is being changed."""
 
     def __init__(self, place: str, root: Element) -> None:
         self._place, self._root = place, root
@@ -133,7 +133,7 @@ class _Mjcf:
         ]
 
     def value(self, element: Element, name: str, absent: str) -> str:
-        """An attribute of an element, by itself or from its default class.
+        """Return an attribute of an element, from the element itself or its default class.
 
         Args:
             element: of the MJCF.
@@ -322,14 +322,14 @@ class _Mjcf:
 
 
 def _rest(k: float, preload: float, cubic: float) -> float | None:
-    """The position nearest zero where k q + preload + cubic q^3 is zero; None where there is none."""
+    """Return the root of k q + preload + cubic q^3 nearest zero; None without one."""
     roots = np.roots(np.array([cubic, 0.0, k, preload]))
     real = [float(root.real) for root in roots if abs(root.imag) < 1e-9 * (1.0 + abs(root.real))]
     return min(real, key=abs) if real else (0.0 if preload == 0.0 else None)
 
 
 def _polynomial(*coefficients: float) -> str:
-    """Coefficients of MuJoCo's polynomial of a spring or damper, without zeros at its end."""
+    """Return the coefficients of MuJoCo's spring or damper polynomial, without trailing zeros."""
     kept = np.trim_zeros(np.array(coefficients), "b")
     return " ".join(f"{value:.9g}" for value in kept) or "0"
 
@@ -374,7 +374,7 @@ def _comment(root: Element, element: Element, title: str, lines: Sequence[str]) 
 def _patched(
     before: str, root: Element, arm: TargetArm, used: Sequence[str], left_out: Sequence[str]
 ) -> Patched:
-    """The file's own text up to its root, comments on what is not in it, and the changed root."""
+    """Join the file's text before its root, comments on what is left out, and the changed root."""
     out = (*arm.left_out, *left_out)
     lines = [f"Patched by palpate export from {arm.source}.", *(f"not in it: {line}" for line in out)]
     said = "".join(f"<!-- {as_comment(line)} -->\n" for line in lines)

@@ -1,4 +1,4 @@
-"""What a probing arm could do next, and what each plan would make it do: candidates, and their rehearsal.
+"""Candidate experiments of a probing arm, and their rehearsal in simulation.
 
 A rehearsal is the task that the robot runs, with its own checks and the force law that reacts to the
 object, so a plan that the arm cannot do is refused here as it would be there. The arm has the masses of its
@@ -40,7 +40,7 @@ Settings = dict[str, Any]
 
 @dataclass(frozen=True)
 class CandidatePlan:
-    """An experiment that is considered."""
+    """An experiment under consideration."""
 
     words: str  # what the arm does
     settings: Settings  # what differs from the plan before
@@ -53,7 +53,7 @@ class CandidatePlan:
 
 
 def candidates(before: ProbingPlan, robot_file: RobotFile, place_world_m: FloatArray) -> list[CandidatePlan]:
-    """All experiments that make a valid plan; whether the arm can do them is for a rehearsal to say.
+    """Return all experiments with a valid plan; the rehearsal checks whether the arm can do them.
 
     Args:
         before: the plan that was run first: targets and what is not changed stay.
@@ -70,7 +70,7 @@ def candidates(before: ProbingPlan, robot_file: RobotFile, place_world_m: FloatA
 
 
 def both(first: CandidatePlan, second: CandidatePlan, before: ProbingPlan) -> CandidatePlan | None:
-    """One experiment with what two show; None where they want different things, or make no valid plan.
+    """Combine two experiments into one; None if their settings conflict or the plan is invalid.
 
     Args:
         first: one experiment.
@@ -124,7 +124,7 @@ def _changes(before: ProbingPlan, robot_file: RobotFile) -> Iterator[tuple[str, 
 
 
 def _elsewhere(before: ProbingPlan, place_world_m: FloatArray) -> Iterator[tuple[str, Settings]]:
-    """Light presses with the arm in another posture, which are of another place to the object."""
+    """Yield light presses in other postures or at other places of the object."""
     lightly = {"speeds_m_s": [0.05], "force_limit_n": before.force_limit_n / 3, "hold_s": 0.3, "repeats": 2}
     lightly |= {"travel_speed_m_s": 0.08}
     for angle in (-2.0 * _TILT_RAD, -_TILT_RAD, _TILT_RAD, 2.0 * _TILT_RAD):
@@ -151,7 +151,7 @@ _KEPT = 64  # rehearsals that are kept: those asked for longest ago would come o
 
 @dataclass(frozen=True)
 class ArmText:
-    """An arm as a session keeps it."""
+    """An arm as a session stores it."""
 
     robot: str  # text of its robot file
     urdf: str  # text of its URDF
@@ -173,7 +173,7 @@ class ArmText:
 
 @dataclass(frozen=True)
 class KnownObject:
-    """A spring and damper with a flat surface, as a fit has it."""
+    """A fitted spring and damper with a flat surface."""
 
     stiffness_n_m: float  # k [N/m]
     damping_n_s_m: float  # c [N s/m]
@@ -181,7 +181,7 @@ class KnownObject:
     normal_world: tuple[float, float, float]  # unit vector into the object
 
     def force_n(self, along_m: float, speed_m_s: float) -> float:
-        """Normal force [N] on a tip at a place and speed along the normal; it never pulls.
+        """Normal force [N] on a tip at a position and velocity along the normal; never negative.
 
         Args:
             along_m: place along the normal [m].
@@ -193,7 +193,7 @@ class KnownObject:
 
 @dataclass(frozen=True)
 class Rehearsal:
-    """What is rehearsed: two that are equal come out the same."""
+    """A plan to rehearse; equal rehearsals have equal results."""
 
     arm: ArmText  # limits, gains, rate and masses
     plan_json: str  # what is done
@@ -205,7 +205,7 @@ _known: OrderedDict[Rehearsal, Samples | None] = OrderedDict()
 
 
 def rehearse_all(rehearsals: Sequence[Rehearsal], processes: int = 1) -> Iterator[Samples | None]:
-    """What `rehearse` says of each, in this order; None where the arm cannot do it.
+    """Rehearse plans in parallel, in order; None where the arm cannot do one.
 
     What was rehearsed before is remembered. The work of several processes comes out the same.
 
@@ -246,7 +246,7 @@ def _tried(rehearsal: Rehearsal) -> Samples | None:
 
 
 def rehearse(rehearsal: Rehearsal) -> Samples:
-    """The ticks of a probing of this arm, without noise: what channels are made of.
+    """Simulate a probing run of this arm without noise; return its ticks.
 
     Args:
         rehearsal: arm, plan, object and start.

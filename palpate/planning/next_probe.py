@@ -1,4 +1,4 @@
-"""The next probe of a session's arm: which feasible plan best sets apart what a diagnosis has not decided."""
+"""Choose the next probe of a session's arm: the feasible plan that best separates open explanations."""
 
 import math
 import shlex
@@ -46,7 +46,7 @@ Progress = Callable[[str, float], None]
 
 @dataclass(frozen=True)
 class Undecided:
-    """A question: a channel with models among which its data do not decide, by their effects in words."""
+    """A channel with models that its data cannot separate, each described by its effects."""
 
     channel: StudyChannel
     names: tuple[str, ...]
@@ -54,12 +54,12 @@ class Undecided:
 
     @property
     def nothing(self) -> FloatArray:
-        """The leads of an experiment that tells nothing of it."""
+        """The scores of an experiment that tells nothing about this question."""
         return np.zeros((len(self.names),) * 2)
 
 
 def undecided(study: ModelStudy, diagnoses: Sequence[ChannelDiagnosis]) -> list[Undecided]:
-    """All that is left to ask, of each channel what is there in the place of each effect that has rivals.
+    """Collect open questions: each channel's accepted effects with their rivals.
 
     Args:
         study: what was measured so far.
@@ -80,7 +80,7 @@ def next_probe(
     progress: Progress = lambda what, share: None,
     processes: int = 1,
 ) -> NextProbe | None:
-    """The plan that is expected to set apart what is left; None if none is, or the study is no probing.
+    """Return the plan expected to separate the open explanations; None if there is none.
 
     Where nothing could be judged, it is one that makes up for what the data lack. Else each plan that the arm
     can do within its limits is rehearsed, data are drawn on that motion from each model that is left, and all
@@ -136,7 +136,7 @@ def next_probe(
 
 
 def _stated(study: ModelStudy, diagnoses: Sequence[ChannelDiagnosis]) -> NextProbe | None:
-    """The probe that diagnoses state; None unless it is one of this arm's own candidates.
+    """Return the probe stated by diagnoses; None unless it is one of this arm's own candidates.
 
     Diagnoses may come from a file of somebody else, which must not plan what an arm does.
     """
@@ -159,7 +159,7 @@ def _stated(study: ModelStudy, diagnoses: Sequence[ChannelDiagnosis]) -> NextPro
 
 @dataclass(frozen=True)
 class _Planned:
-    """A feasible experiment, with its motion for each question; None where that does not tell."""
+    """A feasible experiment with its predicted motion for each question; None where it tells nothing."""
 
     candidate: CandidatePlan
     experiment: Experiment  # as it is promised, or as it is expected
@@ -178,7 +178,7 @@ class _Planned:
         return cls(candidate, Experiment(candidate.words, float(ticks["time_s"][-1]), leads), motions)
 
     def expected(self, left: Sequence[Undecided]) -> "_Planned":
-        """The same with what is expected once all models are fitted again.
+        """Repeat the design with scores expected after all models are refitted.
 
         Args:
             left: the questions.
@@ -202,7 +202,7 @@ def _planned(
     left: Sequence[Undecided],
     longest_s: float,
 ) -> list["_Planned"]:
-    """Those of experiments that do not take too long, the most promising first."""
+    """Plan experiments that are short enough, the most promising first."""
     within = ((offer, ticks) for offer, ticks in offered if ticks["time_s"][-1] <= longest_s)
     planned = (_Planned.of(*offer, study, left) for offer in within)
     return sorted(planned, key=lambda offer: offer.experiment.tells, reverse=True)
@@ -211,7 +211,7 @@ def _planned(
 def _new(
     offered: Iterable[tuple[CandidatePlan, Samples]], ran: Sequence[ProbingPlan]
 ) -> Iterator[tuple[CandidatePlan, Samples]]:
-    """Those that were not run yet."""
+    """Leave out experiments that were already run."""
     return (offer for offer in offered if offer[0].plan not in ran)
 
 
@@ -223,7 +223,7 @@ def _plan_of(session: Session) -> ProbingPlan:
 def _remedy(
     study: ModelStudy, diagnoses: Sequence[ChannelDiagnosis], longest_s: float, progress: Progress
 ) -> NextProbe | None:
-    """More presses where a channel cannot be judged; harder ones where its readings are too coarse."""
+    """Propose more presses where a channel cannot be judged, or harder ones if readings are too coarse."""
     contacts = [item for item in diagnoses if item.channel.startswith("contact")]
     judged = contacts or list(diagnoses)
     if any(item.verdict is not Verdict.INSUFFICIENT for item in judged):
@@ -250,7 +250,7 @@ def feasible(
     pairs: Sequence[tuple[CandidatePlan, CandidatePlan]] | None = None,
     processes: int = 1,
 ) -> Iterator[tuple[CandidatePlan, Samples]]:
-    """The experiments that the arm of a study can do, each with the motion that it would make.
+    """Return the experiments that the arm of a study can do, each with its simulated motion.
 
     Args:
         study: whose arm it is.
@@ -279,7 +279,7 @@ def feasible(
 
 
 def _motion(one: Undecided, study: ModelStudy, ticks: Samples, *, elsewhere: bool) -> ChannelData | None:
-    """The channel as it would move; None where it does not, or another place of the object is pressed."""
+    """Return the channel's planned motion; None if it does not move, or presses elsewhere."""
     data = one.channel.data
     channels: Sequence[ChannelData]
     if data.kind is ChannelKind.CONTACT:
@@ -296,7 +296,7 @@ def _motion(one: Undecided, study: ModelStudy, ticks: Samples, *, elsewhere: boo
 
 @dataclass(frozen=True)
 class _Ground:
-    """What experiments are rehearsed on, from a session.
+    """Arm, object and start pose of a session, for rehearsals.
 
     Figures are rounded: a motion hardly depends on them, and that of one plan is then worked out once, also
     after further probes have moved the estimates a little.
@@ -344,7 +344,7 @@ class _Ground:
         return place
 
     def rehearsal(self, plan: ProbingPlan) -> Rehearsal:
-        """Of a plan, on this ground.
+        """Return the rehearsal of a plan.
 
         Args:
             plan: what the arm would do.
@@ -353,7 +353,7 @@ class _Ground:
 
 
 def _rounded(positive: float) -> float:
-    """To the nearest of ten values a decade, 12 % off at most; 0 stays."""
+    """Round to the nearest of ten values a decade, at most 12 % off; 0 stays."""
     return float(f"{10.0 ** (round(10.0 * math.log10(positive)) / 10.0):.2e}") if positive > 0.0 else 0.0
 
 
@@ -362,7 +362,7 @@ _WIRE = "--wire"
 
 
 def plan_text(experiment: NextExperiment, plan: ProbingPlan) -> str:
-    """The plan as YAML, with its purpose as a comment.
+    """Write the plan as YAML, with its purpose as a comment.
 
     Args:
         experiment: as a diagnosis states it.
@@ -373,7 +373,7 @@ def plan_text(experiment: NextExperiment, plan: ProbingPlan) -> str:
 
 
 def same_world(session: Session) -> str | None:
-    """The options of `palpate probe` that lead to the world in which a session was probed.
+    """Return the options of `palpate probe` that recreate the world of a session.
 
     Args:
         session: of a probing.

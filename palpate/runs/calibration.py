@@ -1,4 +1,4 @@
-"""Runs that record what an arm is calibrated from: motions in free air, hard stops, a known pose, weights."""
+"""Record what calibrations are fitted to: motions in free air, hard stops, a known pose, weights."""
 
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import ExitStack, contextmanager
@@ -43,7 +43,7 @@ _FAR_RAD = 100.0  # more than any encoder counts
 
 @dataclass(frozen=True)
 class CalibrationJob(ArmJob):
-    """What is to be calibrated; the robot's own calibration of this kind is left out meanwhile."""
+    """A calibration run; the robot's own calibration of this kind is not applied meanwhile."""
 
     kind: str  # force, encoder, torque or gravity
 
@@ -57,7 +57,7 @@ class CalibrationSetup:
     body: RigidBody
 
     def guard(self, limits: Limits) -> Guard:
-        """A guard that holds the arm to these limits.
+        """Make a guard with these limits.
 
         Args:
             limits: the arm's limits meanwhile.
@@ -66,7 +66,7 @@ class CalibrationSetup:
         return Guard(limits, robot_file.safe_state, robot_file.joint_count, self.body.gravity)
 
     def still(self) -> StillRobot:
-        """The robot without power, in whatever pose it is."""
+        """Return a task that leaves the robot without power."""
         limits, n = self.job.robot_file.limits, self.job.robot_file.joint_count
         anywhere = {"position_min_rad": (-_FAR_RAD,) * n, "position_max_rad": (_FAR_RAD,) * n}
         guard = self.guard(limits.model_copy(update=anywhere))
@@ -107,7 +107,7 @@ MakeWatcher = Callable[[float], Watcher]  # from the duration of a motion, about
 
 @contextmanager
 def calibration_setup(job: CalibrationJob) -> Iterator[CalibrationSetup]:
-    """Set everything up; the session file is complete when the context ends.
+    """Set up robot, clock and log; the session file is complete when the context ends.
 
     Args:
         job: what is to be calibrated, with which arm.
@@ -124,7 +124,7 @@ def calibration_setup(job: CalibrationJob) -> Iterator[CalibrationSetup]:
 
 
 def motion_in_words(kind: str, limits: Limits) -> str:
-    """What the arm does to have its encoders, drives or base calibrated, as a person reads it beforehand.
+    """Describe the calibration motion, for the question before it starts.
 
     Args:
         kind: of the calibration: encoder, torque or gravity.
@@ -180,7 +180,7 @@ def run_stops(
     stops_rad: tuple[FloatArray, FloatArray] | None = None,
     watcher: MakeWatcher = lambda _s: NOBODY,
 ) -> None:
-    """Touch the joints' hard stops and log it; lower and upper stops, (n,) each, are by default the URDF's.
+    """Touch the joints' hard stops and log it; stops (n,) each default to the URDF's limits.
 
     Args:
         job: what is to be calibrated, with which arm.
@@ -204,7 +204,7 @@ def run_stops(
 
 
 def run_pose(job: CalibrationJob) -> None:
-    """Read the encoders of an arm that is held in a known pose, without power, and log it.
+    """Read the encoders of an unpowered arm that is held in a known pose, and log it.
 
     Args:
         job: what is to be calibrated, with which arm.
@@ -228,7 +228,7 @@ def run_weighing(
     measure_s: float = 1.0,
     progress: Callable[[float], None] | None = None,
 ) -> None:
-    """Put known forces on the sensor of an arm without power, one after the other, and log it.
+    """Apply known forces to the sensor of an unpowered arm, one after the other, and log it.
 
     `place` sees to it that force number i [N], positive in compression, is there; see `weigh` for the rest.
 
@@ -262,7 +262,7 @@ def run_weighing(
 
 
 def put_simulated_weight(setup: CalibrationSetup, number: int, force_n: float) -> None:
-    """Put a force on the simulated sensor.
+    """Apply a force to the simulated sensor.
 
     Args:
         setup: the robot that is calibrated.
@@ -274,6 +274,6 @@ def put_simulated_weight(setup: CalibrationSetup, number: int, force_n: float) -
 
 
 def _slowed(limits: Limits, speed_rad_s: float) -> Limits:
-    """The limits with no joint faster than this."""
+    """Return the limits with all joint speeds capped."""
     velocity_rad_s = np.minimum(limits.velocity_rad_s, speed_rad_s).tolist()
     return limits.model_copy(update={"velocity_rad_s": tuple(velocity_rad_s)})

@@ -1,4 +1,4 @@
-"""From a recording to a calibration file: which sessions serve, and what the file says."""
+"""Check recorded sessions and make calibration files from them."""
 
 import hashlib
 from collections.abc import Sequence
@@ -46,7 +46,7 @@ _FAMILY = {"gravity": "torque"}  # kinds whose sessions serve each other
 
 
 def open_recorded(path: Path, kind: str, robot_file: RobotFile) -> Session:
-    """A session to work a calibration of this kind and robot out from.
+    """Open a session that suits a calibration of this kind and robot.
 
     Args:
         path: session file.
@@ -78,7 +78,7 @@ def open_recorded(path: Path, kind: str, robot_file: RobotFile) -> Session:
 
 @dataclass(frozen=True)
 class Stamp:
-    """What every calibration file says of where it comes from."""
+    """Origin of a calibration, as every calibration file states it."""
 
     robot_file: RobotFile  # of the robot that it is for
     raw: Path  # session or data file that it was worked out from
@@ -164,7 +164,7 @@ def encoder_fit_of(
 
 
 def force_calibration(fit: ForceFit, reading_unit: str, stamp: Stamp) -> ForceCalibration:
-    """The file's content.
+    """Make the content of a force calibration.
 
     Args:
         fit: scale, zero and curvature.
@@ -185,7 +185,7 @@ def force_calibration(fit: ForceFit, reading_unit: str, stamp: Stamp) -> ForceCa
 
 
 def encoder_calibration(fit: EncoderFit, stamp: Stamp) -> EncoderCalibration:
-    """The file's content.
+    """Make the content of an encoder calibration.
 
     Args:
         fit: the joints' zeros.
@@ -197,7 +197,7 @@ def encoder_calibration(fit: EncoderFit, stamp: Stamp) -> EncoderCalibration:
 
 
 def torque_calibration(fit: ArmFit, stamp: Stamp) -> TorqueCalibration:
-    """The file's content; friction is a finding.
+    """Make the content of a torque calibration; friction is reported, not applied.
 
     Args:
         fit: gains and offsets of the drives.
@@ -217,7 +217,7 @@ def torque_calibration(fit: ArmFit, stamp: Stamp) -> TorqueCalibration:
 
 
 def gravity_calibration(fit: ArmFit, stamp: Stamp) -> GravityCalibration:
-    """The file's content; an angle that the arm does not feel is left out.
+    """Make the content of a gravity calibration, without angles that the arm does not feel.
 
     Args:
         fit: tilt of the base.
@@ -271,7 +271,7 @@ class NamedRobot:
 
 
 def say_how_to_use_it(calibration: Calibration, path: Path, whose: NamedRobot) -> None:
-    """Say on stderr what to write into the robot file, and what to run then.
+    """Print on stderr what to write into the robot file, and what to run then.
 
     Args:
         calibration: what was made.

@@ -1,4 +1,4 @@
-"""An arm whose joints follow goals of another program, such as LeRobot, at that program's own pace.
+"""Let an arm's joints follow goals of another program, such as LeRobot, at that program's own pace.
 
 The arm runs in a process of its own at its full control rate, with its guard and its session, so that neither
 a slow program nor Python's lock delays a tick. The program talks to it by `FollowingArm`: each goal is
@@ -54,7 +54,7 @@ class FollowingJob(ArmJob):
 
 
 class GoalReference:
-    """Moves to a goal that may change at any time, within a speed and an acceleration.
+    """Reference that moves to a changing goal within a speed and an acceleration.
 
     A new goal is approached in a straight line, for as long as the one before it had stood: goals that come
     at a program's own rate then make no steps.
@@ -108,7 +108,7 @@ class GoalReference:
 
 
 class JointFollowingTask:
-    """Follows the goals that come over a line; see `palpate.control.loop.task.Task`.
+    """Task that follows goals from a line; see `palpate.control.loop.task.Task`.
 
     Args:
         controller: of the arm.
@@ -179,7 +179,7 @@ class JointFollowingTask:
 
 
 def run_following(job: FollowingJob, line: Connection) -> None:
-    """Follow goals until the program ends it or has died, or the guard trips; the session is whole then.
+    """Follow goals until the program ends or the guard trips; the session is then complete.
 
     Args:
         job: which arm, and how fast.
@@ -207,7 +207,7 @@ def run_following(job: FollowingJob, line: Connection) -> None:
 
 
 class FollowingArm:
-    """The program's end of an arm that runs in a process of its own.
+    """Client of an arm that runs in a process of its own.
 
     Args:
         job: which arm, and how fast.

@@ -20,13 +20,13 @@ SEAL = "seal"  # key in a session's metadata of the mark that its sealed answer 
 
 
 class HiddenFile(FileModel):
-    """A YAML file that says what to hide, as in a scenario."""
+    """A YAML file of effects to hide, written as in a scenario."""
 
     hidden: tuple[Hidden, ...]
 
 
 def hide(scenario: Scenario, what: str) -> Scenario:
-    """The same world with other hidden effects; its seed decides what is drawn.
+    """Return the world with other hidden effects; its seed decides random choices.
 
     They are "random"; the name of an effect, whose place and strength are then random; or a YAML file with a
     list `hidden`.
@@ -50,7 +50,7 @@ def hide(scenario: Scenario, what: str) -> Scenario:
 def seal_hidden(
     session: Path, scenario: Scenario, what: str | None, metadata: SessionMetadata
 ) -> Path | None:
-    """Write what is hidden in the world of a session beside it: a sealed file, or None where nothing is.
+    """Write a session's hidden effects to a sealed file beside it; None if nothing is hidden.
 
     `what` is how it was chosen, as for `hide`, or None if the scenario says so itself. The session's metadata
     has the mark that binds the answer to it.
@@ -71,7 +71,7 @@ def seal_hidden(
 
 
 def was_sealed(session: Session) -> bool:
-    """Whether something was hidden in a session, or an answer lies beside it.
+    """Return whether a session has hidden effects, or a sealed answer beside it.
 
     Args:
         session: the session.
@@ -80,7 +80,7 @@ def was_sealed(session: Session) -> bool:
 
 
 def open_answer(session: Session) -> SealedAnswer:
-    """What was hidden in a session.
+    """Open a session's sealed answer.
 
     Args:
         session: beside which the sealed answer lies.
@@ -100,12 +100,12 @@ def _mark(metadata: SessionMetadata) -> tuple[str, str]:
 
 
 def hidden_names() -> list[str]:
-    """What may be hidden in a simulated world, and files of one's own; for a shell to complete."""
+    """Return the effects that can be hidden, and the user's own files, for shell completion."""
     return [RANDOM, *IMPERFECTIONS, *own_files()]
 
 
 def command_line(arguments: Sequence[str], hidden: str | None) -> str:
-    """How the program was started, for a session to keep: it does not tell what is hidden.
+    """Return the command line for the session to store, without what is hidden.
 
     Args:
         arguments: of the program.
@@ -125,7 +125,7 @@ SURFACE = "surface"
 
 
 def scenario_of(session: Session) -> Scenario | None:
-    """The simulated world of a session, None where it was no simulation.
+    """Return the simulated world of a session, None if it was not simulated.
 
     Args:
         session: the session.
@@ -138,7 +138,7 @@ def scenario_of(session: Session) -> Scenario | None:
 
 
 def true_parameters(session: Session) -> dict[str, float]:
-    """True values by "effect.parameter" as models call them; empty where it was no simulation.
+    """Return true values by "effect.parameter" of a session; empty if it was not simulated.
 
     `SURFACE` is the surface's coordinate along the press direction (downwards) [m].
 
@@ -150,7 +150,7 @@ def true_parameters(session: Session) -> dict[str, float]:
 
 
 def truth_of(scenario: Scenario) -> dict[str, float]:
-    """The same of a simulated world.
+    """Return true values by "effect.parameter" of a simulated world.
 
     Args:
         scenario: the world.

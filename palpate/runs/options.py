@@ -1,4 +1,4 @@
-"""Options that every command with an arm shares, and the question before a real arm gets power."""
+"""Options of every command with an arm, and the question before a real arm gets power."""
 
 import functools
 import sys
@@ -40,7 +40,7 @@ YesOption = Annotated[bool, typer.Option("--yes", help="Do not ask before a real
 
 @dataclass(frozen=True, kw_only=True)
 class RunOptions:
-    """Which arm runs, real, emulated or simulated."""
+    """Which arm runs: real, emulated or simulated."""
 
     robot: Annotated[str, typer.Option(help=_ROBOT, autocompletion=robot_names)] = DEFAULT
     scenario: Annotated[str | None, typer.Option(help=_SCENARIO, autocompletion=scenario_names)] = None
@@ -63,7 +63,7 @@ class RunOptions:
 
     @property
     def job(self) -> dict[str, Any]:
-        """What they say of an `ArmJob`."""
+        """Keyword arguments of an `ArmJob`."""
         return {
             "scenario": load_scenario(self.scenario) if self.scenario is not None else None,
             "engine": self.engine,
@@ -76,7 +76,7 @@ class RunOptions:
         }
 
     def stamped_name(self, kind: str = "") -> str:
-        """A name for a file of this arm that nobody has used yet.
+        """Return a new file name with the arm and the current time.
 
         Args:
             kind: what it holds, put last; empty for none.
@@ -87,7 +87,7 @@ class RunOptions:
 
 @dataclass(frozen=True, kw_only=True)
 class CalibrateOptions(RunOptions):
-    """What a calibration is worked out from, and where it goes."""
+    """Input and output of a calibration."""
 
     from_: Annotated[
         Path | None,
@@ -102,13 +102,13 @@ class CalibrateOptions(RunOptions):
 
 @dataclass(frozen=True, kw_only=True)
 class MotionOptions(CalibrateOptions):
-    """The same, for what gives a real arm power."""
+    """Options of calibrations that power a real arm."""
 
     yes: YesOption = False
 
 
 def numbers(option: str, text: str, example: str = "") -> list[float]:
-    """Numbers with commas between them; `InputError` if they are none, or too large.
+    """Parse comma-separated numbers; `InputError` if invalid or too large.
 
     Args:
         option: its name, for errors.
@@ -125,7 +125,7 @@ def numbers(option: str, text: str, example: str = "") -> list[float]:
 
 
 def joint_angles(option: str, text: str, robot_file: RobotFile) -> list[float]:
-    """One angle per joint [rad], or those of home; `InputError` if they are none, or of another number.
+    """Parse one angle a joint [rad], or home's; `InputError` if invalid or of the wrong number.
 
     Args:
         option: its name, for errors.
@@ -145,7 +145,7 @@ def joint_angles(option: str, text: str, robot_file: RobotFile) -> list[float]:
 def stops_of(
     lower: str | None, upper: str | None, robot_file: RobotFile
 ) -> tuple[FloatArray, FloatArray] | None:
-    """Lower and upper stops that are stated, (n,) each [rad], NaN on a side that is not; None for the URDF's.
+    """Parse lower and upper stops, (n,) each [rad], NaN where not stated; None for the URDF's.
 
     Args:
         lower: angles as typed; None if not stated.
@@ -170,7 +170,7 @@ def stops_of(
 
 
 def pose_of(pose: str | None, robot_file: RobotFile) -> list[float] | None:
-    """The pose that is stated, (n,) [rad]; None where none is.
+    """Parse the stated pose, (n,) [rad]; None if not stated.
 
     Args:
         pose: angles as typed; None if not stated.
@@ -195,7 +195,7 @@ def pose_of(pose: str | None, robot_file: RobotFile) -> list[float] | None:
 def forces_of(
     weights_kg: str | None, robot_file: RobotFile, gravity_m_s2: float, *, simulated: bool
 ) -> list[float]:
-    """The forces that are put on, one after the other [N].
+    """Return the forces to apply, in order [N].
 
     Args:
         weights_kg: masses as typed [kg]; None if not stated.
@@ -223,11 +223,11 @@ Permission = Callable[[], None]
 
 
 def without_question() -> None:
-    """The permission that simulated arms need, and programs that ask in their own way: none."""
+    """Grant power at once: for simulated arms, and programs that ask in their own way."""
 
 
 def ask_for_power(motion: str, *, yes: bool, pause: Callable[[float], None] = time.sleep) -> None:
-    """Say what a real arm is going to do, ask for permission, and count down. It has no power meanwhile.
+    """Describe a real arm's motion, ask for confirmation, and count down; the arm is unpowered meanwhile.
 
     With `yes` nothing is asked; the countdown still runs.
 
@@ -257,7 +257,7 @@ def ask_for_power(motion: str, *, yes: bool, pause: Callable[[float], None] = ti
 
 
 def motion_in_words(robot_file: RobotFile, plan: ProbingPlan) -> str:
-    """What is asked of a real arm, for the question before it gets power.
+    """Describe a probing motion, for the question before a real arm gets power.
 
     Args:
         robot_file: of the arm.
@@ -271,7 +271,7 @@ def motion_in_words(robot_file: RobotFile, plan: ProbingPlan) -> str:
 
 
 def ask_for_pose(pose_rad: Sequence[float], *, yes: bool) -> None:
-    """Wait until somebody holds a real arm in a pose (n,) [rad], if not `yes`; it is not powered.
+    """Wait until somebody holds an unpowered arm in a pose (n,) [rad]; return at once with `yes`.
 
     Args:
         pose_rad: joint positions, shape (n,) [rad].

@@ -45,7 +45,7 @@ MOST_TICKS = 10_000_000  # of up to 400 bytes: a session of more than 4 GiB is n
 
 @dataclass(frozen=True)
 class ProbingJob(ArmJob):
-    """What is to be probed, how, and where to."""
+    """What to probe, how, and where to write."""
 
     plan: ProbingPlan  # speeds, forces, repeats
     _: KW_ONLY
@@ -54,13 +54,13 @@ class ProbingJob(ArmJob):
 
 
 class Watcher:
-    """Somebody who looks on; this one does nothing."""
+    """Observer of a run that does nothing; to be subclassed."""
 
     def started(self) -> None:
-        """The arm is ready, and begins to move after this."""
+        """Called when the arm is ready, before it moves."""
 
     def tick(self, measurement: Measurement, output: TaskOutput) -> None:
-        """A tick has passed. With a real arm, take no time here.
+        """Called after each tick; must return quickly with a real arm.
 
         Args:
             measurement: of this tick.
@@ -83,7 +83,7 @@ NOBODY = Watcher()
 
 @dataclass(frozen=True)
 class ProbingOutcome:
-    """How a probing run ended."""
+    """Result of a probing run."""
 
     session: Path  # the session file; it holds what happened until the end, also after a trip
     loop: LoopResult
@@ -173,7 +173,7 @@ def run_guarded(  # noqa: PLR0917, what a run is made of
     observe: Observer,
     watcher: Watcher = NOBODY,
 ) -> tuple[LoopResult, Path | None]:
-    """Run a task on the arm of a job under its guard, and write the session; returns the sealed answer too.
+    """Run a job's task under its guard and write the session; return the sealed answer too.
 
     Args:
         job: which arm, and where to.
@@ -210,13 +210,13 @@ _FARTHEST_M = 0.005  # that the tip may be elsewhere, with this arm in the recor
 
 @dataclass(frozen=True)
 class ReplayJob(ArmJob):
-    """What is to be repeated, with which arm, and where to."""
+    """What to repeat, with which arm, and where to write."""
 
     recorded: Session
 
 
 def references_of(session: Session) -> References:
-    """What the arm of a session was to do, up to where it last stood between runs: there it can be let go.
+    """Return the references of a session up to its last rest between runs, where the arm can be let go.
 
     Args:
         session: of a probing.
@@ -248,7 +248,7 @@ def references_of(session: Session) -> References:
 def run_replay(
     job: ReplayJob, references: References, watcher: Watcher = NOBODY
 ) -> tuple[LoopResult, Path | None]:
-    """Repeat the references, and write a session of it; returns the sealed answer of a hidden world too.
+    """Repeat the references and write a session; return the sealed answer of a hidden world too.
 
     Args:
         job: which arm, and where to.

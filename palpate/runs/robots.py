@@ -1,4 +1,4 @@
-"""Finds robot files and drivers, and emulates devices: real drivers talk to them as to hardware, by bytes."""
+"""Find robot files and drivers, and emulate devices that real drivers talk to."""
 
 import importlib.util
 from collections.abc import Mapping
@@ -33,12 +33,12 @@ def shipped_robots() -> dict[str, Path]:
 
 
 def robot_names() -> list[str]:
-    """The shipped arms, and files of one's own; for a shell to complete."""
+    """Return the shipped arms, and the user's own files, for shell completion."""
     return [*shipped_robots(), *own_files()]
 
 
 def find_robot(robot: str) -> RobotFile:
-    """The robot file of a shipped arm, by its name, or that at a path; `InputError` if there is none.
+    """Load a robot file by the name of a shipped arm or by path; `InputError` if there is none.
 
     Args:
         robot: name of a shipped arm, or path of a robot file.
@@ -54,7 +54,7 @@ def find_robot(robot: str) -> RobotFile:
 
 
 def importable(packages: list[str]) -> tuple[str, ...]:
-    """The packages, if Python finds them and they hold drivers.
+    """Return the packages if Python finds them and they hold drivers.
 
     Args:
         packages: their names, as Python imports them.
@@ -75,7 +75,7 @@ def importable(packages: list[str]) -> tuple[str, ...]:
 
 
 def _is_there(package: str) -> bool:
-    """Whether Python finds it; the package around it is run for that."""
+    """Return whether Python finds a package; packages around it are imported for that."""
     with foreign_code(f"--drivers {package}"):
         try:
             return importlib.util.find_spec(package) is not None
@@ -132,7 +132,7 @@ def emulate(
     as_built: RobotFile | None = None,
     faults: Mapping[str, Faults] | None = None,
 ) -> WiredArm:
-    """Put emulated devices at the far end of every bus of a robot; close its bench at the end.
+    """Connect emulated devices to every bus of a robot; close its bench at the end.
 
     On a simulated clock the devices run in lock-step with it. They are as `as_built` says, by default as the
     robot file does; `faults` go wrong, by bus name.
@@ -164,7 +164,7 @@ def emulate(
 
 
 def wires_in_words(robot_file: RobotFile) -> str:
-    """What is emulated, such as "motors (dynamixel_bus), load_cell (serial_line); no hardware is touched".
+    """Describe emulated buses, such as "motors (dynamixel_bus), load_cell (serial_line)".
 
     Args:
         robot_file: of the robot.

@@ -1,4 +1,4 @@
-"""From what a user asked for to an open robot and a session file, for probing and for calibrating."""
+"""Open a robot and a session file for a run, as the user requested."""
 
 import secrets
 import sys
@@ -40,7 +40,7 @@ NOT_WHOLE = "not_whole"  # key of the sessions, of those that were merged, that 
 
 @dataclass(frozen=True)
 class ArmJob:
-    """What is common to every run of an arm."""
+    """What every run of an arm has in common."""
 
     robot_file: RobotFile
     session: Path  # the new session file
@@ -63,13 +63,13 @@ class ArmJob:
 
     @property
     def simulated(self) -> bool:
-        """Whether nothing but simulated or emulated devices stand behind it."""
+        """Whether all devices are simulated or emulated."""
         return self.wired or is_simulated(self.robot_file)
 
 
 @dataclass(frozen=True)
 class ArmSession:
-    """A robot whose devices are open and without power, and the session that is being written."""
+    """An open, unpowered robot and the session being written."""
 
     robot: Robot
     clock: Clock
@@ -78,7 +78,7 @@ class ArmSession:
     world: Callable[[], World] | None  # gives the simulated world, None with hardware
 
     def unlogged(self) -> str:
-        """Why nothing of a real arm's motion is kept any longer; empty while it is, or where none moves."""
+        """Why a real arm's motion is no longer recorded; empty while it is."""
         failure = None if self.world is not None else self.log.failure
         return "" if failure is None else f"writing the session failed ({failure})"
 
@@ -119,7 +119,7 @@ class ArmSession:
 
 
 def checked_body(robot_file: RobotFile, calibrations: Calibrations) -> RigidBody:
-    """The arm, once it is known that its masses and its DH table can be relied on.
+    """Return the arm's rigid-body model once its masses and DH table are checked.
 
     Args:
         robot_file: of the arm.
@@ -193,7 +193,7 @@ def arm_session(
 
 
 def raise_for_end(result: LoopResult) -> None:
-    """Raise if the arm was stopped before all was done.
+    """Raise if the arm was stopped before the task was done.
 
     Args:
         result: how the loop ended.
@@ -216,7 +216,7 @@ def begun_session(
     scenario: Scenario | None,
     streams: Sequence[Stream] = (),
 ) -> Iterator[tuple[SessionWriter, Path | None]]:
-    """Begin the session file of a job, complete when the context ends; gives its writer and sealed answer.
+    """Begin a job's session file, complete when the context ends; yield its writer and sealed answer.
 
     The session file is made before the answer is sealed, and neither replaces anything: of two programs that
     want the same name, one is refused before it has written anything.
@@ -254,7 +254,7 @@ def begun_session(
 def _set_up(
     job: ArmJob, clock: Clock, calibrations: Calibrations, stack: ExitStack
 ) -> tuple[Robot, Scenario | None, Callable[[], World] | None]:
-    """The robot, and what is simulated for it, which ends with `stack`; None with hardware."""
+    """Return the robot, and its simulated world if any, which ends with `stack`."""
     drivers = DriverCatalogue(SIMULATED_DRIVERS, *job.drivers)
     robot = build_robot(job.robot_file, drivers, clock, calibrations)  # wired, too: what is replaced is valid
     if job.wired:
@@ -276,7 +276,7 @@ def _set_up(
 
 
 def _altered(scenario: Scenario, job: ArmJob) -> Scenario:
-    """The scenario with the engine, the seed and the hidden effects that are asked for."""
+    """Return the scenario with the requested engine, seed and hidden effects."""
     if job.engine is not None:
         scenario = scenario.with_engine(job.engine)
     if job.seed is not None:

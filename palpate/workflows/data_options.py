@@ -1,4 +1,4 @@
-"""Options of every command that reads somebody's data file."""
+"""Options of every command that reads a data file."""
 
 from dataclasses import dataclass
 from pathlib import Path
@@ -42,7 +42,7 @@ JsonOption = Annotated[bool, typer.Option("--json", help="Print the result as JS
 
 @dataclass(frozen=True, kw_only=True)
 class ReadOptions:
-    """How to read a data file, as the user typed that."""
+    """How to read a data file, as the user typed it."""
 
     column: Annotated[
         list[str] | None,
@@ -100,7 +100,7 @@ class ReadOptions:
 
 @dataclass(frozen=True, kw_only=True)
 class DataArguments(ReadOptions):
-    """The file that a command is about, and what belongs to it, as the user typed that."""
+    """The file of a command with its options, as the user typed them."""
 
     file: Annotated[
         Path,
@@ -128,7 +128,7 @@ class DataArguments(ReadOptions):
     def study(
         self, model: str | None = None, folder: Path | None = None, like: "Study | None" = None
     ) -> "Study":
-        """The study of this file.
+        """Open the study of this file.
 
         Args:
             model: base model; None for what suits each channel.
@@ -160,7 +160,7 @@ class DataArguments(ReadOptions):
         return study
 
     def refuse_unknown(self, model: str | None) -> None:
-        """Refuse a model that does not exist and runs that are no numbers, before anything is read.
+        """Refuse unknown models and invalid run numbers before anything is read.
 
         Args:
             model: base model; None for what suits each channel.
@@ -175,7 +175,7 @@ class DataArguments(ReadOptions):
             MODELS[model]
 
     def say_left_out(self) -> None:
-        """Say that runs held out by choice are left out, in a command that judges no model on them."""
+        """Report the held-out runs that a command without model comparison leaves out."""
         if self.held_out:
             words = (
                 f"--held-out {self.held_out}: is ignored here; only palpate compare and add score on these "
@@ -205,7 +205,7 @@ may_take_data = takes(DataArguments, "file", file=Path())  # without a file `dat
 
 
 def retyped(file: Path, **options: str | Path | list[str] | bool | None) -> str:
-    """The file with its options as one would type them again, for commands to try next.
+    """Return the file with its options as a command line, for suggested commands.
 
     Args:
         file: session or data file.

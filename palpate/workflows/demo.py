@@ -1,4 +1,4 @@
-"""What a newcomer sees first: probe, estimate and draw; then find what is hidden in another object."""
+"""The demo: probe, estimate and draw; then find a hidden effect in another object."""
 
 from dataclasses import dataclass
 from importlib.util import find_spec
@@ -34,7 +34,7 @@ _SEEDS = 1_000_000  # few enough to be typed
 
 @dataclass(frozen=True)
 class Demo:
-    """What the first part made."""
+    """Results of the first part."""
 
     session: Path  # the session file
     study: Study  # the session with channels and truth
@@ -45,7 +45,7 @@ class Demo:
 
 @dataclass(frozen=True)
 class HiddenDemo:
-    """What the second part made."""
+    """Results of the second part."""
 
     session: Path  # the session file
     result: ChannelResult  # what was found out, stage by stage
@@ -54,7 +54,7 @@ class HiddenDemo:
 
     @property
     def found(self) -> bool:
-        """Whether what was hidden is what was named, and nothing else."""
+        """Whether the diagnosis named exactly the hidden effects."""
         return self.result.added == [entry.name for entry in self.answer.hidden]
 
 
@@ -67,7 +67,7 @@ def probe_demo(
     *,
     command_line: str = "palpate demo",
 ) -> None:
-    """Probe a simulated object, by default once at three speeds; what is hidden in it is sealed beside.
+    """Probe a simulated object, by default once at three speeds; hidden effects are sealed beside.
 
     Args:
         session: the new session file.
@@ -88,7 +88,7 @@ def probe_demo(
 
 
 def show_demo(session: Path) -> Demo:
-    """Estimate, and make everything that can be looked at, in the folder of the session's own name.
+    """Estimate, and write recording and plots into the session's folder.
 
     Args:
         session: file of the first part.
@@ -108,12 +108,12 @@ def show_demo(session: Path) -> Demo:
 
 
 def drawn_seed() -> int:
-    """A seed for one demo: another each time, and short enough to be typed for that demo again."""
+    """Draw a seed that is short enough to be typed again."""
     return int(np.random.default_rng().integers(_SEEDS))
 
 
 def hide_one(scenario: Scenario, rng: np.random.Generator, among: tuple[str, ...] = HIDDEN) -> Scenario:
-    """The world with one of some effects hidden in its object.
+    """Return the world with one random effect hidden in its object.
 
     Args:
         scenario: the world.

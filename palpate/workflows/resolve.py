@@ -1,4 +1,4 @@
-"""Probe, diagnose, and probe again in the way that best sets apart what is left, until one explanation is."""
+"""Probe and diagnose again, each time by the most informative plan, until one explanation is left."""
 
 import json
 from collections.abc import Callable, Sequence
@@ -46,7 +46,7 @@ class StopReason(StrEnum):
 
 @dataclass(frozen=True)
 class Decision:
-    """What one probe came to, and what is done next."""
+    """Result of one probe, and what follows."""
 
     probe: int  # its number, from 1
     session: str  # its file, in the folder of the log
@@ -60,7 +60,7 @@ class Decision:
 
 @dataclass(frozen=True)
 class Budget:
-    """What may be used: probes, the first among them, and seconds of probing on the robot's clock."""
+    """Maximum number of probes, including the first, and of seconds on the robot's clock."""
 
     probes: int = 4
     seconds: float = 300.0
@@ -68,7 +68,7 @@ class Budget:
 
 @dataclass(frozen=True)
 class Resolved:
-    """How it ended."""
+    """Result of the whole sequence."""
 
     folder: Path  # with the sessions, and what is derived from them
     decisions: tuple[Decision, ...]  # one for each probe
@@ -80,7 +80,7 @@ class Resolved:
         return self.decisions[-1].end
 
     def as_data(self) -> dict[str, Any]:
-        """The same as plain data; the keys are stable."""
+        """The result as plain data; the keys are stable."""
         channels = [channel.model_dump(mode="json") for channel in self.channels]
         seconds = sum(decision.seconds for decision in self.decisions)
         return {
@@ -102,7 +102,7 @@ def resolve(  # noqa: PLR0917 (what to do, and who is told of it)
     work: Work = lambda channels: nullcontext(lambda what, share: None),
     design: Design = Study.next_probe,
 ) -> Resolved:
-    """Run a first probe and those that follow from it; each decision is told, and logged beside the sessions.
+    """Run a first probe and those that follow from it; report each decision and log it.
 
     Args:
         job: the first probe; the folder of its session is the study's, and holds no session yet.
@@ -158,7 +158,7 @@ def resolve(  # noqa: PLR0917 (what to do, and who is told of it)
 
 
 def new_folder(folder: Path) -> Path:
-    """The folder, made if needed; `InputError` if it holds sessions already.
+    """Return the folder, made if needed; `InputError` if it holds sessions already.
 
     Args:
         folder: of the sessions.
@@ -253,7 +253,7 @@ _ENDS = {
 
 
 def _explanation(diagnosis: ChannelDiagnosis) -> str:
-    """A channel and what may explain it."""
+    """Describe a channel with its possible explanations."""
     if diagnosis.verdict is Verdict.INSUFFICIENT:
         return f"{diagnosis.channel} cannot be judged ({diagnosis.reason})"
     names = " and ".join(" or ".join([e.effect, *e.confused_with]) for e in diagnosis.accepted)
