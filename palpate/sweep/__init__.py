@@ -1,4 +1,4 @@
-"""Many cases of one kind, spread over cores and machines, each result kept at its content address.
+"""Run many cases of one kind on cores and machines, each result stored at its content address.
 
 A sweep is what `palpate sweep` runs. It is not a `Study`: that is one measurement with its models.
 """

@@ -1,4 +1,4 @@
-"""One case of a sweep, and the address at which its result is kept.
+"""Cases of a sweep, their content addresses and stored results.
 
 The address is the SHA-256 of everything that the result depends on: what is worked out, the parameters, the
 seed, and the code. A result that is there need never be worked out again; after a change of the code nothing
@@ -54,14 +54,14 @@ class Case:
 
     @property
     def label(self) -> str:
-        """What errors call it."""
+        """Name of the case in error messages."""
         return f"case {dict(self.parameters)}"
 
     def check(self) -> None:
-        """PalpateError: what the case needs beside its parameters is not there; it then has no result."""
+        """PalpateError: what the case needs beside its parameters is missing; it then has no result."""
 
     def run(self) -> list[Row]:
-        """Work it out. Exception: whatever the work raises."""
+        """Run the case. Exception: whatever the work raises."""
         module, _, function = self.work.partition(":")
         work: Work = getattr(importlib.import_module(module), function)
         return work(self.parameters, self.seed)
@@ -69,7 +69,7 @@ class Case:
 
 @cache
 def code_version(module: str) -> str:
-    """SHA-256 of the code that decides about results: palpate's physics, the work's folder, the libraries.
+    """Return the SHA-256 of the code that decides results: palpate's physics, the work and the libraries.
 
     Args:
         module: of the work, as Python imports it.
@@ -108,7 +108,7 @@ _ROUNDING = 1e-6  # by which machines may differ
 
 
 class ResultStore:
-    """The results of one sweep.
+    """Stored results of one sweep.
 
     Args:
         folder: made if needed.
@@ -125,7 +125,7 @@ class ResultStore:
             raise InputError(f"results folder {folder}: cannot be made ({error.strerror})") from error
 
     def land(self, address: str, rows: Sequence[Row]) -> None:
-        """Keep the rows of one case, at least one; OSError if they cannot be written.
+        """Store the rows of one case, at least one; OSError if they cannot be written.
 
         Args:
             address: of the case.
@@ -137,14 +137,14 @@ class ResultStore:
         )
 
     def finished(self) -> set[str]:
-        """Addresses of all results that are here. InputError: a file is damaged."""
+        """Return the addresses of all stored results. InputError: a file is damaged."""
         addresses: set[str] = set()
         for path in (*self._packs(), *self._landed()):
             addresses.update(_read(path, columns=[ADDRESS])[ADDRESS].to_pylist())
         return addresses
 
     def rows(self, addresses: Iterable[str]) -> list[Row]:
-        """Rows of these cases, in their order; cases that are not here are left out, as are values of None.
+        """Return rows of these cases, in order, without unfinished cases and values of None.
 
         A pack has the columns of all its cases; those that a case does not have are None in it.
 
@@ -168,7 +168,7 @@ class ResultStore:
         return [row for rows in kept.values() for row in rows]
 
     def table(self, addresses: Iterable[str]) -> pa.Table:
-        """Rows of these cases as one Arrow table, each with its `ADDRESS`; unfinished cases are left out.
+        """Return rows of these cases as one Arrow table, each with its `ADDRESS`.
 
         Args:
             addresses: of the cases.
@@ -225,7 +225,7 @@ def _write(path: Path, table: pa.Table) -> None:
 
 
 def _joined(parts: Mapping[Path, pa.Table]) -> pa.Table:
-    """All rows as one table. InputError: a file has other types of columns than those before it."""
+    """Join all rows to one table. InputError: a file's columns have other types than those before it."""
     joined = pa.table({ADDRESS: pa.array([], pa.string())})
     schema = joined.schema
     for path, part in parts.items():
@@ -238,7 +238,7 @@ def _joined(parts: Mapping[Path, pa.Table]) -> pa.Table:
 
 
 def _read(path: Path, columns: list[str] | None = None) -> pa.Table:
-    """The rows of a file. InputError: it is damaged, or its rows are not those of the cases that it names."""
+    """Read the rows of a file. InputError: it is damaged, or its rows belong to other cases."""
     if not path.is_file():  # a pipe might never end
         raise _damaged(path, "is no regular file")
     try:
@@ -266,7 +266,7 @@ def _damaged(path: Path, why: str) -> InputError:
 
 
 def _agree(rows: Sequence[Row], others: Sequence[Row]) -> bool:
-    """Whether two results of one case are the same; they may have taken different times."""
+    """Return whether two results of one case are equal, apart from their times."""
     pairs = zip(rows, others, strict=False)
     return len(rows) == len(others) and all(
         row.keys() == saved.keys()
@@ -288,7 +288,7 @@ T = TypeVar("T")
 
 @dataclass(frozen=True)
 class SweepTable:
-    """A table as it is printed, and written as CSV."""
+    """A table to print, and to write as CSV."""
 
     name: str  # of its CSV file, without the ending
     title: str  # what it shows
@@ -307,7 +307,7 @@ class Errors:
 
 
 def errors_of(rows: Iterable[Row], parameter: str) -> Errors:
-    """The errors of a parameter, such as "stiffness.k".
+    """Collect the errors of a parameter, such as "stiffness.k".
 
     Args:
         rows: of one or several cases.
@@ -330,7 +330,7 @@ def errors_of(rows: Iterable[Row], parameter: str) -> Errors:
 
 
 def column(rows: Sequence[Row], name: str) -> FloatArray:
-    """Values of one column, shape (n,); NaN where a row has none. InputError: one is not a number.
+    """Return a column's values, shape (n,), NaN where missing. InputError: one is not a number.
 
     Args:
         rows: of any cases.
@@ -344,7 +344,7 @@ def column(rows: Sequence[Row], name: str) -> FloatArray:
 
 
 def parameters_of(rows: Iterable[Row]) -> list[str]:
-    """Names of the parameters of which the truth is known, the surface aside.
+    """Return the parameters with a known truth, without the surface.
 
     Args:
         rows: of any cases.
@@ -354,7 +354,7 @@ def parameters_of(rows: Iterable[Row]) -> list[str]:
 
 
 def grouped(rows: Iterable[T], key: Callable[[T], Hashable]) -> dict[Any, list[T]]:
-    """Rows by a key, in the order in which the keys come.
+    """Group rows by a key, in order of first appearance.
 
     Args:
         rows: or anything else.
@@ -367,7 +367,7 @@ def grouped(rows: Iterable[T], key: Callable[[T], Hashable]) -> dict[Any, list[T
 
 
 def estimated(rows: Iterable[Row]) -> list[Row]:
-    """Those rows in which an estimator had an answer.
+    """Select the rows in which an estimator had a result.
 
     Args:
         rows: of any cases.
@@ -376,7 +376,7 @@ def estimated(rows: Iterable[Row]) -> list[Row]:
 
 
 def error_table(name: str, title: str, rows: Sequence[Row], best_first: bool = False) -> SweepTable:
-    """One line for each estimator: worst and mean error, over the bound, and coverage, of each parameter.
+    """Tabulate worst and mean error, ratio to the bound, and coverage, for each estimator and parameter.
 
     Args:
         name: of the table's file.

@@ -1,4 +1,4 @@
-"""The figures of a sweep, as a journal prints them: one or two columns wide, every axis with its unit."""
+"""Figures of a sweep for print: one or two columns wide, every axis with its unit."""
 
 from collections.abc import Callable, Sequence
 from functools import partial, wraps
@@ -58,7 +58,7 @@ _KNOWN = {
 
 
 class Drawing:
-    """A figure with its file name; drawn when it is wanted, in the house's style."""
+    """A figure with its file name, drawn on demand in the house style."""
 
     def __init__(self, name: str, draw: Callable[[], Figure]) -> None:
         self.name = name
@@ -81,7 +81,7 @@ class Drawing:
 
 
 def _drawing(name: str) -> Callable[[Callable[P, Figure]], Callable[P, Drawing]]:
-    """Makes of what draws a figure what gives a drawing of this name."""
+    """Decorate a function that draws a figure so that it returns a drawing of this name."""
 
     def decorate(draw: Callable[P, Figure]) -> Callable[P, Drawing]:
         @wraps(draw)
@@ -122,7 +122,7 @@ def torques(ticks: Sequence[Row]) -> Figure:
 
 @_drawing("fig3b_transition")
 def transition(ticks: Sequence[Row]) -> Figure:
-    """Figure 3b: how the torques change where the tip meets the object, at the middle speed.
+    """Figure 3b: torques around the first contact, at the middle speed.
 
     Args:
         ticks: rows of one probing.
@@ -149,7 +149,7 @@ def transition(ticks: Sequence[Row]) -> Figure:
 
 @_drawing("fig4a_force_displacement")
 def force_displacement(ticks: Sequence[Row], grid: Sequence[Row]) -> Figure:
-    """Figure 4a: force over displacement at three speeds; beside it the peaks over what c v asks for.
+    """Figure 4a: force over displacement at three speeds, and peaks over c v.
 
     Args:
         ticks: rows of one probing.
@@ -239,7 +239,7 @@ def grid_estimates(rows: Sequence[Row]) -> Figure:
 
 @_drawing("fig4d_noise")
 def noise(lines: Sequence[Sequence[Any]]) -> Figure:
-    """Figure 4d: mean error over the noise; lines as of the table of `palpate.sweep.paper`.
+    """Figure 4d: mean error over the noise; lines as in the table of `palpate.sweep.paper`.
 
     Args:
         lines: by estimator and noise.
@@ -349,7 +349,7 @@ def hunt_crossley(rows: Sequence[Row], best: str) -> Figure:
 
 @_drawing("errors")
 def error_spread(rows: Sequence[Row]) -> Figure:
-    """For any sweep: the spread of relative errors by estimator, one panel a parameter.
+    """Spread of relative errors by estimator, one panel a parameter, for any sweep.
 
     Args:
         rows: of any cases.

@@ -1,4 +1,4 @@
-"""The file of a sweep: which objects are probed, how fast, with which noise and what hidden, and who judges.
+"""The YAML file of a sweep: objects, speeds, noise, hidden effects and estimators.
 
 Every combination of its lists is one case, `repeats` times. A number of an object's law may be a list, or a
 range {from: 200, to: 2000, step: 200}.
@@ -33,14 +33,14 @@ Hidden = str | list[dict[str, Any]]
 
 
 class Range(FileModel):
-    """Numbers at equal distances, both ends included."""
+    """Evenly spaced numbers, both ends included."""
 
     from_: Annotated[Number, Field(alias="from")]
     to: Number
     step: Positive
 
     def values(self) -> list[float]:
-        """All of them; `InputError` if there are too many."""
+        """All numbers of the range; `InputError` if there are too many."""
         count = math.floor((self.to - self.from_) / self.step + 1e-9) + 1
         if count > MOST_CASES:
             raise InputError(f"{count:.3g} numbers from {self.from_:g} to {self.to:g}; at most {MOST_CASES}")
@@ -111,7 +111,7 @@ class GridFile(FileModel):
         return self
 
     def laws(self) -> list[dict[str, Any]]:
-        """Every object's law, with a number for each parameter; `InputError` if there are too many."""
+        """Return every object's law with numbers for all parameters; `InputError` if there are too many."""
         given: list[dict[str, list[Any]]] = []
         for entry in self.objects:
             choices: dict[str, list[Any]] = {}
@@ -130,7 +130,7 @@ class GridFile(FileModel):
         ]
 
     def cases(self) -> Iterator[Case]:
-        """All cases: for each repeat all combinations, so that a sweep that is stopped has a bit of all."""
+        """Yield all combinations for each repeat, so that an interrupted sweep covers all of them."""
         for repeat in range(self.repeats):
             for axes in product(
                 self.laws(), self.speeds_mm_s, self.noise_std_n, self.noise_percent, self.hidden
@@ -162,7 +162,7 @@ class GridFile(FileModel):
 
 
 def load_grid(path: Path) -> GridFile:
-    """Read the file of a sweep; `InputError` names file, line, key and the valid choices.
+    """Read the file of a sweep; `InputError` names file, line, key and valid choices.
 
     Args:
         path: YAML file.
@@ -177,7 +177,7 @@ def load_grid(path: Path) -> GridFile:
 
 
 def shipped_grid(name: str) -> GridFile:
-    """One of those that come with palpate.
+    """Read a grid that comes with palpate.
 
     Args:
         name: of the file, without its ending.

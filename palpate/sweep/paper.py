@@ -1,4 +1,4 @@
-"""The paper's study: its figures and tables, from probing runs of the simulated arm, beside its own numbers.
+"""The paper's study: its figures and tables from simulated runs, beside the published numbers.
 
 "Compliance Estimation during Bilateral Teleoperation of a Robotic Arm".
 """
@@ -113,7 +113,7 @@ def transition_section(ticks: Sequence[Row]) -> Section:
 
 
 def force_section(ticks: Sequence[Row], grid: Sequence[Row]) -> Section:
-    """Figure 4a, and what the controller does where the dashpot alone is beyond the limit.
+    """Figure 4a, and the controller where the damper alone exceeds the force limit.
 
     Args:
         ticks: rows of one probing.
@@ -292,7 +292,7 @@ def cubes_section(rows: Sequence[Row]) -> Section:
 
 
 def ransac_section(rows: Sequence[Row]) -> Section:
-    """The influence of RANSAC's settings, which the paper leaves to the future.
+    """Influence of RANSAC's settings, which the paper leaves to future work.
 
     Args:
         rows: of all settings and noises.
@@ -335,7 +335,7 @@ def ransac_section(rows: Sequence[Row]) -> Section:
 
 
 def hunt_crossley_section(rows: Sequence[Row]) -> Section:
-    """Hunt-Crossley objects, which the paper leaves to the future.
+    """Hunt-Crossley objects, which the paper leaves to future work.
 
     Args:
         rows: of all objects.
@@ -358,7 +358,7 @@ def hunt_crossley_section(rows: Sequence[Row]) -> Section:
 
 
 def _one_of_each(rows: Sequence[Row]) -> list[Row]:
-    """One row of each probing run."""
+    """Return one row of each probing run."""
     keys = ("law stiffness_n_m", "law damping_n_s_m", "seed")
     good = (row for row in rows if not row["error"])
     return [own[0] for own in grouped(good, lambda row: tuple(row[key] for key in keys)).values()]
@@ -373,7 +373,7 @@ def _worst(rows: Sequence[Row], parameter: str) -> float:
 
 
 def _torque_at_touch_nm(ticks: Sequence[Row], run: int) -> tuple[float, float, float]:
-    """Torque of joint 1 before the touch, the lowest in the 5 ms after it, and the highest after that one."""
+    """Return joint 1's torque before the touch, its minimum within 5 ms after, and its next maximum."""
     own = [row for row in ticks if row["run"] == run]
     touch = next(i for i, row in enumerate(own) if row["phase"] == Phase.LOADING)
     torque = column(own, "torque_commanded_1_nm")[touch - 3 : touch + 20]
@@ -390,7 +390,7 @@ _RANSAC = "palpate.sweep.works.probing:ransac_errors"
 
 
 def paper_cases() -> dict[str, list[Case]]:
-    """All cases of the study, part by part."""
+    """Return all cases of the study, part by part."""
     names = ("grid", "clean", "noise", "cubes", "hunt_crossley")
     parts: dict[str, list[Case]] = {}
     for name in names:  # with RANSAC's threshold as in the paper
@@ -412,7 +412,7 @@ def paper_cases() -> dict[str, list[Case]]:
 
 
 def write_paper(folder: Path, parts: Mapping[str, Sequence[Row]], facts: Mapping[str, str]) -> Path:
-    """Write figures, tables and the page of the study; returns the page.
+    """Write figures, tables and page of the study; return the page.
 
     Args:
         folder: where to.

@@ -1,4 +1,4 @@
-"""Write what a sweep shows: figures (PNG and SVG), tables (CSV), and one page (HTML)."""
+"""Write the results of a sweep: figures (PNG and SVG), tables (CSV), and one page (HTML)."""
 
 import base64
 import csv
@@ -37,7 +37,7 @@ class Section:
 def write_page(
     folder: Path, title: str, summary: str, facts: Mapping[str, str], sections: Sequence[Section]
 ) -> Path:
-    """Write everything; returns the page. InputError: a file cannot be written.
+    """Write all files; return the page. InputError: a file cannot be written.
 
     Args:
         folder: where to.
@@ -74,7 +74,7 @@ def write_page(
 
 
 def as_csv(table: SweepTable) -> str:
-    """The table as CSV, with all digits.
+    """Format the table as CSV, with all digits.
 
     Args:
         table: heads and rows.
@@ -87,7 +87,7 @@ def as_csv(table: SweepTable) -> str:
 
 
 def cell(value: Any) -> str:  # noqa: ANN401, whatever stands in a table
-    """A cell as it is printed.
+    """Format a cell.
 
     Args:
         value: text, number or None.
@@ -112,7 +112,7 @@ _WORDS = (
 def write_grid(
     folder: Path, title: str, grid: GridFile, rows: Sequence[Row], facts: Mapping[str, str]
 ) -> Path:
-    """Write figure, tables and page of a grid; returns the page. InputError: a file cannot be written.
+    """Write figures, tables and page of a grid; return the page. InputError: a file cannot be written.
 
     Args:
         folder: where to.

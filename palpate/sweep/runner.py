@@ -32,7 +32,7 @@ Run = Callable[[Case, str, Path], None]  # works out a case, by its address, for
 
 
 def run_in_processes(run: Run, todo: Mapping[str, Case], folder: Path, workers: int) -> Iterator[str]:
-    """Work out all cases, by address; a worker that ends is replaced, and its case begins again.
+    """Run all cases, by address; a worker that dies is replaced, and its case begins again.
 
     Args:
         run: does the work of a case.
@@ -76,14 +76,14 @@ def run_in_processes(run: Run, todo: Mapping[str, Case], folder: Path, workers: 
 
 @dataclass(frozen=True)
 class _Worker:
-    """A process, and the pipe to it."""
+    """A worker process with its pipe."""
 
     process: BaseProcess
     pipe: "Connection[tuple[Case, str], str]"
 
     @classmethod
     def start(cls, run: Run, folder: Path) -> "_Worker":
-        """A new process, which waits for its first case.
+        """Start a process that waits for its first case.
 
         Args:
             run: does the work of a case.
@@ -92,7 +92,7 @@ class _Worker:
         return cls(*start_worker(_serve, run, folder))
 
     def give(self, case: Case, address: str) -> None:
-        """Let it work out a case; that it has ended is seen when the answer is asked for.
+        """Send it a case; a dead worker is noticed when its answer is read.
 
         Args:
             case: the case.
@@ -103,7 +103,7 @@ class _Worker:
 
 
 def _serve(pipe: "Connection[str, tuple[Case, str]]", run: Run, folder: Path) -> None:
-    """What a worker does: work out what comes, and say each time why it could not."""
+    """Run cases as they come, and send an empty text or the error for each."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is for whoever began it
     end_with_parent()
     with threadpool_limits(1):  # there is a worker for each core
@@ -136,7 +136,7 @@ class Cluster:
 
 @dataclass(frozen=True)
 class SweepReport:
-    """What became of the cases."""
+    """Counts and errors of a sweep."""
 
     finished_before: int  # results that were there already
     finished_now: int  # worked out by this call
@@ -151,7 +151,7 @@ def run_cases(
     cluster: Cluster = Cluster(),
     progress: Progress = lambda _done, _total: None,
 ) -> SweepReport:
-    """Work out all cases that have no result yet.
+    """Run all cases without a stored result.
 
     A case whose work raises has a result: a row that says so in its column `error`. Every row also has the
     case's `seed`, in `seconds` the processor time that the case took, and whether it is the case's `first`.
@@ -187,7 +187,7 @@ def run_cases(
 
 
 def run_one(case: Case, address: str, folder: Path) -> None:
-    """What a worker does with a case: work it out and let the result land.
+    """Run a case in a worker, and store its result.
 
     Args:
         case: the case.
@@ -212,7 +212,7 @@ def run_one(case: Case, address: str, folder: Path) -> None:
 
 
 def _run(cluster: Cluster, todo: dict[str, Case], store: ResultStore) -> Iterator[str]:
-    """An empty text for each case that lands, and for any other why it does not."""
+    """Yield an empty text for each finished case, else its error."""
     folder = store.folder.absolute()
     if not todo:
         return
@@ -250,7 +250,7 @@ def _run(cluster: Cluster, todo: dict[str, Case], store: ResultStore) -> Iterato
 
 
 def _run_on_dask(client: Any, todo: dict[str, Case], folder: Path) -> Iterator[str]:  # noqa: ANN401, dask's
-    """The same as `_run`, by the workers of a scheduler."""
+    """Do the same as `_run` on the workers of a dask scheduler."""
     from distributed import as_completed  # noqa: PLC0415, as above
 
     waiting = iter(todo.items())

@@ -1,4 +1,4 @@
-"""Leader and follower as two processes on this machine, with an operator by script."""
+"""Run leader and follower as two processes on this machine, with a scripted operator."""
 
 import secrets
 import signal
@@ -37,7 +37,7 @@ _SIDES = ("follower", "leader")
 
 @dataclass(frozen=True)
 class TeleopDemo:
-    """What the demo made."""
+    """Results of the demo."""
 
     merged: MergedSessions
     felt: ForceComparison  # what was felt, and what the real object would have answered
@@ -46,7 +46,7 @@ class TeleopDemo:
     ended_early: bool = False  # whether the leader was told to end before the operator's script did
 
     def slowness_summary(self) -> str:
-        """What this machine was too slow for; empty where it kept pace."""
+        """Describe where this machine was too slow; empty where it kept pace."""
         clauses = self.merged.slowness()
         if self.ended_early:
             clauses.append(f"the leader was ended after {_LIMIT_S:g} s, before the operator's script")
@@ -58,13 +58,13 @@ class TeleopDemo:
         )
 
     def verdict_summary(self) -> str:
-        """What the diagnosis said of each target, as far as it came before the end."""
+        """Describe the diagnosis of each target, as far as it finished in time."""
         verdicts = self.merged.verdicts()
         said = [f"target {number} {verdict or 'none before the end'}" for number, verdict in verdicts.items()]
         return f"verdicts of the diagnosis: {', '.join(said) or 'nothing was probed before the end'}"
 
     def force_summary(self) -> str:
-        """How far what was felt is from what is real."""
+        """Describe how far the felt force is from the real one."""
         if not len(self.felt.real_n):
             return "there was no touch after the first estimate: the felt force cannot be compared"
         settled, stalled = self.felt.settled(), int(self.felt.stalled.sum())
@@ -77,7 +77,7 @@ class TeleopDemo:
 
 
 def script(surface_m: float, last_s: float = _LAST_S) -> dict[str, object]:
-    """The operator's file: choose two places, then press on both until the end.
+    """Write the operator's script: choose two places, then press on both until the end.
 
     Args:
         surface_m: height of the surface [m].
@@ -125,7 +125,7 @@ def write_worlds(folder: Path, real: Scenario) -> None:
 def run_demo(
     folder: Path, real: Scenario, follower: Sequence[str] = (), leader: Sequence[str] = ()
 ) -> TeleopDemo:
-    """Run both sides, and look at what they have written.
+    """Run both sides, and evaluate their sessions.
 
     Args:
         folder: where everything goes.
@@ -168,7 +168,7 @@ def run_demo(
 
 
 def _run_both(folder: Path, commands: dict[str, list[str]]) -> bool:
-    """Run both sides to their end. Returns whether the leader had to be told to end."""
+    """Run both sides to their end; return whether the leader had to be interrupted."""
     program = [sys.executable, "-P", "-m", "palpate.main", "teleop"]
     until_s, running = time.monotonic() + _LIMIT_S, {}
     valid = {0}

@@ -1,4 +1,4 @@
-"""What the object at a target is like, worked out in processes of their own while the arm goes on.
+"""Estimate the object at each target, in processes of their own while the arm goes on.
 
 After every run a first look: spring and damper or Hunt-Crossley, whichever leaves less, with intervals. After
 the last run of a target the diagnosis, which may add effects, and says whether the model is complete.
@@ -40,7 +40,7 @@ _ENOUGH = 1.3  # times the noise: what leaves no more needs no second law
 
 
 def sample_stream(joint_count: int) -> Stream:
-    """What of each tick is needed to estimate; called as in the stream "tick"."""
+    """Return the columns of a tick that estimation needs, named as in the stream "tick"."""
     return Stream(
         "sample",
         (
@@ -60,7 +60,7 @@ def sample_stream(joint_count: int) -> Stream:
 
 
 def first_look(samples: Samples, target: int) -> ObjectEstimate:
-    """What the runs so far say of the object at a target, by the better of two contact laws.
+    """Fit two contact laws to the runs so far of a target, and return the better one.
 
     Args:
         samples: of one target.
@@ -73,7 +73,7 @@ def first_look(samples: Samples, target: int) -> ObjectEstimate:
 
 
 def second_look(samples: Samples, target: int) -> ObjectEstimate:
-    """The same with what the diagnosis establishes beside the law, and with its verdict.
+    """Fit and diagnose a target: the better law with established effects, and the verdict.
 
     What is established and cannot be simulated, and so not felt, is said in words.
 
@@ -98,7 +98,7 @@ def second_look(samples: Samples, target: int) -> ObjectEstimate:
 
 
 class ObjectEstimator:
-    """Hands the work to two processes, one for each look; whoever owns it asks for the answers.
+    """Gives work to two processes, one for each look; the owner polls for answers.
 
     Each works at one target at a time; of what waits, only the newest samples of each target are kept.
     `diagnose` says whether there is a second look.
@@ -114,7 +114,7 @@ class ObjectEstimator:
         return any(worker.busy for worker in self._workers)
 
     def look(self, samples: Samples, target: int, *, last: bool) -> None:
-        """Have the samples of a target looked at: once, or where it was the last run also twice.
+        """Have a target's samples estimated, and after the last run also diagnosed.
 
         Args:
             samples: of one target.
@@ -125,18 +125,18 @@ class ObjectEstimator:
             worker.take(samples, target)
 
     def answers(self) -> list[ObjectEstimate | str]:
-        """Estimates that have been made since the last call, or why there is none."""
+        """Return estimates since the last call, or why there is none."""
         return [answer for worker in self._workers for answer in worker.answers()]
 
     def close(self) -> None:
-        """End the processes, whatever they are doing."""
+        """Kill the processes."""
         for worker in self._workers:
             worker.process.kill()
             worker.process.join()
 
 
 class _EstimatorProcess:
-    """One process with one kind of look. It is sent nothing while it is not waiting: a pipe may fill up."""
+    """A process for one kind of look. It gets new work only when idle, so that no pipe fills up."""
 
     def __init__(self, look: Look, nice: int) -> None:
         self.process, self._pipe = start_worker(_serve, look, nice)
@@ -168,7 +168,7 @@ class _EstimatorProcess:
 
 
 def _serve(pipe: Connection, look: Look, nice: int) -> None:
-    """Look at whatever comes; ends with its parent, leaves Ctrl-C to it, and may give way to it."""
+    """Estimate whatever arrives, at low priority; end with the parent, which handles Ctrl-C."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     os.nice(nice)
     end_with_parent()
@@ -185,7 +185,7 @@ def _serve(pipe: Connection, look: Look, nice: int) -> None:
 
 
 class _Contact(NamedTuple):
-    """What was measured at one target."""
+    """Measurements at one target."""
 
     channel: ChannelData
     tip_world_m: FloatArray  # mean of the tip in contact, shape (3,) [m]
@@ -210,7 +210,7 @@ def _contact(samples: Samples) -> _Contact:
 
 
 def _better(contact: _Contact, target: int) -> tuple[str, ObjectEstimate]:
-    """The contact law that leaves less of those that can be felt, by name, with the estimate.
+    """Return the contact law with the smaller error, by name, with its estimate.
 
     The second is not tried where the first leaves only noise.
     """
@@ -246,7 +246,7 @@ def _better(contact: _Contact, target: int) -> tuple[str, ObjectEstimate]:
 
 
 def _estimate(contact: _Contact, target: int, revision: Revision) -> ObjectEstimate:
-    """A fitted model as it travels.
+    """Convert a fitted model to a message.
 
     Raises:
         InputError: the simulator, whose laws are felt, cannot do what was fitted.

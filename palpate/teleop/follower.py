@@ -61,7 +61,7 @@ Say = Callable[[str], None]
 
 
 class ReportedState(NamedTuple):
-    """What a report says of the arm at one time."""
+    """State of the arm at one time, for a report."""
 
     phase: Phase
     tip_world_m: tuple[float, float, float]
@@ -71,7 +71,7 @@ class ReportedState(NamedTuple):
 
 
 class FollowerMessaging(threading.Thread):
-    """Listens to the leader and answers it, apart from the control loop.
+    """Exchanges messages with the leader in a thread of its own, apart from the control loop.
 
     Attributes:
         queue: of targets, filled here.
@@ -108,7 +108,7 @@ class FollowerMessaging(threading.Thread):
         self._messaging = Messaging(line, clock, take=take, on_new_peer=drop_targets)
 
     def settled(self) -> bool:
-        """Whether no estimate is still to come, and none to be seen by a leader who can be heard.
+        """Whether no estimate is pending, and none is unseen by a leader who can be heard.
 
         The first are waited for `_SETTLE_S` from when this is first asked, the last one for `_SEEN_S`.
         """
@@ -142,7 +142,7 @@ class FollowerMessaging(threading.Thread):
             self.queue.linked = False
 
     def farewell(self, cause: str) -> None:
-        """Say that the arm has ended, and why it was stopped if it was.
+        """Report that the arm has ended, and why it was stopped if it was.
 
         Args:
             cause: why the arm was stopped; empty where it was not.
@@ -154,14 +154,14 @@ class FollowerMessaging(threading.Thread):
                 time.sleep(_MESSAGE_PERIOD_S)
 
     def close(self) -> None:
-        """Stop talking; can be called twice."""
+        """Stop the exchange; can be called twice."""
         self._over.set()
         if self.is_alive():
             self.join()
         self._estimator.close()
 
     def record(self, now_s: float) -> tuple[object, ...]:
-        """How things stand with the line, as one record of `LINK_STREAM`.
+        """Return the state of the link as one record of `LINK_STREAM`.
 
         Args:
             now_s: time of the session [s].
@@ -188,7 +188,7 @@ class FollowerMessaging(threading.Thread):
         self._quiet = not self._estimator.busy  # only now: all that was made is among the newest
 
     def _think(self) -> None:
-        """Hand samples to the estimator, and take its answers."""
+        """Give samples to the estimator, and collect its answers."""
         while self._work:
             self._quiet = False
             stream, records, target, last = self._work[0]
@@ -241,7 +241,7 @@ _MOST_SAMPLES = 200_000  # of one target that are kept for its estimate
 
 
 class Observer:
-    """One run's; `runs` is how many presses a target has."""
+    """Observer of one run; `runs` is the number of presses a target."""
 
     def __init__(self, messaging: FollowerMessaging, log: SessionWriter, joint_count: int, runs: int) -> None:
         self._messaging, self._log, self._runs = messaging, log, runs
@@ -272,7 +272,7 @@ class Observer:
         return NO_ESTIMATE
 
     def _collect(self, measurement: Measurement, output: TaskOutput) -> None:
-        """Keep the samples of the target under way, and have them looked at whenever a run has ended."""
+        """Collect the current target's samples, and have them estimated after each run."""
         if self._run not in {NO_RUN, output.run}:
             last = self._run - self._first_run + 1 == self._runs
             self._messaging.look(self._stream, self._records[: self._count].copy(), self._target, last=last)
@@ -312,7 +312,7 @@ class FollowerJob(ArmJob):
 
 @dataclass(frozen=True)
 class FollowerOutcome:
-    """How it ended."""
+    """Result of a follower's run."""
 
     loop: LoopResult
     states: dict[int, TargetState]  # what became of each target, by its leader's count
@@ -321,7 +321,7 @@ class FollowerOutcome:
 
 
 def run_follower(job: FollowerJob, say: Say) -> FollowerOutcome:
-    """Follow until the leader has ended, somebody stops it, or the guard trips; the session is whole then.
+    """Follow until the leader ends, somebody stops it, or the guard trips; the session is then complete.
 
     Args:
         job: what is to be done.

@@ -1,4 +1,4 @@
-"""The haptic loop, in a process of its own: hand in, force out, a thousand times a second.
+"""The haptic loop in a process of its own: hand position in, force out, at 1 kHz.
 
 It owns the operator's device, the virtual arm and object, and the leader's session. What comes over the line
 reaches it only as estimates that the leader's main process has checked. If that process dies the loop ends:
@@ -42,7 +42,7 @@ STREAM_NAME, FEEL = "haptic", "feel"
 
 @dataclass(frozen=True)
 class HapticJob:
-    """What is rendered, for whom, and where it is kept."""
+    """What to render, for which device, and where to record."""
 
     robot: str  # file or name of the virtual arm
     operator: str  # file or name of the operator's device
@@ -58,7 +58,7 @@ class HapticJob:
 
 @dataclass(frozen=True)
 class HapticCommands:
-    """From the main process to the haptic one."""
+    """Message from the main process to the haptic process."""
 
     read: int  # how many tellings have been read
     render: ObjectEstimate | None = None  # what the object is like from now on
@@ -69,7 +69,7 @@ class HapticCommands:
 
 @dataclass(frozen=True)
 class HapticReport:
-    """From the haptic process to the main one."""
+    """Message from the haptic process to the main process."""
 
     tip_world_m: tuple[float, ...]  # shape (3,)
     force_n: float
@@ -85,7 +85,7 @@ _NOTHING = HapticReport((0.0, 0.0, 0.0), 0.0)
 
 
 def haptic_stream(joint_count: int) -> Stream:
-    """The columns of a haptic tick.
+    """Return the columns of a haptic tick.
 
     Args:
         joint_count: of the virtual arm.
@@ -111,7 +111,7 @@ def haptic_stream(joint_count: int) -> Stream:
 
 
 def run_haptics(pipe: Connection, job: HapticJob) -> None:
-    """Render until the script ends, the main process says so, or it is gone; for a process of its own.
+    """Render until the script ends, the main process says so, or its pipe closes.
 
     Args:
         pipe: to the main process.
@@ -165,7 +165,7 @@ class _Haptics:
         self._was_selected = self._end = False
 
     def run(self, clock: Clock, lateness: Histogram) -> None:
-        """Tick after tick.
+        """Run all ticks until the end.
 
         Args:
             clock: gives the time.

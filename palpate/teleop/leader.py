@@ -1,4 +1,4 @@
-"""The leader: what the operator wants goes to the follower, what that finds goes to the operator's hand.
+"""The leader: sends the operator's targets to the follower, and its estimates to the operator's hand.
 
 This process talks and shows; a process of its own renders (`palpate.teleop.haptics`), so that neither a slow
 network nor a slow terminal is ever felt.
@@ -47,7 +47,7 @@ Say = Callable[[str], None]
 
 @dataclass(frozen=True)
 class LeaderJob:
-    """Who leads, what the operator feels at first, and how it is linked."""
+    """What the operator feels at first, and how the leader is linked."""
 
     haptics: HapticJob
     link: LineSettings = field(default_factory=LineSettings)
@@ -55,7 +55,7 @@ class LeaderJob:
 
 @dataclass(frozen=True)
 class LeaderOutcome:
-    """How it ended."""
+    """Result of a leader's run."""
 
     states: dict[int, str]  # what became of each target, as the follower said last
     estimates: int  # that arrived
@@ -64,7 +64,7 @@ class LeaderOutcome:
 
 
 def leader_metadata(robot_file: RobotFile, scene: Scenario, command_line: str) -> SessionMetadata:
-    """What a leader's session says of itself.
+    """Make the metadata of a leader's session.
 
     Args:
         robot_file: of the virtual arm.
@@ -83,7 +83,7 @@ def leader_metadata(robot_file: RobotFile, scene: Scenario, command_line: str) -
 
 
 def run_leader(job: LeaderJob, say: Say, show: Say) -> LeaderOutcome:
-    """Lead until the operator's script ends or Ctrl-C; the session is whole then.
+    """Lead until the operator's script ends or Ctrl-C; the session is then complete.
 
     Args:
         job: what is to be done.
@@ -181,7 +181,7 @@ class _Leader:
             self._clock.sleep_until(self._clock.now_s() + MESSAGE_PERIOD_S)
 
     def end(self) -> str:
-        """Want nothing more than what is queued; what comes of that, in words."""
+        """Add no more targets than those queued; describe what happens to them."""
         if not self._ending:
             self._ending_s = self._clock.now_s()
         if not self._messaging.linked:
@@ -193,7 +193,7 @@ class _Leader:
         return self._ending_s == self._ending_s  # not NaN
 
     def outcome(self) -> LeaderOutcome:
-        """How it ended."""
+        """Return the result of the run."""
         states = {short_number(number): state.name.lower() for number, state in self._states.items()}
         heard = self._messaging.peer.offset is not None
         return LeaderOutcome(states, self._target_states.received, heard, self._lateness)
@@ -221,7 +221,7 @@ class _Leader:
             raise self._lost() from error
 
     def _select(self, place: tuple[float, ...]) -> None:
-        """A new target; or, where one is waiting or being probed, that one called off."""
+        """Add a target; or, if one is waiting or being probed at this place, cancel that."""
         waiting = [each for each in self._queued() if dist(each.position_world_m, place) < _SAME_PLACE_M]
         for target in waiting:
             self._cancelled.append(target.number)
@@ -268,7 +268,7 @@ class _Leader:
                 self._over = True
 
     def _queued(self) -> list[Target]:
-        """Targets that the follower has not finished, and that are not called off."""
+        """Return targets that are neither finished by the follower nor cancelled."""
         return [
             target
             for target in self._targets.values()

@@ -1,4 +1,4 @@
-"""A leader's and a follower's session on one time line, and how far the felt force is from the real one."""
+"""A leader's and a follower's session on one time line, and the error of the felt force."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -31,7 +31,7 @@ _PRESSED = (Phase.LOADING, Phase.HOLD, Phase.UNLOADING)
 
 @dataclass(frozen=True)
 class ForceComparison:
-    """Two forces side by side, shape (n,) each."""
+    """Two forces to compare, shape (n,) each."""
 
     time_s: FloatArray  # on the leader's clock [s]
     felt_n: FloatArray
@@ -40,19 +40,19 @@ class ForceComparison:
 
     @property
     def share(self) -> float:
-        """Root mean square of the difference, as a share of the real force's; NaN of nothing."""
+        """Root mean square of the difference, relative to the real force's; NaN without samples."""
         if not len(self.real_n):
             return float("nan")
         return float(np.sqrt(np.mean((self.felt_n - self.real_n) ** 2) / np.mean(self.real_n**2)))
 
     def settled(self) -> "ForceComparison":
-        """The same without the first `TOUCH_S` of every touch, and without touches that began late."""
+        """Leave out the first `TOUCH_S` of every touch, and touches that began late."""
         begins_s = self.time_s[np.diff(self.time_s, prepend=-np.inf) > _APART_S]
         since_s = self.time_s - begins_s[np.searchsorted(begins_s, self.time_s, side="right") - 1]
         return self.select((since_s >= TOUCH_S) & ~self.stalled)
 
     def select(self, kept: BoolArray) -> "ForceComparison":
-        """Those samples, shape (n,), for which `kept` holds.
+        """Keep the samples, shape (n,), for which `kept` holds.
 
         Args:
             kept: shape (n,).
@@ -75,12 +75,12 @@ class MergedSessions:
 
     @cached_property
     def haptic(self) -> Samples:
-        """The haptic loop's ticks."""
+        """Ticks of the haptic loop."""
         return self.leader.samples(HAPTIC)
 
     @cached_property
     def ticks(self) -> Samples:
-        """The follower's ticks."""
+        """Ticks of the follower."""
         return self.follower.samples(TICK)
 
     @cached_property
@@ -111,7 +111,7 @@ class MergedSessions:
         return float(self.exchanges[:, 2].min())
 
     def clock_summary(self) -> str:
-        """The offset between the two clocks, as far as it is known."""
+        """Describe the offset between the two clocks, as far as it is known."""
         which = "ahead of" if self.offset_s >= 0.0 else "behind"
         moved_ms = 1e3 * np.ptp(self.exchanges[:, 1])
         return (
@@ -129,14 +129,14 @@ class MergedSessions:
 
     @property
     def slipped_share(self) -> float:
-        """Share of the leader's time by which the follower's clock fell behind, as a simulated one may."""
+        """Share of the leader's time by which the follower's clock fell behind, as a simulated clock may."""
         time_s, offset_s, _ = self.exchanges.T
         if np.ptp(time_s) == 0.0:
             return 0.0
         return max(0.0, -float(np.polyfit(time_s - time_s[0], offset_s - offset_s[0], 1)[0]))
 
     def slowness(self) -> list[str]:
-        """What the machine was too slow for, one clause each; empty where it kept pace."""
+        """Where the machine was too slow, one clause each; empty where it kept pace."""
         clauses = []
         if self.missed_share > _TOO_SLOW:
             gap_ms = 1e3 * np.diff(self.haptic["time_s"]).max(initial=0.0)
@@ -149,7 +149,7 @@ class MergedSessions:
         return clauses
 
     def to_leader(self, follower_s: FloatArray) -> FloatArray:
-        """Times of the follower's clock on the leader's, shape (n,) [s]; clocks may drift apart.
+        """Convert times of the follower's clock to the leader's, shape (n,) [s]; clocks may drift.
 
         Args:
             follower_s: times of the follower's clock, shape (n,) [s].
@@ -159,16 +159,16 @@ class MergedSessions:
         return np.asarray(follower_s - np.interp(follower_s, theirs_s, offset_s))
 
     def feels(self) -> list[tuple[Event, Mapping[str, Any]]]:
-        """What the operator felt from when on, as events with their data."""
+        """Return the models that the operator felt, as events with their data."""
         return [(event, event.data or {}) for event in self.leader.events if event.kind == FEEL]
 
     def verdicts(self) -> dict[int, str]:
-        """What the diagnosis said of each target that was estimated, by number; empty if nothing yet."""
+        """Return the newest verdict of each estimated target, by number."""
         made = [event.data or {} for event in self.follower.events if event.kind == ESTIMATE]
         return {short_number(data["target"]): data["verdict"] for data in made}
 
     def felt_and_real(self, real: Scenario) -> ForceComparison:
-        """What was felt after the first estimate, and what the real object would have answered to that hand.
+        """Compare forces felt after the first estimate with the real object's response to the same motion.
 
         Touches that were under way when the first estimate came are left out: the force fades over then.
 
@@ -197,7 +197,7 @@ class MergedSessions:
         return forces.select(counted)
 
     def modelled_and_measured(self) -> ForceComparison:
-        """What each target's newest model answers to the follower's presses, and what was measured."""
+        """Compare each target's newest model with the measured forces, on the follower's presses."""
         ticks, parts = self.ticks, []
         newest = {data["target"]: data for _, data in self.feels()}
         pressed = np.isin(ticks["phase"], _PRESSED) & (ticks["run"] >= 0)
@@ -232,7 +232,7 @@ class MergedSessions:
 
 
 def merge_sessions(first: Session, second: Session) -> MergedSessions:
-    """Both sessions, whichever comes first. InputError: they are not a leader's and a follower's.
+    """Merge both sessions, in either order. InputError: they are not a leader's and a follower's.
 
     Args:
         first: of leader or follower.

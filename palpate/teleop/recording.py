@@ -1,4 +1,4 @@
-"""Leader and follower on the leader's time line: a Rerun recording and a picture."""
+"""Draw leader and follower on the leader's time line: a Rerun recording and a picture."""
 
 from __future__ import annotations
 
@@ -39,7 +39,7 @@ _MILLI = 1e3
 
 
 def record_both(merged: MergedSessions, path: Path) -> float:
-    """Write the recording; it appears whole or not at all.
+    """Write the recording, whole or not at all.
 
     Args:
         merged: both sessions.
@@ -93,7 +93,7 @@ def record_both(merged: MergedSessions, path: Path) -> float:
 
 
 def _log_parameters(recording: rr.RecordingStream, merged: MergedSessions, start_s: float) -> None:
-    """Each parameter that was felt, as a level with its interval from estimate to estimate."""
+    """Log each felt parameter as a level with its interval, from estimate to estimate."""
     end_s = float(merged.haptic["time_s"][-1])
     feels = merged.feels()
     for name in _parameters(merged):
@@ -146,7 +146,7 @@ def _blueprint(merged: MergedSessions) -> rrb.Blueprint:
 
 
 def draw(path: Path, merged: MergedSessions, felt: ForceComparison, modelled: ForceComparison) -> Path:
-    """Write a PNG: forces over time, felt over real force, and the link; returns the path.
+    """Write a PNG with forces over time, felt over real force, and the link; return its path.
 
     Args:
         path: of the file, replaced if it is there.

@@ -1,4 +1,4 @@
-"""The object as the operator feels it: its force law, what was probed so far, and a summary line.
+"""The virtual object: force law, estimates so far, and a summary line.
 
 Laws and effects are the simulator's own, so the operator can feel whatever a diagnosis can establish and
 `palpate export` can write. Values are checked as those of a scenario file are.
@@ -27,7 +27,7 @@ _ONE_JOINT = 1  # contact effects ask for none
 
 
 def terms_of(scenario: Scenario) -> tuple[ContactModel, ...]:
-    """A scenario's object: its contact law, then the effects that act between it and the tip.
+    """Return a scenario's contact law, and the effects between object and tip.
 
     Args:
         scenario: a simulated world.
@@ -38,7 +38,7 @@ def terms_of(scenario: Scenario) -> tuple[ContactModel, ...]:
 
 
 def force_law(terms: Sequence[ContactModel]) -> ForceLaw:
-    """The law of an object, with a memory of its own; for `control`'s `VirtualObject`.
+    """Make an object's force law, with a memory of its own, for `control`'s `VirtualObject`.
 
     Args:
         terms: contact law first, then effects.
@@ -65,7 +65,7 @@ def force_law(terms: Sequence[ContactModel]) -> ForceLaw:
 
 
 def felt_data(estimate: ObjectEstimate) -> dict[str, object]:
-    """An estimate as a session's event keeps it: enough to feel it again."""
+    """Convert an estimate to an event's data, complete enough to render it again."""
     return {
         "revision": estimate.revision,
         "target": estimate.target,
@@ -80,7 +80,7 @@ def felt_data(estimate: ObjectEstimate) -> dict[str, object]:
 
 
 def terms_in(data: Mapping[str, Any]) -> tuple[ContactModel, ...]:
-    """The object's model in what `felt_data` made. InputError: it is none.
+    """Read the object's model from data of `felt_data`. InputError: it is invalid.
 
     Args:
         data: of the session's event.
@@ -113,7 +113,7 @@ GEOMETRY = ("contact_offset.offset",)
 
 
 def summarize_estimate(estimate: ObjectEstimate) -> str:
-    """Its parameters with their 95 % intervals, what they leave, and the verdict."""
+    """Describe an estimate: parameters with 95 % intervals, remaining error, and verdict."""
     parameters = []
     for each in estimate.parameters:
         half = 0.5 * (each.upper - each.lower)
@@ -126,7 +126,7 @@ def summarize_estimate(estimate: ObjectEstimate) -> str:
 
 
 def summarize_trust(estimate: ObjectEstimate | None, age_s: float, away_m: float) -> str:
-    """How far the virtual object can be trusted.
+    """Describe how far the virtual object can be trusted.
 
     Args:
         estimate: that is felt; None for the scene's guess.
@@ -146,7 +146,7 @@ _TOUCHING = (Phase.LOADING, Phase.HOLD, Phase.UNLOADING)
 
 
 class TargetStates:
-    """Estimates by target. The nearest one is felt, and before the first the scene's guess.
+    """Estimates by target; the nearest one is rendered, and before the first the scene's guess.
 
     Attributes:
         received: how many estimates have come.
@@ -169,11 +169,11 @@ class TargetStates:
         return tuple(self._revisions.values())[-MOST_TARGETS:]
 
     def on_new_peer(self) -> None:
-        """Another follower: it counts its estimates from 0 again."""
+        """Reset the counts of estimates for another follower."""
         self._revisions.clear()
 
     def take(self, estimate: ObjectEstimate) -> bool:
-        """Take in an estimate; whether it is new. InputError: it is, but cannot be felt.
+        """Store an estimate; return whether it is new. InputError: it cannot be rendered.
 
         Args:
             estimate: of one target.
@@ -190,7 +190,7 @@ class TargetStates:
         return True
 
     def choose(self, tip_world_m: tuple[float, ...]) -> ObjectEstimate | None:
-        """The estimate that is to be felt from now on at this place, (3,) [m]; None if all stays as it is.
+        """Return the estimate to render at this place, (3,) [m]; None if nothing changes.
 
         Args:
             tip_world_m: of the virtual arm, shape (3,) [m].
@@ -206,7 +206,7 @@ class TargetStates:
         return nearest
 
     def compare(self, report: Report, sent_s: float) -> list[str]:
-        """Hold what the follower feels against what the virtual object would answer there.
+        """Compare the follower's force with the virtual object's at the same place.
 
         Args:
             report: of the follower.
@@ -231,7 +231,7 @@ class TargetStates:
         return [f"target {place[0]}, {place[1]}: {mismatch.summary()}" for mismatch in mismatches]
 
     def summary(self, tip_world_m: tuple[float, ...], age_s: float) -> str:
-        """How far what is felt at this place can be trusted; `age_s` is that of its measurement [s].
+        """Describe how far the rendered object can be trusted; `age_s` is its measurement's age [s].
 
         Args:
             tip_world_m: of the virtual arm, shape (3,) [m].
@@ -242,5 +242,5 @@ class TargetStates:
 
 
 def _away_m(estimate: ObjectEstimate, tip_world_m: tuple[float, ...]) -> float:
-    """Across the press direction [m]."""
+    """Distance across the press direction [m]."""
     return dist(estimate.surface_world_m[:2], tip_world_m[:2])

@@ -1,4 +1,4 @@
-"""Probes a simulated object, and has its parameters estimated: one row for each estimator and draw."""
+"""Probe a simulated object and estimate its parameters: one row for each estimator and draw."""
 
 import json
 from collections.abc import Mapping, Sequence
@@ -75,7 +75,7 @@ def estimate(parameters: Mapping[str, Any], seed: int) -> list[Row]:
 
 
 def diagnosed(parameters: Mapping[str, Any], seed: int) -> list[Row]:
-    """Probe once, and have the diagnosis say what is missing: one row for each channel that it judges.
+    """Probe and diagnose once: one row for each judged channel.
 
     These are all, or those named in `channels` of the parameters.
 
@@ -103,7 +103,7 @@ def diagnosed(parameters: Mapping[str, Any], seed: int) -> list[Row]:
 
 
 def ticks(parameters: Mapping[str, Any], seed: int) -> list[Row]:
-    """Probe once; one row for each tick of a run, for figures over time.
+    """Probe once: one row for each tick of a run, for figures over time.
 
     Args:
         parameters: of the case.
@@ -126,7 +126,7 @@ def ticks(parameters: Mapping[str, Any], seed: int) -> list[Row]:
 
 
 def probed(parameters: Mapping[str, Any], seed: int) -> tuple[Samples, Scenario]:
-    """The ticks of a probing run, and the world in which it was made.
+    """Return the ticks of a probing run, and its simulated world.
 
     With an `engine` among the parameters that one moves the arm in place of the scenario's, in the same world
     with the same noise.
@@ -159,7 +159,7 @@ def _probed(text: str, seed: int, engine: EngineName | None) -> tuple[Samples, S
 
 
 def world(parameters: Mapping[str, Any], seed: int) -> Scenario:
-    """The simulated world of a case. InputError: the parameters do not fit each other.
+    """Make the simulated world of a case. InputError: the parameters conflict.
 
     Args:
         parameters: of the case.
@@ -178,7 +178,7 @@ def world(parameters: Mapping[str, Any], seed: int) -> Scenario:
 
 
 def contact_channel(samples: Samples) -> ChannelData:
-    """The contact force, less what the sensor reads in free air; `InputError` if nothing was touched.
+    """Return the contact with its force in free air subtracted; `InputError` if nothing was touched.
 
     Args:
         samples: ticks of a probing.
@@ -190,7 +190,7 @@ def contact_channel(samples: Samples) -> ChannelData:
 
 
 def with_relative_noise(channel: ChannelData, share: float, rng: np.random.Generator) -> ChannelData:
-    """The channel with Gaussian noise on its force of this share of the force.
+    """Add Gaussian noise, a share of the force, to the force of a channel.
 
     Args:
         channel: as measured.
@@ -203,7 +203,7 @@ def with_relative_noise(channel: ChannelData, share: float, rng: np.random.Gener
 
 
 def estimators_for(model: str) -> list[str]:
-    """Names of all that estimate the parameters of a model of the contact.
+    """Return the names of estimators that suit a contact model.
 
     Args:
         model: its name.
@@ -212,7 +212,7 @@ def estimators_for(model: str) -> list[str]:
 
 
 def made_estimator(spec: str | Mapping[str, Any]) -> tuple[str, Estimator | ContactEstimator]:
-    """A label and the estimator of a name, or of a mapping with `name`, settings and perhaps `label`.
+    """Make an estimator from its name, or from a mapping with `name`, settings and perhaps `label`.
 
     Args:
         spec: name, or mapping.
@@ -274,7 +274,7 @@ def _conditions(parameters: Mapping[str, Any]) -> Row:
 def _bounds(
     channel: ChannelData, model: Model, truth: Mapping[str, float], scenario: Scenario, share: float
 ) -> Row:
-    """Cramer-Rao bounds for noise of known size, the surface to be found as well; none of another law."""
+    """Return Cramer-Rao bounds for known noise and unknown surface; none for other laws."""
     names = [*model.gains, *model.inner]
     surface = channel.surface
     if surface is None or not all(name in truth or name.startswith("contact_offset") for name in names):
@@ -288,7 +288,7 @@ def _bounds(
 
 
 def ransac_errors(parameters: Mapping[str, Any], seed: int) -> list[Row]:
-    """Root mean square errors of k and c over their bounds, from so many draws of the noise; one row.
+    """Return root mean square errors of k and c over their bounds, from many noise draws; one row.
 
     Motion and surface are known exactly, so that all that differs is the setting. `outliers_percent` of the
     samples are off by up to the largest force; the bound is that of the samples without them.
