@@ -1,4 +1,4 @@
-"""Build the views of results, and write all files about a study from the same view."""
+"""Build views of results, and write all files about a study from the same view."""
 
 import json
 import re
@@ -52,7 +52,7 @@ def channel_view(
     not_judged: str = "",
     notes: Sequence[str] = (),
 ) -> ChannelView:
-    """Put together what is known about one channel.
+    """Collect what is known about one channel.
 
     Args:
         data: the measurement, n samples.
@@ -122,7 +122,7 @@ def stage_view(
     number: int | None = None,
     unphysical: Sequence[str] = (),
 ) -> StageView:
-    """One stage of a model from its fit; see `StageView`. A base model's name is its label.
+    """View one stage of a model from its fit; a base model's name is its label.
 
     Args:
         model: base model with the effects of the stage.
@@ -150,7 +150,7 @@ def stage_view(
 
 
 def parameter_view(name: str, found: Found) -> ParameterView:
-    """One parameter from its "effect.parameter" name.
+    """View one parameter from its "effect.parameter" name.
 
     Args:
         name: "effect.parameter".
@@ -163,7 +163,7 @@ def parameter_view(name: str, found: Found) -> ParameterView:
 
 
 def axes_of(kind: ChannelKind) -> Axes:
-    """A contact and a sliding joint are shown in millimetres, a turning joint in radians.
+    """Return units for display: mm for contacts and sliding joints, rad for turning joints.
 
     Args:
         kind: of the channel.
@@ -180,7 +180,7 @@ def axes_of(kind: ChannelKind) -> Axes:
 
 
 def one_after_the_other(data: ChannelData) -> FloatArray:
-    """Time of each sample (n,) on one axis, with the runs behind each other: each may begin at zero [s].
+    """Put runs, which may each begin at zero, one after the other on one time axis, shape (n,) [s].
 
     Args:
         data: the channel, n samples.
@@ -192,7 +192,7 @@ def one_after_the_other(data: ChannelData) -> FloatArray:
 
 
 def run_speeds(data: ChannelData) -> dict[int, str]:
-    """Words for the speed of each run, the slowest first; empty where all runs have the same.
+    """Describe each run's speed, the slowest first; empty where all runs have the same.
 
     Args:
         data: the channel, n samples.
@@ -225,7 +225,7 @@ def run_speeds(data: ChannelData) -> dict[int, str]:
 
 
 def equation_of(model: Model) -> str:
-    """The whole model: what adds up, on which motion, seen through which sensor; one line each.
+    """Write the whole model, one line each: sum of effects, motion, and sensor.
 
     Args:
         model: with its effects.
@@ -243,7 +243,7 @@ def equation_of(model: Model) -> str:
 
 
 def _verdict(view: ChannelView, words: Sequence[str], diagnosis: ChannelDiagnosis | None) -> VerdictView:
-    """What was diagnosed, or how the last stage compares; and what was added since."""
+    """View the diagnosis, or the comparison of the last stage, with what was added since."""
     if diagnosis is None and not view.stages:
         return VerdictView("", f"{view.name}: nothing was fitted.")
     labels, errors = [stage.label for stage in view.stages], [stage.rmse for stage in view.stages]
@@ -269,7 +269,7 @@ def _verdict(view: ChannelView, words: Sequence[str], diagnosis: ChannelDiagnosi
 def view_of(
     study: ModelStudy, results: Sequence[ChannelResult] | None = None, commands: Sequence[str] = ()
 ) -> StudyView:
-    """All that is known of a study.
+    """View everything that is known of a study.
 
     Args:
         study: what was measured.
@@ -295,7 +295,7 @@ def view_of(
 
 
 def result_view(result: ChannelResult) -> ChannelView:
-    """All that is known of one channel.
+    """View everything that is known of one channel.
 
     Args:
         result: fits, comparison and diagnosis of the channel.
@@ -341,7 +341,7 @@ _HEAD, _MARK = 200, b'<meta name="generator" content="palpate '  # of every page
 
 
 def is_own_page(path: Path) -> bool:
-    """Whether a file is a page that palpate made.
+    """Return whether a file is a page that palpate made.
 
     Args:
         path: of the file; it need not exist.
@@ -359,7 +359,7 @@ def write_outcome(
     commands: Sequence[str],
     texts: Mapping[str, str] | None = None,
 ) -> dict[str, Path]:
-    """Write a report, and a recording of what was diagnosed or added; returns the files, by what they are.
+    """Write the report, and a recording of diagnosed or added effects; return paths by kind.
 
     All files appear together, or none of them.
 
@@ -396,7 +396,7 @@ def write_outcome(
 
 
 def as_json(data: Mapping[str, object]) -> str:
-    """Plain data as the text of a file.
+    """Format plain data as the text of a JSON file.
 
     Args:
         data: numbers, texts, lists and dicts; arrays are written as lists.

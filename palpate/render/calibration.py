@@ -1,4 +1,4 @@
-"""A calibration: its values as a table, and figures of what they rest on."""
+"""A calibration's values as a table, and figures of the data behind them."""
 
 from collections.abc import Iterator, Sequence
 from typing import Any
@@ -27,7 +27,7 @@ _BRANCHES = (
 
 
 def print_calibration(console: Console, calibration: Calibration, remarks: Sequence[str]) -> None:
-    """Values that are applied, and what else was found.
+    """Print the applied values and further findings.
 
     Args:
         console: prints it.
@@ -65,7 +65,7 @@ def _rows(name: str, quantity: Quantity | Quantities) -> Iterator[tuple[str, str
 
 
 def figure_page(figure: go.Figure) -> str:
-    """A figure as an HTML page that needs no network.
+    """Make an HTML page of a figure that needs no network.
 
     Args:
         figure: to be shown.
@@ -74,7 +74,7 @@ def figure_page(figure: go.Figure) -> str:
 
 
 def force_figure(fit: ForceFit, reading_unit: str) -> go.Figure:
-    """Characteristic of a force sensor, and the residuals of the calibrated one.
+    """Draw a force sensor's characteristic, and its residuals after calibration.
 
     Args:
         fit: of the force sensor.
@@ -121,7 +121,7 @@ def force_figure(fit: ForceFit, reading_unit: str) -> go.Figure:
 
 
 def encoder_figure(fit: EncoderFit) -> go.Figure:
-    """Each touch of each stop about its mean, with the uncertainty of the zero.
+    """Draw each touch of each stop about its mean, with the uncertainty of the zero.
 
     Args:
         fit: of the encoders.
@@ -142,7 +142,7 @@ def encoder_figure(fit: EncoderFit) -> go.Figure:
 
 
 def arm_figure(fit: ArmFit) -> go.Figure:
-    """Residual torque of each joint over its speed and over its position.
+    """Draw each joint's residual torque over speed and over position.
 
     Args:
         fit: of the drives and the base.

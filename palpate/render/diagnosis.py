@@ -1,4 +1,4 @@
-"""A diagnosis in sentences, and its error budget with an SVG picture; the same in every medium."""
+"""A diagnosis in sentences, and its error budget as an SVG picture, the same in every medium."""
 
 from collections.abc import Sequence
 from html import escape
@@ -16,7 +16,7 @@ _NO_FALL = 0.98  # of the error before: less is no fall
 
 
 def enumerated(names: Sequence[str], last: str = "and") -> str:
-    """Names with commas, and a word before the last.
+    """Join names with commas, and a word before the last.
 
     Args:
         names: in order.
@@ -26,7 +26,7 @@ def enumerated(names: Sequence[str], last: str = "and") -> str:
 
 
 def diagnosed(diagnosis: ChannelDiagnosis) -> VerdictView:
-    """The verdict of a diagnosis.
+    """View the verdict of a diagnosis.
 
     Args:
         diagnosis: of one channel.
@@ -75,7 +75,7 @@ def _sentence(diagnosis: ChannelDiagnosis) -> str:
 
 
 def _kinds_without_form(diagnosis: ChannelDiagnosis) -> list[str]:
-    """Kinds of which no effect has the form, with their shares of the error."""
+    """Return kinds of which no effect has the form, with their shares of the error."""
     unknown = (entry for entry in diagnosis.budget if entry.form is Form.UNKNOWN)
     return [f"{entry.kind.word} ({percent(entry.share)})" for entry in unknown]
 
@@ -105,14 +105,14 @@ def _error(diagnosis: ChannelDiagnosis) -> str:
 
 
 def _ended(reason: str) -> str:
-    """A reason as a sentence, with one mark at its end: some end with a question."""
+    """Write a reason as a sentence with one punctuation mark at its end."""
     return reason if reason.endswith(("?", ".")) else f"{reason}."
 
 
 def compared(
     channel: str, model: str, error: str, times: float, noise: str, *, possible: bool = True
 ) -> VerdictView:
-    """Whether a model fits, by its error in held-out runs beside the noise.
+    """Say whether a model fits, by its held-out error beside the noise.
 
     One whose parameters are not `possible` fits nothing, however small its error.
 
@@ -131,7 +131,7 @@ def compared(
 
 
 def impossible(unphysical: Sequence[str]) -> tuple[str, ...]:
-    """That parameters, each in words, make no physical sense: one sentence, or none.
+    """Say that parameters are physically impossible: one sentence, or none.
 
     Args:
         unphysical: parameters outside what is physical, in words.
@@ -140,7 +140,7 @@ def impossible(unphysical: Sequence[str]) -> tuple[str, ...]:
 
 
 def falling(channel: str, errors: Sequence[float], added: Sequence[str], noise: float, unit: str) -> str:
-    """What added effects did to the error, in one or two sentences.
+    """Describe in one or two sentences how added effects changed the error.
 
     Args:
         channel: its name.

@@ -1,4 +1,4 @@
-"""The effects of the library as text, data and drawings."""
+"""Effects of the library as text, data and drawings."""
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -59,7 +59,7 @@ class Example:
 
     @classmethod
     def beside(cls, fitted: FitResult, effect: Effect) -> "Example":
-        """The effect added to a fitted model, on a few runs of its motion.
+        """Add an effect to a fitted model, on a few runs of its motion.
 
         Args:
             fitted: the base model's fit.
@@ -100,7 +100,7 @@ def plain(kind: ChannelKind) -> tuple[ChannelData, Model, dict[str, float]]:
 
 
 def sized(data: ChannelData, model: Model, base: Mapping[str, float], effect: Effect) -> dict[str, float]:
-    """Parameters of a model with one effect more, of a size that is well seen beside the data's effort.
+    """Add an effect to a model's parameters, large enough to be seen beside the data's effort.
 
     Args:
         data: the motion and its effort without the effect.
@@ -139,7 +139,7 @@ Curve = tuple[FloatArray, FloatArray, str]  # x (n,), y (n,), colour
 
 
 def drawing(first: Curve, second: Curve, width: int, height: int) -> list[Text]:
-    """Two curves over one frame, line by line: the first as points "·", the second over it in Braille.
+    """Draw two curves in one frame, line by line: the first as points "·", the second in Braille.
 
     Args:
         first: what is compared with, drawn so that it is told apart without colours too.
@@ -180,7 +180,7 @@ def beside(titles: Sequence[str], drawings: Sequence[Sequence[Text]], gap: int =
 
 
 def _raster(curve: Curve, frame: Sequence[tuple[float, float]], width: int, height: int) -> BoolArray:
-    """Which dots (4 height, 2 width) a curve meets, with as many points between its samples as needed."""
+    """Return which dots (4 height, 2 width) a curve meets, interpolated between its samples."""
     dots = np.zeros((4 * height, 2 * width), dtype=np.bool_)
     shares = [(values - low) / (high - low) for values, (low, high) in zip(curve[:2], frame, strict=True)]
     across, up = shares[0] * (2 * width - 1), shares[1] * (4 * height - 1)
@@ -199,13 +199,13 @@ _ROUNDING = 1e-9  # share of a range, below which a number is zero
 
 
 def library() -> tuple[Effect, ...]:
-    """All effects, group by group."""
+    """Return all effects, group by group."""
     every = [effect() for effect in EFFECTS.values()]
     return tuple(sorted(every, key=lambda effect: (GROUPS.index(group_of(effect)), effect.name)))
 
 
 def kind_of(effect: Effect) -> ChannelKind:
-    """The channel in which an effect is shown: a contact, where it occurs there.
+    """Return the kind of channel in which to draw an effect: a contact if it occurs there.
 
     Args:
         effect: of the library or the user's own.
@@ -214,7 +214,7 @@ def kind_of(effect: Effect) -> ChannelKind:
 
 
 def as_data(effect: Effect) -> dict[str, Any]:
-    """An effect as plain data; the keys are stable. Units are those of the kind in which it is shown.
+    """Return an effect as plain data with the units of that kind; the keys are stable.
 
     Args:
         effect: of the library or the user's own.
@@ -230,7 +230,7 @@ def as_data(effect: Effect) -> dict[str, Any]:
 
 
 def print_library(console: Console, effects: Sequence[Effect]) -> None:
-    """One table a group: what one sees of each effect, and what it is confused with where there is room.
+    """Print one table a group: each effect's signature and, if there is room, its rivals.
 
     Args:
         console: prints it.
@@ -250,7 +250,7 @@ def print_library(console: Console, effects: Sequence[Effect]) -> None:
 
 
 def print_effect(console: Console, effect: Effect, example: Example | None) -> None:
-    """One effect: physics, equation, what one sees, drawn, its parameters, and what it is confused with.
+    """Print one effect: physics, equation, signature, drawing, parameters and rivals.
 
     Args:
         console: prints it.
@@ -287,7 +287,7 @@ def print_effect(console: Console, effect: Effect, example: Example | None) -> N
 
 
 def drawn(example: Example, width: int) -> Iterator[Text]:
-    """An example with characters: effort over position or velocity and, where there is room, over time.
+    """Draw an example with characters: effort over position or velocity and, if there is room, over time.
 
     Args:
         example: motion and model.
@@ -322,7 +322,7 @@ def _channels(effect: Effect) -> list[str]:
 
 
 def group_of(effect: Effect) -> str:
-    """One of `GROUPS`.
+    """Return the effect's group, one of `GROUPS`.
 
     Args:
         effect: of the library or the user's own.

@@ -1,4 +1,4 @@
-"""Estimates: as a table for people, in sentences, as plain data, and as a view to be drawn."""
+"""Estimates as a table, in sentences, as plain data, and as a view to be drawn."""
 
 from collections.abc import Iterator, Mapping
 from dataclasses import replace
@@ -41,7 +41,7 @@ Truth = Mapping[str, float]
 
 
 def print_estimates(console: Console, estimates: ChannelEstimates, truth: Truth) -> None:
-    """Print one channel's parameters by every estimator, and what the table does not say.
+    """Print one channel's parameters by every estimator, and remarks.
 
     Args:
         console: prints them.
@@ -59,7 +59,7 @@ def print_estimates(console: Console, estimates: ChannelEstimates, truth: Truth)
 
 
 def estimates_view(estimates: ChannelEstimates, truth: Truth) -> ChannelView:
-    """The best estimate as a view; the residual is that of the samples that were fitted.
+    """View the best estimate; the residual is that of the fitted samples.
 
     Args:
         estimates: of one channel.
@@ -88,7 +88,7 @@ def estimates_view(estimates: ChannelEstimates, truth: Truth) -> ChannelView:
 
 
 def estimate_table(estimates: ChannelEstimates, truth: Truth, width: int) -> Table:
-    """Every estimator's parameters with their 95 % intervals; errors where the truth is known.
+    """Tabulate every estimator's parameters with 95 % intervals, and errors where the truth is known.
 
     Args:
         estimates: a channel with its estimates.
@@ -143,7 +143,7 @@ def _one_row_an_estimator(estimates: ChannelEstimates, truth: Truth, width: int)
 
 
 def _one_row_a_parameter(estimates: ChannelEstimates, truth: Truth) -> Table:
-    """For narrow terminals and models with many parameters: each estimator above its parameters."""
+    """Tabulate parameters below their estimator, for narrow terminals and large models."""
     known = {p.name for p in shown_parameters(estimates.estimates[0]) if p.name in truth}
     numbers = ["value", "95 %", *["truth"] * bool(known)]
     made = table("", "estimator", *numbers, "determined", right=numbers)
@@ -166,7 +166,7 @@ def _in_color(state: str, text: str = "") -> str:
 
 
 def remarks(estimates: ChannelEstimates, truth: Truth) -> list[str]:
-    """What the table does not say: the surface, and what speaks against the estimates.
+    """Describe the surface, and what speaks against the estimates.
 
     Args:
         estimates: of one channel.
@@ -195,7 +195,7 @@ def remarks(estimates: ChannelEstimates, truth: Truth) -> list[str]:
 
 
 def spoilt_by(estimates: ChannelEstimates) -> str | None:
-    """What is wrong with the data, so that no estimate of them means anything; None if nothing shows.
+    """Describe what invalidates the data, so that no estimate is meaningful; None if nothing does.
 
     Args:
         estimates: of one channel.
@@ -234,7 +234,7 @@ def _remarks_on_fits(estimates: ChannelEstimates) -> Iterator[str]:
 
 
 def calibration_remark(session: Session | None) -> list[str]:
-    """What calibrations leave uncertain: one error in all samples, so that no interval holds it.
+    """Describe the uncertainty of calibrations, an error in all samples that no interval includes.
 
     Args:
         session: that was measured; None for data without one.
@@ -257,7 +257,7 @@ def calibration_remark(session: Session | None) -> list[str]:
 
 
 def as_data(estimates: ChannelEstimates, truth: Truth) -> dict[str, Any]:
-    """One channel's outcome as plain data; the keys are stable.
+    """Return one channel's estimates as plain data; the keys are stable.
 
     Args:
         estimates: of one channel.
@@ -304,7 +304,7 @@ def as_data(estimates: ChannelEstimates, truth: Truth) -> dict[str, Any]:
 
 
 def markdown_summary(estimates: ChannelEstimates, truth: Truth, heading: str) -> str:
-    """The best estimate as a small table, for Rerun's summary.
+    """Tabulate the best estimate for Rerun's summary.
 
     Args:
         estimates: of one channel.
@@ -324,7 +324,7 @@ def markdown_summary(estimates: ChannelEstimates, truth: Truth, heading: str) ->
 
 
 def shown_parameters(estimate: Estimate) -> list[ParameterEstimate]:
-    """All but the surface, which has its own sentence.
+    """Return all parameters but the surface, which has its own sentence.
 
     Args:
         estimate: of one estimator.
@@ -333,7 +333,7 @@ def shown_parameters(estimate: Estimate) -> list[ParameterEstimate]:
 
 
 def short_name(parameter: str) -> str:
-    """The symbol that the equations use, such as "k" for "stiffness.k".
+    """Return the symbol that equations use, such as "k" for "stiffness.k".
 
     Args:
         parameter: "effect.parameter".
@@ -342,7 +342,7 @@ def short_name(parameter: str) -> str:
 
 
 def with_interval(parameter: ParameterEstimate) -> str:
-    """Value and half of its 95 % interval, with as many digits as that allows.
+    """Format a value and half of its 95 % interval, with the digits that it justifies.
 
     Args:
         parameter: estimate with its 95 % interval.
@@ -356,7 +356,7 @@ def with_interval(parameter: ParameterEstimate) -> str:
 
 
 def error_percent(parameter: ParameterEstimate, truth: Truth) -> float:
-    """Deviation from the truth [%]; NaN where the truth is zero.
+    """Return the deviation from the truth [%]; NaN where the truth is zero.
 
     Args:
         parameter: estimate.
@@ -367,7 +367,7 @@ def error_percent(parameter: ParameterEstimate, truth: Truth) -> float:
 
 
 def error_text(parameter: ParameterEstimate, truth: Truth) -> str:
-    """Deviation from the truth in percent, absolute where the truth is zero.
+    """Format the deviation from the truth in percent, absolute where the truth is zero.
 
     Args:
         parameter: estimate.

@@ -1,4 +1,4 @@
-"""Makes everything that can be looked at from a session: the Rerun recording and a page of plots."""
+"""Make all displays of a session: the Rerun recording and a page of plots."""
 
 import re
 from collections.abc import Mapping
@@ -31,7 +31,7 @@ PLOTS = "plots.html"  # what `Inspection.plot` writes
 
 @dataclass(frozen=True)
 class Inspection:
-    """A session with what was estimated from it, ready to be shown."""
+    """A session with its estimates, ready to be shown."""
 
     session: Session  # what happened
     view: StudyView  # its channels with the estimate of the first place that was touched
@@ -56,7 +56,7 @@ class Inspection:
         return self.scene.picture_moment_s
 
     def plot(self, folder: Path) -> Path:
-        """Save a page of plots in a folder that is there; returns the file.
+        """Save a page of plots in an existing folder; return the file.
 
         Args:
             folder: that exists.
@@ -70,7 +70,7 @@ class Inspection:
 
 
 def look_into(session: Session, estimates: ChannelEstimates | None = None) -> Inspection:
-    """Work out what is to be shown.
+    """Estimate a session's channels, and collect what is shown.
 
     Args:
         session: a probing session or an imported one.
@@ -126,7 +126,7 @@ def _view(
     truth: Mapping[str, float],
     ticks: Columns | None,
 ) -> ChannelView:
-    """A channel with its estimates, if it is theirs, and with what was wanted of it."""
+    """View a channel with its commanded effort, and its estimates if they are its own."""
     if estimates is not None and channel.name == estimates.channel.name:
         view = estimates_view(estimates, truth)
         if ticks is None:

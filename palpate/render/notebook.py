@@ -1,4 +1,4 @@
-"""What a notebook shows beside results: a bar while something takes long, and the address of a page."""
+"""Display in notebooks: a progress bar, and the address of a page."""
 
 import sys
 import time
@@ -18,7 +18,7 @@ class PageAddress(str):
 
 
 def notebook_progress() -> Callable[[str, float], None]:
-    """Make a bar below the notebook's cell; outside of a notebook, what does nothing.
+    """Make a progress bar below the notebook's cell; outside of a notebook it does nothing.
 
     Returns:
         To be called with the current step and the share of it that is done; without a step it clears the bar.

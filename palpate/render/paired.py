@@ -1,4 +1,4 @@
-"""Two measurements or models side by side, as every medium shows them, and in a terminal."""
+"""Paired comparison of two measurements or models, in a terminal and for all media."""
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
@@ -26,7 +26,7 @@ PAIRED = "The intervals of the differences are paired: model errors that both me
 
 @dataclass(frozen=True)
 class PairedView:
-    """One channel on both sides."""
+    """View of one channel on both sides."""
 
     channel: str  # its name
     views: tuple[ChannelView, ChannelView]  # both, with measurement and model
@@ -40,7 +40,7 @@ class PairedView:
 
     @property
     def on_intervals(self) -> str:
-        """What the intervals of differences are."""
+        """Explain the intervals of differences."""
         if self.found.is_same_data:
             return (
                 "Both models describe one measurement, so their errors are not independent: differences "
@@ -52,12 +52,12 @@ class PairedView:
 
     @property
     def fit_columns(self) -> tuple[str, ...]:
-        """To which measurements fits are stated."""
+        """Column titles of the table of fits."""
         return ("fit [%]",) if self.found.is_same_data else ("to A [%]", "to B [%]")
 
     @property
     def fit_rows(self) -> list[tuple[str, tuple[str, ...]]]:
-        """What describes, and its fit to each of these measurements [%], in text."""
+        """Rows of the table of fits: the model, and its fit to each measurement [%]."""
         rows = []
         for letter, side in zip(LETTERS, self.pair, strict=True):
             measured = (side,) if self.found.is_same_data else self.pair
@@ -71,7 +71,7 @@ class PairedView:
 
 @dataclass(frozen=True)
 class PairView:
-    """All channels that two files share, and the commands that lead here."""
+    """View of all channels that two files share, with the commands that repeat it."""
 
     names: tuple[str, str]
     channels: tuple[PairedView, ...]
@@ -84,7 +84,7 @@ class PairView:
 
 
 def sides_view(sides: Sides, views: tuple[ChannelView, ChannelView]) -> PairedView:
-    """The view of what was compared in one channel.
+    """View the comparison of one channel.
 
     Args:
         sides: both sides of one channel, compared.
@@ -129,7 +129,7 @@ def _words(sides: Sides) -> Iterator[str]:
 
 
 def _is_only_noise(model: Side, measured: Side) -> bool:
-    """Whether a model leaves no more than noise of a measurement that hardly rises above it.
+    """Return whether a model leaves only noise of a measurement that hardly exceeds it.
 
     How many percent of such a measurement a model describes tells its noise, and not the model.
     """
@@ -160,7 +160,7 @@ def _compare_parameters(sides: Sides) -> Iterator[str]:
 
 
 def difference_text(difference: ParameterDifference) -> str:
-    """A difference with half of its 95 % interval, or as much of it as is known.
+    """Format a difference with half of its 95 % interval, as far as it is known.
 
     Args:
         difference: of one parameter.
@@ -172,7 +172,7 @@ def difference_text(difference: ParameterDifference) -> str:
 
 
 def print_pair(console: Console, view: PairView) -> None:
-    """Which is A and B, then of each channel sentences, fits and parameters.
+    """Print both names, then each channel's sentences, fits and parameters.
 
     Args:
         console: prints it.
@@ -195,7 +195,7 @@ def print_pair(console: Console, view: PairView) -> None:
 
 
 def difference_table(differences: Sequence[ParameterDifference], width: int) -> Table:
-    """Each parameter on both sides, and by how much it differs; below each other where columns are few.
+    """Tabulate parameters on both sides with their differences; stacked where columns are few.
 
     Args:
         differences: of each parameter.
@@ -215,7 +215,7 @@ def _table_of_differences(
     *,
     narrow: bool = False,
 ) -> Table:
-    """One row a parameter; with something `between`, its numbers are in one cell; narrow, its unit is not."""
+    """Tabulate one parameter a row; with a separator `between`, all numbers share one cell."""
     right = (between.join(names),) if between else names
     made = table("", "parameter", *right, *["unit"] * (not narrow), right=right)
     for difference in differences:
@@ -236,7 +236,7 @@ def _table_of_differences(
 
 
 def fit_text(model: Side, measured: Side) -> str:
-    """How far a side's model describes a measurement [%], or that only noise is left of it.
+    """Format how well a side's model describes a measurement [%], or that only noise is left.
 
     Args:
         model: side whose model predicts.
@@ -246,7 +246,7 @@ def fit_text(model: Side, measured: Side) -> str:
 
 
 def percent_text(fit: float) -> str:
-    """A fit, or that there is none.
+    """Format a fit [%], or state that there is none.
 
     Args:
         fit: [%]; NaN where there is none.
@@ -255,7 +255,7 @@ def percent_text(fit: float) -> str:
 
 
 def as_data(sides: Sides) -> dict[str, Any]:
-    """One channel as plain data; the keys are stable.
+    """Return one channel as plain data; the keys are stable.
 
     Args:
         sides: both sides of one channel, compared.

@@ -29,7 +29,7 @@ COLORS = (palette.MEASURED, palette.OTHER)
 
 
 def state_figure(view: PairedView) -> go.Figure:
-    """Measured effort of both, and the model of each dashed, over position and over velocity.
+    """Draw both measured efforts, and their models dashed, over position and over velocity.
 
     Args:
         view: of one channel on both sides.
@@ -50,7 +50,7 @@ def state_figure(view: PairedView) -> go.Figure:
 
 
 def time_figure(view: PairedView) -> go.Figure:
-    """Both over time, and what each model leaves; the second at the times of the first, if it repeats it.
+    """Draw both efforts and residuals over time; B at A's times if it repeats A.
 
     Args:
         view: of one channel on both sides.
@@ -74,7 +74,7 @@ def time_figure(view: PairedView) -> go.Figure:
 
 
 def residual_figure(view: PairedView) -> go.Figure:
-    """Autocorrelation of what each model leaves, and its correlation with the velocity; bands hold 99 %.
+    """Draw autocorrelations of residuals and correlations with velocity; bands hold 99 %.
 
     Args:
         view: of one channel on both sides.
@@ -102,7 +102,7 @@ _TEMPLATE = Path(__file__).parent / "paired.html"
 
 
 def document(pair: PairView) -> str:
-    """The whole page.
+    """Return the HTML page.
 
     Args:
         pair: all channels of both files.
@@ -128,7 +128,7 @@ def document(pair: PairView) -> str:
 
 
 def record_pair(view: PairView, path: Path) -> None:
-    """Write the recording; the file appears whole or not at all.
+    """Write the recording, whole or not at all.
 
     Timeline `time` is that of each side, its runs one after the other; a repetition is at the times of A.
 

@@ -1,4 +1,4 @@
-"""One palette for every medium: middle tones that read on light and on dark. A colour means one thing."""
+"""One palette for every medium, legible on light and dark; a colour has one meaning."""
 
 from palpate.control.loop.task import Phase
 from palpate.estimation.kinds import Kind
@@ -46,7 +46,7 @@ UNKNOWN_PHASE = ("unknown", "#9aa5b1")
 
 
 def rgb(color: str) -> tuple[int, int, int]:
-    """Red, green and blue (0 to 255) of "#rrggbb".
+    """Return red, green and blue (0 to 255) of "#rrggbb".
 
     Args:
         color: "#rrggbb".
@@ -56,7 +56,7 @@ def rgb(color: str) -> tuple[int, int, int]:
 
 
 def speed_colors(words: list[str]) -> dict[str, str]:
-    """A colour for each of several speeds, given from slow to fast.
+    """Return a colour for each speed, from slow to fast.
 
     Args:
         words: for each speed, from slow to fast.
@@ -66,7 +66,7 @@ def speed_colors(words: list[str]) -> dict[str, str]:
 
 
 def phase(number: int) -> tuple[str, str]:
-    """Name and colour of a phase.
+    """Return name and colour of a phase.
 
     Args:
         number: of the session's column.

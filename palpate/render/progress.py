@@ -1,4 +1,4 @@
-"""Progress for the person who waits, on stderr, by rich; nothing is drawn where stderr is no terminal.
+"""Progress on stderr, drawn by rich; nothing is drawn where stderr is no terminal.
 
 A real arm gets words instead of a bar: drawing would take time from its control loop.
 """
@@ -32,7 +32,7 @@ _SHARE_DONE = {  # of a run, when a phase begins
 
 @contextmanager
 def diagnosis_progress(channels: Sequence[str]) -> Iterator[Report]:
-    """Show what is being tried, with a bar for each channel.
+    """Show the current step of a diagnosis, with a bar for each channel.
 
     A bar fills once for each effect found, so the end is not known.
 
@@ -57,14 +57,14 @@ def diagnosis_progress(channels: Sequence[str]) -> Iterator[Report]:
 
 @contextmanager
 def import_progress() -> Iterator[Report]:
-    """Show what is being read and written, and the share of it that is done."""
+    """Show the current step of an import, and the share that is done."""
     with _bar("reading") as bar:
         yield lambda what, share: bar.update(share, what)
 
 
 @contextmanager
 def probing_progress(plan: ProbingPlan, *, live: bool, remark: str = "") -> Iterator[Watcher]:
-    """Show how far the runs have come.
+    """Show the progress of the runs.
 
     Args:
         plan: what is going to be done.
@@ -93,7 +93,7 @@ def probing_progress(plan: ProbingPlan, *, live: bool, remark: str = "") -> Iter
 
 @contextmanager
 def motion_progress(what: str, *, live: bool) -> Iterator[MakeWatcher]:
-    """Show how far a motion has come.
+    """Show the progress of a motion.
 
     Args:
         what: is being done.
@@ -149,7 +149,7 @@ class _Drawn:
 
 @contextmanager
 def _bar(what: str, *, wait: bool = False) -> Iterator[_Drawn]:
-    """A bar, shown at once, or with `wait` when its progress is started."""
+    """Make a bar, shown at once, or with `wait` when its progress starts."""
     talk = console.stderr()
     columns = BarColumn(bar_width=32), TextColumn("{task.description}")
     progress = Progress(
@@ -165,7 +165,7 @@ def _bar(what: str, *, wait: bool = False) -> Iterator[_Drawn]:
 
 
 class _Announcer(Watcher):
-    """Says what begins, and nothing while it lasts."""
+    """Prints the start of each step, without a bar."""
 
     def __init__(self, words: str) -> None:
         self._words = words

@@ -1,4 +1,4 @@
-"""Plotly figures of a view, and the HTML report: one file that needs nothing else, and no network."""
+"""Plotly figures of a view, and the HTML report in one file that needs no network."""
 
 import re
 from collections.abc import Callable, Iterable, Mapping, Sequence
@@ -31,7 +31,7 @@ _STYLE = _HERE / "report.css"
 
 
 def rendered(template: Path, filters: Mapping[str, Callable[..., Any]], **values: object) -> str:
-    """The page that a template makes of values; `style` and `version` are given to all.
+    """Render a template with values; `style` and `version` are given to all.
 
     A template extends base.html, which wants a `title` and `facts`.
 
@@ -68,7 +68,7 @@ _BRIGHT = 0.98  # share of the cells of a map within its colours; the others are
 
 @dataclass(frozen=True)
 class PlotStyle:
-    """How a curve is drawn, and what the legend calls it."""
+    """Style of a curve, and its name in the legend."""
 
     name: str
     color: str
@@ -79,7 +79,7 @@ class PlotStyle:
 
 
 def figure(channel: ChannelView | StudyView) -> go.Figure:
-    """Everything about one channel in one figure, for a notebook; of a study its first channel.
+    """Draw everything about one channel in one figure, for a notebook.
 
     Args:
         channel: one channel, or a study.
@@ -99,7 +99,7 @@ def figure(channel: ChannelView | StudyView) -> go.Figure:
 
 
 def fall_figure(channel: ChannelView) -> go.Figure:
-    """The error in held-out runs, stage by stage down to the noise level.
+    """Draw the held-out error stage by stage, down to the noise level.
 
     Args:
         channel: with its stages.
@@ -110,7 +110,7 @@ def fall_figure(channel: ChannelView) -> go.Figure:
 
 
 def time_figure(channel: ChannelView) -> go.Figure:
-    """Measured effort and models over time, and below what each leaves; grey where it is not judged.
+    """Draw effort and models over time, and residuals below; grey where excluded from scoring.
 
     Args:
         channel: with its stages.
@@ -126,7 +126,7 @@ def time_figure(channel: ChannelView) -> go.Figure:
 
 
 def position_figure(channel: ChannelView) -> go.Figure:
-    """Measured effort and each model over position.
+    """Draw measured effort and each model over position.
 
     Args:
         channel: with its stages.
@@ -137,7 +137,7 @@ def position_figure(channel: ChannelView) -> go.Figure:
 
 
 def state_figure(channel: ChannelView) -> go.Figure:
-    """Measured effort and each model over position and over velocity; those between are in the legend.
+    """Draw effort and models over position and velocity; intermediate stages are in the legend.
 
     Args:
         channel: with its stages.
@@ -150,7 +150,7 @@ def state_figure(channel: ChannelView) -> go.Figure:
 
 
 def map_figure(channel: ChannelView) -> go.Figure:
-    """Mean residual over position and velocity, of the base model and of the last stage.
+    """Draw mean residuals over position and velocity, of the base model and of the last stage.
 
     Args:
         channel: with its stages.
@@ -228,7 +228,7 @@ def _draw_fall(made: go.Figure, channel: ChannelView) -> None:
 
 
 def _draw_time(made: go.Figure, channel: ChannelView, place: Place) -> None:
-    """Measured effort, what was wanted, and the first and the last model."""
+    """Draw measured and commanded effort, and the first and the last model."""
     unit, runs = channel.axes.effort_unit, list(rows_by_run(channel.run).values())
     curves = [(channel.effort, PlotStyle("measured", palette.MEASURED, width=2.4))]
     if channel.wanted is not None:
@@ -241,7 +241,7 @@ def _draw_time(made: go.Figure, channel: ChannelView, place: Place) -> None:
 
 
 def _draw_rest(made: go.Figure, channel: ChannelView, place: Place) -> None:
-    """What the first and the last model leave, between two noise levels above and below zero."""
+    """Draw residuals of the first and the last model, with lines at plus and minus two noise levels."""
     unit, runs = channel.axes.effort_unit, list(rows_by_run(channel.run).values())
     for stage in channel.shown_stages:
         look = replace(_look_of(channel, stage), named=False)
@@ -281,7 +281,7 @@ def _draw_state(
 
 
 def draw_curves(made: go.Figure, curves: Sequence[Curve], place: Place, unit: str, look: PlotStyle) -> None:
-    """Curves of one look, as one trace with gaps.
+    """Draw curves of one style as one trace with gaps.
 
     Args:
         made: figure that is drawn into.
@@ -306,7 +306,7 @@ def draw_curves(made: go.Figure, curves: Sequence[Curve], place: Place, unit: st
 
 
 def _shade(made: go.Figure, channel: ChannelView, place: Place) -> None:
-    """Grey where more than half of the samples are not judged."""
+    """Shade stretches in which more than half of the samples are excluded from scoring."""
     edges = np.linspace(channel.time_s[0], channel.time_s[-1], _SHADE_CELLS + 1)
     every = np.histogram(channel.time_s, edges)[0]
     out = np.histogram(channel.time_s[~channel.judged], edges)[0] > 0.5 * np.maximum(every, 1)
@@ -330,7 +330,7 @@ def title_axes(made: go.Figure, place: Place, x: str, y: str) -> None:
 
 
 def styled(made: go.Figure, height: int) -> go.Figure:
-    """The house style: thin rules, transparent ground, one font; middle greys that read on light and dark.
+    """Apply the house style: thin rules, transparent ground, colours for light and dark.
 
     Args:
         made: the figure.
@@ -357,7 +357,7 @@ def styled(made: go.Figure, height: int) -> go.Figure:
 
 
 def _escaped(text: str) -> str:
-    """For plotly, which reads a little HTML."""
+    """Escape text for plotly, which reads a little HTML."""
     return text.replace("&", "&amp;").replace("<", "&lt;")
 
 
@@ -371,7 +371,7 @@ _GREEK = {"tau": "τ", "mu": "μ", "pi": "π", "alpha": "α", "beta": "β", "ome
 
 
 def write_report(view: StudyView, path: Path) -> Path:
-    """Write the report; the file appears whole or not at all. InputError: it cannot be written.
+    """Write the report, whole or not at all. InputError: it cannot be written.
 
     Args:
         view: all channels.
@@ -382,7 +382,7 @@ def write_report(view: StudyView, path: Path) -> Path:
 
 
 def document(view: StudyView) -> str:
-    """The whole page.
+    """Return the HTML page.
 
     Args:
         view: all channels.
@@ -393,7 +393,7 @@ def document(view: StudyView) -> str:
     draw = {"fall": fall_figure, "map": map_figure, "time": time_figure, "state": state_figure}
 
     def plots(channel: ChannelView) -> dict[str, Markup]:
-        """The channel's figures as HTML, by name; empty where there is nothing to draw."""
+        """Return the channel's figures as HTML, by name; empty where there is nothing to draw."""
         is_drawn = dict.fromkeys(draw, bool(channel.stages)) | {"fall": bool(channel.fall)}
         is_drawn["time"] |= channel.wanted is not None
         return {name: as_html(draw[name](channel)) if is_drawn[name] else Markup() for name in draw}
@@ -410,7 +410,7 @@ def document(view: StudyView) -> str:
 
 
 def as_html(figure: go.Figure) -> Markup:
-    """A figure for a page that has plotly's program.
+    """Return a figure for a page that includes plotly's program.
 
     Args:
         figure: as plotly has it.
@@ -419,7 +419,7 @@ def as_html(figure: go.Figure) -> Markup:
 
 
 def bold(sentence: str, names: Iterable[str]) -> Markup:
-    """A sentence with names in bold, everything escaped.
+    """Escape a sentence, and set names in bold.
 
     Args:
         sentence: plain text.
@@ -432,7 +432,7 @@ def bold(sentence: str, names: Iterable[str]) -> Markup:
 
 
 def typeset(equation: str) -> Markup:
-    """Powers raised, numbers of symbols lowered, Greek letters as such, everything escaped.
+    """Escape a formula, with powers raised, indices lowered and Greek letters.
 
     Args:
         equation: plain text.

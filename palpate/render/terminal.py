@@ -50,7 +50,7 @@ _LOPSIDED = 0.1  # of half an interval, by which its middle is off the value
 
 
 def print_diagnosis(console: Console, view: StudyView) -> None:
-    """Each channel's error budget, verdict, how the error falls, parameters, what to do next, evidence.
+    """Print each channel's error budget, verdict, stages, parameters, next steps and evidence.
 
     Args:
         console: prints it.
@@ -95,7 +95,7 @@ def print_diagnosis(console: Console, view: StudyView) -> None:
 
 
 def print_budget(console: Console, channel: str, budget: BudgetView) -> None:
-    """The error budget: one sentence, a bar for each part, and what cannot be told apart.
+    """Print the error budget: one sentence, a bar for each part, and indistinguishable effects.
 
     Args:
         console: prints it.
@@ -120,7 +120,7 @@ def print_budget(console: Console, channel: str, budget: BudgetView) -> None:
 
 
 def print_comparison(console: Console, view: StudyView) -> None:
-    """Each channel's error beside the noise level, and where it is largest; tables where a model misses.
+    """Print each channel's error beside the noise level, with tables where a model misses.
 
     Args:
         console: prints it.
@@ -133,7 +133,7 @@ def print_comparison(console: Console, view: StudyView) -> None:
 
 
 def print_stages(console: Console, channel: ChannelView) -> None:
-    """How the error falls with what was added, and the parameters of the last stage.
+    """Print how the error falls with added effects, and the last stage's parameters.
 
     Args:
         console: prints it.
@@ -145,7 +145,7 @@ def print_stages(console: Console, channel: ChannelView) -> None:
 
 
 def print_revisions(console: Console, kept: Sequence[Revision]) -> None:
-    """All revisions of a session; one effect a line and no dates where there are few columns.
+    """Print all revisions of a session, shorter where columns are few.
 
     Args:
         console: prints them.
@@ -169,7 +169,7 @@ def print_revisions(console: Console, kept: Sequence[Revision]) -> None:
 
 
 def print_files(console: Console, written: Mapping[str, Path]) -> None:
-    """The files that were written, one a line.
+    """Print the written files, one a line.
 
     Args:
         console: prints them.
@@ -186,7 +186,7 @@ def _print_verdict(console: Console, verdict: VerdictView) -> None:
 
 
 def headline(verdict: VerdictView) -> Text:
-    """The verdict as a coloured word, and its sentence with the effects in bold.
+    """Return the verdict as a coloured word, and its sentence with the effects in bold.
 
     Args:
         verdict: of one channel.
@@ -200,7 +200,7 @@ def headline(verdict: VerdictView) -> Text:
 
 
 def emphasised(sentence: str, names: Iterable[str]) -> Text:
-    """A sentence with names in bold.
+    """Return a sentence with names in bold.
 
     Args:
         sentence: plain text.
@@ -213,7 +213,7 @@ def emphasised(sentence: str, names: Iterable[str]) -> Text:
 
 
 def safe_text(text: str) -> str:
-    """Text from a file without escape sequences, where no markup is read.
+    """Return text from a file without escape sequences, in which no markup is read.
 
     Args:
         text: from a file.
@@ -222,7 +222,7 @@ def safe_text(text: str) -> str:
 
 
 def grade(times: float) -> str:
-    """Colour of an error by how many times the noise level it is.
+    """Return an error's colour by its ratio to the noise level.
 
     Args:
         times: error over noise.
@@ -231,7 +231,7 @@ def grade(times: float) -> str:
 
 
 def fall_table(channel: ChannelView, width: int) -> Table:
-    """The error in held-out runs, one row a stage, down to the noise level; narrow, without bars.
+    """Tabulate the held-out error, one row a stage; without bars if narrow.
 
     Args:
         channel: with its stages.
@@ -270,7 +270,7 @@ def _fall_table(channel: ChannelView, width: int, *, narrow: bool) -> Table:
 
 
 def parameter_table(parameters: Sequence[ParameterView], width: int) -> RenderableType:
-    """Parameters with 95 % intervals; narrow, each with its unit below its effect's name.
+    """Tabulate parameters with 95 % intervals; if narrow, with units below effects' names.
 
     Args:
         parameters: of the last stage.
@@ -302,7 +302,7 @@ def _parameter_table(parameters: Sequence[ParameterView], *, narrow: bool) -> Ta
 
 
 def with_interval(view: ParameterView) -> tuple[str, str]:
-    """A value and half of its 95 % interval, or both ends of a lopsided one, with as many digits as count.
+    """Format a value and half of its 95 % interval, or both ends of an asymmetric one.
 
     Args:
         view: of the parameter.
@@ -321,7 +321,7 @@ def with_interval(view: ParameterView) -> tuple[str, str]:
 
 
 def parts_table(channel: ChannelView, width: int) -> Table:
-    """The error part by part, each beside the noise level; the worst of each kind in bold.
+    """Tabulate the error part by part, beside the noise level; the worst of each kind in bold.
 
     Args:
         channel: whose error was split.

@@ -1,4 +1,4 @@
-"""Fewer points in a curve, so that a browser stays quick and every peak is still seen."""
+"""Thin curves out so that a browser stays quick and every peak is still seen."""
 
 from collections.abc import Sequence
 
@@ -12,7 +12,7 @@ _FEWEST = 16  # points of a run
 
 
 def peaks(values: FloatArray, most: int = MOST_POINTS) -> IntArray:
-    """Rows of `values` (n,) to draw: the least and the greatest of each of `most` / 2 equal stretches.
+    """Return rows of `values` (n,) to draw: minimum and maximum of each of `most` / 2 equal stretches.
 
     A stretch without finite values keeps one of them, which leaves a gap in the curve.
 
@@ -34,7 +34,7 @@ def peaks(values: FloatArray, most: int = MOST_POINTS) -> IntArray:
 
 
 def rows_by_run(run: IntArray) -> dict[int, IntArray]:
-    """Rows of each run by its number; of very many runs, evenly chosen ones.
+    """Return the rows of each run by its number; of very many runs, an even selection.
 
     Args:
         run: number of each sample's run, shape (n,).
@@ -46,7 +46,7 @@ def rows_by_run(run: IntArray) -> dict[int, IntArray]:
 
 
 def run_curves(x: FloatArray, y: FloatArray, runs: Sequence[IntArray]) -> list[tuple[FloatArray, FloatArray]]:
-    """Each run's curve (x, y), with few enough points for all of them together and the peaks of both.
+    """Return each run's curve (x, y), thinned out so that peaks of both remain.
 
     Args:
         x: shape (n,).
@@ -59,7 +59,7 @@ def run_curves(x: FloatArray, y: FloatArray, runs: Sequence[IntArray]) -> list[t
 
 
 def joined(curves: Sequence[tuple[FloatArray, FloatArray]]) -> tuple[FloatArray, FloatArray]:
-    """Curves as one, with a gap (NaN) after each.
+    """Join curves to one, with a gap (NaN) after each.
 
     Args:
         curves: x and y of each.

@@ -21,7 +21,7 @@ FAR = 3.0  # times the noise level, above which a model is far off
 
 @dataclass(frozen=True)
 class Axes:
-    """Names of a channel's quantities with their units, and the effort's unit alone."""
+    """Names of a channel's quantities with units, and the effort's unit."""
 
     effort: str
     effort_unit: str
@@ -43,7 +43,7 @@ class ParameterView:
 
     @property
     def half(self) -> float:
-        """Half of the interval; NaN where it is not known or has no end."""
+        """Half of the interval; NaN if unknown or unbounded."""
         half = (self.upper - self.lower) / 2
         return half if np.isfinite(half) else float("nan")
 
@@ -67,7 +67,7 @@ class StageView:
 
 @dataclass(frozen=True)
 class VerdictView:
-    """The answer for one channel."""
+    """The verdict on one channel."""
 
     word: str  # adequate, missing, unexplained or insufficient; or fits or misses, where only compared
     sentence: str  # what it means for this channel
@@ -76,7 +76,7 @@ class VerdictView:
 
     @property
     def tag(self) -> str:
-        """The word that is set before the sentence; empty where the sentence says it."""
+        """Word before the sentence; empty if the sentence says it."""
         return "" if self.word in {"fits", "misses"} else self.word.upper()
 
 
@@ -101,20 +101,20 @@ class BudgetPart:
 
     @property
     def range_text(self) -> str:
-        """From the necessary to the sufficient share; empty of noise and unexplained."""
+        """Range from the necessary to the sufficient share; empty for noise and unexplained."""
         if self.necessary is None or self.sufficient is None:
             return ""
         return f"{100 * self.necessary:.0f} to {100 * self.sufficient:.0f} %"
 
     @property
     def effects_text(self) -> str:
-        """Names of effects; the closest ones are marked as such."""
+        """Names of effects; those that are merely closest in form are marked."""
         return ("closest: " if self.form == "unknown" and self.effects else "") + ", ".join(self.effects)
 
 
 @dataclass(frozen=True)
 class BudgetView:
-    """How the base model's error divides among kinds of effects, noise and what nothing explains."""
+    """Shares of the base model's error by kind of effect, noise, and unexplained."""
 
     sentence: str  # the shares in words
     parts: tuple[BudgetPart, ...]  # kinds with the largest share first, then noise and unexplained
@@ -123,7 +123,7 @@ class BudgetView:
 
 
 def percent(share: float, *, bound: str = "") -> str:
-    """A share of the whole in percent, without digits that nobody needs.
+    """Format a share of the whole in percent, with few digits.
 
     Args:
         share: of the whole, 0 to 1.
@@ -136,7 +136,7 @@ def percent(share: float, *, bound: str = "") -> str:
 
 @dataclass(frozen=True)
 class ChannelView:
-    """One channel: the measurement, the stages of its model, and what was found out."""
+    """One channel: measurement, stages of its model, and findings."""
 
     name: str  # such as "contact"
     axes: Axes  # names and units
@@ -164,7 +164,7 @@ class ChannelView:
     wanted: tuple[str, FloatArray] | None = None
 
     def times_noise(self, error: float) -> float:
-        """An error over the noise.
+        """Return an error divided by the noise level.
 
         Args:
             error: in the effort's unit.
@@ -182,13 +182,13 @@ class ChannelView:
 
     @property
     def shown_stages(self) -> tuple[StageView, ...]:
-        """The first and the last stage, which curves and maps compare; one where nothing was added."""
+        """First and last stage, which curves and maps compare; one if nothing was added."""
         return self.stages if len(self.stages) < 2 else (self.stages[0], self.stages[-1])
 
 
 @dataclass(frozen=True)
 class StudyView:
-    """All channels of a file, what was recorded when and how, and the commands that lead here."""
+    """All channels of a file with its origin, and the commands that repeat it."""
 
     file: str
     channels: tuple[ChannelView, ...]
@@ -212,7 +212,7 @@ _CELLS, _OUTER, _LEAST = 36, 0.002, 3  # per axis; share beyond each end; sample
 def residual_map(
     position: FloatArray, velocity: FloatArray, residual: FloatArray, used: BoolArray
 ) -> ResidualMap:
-    """Average a residual (n,) over position and velocity; of the samples that are `used`, such as pressed.
+    """Average a residual (n,) over position and velocity, for the samples in `used`.
 
     Args:
         position: shape (n,).

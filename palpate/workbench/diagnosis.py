@@ -1,4 +1,4 @@
-"""The cards of the diagnosis and of the riddle: started, followed and stopped from any tab."""
+"""Cards of the diagnosis and of the riddle, which any tab can start, follow and stop."""
 
 import asyncio
 from base64 import b64encode
@@ -29,7 +29,7 @@ _PICTURE_WIDTH = 340  # [px], at which it is drawn; the column's width scales it
 
 
 class DiagnosisCard:
-    """Starts a diagnosis, shows how far it is and what it says, and applies its steps."""
+    """Starts a diagnosis, shows its progress and result, and applies its steps."""
 
     def __init__(
         self,
@@ -64,7 +64,7 @@ class DiagnosisCard:
         self._show()
 
     async def start(self) -> None:
-        """Diagnose the channel that is shown; where a diagnosis goes on already, wait for that."""
+        """Diagnose the selected channel, or wait for the diagnosis that is running."""
         state, study, name = self._state, self._state.study, self._state.choice.channel
         while (diagnosing := state.judging) is not None:
             await asyncio.sleep(_POLL_S)
@@ -84,7 +84,7 @@ class DiagnosisCard:
             state.judging = None
 
     def _tell(self) -> None:
-        """Show how far it is; also what was started in another tab, or before the page was loaded again."""
+        """Show the progress, also of a diagnosis started in another tab or before a reload."""
         before, judge = self._judging, self._state.judging
         self._judging = judge
         if judge is not None:
@@ -100,7 +100,7 @@ class DiagnosisCard:
                 self._found()
 
     def stop(self) -> None:
-        """Stop the diagnosis that goes on, if there is one."""
+        """Stop the running diagnosis, if there is one."""
         if self._state.judging is not None:
             self._state.judging.stop()
 
@@ -110,7 +110,7 @@ class DiagnosisCard:
             element.set_visibility(now)
 
     def offer(self, chosen: Sequence[str]) -> None:
-        """Offer what the diagnosis names, step by step, but for what is chosen already.
+        """Offer the diagnosed effects step by step, without those selected already.
 
         Args:
             chosen: names of the effects in the model.
@@ -169,7 +169,7 @@ HIDDEN = (
 
 
 def pose(folder: Path) -> Path:
-    """Probe an object in which one of `HIDDEN` is hidden; the answer is sealed beside the session.
+    """Probe an object with one of `HIDDEN` hidden; the answer is sealed beside the session.
 
     Args:
         folder: of the session.
@@ -192,7 +192,7 @@ def pose(folder: Path) -> Path:
 
 @dataclass(frozen=True)
 class RiddleScore:
-    """Who was right."""
+    """Guesses of user and diagnosis, compared with the answer."""
 
     truth: frozenset[str]  # what was hidden
     guessed: frozenset[str]  # what the user had ticked
@@ -200,7 +200,7 @@ class RiddleScore:
     alike: frozenset[str]  # effects that the diagnosis says this data cannot tell from what it named
 
     def in_words(self) -> str:
-        """The result in a few sentences."""
+        """Describe the result in a few sentences."""
         said = f"Hidden was {_listed(self.truth)}. "
         said += f"You said {_listed(self.guessed)}: {self._rated(self.guessed)}. "
         said += f"The diagnosis said {_listed(self.found)}: {self._rated(self.found)}."
@@ -223,7 +223,7 @@ def _listed(names: frozenset[str], joint: str = " and ") -> str:
 
 
 class RiddleCard:
-    """Where the user says what is hidden, and hears the answer."""
+    """Asks the user what is hidden, and shows the answer."""
 
     def __init__(self, state: WorkbenchState, diagnose: Callable[[], Awaitable[None]]) -> None:
         self._state, self._diagnose = state, diagnose

@@ -1,4 +1,4 @@
-"""The left of the page: the library with tick, picture, signature and evidence; an effect with sliders."""
+"""Left panel of the page: the library with pictures and evidence, and single effects with sliders."""
 
 import asyncio
 import math
@@ -31,7 +31,7 @@ _APART: Row = {"alike": False, "together": ""}
 
 
 class EffectRows(Element, component="effects.js"):
-    """The library in the browser: one element, so that a tick does not redraw the page."""
+    """The library in the browser as one element, so that a tick does not redraw the page."""
 
     def __init__(self, rows: list[Row]) -> None:
         super().__init__()
@@ -46,7 +46,7 @@ class EffectRows(Element, component="effects.js"):
         self.on("ready", send_all)
 
     def change(self, changes: Mapping[str, Row]) -> None:
-        """Change what is said of some effects; only what differs is sent.
+        """Change fields of some effects; only differences are sent.
 
         Args:
             changes: what differs of a row, by the effect's name.
@@ -63,7 +63,7 @@ class EffectRows(Element, component="effects.js"):
 
 
 class Effects:
-    """The list of effects of one channel; their evidence comes while the page is idle."""
+    """List of effects of one channel; their evidence is computed while the page is idle."""
 
     def __init__(self, state: WorkbenchState, tick: Tick, gallery: Tick) -> None:
         self._state, self._tick, self._gallery = state, tick, gallery
@@ -73,7 +73,7 @@ class Effects:
         self._rivals: dict[str, tuple[str, ...]] = {}  # that did the same, when neither was ticked
 
     def build(self) -> None:
-        """Put the heading and the place of the list."""
+        """Build the heading and an empty list."""
 
         def show_matching(event: events.ValueChangeEventArguments[Any]) -> None:
             part, words = (event.value or "").strip().lower(), ("name", "label", "signature", "physics")
@@ -87,7 +87,7 @@ class Effects:
             set_props(text.props("dense outlined clearable"), aria_label="filter effects")
 
     def fill(self) -> None:
-        """List the library for the channel, those in the model ticked."""
+        """List the channel's library, with the model's effects ticked."""
         self._effects = {effect.name: effect for effect in self._state.effects()}
         kind = self._state.channel.data.kind
         with self._card:
@@ -103,7 +103,7 @@ class Effects:
         self.show(self._state.choice.effects)
 
     def show(self, chosen: tuple[str, ...]) -> None:
-        """Tick what is chosen.
+        """Tick the selected effects.
 
         Args:
             chosen: names of the effects in the model.
@@ -114,7 +114,7 @@ class Effects:
         self._rows.change({name: {"order": _rank(self._last.get(name, 1.0), chosen=True)} for name in chosen})
 
     async def weigh(self, idle: asyncio.Event) -> None:
-        """Find out what each effect would do beside the chosen model, while nobody waits for the page.
+        """Compute what each effect would add to the selected model, while nobody waits for the page.
 
         A tick finds its fit made already.
 
@@ -133,7 +133,7 @@ class Effects:
             ahead.close()
 
     async def _weigh_beside(self, chosen: tuple[str, ...], ahead: FitPrefetcher, idle: asyncio.Event) -> bool:
-        """Weigh all effects beside those chosen; whether nothing else was chosen meanwhile."""
+        """Compute the evidence of all effects; return whether the selection stayed the same."""
         study, channel, weighed = self._state.study, self._state.channel, list[EffectEvidence]()
         # what told most before first, then what is quickly fitted
         for name in sorted(
@@ -166,7 +166,7 @@ class Effects:
         return True
 
     def arrange(self) -> None:
-        """The most telling first; what cannot be told apart in one frame."""
+        """Sort by evidence, with indistinguishable effects in one frame."""
         rows, placed = self._rows.by_name, set[str]()
         changes = {name: {**_APART, "order": rows[name]["order"]} for name in self._effects}
         diagnosis = self._state.diagnosis
@@ -192,7 +192,7 @@ class Effects:
 
 
 def _row(effect: Effect, kind: ChannelKind) -> Row:
-    """What the browser shows of an effect, with a drawing of effort over position without it and with it."""
+    """Return an effect's row: texts, and a drawing of effort over position with and without it."""
     example, drawn = Example.plain(effect, kind), ""
     if example is not None:
         step, data = slice(None, None, 2), example.data
@@ -214,7 +214,7 @@ def _row(effect: Effect, kind: ChannelKind) -> Row:
 
 
 def _rank(falls: float, *, chosen: bool) -> int:
-    """Place in the list: what is ticked first, then what takes most away."""
+    """Return the sort key: selected effects first, then by the error that they remove."""
     return round(-1000.0 * max(falls, 0.0)) - 2000 * chosen
 
 
@@ -224,7 +224,7 @@ _DECADES = 1.0  # to either side of where a gain's slider begins
 
 
 class Gallery:
-    """A dialog for one effect after the other: the fitted base model with it, simulated."""
+    """Dialog that simulates one effect after the other on the fitted base model."""
 
     def __init__(self, state: WorkbenchState) -> None:
         self._state = state
@@ -253,7 +253,7 @@ class Gallery:
 
 
 class _Simulated:
-    """An effect added to the fitted base model, on a few runs of the user's motion."""
+    """A fitted base model with an added effect, on a few runs of the user's motion."""
 
     def __init__(self, state: WorkbenchState, effect: Effect) -> None:
         self.example = Example.beside(state.study.fit(state.channel), effect)
@@ -286,7 +286,7 @@ class _Simulated:
 
 
 def _slider(parameter: Parameter, simulated: _Simulated, plot: Plot) -> None:
-    """A slider over what is met in practice: by ratio where that spans decades."""
+    """Make a slider over the typical range, logarithmic where that spans decades."""
     example = simulated.example
     name = f"{example.effect.name}.{parameter.name}"
     start = example.values[name]

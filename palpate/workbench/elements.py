@@ -1,4 +1,4 @@
-"""Elements of the page, and the sentences shown on hover.
+"""Elements of the page, and the texts shown on hover.
 
 Texts may come from files: each is one property, never a part of code or markup.
 """
@@ -31,7 +31,7 @@ def set_props(element: AnyElement, **values: str | bool) -> AnyElement:
 
 
 def heading(text: str, title: str = "") -> None:
-    """A heading; `title` is shown on hover.
+    """Add a heading; `title` is shown on hover.
 
     Args:
         text: of the heading.
@@ -47,7 +47,7 @@ Restyle = tuple[Mapping[str, Sequence[Any]], list[int]]
 
 
 class Plot(Element, component="plot.js"):
-    """One figure; what changes before the browser is ready for it is sent when it is."""
+    """One figure; changes made before the browser is ready are sent when it is."""
 
     def __init__(self, figure: Figure) -> None:
         super().__init__()
@@ -102,7 +102,7 @@ _AXIS = {"gridcolor": "#e8ecf0", "zerolinecolor": "#c3cbd3", "automargin": True,
 def curve(  # noqa: PLR0917, what a line is made of
     name: str, x: np.ndarray, y: np.ndarray, color: str, width: float, unit: str, **more: object
 ) -> dict[str, Any]:
-    """A curve over x (n,).
+    """Return a curve over x (n,) for plotly.
 
     Args:
         name: in the legend.
@@ -122,7 +122,7 @@ def curve(  # noqa: PLR0917, what a line is made of
 
 
 def axis(title: str, **more: object) -> dict[str, Any]:
-    """An axis with what runs along it.
+    """Return an axis with its title for plotly.
 
     Args:
         title: with its unit.
@@ -132,7 +132,7 @@ def axis(title: str, **more: object) -> dict[str, Any]:
 
 
 def layout_of(height: int, **more: object) -> dict[str, Any]:
-    """The look that all figures share.
+    """Return the layout that all figures share.
 
     Args:
         height: of the figure [px].

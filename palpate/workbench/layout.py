@@ -1,4 +1,4 @@
-"""Layout of the page: a study with its diagnosis, or a place to begin where there is no data yet."""
+"""Layout of the page: a study with its diagnosis, or a start page without data."""
 
 import asyncio
 import secrets
@@ -32,7 +32,7 @@ _CODE_DIGITS = 6
 
 
 async def lay_out_page(home: AppState) -> None:
-    """Build the page for what the server shows.
+    """Build the page for the server's state.
 
     Args:
         home: what the server shows.
@@ -101,7 +101,7 @@ def _choose(home: AppState) -> FileDrop:
 
 
 def is_data(file: Path) -> bool:
-    """Whether a file of a folder is offered.
+    """Return whether to offer a file of a folder.
 
     Args:
         file: in the folder of sessions.
@@ -111,7 +111,7 @@ def is_data(file: Path) -> bool:
 
 
 async def _show(home: AppState, path: Path, options: ImportOptions) -> None:
-    """Open a file, and show it; an error is said where it was chosen."""
+    """Open a file and show it, or show the error where it was selected."""
     assert home.open is not None  # noqa: S101, set before the page is served
     opener = home.open
     home.state = await asyncio.to_thread(lambda: opener(path, options))
@@ -120,7 +120,7 @@ async def _show(home: AppState, path: Path, options: ImportOptions) -> None:
 
 
 async def _probe(home: AppState, arguments: list[str], place: ui.element, *, join: bool = False) -> None:
-    """Probe, following the session as it grows; what comes back is opened, or joined to what is there."""
+    """Probe and follow the growing session; then open it, or join it to the study."""
     session = _unused(home, "workbench", ".mcap")
 
     async def done(path: Path) -> None:
@@ -140,7 +140,7 @@ async def _probe(home: AppState, arguments: list[str], place: ui.element, *, joi
 
 
 async def _resolve(home: AppState, world: str, place: ui.element) -> None:
-    """Run `palpate resolve` in the world that was probed; its decisions are told as they come."""
+    """Run `palpate resolve` in the probed world, and show its decisions as they come."""
     folder = _unused(home, "resolve")
     arguments = ["resolve", *shlex.split(world), "--out", str(folder)]
     place.clear()
@@ -154,7 +154,7 @@ async def _resolve(home: AppState, world: str, place: ui.element) -> None:
 
 
 def _unused(home: AppState, name: str, ending: str = "") -> Path:
-    """A place where nothing is, and which no other tab is about to write to."""
+    """Return an unused path that no other tab is about to write to."""
     folder = output_folder(SESSIONS if home.folder == Path() else home.folder)
     paths = (folder / f"{name}-{number}{ending}" for number in count(1))
     free = next(path for path in paths if path not in home.promised and not path.exists())
@@ -163,7 +163,7 @@ def _unused(home: AppState, name: str, ending: str = "") -> Path:
 
 
 def _next_step(home: AppState, state: WorkbenchState) -> None:
-    """The experiment that sets apart what is left, on the arm that was probed, one click away."""
+    """Show the experiment that separates open explanations, with a button that runs it."""
     diagnosis, session = state.diagnosis, state.study.source.session
     world = None if session is None else same_world(session)
     folder = state.study.folder
@@ -206,7 +206,7 @@ def _next_step(home: AppState, state: WorkbenchState) -> None:
 
 
 def _once(text: str, work: Callable[[], Awaitable[None]]) -> ui.button:
-    """A button that cannot be pressed again before its work is done."""
+    """Make a button that is disabled while its work runs."""
 
     async def pressed() -> None:
         button.disable()
@@ -220,7 +220,7 @@ def _once(text: str, work: Callable[[], Awaitable[None]]) -> ui.button:
 
 
 async def _permitted(force_n: float, arguments: list[str]) -> bool:
-    """The question before a real arm gets power, as `palpate probe` asks it.
+    """Ask before a real arm gets power, as `palpate probe` does.
 
     The answer needs a number that only the terminal shows: whoever else reaches the page, a script in it or
     another user of this machine, cannot give it.

@@ -1,4 +1,4 @@
-"""The page: composes its parts, and carries out what is clicked; one fit at a time, the newest last."""
+"""The page: builds its parts and handles clicks; one fit at a time, the newest last."""
 
 import asyncio
 from collections.abc import Awaitable, Callable, Sequence
@@ -57,7 +57,7 @@ class Page:
         gallery: Callable[[str], Awaitable[None]],
         use_runs: UseRuns,
     ) -> None:
-        """Put everything in its place: raw curves first, then the fit, then the evidence.
+        """Build all parts: raw curves first, then the fit, then the evidence.
 
         Args:
             below: builds what belongs above the effects; returns what is told which effects are chosen.
@@ -98,7 +98,7 @@ class Page:
                 await self._effects.weigh(self._idle)
 
         async def follow() -> None:
-            """Show what was chosen in another tab."""
+            """Show a selection made in another tab."""
             shown, choice = self._shown, self.state.choice
             if shown is None or choice == shown.choice or not self._idle.is_set():
                 return
@@ -112,7 +112,7 @@ class Page:
             ui.timer(_FOLLOW_S, follow)
 
     async def tick(self, effect: str) -> None:
-        """Add an effect, or take it away."""
+        """Add an effect, or remove it."""
 
         def toggled() -> ModelSelection:
             return self.state.toggled(effect)
@@ -120,7 +120,7 @@ class Page:
         await self._change(lambda: self.state.choose(toggled()), toggled)
 
     async def choose(self, choice: ModelSelection) -> None:
-        """Show another choice.
+        """Show another selection.
 
         Args:
             choice: the model to fit and show.
@@ -128,7 +128,7 @@ class Page:
         await self._change(lambda: self.state.choose(choice), lambda: choice)
 
     async def add(self, effects: Sequence[str]) -> None:
-        """Tick effects, as a diagnosis proposes.
+        """Select effects, as a diagnosis proposes.
 
         Args:
             effects: their names, in order.
@@ -137,7 +137,7 @@ class Page:
         await self.choose(choice.with_effects(list(dict.fromkeys([*choice.effects, *effects]))))
 
     def found(self) -> None:
-        """A diagnosis is there: the error is measured by its noise level, and groups by its word."""
+        """Use a finished diagnosis: its noise level for the error, and its groups of effects."""
         if self._shown is not None:
             self._effects.arrange()
             ui.timer(0.01, lambda: self._change(self.state.show), once=True)
@@ -145,7 +145,7 @@ class Page:
     async def _change(
         self, work: Callable[[], DisplayedFit], coming: Callable[[], ModelSelection] | None = None
     ) -> None:
-        """Fit, and show: error and curves first, maps next, intervals when they are ready.
+        """Fit, then show error and curves first, maps next, and intervals last.
 
         A preview of what is coming is shown until a slow fit is there.
         """
@@ -187,7 +187,7 @@ class Page:
     async def _fit(
         self, work: Callable[[], DisplayedFit], coming: Callable[[], ModelSelection] | None
     ) -> DisplayedFit | None:
-        """Preview what is coming, and do the work; returns the fit shown before if that fails."""
+        """Preview the selection and fit it; return the fit shown before if that fails."""
         preview = None
         if coming is not None:
             with suppress(PalpateError):  # the fit says why
@@ -203,7 +203,7 @@ class Page:
             return self._shown
 
     async def pull(self, name: str, value: float) -> None:
-        """Draw the model with the slider of a parameter at a value: curves first, then all other views.
+        """Draw the model with a slider at a value: curves first, then all other views.
 
         Args:
             name: of the parameter.
@@ -285,7 +285,7 @@ class Page:
             await self._step(self.state.redo if again else self.state.undo)
 
     async def keep(self) -> None:
-        """Keep the chosen effects as a revision."""
+        """Save the selected effects as a revision."""
         try:
             kept = await asyncio.to_thread(self.state.keep)
         except PalpateError as error:
@@ -295,7 +295,7 @@ class Page:
         self._list_revisions()
 
     async def write_report(self) -> None:
-        """Write the report of the chosen effects, keep them as a revision, and link to the report."""
+        """Save the selected effects as a revision, write their report, and link to it."""
         study = self.state.study
         path = study.source.path
         folder = study.folder or (derived_folder(path) if path is not None else Path("palpate-data"))
@@ -335,7 +335,7 @@ def _button(text: str, icon: str, work: Callable[[], object], about: str, look: 
 
 
 def gates(state: WorkbenchState) -> None:
-    """The checklist of the gate.
+    """Return the checklist of the data checks.
 
     Args:
         state: of the page.

@@ -1,4 +1,4 @@
-"""The right of the page: error, waterfall, parameters, and the lines that do the same."""
+"""Right panel of the page: error, waterfall, parameters, and equivalent commands."""
 
 import math
 from collections.abc import Awaitable, Callable, Mapping
@@ -22,7 +22,7 @@ _STEPS = 200  # of a slider
 
 @dataclass(frozen=True)
 class JudgedFit:
-    """What is known of a fit once its intervals are."""
+    """Facts about a fit that need its intervals."""
 
     shown: DisplayedFit  # the fit
     unphysical: tuple[str, ...]  # gains beyond what is physical, in words
@@ -40,24 +40,24 @@ class JudgedFit:
 
 
 class ErrorCard:
-    """The held-out error, large, and how it fell."""
+    """The held-out error in large type, and how it fell."""
 
     def __init__(self) -> None:
         self._judged: JudgedFit | None = None
 
     def build_number(self) -> None:
-        """Put the number where it is always in sight."""
+        """Build the number, which stays visible."""
         self._number = ui.html("…").classes("error").mark("error").props("aria-live=polite")
 
     def build(self) -> None:
-        """Put what explains the number."""
+        """Build the elements that explain the number."""
         with ui.element("section").classes("card waterfall"):
             heading("Error in held-out runs", elements.ERROR)
             self._wrong = ui.label().classes("bad unphysical").mark("unphysical")
             self._fall = set_props(ui.html("").mark("waterfall"), title=elements.FALL)
 
     def show(self, shown: DisplayedFit) -> None:
-        """State the error of a fit; whether that is good is said by `judge`.
+        """Show the error of a fit; `judge` shows whether that is good.
 
         Args:
             shown: the fit.
@@ -70,7 +70,7 @@ class ErrorCard:
             self.judge(self._judged)
 
     def judge(self, fit: "JudgedFit") -> None:
-        """State whether a fit whose intervals are known is good: a small error alone does not make it so.
+        """Show whether a fit with known intervals is good: a small error alone does not make it so.
 
         Args:
             fit: with its intervals.
@@ -88,7 +88,7 @@ class ErrorCard:
         self._wrong.set_text(" ".join(impossible(fit.unphysical)))
 
     def preview(self, error: float, unit: str, noise: float) -> None:
-        """State the error at the values of the sliders.
+        """Show the error at the values of the sliders.
 
         Args:
             error: held-out error [unit].
@@ -138,7 +138,7 @@ def waterfall(steps: tuple[tuple[str, float], ...], noise: float, unit: str) -> 
 
 
 class Parameters:
-    """Sliders, intervals, and what is held or bounded."""
+    """Sliders and intervals of parameters, and whether they are held or bounded."""
 
     def __init__(
         self, state: WorkbenchState, choose: Choose, pulled: Callable[[str, float], Awaitable[None]]
@@ -166,7 +166,7 @@ class Parameters:
             self._list = ui.element("div").classes("parameters")
 
     def show(self, shown: DisplayedFit) -> None:
-        """List the parameters of a fit; its intervals come later, unless they are known already.
+        """List the parameters of a fit; intervals that are not known yet come later.
 
         Args:
             shown: the fit.
@@ -190,7 +190,7 @@ class Parameters:
                 ui.label("nothing is fitted in this model").classes("quiet")
 
     def show_intervals(self, estimates: Mapping[str, ParameterEstimate]) -> None:
-        """State the 95 % intervals.
+        """Show the 95 % intervals.
 
         Args:
             estimates: by "effect.parameter".
@@ -202,7 +202,7 @@ class Parameters:
             self._mark_state(name)
 
     def mark_pulled(self, shown: DisplayedFit) -> None:
-        """State the values that sliders were pulled to.
+        """Show the values of moved sliders.
 
         Args:
             shown: the fit with the values of the sliders.
@@ -222,7 +222,7 @@ class Parameters:
         self._intervals[name].set_text(self._interval(name))
 
     def _interval(self, name: str) -> str:
-        """The 95 % interval of a parameter; beside a slider that was pulled, with the fitted value."""
+        """Describe a parameter's 95 % interval, and the fitted value beside a moved slider."""
         assert self._shown is not None  # noqa: S101, set by `show`
         choice = self._shown.choice
         if name in choice.held and name not in choice.pulled:
@@ -307,7 +307,7 @@ class Parameters:
 
 
 class Lines:
-    """The command and the Python line that do the same."""
+    """The equivalent command and Python line."""
 
     def __init__(self, state: WorkbenchState) -> None:
         self._state = state

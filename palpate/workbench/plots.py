@@ -1,4 +1,4 @@
-"""The curves of the page, and the panel in its middle: cursors, run selection, residual maps."""
+"""Curves of the page, and its middle panel: cursors, run selection, residual maps."""
 
 from collections.abc import Awaitable, Callable, Mapping, Sequence
 from dataclasses import dataclass
@@ -27,7 +27,7 @@ MEASURED, BASE, MODEL, LEFT_BEFORE, LEFT = range(5)  # traces over time
 
 @dataclass(frozen=True)
 class DrawnMotion:
-    """A channel as it is drawn: units that people read, and which samples of which runs."""
+    """A channel as drawn: display units, and the selected samples."""
 
     data: ChannelData
     runs: tuple[int, ...]
@@ -38,7 +38,7 @@ class DrawnMotion:
 
     @classmethod
     def of(cls, data: ChannelData, runs: Sequence[int] = ()) -> "DrawnMotion":
-        """The motion of some runs; of all without any.
+        """Select the motion of some runs; of all runs without any.
 
         Args:
             data: the channel, n samples.
@@ -52,7 +52,7 @@ class DrawnMotion:
 
     @property
     def judged(self) -> BoolArray:
-        """Samples of the chosen runs, shape (n,)."""
+        """Samples of the selected runs, shape (n,)."""
         return np.isin(self.data.run, self.runs) if self.runs else np.ones(len(self.data), dtype=np.bool_)
 
     def map(self, residual: FloatArray) -> ResidualMap:
@@ -64,7 +64,7 @@ class DrawnMotion:
         return residual_map(self.position, self.velocity, residual, self.judged & self.data.engaged)
 
     def rows(self, values: FloatArray, most: int, span_s: tuple[float, float] | None = None) -> IntArray:
-        """Samples to draw so that peaks of `values` (n,) are seen; -1 for a gap between two runs.
+        """Select samples to draw so that peaks of `values` (n,) are seen; -1 for a gap between runs.
 
         Args:
             values: shape (n,).
@@ -94,7 +94,7 @@ def picked(values: FloatArray, rows: IntArray) -> np.ndarray:
 
 
 def time_figure(motion: DrawnMotion, base: FloatArray | None, left: FloatArray | None) -> Figure:
-    """Measured effort, base model and model over time; below, what they leave.
+    """Draw measured effort, base model and model over time, and residuals below.
 
     Args:
         motion: what is drawn, n samples.
@@ -134,7 +134,7 @@ def time_update(
     now: tuple[FloatArray, FloatArray],
     span_s: tuple[float, float] | None,
 ) -> Restyle:
-    """All curves over time again, with as many points in the span that is looked at; see `time_figure`.
+    """Return all curves over time again, with full detail in the visible span.
 
     Args:
         motion: what is drawn, n samples.
@@ -151,7 +151,7 @@ def time_update(
 def model_update(
     motion: DrawnMotion, predicted: FloatArray, left: FloatArray, span_s: tuple[float, float] | None
 ) -> Restyle:
-    """The model's curves alone.
+    """Return the model's curves alone.
 
     Args:
         motion: what is drawn, n samples.
@@ -164,7 +164,7 @@ def model_update(
 
 
 def _state_rows(motion: DrawnMotion) -> IntArray:
-    """Samples of a few runs, evenly in time: a path over the state has no peaks to keep."""
+    """Select samples of a few runs, evenly in time: curves over the state have no peaks to keep."""
     there = motion.data.runs
     few = motion.runs or tuple(there[np.unique(np.linspace(0, len(there) - 1, _FEW).astype(int))].tolist())
     rows = np.flatnonzero(np.isin(motion.data.run, few) & near(motion))
@@ -173,7 +173,7 @@ def _state_rows(motion: DrawnMotion) -> IntArray:
 
 
 def near(motion: DrawnMotion) -> BoolArray:
-    """Where a contact is pressed, and somewhat before and after; all of a joint's motion.
+    """Select the samples around a contact; all of a joint's motion.
 
     Args:
         motion: what is drawn, n samples.
@@ -187,7 +187,7 @@ def near(motion: DrawnMotion) -> BoolArray:
 
 
 def state_figure(motion: DrawnMotion, predicted: FloatArray | None) -> Figure:
-    """Measured effort and model over position, and over velocity.
+    """Draw measured effort and model over position, and over velocity.
 
     Args:
         motion: what is drawn, n samples.
@@ -217,12 +217,12 @@ _PANELS = ({"xaxis": "x", "yaxis": "y"}, {"xaxis": "x2", "yaxis": "y2"})  # axes
 
 
 def _beside(title: str) -> dict[str, Any]:
-    """The vertical axis of the second of two panels: that of the first, said once."""
+    """Return the vertical axis of the second panel, which shares that of the first."""
     return axis(title, anchor="x2", matches="y") | {"showticklabels": False, "title": {"text": ""}}
 
 
 def _stacked(height: int) -> Figure:
-    """How the layout of two panels differs where there is no room for them side by side."""
+    """Return the changes of layout that stack two panels on narrow screens."""
     upper, lower = [0.58, 1.0], [0.0, 0.42]
     return {
         "height": height,
@@ -234,7 +234,7 @@ def _stacked(height: int) -> Figure:
 
 
 def state_update(motion: DrawnMotion, predicted: FloatArray) -> Restyle:
-    """The model's curves over the state.
+    """Return the model's curves over the state.
 
     Args:
         motion: what is drawn, n samples.
@@ -245,7 +245,7 @@ def state_update(motion: DrawnMotion, predicted: FloatArray) -> Restyle:
 
 
 def map_figure(motion: DrawnMotion, before: FloatArray, now: FloatArray) -> Figure:
-    """What base model and model leave over the state, in the same colours.
+    """Draw residuals of base model and model over the state, on one colour scale.
 
     Args:
         motion: what is drawn, n samples.
@@ -285,7 +285,7 @@ def map_figure(motion: DrawnMotion, before: FloatArray, now: FloatArray) -> Figu
 
 
 def map_update(motion: DrawnMotion, residual: FloatArray) -> Restyle:
-    """The model's map.
+    """Return the model's residual map.
 
     Args:
         motion: what is drawn, n samples.
@@ -297,7 +297,7 @@ def map_update(motion: DrawnMotion, residual: FloatArray) -> Restyle:
 
 
 def cursor_shapes(times_s: Mapping[str, float]) -> dict[str, Any]:
-    """The cursors A and B as lines with their letters.
+    """Return the cursors A and B as lines with their letters.
 
     Args:
         times_s: of each cursor, by its letter [s].
@@ -317,7 +317,7 @@ def cursor_shapes(times_s: Mapping[str, float]) -> dict[str, Any]:
 
 
 def _above(text: str, x_axis: str, y_axis: str) -> dict[str, Any]:
-    """A title in the middle above the panel of these axes."""
+    """Return a centred title above the panel of these axes."""
     place = {"xref": f"{x_axis} domain", "yref": f"{y_axis} domain", "x": 0.5, "y": 1.0, "yanchor": "bottom"}
     return {**place, "text": text, "showarrow": False}
 
@@ -340,7 +340,7 @@ class PlotPanel:
         self._next = "A"
 
     def build(self) -> None:
-        """Put the elements where they are; raw curves are there before, and whatever, the analysis says."""
+        """Build the elements; raw curves are shown before any analysis, and if it fails."""
 
         def zoom(event: events.GenericEventArguments) -> None:
             span = event.args
@@ -399,7 +399,7 @@ class PlotPanel:
             self._model(*self._drawn)
 
     def show_state(self) -> None:
-        """Draw the fit over the state: what is looked at after the curves over time."""
+        """Draw the fit over the state, after the curves over time."""
         if self._drawn is not None:
             self._state_plot.restyle(state_update(self._motion, self._drawn[0]))
 
@@ -414,7 +414,7 @@ class PlotPanel:
             self._map.restyle(map_update(self._motion, self._drawn[1]))
 
     def preview(self, effort: FloatArray) -> None:
-        """Draw another prediction (n,) than that of the fit, while a slider is pulled.
+        """Draw another prediction (n,) than the fit's while a slider moves.
 
         Args:
             effort: shape (n,), in the effort's unit.

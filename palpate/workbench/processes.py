@@ -29,7 +29,7 @@ class StoppedError(PalpateError):
 
 
 class DiagnosisProcess:
-    """Judges in another process, so that the page stays quick, and can be stopped; see `fitting.diagnose`."""
+    """Diagnoses in another process, so that the page stays quick and can stop it."""
 
     def __init__(self) -> None:
         self._stop = Event()
@@ -37,7 +37,7 @@ class DiagnosisProcess:
         self.said = ""  # why there is no answer
 
     def note(self, what: str, share: float) -> None:
-        """How far it is.
+        """Note the progress.
 
         Args:
             what: is being done.
@@ -46,7 +46,7 @@ class DiagnosisProcess:
         self.now = what, share
 
     def stop(self) -> None:
-        """End the work; whoever waits for it gets `StoppedError`."""
+        """Stop the work; its caller gets `StoppedError`."""
         self._stop.set()
 
     def __call__(
@@ -99,7 +99,7 @@ _MOST = 6  # fits that the other process keeps to go on from: those asked for la
 
 
 class FitPrefetcher:
-    """One process that fits models of one channel."""
+    """A process that fits models of one channel ahead of their use."""
 
     def __init__(self, study: Study, channel: StudyChannel) -> None:
         self._study, self._channel = study, channel
@@ -113,7 +113,7 @@ class FitPrefetcher:
         )
 
     async def fit(self, effects: Sequence[str]) -> None:
-        """Make a fit known to the study, if it is not yet.
+        """Make a fit and give it to the study, if the study does not have it.
 
         Args:
             effects: added to the base model, in order.
@@ -126,7 +126,7 @@ class FitPrefetcher:
             self._study.take_fit(self._channel, effects, packed)
 
     def close(self) -> None:
-        """End the process, whatever it is doing. Can be called again."""
+        """End the process at once; can be called again."""
         if self not in _working:
             return
         _working.discard(self)
@@ -148,7 +148,7 @@ _fits: dict[tuple[str, ...], FitResult] = {}
 
 
 def _begin_worker(channel: StudyChannel, effects: Sequence[Effect]) -> None:
-    """Make this process ready: it gives way to the page."""
+    """Initialise a fitting process with low priority."""
     global _channel  # noqa: PLW0603, of this process alone
     end_with_parent()
     os.nice(_NICE)
@@ -161,7 +161,7 @@ def _fit_packed(effects: tuple[str, ...]) -> PackedFit:
 
 
 def _fitted(effects: tuple[str, ...]) -> FitResult:
-    """As `Study.fit`, from the fits of this process."""
+    """Fit as `Study.fit` does, starting from fits of this process."""
     made = _fits.pop(effects, None)
     if made is None and not effects:
         made = fit_base(_channel.to_fit, _channel.model)

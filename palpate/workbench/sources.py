@@ -1,4 +1,4 @@
-"""Where data comes from: a dropped file, or a session that is still being written."""
+"""Sources of data: a dropped file, or a session that is still being written."""
 
 import asyncio
 import re
@@ -39,7 +39,7 @@ _SHOWN = 4  # values of a column that are shown
 
 @dataclass
 class ColumnGuess:
-    """What a column is taken for; `quantity` may number a joint, as in position_2."""
+    """Guessed role of a column; `quantity` may number a joint, as in position_2."""
 
     name: str
     quantity: str
@@ -49,7 +49,7 @@ class ColumnGuess:
 
 
 def guess(table: Table) -> list[ColumnGuess]:
-    """What each column of numbers seems to hold, as every command guesses it; the time also by its values.
+    """Guess the role of each numeric column by name, and of the time also by its values.
 
     Args:
         table: the file.
@@ -74,7 +74,7 @@ def guess(table: Table) -> list[ColumnGuess]:
 
 
 def options_of(columns: Sequence[ColumnGuess]) -> ImportOptions:
-    """How to read the file, as the page has it. InputError: two columns hold the same.
+    """Return the import options for these roles. InputError: two columns have the same role.
 
     Args:
         columns: as the user left them.
@@ -88,7 +88,7 @@ def options_of(columns: Sequence[ColumnGuess]) -> ImportOptions:
 
 
 def units_of(quantity: str) -> list[str]:
-    """Units that a quantity may have.
+    """Return the units that a quantity may have.
 
     Args:
         quantity: such as force or position_2.
@@ -111,7 +111,7 @@ Opened = Callable[[Path, ImportOptions], Awaitable[None]]
 
 
 class FileDrop:
-    """The place to drop a file, and then the columns of it."""
+    """Area to drop a file on, and a form for its columns."""
 
     def __init__(self, opened: Opened) -> None:
         self._opened = opened
@@ -138,7 +138,7 @@ class FileDrop:
         self._review = ui.element("div").classes("dropped")
 
     async def begin(self, path: Path) -> bool:
-        """Open a session at once, and a data file after a look at its columns; whether it can be read.
+        """Open a session at once, a data file after a review of its columns; return whether it can be read.
 
         Args:
             path: a session, a folder of sessions or a data file.
@@ -154,7 +154,7 @@ class FileDrop:
         return True
 
     async def _keep(self, event: events.UploadEventArguments) -> tuple[Path, bool]:
-        """The file, kept under its own name, and whether it was not there; another of that name stays."""
+        """Store the file under its own name; return its path, and whether it is new."""
         name = Path(event.file.name).name
         if event.file.size() > MOST_BYTES:  # the browser refuses it, but whoever sends it need not be one
             raise InputError(f"{name}: larger than {MOST_BYTES // 10**6} MB; open it by its name instead")
@@ -274,7 +274,7 @@ class Feed:
         return bool(self._channel.has_sinks())
 
     def send(self, session: Path, ticks: Samples) -> None:
-        """Send what is newer than what was sent of the session before; to nobody, nothing is sent.
+        """Send ticks that were not sent before; nothing without subscribers.
 
         Args:
             session: that is being written.
@@ -306,7 +306,7 @@ class Feed:
 
 
 def online_residual(ticks: Samples) -> FloatArray:
-    """Force less that of the online estimates of k, c and surface, (n,) [N]; NaN where there are none.
+    """Return force minus the online estimate's, (n,) [N]; NaN without an estimate.
 
     Args:
         ticks: n ticks with the online estimates.
@@ -326,7 +326,7 @@ _LAST = 30_000  # ticks that are kept
 
 
 def newest_growing(folder: Path) -> Path | None:
-    """The newest session of a folder, if it is still being written.
+    """Return the newest session of a folder, if it is still being written.
 
     Args:
         folder: of sessions.
@@ -341,7 +341,7 @@ def newest_growing(folder: Path) -> Path | None:
 
 
 def live_figure(ticks: Samples) -> Figure:
-    """Force with its residual, torques, and online estimates over the last seconds.
+    """Draw force with residual, torques, and online estimates over the last seconds.
 
     Args:
         ticks: of the session that is being written.
@@ -377,7 +377,7 @@ def live_figure(ticks: Samples) -> Figure:
 
 
 class Live:
-    """Follows one session until it is complete; then it is opened."""
+    """Follows one session until it is complete, and then opens it."""
 
     def __init__(
         self, session: Path, done: Callable[[Path], Awaitable[None]], feed: Feed | None = None
@@ -418,7 +418,7 @@ class Live:
 
 
 async def run_command(arguments: Sequence[str], hear: Callable[[str], object]) -> str:
-    """Run a palpate command in a process of its own; if this is cancelled, as Ctrl-C in a terminal ends it.
+    """Run a palpate command in a process; cancelling ends it as Ctrl-C would.
 
     Args:
         arguments: of `palpate`; nobody is there to be asked.

@@ -1,4 +1,4 @@
-"""What the server shows and answers before the page's library is imported, which takes seconds."""
+"""State of the server, and its answers before the page's library is imported (some seconds)."""
 
 import socket
 from base64 import b64encode
@@ -30,7 +30,7 @@ if TYPE_CHECKING:
 
 @dataclass
 class AppState:
-    """What the server shows."""
+    """State that the server shows."""
 
     folder: Path  # whose sessions are offered
     file: Path | None = None  # that was asked for; None for none
@@ -46,11 +46,11 @@ class AppState:
 
     @property
     def waiting(self) -> str:
-        """What is shown while the data is being read, as HTML."""
+        """HTML that is shown while data is being read."""
         return f'<p class="quiet">{escape(self.reading or "opening")} …</p>{self.raw}'
 
     def serve_report(self, path: Path) -> str:
-        """Make a report available to the browser; returns its address, which nobody can guess.
+        """Serve a report to the browser; return its address, which nobody can guess.
 
         Args:
             path: of the report.
@@ -60,7 +60,7 @@ class AppState:
         return f"/report/{key}"
 
     def read(self, make: "Callable[[], WorkbenchState]", what: str) -> None:
-        """Read the data in another thread; the page shows what was measured and waits for it.
+        """Read data in another thread; meanwhile the page shows the raw curves.
 
         Args:
             make: reads the data.
@@ -107,7 +107,7 @@ _POLICY = (
 
 
 class EarlyServer(ThreadingTCPServer):
-    """A port of this machine that is open, and whose first visitor is answered.
+    """An open port of this machine that answers its first visitor.
 
     Args:
         host: address that it listens at.
@@ -136,13 +136,13 @@ class EarlyServer(ThreadingTCPServer):
         Thread(target=self.serve_forever, args=(_POLL_S,), daemon=True).start()
 
     def release_socket(self) -> socket.socket:
-        """The open socket; nobody is answered here any longer."""
+        """Stop answering, and return the open socket."""
         if self._answers:  # else it would wait for ever
             self.shutdown()
         return self.socket
 
     def handle_error(self, *_: object) -> None:
-        """Leave alone who hangs up."""
+        """Ignore visitors who hang up."""
 
 
 class _Reply(BaseHTTPRequestHandler):
@@ -150,7 +150,7 @@ class _Reply(BaseHTTPRequestHandler):
     timeout = _PATIENCE_S
 
     def do_GET(self) -> None:
-        """The page, once: whoever asks after that waits for the server that comes.
+        """Answer the page once; later visitors wait for the real server.
 
         A page of an earlier server asks for other places, to be connected again: it is told to come back.
         """
@@ -173,7 +173,7 @@ class _Reply(BaseHTTPRequestHandler):
         self.server.shutdown()
 
     def log_message(self, *_: object) -> None:
-        """Say nothing of it."""
+        """Log nothing."""
 
 
 _TICKS = "tick"
@@ -183,7 +183,7 @@ _MOST_POINTS = 600  # of a curve
 def picture(
     x: FloatArray, curves: Sequence[tuple[FloatArray, str]], width: int = 72, height: int = 44
 ) -> str:
-    """A small drawing of curves (n,) over x (n,), as SVG without axes.
+    """Draw curves (n,) over x (n,) as a small SVG without axes.
 
     Args:
         x: shape (n,).
@@ -205,7 +205,7 @@ def picture(
 
 
 def raw_curves(file: Path) -> str:
-    """Force and torques of a probing over time, as they were measured; empty for other files.
+    """Draw a probing's measured force and torques over time; empty for other files.
 
     Args:
         file: session or data file.
@@ -240,7 +240,7 @@ def _panel(title: str, time_s: FloatArray, curves: Sequence[tuple[FloatArray, st
 
 
 def early_server(port: int) -> EarlyServer:
-    """The page's address, open from now on.
+    """Open the page's address.
 
     Args:
         port: on this machine; 0 takes any free one.

@@ -1,4 +1,4 @@
-"""The state of the workbench: a study, the model chosen on the page, and undo; without any page."""
+"""State of the workbench without any page: a study, the selected model, and undo."""
 
 from collections import deque
 from collections.abc import Mapping, MutableSequence, Sequence
@@ -30,7 +30,7 @@ _MOST_STEPS = 100  # that can be undone
 
 @dataclass(frozen=True)
 class ModelSelection:
-    """The model that is chosen: one step of undo and redo."""
+    """The selected model: one step of undo and redo."""
 
     channel: str  # its name
     effects: tuple[str, ...] = ()  # added to the base model, in order
@@ -42,11 +42,11 @@ class ModelSelection:
 
     @property
     def fitted(self) -> "ModelSelection":
-        """The same choice with all sliders at the fitted values."""
+        """The same selection with all sliders at the fitted values."""
         return replace(self, pulled={})
 
     def with_effects(self, effects: Sequence[str]) -> "ModelSelection":
-        """The same with other effects; what was said of parameters that are gone is dropped.
+        """Return the selection with other effects, and without settings of removed parameters.
 
         Args:
             effects: their names, in order.
@@ -59,7 +59,7 @@ class ModelSelection:
 
 @dataclass(frozen=True, eq=False)
 class DisplayedFit:
-    """The chosen model beside the base model."""
+    """The selected model beside the base model."""
 
     choice: ModelSelection  # what was chosen
     base: FitResult  # the base model
@@ -71,11 +71,11 @@ class DisplayedFit:
 
     @property
     def values(self) -> dict[str, float]:
-        """Parameters as drawn: the fitted values, and those that sliders were pulled to."""
+        """Parameters as drawn: fitted values, and values of moved sliders."""
         return {**self.fitted.values, **self.choice.pulled}
 
     def error_at(self, values: Mapping[str, float]) -> float:
-        """Root mean square error of the model at other parameters, where the error is judged.
+        """Return the root mean square error at other parameters, on the scored samples.
 
         Args:
             values: by "effect.parameter".
@@ -109,21 +109,21 @@ class WorkbenchState:
 
     @property
     def channel(self) -> StudyChannel:
-        """The channel that is shown, with its base model."""
+        """The selected channel with its base model."""
         return self.study.channel(self.choice.channel)
 
     @property
     def diagnosis(self) -> ChannelDiagnosis | None:
-        """What was found in this channel, if anybody asked."""
+        """Diagnosis of this channel, None before."""
         return self.study.known_diagnosis(self.channel)
 
     def effects(self) -> tuple[Effect, ...]:
-        """The library for this channel: what can be added to its base model."""
+        """Effects that can be added to this channel's base model."""
         fitted = self.study.fit(self.channel)
         return applicable_effects(fitted.data, fitted.model, self.study.effects)
 
     def show(self, choice: ModelSelection | None = None) -> DisplayedFit:
-        """Fit a choice, the present one by default, by the very fit that the commands use.
+        """Fit a selection, by default the present one, in the same way as the commands.
 
         Args:
             choice: channel, effects and held parameters; None for the present choice.
@@ -140,7 +140,7 @@ class WorkbenchState:
     def _shown(
         self, choice: ModelSelection, stages: Sequence[FitResult], *, is_rough: bool = False
     ) -> DisplayedFit:
-        """The last of some fits, which were made by adding one effect after the other."""
+        """Return the last of nested fits, with the errors of all."""
         base = stages[0]
         labels = [base.model.name, *(f"+ {name}" for name in choice.effects), "held and bounded"]
         steps = tuple((label, stage.rmse) for label, stage in zip(labels, stages, strict=False))
@@ -148,7 +148,7 @@ class WorkbenchState:
         return DisplayedFit(choice, base, stages[-1], steps, noise, is_rough)
 
     def preview(self, choice: ModelSelection) -> DisplayedFit | None:
-        """Fit roughly what `show` will give; None where that is known, or parameters are held or bounded.
+        """Predict roughly what `show` will return; None if known, or with held or bounded parameters.
 
         Args:
             choice: the model.
@@ -163,7 +163,7 @@ class WorkbenchState:
         return self._shown(choice, stages, is_rough=True)
 
     def choose(self, choice: ModelSelection) -> DisplayedFit:
-        """Fit a choice and make it the present one; nothing changes if it cannot be fitted.
+        """Fit a selection and make it the present one; nothing changes if it cannot be fitted.
 
         Args:
             choice: channel, effects and held parameters.
@@ -176,7 +176,7 @@ class WorkbenchState:
         return shown
 
     def set_choice(self, choice: ModelSelection) -> None:
-        """Make a choice the present one without a fit; undo goes back to the one before.
+        """Make a selection the present one without a fit; undo restores the previous one.
 
         Args:
             choice: channel, effects and held parameters.
@@ -188,7 +188,7 @@ class WorkbenchState:
             self.choice = choice
 
     def pull(self, name: str, value: float) -> None:
-        """Note that a slider was pulled to a value: one step of undo until `release`.
+        """Store a moved slider's value: one step of undo until `release`.
 
         Args:
             name: "effect.parameter".
@@ -204,11 +204,11 @@ class WorkbenchState:
             self._pulling = name
 
     def release(self) -> None:
-        """Note that the slider was let go."""
+        """Store that the slider was released."""
         self._pulling = ""
 
     def toggled(self, effect: str) -> ModelSelection:
-        """The present choice with an effect added, or taken away if it is there.
+        """Return the selection with an effect added, or removed if it is selected.
 
         Args:
             effect: its name.
@@ -219,7 +219,7 @@ class WorkbenchState:
         )
 
     def with_held(self, name: str, value: float | None) -> ModelSelection:
-        """The present choice with a parameter held at a value; None to free it.
+        """Return the selection with a parameter held at a value; None to free it.
 
         Args:
             name: "effect.parameter".
@@ -230,7 +230,7 @@ class WorkbenchState:
         return replace(self.choice, held=held, bounds=bounds, pulled={})
 
     def with_bounds(self, name: str, bounds: Bounds) -> ModelSelection:
-        """The present choice with a parameter bounded.
+        """Return the selection with a parameter bounded.
 
         Args:
             name: "effect.parameter".
@@ -249,7 +249,7 @@ class WorkbenchState:
 
     @property
     def can_undo(self) -> bool:
-        """Whether there is a step to go back to."""
+        """Whether there is a step to undo."""
         return bool(self._past)
 
     @property
@@ -258,7 +258,7 @@ class WorkbenchState:
         return bool(self._future)
 
     def undo(self) -> "WorkbenchState":
-        """Go back one step.
+        """Undo one step.
 
         Returns:
             This state; another one of the same measurement if the last step was to use its runs otherwise.
@@ -266,7 +266,7 @@ class WorkbenchState:
         return self._moved(self._past, self._future)
 
     def redo(self) -> "WorkbenchState":
-        """Go forward again; see `undo`."""
+        """Redo one step; see `undo`."""
         return self._moved(self._future, self._past)
 
     def _moved(self, source: MutableSequence[_Step], target: MutableSequence[_Step]) -> "WorkbenchState":
@@ -284,7 +284,7 @@ class WorkbenchState:
         return self.choice, (self.out, self.study.held_out)
 
     def to_channel(self, name: str) -> DisplayedFit:
-        """Show another channel, with what was last added to it.
+        """Select another channel, with the effects that were last added to it.
 
         Args:
             name: of the channel.
@@ -292,7 +292,7 @@ class WorkbenchState:
         return self.choose(self._start_of(name))
 
     def to_revision(self, revision: Revision) -> DisplayedFit:
-        """Show a kept revision.
+        """Select a saved revision.
 
         Args:
             revision: kept in the study's folder.
@@ -309,7 +309,7 @@ class WorkbenchState:
         return self.choose(ModelSelection(revision.channel, tuple(revision.effects)))
 
     def keep(self) -> tuple[Revision, ...]:
-        """Keep the chosen effects as revisions, as `palpate add --fresh` does; held values are not kept."""
+        """Save the selected effects as revisions, as `palpate add --fresh` does, without held values."""
         if not self.choice.effects:
             raise InputError("nothing is added yet: tick an effect first")
         return self.study.add(*self.choice.effects, channel=self.choice.channel, fresh=True).revisions
@@ -321,7 +321,7 @@ class WorkbenchState:
         return newest is not None and tuple(newest.effects) == self.choice.effects
 
     def parameter(self, name: str) -> Parameter:
-        """What is known of a parameter of the chosen model before any fit.
+        """Return facts about a parameter of the selected model that need no fit.
 
         Args:
             name: "effect.parameter".
@@ -369,14 +369,14 @@ class WorkbenchState:
         return state
 
     def _with(self, source: Source, held_out: Sequence[int]) -> "WorkbenchState":
-        """Return a state of other data with the base model and effects of this one."""
+        """Return a state of other data with the same base model and effects."""
         study = self.study
         state = WorkbenchState(Study(source, study.model, effects=study.own_effects, held_out=held_out))
         state.choice = ModelSelection(self.choice.channel, self.choice.effects)
         return state
 
     def command(self) -> str:
-        """The command that does what the page shows; empty where none does."""
+        """Command with the same result as the page; empty where none has."""
         measured = self.study.source
         if (self.out and measured.session is None) or self.choice.held or self.choice.bounds:
             return ""
@@ -391,7 +391,7 @@ class WorkbenchState:
         return f"palpate add {source} {' '.join(self.choice.effects)} --fresh --model {model} {where}"
 
     def python(self) -> str:
-        """The Python line that does what the page shows."""
+        """Python line with the same result as the page."""
         if not (self.out or self.study.held_out):
             return self._python()
         source = f"study.source.without({list(self.out)})" if self.out else "study.source"
@@ -420,7 +420,7 @@ class WorkbenchState:
 
 @dataclass(frozen=True)
 class EffectEvidence:
-    """What one effect takes from the error beside the others that are chosen."""
+    """How one effect changes the error beside the other selected effects."""
 
     effect: str  # its name
     falls: float  # share of the held-out error
@@ -432,7 +432,7 @@ TELLING = 0.05  # share of the error below which an effect does nothing here
 
 
 def evidence_of(study: Study, channel: StudyChannel, beside: Sequence[str], effect: str) -> EffectEvidence:
-    """What one effect takes away beside others of the model. InputError: it cannot be fitted.
+    """Compute how one effect changes the error beside others. InputError: it cannot be fitted.
 
     Args:
         study: holds the fits.
@@ -449,7 +449,7 @@ def evidence_of(study: Study, channel: StudyChannel, beside: Sequence[str], effe
 
 
 def groups(evidence: Sequence[EffectEvidence]) -> list[list[EffectEvidence]]:
-    """Effects with those that do the same to this data, the most telling first.
+    """Group effects that are alike on these data, the strongest evidence first.
 
     Args:
         evidence: of each effect.
@@ -478,7 +478,7 @@ def _listed(runs: Sequence[int]) -> str:
 
 
 def describe_kind(kind: ChannelKind) -> str:
-    """What a channel is, for its button.
+    """Describe a channel's kind, for its button.
 
     Args:
         kind: of the channel.

@@ -1,4 +1,4 @@
-"""Recording files of Rerun: written whole or not at all, shown in a window, and photographed."""
+"""Recording files of Rerun: write them, open a window, and take screenshots."""
 
 from __future__ import annotations
 
@@ -65,7 +65,7 @@ def recording_file(name: str, path: Path, blueprint: rrb.Blueprint) -> Iterator[
 
 
 def time_column(time_s: FloatArray) -> list[rr.TimeColumn]:
-    """The timeline of a session.
+    """Return the timeline of a session.
 
     Args:
         time_s: shape (n,) [s].
@@ -79,7 +79,7 @@ def send_lines(
     index: FloatArray | list[rr.TimeColumn],
     lines: Mapping[str, Line],
 ) -> None:
-    """Send several curves as one entity, in one go.
+    """Send several curves as one entity at once.
 
     Args:
         recording: where to.
@@ -101,7 +101,7 @@ def send_lines(
 def plot(
     origin: str, name: str, span: tuple[float, float] | None = None, legend: rrb.Corner2D | None = None
 ) -> rrb.TimeSeriesView:
-    """A plot over all of the time; without a corner for it there is no legend, which would cover curves.
+    """Make a plot over all of the time; without a corner for it there is no legend.
 
     Args:
         origin: path of the entity.
@@ -117,7 +117,7 @@ def plot(
 
 
 def shown_on(*contents: rrb.Container | rrb.View, timeline: str) -> rrb.Blueprint:
-    """A blueprint of tabs, without the panels that a reader does not need; of revisions, at the last one.
+    """Make a blueprint of tabs without Rerun's extra panels; of revisions, at the last one.
 
     Args:
         contents: tabs.
@@ -138,7 +138,7 @@ _TOAST_S = 7.0  # the viewer greets with a note over its upper right corner
 
 
 def open_window(recording: Path) -> None:
-    """Show a recording in a window that stays when this program ends.
+    """Show a recording in a window that outlives this program.
 
     Args:
         recording: .rrd file.

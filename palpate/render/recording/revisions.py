@@ -1,4 +1,4 @@
-"""A model growing stage by stage in Rerun: its channels over time, its plots and its error budget.
+"""Revisions of a model in Rerun: channels over time, plots and error budgets.
 
 Rerun's own plots run along a timeline. Here the timeline is the revision, and each revision has whole
 curves, which are drawn as lines.
@@ -55,7 +55,7 @@ class Chart:
     width: float = WIDTH  # of the frame, in the view's own units
 
     def place(self, x: FloatArray, y: FloatArray) -> FloatArray:
-        """Points (n, 2) in the view, whose vertical axis runs downwards; cut off at the frame.
+        """Return points (n, 2) in the view, clipped to the frame; its vertical axis points down.
 
         Args:
             x: shape (n,).
@@ -92,7 +92,7 @@ class Chart:
     def strips(
         self, curves: Sequence[tuple[FloatArray, FloatArray]], color: str, width: float
     ) -> rr.LineStrips2D:
-        """Curves (x, y) of one colour; values that are not finite are left out.
+        """Return curves (x, y) of one colour without values that are not finite.
 
         Args:
             curves: x (n,) and y (n,) of each.
@@ -105,7 +105,7 @@ class Chart:
 
 
 def span_of(values: FloatArray, margin: float = 0.06) -> tuple[float, float]:
-    """Least and largest of finite values, with room around them.
+    """Return least and largest of finite values, with a margin.
 
     Args:
         values: shape (n,), not all need be finite.
@@ -118,7 +118,7 @@ def span_of(values: FloatArray, margin: float = 0.06) -> tuple[float, float]:
 
 
 def ticks(low: float, high: float) -> list[float]:
-    """Round values from low to high, about five.
+    """Return about five round values from low to high.
 
     Args:
         low: least value.
@@ -189,7 +189,7 @@ def _fill(
 
 
 def budget_tab(entity: str, name: str) -> rrb.Horizontal:
-    """The tab of an error budget.
+    """Make the tab of an error budget.
 
     Args:
         entity: path of the budget.
@@ -208,7 +208,7 @@ _WIDE = 300.0
 
 
 def record_rerun(view: StudyView, path: Path) -> None:
-    """Write the recording; the file appears whole or not at all.
+    """Write the recording, whole or not at all.
 
     Where a diagnosis is known, the first tab of a channel shows its error budget. Where effects were added,
     timeline `revision` shows curves, residual, error and words of each revision,
@@ -283,7 +283,7 @@ def record_rerun(view: StudyView, path: Path) -> None:
 
 
 def _log_curves(recording: rr.RecordingStream, channel: ChannelView) -> None:
-    """Effort over time and over position, and the residual over position."""
+    """Log effort over time and position, and the residual over position."""
     name, axes, stages = channel.name, channel.axes, channel.stages
     runs = list(rows_by_run(channel.run).values())
     pressed = [rows[channel.engaged[rows]] for rows in runs]

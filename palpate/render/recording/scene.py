@@ -143,7 +143,7 @@ def picture_rows(time_s: FloatArray) -> IntArray:
 
 
 def has_ticks(session: Session) -> bool:
-    """Whether the session was made by an arm, rather than imported.
+    """Return whether the session was made by an arm, rather than imported.
 
     Args:
         session: of an arm, or imported.
@@ -152,7 +152,7 @@ def has_ticks(session: Session) -> bool:
 
 
 def tick_columns(session: Session) -> Columns:
-    """Columns of the "tick" stream; one value a joint even where the arm has a single joint.
+    """Return columns of the "tick" stream; vectors stay vectors also for a single joint.
 
     Args:
         session: of an arm.
@@ -168,7 +168,7 @@ def tick_columns(session: Session) -> Columns:
 
 
 def last_known(values: FloatArray) -> float | None:
-    """The last finite value, None where there is none.
+    """Return the last finite value, None if there is none.
 
     Args:
         values: shape (n,).
@@ -186,7 +186,7 @@ _RESOLUTION_M = 5e-5  # smaller changes of depth are not drawn
 
 
 class PressedBlock:
-    """A block below a point on its top.
+    """A block below a point on its top, which gives way to the tip.
 
     Args:
         top_center_world_m: shape (3,), the touched point of the unloaded surface [m].
@@ -275,13 +275,13 @@ _EYE_DISTANCE = 1.5  # in sizes of the scene
 
 
 def solid_shapes() -> list[rr.AsComponents]:
-    """Defaults of a view: Rerun draws cylinders and boxes of a URDF as wire frames by itself."""
+    """Return a view's defaults that draw URDF shapes solid, which Rerun draws as wire frames."""
     shapes = (rr.Cylinders3D, rr.Boxes3D, rr.Ellipsoids3D)
     return [shape.from_fields(fill_mode="solid") for shape in shapes]
 
 
 def log_arm(recording: rr.RecordingStream, scene: Scene) -> None:
-    """Log the links once and the joints' motion; nothing where the session holds no URDF.
+    """Log the links once and the joints' motion; nothing without a URDF.
 
     Args:
         recording: where to.
@@ -360,7 +360,7 @@ def load_urdf(text: str, entity: str = _ARM, frame_prefix: str = "") -> urdf_rea
 
 
 def moving_joints(tree: urdf_reader.UrdfTree) -> list[urdf_reader.UrdfJoint]:
-    """The joints that move, from the base outwards.
+    """Return the movable joints, from the base outwards.
 
     Args:
         tree: of the arm.
@@ -375,7 +375,7 @@ def moving_joints(tree: urdf_reader.UrdfTree) -> list[urdf_reader.UrdfJoint]:
 
 
 def log_object(recording: rr.RecordingStream, scene: Scene) -> None:
-    """Log the force with which the object pushes back, beside the tip, and the object that gives way.
+    """Log the contact force beside the tip, and the object that gives way.
 
     Args:
         recording: where to.
@@ -406,7 +406,7 @@ def log_object(recording: rr.RecordingStream, scene: Scene) -> None:
 
 
 def view_3d(scene: Scene) -> rrb.Spatial3DView:
-    """The arm from the side, with base and all places of the tip in sight.
+    """Make a view of the arm from the side, with base and all tip positions in sight.
 
     Args:
         scene: the session.

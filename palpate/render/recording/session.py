@@ -38,7 +38,7 @@ _TROUBLE = ("stop", "failure", "log_failed", "observer_failed", "obstacle", "mis
 
 
 def record_session(scene: Scene, path: Path) -> None:
-    """Write the recording of a probing session; the file appears whole or not at all.
+    """Write the recording of a probing session, whole or not at all.
 
     Args:
         scene: the session.
@@ -65,7 +65,7 @@ def record_session(scene: Scene, path: Path) -> None:
 
 
 def log_phases(recording: rr.RecordingStream, entity: str, phases: IntArray, time_s: FloatArray) -> None:
-    """Log what an arm is doing, from numbers of `Phase` at times (n,) [s], by name and colour.
+    """Log names and colours of phases, from numbers of `Phase` at times (n,) [s].
 
     Args:
         recording: where to.
@@ -83,7 +83,7 @@ def log_phases(recording: rr.RecordingStream, entity: str, phases: IntArray, tim
 
 
 def _log_signals(recording: rr.RecordingStream, scene: Scene) -> None:
-    """Force, displacement, phase; torque and position of each joint beside what was wanted; timing."""
+    """Log force, displacement and phase, torques and positions beside their commands, and timing."""
     force = {
         "desired [N]": (scene.ticks["desired_force_n"], palette.TRUTH, 1.5),
         "measured [N]": (scene.ticks["force_n"], palette.MEASURED, 1.5),
@@ -124,7 +124,7 @@ def _log_signals(recording: rr.RecordingStream, scene: Scene) -> None:
 
 
 def _log_estimates(recording: rr.RecordingStream, scene: Scene) -> None:
-    """Online estimates as curves; what was found afterwards, with its interval, and the truth as levels."""
+    """Log online estimates as curves, and offline estimates with intervals and the truth as levels."""
     ends = scene.time_s[[0, -1]]
     for entity, (name, column, _) in _PARAMETERS.items():
         online = {"online": (scene.ticks[column], palette.MEASURED, 4.0)}
@@ -148,7 +148,7 @@ def _log_estimates(recording: rr.RecordingStream, scene: Scene) -> None:
 
 
 def _blueprint(scene: Scene) -> rrb.Blueprint:
-    """Arm, notes and estimates on the left, curves on the right; further tabs for positions and timing."""
+    """Arrange arm, notes and estimates on the left, curves on the right, and further tabs."""
     estimates: list[rrb.View] = []
     for entity, (name, column, title) in _PARAMETERS.items():
         # the vertical range shows where an estimate ends up, rather than its first wild guesses
