@@ -86,8 +86,8 @@ app = typer.Typer(
 )
 
 
-def _show_version(wanted: bool) -> None:
-    if wanted:
+def _show_version(requested: bool) -> None:
+    if requested:
         from importlib.metadata import version  # noqa: PLC0415, it reads mail headers
 
         typer.echo(f"palpate {version('palpate')}")

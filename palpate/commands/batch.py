@@ -165,9 +165,9 @@ def _print(result: "BatchResult") -> None:
         words = f"{effect.channel}: all together lack {effect.effect}{like}, {share}"
         out.print(f"  [bold]{safe(words)}[/bold]")
     for entry in result.pooled[:_MOST_SHOWN]:
-        found = entry.effects
-        value = f"{significant(found.mean, found.std_err)} ± {found.std_err:.2g} {entry.unit}"
-        between = f"spread between measurements {found.spread:.2g} {entry.unit}"
+        pooled = entry.effects
+        value = f"{significant(pooled.mean, pooled.std_err)} ± {pooled.std_err:.2g} {entry.unit}"
+        between = f"spread between measurements {pooled.spread:.2g} {entry.unit}"
         out.print(f"  {safe(f'{entry.group} {entry.channel} {entry.parameter}')}: {value}, {between}")
     for difference in result.differences:
         if difference.p_corrected < 0.05:

@@ -84,7 +84,7 @@ def demo_command(
         demo = show_demo(session)
     if not as_json:
         out_ = console.stdout()
-        print_estimates(out_, demo.found, demo.study.truth_of(demo.found.channel))
+        print_estimates(out_, demo.estimates, demo.study.truth_of(demo.estimates.channel))
         out_.print(f"\nsession    [bold]{shown(demo.session)}[/bold]", soft_wrap=True)
         if demo.recording is not None:
             out_.print(f"recording  [bold]{shown(demo.recording)}[/bold]", soft_wrap=True)
@@ -135,7 +135,7 @@ def _as_data(demo: Demo, hidden: HiddenDemo | None) -> dict[str, Any]:
         "session": str(demo.session),
         "recording": None if demo.recording is None else str(demo.recording),
         "plots": [str(plot) for plot in demo.plots],
-        "result": as_data(demo.found, demo.study.truth_of(demo.found.channel)),
+        "result": as_data(demo.estimates, demo.study.truth_of(demo.estimates.channel)),
         "hidden": of_hidden,
     }
 

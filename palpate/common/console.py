@@ -245,14 +245,14 @@ def safe(text: str) -> str:
     return escape(line.rstrip("\\")) + 2 * last
 
 
-def count(number: int, one: str) -> str:
+def count(number: int, noun: str) -> str:
     """Return a number with its noun, such as "1 run" and "3,000 runs".
 
     Args:
         number: how many.
-        one: the noun in the singular.
+        noun: the noun in the singular.
     """
-    return f"{number:,} {one if number == 1 else one + 's'}"
+    return f"{number:,} {noun if number == 1 else noun + 's'}"
 
 
 def duration(seconds: float) -> str:

@@ -147,36 +147,38 @@ _TEXTS = STATED[1:-1]
 _NAME = re.compile(r"[a-z][a-z0-9_]*")
 
 
-def flaw(found: type[Effect]) -> str | None:
+def flaw(effect_type: type[Effect]) -> str | None:
     """Describe the first error in what a class states, with its line; None if there is none.
 
     Args:
-        found: a class of the user's.
+        effect_type: a class of the user's.
     """
-    return next((problem + place_of(found, attribute) for attribute, problem in _flaws(found)), None)
+    return next(
+        (problem + place_of(effect_type, attribute) for attribute, problem in _flaws(effect_type)), None
+    )
 
 
-def file_of(found: type) -> str:
+def file_of(effect_type: type) -> str:
     """Return the path of the file that defines a class; empty if there is none.
 
     Args:
-        found: a class.
+        effect_type: a class.
     """
     try:
-        return inspect.getsourcefile(found) or ""
+        return inspect.getsourcefile(effect_type) or ""
     except (OSError, TypeError):
         return ""
 
 
-def place_of(found: type, attribute: str) -> str:
+def place_of(effect_type: type, attribute: str) -> str:
     """Return where a class defines a name, such as " (mine.py, line 14)"; else where it begins.
 
     Args:
-        found: a class.
+        effect_type: a class.
         attribute: or method; empty for the class itself.
     """
     try:
-        lines, first = inspect.getsourcelines(found)
+        lines, first = inspect.getsourcelines(effect_type)
         (made,) = ast.parse(textwrap.dedent("".join(lines))).body
     except (OSError, TypeError, SyntaxError, ValueError):
         return ""
@@ -186,33 +188,40 @@ def place_of(found: type, attribute: str) -> str:
         names += [getattr(getattr(node, "target", None), "id", ""), getattr(node, "name", "")]
         if attribute and attribute in names:
             line = first + node.lineno - 1
-    return f" ({Path(file_of(found)).name}, line {line})"
+    return f" ({Path(file_of(effect_type)).name}, line {line})"
 
 
-def _flaws(found: Any) -> Iterator[tuple[str, str]]:  # noqa: ANN401, it may state anything
+def _flaws(effect_type: Any) -> Iterator[tuple[str, str]]:  # noqa: ANN401, it may state anything
     """Yield attributes with their errors."""
-    missing = [what for what in STATED if not hasattr(found, what)]
+    missing = [what for what in STATED if not hasattr(effect_type, what)]
     if missing:
         yield "", f"states no {', '.join(missing)}; see Bias in estimation/effects/sensor_statics.py"
         return
-    if not (isinstance(found.name, str) and _NAME.fullmatch(found.name)):
-        problem = f"its name is {found.name!r}; expected small letters, digits and _, such as 'my_effect'"
+    if not (isinstance(effect_type.name, str) and _NAME.fullmatch(effect_type.name)):
+        problem = (
+            f"its name is {effect_type.name!r}; expected small letters, digits and _, such as 'my_effect'"
+        )
         yield "name", problem
     for what in _TEXTS:
-        if not isinstance(text := getattr(found, what), str):
+        if not isinstance(text := getattr(effect_type, what), str):
             yield what, f"its {what} is {text!r}, expected text"
-    if not (isinstance(found.channels, set | frozenset) and _all(found.channels, ChannelKind)):
+    if not (isinstance(effect_type.channels, set | frozenset) and _all(effect_type.channels, ChannelKind)):
         kinds = ", ".join(f"ChannelKind.{kind.name}" for kind in ChannelKind)
-        yield "channels", f"its channels are {found.channels!r}, expected a frozenset of some of {kinds}"
+        yield (
+            "channels",
+            f"its channels are {effect_type.channels!r}, expected a frozenset of some of {kinds}",
+        )
     for what, kind in (("gains", Parameter), ("inner", Parameter), ("needs", str), ("essential", str)):
-        if not (isinstance(made := getattr(found, what), tuple | list) and _all(made, kind)):
+        if not (isinstance(made := getattr(effect_type, what), tuple | list) and _all(made, kind)):
             yield what, f"its {what} are {made!r}, expected a tuple of {kind.__name__}"
             return
-    if not issubclass(found, AdditiveEffect | MotionEffect | MemoryEffect | SensorEffect):
+    if not issubclass(effect_type, AdditiveEffect | MotionEffect | MemoryEffect | SensorEffect):
         yield "", "derive it from AdditiveEffect, MotionEffect, MemoryEffect or SensorEffect"
     for what in ("gains", "inner"):
-        yield from ((what, problem) for each in getattr(found, what) for problem in _flaws_of_parameter(each))
-    rivals = found.confused_with
+        yield from (
+            (what, problem) for each in getattr(effect_type, what) for problem in _flaws_of_parameter(each)
+        )
+    rivals = effect_type.confused_with
     if not (isinstance(rivals, Mapping) and all(isinstance(n, str) and n.isidentifier() for n in rivals)):
         yield "confused_with", f"its confused_with is {rivals!r}, expected a dict of experiments by effect"
 

@@ -189,7 +189,9 @@ def export_scenario(base: Scenario, fitted: Sequence[FittedChannel], description
             values_of[effect][own] = parameter.value
         by_channel.append((channel, dict(values_of)))
     contacts = [
-        one.revision.channel for one, effects in by_channel if one.is_contact and "deadband" in effects
+        channel.revision.channel
+        for channel, effects in by_channel
+        if channel.is_contact and "deadband" in effects
     ]
     # effects that belong to no single joint, and where they were found first
     taken = {"force_deadband": contacts[0]} if contacts else {}

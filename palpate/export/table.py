@@ -214,9 +214,9 @@ def _plotjuggler(plots: Plots) -> str:
     for title, plot in plots.items():
         area = ElementTree.SubElement(split, "DockArea", name=title)
         drawn = ElementTree.SubElement(area, "plot", mode="TimeSeries", style="Lines")
-        for number, one in enumerate(_series(plot, lambda stream, column: f"{stream}/{column}")):
+        for number, curve in enumerate(_series(plot, lambda stream, column: f"{stream}/{column}")):
             color = palette.JOINTS[number % len(palette.JOINTS)]
-            ElementTree.SubElement(drawn, "curve", name=one, color=color)
+            ElementTree.SubElement(drawn, "curve", name=curve, color=color)
     ElementTree.SubElement(window, "currentTabIndex", index="0")
     ElementTree.indent(root)
     return ElementTree.tostring(root, encoding="unicode", xml_declaration=True) + "\n"

@@ -218,7 +218,7 @@ def express(
         names: of all joints of the arm in its file, from the base outwards; empty where none is known.
         rotors: inertia [kg m^2] of each joint's rotor that is in the base model; empty for none.
     """
-    told, left_out = list[TargetJoint](), list[str]()
+    targets, left_out = list[TargetJoint](), list[str]()
     arm: dict[str, tuple[float, Value, str]] = {}  # half interval, value, channel
     for joint in sorted(joints, key=lambda each: each.number):
         own: dict[str, Value] = {}
@@ -257,10 +257,10 @@ def express(
                 if each.interval[0] <= 0.0 <= each.interval[1]
             ]
         name = names[joint.number - 1] if joint.number <= len(names) else joint.name
-        told.append(TargetJoint(joint.name, name, own, tuple(lost)))
+        targets.append(TargetJoint(joint.name, name, own, tuple(lost)))
         left_out += [f"{joint.name}: {line}" for line in lost]
     whole = {key: value for key, (_, value, _) in arm.items()}
-    return TargetArm(source, tuple(told), whole, tuple(left_out))
+    return TargetArm(source, tuple(targets), whole, tuple(left_out))
 
 
 def _shown(parameter: ParameterEstimate) -> str:

@@ -123,15 +123,15 @@ def next_probe(
     if choice is None:
         return None
     candidate, leads = every[choice.index].candidate, choice.experiment.leads
-    told = [design for design, lead in zip(open_questions, leads, strict=True) if (lead > SMALL).any()]
-    names = list(dict.fromkeys(name for design in told for name in design.names))
+    separated = [design for design, lead in zip(open_questions, leads, strict=True) if (lead > SMALL).any()]
+    names = list(dict.fromkeys(name for design in separated for name in design.names))
     proposal = NextExperiment(
         purpose=f"tell apart {', '.join(names)}",
         separates=names,
         instruction=candidate.words,
         probe=candidate.settings,
     )
-    channels = tuple(dict.fromkeys(design.channel.name for design in told))
+    channels = tuple(dict.fromkeys(design.channel.name for design in separated))
     return NextProbe(candidate.plan, proposal, choice.reason, channels)
 
 
@@ -152,8 +152,8 @@ def _stated(study: ModelStudy, diagnoses: Sequence[ChannelDiagnosis]) -> NextPro
     paired = (plan for pair in combinations(single, 2) if (plan := both(*pair, ground.before)) is not None)
     for candidate in chain(single, paired):
         if candidate.settings == proposal.probe:
-            told = tuple(item.channel for item in diagnoses if item.next_experiment == proposal)
-            return NextProbe(candidate.plan, proposal, proposal.instruction, told)
+            channels = tuple(item.channel for item in diagnoses if item.next_experiment == proposal)
+            return NextProbe(candidate.plan, proposal, proposal.instruction, channels)
     return None
 
 
@@ -278,9 +278,9 @@ def feasible(
             yield candidate, ticks
 
 
-def _motion(one: Undecided, study: ModelStudy, ticks: Samples, *, elsewhere: bool) -> ChannelData | None:
+def _motion(question: Undecided, study: ModelStudy, ticks: Samples, *, elsewhere: bool) -> ChannelData | None:
     """Return the channel's planned motion; None if it does not move, or presses elsewhere."""
-    data = one.channel.data
+    data = question.channel.data
     channels: Sequence[ChannelData]
     if data.kind is ChannelKind.CONTACT:
         channels = contact_channels(ticks, tared=False)
@@ -291,7 +291,7 @@ def _motion(one: Undecided, study: ModelStudy, ticks: Samples, *, elsewhere: boo
     planned = channels[0] if channels else None
     if planned is None or (elsewhere and planned.kind is ChannelKind.CONTACT):
         return None
-    return channel_of(planned, one.channel.model.name, study.source.arm).data
+    return channel_of(planned, question.channel.model.name, study.source.arm).data
 
 
 @dataclass(frozen=True)

@@ -37,7 +37,7 @@ _QUICK = 0.9  # the quantile of inward velocity that stands for the speed of a r
 _TERM = re.compile(r"[,;] (?![^(]*\))")  # between a term and its conditions, not within parentheses
 
 
-Found = ParameterEstimate | ParameterValue
+FittedValue = ParameterEstimate | ParameterValue
 
 
 def channel_view(
@@ -112,7 +112,7 @@ def channel_view(
 
 def stage_view(
     model: Model,
-    parameters: Mapping[str, Found],
+    parameters: Mapping[str, FittedValue],
     predicted: FloatArray,
     residual: FloatArray,
     *,
@@ -149,17 +149,17 @@ def stage_view(
     )
 
 
-def parameter_view(name: str, found: Found) -> ParameterView:
+def parameter_view(name: str, fitted: FittedValue) -> ParameterView:
     """View one parameter from its "effect.parameter" name.
 
     Args:
         name: "effect.parameter".
-        found: value and uncertainty.
+        fitted: value and uncertainty.
     """
     effect, _, parameter = name.rpartition(".")
-    error = SIGMAS_95 * (found.std_err if found.std_err is not None else float("nan"))
-    lower, upper = getattr(found, "interval", (found.value - error, found.value + error))
-    return ParameterView(effect, parameter, found.value, lower, upper, found.unit, found.at_bound)
+    error = SIGMAS_95 * (fitted.std_err if fitted.std_err is not None else float("nan"))
+    lower, upper = getattr(fitted, "interval", (fitted.value - error, fitted.value + error))
+    return ParameterView(effect, parameter, fitted.value, lower, upper, fitted.unit, fitted.at_bound)
 
 
 def axes_of(kind: ChannelKind) -> Axes:

@@ -133,7 +133,7 @@ def _view(
             return view
         tick = np.searchsorted(ticks["time_s"], estimates.channel.time_s)
         desired_n = ticks["desired_force_n"][np.minimum(tick, len(ticks["time_s"]) - 1)]  # NaN where free
-        return replace(view, wanted=("reference", desired_n))
+        return replace(view, commanded=("reference", desired_n))
     view = channel_view(channel, (), None)
     joint = re.fullmatch(r"joint_(\d+)", channel.name)
     if ticks is None or joint is None:
@@ -146,4 +146,4 @@ def _view(
     sentence = (
         f"{channel.name}: measured and commanded torque differ by {rms:.3g} {channel.kind.effort_unit} (rms)."
     )
-    return replace(view, verdict=VerdictView("", sentence), wanted=("commanded", commanded))
+    return replace(view, verdict=VerdictView("", sentence), commanded=("commanded", commanded))

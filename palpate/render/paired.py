@@ -30,41 +30,41 @@ class PairedView:
 
     channel: str  # its name
     views: tuple[ChannelView, ChannelView]  # both, with measurement and model
-    found: Sides  # what was compared
+    sides: Sides  # what was compared
     words: tuple[str, ...]  # what comes of it, in sentences
 
     @property
     def pair(self) -> tuple[Side, Side]:
         """Both sides."""
-        return self.found.first, self.found.second
+        return self.sides.first, self.sides.second
 
     @property
     def on_intervals(self) -> str:
         """Explain the intervals of differences."""
-        if self.found.is_same_data:
+        if self.sides.is_same_data:
             return (
                 "Both models describe one measurement, so their errors are not independent: differences "
                 "have no intervals."
             )
-        if any(difference.paired_std_err is not None for difference in self.found.differences):
+        if any(difference.paired_std_err is not None for difference in self.sides.differences):
             return PAIRED
         return "95 % intervals, assuming independent errors; SI units."
 
     @property
     def fit_columns(self) -> tuple[str, ...]:
         """Column titles of the table of fits."""
-        return ("fit [%]",) if self.found.is_same_data else ("to A [%]", "to B [%]")
+        return ("fit [%]",) if self.sides.is_same_data else ("to A [%]", "to B [%]")
 
     @property
     def fit_rows(self) -> list[tuple[str, tuple[str, ...]]]:
         """Rows of the table of fits: the model, and its fit to each measurement [%]."""
         rows = []
         for letter, side in zip(LETTERS, self.pair, strict=True):
-            measured = (side,) if self.found.is_same_data else self.pair
+            measured = (side,) if self.sides.is_same_data else self.pair
             rows.append((f"{letter}'s model", tuple(fit_text(side, data_side) for data_side in measured)))
-        if np.isfinite(self.found.followed):
-            only_noise = self.found.apart < _ONLY_NOISE
-            followed = _NOISE_ALONE if only_noise else percent_text(self.found.followed)
+        if np.isfinite(self.sides.followed):
+            only_noise = self.sides.apart < _ONLY_NOISE
+            followed = _NOISE_ALONE if only_noise else percent_text(self.sides.followed)
             rows.append(("B as measured", (followed, percent_text(_PERCENT))))
         return rows
 
@@ -190,8 +190,8 @@ def print_pair(console: Console, view: PairView) -> None:
         for what, values in channel.fit_rows:
             fits.add_row(what, *values)
         console.print(fits)
-        if channel.found.differences:
-            console.print(difference_table(channel.found.differences, console.width))
+        if channel.sides.differences:
+            console.print(difference_table(channel.sides.differences, console.width))
 
 
 def difference_table(differences: Sequence[ParameterDifference], width: int) -> Table:

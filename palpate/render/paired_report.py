@@ -60,8 +60,8 @@ def time_figure(view: PairedView) -> go.Figure:
     unit = first.axes.effort_unit
     for letter, color, channel in zip(LETTERS, COLORS, view.views, strict=True):
         runs = list(rows_by_run(channel.run).values())
-        if channel is second and view.found.overlay is not None:
-            curves = run_curves(first.time_s, view.found.overlay, list(rows_by_run(first.run).values()))
+        if channel is second and view.sides.overlay is not None:
+            curves = run_curves(first.time_s, view.sides.overlay, list(rows_by_run(first.run).values()))
         else:
             curves = run_curves(channel.time_s, channel.effort, runs)
         draw_curves(made, curves, (1, 1), unit, PlotStyle(f"{letter} measured", color, width=1.8))
@@ -152,7 +152,7 @@ def record_pair(view: PairView, path: Path) -> None:
     with recording_file(view.title, path, shown_on(*tabs, timeline=TIME)) as recording:
         for paired in view.channels:
             for letter, color, channel in zip(LETTERS, COLORS, paired.views, strict=True):
-                overlay = paired.found.overlay if letter == LETTERS[1] else None
+                overlay = paired.sides.overlay if letter == LETTERS[1] else None
                 time_s = channel.time_s if overlay is None else paired.views[0].time_s
                 effort = channel.effort if overlay is None else overlay
                 measured = {f"{letter} measured": (effort, color, 2.0)}

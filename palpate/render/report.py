@@ -231,8 +231,8 @@ def _draw_time(made: go.Figure, channel: ChannelView, place: Place) -> None:
     """Draw measured and commanded effort, and the first and the last model."""
     unit, runs = channel.axes.effort_unit, list(rows_by_run(channel.run).values())
     curves = [(channel.effort, PlotStyle("measured", palette.MEASURED, width=2.4))]
-    if channel.wanted is not None:
-        curves.append((channel.wanted[1], PlotStyle(channel.wanted[0], palette.TRUTH, "2px,2px")))
+    if channel.commanded is not None:
+        curves.append((channel.commanded[1], PlotStyle(channel.commanded[0], palette.TRUTH, "2px,2px")))
     curves += [(stage.predicted, _look_of(channel, stage)) for stage in channel.shown_stages]
     for values, look in curves:
         draw_curves(made, run_curves(channel.time_s, values, runs), place, unit, look)
@@ -395,7 +395,7 @@ def document(view: StudyView) -> str:
     def plots(channel: ChannelView) -> dict[str, Markup]:
         """Return the channel's figures as HTML, by name; empty where there is nothing to draw."""
         is_drawn = dict.fromkeys(draw, bool(channel.stages)) | {"fall": bool(channel.fall)}
-        is_drawn["time"] |= channel.wanted is not None
+        is_drawn["time"] |= channel.commanded is not None
         return {name: as_html(draw[name](channel)) if is_drawn[name] else Markup() for name in draw}
 
     filters: dict[str, Callable[..., Any]] = {

@@ -161,7 +161,7 @@ class ChannelView:
     ranking: tuple[Ranked, ...] = ()  # candidates that help the base model, best first
     next_experiment: NextExperiment | None = None  # what to record next; None for nothing
     # What was commanded or aimed at, with its name, shape (n,); None where nothing is known.
-    wanted: tuple[str, FloatArray] | None = None
+    commanded: tuple[str, FloatArray] | None = None
 
     def times_noise(self, error: float) -> float:
         """Return an error divided by the noise level.

@@ -229,8 +229,8 @@ def references_of(session: Session) -> References:
     ticks = session.samples(STREAM_NAME)
     speed_rad_s = np.abs(ticks.vector("reference_velocity_rad_s")).max(axis=1)
     aimed = np.isfinite(ticks.vector("reference_position_rad")).all(axis=1) & np.isfinite(speed_rad_s)
-    told = len(aimed) if aimed.all() else int(np.argmin(aimed))  # nothing is aimed at once it was stopped
-    stands = (ticks["run"][:told] == NO_RUN) & (speed_rad_s[:told] < _STILL_RAD_S)
+    known = len(aimed) if aimed.all() else int(np.argmin(aimed))  # nothing is aimed at once it was stopped
+    stands = (ticks["run"][:known] == NO_RUN) & (speed_rad_s[:known] < _STILL_RAD_S)
     count = int(np.flatnonzero(stands)[-1]) + 1 if stands.any() else 0
     if not (ticks["run"][:count] != NO_RUN).any():
         raise InputError(f"{session.path}: holds no complete run that ended at rest; nothing to repeat")

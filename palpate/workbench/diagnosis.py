@@ -35,9 +35,9 @@ class DiagnosisCard:
         self,
         state: WorkbenchState,
         add: Callable[[Sequence[str]], Awaitable[None]],
-        found: Callable[[], None],
+        on_diagnosed: Callable[[], None],
     ) -> None:
-        self._state, self._add, self._found = state, add, found
+        self._state, self._add, self._on_diagnosed = state, add, on_diagnosed
         self._buttons: ui.element | None = None
         self._judging: DiagnosisProcess | None = None  # as the page shows it
 
@@ -97,7 +97,7 @@ class DiagnosisCard:
                 ui.notify(before.said, type="warning", multi_line=True)
             self._show()
             if self._state.diagnosis is not None:
-                self._found()
+                self._on_diagnosed()
 
     def stop(self) -> None:
         """Stop the running diagnosis, if there is one."""
@@ -196,15 +196,15 @@ class RiddleScore:
 
     truth: frozenset[str]  # what was hidden
     guessed: frozenset[str]  # what the user had ticked
-    found: frozenset[str]  # what the diagnosis named
+    named: frozenset[str]  # what the diagnosis named
     alike: frozenset[str]  # effects that the diagnosis says this data cannot tell from what it named
 
     def in_words(self) -> str:
         """Describe the result in a few sentences."""
         said = f"Hidden was {_listed(self.truth)}. "
         said += f"You said {_listed(self.guessed)}: {self._rated(self.guessed)}. "
-        said += f"The diagnosis said {_listed(self.found)}: {self._rated(self.found)}."
-        if self.alike & self.truth and (others := self.alike - self.found):
+        said += f"The diagnosis said {_listed(self.named)}: {self._rated(self.named)}."
+        if self.alike & self.truth and (others := self.alike - self.named):
             said += f" It adds that this data cannot tell that from {_listed(others, ' or ')}."
         return said
 

@@ -51,7 +51,7 @@ async def lay_out_page(home: AppState) -> None:
     gallery = Gallery(state)
 
     def below(page: Page) -> Callable[[Sequence[str]], None]:
-        card = DiagnosisCard(state, page.add, page.found)
+        card = DiagnosisCard(state, page.add, page.on_diagnosed)
         if home.riddle:
             RiddleCard(state, card.start).build()
         card.build(lambda: _next_step(home, state))
@@ -146,9 +146,9 @@ async def _resolve(home: AppState, world: str, place: ui.element) -> None:
     place.clear()
     with place:
         ui.label(shlex.join(["palpate", *arguments])).classes("code")
-        told = ui.log(max_lines=200).classes("told").mark("told")
-    if failed := await run_command(arguments, told.push):
-        told.push(failed)
+        log = ui.log(max_lines=200).classes("told").mark("told")
+    if failed := await run_command(arguments, log.push):
+        log.push(failed)
         return
     await _show(home, folder, ImportOptions())
 

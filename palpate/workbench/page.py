@@ -136,7 +136,7 @@ class Page:
         choice = self.state.choice
         await self.choose(choice.with_effects(list(dict.fromkeys([*choice.effects, *effects]))))
 
-    def found(self) -> None:
+    def on_diagnosed(self) -> None:
         """Use a finished diagnosis: its noise level for the error, and its groups of effects."""
         if self._shown is not None:
             self._effects.arrange()

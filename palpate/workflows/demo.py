@@ -38,7 +38,7 @@ class Demo:
 
     session: Path  # the session file
     study: Study  # the session with channels and truth
-    found: ChannelEstimates  # estimates of the probed place, by every estimator
+    estimates: ChannelEstimates  # estimates of the probed place, by every estimator
     recording: Path | None  # for Rerun; None where its package is not installed
     plots: tuple[Path, ...]  # pages of figures
 
