@@ -3,7 +3,7 @@
 from collections import Counter
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import Annotated
 
 import typer
 
@@ -11,9 +11,6 @@ from palpate.common import console
 from palpate.common.console import count, safe, shown, significant
 from palpate.common.options import SchedulerOption, WorkersOption, effect_names, model_names, takes
 from palpate.workflows.data_options import EffectOption, JsonOption, ReadOptions
-
-if TYPE_CHECKING:
-    from palpate.batches.pooling import BatchResult
 
 _MOST_SHOWN = 8  # errors, outliers and parameters in the terminal; the page has all
 
@@ -108,13 +105,14 @@ def batch_command(
     palpate batch spots.csv --split run --out result
     """
     from palpate.batches.run import batch  # noqa: PLC0415, its libraries take a second
+    from palpate.batches.table import texts  # noqa: PLC0415, as above
     from palpate.render.progress import sweep_progress  # noqa: PLC0415, as above
 
     counted = [0, 0]
     try:
         with sweep_progress() as progress:
 
-            def show(done: int, total: int) -> None:
+            def count_done(done: int, total: int) -> None:
                 counted[:] = done, total
                 progress(done, total)
 
@@ -137,7 +135,7 @@ def batch_command(
                 workers=workers,
                 scheduler=scheduler,
                 retry=retry,
-                progress=show,
+                progress=count_done,
             )
     except (KeyboardInterrupt, SystemExit):
         console.stderr().print(
@@ -145,37 +143,36 @@ def batch_command(
             "the same command continues from there"
         )
         raise
-    console.present(result.as_data(), lambda: _print(result), as_json=as_json)
 
+    def show() -> None:
+        to, table = console.stdout(), result.table
+        measurements = count(result.measurements, "measurement")
+        to.print(f"[bold]{measurements}[/bold], {len(result.errors)} not readable")
+        for verdict, number in Counter(filter(None, texts(table, "verdict"))).most_common():
+            to.print(f"  {verdict}: {number}")
+        effects = Counter(name for text in texts(table, "effects") for name in text.split(", ") if name)
+        if effects:
+            named = ", ".join(f"{name} {number}" for name, number in effects.most_common(_MOST_SHOWN))
+            to.print(f"  effects named: {named}")
+        for effect in result.common_effects:
+            like = f" (or {', '.join(effect.confused_with)})" if effect.confused_with else ""
+            share = f"{100 * effect.share:.2g} % of the squared error"
+            words = f"{effect.channel}: all together lack {effect.effect}{like}, {share}"
+            to.print(f"  [bold]{safe(words)}[/bold]")
+        for entry in result.pooled[:_MOST_SHOWN]:
+            pooled = entry.effects
+            value = f"{significant(pooled.mean, pooled.std_err)} ± {pooled.std_err:.2g} {entry.unit}"
+            between = f"spread between measurements {pooled.spread:.2g} {entry.unit}"
+            to.print(f"  {safe(f'{entry.group} {entry.channel} {entry.parameter}')}: {value}, {between}")
+        for difference in result.differences:
+            if difference.p_corrected < 0.05:
+                first, second = difference.groups
+                words = f"{difference.parameter} differs between {first} and {second}"
+                to.print(f"  [yellow]{safe(words)}[/yellow] (corrected p {difference.p_corrected:.2g})")
+        for name, error in list(result.errors.items())[:_MOST_SHOWN]:
+            to.print(f"  [yellow]{safe(f'{name}: {error}')}[/yellow]")
+        if result.outliers:
+            to.print(f"  {count(len(result.outliers), 'outlier')}: see the page")
+        to.print(f"page  [bold]{shown(result.page)}[/bold]")
 
-def _print(result: "BatchResult") -> None:
-    from palpate.batches.table import texts  # noqa: PLC0415, as above
-
-    out, table = console.stdout(), result.table
-    out.print(f"[bold]{count(result.measurements, 'measurement')}[/bold], {len(result.errors)} not readable")
-    for verdict, number in Counter(filter(None, texts(table, "verdict"))).most_common():
-        out.print(f"  {verdict}: {number}")
-    effects = Counter(name for text in texts(table, "effects") for name in text.split(", ") if name)
-    if effects:
-        named = ", ".join(f"{name} {number}" for name, number in effects.most_common(_MOST_SHOWN))
-        out.print(f"  effects named: {named}")
-    for effect in result.common_effects:
-        like = f" (or {', '.join(effect.confused_with)})" if effect.confused_with else ""
-        share = f"{100 * effect.share:.2g} % of the squared error"
-        words = f"{effect.channel}: all together lack {effect.effect}{like}, {share}"
-        out.print(f"  [bold]{safe(words)}[/bold]")
-    for entry in result.pooled[:_MOST_SHOWN]:
-        pooled = entry.effects
-        value = f"{significant(pooled.mean, pooled.std_err)} ± {pooled.std_err:.2g} {entry.unit}"
-        between = f"spread between measurements {pooled.spread:.2g} {entry.unit}"
-        out.print(f"  {safe(f'{entry.group} {entry.channel} {entry.parameter}')}: {value}, {between}")
-    for difference in result.differences:
-        if difference.p_corrected < 0.05:
-            first, second = difference.groups
-            words = f"{difference.parameter} differs between {first} and {second}"
-            out.print(f"  [yellow]{safe(words)}[/yellow] (corrected p {difference.p_corrected:.2g})")
-    for name, error in list(result.errors.items())[:_MOST_SHOWN]:
-        out.print(f"  [yellow]{safe(f'{name}: {error}')}[/yellow]")
-    if result.outliers:
-        out.print(f"  {count(len(result.outliers), 'outlier')}: see the page")
-    out.print(f"page  [bold]{shown(result.page)}[/bold]")
+    console.present(result.as_data(), show, as_json=as_json)

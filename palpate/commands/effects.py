@@ -53,7 +53,7 @@ def effects_command(
     if as_json:
         console.print_json(as_data(effect))
         return
-    example = Example.plain(effect, kind_of(effect)) if on is None else _on(effect, on)
+    example = Example.plain(effect, kind_of(effect)) if on is None else _example_from(effect, on)
     print_effect(console.stdout(), effect, example)
     steps = [(f"palpate effects {name} --on FILE", "draw it on a motion of your own")] if on is None else []
     if name in IMPERFECTIONS:
@@ -65,7 +65,7 @@ def effects_command(
     console.next_steps(*steps)
 
 
-def _on(effect: Effect, file: Path) -> Example:
+def _example_from(effect: Effect, file: Path) -> Example:
     """The effect in the first channel of a file that it can be in.
 
     Raises:

@@ -121,7 +121,17 @@ def write_grid(
         rows: of all cases that are done.
         facts: in a list, by name.
     """
-    sections = [_verdicts(rows)] if grid.diagnose else _estimates(rows)
+    if grid.diagnose:
+        verdicts = grouped(
+            (row for row in rows if not row["error"]),
+            lambda row: (row["truth"], row["channel"], row["verdict"], row["accepted"]),
+        )
+        names = ("hidden", "channel", "verdict", "effects named", "cases")
+        counts = tuple((*key, len(own)) for key, own in sorted(verdicts.items()))
+        table = SweepTable("verdicts", "What the diagnosis said", names, counts)
+        sections = [Section("Diagnosis", None, (), (table,))]
+    else:
+        sections = _estimates(rows)
     why = grouped(
         (row for row in rows if row["error"] or row.get("problem")),
         lambda row: row["error"] or f"{row['estimator']}: {row['problem']}",
@@ -161,18 +171,3 @@ def _estimates(rows: Sequence[Row]) -> list[Section]:
         for number, ((law, speeds, std, percent, hidden), own) in enumerate(groups.items(), 1)
     )
     return [first, Section("By condition", None, (), tables)]
-
-
-def _verdicts(rows: Sequence[Row]) -> Section:
-    said = grouped(
-        (row for row in rows if not row["error"]),
-        lambda row: (row["truth"], row["channel"], row["verdict"], row["accepted"]),
-    )
-    lines = tuple((*key, len(own)) for key, own in sorted(said.items()))
-    table = SweepTable(
-        "verdicts",
-        "What the diagnosis said",
-        ("hidden", "channel", "verdict", "effects named", "cases"),
-        lines,
-    )
-    return Section("Diagnosis", None, (), (table,))
