@@ -16,13 +16,8 @@ from palpate.estimation.fit.smooth_features import hats, reversal_memory
 from palpate.estimation.kinds import OF_HISTORY, Kind
 from palpate.estimation.signals.blocks import rows_of_runs
 from palpate.estimation.signals.exponential_memory import low_pass, relax
-from palpate.estimation.signals.free_air import (
-    is_one_pace,
-    is_one_speed,
-    is_one_way,
-    never_returns,
-    zero_in_free_air,
-)
+from palpate.estimation.signals.free_air import zero_in_free_air
+from palpate.estimation.signals.motion import is_one_pace, is_one_speed, is_one_way, never_returns
 from palpate.estimation.signals.runwise import derivative, running_max, sample_time, shift
 from palpate.robot_io.types import BoolArray, FloatArray, IntArray
 

@@ -35,7 +35,7 @@ from palpate.estimation.data_quality.timing import lost_rows, time_offset
 from palpate.estimation.fit.blocks import PIECES, block_average, block_length
 from palpate.estimation.fit.normal_equations import ORDER, ArNoise
 from palpate.estimation.model import Model
-from palpate.estimation.signals.free_air import is_one_pace, is_one_speed, never_returns
+from palpate.estimation.signals.motion import is_one_pace, is_one_speed, never_returns
 from palpate.estimation.signals.runwise import apply_per_run, sample_time
 from palpate.robot_io.types import BoolArray
 

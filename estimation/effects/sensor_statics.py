@@ -9,7 +9,8 @@ from palpate.estimation.channel import ChannelData, ChannelKind
 from palpate.estimation.effect import AdditiveEffect, Errors, Inner, Parameter, SensorEffect
 from palpate.estimation.kinds import Kind
 from palpate.estimation.signals.blocks import block_index
-from palpate.estimation.signals.free_air import is_one_way, zero_in_free_air
+from palpate.estimation.signals.free_air import zero_in_free_air
+from palpate.estimation.signals.motion import is_one_way
 from palpate.estimation.signals.runwise import play
 from palpate.robot_io.types import FloatArray, IntArray
 

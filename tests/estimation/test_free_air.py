@@ -12,7 +12,8 @@ from palpate.estimation.diagnosis.candidates import applicable_effects
 from palpate.estimation.effects import EFFECTS
 from palpate.estimation.fit.fit_result import fit_model
 from palpate.estimation.kinds import Kind
-from palpate.estimation.signals.free_air import is_one_speed, is_one_way, zero_in_free_air
+from palpate.estimation.signals.free_air import zero_in_free_air
+from palpate.estimation.signals.motion import is_one_speed, is_one_way
 from tests.estimation.fits import MODEL
 from tests.estimation.presses import NOISE_N, K, kelvin_voigt, session
 from tests.estimation.swings import swings

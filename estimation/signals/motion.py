@@ -1,0 +1,79 @@
+"""Properties of a motion that decide which laws it can tell apart: one way, one speed, one pace."""
+
+import numpy as np
+
+from palpate.estimation.signals.blocks import rows_of_runs
+from palpate.robot_io.types import FloatArray, IntArray
+
+_RETURNS = 0.02  # of the range, below which a position does not return
+_UNEVEN = 0.1  # of a run's duration, by which a position may come early or late at one speed
+_SAME_SPEED = 0.2  # of a speed, by which those of other runs may differ
+_MOVING = 0.3  # of the largest speed: what is slower rests or turns
+
+
+def is_one_way(position: FloatArray, run: IntArray) -> bool:
+    """Whether positions (n,) only go one way in each run (n,), so that time cannot be told from them.
+
+    What drifts with time then looks like a law of the position, which needs no sensor to fail.
+
+    Args:
+        position: shape (n,).
+        run: of each sample, shape (n,).
+    """
+    return all(
+        min(_way_back(position[rows]), _way_back(-position[rows])) < _RETURNS * np.ptp(position[rows])
+        for rows in rows_of_runs(run)
+    )
+
+
+def never_returns(position: FloatArray, run: IntArray) -> bool:
+    """Whether positions (n,) go the same one way in all runs, so that memory of the path is a law of them.
+
+    Args:
+        position: shape (n,).
+        run: of each sample, shape (n,).
+    """
+    ways = {float(np.sign(position[rows[-1]] - position[rows[0]])) for rows in rows_of_runs(run)}
+    return len(ways) == 1 and is_one_way(position, run)
+
+
+def is_one_speed(time_s: FloatArray, position: FloatArray, run: IntArray) -> bool:
+    """Whether all runs go one way at one speed, so that whatever has a memory is a law of the position.
+
+    Args:
+        time_s: shape (n,) [s].
+        position: shape (n,).
+        run: of each sample, shape (n,).
+    """
+    if not never_returns(position, run):
+        return False
+    speeds = []
+    for rows in rows_of_runs(run):
+        way, duration_s = position[rows] - position[rows].mean(), float(np.ptp(time_s[rows]))
+        energy = float(way @ way)
+        if energy == 0.0:
+            return False
+        pace = float(way @ time_s[rows]) / energy
+        off_s = time_s[rows] - time_s[rows].mean() - pace * way
+        if pace == 0.0 or float(np.max(np.abs(off_s))) > _UNEVEN * duration_s:
+            return False
+        speeds.append(1.0 / pace)
+    return float(np.ptp(speeds)) < _SAME_SPEED * float(np.max(np.abs(speeds)))
+
+
+def is_one_pace(velocity: FloatArray) -> bool:
+    """Whether all motion is equally fast, to either side, so that a law of the speed is one of the direction.
+
+    Args:
+        velocity: shape (n,).
+    """
+    speed = np.abs(velocity[velocity != 0.0])
+    if not len(speed):
+        return False
+    slow, fast = np.quantile(speed[speed >= _MOVING * np.quantile(speed, 0.95)], [0.1, 0.9])
+    return bool(fast < (1.0 + _SAME_SPEED) * slow)
+
+
+def _way_back(position: FloatArray) -> float:
+    """How far a position (n,) falls behind the farthest that it was."""
+    return float(np.max(np.maximum.accumulate(position) - position))
