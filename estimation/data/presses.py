@@ -76,8 +76,19 @@ def cut_presses(force: FloatArray, displacement: FloatArray, piece: IntArray) ->
     """
     levels = force_levels(force, displacement)
     tops = np.concatenate([_tops(force[rows], levels) + rows.start for rows in blocks(piece)])
+    tops = _after_returns(displacement, tops.astype(np.int64))
     presses = max(1, -(-len(tops) // MOST_RUNS))
-    return _cut(force, piece, tops.astype(np.int64), FEWEST_ROWS, presses), presses
+    return _cut(force, piece, tops, FEWEST_ROWS, presses), presses
+
+
+def _after_returns(displacement: FloatArray, tops: IntArray) -> IntArray:
+    """The tops (k,) before which the displacement (n,) came back: on one way too a force may fall and rise."""
+    kept = list(tops[:1])
+    for top in tops[1:]:
+        back = displacement[kept[-1]] - displacement[kept[-1] : top].min(initial=np.inf)
+        if back > _RELEASED * np.ptp(displacement):
+            kept.append(top)
+    return np.array(kept, dtype=np.int64)
 
 
 def cut_into(
@@ -274,15 +285,19 @@ def press_sides(displacement: FloatArray, force: FloatArray) -> PressSides:
             return PressSides(force=float(np.sign(alike)), two_sided=True)
         against = correlation_coefficient(np.gradient(displacement), force) < _DRAGGED
         return PressSides(force=-1.0 if against else 1.0, two_sided=True, springy=False)
-    until = int(np.argmax(np.abs(force))) + 1  # then it may tear
-    if abs(alike) <= _GOES_WITH and until >= _FEWEST:
-        alike = correlation_coefficient(displacement[:until], force[:until])
+    until = int(np.argmax(np.abs(force))) + 1  # then it may soften or tear
+    if until >= _FEWEST:
+        before = correlation_coefficient(displacement[:until], force[:until])
+        alike = before if abs(before) > _GOES_WITH else alike
     way, push = 1.0, 1.0
     if alike > _GOES_WITH and _is_negative(force):  # the reader of the motion may count from anywhere
         way = push = -1.0
     elif alike < -_GOES_WITH:
         way, push = (1.0, -1.0) if _is_negative(force) else (-1.0, 1.0)
-    return PressSides(way, push, _zero(way * displacement, push * force))
+    zero_m = _zero(way * displacement, push * force)
+    if way < 0.0 and not zero_m and displacement.min() >= 0.0:  # turned, it would never press
+        way, push = 1.0, abs(push)
+    return PressSides(way, push, zero_m)
 
 
 def _is_negative(signal: FloatArray) -> bool:

@@ -10,7 +10,7 @@ from palpate.estimation.channel import ChannelKind
 from palpate.estimation.data.channels import import_streams
 from palpate.estimation.data.import_file import import_table
 from palpate.estimation.data.import_options import ImportOptions
-from palpate.estimation.data.presses import press_sides
+from palpate.estimation.data.presses import cut_presses, press_sides
 from palpate.estimation.data.table import table_of
 from palpate.estimation.data_quality import quality_warnings, reject_reason
 from palpate.estimation.estimate_channel import estimate_channel
@@ -193,3 +193,28 @@ def test_a_push_towards_smaller_readings_is_turned_wherever_the_reader_counts_fr
 def test_a_push_towards_larger_readings_keeps_its_way_wherever_the_reader_counts_from(zero):
     sides = press_sides(zero + PRESS_X, -PUSH)
     assert (sides.displacement, sides.force) == (1.0, -1.0)
+
+
+def test_what_softens_after_its_first_peak_is_pulled_the_way_that_it_goes():
+    x = np.linspace(0.0, 0.04, 400)
+    force = np.where(x < 0.004, 2500.0 * x, 10.0 - 150.0 * (x - 0.004)) + np.sin(900.0 * x)
+    sides = press_sides(x, force)
+    assert (sides.displacement, sides.force, sides.two_sided) == (1.0, 1.0, False)
+    sides = press_sides(-x, -force)
+    assert (sides.displacement, sides.force) == (-1.0, -1.0)
+
+
+def test_a_way_from_zero_on_is_not_turned_though_the_force_falls():
+    x = np.linspace(0.0, 0.04, 6000)
+    assert press_sides(x, 0.4 - 35.0 * (x % 0.021)).displacement == 1.0
+
+
+def test_a_force_that_snaps_on_one_way_is_one_press():
+    x, one = np.linspace(0.0, 0.04, 6000), np.zeros(6000, dtype=np.int64)
+    snaps = 5.0 - 230.0 * (x % 0.0201)
+    assert cut_presses(snaps, x, one)[0].max() == 0
+    back_and_forth = 0.02 - np.abs(x - 0.02)
+    assert (
+        cut_presses(np.tile(200.0 * back_and_forth, 2), np.tile(back_and_forth, 2), np.tile(one, 2))[0].max()
+        == 1
+    )
