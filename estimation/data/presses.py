@@ -82,7 +82,7 @@ def cut_presses(force: FloatArray, displacement: FloatArray, piece: IntArray) ->
 
 
 def _after_returns(displacement: FloatArray, tops: IntArray) -> IntArray:
-    """The tops (k,) before which the displacement (n,) came back: on one way too a force may fall and rise."""
+    """The tops (k,) before which the displacement (n,) came back: a force may rise twice on one way too."""
     kept = list(tops[:1])
     for top in tops[1:]:
         back = displacement[kept[-1]] - displacement[kept[-1] : top].min(initial=np.inf)
