@@ -195,6 +195,18 @@ def test_revisions_with_other_runs_held_out_are_of_other_data(tmp_path):
         held.add("bias", start=1)
 
 
+@pytest.mark.parametrize(("cubic", "side"), [(2e6, "below"), (-1.5e6, "above")])
+def test_a_curve_lies_below_or_above_its_straight_line_at_half_depth(tmp_path, cubic, side):
+    """A spring that hardens hangs below the line through its ends, one that softens bulges above it."""
+    study = Study(write_presses(tmp_path / "press.csv", cubic=cubic), model="kelvin_voigt", keep=False)
+    compared = study.compare()["contact"]
+    (words,) = (words for words in compared.words if words.startswith("By depth"))
+    assert "largest for '0.005 to 0.0075 m'" in words
+    assert words.endswith(f"N {side} the model on average.")
+    for parts in (compared.parts["run"], compared.parts["phase"], compared.parts["direction"]):
+        assert sum(part.energy for part in parts) == pytest.approx(1.0)
+
+
 @pytest.mark.parametrize(
     "content", [None, b"", b"a,b\n1,2\n", bytes(range(256))], ids=["missing", "empty", "text", "binary"]
 )
