@@ -5,6 +5,7 @@ has the figure and the remedy, such as the option that overrides what was taken.
 """
 
 from collections.abc import Callable, Iterable, Iterator
+from itertools import pairwise
 
 import numpy as np
 import scipy
@@ -184,10 +185,18 @@ def _size(data: ChannelData) -> str | None:
 
 
 def _runs(data: ChannelData) -> str | None:
-    """Of several runs, two at least must touch, so that one can be held out."""
-    several = data.kind is ChannelKind.CONTACT and len(data.runs) > 1
-    if several and len(np.unique(data.run[data.engaged])) == 1:
+    """Of several runs, two at least must touch, as deep as each other, so that one can be held out."""
+    if data.kind is not ChannelKind.CONTACT or len(data.runs) == 1:
+        return None
+    depths = [data.position[data.engaged & (data.run == run)] for run in data.runs]
+    ranges = sorted((float(depth.min()), float(depth.max())) for depth in depths if len(depth))
+    if len(ranges) == 1:
         return f"{SINGLE_RUN} of {len(data.runs)} touches; record at least three that do"
+    if ranges and all(before[1] <= after[0] for before, after in pairwise(ranges)):
+        return (
+            f"each of {len(ranges)} runs has depths of its own, so that none can be predicted from the "
+            "others; press repeatedly to the same depth"
+        )
     return None
 
 

@@ -76,6 +76,9 @@ def moving_in_one_run(phase):
 SHORT_RUNS = {"time_s": 0.1 * DATA.time_s, "velocity": 10.0 * DATA.velocity}
 REJECTED = {
     "never changes": lambda: replace(DATA, effort=np.full(len(DATA), 2.0)),
+    "each of 6 runs has depths of its own": lambda: replace(
+        DATA, position=DATA.position + DATA.run * np.ptp(DATA.position)
+    ),
     "of 6 touches; record at least three that do": lambda: replace(
         DATA, position=np.where(DATA.run == 0, X, X - 1.0), effort=np.where(DATA.run == 0, F, 0.0)
     ),
