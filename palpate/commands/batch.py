@@ -157,7 +157,7 @@ def batch_command(
         for effect in result.common_effects:
             like = f" (or {', '.join(effect.confused_with)})" if effect.confused_with else ""
             share = f"{100 * effect.share:.2g} % of the squared error"
-            words = f"{effect.channel}: all together lack {effect.effect}{like}, {share}"
+            words = f"{effect.channel}: {effect.effect}{like} is missing over all measurements, {share}"
             to.print(f"  [bold]{safe(words)}[/bold]")
         for entry in result.pooled[:_MOST_SHOWN]:
             pooled = entry.effects

@@ -265,7 +265,7 @@ def compare_command(
         written = write_outcome(target, study, results, [again], {RESULT: json_text(content)})
         console.stderr().print(f"\nreport  [bold]{shown(written['report'])}[/bold]")
     if not as_json:
-        zoom = (f"{again} --out FOLDER", "a report to zoom into")
+        zoom = (f"{again} --out FOLDER", "an interactive report")
         stages = [(f"palpate revisions {data.typed(folder=folder)}", "all stages")]
         first = stages if kept else _after(data, study, results, model, channel, folder)
         console.next_steps(*first, zoom)

@@ -129,7 +129,7 @@ def _next(  # noqa: PLR0917, what was typed and found
     improved = [channel for channel in diagnosis.channels if channel.accepted]
     if improved and apply:
         yield from console.export_steps(kept, [study.channel(item.channel).kind for item in improved])
-        yield f"palpate revisions {kept}", "all revisions, each a step to go back to"
+        yield f"palpate revisions {kept}", "all revisions"
     for item in [] if apply else improved:
         names = " ".join(entry.effect for entry in item.accepted)
         alone = len(study.source.channels) == 1 or item.channel == "contact"
@@ -167,7 +167,7 @@ def _next(  # noqa: PLR0917, what was typed and found
                 (f"palpate import {path_typed(data.file)} FILE ... --look"),
                 "import more files as further runs",
             )
-        yield f"palpate estimate {data.typed(model=asked['model'])}", "the parameters of the model as it is"
+        yield f"palpate estimate {data.typed(model=asked['model'])}", "the parameters of the base model"
         return
     beside = data.typed(channel=None if asked["channel"] == ALL_CHANNELS else asked["channel"], folder=out)
     yield f"palpate compare {beside}", "where the model fails"

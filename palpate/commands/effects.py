@@ -21,7 +21,7 @@ def effects_command(
     name: Annotated[
         str | None,
         typer.Argument(
-            help="Only this one, drawn and in full.", metavar="[NAME]", autocompletion=effect_names
+            help="Effect to show in full, with a drawing.", metavar="[NAME]", autocompletion=effect_names
         ),
     ] = None,
     on: Annotated[
@@ -43,7 +43,7 @@ def effects_command(
             {"effects": list(map(as_data, library()))},
             lambda: print_library(console.stdout(), library()),
             [
-                ("palpate effects NAME", "one of them in full, and drawn"),
+                ("palpate effects NAME", "one effect in full, with a drawing"),
                 ("palpate diagnose FILE", "find which of them a measurement shows"),
             ],
             as_json=as_json,

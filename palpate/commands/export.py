@@ -177,7 +177,7 @@ def export_command(
     steps = [(f"palpate probe --scenario {typed(path)}", "probe the model as if it were the object")]
     if study.source.probed and data.file.is_file():
         twin = f"palpate replay {typed(data.file)} --scenario {typed(path)}"
-        steps.append((twin, "the recorded motion again, on the model"))
+        steps.append((twin, "repeat the recorded motion on the model"))
     steps.append((f"palpate compare {again}", "compare the model with the measurement"))
     console.present(content | {"left_out": export.left_out}, show, steps, as_json=as_json)
 
@@ -285,6 +285,4 @@ def report_command(
         console.print_json({"file": str(data.file), "report": str(path)})
         return
     console.stdout().print(f"report  [bold]{shown(path)}[/bold]", soft_wrap=True)
-    console.next_steps(
-        (f"palpate workbench {data.typed()}", "the same on a local page, with effects to tick")
-    )
+    console.next_steps((f"palpate workbench {data.typed()}", "an interactive page to try effects on"))

@@ -80,7 +80,7 @@ def add_command(
     content = {"file": str(data.file), "channel": name, "revisions": revisions}
     newest, kept = change.revisions[-1], data.typed(folder=out)
     steps = [console.rerun_step(written["recording"])] if "recording" in written else []
-    steps.append((f"palpate revisions {kept}", "all revisions, each a step to go back to"))
+    steps.append((f"palpate revisions {kept}", "all revisions"))
     if newest.parent is not None:
         back = f"palpate add {data.typed(out=out)} EFFECT --from {newest.parent}"
         steps.append((back, "go back, and try another effect"))
@@ -113,7 +113,7 @@ def remove_command(
     console.present(
         {"file": str(data.file), "channel": change.result.channel.name, "revisions": kept},
         lambda: print_stages(console.stdout(), result_view(change.result)),
-        [(f"palpate revisions {data.typed(folder=folder)}", "all revisions, each a step to go back to")],
+        [(f"palpate revisions {data.typed(folder=folder)}", "all revisions")],
         as_json=as_json,
     )
 

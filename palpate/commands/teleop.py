@@ -138,7 +138,7 @@ def follower(
         end = "" if is_finished else f"; [red]{safe(outcome.loop.one_line())}[/red]"
         stdout.print(f"targets: {states or 'none'}; {count(outcome.estimates, 'estimate')} sent{end}")
         if outcome.talk_error:
-            stdout.print(f"  [yellow]the link was given up: {safe(outcome.talk_error)}[/yellow]")
+            stdout.print(f"  [yellow]the link failed: {safe(outcome.talk_error)}[/yellow]")
         stdout.print(f"written: [bold]{shown(job.session)}[/bold]", soft_wrap=True)
         typed_session = typed(job.session)
         steps = {

@@ -73,7 +73,7 @@ def examine_limits(robot_file: RobotFile, body: RigidBody) -> Iterator[Finding]:
     remedy = "the guard would stop nothing: lower velocity_rad_s"
     yield graded("velocity limits", value, (_FAIL, beyond, remedy))
     widest_rad = max(limits.tracking_rad)
-    remedy = "lower tracking_rad: 0.1 rad is what a well-tuned arm keeps"
+    remedy = "lower tracking_rad: a well-tuned arm stays within 0.1 rad"
     yield graded(
         "tracking limits",
         f"up to {widest_rad:g} rad from the path",
@@ -146,7 +146,7 @@ def _position(limits: Limits, body: RigidBody) -> Finding:
         f"joint {joint + 1} from {low[joint]:g} to {high[joint]:g} rad, "
         f"in the URDF from {low_rad[joint]:g} to {high_rad[joint]:g}"
     )
-    remedy = "it would meet its stop: narrow position_min_rad and position_max_rad"
+    remedy = "the joint could hit its stop: narrow position_min_rad and position_max_rad"
     return fail("position limits", value, remedy)
 
 

@@ -321,7 +321,7 @@ class FollowingArm:
         except EOFError:
             if what is None:
                 raise
-            answer = PalpateError("the arm's process has ended unexpectedly; its last words are above")
+            answer = PalpateError("the arm's process has ended unexpectedly; its last output is above")
         if isinstance(answer, PalpateError):
             self._ended = answer
             raise answer

@@ -137,7 +137,7 @@ class FollowerMessaging(threading.Thread):
                 self._exchange()
         except Exception as error:  # a follower that cannot send goes on as if the link were silent
             self.error = one_line(error)
-            self._say(f"the link was given up, nothing new is begun: {self.error}")
+            self._say(f"the link failed, no further target is probed: {self.error}")
         finally:
             self.queue.linked = False
 
@@ -174,7 +174,7 @@ class FollowerMessaging(threading.Thread):
         if changed and self.queue.linked:
             self._say("the leader is heard")
         elif changed:
-            self._say("the leader is silent: nothing new is begun")
+            self._say("the leader is silent: no further target is probed")
         if problem := self._messaging.problem():
             self.notes.append(("link", problem, {}))
             self._say(problem)
@@ -317,7 +317,7 @@ class FollowerOutcome:
     loop: LoopResult
     states: dict[int, TargetState]  # what became of each target, by its leader's count
     estimates: int  # how many were made
-    talk_error: str  # why the link was given up; empty if it was not
+    talk_error: str  # why the link failed; empty if it did not
 
 
 def run_follower(job: FollowerJob, say: Say) -> FollowerOutcome:
