@@ -112,23 +112,6 @@ class Feedforward:
         Raises:
             InputError: a file cannot be written.
         """
-        write_text(path, self._yaml(source))
-        rows = "".join(
-            f"    {joint.number}: ({_literals(terms)}),  # {_title(joint)}\n"
-            for joint, terms in zip(self.joints, self.terms, strict=True)
-        )
-        names = ", ".join(asdict(JointTerms()))
-        text = _PYTHON.format(source=_comment(source), names=names, rows=rows)
-        write_text(path.with_suffix(".py"), text)
-        rows = "".join(
-            f"    {{{joint.number}, {{{_literals(terms)}}}}}, /* {_title(joint)} */\n"
-            for joint, terms in zip(self.joints, self.terms, strict=True)
-        )
-        names = "".join(f"    double {name};\n" for name in asdict(JointTerms()))
-        text = _C.format(source=_comment(source), names=names, rows=rows)
-        write_text(path.with_suffix(".c"), text)
-
-    def _yaml(self, source: str) -> str:
         joints = {
             joint.name: {
                 "model": joint.model,
@@ -151,7 +134,21 @@ class Feedforward:
             for joint, terms in zip(self.joints, self.terms, strict=True)
         }
         content = {"source": source, "equation": EQUATION, "joints": joints, "left_out": list(self.left_out)}
-        return yaml.safe_dump(content, sort_keys=False, width=100, allow_unicode=True)
+        write_text(path, yaml.safe_dump(content, sort_keys=False, width=100, allow_unicode=True))
+        rows = "".join(
+            f"    {joint.number}: ({_literals(terms)}),  # {_title(joint)}\n"
+            for joint, terms in zip(self.joints, self.terms, strict=True)
+        )
+        names = ", ".join(asdict(JointTerms()))
+        text = _PYTHON.format(source=_comment(source), names=names, rows=rows)
+        write_text(path.with_suffix(".py"), text)
+        rows = "".join(
+            f"    {{{joint.number}, {{{_literals(terms)}}}}}, /* {_title(joint)} */\n"
+            for joint, terms in zip(self.joints, self.terms, strict=True)
+        )
+        names = "".join(f"    double {name};\n" for name in asdict(JointTerms()))
+        text = _C.format(source=_comment(source), names=names, rows=rows)
+        write_text(path.with_suffix(".c"), text)
 
 
 def _literals(terms: JointTerms) -> str:

@@ -143,7 +143,10 @@ class _Mjcf:
         if (own := element.get(name)) is not None:
             return own
         tags = {element.tag} if element.tag == "joint" else {element.tag, *_SCALED}
-        default = self._defaults.get(self._class_of(element))
+        class_name, above = element.get("class"), self._parents.get(element)
+        while class_name is None and above is not None:
+            class_name, above = above.get("childclass"), self._parents.get(above)
+        default = self._defaults.get("main" if class_name is None else class_name)
         while default is not None:
             for each in default:
                 if each.tag in tags and (value := each.get(name)) is not None:
@@ -151,16 +154,6 @@ class _Mjcf:
             above = self._parents.get(default)
             default = above if above is not None and above.tag == "default" else None
         return absent
-
-    def _class_of(self, element: Element) -> str:
-        if (own := element.get("class")) is not None:
-            return own
-        above = self._parents.get(element)
-        while above is not None:
-            if (childclass := above.get("childclass")) is not None:
-                return childclass
-            above = self._parents.get(above)
-        return "main"
 
     def joint(self, joint: TargetJoint, *, by_name: bool) -> Element:
         if by_name:

@@ -100,7 +100,18 @@ def estimate_table(estimates: ChannelEstimates, truth: Truth, width: int) -> Tab
             made = _one_row_an_estimator(estimates, truth, columns)
             if natural_width(made) <= width:
                 return made
-    return _one_row_a_parameter(estimates, truth)
+    # For narrow terminals and large models: parameters below their estimator.
+    known = {p.name for p in shown_parameters(estimates.estimates[0]) if p.name in truth}
+    numbers = ["value", "95 %", *["truth"] * bool(known)]
+    made = table("", "estimator", *numbers, "determined", right=numbers)
+    for estimate in estimates.estimates:
+        made.add_row(f"[bold]{estimate.estimator}[/bold]")
+        for p in shown_parameters(estimate):
+            name = f"  {safe(short_name(p.name))} {safe(f'[{p.unit}]')}"
+            value, _, half = with_interval(p).partition(" ")
+            true = [f"{truth[p.name]:g}" if p.name in known else ""] * bool(known)
+            made.add_row(name, value, half, *true, _in_color(_state(estimate, p)))
+    return made
 
 
 def _one_row_an_estimator(estimates: ChannelEstimates, truth: Truth, width: int) -> Table:
@@ -139,21 +150,6 @@ def _one_row_an_estimator(estimates: ChannelEstimates, truth: Truth, width: int)
             cells += [true, *[""] * (p.name in erring)]
         made.add_section()
         made.add_row(*cells)
-    return made
-
-
-def _one_row_a_parameter(estimates: ChannelEstimates, truth: Truth) -> Table:
-    """Tabulate parameters below their estimator, for narrow terminals and large models."""
-    known = {p.name for p in shown_parameters(estimates.estimates[0]) if p.name in truth}
-    numbers = ["value", "95 %", *["truth"] * bool(known)]
-    made = table("", "estimator", *numbers, "determined", right=numbers)
-    for estimate in estimates.estimates:
-        made.add_row(f"[bold]{estimate.estimator}[/bold]")
-        for p in shown_parameters(estimate):
-            name = f"  {safe(short_name(p.name))} {safe(f'[{p.unit}]')}"
-            value, _, half = with_interval(p).partition(" ")
-            true = [f"{truth[p.name]:g}" if p.name in known else ""] * bool(known)
-            made.add_row(name, value, half, *true, _in_color(_state(estimate, p)))
     return made
 
 
