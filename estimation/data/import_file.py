@@ -261,7 +261,7 @@ def _first_row(columns: Columns) -> str:
     table = columns.table
     if NAMELESS not in table.words:
         return ""
-    cells = ", ".join(f"{table.numbers(name)[0]:g}" for name in table.names[:_SHOWN_CELLS])
+    cells = ", ".join(table.labels(name)[0][0] for name in table.names[:_SHOWN_CELLS])
     return f" (it names none; the first row is {cells}{' ...' if len(table.names) > _SHOWN_CELLS else ''})"
 
 
