@@ -334,6 +334,10 @@ def keys_of_channels(there: Collection[Key]) -> list[Key]:
                 break
     if not keys:  # a servo, whose goal error stands for an effort that nobody measured
         keys = [key for j in joints if ("goal", j) in there for key in (("position", j), ("goal", j))]
+    if not keys and not joints:  # the position is then the integral of the velocity
+        moving = sorted({joint for quantity, joint in there if quantity == "velocity"})
+        efforts = {j: [(effort, j) for effort in ("torque", "force") if (effort, j) in there] for j in moving}
+        keys = [key for j in moving for key in [("velocity", j), *efforts[j][:1]] if efforts[j]]
     return [TIME, *keys] if keys else []
 
 

@@ -176,7 +176,7 @@ class _Source:
 
     name: str
     kind: ChannelKind
-    position: Key
+    position: Key  # or the velocity, of which it is the integral
     effort: Key
 
     @property
@@ -225,8 +225,8 @@ def _sources(columns: Columns) -> list[_Source]:
         sources.append(_Source("contact", ChannelKind.CONTACT, ("displacement", 0), ("force", 0)))
     taken = {source.effort for source in sources}
     for quantity, joint in sorted(columns.assigned):
-        if quantity == "position":
-            revolute = columns.assigned["position", joint].dimension == "angle"
+        if quantity == "position" or (quantity == "velocity" and ("position", joint) not in columns):
+            revolute = columns.assigned[quantity, joint].dimension in {"angle", "angle_rate"}
             kind = ChannelKind.REVOLUTE if revolute else ChannelKind.PRISMATIC
             effort = ("torque" if revolute else "force", joint)
             if effort in columns and effort not in taken:
@@ -294,12 +294,20 @@ def _example(columns: Columns) -> str:
 def _channel(source: _Source, columns: Columns, rows: Rows, notes: list[str]) -> ChannelData:
     """One channel; what the reader should know of it is added to the notes."""
     joint = source.position[1]
-    position = columns.values(source.position)[rows.order]
+    motion = columns.values(source.position)[rows.order]
     piece = number_pieces(rows.time_s, rows.run)
-    derived = differentiate(rows.time_s, position, piece)
-    velocity, acceleration = derived.velocity, derived.acceleration
-    given, note = _given(columns, ("velocity", joint), source, rows, position, velocity)
-    notes += [note] if note else []
+    if source.position[0] == "velocity":
+        position, given = _integrated(rows, motion), motion
+        notes.append(
+            f"no column holds a position: it is the integral of '{columns.name(source.position)}', from 0 in "
+            "each run; if one does, add --column position=COLUMN"
+        )
+    else:
+        position = motion
+        derived = differentiate(rows.time_s, position, piece)
+        velocity, acceleration = derived.velocity, derived.acceleration
+        given, note = _given(columns, ("velocity", joint), source, rows, position, velocity)
+        notes += [note] if note else []
     if given is not None:
         velocity, acceleration = given, differentiate(rows.time_s, given, piece).velocity
     given, note = _given(columns, ("acceleration", joint), source, rows, velocity, acceleration)
@@ -325,6 +333,15 @@ def _channel(source: _Source, columns: Columns, rows: Rows, notes: list[str]) ->
         phase,
         touching=both_ways,
     )
+
+
+def _integrated(rows: Rows, velocity: FloatArray) -> FloatArray:
+    """The position that a velocity (n,) leads to from 0 on in each run, shape (n,)."""
+    position = np.empty(len(velocity))
+    for of_run in blocks(rows.run):
+        steps = 0.5 * (velocity[of_run][1:] + velocity[of_run][:-1]) * np.diff(rows.time_s[of_run])
+        position[of_run] = np.append(0.0, np.cumsum(steps))
+    return position
 
 
 def _given(  # noqa: PLR0917

@@ -44,15 +44,9 @@ def arrange_rows(columns: Columns, *, fresh: bool = False, count: int | None = N
         count: of presses in the recording, if the user says it.
 
     Raises:
-        InputError: a joint has no time, times do not increase in a run, a run is too short, a phase unknown.
+        InputError: times do not increase in a run, a run is too short, a phase unknown.
     """
     table = columns.table
-    is_contact = DISPLACEMENT in columns and FORCE in columns
-    if TIME not in columns and not is_contact:  # nothing moves without a time; a press may be slow
-        raise InputError(
-            f"{table.path}: no time, which a joint needs; name it time_s or add --column time_s=COLUMN. "
-            f"Columns: {table.listed_names}"
-        )
     if columns.run is None:
         run, note = _found_runs(columns, _times(columns), count)
         labels = {number: str(number) for number in np.unique(run).tolist()}
@@ -71,8 +65,8 @@ def arrange_rows(columns: Columns, *, fresh: bool = False, count: int | None = N
     time_s = _times(columns)[order]
     if TIME not in columns:
         no_time = (
-            "no column holds a time: rows count as 1 s apart, so speeds, damping and relaxation times are "
-            "not in seconds; if a column does, add --column time=COLUMN"
+            "no column holds a time: rows count as 1 s apart, so speeds, damping, inertia and relaxation "
+            "times are not in seconds; if a column does, add --column time=COLUMN"
         )
         note = "; ".join(filter(None, [note, no_time]))
     same = np.abs(np.diff(time_s, prepend=-np.inf)) < FINEST_S
@@ -139,9 +133,9 @@ def _cycles(columns: Columns) -> tuple[IntArray, str]:
     Cycles that are very many or short are left in one run, and the column is empty. So are steps of a
     programme, which do not lead back to where they began.
     """
-    moved = next(key for key in columns.assigned if key[0] in {"displacement", "position"})
+    moved = next((key for key in columns.assigned if key[0] in {"displacement", "position"}), None)
     for guess in guess_columns(columns.unused):
-        if guess.key == TIME:
+        if guess.key == TIME and moved is not None:
             cycle, position = restarts(columns.table.numbers(guess.column)), columns.values(moved)
             if not 0 < cycle[-1] < MOST_RUNS or np.bincount(cycle).min() < FEWEST_ROWS:
                 continue

@@ -195,9 +195,9 @@ def number_of(text: object) -> float:
     """The number that a cell says, NaN if it says none.
 
     Args:
-        text: of a cell, with a decimal point.
+        text: of a cell, with a decimal point; brackets may stand around it, as about a list of one.
     """
-    written = str(text).strip()
+    written = str(text).strip().removeprefix("[").removesuffix("]")
     try:
         return math.nan if "_" in written else float(written)
     except ValueError:

@@ -323,7 +323,9 @@ def test_the_run_may_stand_behind_the_unit(tmp_path, runs):
 def test_rows_that_nothing_names_are_called_by_their_places(tmp_path, delimiter):
     path = tmp_path / "bare.txt"
     path.write_text(lines(TIME_S, 1e3 * WAY_M, FORCE_N, delimiter=delimiter))
-    with pytest.raises(InputError, match=r"\(it names none; the first row is 0, .*--column time='column 1'"):
+    with pytest.raises(
+        InputError, match=r"\(it names none; the first row is 0.0+, .*--column time='column 1'"
+    ):
         import_file(path)
     columns = {"time": "column 1", "displacement": "column 2", "force": "column 3"}
     options = ImportOptions(columns=columns, units={"time": "s", "displacement": "mm", "force": "N"})
@@ -337,3 +339,25 @@ def test_units_in_brackets_alone_stand_apart_between_blanks(tmp_path):
     path.write_text("Raw Data\nTime Displacement Force\n(s) (mm) (N)\n" + rows)
     (channel,) = import_file(path).channels
     np.testing.assert_allclose(channel.position, WAY_M, atol=1e-8)
+
+
+def test_a_position_that_nothing_holds_is_the_integral_of_the_velocity(tmp_path):
+    path = tmp_path / "motor.csv"
+    speed = np.gradient(SWING_RAD, TIME_S)
+    first, *rest = lines(TIME_S, TORQUE_NM, speed).splitlines()
+    cells = "[{}],{},{}".format(*first.split(","))  # as Python writes a list of one
+    path.write_text("\n".join(["time [s],torque [Nm],angular speed [rad/s]", cells, *rest]))
+    imported = import_file(path)
+    (channel,) = imported.channels
+    assert channel.kind is ChannelKind.REVOLUTE
+    np.testing.assert_allclose(channel.position, SWING_RAD - SWING_RAD[0], atol=2e-3 * np.ptp(SWING_RAD))
+    np.testing.assert_allclose(channel.velocity, speed, atol=1e-6)
+    assert any("it is the integral of 'angular speed [rad/s]'" in note for note in imported.notes)
+
+
+def test_a_joint_without_a_time_is_read_row_by_row(tmp_path):
+    path = tmp_path / "joint.csv"
+    path.write_text("angle [rad],torque [Nm]\n" + lines(SWING_RAD, TORQUE_NM))
+    imported = import_file(path)
+    np.testing.assert_array_equal(np.diff(imported.channels[0].time_s), 1.0)
+    assert any("damping, inertia and relaxation times are not in seconds" in note for note in imported.notes)

@@ -366,11 +366,6 @@ TEMPERATURES = {"temp (C)": 20 + T, "temp [C]": 25 + T}
         ({"force_N": None, "F [N]": forces(at_7="inf")}, {}, "line 9, column 'F [N]': 'inf' is no finite"),
         ({"force_N": None, "F [N]": [""] * 50}, {}, "line 2, column 'F [N]': '' is no finite"),
         ({"force_N": None, "F [N]": [1e300] * 50}, {}, "line 2, column 'F [N]': '1e+300' is too large"),
-        (
-            {"time_s": None, "displacement_m": None, "force_N": None, "position_rad": X, "torque_Nm": F},
-            {},
-            "no time, which a joint needs; name it time_s",
-        ),
         ({}, {"columns": {"force_N": "load"}}, "has only time_s, displacement_m, force_N"),
         ({}, {"where": {"specimn": "P1"}}, "no column 'specimn'"),
         ({"specimen": ["P1"] * 50}, {"where": {"specimen": "P2"}}, "no such row. There are: P1"),
