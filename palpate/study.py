@@ -197,7 +197,7 @@ class Study(ModelStudy):
         Raises:
             InputError: the port is taken, a page is open already, or the workbench is not installed.
         """
-        # By its name: the page imports this class, and what it needs takes seconds to import.
+        # Imported here because the page imports this class, and takes seconds to import.
         try:
             server = import_module("palpate.workbench.server")
         except ModuleNotFoundError as error:

@@ -13,7 +13,7 @@ from typer.main import get_command
 from palpate.common.failures import OneLineGroup
 from palpate.robot_io.errors import InputError
 
-COMMANDS: Mapping[str, tuple[str, str]] = {  # module, and what the list of commands says; in that order
+COMMANDS: Mapping[str, tuple[str, str]] = {  # module and one-line help, in the order of the list
     "demo": ("demo", "Run the whole workflow once, without questions."),
     "probe": ("probe", "Touch an object at several speeds and log every tick."),
     "replay": ("probe", "Repeat the motion of a session, in simulation or with an arm."),
@@ -48,7 +48,7 @@ COMMANDS: Mapping[str, tuple[str, str]] = {  # module, and what the list of comm
 }
 
 _ALIASES = {"study": "sweep"}  # earlier names, for one release
-_WITHOUT_VALUE = re.compile(r"--[a-z-]+=")  # an option with nothing after its sign
+_WITHOUT_VALUE = re.compile(r"--[a-z-]+=")  # an option with an empty value
 
 
 class CommandGroup(OneLineGroup):
@@ -64,7 +64,7 @@ class CommandGroup(OneLineGroup):
 
     def resolve_command(self, ctx: Any, args: list[str]) -> tuple[str | None, Any, list[str]]:  # noqa: ANN401
         """Find and load the command that is called; see `TyperGroup.resolve_command`."""
-        # A shell makes empty names of variables that are not set: "" would be the current folder.
+        # An unset shell variable becomes an empty argument, and "" would mean the current folder.
         before = ["", *args]
         for number, argument in enumerate(args):
             if not argument or _WITHOUT_VALUE.fullmatch(argument):
@@ -120,7 +120,7 @@ def load_command(name: str) -> Any:  # noqa: ANN401, typer's own command
         return get_command(module.group)
     command = getattr(module, f"{name}_command")
     single = typer.Typer(rich_markup_mode="rich", add_completion=False)
-    # each paragraph in one line: the terminal breaks it where it ends
+    # one line a paragraph, which the terminal wraps
     about = "\n\n".join(" ".join(text.split()) for text in (getdoc(command) or "").split("\n\n"))
     single.command(name=name, help=about, context_settings={"help_option_names": ["-h", "--help"]})(command)
     return get_command(single)

@@ -33,7 +33,7 @@ from palpate.workflows.data_options import (
 )
 
 RESULT, RECORDING = "comparison.json", "sides.rrd"
-PAIR_FILES = (RESULT, REPORT, RECORDING)  # of what `write_pair` may write
+PAIR_FILES = (RESULT, REPORT, RECORDING)  # files that `write_pair` writes
 
 
 Steps = list[tuple[str, str]]
@@ -149,7 +149,7 @@ def write_pair(folder: Path, pair: ComparedPair, view: PairView) -> dict[str, Pa
     Raises:
         InputError: a file cannot be written.
     """
-    # what draws takes longer to import than all else
+    # plotting libraries take long to import
     from palpate.render.paired_report import document, record_pair  # noqa: PLC0415
 
     output_folder(folder)
@@ -344,7 +344,7 @@ def _after(  # noqa: PLR0917, what was typed
         since = data.typed(revision=numbers, folder=folder, effect=own)
         steps.append((f"palpate compare {since}", "with the effects added since"))
     elif model is None and data.urdf is None:
-        for result in results:  # a base model that does far better, where the usual one misses by far
+        for result in results:  # suggest a far better base model where the usual one misses
             if result.comparison is None or result.comparison.lack_of_fit < FAR:
                 continue
             better = better_model(study, result.channel, FAR_BETTER * result.comparison.rmse)

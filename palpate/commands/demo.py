@@ -65,12 +65,12 @@ def demo_command(
         world = world.with_engine(engine)
     now = datetime.now().astimezone()
     session = output_session(out or Path("sessions") / f"demo-{now:%Y%m%d-%H%M%S}.mcap")
-    # Of another law, what is hidden would not be all that the demo's base model misses.
+    # With another law, the base model would miss more than the hidden effect.
     can_hide = isinstance(world.object.law, KelvinVoigtLaw)
     second = output_file(session.with_name(f"{session.stem}-hidden.mcap")) if can_hide else None
     if seed is None and second is not None:
         seed = drawn_seed()
-    # The command that makes the same demo again.
+    # Command that repeats this demo.
     words = ["palpate", "demo", *(["--scenario", scenario] if scenario != DEFAULT else [])]
     words += ["--engine", engine] if engine is not None else []
     words += ["--seed", str(seed)] if seed is not None else []

@@ -29,8 +29,8 @@ from palpate.workflows.data_options import DataArguments, ForceOption, JsonOptio
 
 PLAN = "next-experiment.yaml"
 EXIT_CODES = {Verdict.MISSING: 10, Verdict.UNEXPLAINED: 11, Verdict.INSUFFICIENT: 12}  # 1 to 3 are failures
-MOST_ASKED = 3  # unused columns that are pointed out
-Steps = Iterator[tuple[str, str]]  # commands, and what each is for
+MOST_ASKED = 3  # largest number of unused columns to suggest
+Steps = Iterator[tuple[str, str]]  # commands with their purposes
 
 
 @takes_data

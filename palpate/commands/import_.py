@@ -30,8 +30,8 @@ from palpate.robot_io.errors import InputError
 from palpate.robot_io.session import SessionMetadata, write_session
 from palpate.workflows.data_options import ReadOptions, retyped
 
-_READ = 0.6  # of the time that an import takes, on reading
-_MOST_NAMES = 5  # of files, that the session keeps
+_READ = 0.6  # share of the import's time spent on reading
+_MOST_NAMES = 5  # largest number of file names stored in the session
 
 
 @takes(ReadOptions)
@@ -104,7 +104,7 @@ def _data_in(path: Path) -> list[Path]:
     files = data_files(path) if path.is_dir() else [existing_file(path, "data file")]
     for file in files:
         if is_session(file):
-            open_session(file)  # says what is wrong with what is only called one
+            open_session(file)  # raises for a file that only has a session's name
             raise InputError(f"{file}: is a session already; all commands read it directly")
     if not files:
         raise InputError(f"{path}: is a folder without a data file")
@@ -136,10 +136,10 @@ def _look(
     console.next_steps((command, "store it as a session"))
 
 
-_VALUES = 3  # of a column that are shown
+_VALUES = 3  # number of values shown of each column
 _MOST_COLUMNS = 60
 _MOST_RUNS = 30
-_PAUSE = 10.0  # times the usual step: what lasts longer was not sampled
+_PAUSE = 10.0  # multiple of the usual time step above which a gap is a pause
 
 
 def look_as_data(path: Path, options: ImportOptions) -> dict[str, Any]:
@@ -217,7 +217,7 @@ def look_at(path: Path, options: ImportOptions, like: Mapping[str, str] | None =
                 f"{part.effort.min():.2g} to {part.effort.max():.2g}",
             )
         out.print(made)
-        # of all runs together, in the order in which they came first; a pause in the recording counts nothing
+        # total over all runs in order of first appearance, without pauses
         usual_s, steps_s = 1.0 / rate, np.diff(channel.time_s, append=channel.time_s[-1:])
         steps_s[(steps_s < 0.0) | (steps_s > _PAUSE * usual_s) | (np.diff(channel.run, append=-1) != 0)] = (
             usual_s
@@ -250,7 +250,7 @@ def _columns(table: Table, roles: dict[str, str] | None = None) -> Printed:
     made = console.table("", "column", *holds, "first values")
     for name in table.names[:_MOST_COLUMNS]:
         values = table.head(_VALUES).columns.column(name).to_pylist()
-        for digits in (4, 8, 12):  # as few as show that the values differ
+        for digits in (4, 8, 12):  # fewest digits that show that the values differ
             texts = [f"{value:.{digits}g}" if isinstance(value, float) else str(value) for value in values]
             if len(set(texts)) == len(set(map(str, values))):
                 break

@@ -81,9 +81,9 @@ def probe_command(
     plan = load_probing_plan(existing_file(experiment, "experiment")) if experiment else ProbingPlan()
     try:
         plan = validate(ProbingPlan, plan.model_dump() | changes)
-    except InputError as error:  # of plan and options together
+    except InputError as error:  # from plan and options combined
         key, _, problem = str(error).partition(": ")
-        is_option = key in changes and key != "speeds_m_s"  # whose option has another unit
+        is_option = key in changes and key != "speeds_m_s"  # its option has another unit
         said = f"--{key.replace('_', '-')}: {problem}" if is_option else f"probing plan: {error}"
         raise InputError(said) from error
     if online not in (NO_ESTIMATOR, *online_estimators()):
@@ -233,7 +233,7 @@ def resolve_command(
     plan = load_probing_plan(existing_file(experiment, "experiment")) if experiment else ProbingPlan()
     # Refuse a channel that no session of this arm and plan has, before the arm moves.
     names = [*(f"joint_{number}" for number in range(1, robot_file.joint_count + 1)), "contact"]
-    if len(plan.targets_world_m) > 1:  # of places that are near to each other, there is one channel
+    if len(plan.targets_world_m) > 1:  # nearby places share one channel
         names += [f"contact_{number}" for number in range(1, len(plan.targets_world_m) + 1)]
     if channel is not None and channel not in names:
         raise InputError(f"--channel {channel}: there are {', '.join(names)}")

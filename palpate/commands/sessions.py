@@ -58,7 +58,7 @@ def info_command(
     if data["events"]:
         table = console.table("Events", "time", "kind", "what", right=("time",))
         times_s = (opened.samples(name)["time_s"][:1].tolist() for name in opened.stream_names)
-        # times count from the session's begin: a real arm's clock has run since its machine was started
+        # times are relative to the session's start: a real arm's clock runs since its machine was started
         start_s = min(chain(*times_s, (event.time_s for event in opened.events)))
         for event in opened.events[:MOST_EVENTS]:
             table.add_row(f"{event.time_s - start_s:.3f} s", safe(event.kind), safe(event.text))
@@ -135,7 +135,7 @@ def _facts(data: dict[str, Any]) -> dict[str, str]:
         "duration": duration(data["duration_s"]),
         "whole": whole.rstrip("; "),
     }
-    known = {*facts, RUN_LABELS, NOT_WHOLE}  # what runs were called is for programs, and in --json
+    known = {*facts, RUN_LABELS, NOT_WHOLE}  # labels of runs are in --json only
     further = ((key, value) for key, value in data["extra"].items() if key not in known and len(value) < 100)
     return facts | {safe(key): safe(value) for key, value in further}
 
@@ -177,8 +177,8 @@ def merge_command(
 
 RUN = "run"
 _MILLI = 1e3
-_BEGUN = 0.05  # of the force that every run reaches: with it, an object is touched
-_APART, _SPREADS = 0.05, 3.0  # of the deepest indentation, and of what runs of one session differ by
+_BEGUN = 0.05  # share of the force reached in every run, above which the object counts as touched
+_APART, _SPREADS = 0.05, 3.0  # share of the deepest indentation, and multiple of the spread between runs
 Merged = tuple[Stream, Mapping[str, NDArray[np.generic]]]
 
 
@@ -217,7 +217,7 @@ def merged_metadata(sessions: Sequence[Session], command_line: str, software_ver
     shared = {
         key: text for key, text in first.extra.items() if all(item.extra.get(key) == text for item in every)
     }
-    for key in (SEAL, RUN_LABELS):  # of one session, or of the numbers that its runs had
+    for key in (SEAL, RUN_LABELS):  # valid for one session and its run numbers only
         shared.pop(key, None)
     return replace(
         first,
@@ -269,7 +269,7 @@ def surfaces_apart(sessions: Sequence[Session]) -> list[str]:
             }
             for session in sessions
         )
-    except InputError:  # of one that holds no channel, nothing is judged
+    except InputError:  # a session without a channel is not compared
         return []
     return [
         f"{session.path.name}: {name} begins about {_MILLI * abs(deeper_m):.2g} mm "
@@ -286,7 +286,7 @@ def _depth_difference(first: ChannelData, second: ChannelData) -> float:
     force_n = _BEGUN * min(
         data.effort[data.run == run].max() for data in (first, second) for run in data.runs
     )
-    begins = []  # where along the press direction each run exceeds that force on its way to the highest [m]
+    begins = []  # position along the press direction where each run first exceeds that force [m]
     for contact in (first, second):
         surface_m = 0.0 if contact.surface is None else contact.surface.position_m
         depths = []

@@ -17,7 +17,7 @@ from palpate.robot_io.errors import InputError, PalpateError
 PAPER = "paper"
 RESULTS = "results"
 SWEEPS = Path("sweeps")
-_SAMPLE = 4  # cases that tell what a case costs
+_SAMPLE = 4  # cases to run for an estimate of the cost
 
 
 def sweep_command(
@@ -74,7 +74,7 @@ def sweep_command(
         )
         raise
     rows = {name: store.rows([case.address for case in part]) for name, part in parts.items()}
-    # processor time of each case that is done [s]
+    # processor time of each finished case [s]
     seconds = {part: [row["seconds"] for row in own if row["first"]] for part, own in rows.items()}
     done = sum(len(of_part) for of_part in seconds.values())
     if plan:

@@ -32,7 +32,7 @@ from palpate.teleop.haptics import HapticJob
 from palpate.teleop.leader import LeaderJob, leader_metadata, run_leader
 
 MILLI, PERCENT = 1e-3, 0.01
-# It begins well above the place: who has felt nothing yet may take the surface for lower than it is.
+# Starts well above the target: an operator who has felt nothing yet may place it too low.
 PLAN = ProbingPlan(hold_s=0.4, approach_clearance_m=0.08)
 
 group = command_group(
@@ -200,7 +200,7 @@ def leader(  # noqa: PLR0917, one parameter an option
       palpate teleop leader --operator touch.yaml --link router.json5
     """
     command_line = as_command(sys.argv[1:])
-    device = build_operator(operator, MonotonicClock())  # only to know that it can be made
+    device = build_operator(operator, MonotonicClock())  # checks the file before anything starts
     scene, robot_file = load_scenario(scenario), find_robot(robot)
     session = output_session(out or SESSIONS / f"{datetime.now().astimezone():%Y%m%d-%H%M%S}-leader.mcap")
     metadata = leader_metadata(robot_file, scene, command_line)
@@ -269,7 +269,7 @@ def demo(
       palpate teleop demo --out teleop-demo
       palpate teleop demo --out far --scenario hunt_crossley --bad-network 500,20,10
     """
-    _line("arm", 7447, None, None, bad_network)  # only to know that it can be read
+    _line("arm", 7447, None, None, bad_network)  # checks the option before anything starts
     network = [] if bad_network is None else ["--bad-network", bad_network]
     with console.stderr().status("leader and follower are at work (about 30 s)"):
         made = run_demo(out, load_scenario(scenario), network, network)
@@ -315,5 +315,5 @@ def _line(
     if config is not None:
         existing_file(config, "zenoh configuration")
     if key is not None:
-        load_seal(existing_file(key, "key"), name)  # only to know that it is one
+        load_seal(existing_file(key, "key"), name)  # checks the key before anything starts
     return LineSettings(name, port, config, key, impairment)

@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     pass
 
 PAGE = "trend.html"
-CHANGED = 10  # exit code, as of a diagnosis that finds something missing
+CHANGED = 10  # exit code, the same as of a diagnosis with missing effects
 
 
 def trend_command(

@@ -64,7 +64,7 @@ def workbench_command(
     home = AppState(folder, file, riddle)
     home.open = lambda path, options: _state(data, path, options, model)
     if file is not None and data.held_out:
-        home.state = _state(data, file, data.options, model)  # a run that is not there is refused here
+        home.state = _state(data, file, data.options, model)  # refuses runs that do not exist
     early = early_server(port)
     if foxglove is not None:
         from palpate.workbench.sources import Feed  # noqa: PLC0415, rarely wanted
@@ -77,7 +77,7 @@ def workbench_command(
     if not no_browser:
         Thread(target=webbrowser.open, args=(address,), daemon=True).start()
     if file is not None:
-        with suppress(PalpateError):  # the page says what is wrong with it
+        with suppress(PalpateError):  # the page shows the error
             home.raw = raw_curves(file)
     if riddle:
 
@@ -91,7 +91,7 @@ def workbench_command(
     elif file is not None and home.state is None:
         home.read(lambda: _state(data, file, data.options, model), f"reading {file.name}")
     early.answer_with(home.waiting)
-    # a second or two to import; whoever asks meanwhile sees what was measured
+    # takes 1 to 2 s to import; until then the page shows the raw curves
     from palpate.workbench.server import serve  # noqa: PLC0415
 
     serve(home, early.release_socket())

@@ -54,7 +54,7 @@ def print_json(data: Any) -> None:  # noqa: ANN401
     JsonOutput.was_printed = True
     readable = "utf" in (sys.stdout.encoding or "").lower()
     text = json.dumps(plain(data), indent=2, ensure_ascii=not readable, allow_nan=False)
-    # what stands for itself in JSON may still be an order to a terminal
+    # control characters that JSON allows may still be commands to a terminal
     print("".join(char if char.isprintable() or char == "\n" else json.dumps(char)[1:-1] for char in text))
 
 

@@ -80,7 +80,7 @@ def report_error(error: Exception, *, as_json: bool = False) -> int:
             text, code = _usage(error), error.exit_code
         case OSError() if error.filename is not None:
             text, code = f"{error.filename}: {error.strerror}", BAD_INPUT
-        case OSError() if error.errno in _NO_ROOM:  # files that are written are named
+        case OSError() if error.errno in _NO_ROOM:  # messages of other files name them
             text = f"cannot write the output: {error.strerror}"
         case MemoryError():
             text = "the memory is full; take fewer runs, or a shorter recording"
@@ -88,7 +88,7 @@ def report_error(error: Exception, *, as_json: bool = False) -> int:
             text, code = missing, BAD_INPUT
         case ImportError() if remedy := library_remedy(error):
             text = f"a library of the system is missing ({error}); {remedy}"
-    # A disk that takes nothing more, or fails, may be behind it: the input may be as good as can be.
+    # The cause may be a full or failing disk, and not the input.
     cause: BaseException | None = error
     while cause is not None and not isinstance(cause, OSError | DeviceError):  # a line that fails is no disk
         cause = cause.__cause__

@@ -123,7 +123,7 @@ def output_folder(folder: Path) -> Path:
     """
     try:
         make_folder(folder)
-        with tempfile.TemporaryFile(dir=folder):  # rights alone do not tell: think of /proc
+        with tempfile.TemporaryFile(dir=folder):  # permissions alone are not enough, for example in /proc
             pass
     except FileExistsError as error:
         raise InputError(f"output folder {folder}: is a file, not a folder; choose another name") from error
@@ -152,7 +152,7 @@ def spare_files(folder: Path, names: Iterable[str], *, force: bool, keep: Iterab
 def different_files(*paths: Path | None) -> None:
     """Refuse outputs that would replace each other; `InputError` if two of them are one file."""
     named = [path for path in paths if path is not None]
-    places = [os.path.realpath(path) for path in named]  # unlike Path.resolve, it takes links in a circle
+    places = [os.path.realpath(path) for path in named]  # unlike Path.resolve, it accepts circular links
     for number, path in enumerate(named):
         if places[number] in places[:number]:
             raise InputError(f"output {path}: is named twice; give each output a name of its own")

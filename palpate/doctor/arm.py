@@ -60,7 +60,7 @@ def examine_arm(check: ArmCheck) -> Iterator[Finding]:
     """
     with ExitStack() as stack:
         drivers = DriverCatalogue(SIMULATED_DRIVERS, *check.drivers)
-        gains_of(check.robot_file)  # nothing here needs them, and every run does
+        gains_of(check.robot_file)  # checked because every run needs them
         calibrations = load_calibrations(check.robot_file, emulated=check.wired)
         build_robot(check.robot_file, drivers, SimulatedClock(), calibrations)  # what is replaced is valid
         clock, robot_file, hand = _set_up(check, stack)
@@ -126,7 +126,7 @@ def _with_robot(make: Callable[[], Robot], look: Callable[[Robot], Iterator[Find
         raise
     except PalpateError as error:
         yield fail("arm", str(error), _HELP)
-    except Exception as error:  # a driver of somebody's own may fail with anything: that is a finding
+    except Exception as error:  # a user's driver may raise any exception, which is a finding
         yield fail("arm", describe_error(error), "correct the driver")
 
 
@@ -180,7 +180,7 @@ def examine_devices(robot: Robot, robot_file: RobotFile, closed: Set[str]) -> It
                 broken.add(bus)
             yield from findings
     finally:
-        with suppress(DeviceError):  # what does not let itself be closed has been found broken already
+        with suppress(DeviceError):  # a device that cannot be closed was reported before
             undo_all([(label, component) for label, component, _ in parts], "close")
 
 
@@ -189,7 +189,7 @@ def _examine(label: str, component: Component) -> Iterator[Finding]:
     seen: tuple[Finding, ...] = ()
     try:
         component.configure()
-    except Exception as error:  # a driver of somebody's own may fail with anything: that is a finding
+    except Exception as error:  # a user's driver may raise any exception, which is a finding
         problem = _in_words(error)
     if isinstance(component, Examinable):
         try:
@@ -206,8 +206,8 @@ def _in_words(error: Exception) -> str:
 
 
 _WATCH_S = 0.5
-_FULL_SHARE = 0.8  # of a tick; a bus that needs more has no time left for a late byte
-_REST_SHARE = 0.05  # of the force limit; more without touching anything is a wrong zero
+_FULL_SHARE = 0.8  # share of a tick that a bus may use, so that late bytes have time
+_REST_SHARE = 0.05  # share of the force limit; a larger reading in free air is a wrong zero
 _FAR_RAD = 0.3
 _VALUES = {
     "encoder": ("joint_position_rad", "joint_velocity_rad_s"),
@@ -225,7 +225,7 @@ class _Watched:
     reading_s: FloatArray  # how long each reading took, shape (n,)
     measurements: tuple[Measurement, ...]
     failed: tuple[Set[str], ...]  # buses that failed in each tick
-    complaints: Mapping[str, str]  # what each bus said of itself last
+    complaints: Mapping[str, str]  # last message of each bus
 
 
 def examine_rates(robot: Robot, robot_file: RobotFile) -> Iterator[Finding]:
@@ -252,7 +252,7 @@ def examine_rates(robot: Robot, robot_file: RobotFile) -> Iterator[Finding]:
         reading_s.append(clock.now_s() - begun_s)
         failed.append(set(robot.bus_errors))
         complaints |= robot.bus_errors | robot.bus_delays
-    skipped = min(10, len(measurements) // 2)  # the first samples are on their way
+    skipped = min(10, len(measurements) // 2)  # lets the first samples arrive
     watched = _Watched(
         np.array(reading_s[skipped:]), tuple(measurements[skipped:]), tuple(failed[skipped:]), complaints
     )
@@ -267,7 +267,7 @@ def examine_rates(robot: Robot, robot_file: RobotFile) -> Iterator[Finding]:
         bus = getattr(robot_file, device).bus
         yield _device(watched, device, bus, getattr(limits, f"{device}_age_s"))
     position_rad = np.mean([m.joint_position_rad for m in watched.measurements], axis=0)
-    if np.isfinite(position_rad).all():  # else there are no samples, which has been said
+    if np.isfinite(position_rad).all():  # missing samples were reported before
         ranges = zip(position_rad, limits.position_min_rad, limits.position_max_rad, strict=True)
         for number, (angle, low, high) in enumerate(ranges, 1):
             value = f"at {angle:+.3f} rad (limits {low:+.2f} to {high:+.2f})"

@@ -12,10 +12,10 @@ from palpate.robot_io.robot_file import RobotFile
 from palpate.robot_io.types import FloatArray
 
 POSES = 400
-_AGE_TICKS = 2.0  # a velocity is about so old when the arm acts on it
+_AGE_TICKS = 2.0  # age of a velocity when the arm acts on it, in ticks
 _LONG_WATCHDOG_S = 0.2
-_WEIGHTS = 10.0  # times the largest torque of the arm's own weight: no task of palpate's needs more
-_SPEEDS = 2.0  # times the URDF's speed: a servo that is driven, not one that drives
+_WEIGHTS = 10.0  # multiple of the arm's largest weight torque, enough for all tasks
+_SPEEDS = 2.0  # multiple of the URDF's speed, above what a servo reaches by itself
 _WIDE_TRACKING_RAD, _NO_TRACKING_RAD = 0.3, 1.0
 _ROUNDING_RAD = 1e-3
 _LATCHES = ("deaf_drive_s", "stuck_encoder_s", "stuck_force_s")

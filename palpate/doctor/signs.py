@@ -22,15 +22,15 @@ from palpate.robot_io.types import FloatArray, Measurement, Status
 from palpate.runs.probing import TickRecords
 from palpate.sim_backend.emulators.bench import Plant
 
-_MOVED_RAD = 0.12  # of a turn that is asked to be twice that
+_MOVED_RAD = 0.12  # half of the requested turn
 _PRESSED_N = 2.0
 _SHOWN_RAD = 0.25
-_PLAIN_M = 0.3  # share of the tip's motion along an axis that is worth a word
+_PLAIN_M = 0.3  # share of the tip's motion along an axis that is mentioned
 _DIRECTIONS = (("forwards", "backwards"), ("to the left", "to the right"), ("up", "down"))
 _START_S = 0.1
 _STEP_S, _PATIENCE_S = 1e-3, 0.02  # without power nothing waits for a reading; slow buses may take their time
-_STILL_S = 0.5  # so long nothing may have moved
-_STILL_RAD = 0.02  # a hand that turns a joint does so within a tenth of that time
+_STILL_S = 0.5  # time without motion at rest
+_STILL_RAD = 0.02  # a hand turns a joint this far within a tenth of that time
 _TOUCHED_N = 1.0  # half of what counts as pressed
 _COUNT_S = 3
 _DEVICES = ("encoder_status", "force_status")
@@ -44,9 +44,9 @@ _AWAY_M = 0.05
 NUDGE_RAD = 0.05
 _STAY_S, _NUDGE_S = 0.5, 1.2
 _TRACKING_RAD = 0.03  # less than the nudge, so that a blocked joint stops it before it is pushed hard
-_PUSH_SHARE = 0.15  # of its torque limit, that a joint may be pushed with beyond the arm's weight
+_PUSH_SHARE = 0.15  # push beyond the arm's weight, as a share of the torque limit
 _FOLLOWED = 0.7  # share of a nudge
-_SHARE, _FLOOR_NM = 0.3, 0.3  # of the weight's torque, that friction and gearing may take
+_SHARE, _FLOOR_NM = 0.3, 0.3  # share of the weight's torque that friction and gearing may take
 
 
 RESTLESS = fail("rest", "the arm does not come to rest", "let it lie or hang freely, and do not touch it")

@@ -119,7 +119,7 @@ JOINT: Mapping[str, Term] = {
     "viscous_friction": _one("viscous_friction", viscous_nms_rad="d"),
 }
 
-ARM: Mapping[str, Term] = {  # effects that belong to no single joint
+ARM: Mapping[str, Term] = {  # effects of the whole arm
     "gravity_tilt": _one("gravity_tilt", pitch_rad="tilt"),
     "force_deadband": lambda p: [{"effect": "deadband", "half_width": p["width"], "channel": "contact"}],
     "payload": _one("payload", mass_kg="mass"),
@@ -138,7 +138,7 @@ SENSOR: Mapping[str, Term] = {
 
 
 Effects = dict[str, dict[str, float]]  # parameters by effect, by their own names
-SILENT = frozenset({"rigid_body"})  # what the simulated arm is anyway
+SILENT = frozenset({"rigid_body"})  # effects that the simulated arm has anyway
 
 
 @dataclass(frozen=True)
@@ -180,7 +180,7 @@ def export_scenario(base: Scenario, fitted: Sequence[FittedChannel], description
     hidden: list[Imperfection] = []
     used: list[str] = []
     left_out: list[str] = []
-    # What the contact's own model says already: a dead band that the joints found is the same one.
+    # A dead band found in the joints is the one in the contact's model.
     by_channel: list[tuple[FittedChannel, Effects]] = []
     for channel in fitted:
         values_of: Effects = defaultdict(dict)
@@ -193,9 +193,9 @@ def export_scenario(base: Scenario, fitted: Sequence[FittedChannel], description
         for channel, effects in by_channel
         if channel.is_contact and "deadband" in effects
     ]
-    # effects that belong to no single joint, and where they were found first
+    # effects of the whole arm, and the channel in which each was found first
     taken = {"force_deadband": contacts[0]} if contacts else {}
-    # Force [N] that the sensor swallows, as the joints tell; the contact took it for a deeper surface.
+    # Force below which the sensor reads zero, by the joints [N]; the contact's fit moved the surface instead.
     swallowed = (
         effects["force_deadband"]["width"] for _, effects in by_channel if "force_deadband" in effects
     )

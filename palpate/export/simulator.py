@@ -128,7 +128,7 @@ def _isaaclab_text(arm: TargetArm) -> str:
     return "\n".join([*lines, "}", ""])
 
 
-# Values of BAM's models; one that is not fitted is zero, since BAM has defaults that are not.
+# Values of BAM's models; values that were not fitted are set to zero, unlike BAM's defaults.
 _BAM_MODELS: Mapping[str, tuple[str, ...]] = {
     "m1": ("friction_base", "friction_viscous"),
     "m2": ("friction_base", "friction_viscous", "friction_stribeck", "dtheta_stribeck", "alpha"),

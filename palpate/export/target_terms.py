@@ -28,7 +28,7 @@ class TargetTerm:
 
     values: Callable[[Fitted], Mapping[str, float]]  # the target's values by name; those of effects add
     lost: str = ""  # what of the effect the target does not express
-    units: Mapping[str, str] = field(default_factory=dict)  # of parameters, in which alone it is so
+    units: Mapping[str, str] = field(default_factory=dict)  # limited to these parameters
 
 
 def _named(lost: str = "", **names: str) -> TargetTerm:
@@ -60,7 +60,7 @@ _NO_LOAD = "has no friction that grows with the load"
 _LATE = "delays the reading; an action delay would delay the command instead"
 _GAIN = "scales the reading: divide the torque by it on the real joint"
 
-# Reasons that hold for every target; those of `TABLE` go before.
+# Reasons for every target; `TABLE` takes precedence.
 REASONS: Mapping[str, str] = {
     "bias": _NO_BIAS,
     "gravity_tilt": "is the weight of a single pendulum: fit with the arm's URDF for an angle",
@@ -69,7 +69,7 @@ REASONS: Mapping[str, str] = {
     "rigid_body_fitted": _OF_BODIES,
     "weight": _OF_BODIES,
 }
-SILENT = frozenset({"rigid_body"})  # what the arm's own file says
+SILENT = frozenset({"rigid_body"})  # stated in the arm's own file
 _TILT = {"tilt": "rad"}
 
 TABLE: Mapping[SimulatorFormat, Mapping[str, TargetTerm | str]] = {
@@ -159,7 +159,7 @@ TABLE: Mapping[SimulatorFormat, Mapping[str, TargetTerm | str]] = {
         "viscous_friction": _named(friction_viscous="d"),
     },
 }
-OF_ARM = frozenset({"tilt_rad", "payload_kg"})  # values that belong to no single joint
+OF_ARM = frozenset({"tilt_rad", "payload_kg"})  # values of the whole arm
 
 
 @dataclass(frozen=True)

@@ -15,8 +15,8 @@ from palpate.robot_io.files.urdf_text import parse_xml
 from palpate.robot_io.types import FloatArray
 
 PAYLOAD = "palpate_payload"
-_SMALL_INERTIA = "1e-9"  # of a point mass, which neither format allows to be zero [kg m^2]
-_SMALL_ARMATURE = 1e-5  # between the flanks of a gap, where MuJoCo needs some inertia [kg m^2]
+_SMALL_INERTIA = "1e-9"  # inertia of a point mass, which must not be zero in either format [kg m^2]
+_SMALL_ARMATURE = 1e-5  # inertia between the flanks of a gap, which MuJoCo needs [kg m^2]
 _JOINTS = ("hinge", "slide")
 _SCALED = ("motor", "general")  # actuators whose force is a gain times the control
 _PASSIVE = ("armature", "damping", "frictionloss", "stiffness")

@@ -29,10 +29,10 @@ from palpate.robot_io.robot_file import RobotFile, parse_robot_file
 from palpate.robot_io.session import Samples
 from palpate.robot_io.types import FloatArray, Measurement, Status
 
-_FORCE_MARGIN = 1.2  # of the guard's force, that a press stays below
+_FORCE_MARGIN = 1.2  # factor by which a press stays below the guard's force
 _TILT_RAD = 0.35  # of the tool in the arm's plane
 _BESIDE_M = 0.1  # to another place of the surface
-_ROOM_M = 0.03  # behind where the surface is expected at another place, within which it must be touched
+_ROOM_M = 0.03  # search depth beyond the expected surface at another place
 _SHARED = ("speeds_m_s", "hold_s")  # of which two experiments take what serves both
 _ELSEWHERE = frozenset({"press_direction_world", "targets_world_m"})
 Settings = dict[str, Any]
@@ -136,7 +136,7 @@ def _elsewhere(before: ProbingPlan, place_world_m: FloatArray) -> Iterator[tuple
     push = np.array(before.press_direction_world)
     out = np.array([*place_world_m[:2], 0.0])  # the arm's base is the origin
     out -= (out @ push) * push
-    if np.linalg.norm(out) < _BESIDE_M:  # there is no telling where out is
+    if np.linalg.norm(out) < _BESIDE_M:  # "out" is undefined here
         return
     out /= np.linalg.norm(out)
     for steps in (-2, -1, 1, 2):
@@ -146,7 +146,7 @@ def _elsewhere(before: ProbingPlan, place_world_m: FloatArray) -> Iterator[tuple
         yield words, {"targets_world_m": [target], **searched, **lightly}
 
 
-_KEPT = 64  # rehearsals that are kept: those asked for longest ago would come out the same again
+_KEPT = 64  # number of cached rehearsals
 
 
 @dataclass(frozen=True)
@@ -225,7 +225,7 @@ def rehearse_all(rehearsals: Sequence[Rehearsal], processes: int = 1) -> Iterato
         try:
             for trial in rehearsals:
                 yield _remembered(trial, coming[trial].result() if trial in coming else known[trial])
-        except BaseException:  # whoever asked wants no more, or a signal came: nobody waits for the others
+        except BaseException:  # the caller has stopped, or a signal came: do not wait for the others
             end_workers(pool)
             raise
 

@@ -38,7 +38,7 @@ from palpate.robot_io.types import FloatArray
 from palpate.runs.hidden_effects import SEALED
 from palpate.runs.probing import PLAN
 
-FITTED = 6  # experiments that promise most, for which all models are fitted again
+FITTED = 6  # number of the best experiments for which all models are refitted
 PAIRED = 3  # two of these as one experiment, those most informative together
 _SEED = 1
 Progress = Callable[[str, float], None]

@@ -32,11 +32,11 @@ from palpate.robot_io.types import FloatArray
 from palpate.runs.probing import NOBODY, Watcher
 from palpate.runs.session import ArmJob, ArmSession, arm_session, checked_body
 
-KIND = "calibration_kind"  # key of what was calibrated in the session's metadata
+KIND = "calibration_kind"  # key of the calibration's kind in the session's metadata
 MOTIONS = {"torque": TORQUE_MOTION, "gravity": GRAVITY_MOTION}
-SPEED_MARGIN = 1.5  # of the guard over the motion's own speed
+SPEED_MARGIN = 1.5  # guard's limit, as a multiple of the motion's speed
 STOP_SPEED_RAD_S = 3.0  # of the guard at stops; a light wrist is jerked when the shoulder stops
-BEYOND_RAD = 0.05  # of the guard over where the search for a stop gives up by itself
+BEYOND_RAD = 0.05  # guard's position limit beyond the place where the search for a stop gives up
 POSE_S = 1.0
 _FAR_RAD = 100.0  # more than any encoder counts
 

@@ -42,7 +42,7 @@ from palpate.runs.calibration import KIND
 from palpate.runs.robots import EMULATED, is_simulated, shipped_robots
 from palpate.runs.session import SOURCE
 
-_FAMILY = {"gravity": "torque"}  # kinds whose sessions serve each other
+_FAMILY = {"gravity": "torque"}  # kinds that can use each other's sessions
 
 
 def open_recorded(path: Path, kind: str, robot_file: RobotFile) -> Session:
@@ -80,12 +80,12 @@ def open_recorded(path: Path, kind: str, robot_file: RobotFile) -> Session:
 class Stamp:
     """Origin of a calibration, as every calibration file states it."""
 
-    robot_file: RobotFile  # of the robot that it is for
-    raw: Path  # session or data file that it was worked out from
+    robot_file: RobotFile  # name of the robot
+    raw: Path  # session or data file of the fit
     now_utc: datetime  # date of the calibration
     valid_days: float  # how long it may be used
     source: str | None = "measured"  # or simulated, or emulated
-    made_with: tuple[str, ...] = ()  # calibrations that were applied meanwhile
+    made_with: tuple[str, ...] = ()  # calibrations applied during the recording
 
     @classmethod
     def of(cls, robot_file: RobotFile, raw: Path, valid_days: float) -> "Stamp":

@@ -303,7 +303,7 @@ class FollowingArm:
             if self._ended is None:
                 self._ask(None)
         except EOFError:
-            return  # it ended as it was told to
+            return  # it ended as requested
         finally:
             self._line.close()
             self._process.wait(_END_S)
@@ -314,7 +314,7 @@ class FollowingArm:
             raise LifecycleError("the arm is not running")
         if self._ended is not None:
             raise self._ended
-        with suppress(OSError):  # it has ended, and why waits to be read
+        with suppress(OSError):  # it has ended, and its message is waiting
             self._line.send(what)
         try:
             answer = self._line.recv()

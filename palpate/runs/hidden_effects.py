@@ -15,8 +15,8 @@ from palpate.sim_backend.imperfection import IMPERFECTIONS
 from palpate.sim_backend.scenario import Hidden, Scenario, parse_scenario
 
 RANDOM = "random"
-SEALED = "(sealed)"  # what stands in a command line for what is hidden
-SEAL = "seal"  # key in a session's metadata of the mark that its sealed answer has as well
+SEALED = "(sealed)"  # replaces hidden effects in a stored command line
+SEAL = "seal"  # key in the session's metadata of the mark shared with its sealed answer
 
 
 class HiddenFile(FileModel):

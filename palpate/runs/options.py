@@ -27,7 +27,19 @@ from palpate.sim_backend.scenario import MOST_SEED, load_scenario, shipped_scena
 
 SESSIONS = Path("sessions")
 YEAR_DAYS = 365.0
-SHARES = (0.0, 0.1, 0.25, 0.4, 0.55, 0.7, 0.55, 0.4, 0.25, 0.1, 0.0)  # of the force limit, simulated weights
+SHARES = (
+    0.0,
+    0.1,
+    0.25,
+    0.4,
+    0.55,
+    0.7,
+    0.55,
+    0.4,
+    0.25,
+    0.1,
+    0.0,
+)  # simulated weights, as a share of the force limit
 BEYOND_STOPS_RAD = 0.1  # an arm may be held against its stops, which are not quite where the URDF says
 _ROBOT = f"Robot file, or a shipped arm: {', '.join(shipped_robots())}."
 _SCENARIO = f"Simulated world: a file, or one of {', '.join(shipped_scenarios())}."
@@ -247,7 +259,7 @@ def ask_for_power(motion: str, *, yes: bool, pause: Callable[[float], None] = ti
     talk = console.stderr()
     talk.print(f"[bold]{safe(motion)}[/bold]")
     talk.print("Keep clear of it, also from below, with its switch in your hand.")
-    if not yes:  # stdout, where `--json` goes, is left alone
+    if not yes:  # stdout is reserved for --json
         talk.print("Power the arm now? \\[y/N]: ", end="")
     if not yes and sys.stdin.readline().strip().lower() not in ("y", "yes"):
         raise InputError("permission to power the arm denied: nothing has moved")

@@ -40,7 +40,7 @@ from palpate.sim_backend.drivers import SimulatedBus
 from palpate.sim_backend.scenario import Scenario
 
 PLAN = "plan"  # key of the plan's text in the session's metadata
-MOST_TICKS = 10_000_000  # of up to 400 bytes: a session of more than 4 GiB is not read
+MOST_TICKS = 10_000_000  # records of up to 400 bytes; sessions above 4 GiB cannot be read
 
 
 @dataclass(frozen=True)
@@ -89,7 +89,7 @@ class ProbingOutcome:
     loop: LoopResult
     failures: tuple[str, ...]  # one line for each run that failed, such as one that touched nothing
     sealed: Path | None = None  # file with what was hidden in the simulated world, None if nothing was
-    touched: bool = True  # whether the object was met: else there is nothing to estimate
+    touched: bool = True  # whether the object was touched
 
     def raise_for_failure(self) -> None:
         """Raise if the session does not hold all that was planned.
@@ -161,7 +161,9 @@ def run_probing(job: ProbingJob, watcher: Watcher = NOBODY) -> ProbingOutcome:
     task = ProbingTask.from_robot_file(robot_file, job.plan, calibrations, estimated=estimated)
     plan = yaml.safe_dump(job.plan.model_dump(mode="json"), sort_keys=False)
     result, sealed = run_guarded(job, task, calibrations, {PLAN: plan, **job.extra}, observe, watcher)
-    touched = Phase.LOADING in phases or bool(result.observer_error)  # who sees nothing more says nothing
+    touched = Phase.LOADING in phases or bool(
+        result.observer_error
+    )  # a watcher without new estimates reports nothing
     return ProbingOutcome(job.session, result, task.failures, sealed, touched)
 
 
@@ -205,7 +207,7 @@ def online_estimators() -> list[str]:
 
 REPLAY_OF = "replay_of"  # key of the session that was repeated, in the session's metadata
 _STILL_RAD_S = 1e-3  # slower references stand
-_FARTHEST_M = 0.005  # that the tip may be elsewhere, with this arm in the recorded postures
+_FARTHEST_M = 0.005  # largest distance between this arm's tip and the recorded one, in the same postures
 
 
 @dataclass(frozen=True)
@@ -229,7 +231,7 @@ def references_of(session: Session) -> References:
     ticks = session.samples(STREAM_NAME)
     speed_rad_s = np.abs(ticks.vector("reference_velocity_rad_s")).max(axis=1)
     aimed = np.isfinite(ticks.vector("reference_position_rad")).all(axis=1) & np.isfinite(speed_rad_s)
-    known = len(aimed) if aimed.all() else int(np.argmin(aimed))  # nothing is aimed at once it was stopped
+    known = len(aimed) if aimed.all() else int(np.argmin(aimed))  # there are no references after a stop
     stands = (ticks["run"][:known] == NO_RUN) & (speed_rad_s[:known] < _STILL_RAD_S)
     count = int(np.flatnonzero(stands)[-1]) + 1 if stands.any() else 0
     if not (ticks["run"][:count] != NO_RUN).any():

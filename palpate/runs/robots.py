@@ -24,7 +24,7 @@ from palpate.sim_backend.scenario import Scenario
 ARMS = Path(sim_backend.__file__).parent / "arms"
 DEFAULT = "follower"
 DEFAULT_SCENARIO = "default"
-EMULATED = "simulated, emulated devices"  # what a session says of its source
+EMULATED = "simulated, emulated devices"  # source stated in the session
 
 
 def shipped_robots() -> dict[str, Path]:
@@ -156,7 +156,7 @@ def emulate(
         raise InputError(f"{as_built.path}: its buses {built} are not those of {robot_file.path}, {said}")
     arm = wire_up(as_built, scenario, clock, faults)
     data: Any = deepcopy(robot_file.document.data)
-    for name, bus in arm.robot_file.buses.items():  # only what leads to the emulated devices
+    for name, bus in arm.robot_file.buses.items():  # change only the addresses of devices
         known = as_built.buses[name].settings.items()
         data["buses"][name].update(dict(item for item in bus.settings.items() if item not in known))
     led = parse_robot_file(yaml.safe_dump(data, sort_keys=False), robot_file.path)

@@ -35,7 +35,7 @@ from palpate.sim_backend.world import World
 
 SIMULATED_DRIVERS = "palpate.sim_backend.drivers"
 SOURCE = "source"  # key of where the samples come from, in the session's metadata
-NOT_WHOLE = "not_whole"  # key of the sessions, of those that were merged, that lacked something
+NOT_WHOLE = "not_whole"  # key of the incomplete sessions among those merged
 
 
 @dataclass(frozen=True)
@@ -48,7 +48,7 @@ class ArmJob:
     scenario: Scenario | None = None  # simulated world instead of the one that the robot file names
     engine: EngineName | None = None  # physics engine instead of the scenario's
     seed: int | None = None  # of all simulated noise instead of the scenario's
-    again: int = 0  # how often the same world was run before: the same is hidden in it, its noise is other
+    again: int = 0  # number of earlier runs of this world: hidden effects stay, noise differs
     hidden: str | None = None  # what to hide in the simulated world, see `palpate.runs.hidden_effects`
     wired: bool = False  # emulate the devices of a robot of hardware drivers, and the world behind them
     paced: bool = False  # let simulated time pass as fast as real time, not as fast as possible
@@ -256,7 +256,9 @@ def _set_up(
 ) -> tuple[Robot, Scenario | None, Callable[[], World] | None]:
     """Return the robot, and its simulated world if any, which ends with `stack`."""
     drivers = DriverCatalogue(SIMULATED_DRIVERS, *job.drivers)
-    robot = build_robot(job.robot_file, drivers, clock, calibrations)  # wired, too: what is replaced is valid
+    robot = build_robot(
+        job.robot_file, drivers, clock, calibrations
+    )  # checks the replaced drivers also with --wire
     if job.wired:
         scenario = _altered(job.scenario or load_scenario(DEFAULT_SCENARIO), job)
         arm = emulate(job.robot_file, scenario, clock)

@@ -24,10 +24,10 @@ from palpate.sim_backend.scenario import ObjectSettings, Scenario
 from palpate.teleop.merged_sessions import TOUCH_S, ForceComparison, MergedSessions, merge_sessions
 from palpate.teleop.recording import draw, record_both
 
-_GUESS = KelvinVoigtLaw(stiffness_n_m=300.0, damping_n_s_m=5.0)  # felt before anything was probed,
-_GUESS_ABOVE_M = 0.003  # and the surface is thought to be so much higher [m]
-_LIMIT_S = 44.0  # after which both sides are told to end: a minute should be enough for all
-_END_S = 15.0  # that both sides have for their end then
+_GUESS = KelvinVoigtLaw(stiffness_n_m=300.0, damping_n_s_m=5.0)  # object felt before the first estimate,
+_GUESS_ABOVE_M = 0.003  # and the height of its surface above the real one [m]
+_LIMIT_S = 44.0  # time after which both sides are ended [s]: the whole demo should take a minute
+_END_S = 15.0  # time for both sides to end after that [s]
 _PLACES_M = (0.36, 0.40)  # x of the targets
 _ABOVE_M, _BELOW_M = 0.03, 0.02  # of the surface: where the hand waits, and where it wants to go
 _PRESSES = ((1.0, 0.5), (0.8, 0.4), (1.5, 0.3))  # times down, for 60 to 120 mm/s, and of holding [s]
@@ -152,7 +152,7 @@ def run_demo(
     }
     for side, options in commands.items():
         options += ["--port", port, "-o", str(sessions[side])]
-    with tempfile.TemporaryDirectory() as own:  # that nobody else can look into
+    with tempfile.TemporaryDirectory() as own:  # a folder that other users cannot read
         key = Path(own, "pair.key")
         key.touch(0o600)
         key.write_bytes(secrets.token_bytes(32))
@@ -178,7 +178,7 @@ def _run_both(folder: Path, commands: dict[str, list[str]]) -> bool:
                 running[side] = subprocess.Popen([*program, side, *options], stdout=file, stderr=file)  # noqa: S603
         with suppress(subprocess.TimeoutExpired):
             running["leader"].wait(until_s - time.monotonic())
-        if running["leader"].poll() is None:  # the machine is slow: what there is must do
+        if running["leader"].poll() is None:  # the machine is slow: use what was recorded
             valid.add(INTERRUPTED)
             for process in running.values():
                 process.send_signal(signal.SIGINT)

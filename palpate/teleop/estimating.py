@@ -35,8 +35,8 @@ _MODELS = ("kelvin_voigt", "hunt_crossley")
 _ESTIMATORS = "weighted,lsq"
 Look = Callable[[Samples, int], ObjectEstimate]
 _SURE = 1.96  # standard errors on either side: 95 %
-_NICE = 5  # of the diagnosis: the arm comes first
-_ENOUGH = 1.3  # times the noise: what leaves no more needs no second law
+_NICE = 5  # niceness of the diagnosis, below the control loop
+_ENOUGH = 1.3  # multiple of the noise; below it no second law is fitted
 
 
 def sample_stream(joint_count: int) -> Stream:
@@ -218,7 +218,7 @@ def _better(contact: _Contact, target: int) -> tuple[str, ObjectEstimate]:
     for model in _MODELS:
         try:
             (estimates,) = Study(contact.channel, model).estimate(_ESTIMATORS)
-            # Estimates as a revision that nobody keeps: what can be written as a simulated object.
+            # Converts the estimate to a simulated object by way of a temporary revision.
             revision = Revision(
                 number=0,
                 parent=None,

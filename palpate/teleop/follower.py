@@ -52,11 +52,11 @@ from palpate.teleop.estimating import ObjectEstimator, sample_stream
 from palpate.teleop.virtual_object import summarize_estimate
 
 _MESSAGE_PERIOD_S = 0.02  # between two reports
-_RESEND_S = 0.2  # of an estimate that the leader has not seen
+_RESEND_S = 0.2  # period of sending an unconfirmed estimate [s]
 _SETTLE_S = 25.0  # that the arm holds still for estimates and verdicts when all targets are over,
 _SEEN_S = 3.0  # and for the newest to be seen
 _FAREWELLS = 25  # times that the last report is sent
-ESTIMATE = "estimate"  # kind of the event that tells of one
+ESTIMATE = "estimate"  # kind of an estimate's event
 Say = Callable[[str], None]
 
 
@@ -89,10 +89,10 @@ class FollowerMessaging(threading.Thread):
         self.estimates, self.error = 0, ""
         self._clock, self._say, self._over = clock, say, threading.Event()
         self._work: deque[tuple[Stream, RecordArray, int, bool]] = deque()
-        self._quiet = True  # no estimate was to come when the thread last looked
+        self._quiet = True  # whether no estimate was pending at the thread's last look
         self._estimator = ObjectEstimator(diagnose=diagnose)
         self._newest: dict[int, ObjectEstimate] = {}  # by target, of the newest targets
-        self._seen: tuple[int, ...] = ()  # revisions that the leader has
+        self._seen: tuple[int, ...] = ()  # revisions that the leader has received
         self._resend_s, self._asked_s, self._made_s = 0.0, math.nan, -math.inf
 
         def take(message: Message, _sent_s: float) -> None:
@@ -135,7 +135,7 @@ class FollowerMessaging(threading.Thread):
         try:
             while not self._over.wait(_MESSAGE_PERIOD_S):
                 self._exchange()
-        except Exception as error:  # a follower that cannot send goes on as if the link were silent
+        except Exception as error:  # a follower that cannot send continues as with a silent leader
             self.error = one_line(error)
             self._say(f"the link failed, no further target is probed: {self.error}")
         finally:
@@ -185,7 +185,7 @@ class FollowerMessaging(threading.Thread):
             self._resend_s = now_s + _RESEND_S
             for estimate in self._unseen():
                 self._messaging.send(estimate)
-        self._quiet = not self._estimator.busy  # only now: all that was made is among the newest
+        self._quiet = not self._estimator.busy  # set last, when all new estimates are stored
 
     def _think(self) -> None:
         """Give samples to the estimator, and collect its answers."""
@@ -201,7 +201,9 @@ class FollowerMessaging(threading.Thread):
                 self._say(answer)
                 continue
             kept = self._newest.pop(answer.target, None)
-            if kept is not None and _rank(kept) > _rank(answer):  # what has come is less, and late
+            if kept is not None and _rank(kept) > _rank(
+                answer
+            ):  # keep the better estimate if a worse one arrives late
                 self._newest[answer.target] = kept
                 continue
             self._newest[answer.target] = replace(answer, revision=self.estimates)
@@ -237,7 +239,7 @@ def _rank(estimate: ObjectEstimate) -> tuple[int, bool]:
 
 
 _LINK_RECORD_S = 0.1
-_MOST_SAMPLES = 200_000  # of one target that are kept for its estimate
+_MOST_SAMPLES = 200_000  # largest number of samples stored for a target's estimate
 
 
 class Observer:
@@ -315,7 +317,7 @@ class FollowerOutcome:
     """Result of a follower's run."""
 
     loop: LoopResult
-    states: dict[int, TargetState]  # what became of each target, by its leader's count
+    states: dict[int, TargetState]  # final state of each target, by number
     estimates: int  # how many were made
     talk_error: str  # why the link failed; empty if it did not
 

@@ -35,8 +35,8 @@ _DOWN = np.array((0.0, 0.0, -1.0))  # the scene's object is pressed downwards
 GUESS = -1  # revision of the scene's own object, before anything was probed
 _PERIOD_S = 1e-3
 _TELL_TICKS = 20
-_SPIN_S = 1e-4  # before a tick is due the loop sleeps no more, but looks at the clock: waking up takes 50 us
-_MOST_UNREAD = 50  # tellings that the main process has not read; it is never waited for
+_SPIN_S = 1e-4  # the loop polls the clock for this time before a tick, because waking up takes 50 us
+_MOST_UNREAD = 50  # largest number of unread reports; the loop never waits for the main process
 STREAM_NAME, FEEL = "haptic", "feel"
 
 
@@ -46,10 +46,10 @@ class HapticJob:
 
     robot: str  # file or name of the virtual arm
     operator: str  # file or name of the operator's device
-    scene: Scenario  # what the operator feels before anything was probed
+    scene: Scenario  # virtual object before the first estimate
     session: Path
     metadata: SessionMetadata
-    largest_jump_n: float = 0.05  # that an update may make in one tick
+    largest_jump_n: float = 0.05  # largest change of force by an update in one tick
 
     def __post_init__(self) -> None:
         if not 0.0 < self.largest_jump_n < inf:
@@ -60,8 +60,8 @@ class HapticJob:
 class HapticCommands:
     """Message from the main process to the haptic process."""
 
-    read: int  # how many tellings have been read
-    render: ObjectEstimate | None = None  # what the object is like from now on
+    read: int  # number of reports read
+    render: ObjectEstimate | None = None  # new estimate of the object
     notes: tuple[tuple[str, str], ...] = ()  # for the session, kind and text
     link: tuple[object, ...] | None = None  # for the session, a record of `LINK_STREAM`
     end: bool = False
@@ -75,9 +75,9 @@ class HapticReport:
     force_n: float
     selected: tuple[tuple[float, ...], ...] = ()  # places that the operator chose, (3,) each [m]
     refused: tuple[str, ...] = ()  # what could not be rendered
-    finished: bool = False  # the script has come to its end
-    lateness: SectionTiming | None = None  # of the whole run, with the last telling
-    failure: str = ""  # why it ended early, with the last telling
+    finished: bool = False  # whether the script has ended
+    lateness: SectionTiming | None = None  # of the whole run, in the last report
+    failure: str = ""  # why it ended early, in the last report
     opened: bool = True  # whether the operator's device could be opened; without it there is no session
 
 
@@ -117,7 +117,7 @@ def run_haptics(pipe: Connection, job: HapticJob) -> None:
         pipe: to the main process.
         job: what is rendered.
     """
-    signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is for the main process, which then says to end
+    signal.signal(signal.SIGINT, signal.SIG_IGN)  # the main process handles Ctrl-C, and then ends this one
     clock, lateness, failure, opened = MonotonicClock(), Histogram(), "", False
     try:
         with build_operator(job.operator, clock) as device:
@@ -134,7 +134,7 @@ def run_haptics(pipe: Connection, job: HapticJob) -> None:
         return
     except PalpateError as error:
         failure = str(error)
-    except Exception as error:  # said to the user by the main process
+    except Exception as error:  # the main process prints it
         failure = one_line(error)
     with suppress(OSError):
         last = replace(_NOTHING, finished=True, lateness=lateness.summary(), failure=failure, opened=opened)

@@ -39,7 +39,7 @@ from palpate.teleop.virtual_object import DOWN, TargetStates, summarize_estimate
 MESSAGE_PERIOD_S = 0.02  # between two intents
 _LINK_RECORD_S, _SHOW_S = 0.1, 0.5
 _FAREWELL_S = 45.0  # how long a follower may take to finish what is queued
-_SAME_PLACE_M = 0.005  # nearer than this to a target is that target
+_SAME_PLACE_M = 0.005  # places nearer than this are the same target
 _START_S = 30.0  # until the haptic process is heard
 _OVER = (TargetState.DONE, TargetState.REFUSED, TargetState.CANCELLED, TargetState.FAILED)
 Say = Callable[[str], None]
@@ -57,7 +57,7 @@ class LeaderJob:
 class LeaderOutcome:
     """Result of a leader's run."""
 
-    states: dict[int, str]  # what became of each target, as the follower said last
+    states: dict[int, str]  # last reported state of each target
     estimates: int  # that arrived
     heard: bool  # whether the follower answered
     lateness: SectionTiming | None  # of the haptic loop

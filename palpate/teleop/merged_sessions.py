@@ -21,11 +21,11 @@ from palpate.teleop.haptics import FEEL, GUESS
 from palpate.teleop.haptics import STREAM_NAME as HAPTIC
 from palpate.teleop.virtual_object import force_law, terms_in, terms_of
 
-TOUCH_S = 0.005  # in which a damper's jump at touch is rendered only as far as passivity allows
+TOUCH_S = 0.005  # time after a touch in which passivity limits the damper's force
 _TICK_S = 1e-3
-_TOO_SLOW = 0.01  # of the leader's ticks, or of the follower's time, above which figures are the machine's
-_APART_S = 0.05  # between two touches, at least
-_LEAST_N = 0.2  # of the real force: below this nothing is compared
+_TOO_SLOW = 0.01  # share of missed ticks or lost time above which the machine was too slow
+_APART_S = 0.05  # shortest time between two touches
+_LEAST_N = 0.2  # smallest real force that is compared
 _PRESSED = (Phase.LOADING, Phase.HOLD, Phase.UNLOADING)
 
 
@@ -36,7 +36,7 @@ class ForceComparison:
     time_s: FloatArray  # on the leader's clock [s]
     felt_n: FloatArray
     real_n: FloatArray
-    stalled: BoolArray  # of a touch at whose beginning the machine missed a tick
+    stalled: BoolArray  # whether the machine missed a tick at the start of the touch
 
     @property
     def share(self) -> float:

@@ -159,7 +159,7 @@ def draw(path: Path, merged: MergedSessions, felt: ForceComparison, modelled: Fo
     """
     import matplotlib as mpl  # noqa: PLC0415, half a second that nobody else should wait for
 
-    mpl.rcdefaults()  # not what a matplotlibrc in the current folder says
+    mpl.rcdefaults()  # ignores a matplotlibrc in the current folder
     mpl.use("Agg")
     from matplotlib import pyplot as plt  # noqa: PLC0415
 

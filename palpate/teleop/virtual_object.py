@@ -23,7 +23,7 @@ from palpate.sim_backend.hooks import ContactState
 from palpate.sim_backend.imperfection import Imperfection, describe_imperfection, parse_imperfection
 from palpate.sim_backend.scenario import Scenario
 
-_ONE_JOINT = 1  # contact effects ask for none
+_ONE_JOINT = 1  # contact effects use no joints
 
 
 def terms_of(scenario: Scenario) -> tuple[ContactModel, ...]:

@@ -48,7 +48,7 @@ class HiddenDemo:
     """Results of the second part."""
 
     session: Path  # the session file
-    result: ChannelResult  # what was found out, stage by stage
+    result: ChannelResult  # result, stage by stage
     files: dict[str, Path]  # result, report, picture and recording
     answer: SealedAnswer  # what was hidden
 

@@ -31,16 +31,16 @@ class StopReason(StrEnum):
     """Why no further probe is run."""
 
     SEPARATED = "separated"  # one explanation is left in each channel
-    SIMPLEST = "simplest"  # of what nothing that the arm can do is expected to set apart, all contain one
+    SIMPLEST = "simplest"  # the remaining explanations cannot be separated, and all contain the simplest one
     UNSEEN = (
         "unseen"  # an effect seen in an earlier probe is too small to be significant in all probes together
     )
-    UNEXPLAINED = "unexplained"  # what is left follows no effect of the library
+    UNEXPLAINED = "unexplained"  # no effect of the library explains the remaining error
     INSEPARABLE = (
         "inseparable"  # no experiment of this arm is expected to separate the remaining explanations
     )
     PROBES = "probes"  # the budget of probes is used up
-    SECONDS = "seconds"  # all that would separate takes longer than the time that is left
+    SECONDS = "seconds"  # every separating experiment takes longer than the remaining time
     INSUFFICIENT = "insufficient"  # the data cannot say
 
 
@@ -51,7 +51,7 @@ class Decision:
     probe: int  # its number, from 1
     session: str  # its file, in the folder of the log
     seconds: float  # that it took on the robot's clock
-    # What each channel may be explained by: by channel, groups of effects that are not told apart.
+    # Groups of indistinguishable effects, by channel.
     left: dict[str, list[list[str]]]
     end: StopReason | None  # why it was the last; None if another follows
     next: str  # what is done next, in words; empty after the last
