@@ -195,9 +195,9 @@ def number_of(text: object) -> float:
     """The number that a cell says, NaN if it says none.
 
     Args:
-        text: of a cell, with a decimal point; brackets may stand around it, as about a list of one.
+        text: of a cell, with a decimal point.
     """
-    written = str(text).strip().removeprefix("[").removesuffix("]")
+    written = str(text).strip()
     try:
         return math.nan if "_" in written else float(written)
     except ValueError:

@@ -344,9 +344,7 @@ def test_units_in_brackets_alone_stand_apart_between_blanks(tmp_path):
 def test_a_position_that_nothing_holds_is_the_integral_of_the_velocity(tmp_path):
     path = tmp_path / "motor.csv"
     speed = np.gradient(SWING_RAD, TIME_S)
-    first, *rest = lines(TIME_S, TORQUE_NM, speed).splitlines()
-    cells = "[{}],{},{}".format(*first.split(","))  # as Python writes a list of one
-    path.write_text("\n".join(["time [s],torque [Nm],angular speed [rad/s]", cells, *rest]))
+    path.write_text("time [s],torque [Nm],angular speed [rad/s]\n" + lines(TIME_S, TORQUE_NM, speed))
     imported = import_file(path)
     (channel,) = imported.channels
     assert channel.kind is ChannelKind.REVOLUTE
