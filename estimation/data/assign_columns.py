@@ -363,7 +363,12 @@ def with_one_rate(
     said = f"'{slowest}' has a value in {100.0 * some[slowest]:.2g} % of the rows"
     if np.sum(every) >= max(_SHARED * np.sum(there[slowest]), 1.0):
         return table.select(every), f"{said}: the rows that have them all are taken"
-    if run is not None or not there[slowest].any() or (np.diff(times := table.numbers(time)) < 0.0).any():
+    if not there[slowest].any():
+        raise InputError(
+            f"{table.path}: column '{slowest}' is empty; name another one with --column; if it holds "
+            "formulas, save the file with their results"
+        )
+    if run is not None or (np.diff(times := table.numbers(time)) < 0.0).any():
         listed = ", ".join(map(repr, names))
         raise InputError(
             f"{table.path}: no row has all of {listed}; give each run a file of its own, in order of time"

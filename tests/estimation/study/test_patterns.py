@@ -65,6 +65,20 @@ def test_the_kind_of_what_was_left_out_comes_first(data, model, by, kind):
     assert f": {kind.word} " in compared.words[-1]
 
 
+def test_what_rubs_pushes_back_on_the_way_in_and_holds_back_on_the_way_out():
+    data = presses(lambda x, v: 400 * x + 6 * v + 0.3 * np.tanh(v / 0.0005))
+    compared = ModelStudy(data, "kelvin_voigt").compare().channels[0]
+    means = {part.label: part.mean for part in compared.parts["direction"]}
+    assert means["moving in"] > 0.05
+    assert means["moving out"] < -0.05
+
+
+def test_an_error_about_its_mean_is_no_larger_at_either_speed():
+    """2 N throughout at low speed and none at high speed: about the mean of 1 N, both are 1 N."""
+    parts = {"speed": (part("slow", 2.0), part("fast", 0.0))}
+    assert "speed" not in [pattern.by for pattern in patterns(parts, np.sqrt(2.0))]
+
+
 @pytest.mark.parametrize(
     "data",
     [presses(lambda x, v: 400 * x + 6 * v), swings(lambda q, v: 0.2 * v)],
