@@ -30,10 +30,10 @@ from palpate.robot_io.extras import missing_package
 from palpate.robot_io.types import BoolArray, FloatArray
 
 _MILLI = 1e3
-_GAP = 0.05  # of the mean run, left between two runs on the time axis
-_SHOWS = 0.1  # of the inward motion, that an approach must be to show its speed
-_SAME_SPEED = 1.06  # times the slowest of those that were meant to be one
-_QUICK = 0.9  # the quantile of inward velocity that stands for the speed of a run without phases
+_GAP = 0.05  # gap between runs on the time axis, as a share of the mean run
+_SHOWS = 0.1  # smallest share of the inward motion in an approach that shows its speed
+_SAME_SPEED = 1.06  # ratio up to which speeds count as the same
+_QUICK = 0.9  # quantile of inward velocity that is taken as the speed of a run without phases
 _TERM = re.compile(r"[,;] (?![^(]*\))")  # between a term and its conditions, not within parentheses
 
 
@@ -204,7 +204,7 @@ def run_speeds(data: ChannelData) -> dict[int, str]:
         return {}
     speeds = dict[int, float]()
     for rows in blocks(data.run):
-        # inward speed before the touch [mm/s], or the quick part of it where that hardly shows
+        # inward speed before the touch [mm/s], or its fast part if the approach is short
         velocity = data.velocity[rows]
         approaching, inward = velocity[data.phase[rows] == Phase.APPROACH], velocity[velocity > 0.0]
         if data.run[rows.start] >= 0:
@@ -334,7 +334,7 @@ def result_view(result: ChannelResult) -> ChannelView:
 
 REPORT = "report.html"
 RECORDING = "revisions.rrd"
-NAMES = (REPORT, RECORDING)  # of what `write_outcome` may write
+NAMES = (REPORT, RECORDING)  # files that `write_outcome` may write
 
 
 _HEAD, _MARK = 200, b'<meta name="generator" content="palpate '  # of every page, see base.html
@@ -373,7 +373,7 @@ def write_outcome(
     Raises:
         InputError: a file cannot be written.
     """
-    # what draws takes longer to import than all else, and a verdict should not wait for it
+    # plotting libraries take long to import, and a verdict should not wait for them
     from palpate.render.report import document  # noqa: PLC0415
 
     texts = {**(texts or {}), REPORT: document(view_of(study, results, commands))}

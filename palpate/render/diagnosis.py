@@ -12,7 +12,7 @@ from palpate.estimation.kinds import Kind
 from palpate.render import palette
 from palpate.render.view import NOISE, BudgetPart, BudgetView, VerdictView, percent
 
-_NO_FALL = 0.98  # of the error before: less is no fall
+_NO_FALL = 0.98  # ratio to the error before, above which it does not fall
 
 
 def enumerated(names: Sequence[str], last: str = "and") -> str:
@@ -163,7 +163,7 @@ def falling(channel: str, errors: Sequence[float], added: Sequence[str], noise: 
     return f"{falls} The last step, {added[-1]}, {does}: from {before:.4g} to {last:.4g} {unit}."
 
 
-_SHOWN = 0.005  # share below which what nothing explains is not mentioned
+_SHOWN = 0.005  # share below which the unexplained error is not mentioned
 
 
 def budget_view(diagnosis: ChannelDiagnosis) -> BudgetView | None:

@@ -21,10 +21,10 @@ from palpate.render.build import axes_of, one_after_the_other
 from palpate.robot_io.types import BoolArray, FloatArray
 
 _TIME_S, _PLAIN_S = 0.01, 2.0  # step and length of the plain motion
-_SHARE = 0.35  # of the effort without it, that an effect is drawn with
-_NEXT = 1.0 / 3.0  # of each gain's share that the next one has: alike, they could cancel
+_SHARE = 0.35  # size of a drawn effect, as a share of the effort without it
+_NEXT = 1.0 / 3.0  # ratio between successive gains: equal gains could cancel
 _TRIED = 8  # starts of an effect without gains
-_RUNS = 3  # of the user's motion that are simulated
+_RUNS = 3  # runs of the user's motion that are simulated
 _PLAIN = {"stiffness.k": 500.0, "damping.c": 4.0, "inertia.m": 0.02, "viscous_friction.d": 0.3}
 
 
@@ -33,9 +33,9 @@ class Example:
     """A model with an effect beside the same model without it."""
 
     effect: Effect  # that is shown
-    data: ChannelData  # the motion; its effort (n,) is that without the effect
+    data: ChannelData  # motion with the effort (n,) without the effect
     model: Model  # with the effect
-    # Of all its parameters by "effect.parameter", of a size that is well seen; they may be changed.
+    # Parameters by "effect.parameter", large enough to be seen; they may be changed.
     values: dict[str, float]
 
     @classmethod
@@ -194,7 +194,7 @@ def _raster(curve: Curve, frame: Sequence[tuple[float, float]], width: int, heig
 
 GROUPS = ("Contact", "Joints", "Contact and joints", "Sensor and drive readings", "From run to run")
 _MILLI, _ROOMY = 1e3, 100
-_TALLEST, _WIDEST, _NARROWEST = 11, 46, 34  # of a drawing, in characters
+_TALLEST, _WIDEST, _NARROWEST = 11, 46, 34  # size of a drawing, in characters
 _ROUNDING = 1e-9  # share of a range, below which a number is zero
 
 
@@ -298,7 +298,7 @@ def drawn(example: Example, width: int) -> Iterator[Text]:
     room = width - 4
     sides = 2 if room >= 2 * _NARROWEST + 3 else 1
     wide = min((room - 3 * (sides - 1)) // sides, _WIDEST)
-    # over velocity where that shows it best: a joint's friction that no place and no past alters
+    # over velocity for a joint's friction that depends on neither position nor history
     signals, over = example.effect.signals, (axes.position, data.position)
     is_of_past = bool({"position", "past motion"} & set(signals))
     if data.kind is not ChannelKind.CONTACT and not is_of_past and signals[0] in {"velocity", "direction"}:

@@ -25,9 +25,9 @@ from palpate.runs.hidden_effects import SURFACE
 
 MILLI = 1e3
 PERCENT = 100.0
-NOTABLE = 4.0  # standard errors of a force in free air that is worth a sentence
-FEW_STEPS = 20.0  # of an encoder, that are worth a sentence
-POOR = 4.0  # times the noise: right models stay below 2.6, also on objects of 1e5 N/m or 200 N s/m
+NOTABLE = 4.0  # standard errors above which a force in free air is remarked
+FEW_STEPS = 20.0  # encoder steps below which a remark is made
+POOR = 4.0  # multiple of the noise; correct models stay below 2.6, also on objects of 1e5 N/m or 200 N s/m
 _WIDE, _NARROW = 104, 80  # columns of a terminal for all columns of the table, and for the errors
 _MOST_ABREAST = 3  # parameters that stand side by side
 _IMPOSSIBLE = "impossible"  # outside what is physical
@@ -224,7 +224,7 @@ def _remarks_on_fits(estimates: ChannelEstimates) -> Iterator[str]:
             share = f"{PERCENT * left_out:.0f} % of the samples"
             yield f"{estimate.estimator} excludes {share} as outliers: the model does not describe them"
         doubtful = estimate.identifiability is not Identifiability.GOOD or estimate.unphysical
-        if doubtful and (roomy or estimate is estimates.best):  # else the table says it of each
+        if doubtful and (roomy or estimate is estimates.best):  # otherwise the table states it for each
             against.setdefault(estimate.note, []).append(estimate.estimator)
     yield from (f"{', '.join(names)}: {note}" for note, names in against.items())
 

@@ -25,7 +25,7 @@ from palpate.robot_io.files.whole_file import as_utf8
 from palpate.robot_io.session import Session
 from palpate.runs.hidden_effects import SURFACE, true_parameters
 
-RECORDING = "recording.rrd"  # its name in a session's folder, if nobody says another
+RECORDING = "recording.rrd"  # default name in a session's folder
 PLOTS = "plots.html"  # what `Inspection.plot` writes
 
 
@@ -81,7 +81,7 @@ def look_into(session: Session, estimates: ChannelEstimates | None = None) -> In
     """
     try:
         channels = session_channels(session, tared=True)
-    except InputError:  # the session ended before the first run was whole
+    except InputError:  # the session ended before its first run did
         channels = ()
     contact = next((channel for channel in channels if channel.kind is ChannelKind.CONTACT), None)
     if estimates is None and contact is not None:
@@ -138,7 +138,7 @@ def _view(
     joint = re.fullmatch(r"joint_(\d+)", channel.name)
     if ticks is None or joint is None:
         return view
-    # The command that held when each sample was taken [N m]; NaN before the first. What is read in a tick
+    # Command at the time of each sample [N m]; NaN before the first. A value read in a tick
     # was sampled before that tick's own command went out.
     held = np.searchsorted(ticks["time_s"], channel.time_s) - 1
     commanded = np.where(held >= 0, ticks["torque_sent_nm"][held, int(joint[1]) - 1], np.nan)

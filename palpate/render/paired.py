@@ -17,8 +17,11 @@ from palpate.render.terminal import safe_text
 from palpate.render.view import FAR, ChannelView
 
 LETTERS = ("A", "B")
-_CHANCE = 0.05  # of the lags outside a 99 % band; what is above is no chance
-_POOR, _ONLY_NOISE = 80.0, 1.2  # a fit [%], and an error in noise levels, that together are worth a word
+_CHANCE = 0.05  # share of lags outside a 99 % band, above which it is no chance
+_POOR, _ONLY_NOISE = (
+    80.0,
+    1.2,
+)  # thresholds of fit [%] and error [noise levels], below which both are remarked
 _PERCENT = 100.0
 _NOISE_ALONE = "only noise"  # is left
 PAIRED = "The intervals of the differences are paired: model errors that both measurements share cancel."
@@ -29,9 +32,9 @@ class PairedView:
     """View of one channel on both sides."""
 
     channel: str  # its name
-    views: tuple[ChannelView, ChannelView]  # both, with measurement and model
+    views: tuple[ChannelView, ChannelView]  # both sides, with measurement and model
     sides: Sides  # what was compared
-    words: tuple[str, ...]  # what comes of it, in sentences
+    words: tuple[str, ...]  # result in sentences
 
     @property
     def pair(self) -> tuple[Side, Side]:

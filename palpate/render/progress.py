@@ -16,8 +16,8 @@ from palpate.control.probing.plan import ProbingPlan
 from palpate.robot_io.types import Measurement
 from palpate.runs.probing import Watcher
 
-Report = Callable[[str, float], None]  # what is done, and the share of it that is done
-MakeWatcher = Callable[[float], Watcher]  # from the duration of a motion [s]
+Report = Callable[[str, float], None]  # current step, and the share of it that is done
+MakeWatcher = Callable[[float], Watcher]  # makes a watcher from the duration of a motion [s]
 _REFRESH_S = 0.1
 _MILLI = 1e3
 _SHARE_DONE = {  # of a run, when a phase begins
@@ -211,7 +211,7 @@ def sweep_progress() -> Iterator[Callable[[int, int], None]]:
 
     def show(done: int, total: int) -> None:
         nonlocal before
-        if before is None:  # what is refused before leaves nothing but its error on stderr
+        if before is None:  # a refused run then leaves only its error on stderr
             before = done
             progress.start()
         words = "getting ready"

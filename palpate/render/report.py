@@ -58,12 +58,12 @@ def rendered(template: Path, filters: Mapping[str, Callable[..., Any]], **values
 PLOT_CONFIG = {"displaylogo": False, "responsive": True, "modeBarButtonsToRemove": ["lasso2d", "select2d"]}
 _RULE, _ZERO = "rgba(128,140,155,0.22)", "rgba(128,140,155,0.6)"
 _FONT = "Inter, Source Sans 3, Helvetica Neue, Liberation Sans, Arial, sans-serif"
-_SHADE_CELLS = 300  # of the time axis, each shaded or not
+_SHADE_CELLS = 300  # number of stretches of the time axis, each shaded or not
 _BAR_PX = 40
 RUN_TIME = "time, runs one after the other [s]"
 Place = tuple[int, int]  # row and column of a subplot
 Curve = tuple[FloatArray, FloatArray]
-_BRIGHT = 0.98  # share of the cells of a map within its colours; the others are as bright as the brightest
+_BRIGHT = 0.98  # quantile of a map's cells at which its colours saturate
 
 
 @dataclass(frozen=True)
@@ -75,7 +75,7 @@ class PlotStyle:
     dash: str = "solid"
     width: float = 1.3
     named: bool = True  # in the legend
-    shown: bool = True  # at first; others when their name in the legend is clicked
+    shown: bool = True  # whether it is visible before a click on its name in the legend
 
 
 def figure(channel: ChannelView | StudyView) -> go.Figure:

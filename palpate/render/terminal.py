@@ -46,7 +46,7 @@ _ROOMY, _NARROW = 100, 80  # columns of a terminal
 _MOST_RANKED = 5
 _RANGE = "necessary to\nsufficient"
 _BOUNDS = {"": "", "at most": "≤ ", "at least": "≥ "}
-_LOPSIDED = 0.1  # of half an interval, by which its middle is off the value
+_LOPSIDED = 0.1  # asymmetry above which both ends of an interval are shown, as a share of its half
 
 
 def print_diagnosis(console: Console, view: StudyView) -> None:

@@ -14,9 +14,9 @@ from palpate.estimation.effect import Effect
 from palpate.estimation.study.patterns import Part
 from palpate.robot_io.types import BoolArray, FloatArray, IntArray
 
-NOISE = 1.1  # times the noise level, below which an error is within the noise
+NOISE = 1.1  # multiple of the noise level below which an error is within the noise
 _MOST_PARTS = 8
-FAR = 3.0  # times the noise level, above which a model is far off
+FAR = 3.0  # multiple of the noise level above which a model is far off
 
 
 @dataclass(frozen=True)
@@ -52,11 +52,11 @@ class ParameterView:
 class StageView:
     """One stage of a model."""
 
-    number: int | None  # of the revision that it is kept as; None where it is not kept
+    number: int | None  # number of its revision; None if it was not saved
     label: str  # the base model's name, or "+ " with the effect that was added
     name: str  # the whole model, such as "kelvin_voigt + cubic_stiffness"
     rmse: float  # error in held-out runs, in the effort's unit
-    predicted: FloatArray  # effort that it expects, shape (n,)
+    predicted: FloatArray  # predicted effort, shape (n,)
     # Measured less predicted from the other runs, shape (n,); NaN where it is not judged.
     residual: FloatArray
     parameters: tuple[ParameterView, ...]  # in the order of the model
@@ -70,7 +70,7 @@ class VerdictView:
     """The verdict on one channel."""
 
     word: str  # adequate, missing, unexplained or insufficient; or fits or misses, where only compared
-    sentence: str  # what it means for this channel
+    sentence: str  # sentence on this channel
     remarks: tuple[str, ...] = ()  # further sentences
     names: tuple[str, ...] = ()  # effects in the sentence, to be set in bold
 
@@ -89,10 +89,10 @@ class BudgetPart:
     color: str
     bound: str = ""  # "at most" or "at least", where the share is only bounded
     interval: tuple[float, float] | None = None  # 95 %, over runs
-    necessary: float | None = None  # lost when the kind is left out of all; None of noise and unexplained
-    sufficient: float | None = None  # explained by the kind alone
+    necessary: float | None = None  # share lost without this kind; None for noise and unexplained
+    sufficient: float | None = None  # share explained by this kind alone
     form: str = ""  # exact, approximate or unknown
-    effects: tuple[str, ...] = ()  # those that were accepted; of an unknown form the closest ones
+    effects: tuple[str, ...] = ()  # accepted effects, or for an unknown form the closest ones
 
     @property
     def share_text(self) -> str:
@@ -145,22 +145,22 @@ class ChannelView:
     velocity: FloatArray  # likewise
     effort: FloatArray  # as measured, shape (n,)
     run: IntArray  # number of the run, shape (n,)
-    engaged: BoolArray  # where the object can push, shape (n,)
+    engaged: BoolArray  # samples in contact, shape (n,)
     judged: BoolArray  # samples whose error counts, shape (n,); the others are shaded
     speeds: Mapping[int, str]  # words for the speed of each run, by its number
     stages: tuple[StageView, ...]  # base model first; empty where the data cannot be judged
     fall: tuple[tuple[str, float], ...]  # label and error of each stage
     parameters: tuple[ParameterView, ...]  # of the last stage
-    noise_level: float  # error that a complete model would leave, 0 where that is not known
+    noise_level: float  # error of a complete model, 0 if unknown
     noise_text: str  # the same with its source, in words
     verdict: VerdictView  # the answer
-    budget: BudgetView | None = None  # of the base model's error; None where nobody asked or nothing is known
+    budget: BudgetView | None = None  # budget of the base model's error; None without a diagnosis
     # The last model's error by phase, run, speed and so on.
     parts: Mapping[str, Sequence[Part]] = field(default_factory=dict)
     accepted: tuple[Accepted, ...] = ()  # established effects
     ranking: tuple[Ranked, ...] = ()  # candidates that help the base model, best first
     next_experiment: NextExperiment | None = None  # what to record next; None for nothing
-    # What was commanded or aimed at, with its name, shape (n,); None where nothing is known.
+    # Commanded or reference effort, shape (n,), with its name; None if unknown.
     commanded: tuple[str, FloatArray] | None = None
 
     def times_noise(self, error: float) -> float:

@@ -44,7 +44,7 @@ class Case:
 
     work: str  # "package.module:function", a `Work`
     parameters: Mapping[str, Any]  # what JSON can hold; its text is part of the address
-    seed: int = 0  # of all that is random in it
+    seed: int = 0  # seed of everything random in it
 
     @property
     def address(self) -> str:
@@ -102,9 +102,9 @@ def _folder_of(module: str) -> Path:
 ADDRESS = "address"
 _PACK = "pack-"
 _ENDING = ".parquet"
-_SECONDS = "seconds"  # column of the time that a case took
+_SECONDS = "seconds"  # column of a case's time
 _MOST_ROWS = 10_000_000
-_ROUNDING = 1e-6  # by which machines may differ
+_ROUNDING = 1e-6  # relative difference between machines
 
 
 class ResultStore:
@@ -290,7 +290,7 @@ T = TypeVar("T")
 class SweepTable:
     """A table to print, and to write as CSV."""
 
-    name: str  # of its CSV file, without the ending
+    name: str  # name of its CSV file, without the ending
     title: str  # what it shows
     columns: tuple[str, ...]  # heads
     rows: tuple[tuple[Any, ...], ...]  # cells, text or numbers

@@ -23,7 +23,7 @@ K, C = "stiffness.k", "damping.c"
 PAPER = "#5f6b78"
 _PRESSED = (Phase.APPROACH, Phase.LOADING, Phase.HOLD)
 _STYLE: Any = {
-    **mpl.rcParamsDefault,  # not what a matplotlibrc in the current folder says
+    **mpl.rcParamsDefault,  # ignores a matplotlibrc in the current folder
     "font.family": "sans-serif",
     "font.sans-serif": ["Liberation Sans", "Arial", "DejaVu Sans"],
     "font.size": 8,

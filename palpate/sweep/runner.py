@@ -25,8 +25,8 @@ from palpate.estimation.workers import end_with_parent
 from palpate.robot_io.errors import InputError, PalpateError, describe_error
 from palpate.sweep.case import Case, ResultStore, code_version
 
-_MOST_ENDS = 4  # of workers by one case, before it is given up
-_END_LIMIT_S = 5.0  # for a worker to end that was told to
+_MOST_ENDS = 4  # number of workers that a case may kill before it is given up
+_END_LIMIT_S = 5.0  # time limit for a worker's end
 
 Run = Callable[[Case, str, Path], None]  # works out a case, by its address, for the store in a folder
 
@@ -104,7 +104,7 @@ class _Worker:
 
 def _serve(pipe: "Connection[str, tuple[Case, str]]", run: Run, folder: Path) -> None:
     """Run cases as they come, and send an empty text or the error for each."""
-    signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is for whoever began it
+    signal.signal(signal.SIGINT, signal.SIG_IGN)  # the parent handles Ctrl-C
     end_with_parent()
     with threadpool_limits(1):  # there is a worker for each core
         while True:
@@ -118,11 +118,11 @@ def _serve(pipe: "Connection[str, tuple[Case, str]]", run: Run, folder: Path) ->
                 pipe.send(describe_error(error))
 
 
-_AHEAD = 500  # cases that the scheduler knows of at a time
+_AHEAD = 500  # number of cases submitted at a time
 _PACK_EVERY = 500
-_JOIN_S = 10.0  # for a scheduler to answer, and to have a worker
+_JOIN_S = 10.0  # time limit for the scheduler's answer and its first worker
 
-Progress = Callable[[int, int], None]  # cases that are done, and all of them
+Progress = Callable[[int, int], None]  # finished and total number of cases
 
 
 @dataclass(frozen=True)
@@ -204,7 +204,7 @@ def run_one(case: Case, address: str, folder: Path) -> None:
     begun_s = time.process_time()
     try:
         rows, error = case.run(), ""
-    except Exception as problem:  # a result as well: the same case would fail again
+    except Exception as problem:  # an error is a result as well: the same case would fail again
         rows, error = [{}], str(problem) if isinstance(problem, PalpateError) else describe_error(problem)
     common = {"seed": case.seed, "seconds": time.process_time() - begun_s, "error": error}
     landing = [row | common | {"first": number == 0} for number, row in enumerate(rows)]

@@ -143,7 +143,7 @@ class DiagnosisCard:
                 with set_props(ui.element("div").classes("budget").mark("budget"), title=elements.BUDGET):
                     ui.label(budget.sentence)
                     if len(budget.parts) > 1:
-                        # As an image: what is drawn in one never runs.
+                        # As an image, in which scripts never run.
                         drawn = b64encode(budget_picture(budget, _PICTURE_WIDTH).encode()).decode()
                         picture = f"data:image/svg+xml;base64,{drawn}"
                         set_props(ui.element("img"), src=picture, alt=budget.sentence)
@@ -180,7 +180,7 @@ def pose(folder: Path) -> Path:
     Raises:
         PalpateError: the session cannot be written.
     """
-    # the simulator is loaded by those who ask for a riddle alone
+    # load the simulator for a riddle only
     from palpate.workflows.demo import HIDDEN_PLAN, drawn_seed, hide_one, probe_demo  # noqa: PLC0415
 
     drawn = drawn_seed()

@@ -23,10 +23,10 @@ from palpate.workbench.processes import FitPrefetcher
 from palpate.workbench.startup import picture
 from palpate.workbench.state import TELLING, EffectEvidence, WorkbenchState, evidence_of, groups
 
-_BAR_PX = 44  # what takes all of the error away
-_PAUSE_S = 0.1  # between looks whether another model was chosen
+_BAR_PX = 44  # width of the bar of an effect that removes all of the error
+_PAUSE_S = 0.1  # period of checks whether the selection changed
 Tick = Callable[[str], Awaitable[None]]
-Row = dict[str, Any]  # of the list, as effects.js has it
+Row = dict[str, Any]  # height of a row, as in effects.js
 _APART: Row = {"alike": False, "together": ""}
 
 
@@ -70,7 +70,9 @@ class Effects:
         self._effects: dict[str, Effect] = {}
         self._evidence: list[EffectEvidence] = []
         self._last: dict[str, float] = {}
-        self._rivals: dict[str, tuple[str, ...]] = {}  # that did the same, when neither was ticked
+        self._rivals: dict[
+            str, tuple[str, ...]
+        ] = {}  # groups of indistinguishable effects, found when neither was ticked
 
     def build(self) -> None:
         """Build the heading and an empty list."""
@@ -94,7 +96,7 @@ class Effects:
             self._rows = EffectRows([_row(effect, kind) for effect in self._effects.values()])
 
         async def tick(event: events.GenericEventArguments) -> None:
-            # as the browser has it; it is put right if that cannot be fitted
+            # as in the browser; corrected if it cannot be fitted
             self._rows.by_name[event.args]["chosen"] ^= True
             await self._tick(event.args)
 
@@ -135,7 +137,7 @@ class Effects:
     async def _weigh_beside(self, chosen: tuple[str, ...], ahead: FitPrefetcher, idle: asyncio.Event) -> bool:
         """Compute the evidence of all effects; return whether the selection stayed the same."""
         study, channel, weighed = self._state.study, self._state.channel, list[EffectEvidence]()
-        # what told most before first, then what is quickly fitted
+        # the strongest evidence so far first, then fast fits
         for name in sorted(
             self._effects, key=lambda name: (-self._last.get(name, 0.0), len(self._effects[name].inner))
         ):
@@ -158,7 +160,7 @@ class Effects:
                 "about": elements.EVIDENCE,
                 "share": round(_BAR_PX * falls),
             }
-            if not self._evidence:  # later the list keeps still until all are weighed again
+            if not self._evidence:  # later the order stays until all effects are computed again
                 change["order"] = _rank(evidence.falls, chosen=evidence.effect in self._state.choice.effects)
             self._rows.change({evidence.effect: change})
         self._evidence = weighed
@@ -207,7 +209,7 @@ def _row(effect: Effect, kind: ChannelKind) -> Row:
         "picture": drawn,
         "chosen": False,
         "order": 1000,
-        **{"mark": "", "look": "quiet", "about": "", "share": None},  # what it takes from the error
+        **{"mark": "", "look": "quiet", "about": "", "share": None},  # evidence of the effect
         "seen": True,
         **_APART,
     }
@@ -220,7 +222,7 @@ def _rank(falls: float, *, chosen: bool) -> int:
 
 _POINTS = 600  # samples drawn
 _STEPS = 100.0  # of a slider
-_DECADES = 1.0  # to either side of where a gain's slider begins
+_DECADES = 1.0  # range of a gain's slider around its start
 
 
 class Gallery:

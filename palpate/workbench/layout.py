@@ -45,7 +45,7 @@ async def lay_out_page(home: AppState) -> None:
                 ui.label(home.error).classes("bad").mark("refused")
             drop = _choose(home)
             if home.error and home.file is not None and not is_session(home.file):
-                ui.timer(0.01, partial(drop.begin, home.file), once=True)  # its columns may be put right
+                ui.timer(0.01, partial(drop.begin, home.file), once=True)  # its columns may be corrected
         return
     state = home.state
     gallery = Gallery(state)
@@ -173,7 +173,7 @@ def _next_step(home: AppState, state: WorkbenchState) -> None:
         ui.label(elements.SEALED).classes("quiet")
         return
     place = ui.element("div")
-    # What a session says of itself is data of others; drivers are code, and run after a question alone.
+    # A session's metadata may come from others; its drivers are code, and run only after confirmation.
     simulated = "simulated" in session.metadata.extra.get("source", "") and "--drivers" not in world
 
     async def go() -> None:
@@ -190,7 +190,7 @@ def _next_step(home: AppState, state: WorkbenchState) -> None:
         except PalpateError as error:
             ui.notify(str(error), type="negative")
             return
-        if not place.client.has_socket_connection:  # nothing moves for a page that is gone
+        if not place.client.has_socket_connection:  # nothing moves after the page was closed
             return
         arguments = ["--experiment", str(folder / _NEXT), *shlex.split(world)]
         if simulated:

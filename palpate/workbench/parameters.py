@@ -26,7 +26,7 @@ class JudgedFit:
 
     shown: DisplayedFit  # the fit
     unphysical: tuple[str, ...]  # gains beyond what is physical, in words
-    # The error that could be left beside this model; that of the channel is beside the base model.
+    # Noise level estimated beside this model; the channel's is estimated beside the base model.
     noise: float
 
     @classmethod
@@ -250,7 +250,7 @@ class Parameters:
             self._numbers[name] = ui.label().classes("value")
             self._intervals[name] = set_props(ui.label().classes("interval"), title=elements.INTERVAL)
             self._mark_state(name)
-            # twice the value to either side, within what makes sense
+            # twice the value to either side, within the physical bounds
             fitted, known = self._shown.fitted.values[name], self._state.parameter(name)
             reach = 2.0 * abs(fitted) or (known.typical[1] - known.typical[0])
             low, high = max(fitted - reach, known.lower), min(fitted + reach, known.upper)

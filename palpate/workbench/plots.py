@@ -322,8 +322,10 @@ def _above(text: str, x_axis: str, y_axis: str) -> dict[str, Any]:
     return {**place, "text": text, "showarrow": False}
 
 
-MOST_RUNS = 60  # that can be chosen one by one
-UseRuns = Callable[[Sequence[int], Sequence[int]], Awaitable[None]]  # takes those left out, those held out
+MOST_RUNS = 60  # largest number of runs that can be selected one by one
+UseRuns = Callable[
+    [Sequence[int], Sequence[int]], Awaitable[None]
+]  # called with the excluded and the held-out runs
 
 
 class PlotPanel:
@@ -391,7 +393,7 @@ class PlotPanel:
             shown: the fit.
         """
         first, self._shown = self._shown is None, shown
-        # Effort that the fit expects, and what it leaves in held-out runs, (n,) each.
+        # Predicted effort, and residuals in held-out runs, (n,) each.
         self._drawn = shown.fitted.predict(shown.fitted.values), shown.fitted.residual
         if first:
             self._redraw()

@@ -33,7 +33,7 @@ class DiagnosisProcess:
 
     def __init__(self) -> None:
         self._stop = Event()
-        self.now = ("starting a process for it", 0.0)  # what is done, and the share that was
+        self.now = ("starting a process for it", 0.0)  # current step, and the share that is done
         self.said = ""  # why there is no answer
 
     def note(self, what: str, share: float) -> None:
@@ -95,7 +95,7 @@ def _diagnose(
 
 
 _NICE = 10
-_MOST = 6  # fits that the other process keeps to go on from: those asked for last
+_MOST = 6  # number of recent fits from which the process can continue
 
 
 class FitPrefetcher:

@@ -42,7 +42,7 @@ _OPEN = (
 )
 _POLICY, _UNFRAMED = "Content-Security-Policy", "frame-ancestors 'none'"
 _NONCE = "nonce"  # key in a request's state
-_ELSEWHERE = {"cross-site", "same-site"}  # as a browser says of a request that another page makes
+_ELSEWHERE = {"cross-site", "same-site"}  # value that a browser sends with another page's request
 
 
 class OwnPageOnly:
@@ -104,8 +104,8 @@ class _WithNonce(jinja2.BaseLoader):
 
 _POLL_S = 0.03
 _CONNECT_S = 30.0
-_RESENT = 30  # messages, with their curves, that are kept for a browser that was out of touch
-_AWAY_S = 30.0  # that a browser may be out of touch, on a busy machine, before the page begins anew
+_RESENT = 30  # messages buffered for a disconnected browser
+_AWAY_S = 30.0  # time that a browser may be disconnected before the page restarts [s]
 
 
 def serve(home: AppState, listening: socket) -> None:
@@ -121,13 +121,13 @@ def serve(home: AppState, listening: socket) -> None:
         ui.add_head_html(f"<style>{STYLE}</style>")
         ui.colors(primary="#2a6fb0")
         is_reading = bool(home.reading)
-        if is_reading:  # what was measured is shown, in the page as it is first sent
+        if is_reading:  # the first page shows the raw curves
             ui.add_body_html(f'<div id="waiting">{home.waiting}</div>')
-            Plot({})  # for the browser to load what draws
+            Plot({})  # lets the browser load the plotting library
         await ui.context.client.connected(timeout=_CONNECT_S)
         while is_reading and home.reading:
             await asyncio.sleep(_POLL_S)
-        # with all that draws, while the browser is loading
+        # import the plotting modules while the browser loads
         from palpate.workbench.layout import lay_out_page  # noqa: PLC0415
 
         await lay_out_page(home)
@@ -152,7 +152,7 @@ def serve(home: AppState, listening: socket) -> None:
         reconnect_timeout=_AWAY_S,
         message_history_length=_RESENT,
         gzip_middleware_factory=None,  # nothing leaves this machine
-        tailwind=False,  # it looks through the page at every change
+        tailwind=False,  # it searches the page at every change
         show_welcome_message=False,
     )
     server = uvicorn.Server(uvicorn.Config(served, log_level="warning", ws="wsproto"))

@@ -30,7 +30,7 @@ from palpate.robot_io.types import FloatArray
 from palpate.workbench.elements import Figure, Plot, axis, curve, heading, layout_of, set_props
 from palpate.workbench.plots import picked
 
-DROPPED = Path("sessions")  # where a dropped file is kept, beside what is probed and imported
+DROPPED = Path("sessions")  # folder of dropped files
 MOST_BYTES = 500_000_000
 NOTHING = "not used"
 _SELECT = "dense outlined options-dense"
@@ -156,7 +156,7 @@ class FileDrop:
     async def _keep(self, event: events.UploadEventArguments) -> tuple[Path, bool]:
         """Store the file under its own name; return its path, and whether it is new."""
         name = Path(event.file.name).name
-        if event.file.size() > MOST_BYTES:  # the browser refuses it, but whoever sends it need not be one
+        if event.file.size() > MOST_BYTES:  # the browser refuses it, but other clients may send it
             raise InputError(f"{name}: larger than {MOST_BYTES // 10**6} MB; open it by its name instead")
         folder, content = output_folder(DROPPED), await event.file.read()
         stem, dot, ending = name.partition(".")
@@ -237,7 +237,7 @@ _SCHEMA = {
         "torque_nm": {"type": "array", "items": {"type": "number"}, "description": "of each joint [N m]"},
     },
 }
-_MOST_WAITING = 30_000  # messages that are kept for a slow viewer
+_MOST_WAITING = 30_000  # messages buffered for a slow viewer
 _NS = 1e9
 
 
@@ -266,7 +266,7 @@ class Feed:
         self._channel = foxglove.Channel(TOPIC, schema=_SCHEMA)
         self.port = int(self._server.port)
         self._lock = Lock()  # pages follow a session in threads of their own
-        self._sent: dict[Path, float] = {}  # until when of each session [s]
+        self._sent: dict[Path, float] = {}  # time up to which each session was sent [s]
 
     @property
     def is_watched(self) -> bool:
@@ -291,7 +291,7 @@ class Feed:
             columns = {n: online_residual(ticks) if n == "residual_n" else ticks[n] for n in _NUMBERS}
             torques = ticks.vector("torque_measured_nm")
             for row in np.flatnonzero(new):
-                # what is not there yet, such as an estimate in free air, is left out: JSON has no NaN
+                # values that are not known yet are left out: JSON has no NaN
                 message: dict[str, object] = {
                     name: float(values[row]) for name, values in columns.items() if np.isfinite(values[row])
                 }
@@ -432,7 +432,7 @@ async def run_command(arguments: Sequence[str], hear: Callable[[str], object]) -
         stdin=asyncio.subprocess.DEVNULL,
         stdout=asyncio.subprocess.PIPE,
         stderr=asyncio.subprocess.PIPE,
-        start_new_session=True,  # else it is interrupted twice where the terminal does that too
+        start_new_session=True,  # otherwise a terminal's Ctrl-C would interrupt it twice
     )
     assert process.stdout is not None  # noqa: S101, asked for above
     assert process.stderr is not None  # noqa: S101, asked for above
@@ -442,7 +442,7 @@ async def run_command(arguments: Sequence[str], hear: Callable[[str], object]) -
             hear(line.decode(errors="replace").rstrip())
         said = (await errors).decode(errors="replace").strip()
         return "" if await process.wait() == 0 else (said.splitlines() or ["it failed"])[-1]
-    except asyncio.CancelledError:  # the server ends: an arm is brought to rest first, and its session closed
+    except asyncio.CancelledError:  # the server ends: wait until the arm rests and its session is closed
         process.send_signal(signal.SIGINT)
         await process.wait()
         raise

@@ -33,15 +33,15 @@ class AppState:
     """State that the server shows."""
 
     folder: Path  # whose sessions are offered
-    file: Path | None = None  # that was asked for; None for none
-    riddle: bool = False  # whether something was hidden for the user to find
+    file: Path | None = None  # file that was requested; None without one
+    riddle: bool = False  # whether an effect was hidden for the user to find
     state: "WorkbenchState | None" = None  # once data was read
     raw: str = ""  # a drawing of what a session measured; empty for other files
-    promised: set[Path] = field(default_factory=set)  # what a tab is about to write
-    reading: str = ""  # what is being read; empty once that is done
+    promised: set[Path] = field(default_factory=set)  # paths that tabs are about to write
+    reading: str = ""  # file that is being read; empty afterwards
     error: str = ""  # why it could not be
-    reports: dict[str, Path] = field(default_factory=dict)  # that were written from the page, by their key
-    feed: "Feed | None" = None  # for Foxglove, if that was asked for
+    reports: dict[str, Path] = field(default_factory=dict)  # reports written from the page, by key
+    feed: "Feed | None" = None  # server for Foxglove, if requested
     open: "Callable[[Path, ImportOptions], WorkbenchState] | None" = None  # opens a file
 
     @property
@@ -81,7 +81,7 @@ class AppState:
 
 STYLE = (Path(__file__).parent / "workbench.css").read_text(encoding="utf-8")
 LOOPBACK = "127.0.0.1"
-_PATIENCE_S = 5.0  # with a browser that connects and asks nothing
+_PATIENCE_S = 5.0  # timeout for a browser that connects without a request
 _POLL_S = 0.02
 _PAGE = """<!doctype html><html lang="en"><head><meta charset="utf-8"><title>palpate workbench</title>
 <meta name="viewport" content="width=device-width"><link rel="icon" href="data:,">
@@ -118,7 +118,7 @@ class EarlyServer(ThreadingTCPServer):
     """
 
     allow_reuse_address = daemon_threads = True
-    request_queue_size = 128  # all who ask before the page's server is there wait in the socket
+    request_queue_size = 128  # visitors wait in the socket until the page's server starts
     page = b""
 
     def __init__(self, host: str, port: int) -> None:

@@ -34,10 +34,10 @@ class ModelSelection:
 
     channel: str  # its name
     effects: tuple[str, ...] = ()  # added to the base model, in order
-    # Parameters that the fit leaves where they are, by "effect.parameter".
+    # Held parameters, by "effect.parameter".
     held: Mapping[str, float] = field(default_factory=dict)
     bounds: Mapping[str, Bounds] = field(default_factory=dict)  # of others
-    # Values that sliders were pulled to: drawn, and not fitted; a new fit puts the sliders back.
+    # Values of moved sliders: drawn, not fitted; a new fit resets the sliders.
     pulled: Mapping[str, float] = field(default_factory=dict)
 
     @property
@@ -63,11 +63,11 @@ class DisplayedFit:
 
     choice: ModelSelection  # what was chosen
     base: FitResult  # the base model
-    fitted: FitResult  # the chosen one; its intervals are computed when they are first asked for
+    fitted: FitResult  # fit of the selection; intervals are computed on first use
     # Label and held-out error of the base model and of each effect added.
     steps: tuple[tuple[str, float], ...]
-    noise: float  # noise of the channel, whatever the model [effort]
-    is_rough: bool = False  # a first look, until the fit is there
+    noise: float  # noise of the channel, independent of the model [effort]
+    is_rough: bool = False  # whether it is a preview of the fit
 
     @property
     def values(self) -> dict[str, float]:
@@ -98,9 +98,9 @@ class WorkbenchState:
 
     def __init__(self, study: Study, source: str = "") -> None:
         self.study, self.source = study, source
-        self.whole: WorkbenchState | None = None  # with the runs that were taken out, as the page was opened
+        self.whole: WorkbenchState | None = None  # study with all runs, as the page was opened
         self.out: tuple[int, ...] = ()
-        self.judging: DiagnosisProcess | None = None  # the diagnosis that goes on
+        self.judging: DiagnosisProcess | None = None  # the running diagnosis
         self._past: deque[_Step] = deque(maxlen=_MOST_STEPS)
         self._future: list[_Step] = []
         self._pulling = ""  # parameter whose slider is being pulled
@@ -380,7 +380,7 @@ class WorkbenchState:
         measured = self.study.source
         if (self.out and measured.session is None) or self.choice.held or self.choice.bounds:
             return ""
-        if not self.source or (self.whole is not None and measured.averaged):  # that would average other runs
+        if not self.source or (self.whole is not None and measured.averaged):  # other runs would be averaged
             return ""
         source = f"{self.source} --where run={_listed(measured.runs)}" if self.out else self.source
         held = self.study.held_out
@@ -424,11 +424,13 @@ class EffectEvidence:
 
     effect: str  # its name
     falls: float  # share of the held-out error
-    change: FloatArray  # of what is left on blocks, (m,), of unit length: alike where effects do the same
+    change: (
+        FloatArray  # change of the block residuals, (m,), unit length; parallel for indistinguishable effects
+    )
 
 
-ALIKE = 0.95  # cosine above which two effects do the same to this data
-TELLING = 0.05  # share of the error below which an effect does nothing here
+ALIKE = 0.95  # cosine above which two effects are indistinguishable on these data
+TELLING = 0.05  # share of the error below which an effect has no influence
 
 
 def evidence_of(study: Study, channel: StudyChannel, beside: Sequence[str], effect: str) -> EffectEvidence:

@@ -51,7 +51,7 @@ def recording_file(name: str, path: Path, blueprint: rrb.Blueprint) -> Iterator[
     """
     # Into memory and only then to the disk: Rerun's own writer waits forever when the disk is full.
     with whole_file(path) as unfinished:
-        unfinished.touch()  # before the work, so that a folder that is not there is said at once
+        unfinished.touch()  # checks the folder before the work begins
         name = as_utf8(name)
         recording = rr.RecordingStream("palpate", recording_id=name)
         memory = recording.memory_recording()
@@ -59,7 +59,7 @@ def recording_file(name: str, path: Path, blueprint: rrb.Blueprint) -> Iterator[
         recording.send_recording_name(name)
         try:
             yield recording
-        finally:  # also where drawing failed: Rerun would warn about data that nobody took
+        finally:  # also after a failure: Rerun would warn about unused data
             content = memory.drain_as_bytes()
         unfinished.write_bytes(content or b"")
 
@@ -123,7 +123,7 @@ def shown_on(*contents: rrb.Container | rrb.View, timeline: str) -> rrb.Blueprin
         contents: tabs.
         timeline: that is shown first.
     """
-    # what follows stands at the end
+    # the view stays at the end of the timeline
     play: Literal["following", "paused"] = "following" if timeline == REVISION else "paused"
     panel = rrb.TimePanel(state="collapsed", timeline=timeline, play_state=play)
     return rrb.Blueprint(rrb.Tabs(*contents), panel, collapse_panels=True)
@@ -134,7 +134,7 @@ _START_LIMIT_S = 30.0
 _POLL_S = 0.1
 _DRIVER = "without a Vulkan driver, try: apt install mesa-vulkan-drivers"
 _SETTLE_S = 2.0  # curves and meshes are loaded bit by bit
-_TOAST_S = 7.0  # the viewer greets with a note over its upper right corner
+_TOAST_S = 7.0  # the viewer first shows a note over its upper right corner
 
 
 def open_window(recording: Path) -> None:

@@ -36,7 +36,7 @@ else:
     rr = LazyModule("rerun")
     rrb = LazyModule("rerun.blueprint")
 
-WIDTH, HEIGHT = 160.0, 90.0  # of the frame in the view's own units
+WIDTH, HEIGHT = 160.0, 90.0  # size of the frame in the view's units
 _RULE, _INK = (62, 72, 84), (190, 200, 210)
 _TICKS = 5
 _STEPS = (1.0, 2.0, 2.5, 5.0, 10.0)
@@ -47,10 +47,10 @@ _LABEL_DROP = 3.5  # Rerun writes words below their point
 class Chart:
     """A frame with axes."""
 
-    entity: str  # path below which everything of it lies
+    entity: str  # path of its entities
     x: tuple[float, float]  # least and largest value of the horizontal axis
     y: tuple[float, float]  # the same for the vertical one
-    x_label: str  # what runs along it, with unit
+    x_label: str  # title of the horizontal axis, with unit
     y_label: str  # the same for the vertical one
     width: float = WIDTH  # of the frame, in the view's own units
 
@@ -131,7 +131,7 @@ def ticks(low: float, high: float) -> list[float]:
     return [round(float(value), 12) + 0.0 for value in counts * step]  # no -0
 
 
-_WIDTH = 160.0  # of a share of 1, in the view's own units
+_WIDTH = 160.0  # width of a share of 1, in the view's units
 _STACK, _ROW = 14.0, 13.0  # heights of the stacked bar and of a row
 _NAMES = -62.0  # left end of the rows' names
 _STEP = 0.5  # between the lines that fill a bar: Rerun only outlines boxes
@@ -266,7 +266,7 @@ def record_rerun(view: StudyView, path: Path) -> None:
                 recording.log(f"{channel.name}/words", words)
             recording.reset_time()
         for channel in drawn:
-            # measurement, first and last model, what they leave, and the motion
+            # measurement, first and last model, their residuals, and the motion
             place, stages = f"{channel.name}/time", channel.shown_stages
             colors = [palette.MODEL] if len(stages) == 1 else [palette.BASE, palette.MODEL]
             models = list(zip(stages, colors, strict=False))

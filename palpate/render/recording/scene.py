@@ -264,10 +264,10 @@ def _mesh(
     )
 
 
-ROOT_FRAME = "world"  # of everything that is drawn and is no part of the arm
+ROOT_FRAME = "world"  # frame of everything that is no part of the arm
 _ARM, _OBJECT, _TIP = "arm", "object", "tip"
 _ARROW_M_PER_N, _ARROW_RADIUS_M = 0.012, 0.004
-_ARROW_ASIDE_M = 0.05  # beside the tool, which would hide it
+_ARROW_ASIDE_M = 0.05  # shifted aside, because the tool would hide it
 _ARROW = (240, 92, 84)
 _GRID = (120, 134, 150, 60)
 _EYE_DIRECTION = np.array([0.35, -1.0, 0.42])  # from the side: the arm moves in the x-z plane

@@ -32,7 +32,7 @@ _PARAMETERS = {  # entity: name offline, column online, title
     "estimate/damping": ("damping.c", "damping_n_s_m", "Damping [N s/m]"),
 }
 _SECTIONS = ("read_s", "control_s", "guard_s", "write_s", "observer_s", "log_s")
-_LOWEST, _HIGHEST = 0.7, 1.8  # of an estimate's levels: the range that is shown, with room for the legend
+_LOWEST, _HIGHEST = 0.7, 1.8  # vertical range, as multiples of an estimate's levels, with room for the legend
 _ABOVE, _BELOW = 1.0, 1.1  # range of displacement shown, in greatest depths
 _TROUBLE = ("stop", "failure", "log_failed", "observer_failed", "obstacle", "missed_surface")
 
@@ -99,7 +99,7 @@ def _log_signals(recording: rr.RecordingStream, scene: Scene) -> None:
     tracking = {f"joint {n}": (error, color, 1.5) for n, (error, color) in enumerate(lines, 1)}
     send_lines(recording, _TRACKING, scene.time_s, tracking)
     torque_nm = ticks["torque_measured_nm"].copy()
-    torque_nm[0] = np.nan  # it was still off, and from 0 the axes would begin
+    torque_nm[0] = np.nan  # the drive was still off, and its zeros would stretch the axes
     for joint in range(scene.joints):
         for entity, measured, commanded, name in (
             (_TORQUE, torque_nm, ticks["torque_sent_nm"], "commanded"),
@@ -151,7 +151,7 @@ def _blueprint(scene: Scene) -> rrb.Blueprint:
     """Arrange arm, notes and estimates on the left, curves on the right, and further tabs."""
     estimates: list[rrb.View] = []
     for entity, (name, column, title) in _PARAMETERS.items():
-        # the vertical range shows where an estimate ends up, rather than its first wild guesses
+        # the vertical range shows where an estimate ends, and not its first values
         estimate, online = scene.found(name), scene.ticks[column][np.isfinite(scene.ticks[column])]
         levels = [scene.truth[name]] if name in scene.truth else []
         levels += [estimate.value] if estimate is not None else []

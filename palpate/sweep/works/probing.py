@@ -317,7 +317,7 @@ def ransac_errors(parameters: Mapping[str, Any], seed: int) -> list[Row]:
         problem = Regression(columns, noisy_n, ("k", "c"), ("N/m", "N s/m"), run=channel.run[rows])
         try:
             fit = ransac.fit(problem, rng=rng)
-        except InputError:  # hardly a sample agrees with another
+        except InputError:  # hardly any two samples agree
             errors.append(gains)
             shares.append(0.0)
             continue
