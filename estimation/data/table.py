@@ -1,4 +1,4 @@
-"""A file of measurements as named columns: text (also .gz), Excel, Parquet, NPZ, or ROS 2 joint states."""
+"""A file of measurements as named columns: text, Excel, Parquet, NPZ, MATLAB, JSON, or ROS 2 joint states."""
 
 from __future__ import annotations
 
@@ -239,7 +239,7 @@ def read_table(path: str | os.PathLike[str], selected: str = "") -> Table:
     if read is None and _is_text(place):
         read = read_text_table
     if read is None:
-        known = ", ".join(ENDINGS)
+        known = ", ".join((*ENDINGS, *_JSON))
         raise InputError(
             f"{place}: unknown kind of file. Valid: {known}; a text file may be packed, as .csv.gz"
         )
@@ -331,6 +331,12 @@ def _read_ros(path: Path) -> FileColumns:
     return read_ros_table(path)
 
 
+def _read_json(path: Path) -> FileColumns:
+    from palpate.estimation.data.json_table import read_json  # noqa: PLC0415, seldom needed
+
+    return read_json(path)
+
+
 def _remedy(shown: str, *, whole: bool) -> str:
     if shown.count(",") == 1 and not np.isnan(number_of(shown.replace(",", "."))):
         return "write numbers with a decimal point, not a comma"
@@ -357,6 +363,7 @@ def _with_points(column: pa.ChunkedArray, decimal: str) -> pa.ChunkedArray:
     return pc.if_else(grouped, pc.replace_substring(trimmed, mark, ""), trimmed)
 
 
+_JSON = (".json", ".jsonl")
 _READERS: tuple[tuple[tuple[str, ...], Callable[..., FileColumns]], ...] = (
     ((".csv", ".tsv", ".txt", ".dat", ".asc", ".lvm", ".log", ".tra"), read_text_table),
     ((".xlsx", ".xlsm", ".xls"), _read_excel),
@@ -364,5 +371,7 @@ _READERS: tuple[tuple[tuple[str, ...], Callable[..., FileColumns]], ...] = (
     ((".npz",), read_npz),
     ((".mat",), read_mat),
     (BAGS, _read_ros),
+    (_JSON, _read_json),
 )
-ENDINGS = tuple(ending for endings, _ in _READERS for ending in endings)
+# Of the data files in a folder; JSON beside them describes them.
+ENDINGS = tuple(ending for endings, _ in _READERS for ending in endings if ending not in _JSON)

@@ -1,0 +1,68 @@
+"""Tables in JSON: records, columns, rows, and lines of records."""
+
+import json
+
+import numpy as np
+import pytest
+
+from palpate.estimation.data.import_file import import_file
+from palpate.estimation.data.import_files import data_files
+from palpate.estimation.data.table import read_table
+from palpate.robot_io.errors import InputError
+
+TIME_S = np.linspace(0.0, 2.0, 200)
+DEPTH_M = 2e-3 * np.sin(np.pi * TIME_S / 2.0)
+FORCE_N = 900.0 * DEPTH_M
+NAMES = ["time_s", "displacement_m", "force_N"]
+ROWS = np.column_stack([TIME_S, DEPTH_M, FORCE_N]).tolist()
+RECORDS = [dict(zip(NAMES, row, strict=True)) for row in ROWS]
+COLUMNS = dict(zip(NAMES, map(list, zip(*ROWS, strict=True)), strict=True))
+
+
+@pytest.mark.parametrize(
+    "content",
+    [
+        RECORDS,
+        COLUMNS,
+        {"names": NAMES, "data": ROWS, "rate": 100},
+        {"meta": {"by": "me"}, "log": {"press": COLUMNS}},
+    ],
+    ids=["records", "columns", "rows", "deep inside"],
+)
+def test_a_table_is_found_in_whatever_form(tmp_path, content):
+    path = tmp_path / "press.json"
+    path.write_text(json.dumps(content))
+    (channel,) = import_file(path).channels
+    np.testing.assert_allclose(channel.position, DEPTH_M)
+    np.testing.assert_allclose(channel.effort, FORCE_N)
+
+
+def test_records_may_stand_in_lines_and_hold_others(tmp_path):
+    path = tmp_path / "joint.jsonl"
+    nested = [{"t": row[0], "joint": {"pos": row[1], "torque": [row[2], 1.0]}} for row in ROWS]
+    path.write_text("\n".join(map(json.dumps, nested)))
+    table = read_table(path)
+    assert table.names == ("t", "joint.pos", "joint.torque.0", "joint.torque.1")
+    np.testing.assert_allclose(table.numbers("joint.torque.0"), FORCE_N)
+
+
+def test_rows_that_nothing_names_are_called_by_their_places(tmp_path):
+    path = tmp_path / "bare.json"
+    path.write_text(json.dumps({"data": ROWS, "dt": 0.01, "time units": "s"}))
+    assert read_table(path).names == ("column 1", "column 2", "column 3")
+
+
+@pytest.mark.parametrize(
+    ("text", "words"), [("{", "is no JSON"), ('{"a": 1}', "holds no table"), ("[]", "no table")]
+)
+def test_what_holds_no_table_is_refused(tmp_path, text, words):
+    path = tmp_path / "a.json"
+    path.write_text(text)
+    with pytest.raises(InputError, match=words):
+        read_table(path)
+
+
+def test_a_description_in_a_folder_is_no_data(tmp_path):
+    (tmp_path / "meta.json").write_text(json.dumps(RECORDS))
+    (tmp_path / "a.csv").write_text("time_s,displacement_m,force_N\n0,0,0\n")
+    assert data_files(tmp_path) == [tmp_path / "a.csv"]
