@@ -296,6 +296,7 @@ def _channel(source: _Source, columns: Columns, rows: Rows, notes: list[str]) ->
     joint = source.position[1]
     motion = columns.values(source.position)[rows.order]
     piece = number_pieces(rows.time_s, rows.run)
+    given: FloatArray | None
     if source.position[0] == "velocity":
         position, given = _integrated(rows, motion), motion
         notes.append(
