@@ -114,6 +114,22 @@ def test_what_is_held_goes_with_its_effect(state):
     assert state.toggled("cubic_stiffness").held == {}
 
 
+def test_a_parameter_is_held_or_bounded_or_free(state):
+    state.choice = state.with_bounds("stiffness.k", (100.0, 200.0))
+    assert state.choice.bounds == {"stiffness.k": (100.0, 200.0)}
+    assert state.with_held("stiffness.k", None).bounds == {}
+    held = state.with_held("stiffness.k", 150.0)
+    assert (held.held, held.bounds) == ({"stiffness.k": 150.0}, {})
+    state.choice = held
+    bounded = state.with_bounds("stiffness.k", (100.0, 200.0))
+    assert (bounded.held, bounded.bounds) == ({}, {"stiffness.k": (100.0, 200.0)})
+
+
+def test_a_run_that_is_left_out_is_not_held_out_as_well(state):
+    used = state.with_runs([1], [1, 2])
+    assert (used.out, used.study.held_out) == ((1,), (2,))
+
+
 def test_a_choice_that_cannot_be_fitted_changes_nothing(state):
     before = state.choice
     with pytest.raises(InputError):
