@@ -206,6 +206,22 @@ def test_what_is_compared_is_the_share_of_the_held_out_error():
     assert np.abs(left.simulated).max() < 0.05
 
 
+def test_draws_are_made_from_the_model_that_may_be_refused(monkeypatch):
+    data = swings(3, lambda q, v, a: 0.05 * np.tanh(v / 0.01), runs=3)
+    friction = SWING.with_effect(EFFECTS["coulomb_friction"]())
+    before, after = fit_model(data, SWING, {}), fit_model(data, friction, {})
+    drawn_from = []
+
+    def draws(fit, *rest):
+        drawn_from.append(fit)
+        return bootstrap_samples(fit, *rest)
+
+    monkeypatch.setattr(bootstrap, "bootstrap_samples", draws)
+    improvement_test(before, after, identify_measurement_model(data), np.random.default_rng(0))
+    assert drawn_from
+    assert all(fit is before for fit in drawn_from)
+
+
 def arm_read(data, encoders):
     """The channel with its position read by encoders of (step, share of the way that each makes)."""
     shown = sum(step * np.round(share * data.position / step + 0.3) for step, share in encoders)

@@ -1,12 +1,14 @@
 """What is hidden in simulated data is found, what the library lacks is not called by another's name."""
 
 from dataclasses import replace
+from importlib import import_module
 
 import numpy as np
 import pytest
 
 from palpate.estimation.base_model import ModelContext
 from palpate.estimation.diagnosis import Verdict, diagnose
+from palpate.estimation.diagnosis.verdict import insufficient_diagnosis
 from palpate.estimation.effects import EFFECTS
 from palpate.estimation.models import MODELS
 from tests.estimation.presses import NOISE_N, K, kelvin_voigt, maxwell, session
@@ -257,3 +259,20 @@ def test_beside_what_is_named_something_may_stay_unexplained():
     )
     assert not found.complete
     check_shares(found)
+
+
+def test_a_channel_has_the_same_draws_alone_and_among_others(monkeypatch):
+    module, drawn = import_module("palpate.estimation.diagnosis.diagnose"), []
+
+    def judged(data, model, effects, rng, progress=None):
+        drawn.append((data.name, int(rng.integers(2**62))))
+        return insufficient_diagnosis(data, "not judged")
+
+    monkeypatch.setattr(module, "diagnose_channel", judged)
+    first, second = (replace(swings(1), name=f"joint_{number}") for number in (1, 2))
+    for channels in ([first, second], [second, first], [second]):
+        diagnose(channels, SWING, rng=np.random.default_rng(7))
+    of_second = {number for name, number in drawn if name == "joint_2"}
+    of_first = {number for name, number in drawn if name == "joint_1"}
+    assert len(of_second) == len(of_first) == 1
+    assert of_first != of_second
