@@ -3,6 +3,7 @@
 import io
 import sys
 from dataclasses import replace
+from functools import cache
 
 import pytest
 from rich.console import Console
@@ -24,6 +25,7 @@ from palpate.render.terminal import (
 )
 from palpate.render.view import ParameterView
 from palpate.study import Study
+from tests.few_effects import try_few_effects
 from tests.revisions import revision
 
 
@@ -69,10 +71,17 @@ def test_the_table_of_revisions_breaks_no_word_in_a_narrow_terminal(width):
     assert ("2026-01-02" in words) == (width >= 100)
 
 
+@cache
+def estimates_of(path, model):
+    """What all estimators find in a file, once for all widths."""
+    (estimates,) = Study(path, model, keep=False).estimate("all")
+    return estimates
+
+
 @pytest.mark.parametrize("width", [60, 80, 120])
 @pytest.mark.parametrize("model", ["kelvin_voigt", "hunt_crossley"])
 def test_the_table_of_estimates_breaks_no_word(hardening, model, width):
-    (found,) = Study(hardening, model, keep=False).estimate("all")
+    found = estimates_of(hardening, model)
     shown = printed(estimate_table(found, {}, width), width)
     assert {"preemptive_ransac", "robust", "±"} <= set(shown.split())
     assert all(len(line) <= width for line in shown.splitlines())
@@ -104,22 +113,39 @@ def test_tables_of_parameters_break_no_name_of_an_effect(width):
         assert max(map(len, lines)) <= width
 
 
-@pytest.mark.parametrize("width", [60, 80, 120])
-def test_the_table_of_stages_breaks_no_name_of_an_effect(hardening, width):
+@pytest.fixture(scope="module")
+def added(hardening):
+    """The view of a channel after an effect was added."""
     study = Study(hardening, keep=False)
-    (view,) = view_of(study, [study.add("cubic_stiffness").result]).channels
-    assert any(stage.number is not None for stage in view.stages)
-    shown = printed(fall_table(replace(view, fall=(view.fall[0], (f"+ {LONG}", 0.1))), width), width)
+    (channel,) = view_of(study, [study.add("cubic_stiffness").result]).channels
+    return channel
+
+
+@pytest.fixture(scope="module")
+def compared_and_diagnosed(hardening):
+    """Views of a study before and after its diagnosis."""
+    with pytest.MonkeyPatch.context() as patch:
+        try_few_effects(patch)
+        study = Study(hardening, keep=False)
+        compared = view_of(study)
+        study.diagnose()
+        return compared, view_of(study)
+
+
+@pytest.mark.parametrize("width", [60, 80, 120])
+def test_the_table_of_stages_breaks_no_name_of_an_effect(added, width):
+    assert any(stage.number is not None for stage in added.stages)
+    shown = printed(fall_table(replace(added, fall=(added.fall[0], (f"+ {LONG}", 0.1))), width), width)
     assert any(f"+ {LONG}" in line for line in shown.splitlines())
 
 
 @pytest.mark.parametrize("width", [60, 80, 120])
-def test_comparison_and_diagnosis_fit_the_terminal(few_effects, hardening, width):
-    study, out = Study(hardening, keep=False), io.StringIO()
+def test_comparison_and_diagnosis_fit_the_terminal(compared_and_diagnosed, width):
+    out = io.StringIO()
     terminal = Console(file=out, width=width)
-    print_comparison(terminal, view_of(study))
-    study.diagnose()
-    print_diagnosis(terminal, view_of(study))
+    compared, diagnosed = compared_and_diagnosed
+    print_comparison(terminal, compared)
+    print_diagnosis(terminal, diagnosed)
     assert all(len(line.rstrip()) <= width for line in out.getvalue().splitlines())
     assert {"cubic_stiffness", "depth", "rmse", "parameter"} <= set(out.getvalue().split())
 
