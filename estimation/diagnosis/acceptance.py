@@ -176,9 +176,10 @@ def _accounts_for_error(
     """Whether an effect's kind accounts for a part of the error that no other kind takes in its place.
 
     A kind without a law of its own is taken at its effect's word, and so is an effect that alone leaves less
-    than the laws of all kinds together. A share counts only for a kind of the smallest set, or one that takes
-    as much in the place of a kind of it: beside that, a needless law has a share too. Beside little that
-    nothing explains, or where it takes as much, a form is told from another kind's law by its few parameters.
+    than the laws of all kinds together. A share counts only for a kind of the smallest set, or where kind and
+    effect take as much in the place of a kind of it: beside that, a needless law has a share too. Beside
+    little that nothing explains, or where it takes as much, a form is told from another kind's law by its few
+    parameters.
 
     Args:
         search: that led to the model.
@@ -198,12 +199,29 @@ def _accounts_for_error(
     by_others = min(map(partial.error.mean_square, in_its_place), default=-np.inf)
     is_told_apart = not entry.replaceable_by or unexplained < _UNDECIDED * taken
     is_told_apart |= AS_GOOD * test.left_by_all <= by_others
-    counted = partial.kinds.union(*map(partial.stand_ins, partial.budget.entries))
-    is_counted = entry.kind in counted and is_told_apart
+    stands_in = any(taken >= least for least in _least_in_place(partial, entry))
+    is_counted = (entry.kind in partial.kinds or stands_in) and is_told_apart
     if entry.necessary >= _LEAST_OF_KIND or (entry.share >= _LEAST_OF_KIND and is_counted):
         return True
     alone = search.fitted(start.solution.model.with_effect(effect), end.solution.parameters)
     return bool(alone.held_out_mean_square < partial.budget.flexible * start.held_out_mean_square)
+
+
+def _least_in_place(partial: PartiallyLinear, entry: BudgetEntry) -> Iterator[float]:
+    """Mean square that an effect must take in the place of each kind's law for which its own kind stands in.
+
+    It is as much, or most of it where the effect's kind is the more plausible one, as object before reader.
+
+    Args:
+        partial: the kinds that account for the error.
+        entry: of the effect's kind, with the budget's other kinds beside it.
+    """
+    order, left = list(Kind), partial.error.mean_square(partial.kinds)
+    for replaced in partial.budget.entries:
+        if entry.kind in partial.stand_ins(replaced):
+            by_law = partial.error.mean_square(partial.kinds - {replaced.kind}) - left
+            is_likelier = order.index(entry.kind) < order.index(replaced.kind)
+            yield (MOST_OF_LAW if is_likelier else AS_MUCH) * by_law
 
 
 def smallest_sufficient_model(search: Search, end: FitResult, measurement: MeasurementModel) -> FitResult:

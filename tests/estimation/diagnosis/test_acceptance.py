@@ -304,3 +304,17 @@ def test_of_two_curves_over_one_signal_only_the_more_telling_may_bear_its_name()
     taken = {"cubic_stiffness": 1.0, "exponential_stiffness": 2.0, "damping": 0.1}
     repeats = [name for name in taken if module._repeats_another(end, name, taken)]
     assert repeats == ["cubic_stiffness"]
+
+
+@pytest.mark.parametrize(("kind", "least"), [(Kind.FRICTION, 0.8), (Kind.DRIFT, 0.95), (Kind.PERIODIC, None)])
+def test_what_stands_in_for_a_law_takes_most_of_it_and_the_less_likely_as_much(kind, least):
+    """Relaxation leaves a tenth of the error; friction and drift have laws that would do as well."""
+    left = {frozenset[Kind](): 1.0, frozenset({Kind.TIME_MEMORY}): 0.1}
+    partial = SimpleNamespace(
+        kinds=frozenset({Kind.TIME_MEMORY}),
+        error=SimpleNamespace(mean_square=left.__getitem__),
+        budget=SimpleNamespace(entries=[SimpleNamespace(kind=Kind.TIME_MEMORY)]),
+        stand_ins=lambda entry: frozenset({Kind.FRICTION, Kind.DRIFT}),
+    )
+    needed = list(module._least_in_place(partial, SimpleNamespace(kind=kind)))
+    assert needed == ([] if least is None else [pytest.approx(0.9 * least)])
