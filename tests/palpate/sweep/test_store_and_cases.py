@@ -222,3 +222,14 @@ def test_errors_are_over_their_bounds_as_root_mean_squares_and_intervals_hold_th
     assert errors.at_zero.tolist() == [2.0]
     assert errors.over_bound == pytest.approx((50.0 / 4.0) ** 0.5)
     assert errors.covered == pytest.approx(1.0 / 3.0)
+
+
+@pytest.mark.parametrize("count", [1, 3])
+def test_two_files_with_more_and_fewer_rows_of_a_case_disagree(tmp_path, count):
+    store = ResultStore(tmp_path)
+    store.land("a", [{"x": 1.0}, {"x": 2.0}])
+    store.land("b", [{"x": 0.0}])
+    store.pack()
+    store.land("a", [{"x": float(number)} for number in range(1, 1 + count)])
+    with pytest.raises(InputError, match="another file has a different result for case a"):
+        store.rows(["a"])
