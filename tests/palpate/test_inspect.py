@@ -53,7 +53,7 @@ def test_plots_are_saved_where_they_are_wanted(probed, tmp_path):
     assert run("inspect", probed[0], "--save", tmp_path / "x.rrd", "--plots", plots).exit_code == 0
     (file,) = plots.iterdir()
     page = re.sub("</?b>", "", file.read_text().rpartition("</head>")[2])
-    for words in ("kelvin_voigt", "surface found at", "contact force [N]", "joint_3: measured and commanded"):
+    for words in ("kelvin_voigt", "surface at", "contact force [N]", "joint_3: measured and commanded"):
         assert words in page
 
 
