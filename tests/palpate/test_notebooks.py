@@ -79,7 +79,7 @@ def test_tissue(tmp_path, monkeypatch):
     assert as_html(shown).count("<table>") == 3
 
 
-def test_a_notebook_shows_a_bar_and_takes_it_away(monkeypatch, tmp_path):
+def test_a_notebook_shows_a_bar_and_takes_it_away(few_effects, monkeypatch, tmp_path):
     said = []
 
     class Handle:
