@@ -11,14 +11,16 @@ def add(data, folder, *arguments):
     return as_json("add", data, *arguments, "--out", folder)["revisions"]
 
 
-def test_stages_are_kept_continued_and_gone_back_to(hardening, tmp_path):
+def test_stages_are_kept_continued_and_gone_back_to_and_the_report_is_renewed(hardening, tmp_path):
     first = add(hardening, tmp_path, "layered_stiffness")
+    page = (tmp_path / "report.html").read_text()
     assert [(r["number"], r["parent"]) for r in first] == [(0, None), (1, 0)]
     (second,) = add(hardening, tmp_path, "bias")
     assert (second["parent"], second["effects"]) == (1, ["layered_stiffness", "bias"])
     (third,) = add(hardening, tmp_path, "cubic_stiffness", "--from", 0)
     assert (third["number"], third["parent"], third["effects"]) == (3, 0, ["cubic_stiffness"])
     assert third["rmse"] < first[1]["rmse"] < first[0]["rmse"]
+    assert (tmp_path / "report.html").read_text() != page
     listed = as_json("revisions", hardening, "--folder", tmp_path)["revisions"]
     assert listed == [*first, second, third]
     shown = run("revisions", hardening, "--folder", tmp_path).stdout

@@ -102,11 +102,6 @@ def test_with_force_it_is_replaced_but_never_what_is_read(hardening, tmp_path):
         spare_files(tmp_path, ["*.csv"], force=True, keep=[data])
 
 
-def test_where_revisions_are_kept_the_report_is_renewed(hardening, tmp_path):
-    for again in ((), ("--from", 0)):
-        done("add", hardening, "cubic_stiffness", "--out", tmp_path, *again)
-
-
 def test_plots_and_pictures_replace_nothing_unasked_nor_each_other(session, tmp_path):
     folder = tmp_path / "plots"
     folder.mkdir()
