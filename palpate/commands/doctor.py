@@ -90,8 +90,8 @@ def doctor_command(  # noqa: PLR0917, one parameter an option
         )
         findings = _examine(check, quiet=as_json)
         name = safe(check.robot_file.name)
-        well = "not checked completely" if NOT_POWERED in findings else "passes all checks"
-        verdict = (f"'{name}' is {well}", f"'{name}' must not be powered like this")
+        well = "is not checked completely" if NOT_POWERED in findings else "passes all checks"
+        verdict = (f"'{name}' {well}", f"'{name}' must not be powered like this")
     failed = any(finding.level is Level.FAIL for finding in findings)
     if as_json:
         console.print_json({"findings": [vars(finding) for finding in findings]})

@@ -192,7 +192,7 @@ def signs_by(hand, monkeypatch, **options):
 @pytest.mark.parametrize(
     ("hand", "subject", "words"),
     [
-        (LazyHand, "sign of the force", "too little"),
+        (LazyHand, "sign of the force", "too small to judge"),
         (LastingHand, "hands away", "left of the press"),
         (ReturningHand, "hands away", "somebody touches"),  # while the seconds are counted
     ],
@@ -495,7 +495,7 @@ def test_a_port_that_is_not_there_is_a_failure_with_a_remedy():
 def test_the_command_shows_lines_and_what_to_do_next():
     result = done("doctor", "--robot", ODRIVE, "--wire", "--move", "--yes")
     assert "ok    joint 2 (node 1)" in result.stdout
-    assert "'odrive_3dof' is well" in result.stdout
+    assert "'odrive_3dof' passes all checks" in result.stdout
     assert result.stderr.index("palpate calibrate") < result.stderr.index("palpate probe --robot")
     page = (ROOT / "docs" / "how-to" / "hardware.md").read_text(encoding="utf-8")
     assert FIRST_PROBE in result.stderr
@@ -522,7 +522,7 @@ def test_a_no_to_power_is_not_called_well(monkeypatch):
     monkeypatch.setattr("typer.confirm", lambda question, **_: "Hands away" not in question)
     result = run("doctor", "--robot", ODRIVE, "--wire", "--move")
     assert "is not checked completely" in result.stdout
-    assert "is well" not in result.stdout
+    assert "passes all checks" not in result.stdout
     assert "--wire --move" in result.stderr
     assert "palpate probe" not in result.stderr
 
