@@ -286,17 +286,18 @@ def press_sides(displacement: FloatArray, force: FloatArray) -> PressSides:
         against = correlation_coefficient(np.gradient(displacement), force) < _DRAGGED
         return PressSides(force=-1.0 if against else 1.0, two_sided=True, springy=False)
     until = int(np.argmax(np.abs(force))) + 1  # then it may soften or tear
-    if until >= _FEWEST:
-        before = correlation_coefficient(displacement[:until], force[:until])
-        alike = before if abs(before) > _GOES_WITH else alike
+    before = correlation_coefficient(displacement[:until], force[:until]) if until >= _FEWEST else 0.0
+    if abs(before) > _GOES_WITH > alike * np.sign(before):
+        displacement, force = displacement[:until], force[:until]
+        alike = before
     way, push = 1.0, 1.0
     if alike > _GOES_WITH and _is_negative(force):  # the reader of the motion may count from anywhere
         way = push = -1.0
     elif alike < -_GOES_WITH:
         way, push = (1.0, -1.0) if _is_negative(force) else (-1.0, 1.0)
     zero_m = _zero(way * displacement, push * force)
-    if way < 0.0 and not zero_m and displacement.min() >= 0.0:  # turned, it would never press
-        way, push = 1.0, abs(push)
+    if way < 0.0 and displacement[0] == displacement.min() == 0.0:
+        return PressSides()  # a way from zero on would never press if it were turned
     return PressSides(way, push, zero_m)
 
 

@@ -122,8 +122,10 @@ def no_contact(data: ChannelData) -> str | None:
         is_noise = np.quantile(np.abs(data.effort[pressed] - level), _ONE_IN_TWENTY) < noise
         if is_noise and misaligned(data) is None:
             return "no contact: the force while pressed is no more than the noise in free air"
-    falls = correlation_coefficient(np.where(pressed, data.position, 0.0), data.effort)
-    if falls < _FALLS and misaligned(data) is None:
+    depth, until = np.where(pressed, data.position, 0.0), int(np.argmax(np.abs(data.effort))) + 1
+    falls = correlation_coefficient(depth, data.effort)
+    tears = correlation_coefficient(depth[:until], data.effort[:until]) > -_FALLS  # it rises until then
+    if falls < _FALLS and not tears and misaligned(data) is None:
         return (
             f"force falls with depth (correlation {falls:.2f}); check the sign of force and displacement: "
             "--unit force=-1N turns the force"

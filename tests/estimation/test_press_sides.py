@@ -218,3 +218,11 @@ def test_a_force_that_snaps_on_one_way_is_one_press():
         cut_presses(np.tile(200.0 * back_and_forth, 2), np.tile(back_and_forth, 2), np.tile(one, 2))[0].max()
         == 1
     )
+
+
+def test_a_pull_that_tears_before_zero_counts_from_where_its_force_begins():
+    x = np.linspace(-0.0246, 0.0054, 1800)
+    force = np.where(x < -0.0226, 1.1e6 * (x + 0.0246), np.where(x < -0.013, 1700.0, -5.0))
+    sides = press_sides(x, force + np.random.default_rng(0).normal(0.0, 1.0, 1800))
+    assert (sides.displacement, sides.force) == (1.0, 1.0)
+    assert sides.zero_m == pytest.approx(-0.0246, abs=2e-4)
