@@ -275,7 +275,7 @@ def _example(columns: Columns) -> str:
         return f"--column torque={shlex.quote(free[0])} --unit torque=1Nm"
     options = []
     clocks = (name for name in free if (np.diff(columns.table.numbers(name)) > 0.0).all())
-    if TIME not in columns and (clock := next(clocks, "")):
+    if NAMELESS in columns.table.words and TIME not in columns and (clock := next(clocks, "")):
         options.append(f"--column time={shlex.quote(clock)}")
         free.remove(clock)
     for quantity, unit in (("force", "N"), ("displacement", "mm")):
