@@ -85,7 +85,7 @@ def next_probe(
     Where nothing could be judged, it is one that makes up for what the data lack. Else each plan that the arm
     can do within its limits is rehearsed, data are drawn on that motion from each model that is left, and all
     are fitted again; see `palpate.estimation.design`. None is run a second time: what it shows is in the
-    data. What saved diagnoses state already is not planned again.
+    data. What saved diagnoses state already is not planned again, unless it ran since.
 
     Args:
         study: what was measured so far.
@@ -99,14 +99,14 @@ def next_probe(
     """
     if not study.source.probed:
         return None
+    sessions = filter(None, (study.source.session, *study.source.more))
+    ran = [_plan_of(session) for session in sessions]  # what the arm did so far
     stated = _stated(study, diagnoses) if longest_s >= LONGEST_S else None
-    if stated is not None:
+    if stated is not None and stated.plan not in ran:
         return stated
     open_questions = undecided(study, diagnoses)
     if not open_questions:
         return _remedy(study, diagnoses, longest_s, progress)
-    sessions = filter(None, (study.source.session, *study.source.more))
-    ran = [_plan_of(session) for session in sessions]  # what the arm did so far
     single = _planned(
         _new(feasible(study, progress, processes=processes), ran), study, open_questions, longest_s
     )
