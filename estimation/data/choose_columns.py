@@ -145,11 +145,12 @@ def is_pressed(position: FloatArray, force: FloatArray) -> bool:
     largest = max(abs(low), abs(high))
     if min(abs(low), abs(high)) >= _OTHER_SIGN * largest:
         return False
-    until = int(np.argmax(np.abs(force))) + 1  # then it may tear
-    if any(abs(correlation_coefficient(position[:n], force[:n])) > _GOES_WITH for n in (len(force), until)):
-        return True
     moved = np.abs(position - position[0])
     begins = slice(int(np.argmax(moved > 0.0)), int(np.argmax(moved > _BEGINNING * np.ptp(position))))
+    peak = int(np.argmax(np.abs(force))) + 1  # then it may tear; an axis may have its peak where it begins
+    parts = [slice(begins.start, end) for end in (len(force), peak) if end > begins.stop]
+    if any(abs(correlation_coefficient(position[part], force[part])) > _GOES_WITH for part in parts):
+        return True
     return bool(force[begins].size and abs(np.median(force[begins])) < _OTHER_SIGN * largest)
 
 

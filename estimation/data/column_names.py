@@ -41,6 +41,9 @@ OF_JOINTS = frozenset({"position", "velocity", "acceleration", "torque", "force"
 _ALSO = {"depth": "displacement", "angle": "position"}
 _NAME = re.compile(rf"({'|'.join([*QUANTITIES, *_ALSO])})(?:_(\d+))?(?:_(.+))?", re.IGNORECASE)
 _BRACKETED = re.compile(r"\s*[\[({<]\s*(?!\d+\s*\])([^\])}>]*?)\s*[\])}>]\s*$")  # an index is no unit
+_BEHIND_THE_UNIT = re.compile(  # as in "Force (N) Run #1"
+    r"(?<=[])}]) (?:run|test|trial|specimen) ?#? ?\d+$", re.IGNORECASE
+)
 _DOTTED = re.compile(r"(.*\w)\.{1,2}([^\W\d_][\w.]*)\.")  # brackets as R writes them: "force..N."
 _STUCK = re.compile(r"([A-Za-z]*[a-z])(?:\.|(?=[A-Z]))([A-Za-z]+)")  # "ForceN", "Load.N"
 _AFTER = re.compile(r"\s*(?:/|,|\bin\b)\s*([^\s/,]+)\s*$")
@@ -120,11 +123,12 @@ def split_unit(name: str) -> tuple[str, str]:
     """What any column's name says before its unit, and the unit, normalised; empty if it says none known.
 
     Units stand in brackets, after a slash, a comma or "in", or at the end: "Weg / mm", "load_mN", "Load N",
-    "force..N." (as R writes brackets), "ForceN".
+    "force..N." (as R writes brackets), "ForceN". A run may be numbered behind the brackets.
 
     Args:
         name: of a column.
     """
+    name = without_run(name)
     match = _BRACKETED.search(name)
     stem, _, last = name.strip().rpartition(" ")
     if joined := _joined_unit(name.strip()):
@@ -145,6 +149,15 @@ def split_unit(name: str) -> tuple[str, str]:
             if dimension_of(ending):
                 return "_".join(parts[:-count]), ending
     return name, ""
+
+
+def without_run(name: str) -> str:
+    """A column's name without the number of a run behind its unit, as in "Force (N) Run #1".
+
+    Args:
+        name: of a column.
+    """
+    return _BEHIND_THE_UNIT.sub("", name)
 
 
 def _joined_unit(name: str) -> tuple[str, str] | None:
@@ -274,7 +287,7 @@ def guess_columns(names: Sequence[str], clocks: Collection[str] = ()) -> list[Gu
         clocks: those that hold seconds of a clock, whatever unit the name says.
     """
     # Where the header holds units alone, they say what is measured: "mm", "kN", "s".
-    units = {name: normalise(name.strip("[]() ")) for name in names if not _UNNAMED.fullmatch(name)}
+    units = {name: normalise(name.strip("[]() ")) for name in names if not is_unnamed(name)}
     units_only = sum(map(bool, map(dimension_of, units.values()))) >= max(2.0, 0.6 * len(units))
     guesses = [
         Guess(name, "")
@@ -315,6 +328,15 @@ def guess_columns(names: Sequence[str], clocks: Collection[str] = ()) -> list[Gu
         else:
             paired.append(guess)
     return paired
+
+
+def is_unnamed(name: str) -> bool:
+    """Whether a column is called by its place alone, since nothing names it.
+
+    Args:
+        name: of the column.
+    """
+    return _UNNAMED.fullmatch(name) is not None
 
 
 def keys_of_channels(there: Collection[Key]) -> list[Key]:

@@ -200,6 +200,12 @@ def _check_times(columns: Columns, rows: Rows) -> None:
             f"{columns.table.path}: column '{columns.name(TIME)}' decreases throughout; "
             "reverse the order of the rows"
         )
+    if np.ptp(rows.time_s) == 0.0:
+        name = columns.name(TIME)
+        raise InputError(
+            f"{columns.table.path}: column '{name}' has the same time in all rows; leave it out with "
+            f"--context {shlex.quote(name)}, or name another column, --column time=COLUMN"
+        )
     before, after = (columns.table.rows[rows.order[late[0] + step]] for step in (0, 1))
     name, in_run, word = columns.name(TIME), "", columns.table.row_word
     if len(rows.labels) > 1:

@@ -8,7 +8,9 @@ from typing import Any
 import numpy as np
 
 from palpate.estimation.data.array_files import arrow_of
+from palpate.estimation.data.column_names import is_unnamed
 from palpate.estimation.data.file_columns import FileColumns, check_size
+from palpate.estimation.data.text_dialect import NAMELESS
 from palpate.estimation.data.text_table import as_utf8
 from palpate.robot_io.errors import InputError
 
@@ -41,39 +43,51 @@ def read_json(path: Path) -> FileColumns:
         raise InputError(
             f"{path}: holds no table: a list of records, columns of equal length, or rows of numbers"
         )
-    columns = max(tables, key=lambda table: len(next(iter(table.values()))))
-    arrays = {name: np.array(cells) for name, cells in columns.items()}
-    return FileColumns(arrow_of({name: array for name, array in arrays.items() if array.ndim == 1}, path))
+    columns, others = max(tables, key=lambda table: len(next(iter(table[0].values()))))
+    flat = {name: cells for name, cells in columns.items() if not any(map(_is_nested, cells))}
+    words = [NAMELESS] if all(map(is_unnamed, flat)) else []
+    words += [f"columns of other lengths left out: {', '.join(others)}"] if others else []
+    return FileColumns(
+        arrow_of({name: np.array(cells) for name, cells in flat.items()}, path), words=tuple(words)
+    )
 
 
-def _tables(content: object) -> Iterator[dict[str, list[Any]]]:
-    """All tables in what a JSON file holds."""
+def _is_nested(value: object) -> bool:
+    return isinstance(value, list | Mapping)
+
+
+def _tables(content: object) -> Iterator[tuple[dict[str, list[Any]], list[str]]]:
+    """All tables in what a JSON file holds, each with the names of columns that are no part of it."""
     pending = [content]
     while pending:
         value = pending.pop()
         if isinstance(value, Mapping):
             lists = {str(key): part for key, part in value.items() if isinstance(part, list)}
-            flat = {key: part for key, part in lists.items() if part and not isinstance(part[0], list | dict)}
+            flat = {key: part for key, part in lists.items() if part and not any(map(_is_nested, part))}
             lengths = [len(part) for part in flat.values() if len(part) >= _FEWEST]
             for length in set(lengths):
                 if lengths.count(length) > 1:
-                    yield {key: part for key, part in flat.items() if len(part) == length}
+                    others = [key for key, part in flat.items() if _FEWEST <= len(part) != length]
+                    yield {key: part for key, part in flat.items() if len(part) == length}, others
             for part in lists.values():
-                yield from _rows(part, [words for words in flat.values() if isinstance(words[0], str)])
+                names = [words for words in flat.values() if isinstance(words[0], str)]
+                yield from ((table, []) for table in _rows(part, names))
             pending += [part for part in value.values() if isinstance(part, Mapping | list)]
         elif isinstance(value, list) and len(value) >= _FEWEST:
             if all(isinstance(record, Mapping) for record in value):
                 records = [_flat(record) for record in value]
-                names = dict.fromkeys(name for record in records for name in record)
-                yield {name: [record.get(name) for record in records] for name in names}
+                columns = dict.fromkeys(name for record in records for name in record)
+                yield {name: [record.get(name) for record in records] for name in columns}, []
             else:
-                yield from _rows(value, [])
+                yield from ((table, []) for table in _rows(value, []))
 
 
 def _rows(rows: list[Any], names: list[list[str]]) -> Iterator[dict[str, list[Any]]]:
-    """A list of rows of equal width as a table, called by the names of that number."""
+    """A list of rows of equal width as a table, called by the names of that number, or by its first row."""
     width = len(rows[0]) if rows and isinstance(rows[0], list) else 0
     if width > 1 and len(rows) >= _FEWEST and all(isinstance(r, list) and len(r) == width for r in rows):
+        if all(isinstance(cell, str) for cell in rows[0]):
+            names, rows = [rows[0], *names], rows[1:]
         places = [f"column {number}" for number in range(1, width + 1)]
         called = next((some for some in names if len(set(some)) == width == len(some)), places)
         yield dict(zip(called, map(list, zip(*rows, strict=True)), strict=True))

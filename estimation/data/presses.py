@@ -296,8 +296,9 @@ def press_sides(displacement: FloatArray, force: FloatArray) -> PressSides:
     elif alike < -_GOES_WITH:
         way, push = (1.0, -1.0) if _is_negative(force) else (-1.0, 1.0)
     zero_m = _zero(way * displacement, push * force)
-    if way < 0.0 and displacement[0] == displacement.min() == 0.0:
-        return PressSides()  # a way from zero on would never press if it were turned
+    near = _SHALLOW * float(np.ptp(displacement))
+    if way < 0.0 and max(displacement[0] - displacement.min(), abs(displacement.min())) <= near:
+        return PressSides()  # a way from about zero on would hardly press if it were turned
     return PressSides(way, push, zero_m)
 
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import os
-import re
 from collections.abc import Callable, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
@@ -45,8 +44,6 @@ _GROUPED = {  # by the mark between thousands
     ",": r"^[+-]?[1-9]\d{0,2}(,\d{3})+(\.\d*)?$",
     ".": r"^[+-]?[1-9]\d{0,2}(\.\d{3})+(,\d*)?$",
 }
-# As in "Force (N) Run #1".
-_BEHIND_THE_UNIT = re.compile(r"(.*[])}]) (?:run|test|trial|specimen) ?#? ?\d+", re.IGNORECASE)
 _BLANKS = "[ \u00a0\u202f]"  # that may stand between thousands
 _BLANKS_GROUP = rf"^[+-]?[1-9]\d{{0,2}}({_BLANKS}\d{{3}})+([.,]\d*)?([eE][+-]?\d+)?$"
 _HAS_POINT_TOO = r",\d{3}\.\d+$"  # so that it is no decimal comma
@@ -275,8 +272,7 @@ def table_of(
     Raises:
         InputError: it has no rows.
     """
-    spelt = (" ".join(name.split()) for name in cells.column_names)
-    columns = cells.rename_columns([_BEHIND_THE_UNIT.sub(r"\1", name) for name in spelt])
+    columns = cells.rename_columns([" ".join(name.split()) for name in cells.column_names])
     held = [  # without the columns that have neither a name nor a value
         place
         for place, name in enumerate(columns.column_names)

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from palpate.estimation.data.column_names import RUN, guess_columns, split_unit
+from palpate.estimation.data.column_names import RUN, guess_columns, split_unit, without_run
 from palpate.estimation.data.text_dialect import MISSING
 from palpate.robot_io.extras import LazyModule
 from palpate.robot_io.types import BoolArray, FloatArray, IntArray
@@ -36,7 +36,7 @@ def find_tests(names: Sequence[str]) -> list[dict[str, int]]:
     Args:
         names: of the columns, in their order.
     """
-    if tests := _repeated(names):
+    if tests := _repeated([without_run(name) for name in names]):
         return tests
     plain = []
     for name in names:

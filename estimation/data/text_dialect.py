@@ -8,7 +8,13 @@ from dataclasses import dataclass, replace
 from itertools import islice
 from pathlib import Path
 
-from palpate.estimation.data.column_names import TIME, guess_columns, keys_of_channels, parse_role
+from palpate.estimation.data.column_names import (
+    TIME,
+    guess_columns,
+    is_unnamed,
+    keys_of_channels,
+    parse_role,
+)
 from palpate.estimation.data.units import dimension_of, normalise
 from palpate.robot_io.errors import InputError
 
@@ -187,7 +193,6 @@ def _clean(row: Sequence[str], width: int) -> tuple[str, ...]:
 
 
 NAMELESS = "no names of columns"
-_UNNAMED = re.compile(r"column \d+")
 DELIMITERS = (",", ";", "\t", "|")
 BLANKS = " "  # one or more between cells
 _LOOKED_AT = 1 << 18  # bytes
@@ -229,7 +234,7 @@ class TextDialect:
         """What is not as in a plain CSV."""
         names = {";": "semicolons", "\t": "tabs", "|": "bars", BLANKS: "blanks"}
         parts = [f"cells between {names[self.delimiter]}"] if self.delimiter in names else []
-        parts += [NAMELESS] if all(map(_UNNAMED.fullmatch, self.tables[0].names)) else []
+        parts += [NAMELESS] if all(map(is_unnamed, self.tables[0].names)) else []
         return (*parts, *(["decimal commas"] if self.decimal == "," else []))
 
 
@@ -265,17 +270,21 @@ def find_dialect(content: bytes) -> TextDialect | None:
 
 
 def _nameless(lines: list[tuple[int, str]]) -> TextDialect | None:
-    """The dialect of rows of numbers that no row of names stands above; None where the first rows are not."""
+    """The dialect of rows of numbers that no row of names stands above; None where the first rows are not.
+
+    Of several delimiters it is the first of those that leave fewest cells that are no numbers.
+    """
+    dialects = list[tuple[int, TextDialect]]()
     for delimiter in (*DELIMITERS, BLANKS):
         rows = list(_cells([text for _, text in lines[:_ALIKE]], delimiter))
         decimal = "," if commas_decide(rows, in_doubt=delimiter != ",") else "."
-        width = len(rows[0])
-        if width >= FEWEST_NUMBERS and all(
-            len(row) == width and sum(_numbers(row, decimal)) >= FEWEST_NUMBERS for row in rows
-        ):
+        width, numbers = len(rows[0]), [sum(_numbers(row, decimal)) for row in rows]
+        if width >= FEWEST_NUMBERS <= min(numbers) and all(len(row) == width for row in rows):
+            words = sum(not is_missing(cell) for row in rows for cell in row) - sum(numbers)
             names = tuple(f"column {number}" for number in range(1, width + 1))
-            return TextDialect(delimiter, decimal, (TextTable(names, lines[0][0], lines[0][0], (), True),))
-    return None
+            table = TextTable(names, lines[0][0], lines[0][0], (), True)
+            dialects.append((words, TextDialect(delimiter, decimal, (table,))))
+    return min(dialects, key=lambda option: option[0], default=(0, None))[1]
 
 
 def _sample(content: bytes) -> list[tuple[int, str]]:

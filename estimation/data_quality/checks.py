@@ -45,6 +45,7 @@ SINGLE_RUN = "a single run"  # how the reason begins where only the division int
 _MOST_BLOCKS = 300_000  # 25 minutes of blocks of 5 ms: memory grows with them
 _GLITCH = 25.0  # times the usual distance between neighbours
 _MOST_GLITCHES = 0.01
+_LITTLE_SHARED = 0.1  # of a run's depths, in another run too: none can be predicted from the other
 _SPIKE = 0.2  # of the range of the effort; what stands out by less does no harm
 _TRAVELLED = 3.0  # ranges of positions, that a single recording which repeats its motion goes through
 _QUICKEST_S = 1e-5  # time from sample to sample, below which its unit is in doubt
@@ -192,7 +193,9 @@ def _runs(data: ChannelData) -> str | None:
     ranges = sorted((float(depth.min()), float(depth.max())) for depth in depths if len(depth))
     if len(ranges) == 1:
         return f"{SINGLE_RUN} of {len(data.runs)} touches; record at least three that do"
-    if ranges and all(before[1] <= after[0] for before, after in pairwise(ranges)):
+    spans = [_LITTLE_SHARED * (high - low) for low, high in ranges]
+    shared = (before[1] - after[0] for before, after in pairwise(ranges))
+    if ranges and all(depth <= min(pair) for depth, pair in zip(shared, pairwise(spans), strict=True)):
         return (
             f"each of {len(ranges)} runs has depths of its own, so that none can be predicted from the "
             "others; press repeatedly to the same depth"

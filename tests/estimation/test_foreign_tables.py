@@ -9,11 +9,12 @@ import pytest
 
 from palpate.control.loop.task import Phase
 from palpate.estimation.channel import ChannelKind
-from palpate.estimation.data.column_names import guess_column
+from palpate.estimation.data.column_names import guess_column, split_unit
 from palpate.estimation.data.derivatives import differentiate
 from palpate.estimation.data.import_file import import_file
 from palpate.estimation.data.import_options import ImportOptions, parse_pairs
 from palpate.estimation.data.presses import press_phases
+from palpate.estimation.data.table import read_table
 from palpate.robot_io.errors import InputError
 from tests.estimation.laboratories import presses
 
@@ -317,6 +318,26 @@ def test_the_run_may_stand_behind_the_unit(tmp_path, runs):
     path.write_text(names + "\n" + lines(*(way, force) * runs))
     (channel,) = import_file(path).channels
     assert (channel.name, len(channel.runs), channel.position.max()) == ("contact", runs, pytest.approx(5e-3))
+
+
+def test_the_number_of_a_run_ends_a_name_and_is_part_of_it(tmp_path):
+    path = tmp_path / "lab.csv"
+    way, force = np.linspace(0.0, 5.0, 200), np.linspace(0.0, 5.0, 200)
+    rows = lines(way, 1e-3 * way, force, 2.0 * force)
+    path.write_text('Time (s),Position (m),"Force (N) Test 10Hz filtered","Load (N) Run #1"\n' + rows)
+    options = ImportOptions(columns={"force": "Load (N) Run #1", "displacement": "Position (m)"})
+    (channel,) = import_file(path, options).channels
+    assert channel.effort.max() == pytest.approx(10.0)
+    assert split_unit("Force (N) Test 10Hz filtered") == ("Force (N) Test 10Hz filtered", "")
+
+
+@pytest.mark.parametrize("delimiter", [";", " ", "\t"])
+def test_rows_that_nothing_names_may_have_decimal_commas(tmp_path, delimiter):
+    path = tmp_path / "bare.txt"
+    path.write_text(lines(TIME_S, 1e3 * WAY_M, FORCE_N, delimiter=delimiter).replace(".", ","))
+    table = read_table(path)
+    assert table.names == ("column 1", "column 2", "column 3")
+    np.testing.assert_allclose(table.numbers("column 3"), FORCE_N, atol=1e-5)
 
 
 @pytest.mark.parametrize("delimiter", [",", ";", " ", "\t"])

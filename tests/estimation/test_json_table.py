@@ -49,7 +49,8 @@ def test_records_may_stand_in_lines_and_hold_others(tmp_path):
 def test_rows_that_nothing_names_are_called_by_their_places(tmp_path):
     path = tmp_path / "bare.json"
     path.write_text(json.dumps({"data": ROWS, "dt": 0.01, "time units": "s"}))
-    assert read_table(path).names == ("column 1", "column 2", "column 3")
+    table = read_table(path)
+    assert (table.names, table.words) == (("column 1", "column 2", "column 3"), ("no names of columns",))
 
 
 @pytest.mark.parametrize(
@@ -66,3 +67,21 @@ def test_a_description_in_a_folder_is_no_data(tmp_path):
     (tmp_path / "meta.json").write_text(json.dumps(RECORDS))
     (tmp_path / "a.csv").write_text("time_s,displacement_m,force_N\n0,0,0\n")
     assert data_files(tmp_path) == [tmp_path / "a.csv"]
+
+
+def test_the_first_row_may_name_the_columns(tmp_path):
+    path = tmp_path / "a.json"
+    path.write_text(json.dumps([NAMES, *ROWS]))
+    np.testing.assert_allclose(import_file(path).channels[0].effort, FORCE_N)
+
+
+def test_lists_within_a_column_leave_the_others_readable(tmp_path):
+    path = tmp_path / "a.json"
+    path.write_text(json.dumps(COLUMNS | {"spectrum": [0.0, *([[1.0, 2.0]] * (len(ROWS) - 1))]}))
+    assert read_table(path).names == tuple(NAMES)
+
+
+def test_columns_of_other_lengths_are_named_as_left_out(tmp_path):
+    path = tmp_path / "a.json"
+    path.write_text(json.dumps(COLUMNS | {"temperature": [20.0, 20.5, 21.0]}))
+    assert read_table(path).words == ("columns of other lengths left out: temperature",)

@@ -8,6 +8,7 @@ import pytest
 from palpate.estimation.base_model import ModelContext
 from palpate.estimation.channel import ChannelKind
 from palpate.estimation.data.channels import import_streams
+from palpate.estimation.data.choose_columns import is_pressed
 from palpate.estimation.data.import_file import import_table
 from palpate.estimation.data.import_options import ImportOptions
 from palpate.estimation.data.presses import cut_presses, press_sides
@@ -226,3 +227,18 @@ def test_a_pull_that_tears_before_zero_counts_from_where_its_force_begins():
     sides = press_sides(x, force + np.random.default_rng(0).normal(0.0, 1.0, 1800))
     assert (sides.displacement, sides.force) == (1.0, 1.0)
     assert sides.zero_m == pytest.approx(-0.0246, abs=2e-4)
+
+
+@pytest.mark.parametrize("start_m", [0.0, -1e-6, 1e-6])
+def test_a_way_from_about_zero_on_is_not_turned(start_m):
+    way = start_m + np.linspace(0.0, 5e-3, 400)
+    softening = 8.0 * np.exp(-way / 1e-3)  # the force is largest at the start, and falls
+    assert press_sides(way, softening).displacement == 1.0
+
+
+def test_an_axis_with_a_peak_of_static_friction_is_no_press():
+    way = np.concatenate([np.zeros(50), np.linspace(0.0, 0.1, 950)])
+    friction = np.where(way > 0.0, 3.0 + 2.0 * np.exp(-way / 5e-4), 0.0)
+    friction[50:54] = [1.0, 2.5, 4.0, 5.0]
+    assert not is_pressed(way, friction)
+    assert is_pressed(way, 100.0 * way)

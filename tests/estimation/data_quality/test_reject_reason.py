@@ -79,6 +79,9 @@ REJECTED = {
     "each of 6 runs has depths of its own": lambda: replace(
         DATA, position=DATA.position + DATA.run * np.ptp(DATA.position)
     ),
+    "none can be predicted from the others": lambda: replace(
+        DATA, position=DATA.position + 0.95 * DATA.run * np.ptp(DATA.position)
+    ),
     "of 6 touches; record at least three that do": lambda: replace(
         DATA, position=np.where(DATA.run == 0, X, X - 1.0), effort=np.where(DATA.run == 0, F, 0.0)
     ),
