@@ -1,7 +1,7 @@
 """Effects tried beside a model: which are, how well each does, whether its parameters make sense."""
 
 from collections.abc import Callable, Iterable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -10,6 +10,7 @@ from palpate.estimation.channel import ChannelData, ChannelKind
 from palpate.estimation.data.derivatives import reading_error
 from palpate.estimation.effect import Effect, Inner, SensorEffect
 from palpate.estimation.effects import EFFECTS
+from palpate.estimation.effects.elastic_shape import ToolCompliance
 from palpate.estimation.fit.blocks import HEAVY
 from palpate.estimation.fit.fit_problem import FitProblem, Solution, solve_gains
 from palpate.estimation.fit.fit_result import FitResult
@@ -29,6 +30,8 @@ PROMISING = 0.3  # of what the best candidate takes away at its starts; those be
 REFINED = 5  # candidates that are refined in any case
 ESSENTIAL = 0.02  # of the squared error: what makes an effect what it is must take away as much
 FAR_END = 0.99  # of the upper bound of an inner parameter
+_STEP = 1e-4  # of the range of positions, over which a slope is taken
+_SNAPPING = 0.01  # of the samples; one at a corner of the law may be as steep
 OF_RUNS = "run_"  # begins the names of effects that differ from run to run: runs held out cannot judge them
 
 # Parts of base models, or other names of a term that the channel's own vocabulary has.
@@ -115,7 +118,7 @@ def applicable_effects(data: ChannelData, model: Model, effects: Iterable[Effect
         for effect in effects
         if effect.name not in skipped
         and not effect.name.startswith(OF_RUNS)
-        and effect.kind not in unseen
+        and unseen.isdisjoint({effect.kind} | effect.also)
         and effect.applies_to(data)
     )
 
@@ -220,9 +223,29 @@ def is_misnamed(effect: Effect, solution: Solution, problem: FitProblem) -> bool
         solution: the fitted model.
         problem: to which it was fitted.
     """
+    if effect.name == ToolCompliance.name and _snaps(solution, problem):
+        return True
     data = solution.model.moved(problem.blocked.data, solution.parameters)
     noise = float(np.sqrt(np.mean(solution.residual**2)))
     return effect.is_misnamed(data, solution.parameters, lambda: solution.standard_errors, noise)
+
+
+def _snaps(solution: Solution, problem: FitProblem) -> bool:
+    """Whether the object softens by more than the tool's compliance in series can follow: the tip would snap.
+
+    There the force is no function of the displacement, and a motion that is corrected by the measured force
+    follows this force, whatever it is. The object's slope counts as deep as the tip went.
+    """
+    data, parameters, model = problem.blocked.data, solution.parameters, solution.model
+    rigid, compliance = model.without(ToolCompliance.name), parameters[f"{ToolCompliance.name}.compliance"]
+    deepest = float(np.max(data.position - compliance * data.effort))
+    data = data.select(data.engaged & (data.position <= deepest))
+    if len(data) == 0:
+        return False
+    step = _STEP * deepest
+    further = replace(data, position=data.position + step)
+    slope = (rigid.predict(further, parameters) - rigid.predict(data, parameters)) / step
+    return float(np.mean(1.0 + compliance * slope < 0.0)) > _SNAPPING
 
 
 def _is_own(effect: Effect, solution: Solution) -> BoolArray:

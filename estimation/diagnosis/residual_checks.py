@@ -17,7 +17,7 @@ from palpate.estimation.fit.blocks import BlockedData, is_moving
 from palpate.estimation.fit.fit_problem import held_out_residual, rmse
 from palpate.estimation.fit.fit_result import FitResult
 from palpate.estimation.fit.measurement_model import MeasurementModel
-from palpate.estimation.fit.measurement_noise import free_air_noise
+from palpate.estimation.fit.measurement_noise import fast_noise, free_air_noise
 from palpate.estimation.fit.run_heterogeneity import RunHeterogeneity, run_heterogeneity
 from palpate.estimation.signals.periodicity import strongest_frequency
 from palpate.estimation.signals.runwise import sample_time
@@ -74,12 +74,10 @@ def check_residuals(
     if not excess:
         return _swings(end)
     swings = f" and oscillates at {excess.frequency_hz:.3g} Hz" if excess.frequency_hz else ""
-    is_contact = end.data.kind is ChannelKind.CONTACT
-    where, elsewhere = ("in contact", "in free air") if is_contact else ("in motion", "at rest")
     return ResidualFinding(
-        f"the residual {where}, {excess.acting:.3g} {unit}, is {excess.acting / excess.expected:.0f} "
-        f"times the noise {elsewhere} and does not look like noise{swings}; no signal of the data explains "
-        "it",
+        f"the residual {excess.where}, {excess.acting:.3g} {unit}, is {excess.acting / excess.expected:.0f} "
+        f"times the noise {excess.reference} and does not look like noise{swings}; no signal of the data "
+        "explains it",
         "time",
     )
 
@@ -152,8 +150,10 @@ class ExcessVariance:
     """What is left in contact, or while a joint moves, and is no noise."""
 
     acting: float  # root mean square of the residual there, on blocks, in the unit of the effort
-    expected: float  # the same of draws from the model, with noise as in free air, or at rest
+    expected: float  # the same of draws from the model, with the noise of the reference
     frequency_hz: float | None  # at which much of it swings; None if it does at none
+    where: str  # "in contact" or "in motion"
+    reference: str  # where the noise was taken, such as "in free air"
 
 
 def exceeds_noise(
@@ -161,9 +161,10 @@ def exceeds_noise(
 ) -> ExcessVariance | None:
     """What a model leaves in contact beyond noise as in free air and errors of the readings; None if nothing.
 
-    Of a joint, what it leaves in motion beyond noise as at rest. The noise may be larger there, of which only
-    what neighbouring blocks share is held against the model. Draws show what the readings' errors, such as
-    the steps of encoders, make of that.
+    Of a joint, what it leaves in motion beyond noise as at rest. Where there is no free air, or no rest, the
+    noise is that of neighboring readings, if it is white. It may be larger where the effort acts, of which
+    only what neighbouring blocks share is held against the model. Draws show what the readings' errors, such
+    as the steps of encoders, make of that.
 
     Args:
         fit: the model.
@@ -174,17 +175,23 @@ def exceeds_noise(
     residual = blocked.reduce(held_out_residual(blocked, fit.solution))
     usable = blocked.trusted & np.isfinite(residual)
     if blocked.data.kind is ChannelKind.CONTACT:
-        pressed = blocked.data.engaged[blocked.rows]
+        pressed, where, reference = blocked.data.engaged[blocked.rows], "in contact", "in free air"
         acting, still = usable & pressed.all(axis=1), usable & ~pressed.any(axis=1)
     else:
-        moving = is_moving(blocked.data, blocked.rows)
+        moving, where, reference = is_moving(blocked.data, blocked.rows), "in motion", "at rest"
         acting, still = usable & moving, usable & ~moving
-    if min(acting.sum(), still.sum()) < _BLOCKS:
+    if acting.sum() < _BLOCKS:
         return None
     slow = _shared_by_neighbours(residual, blocked.run, acting)
     if slow**2 < _LIKE_NEIGHBOUR * rmse(residual[acting]) ** 2:
         return None
-    noise = _about_run_means(residual, blocked.run, still)
+    if still.sum() >= _BLOCKS:
+        noise = _about_run_means(residual, blocked.run, still)
+    elif white := fast_noise(fit.data):
+        noise = rng.normal(0.0, white / np.sqrt(blocked.rows.shape[1]), len(blocked))
+        reference = "of neighboring readings"
+    else:
+        return None
     drawn = islice(bootstrap_samples(fit, measurement, rng, own=np.resize(noise, len(blocked))), _FEW_DRAWS)
     left = [
         rmse(fit.blocked.reduce(held_out_residual(fit.blocked, solution))[acting]) for fit, solution in drawn
@@ -193,7 +200,8 @@ def exceeds_noise(
         return None
     swing = _swing(blocked, np.where(acting, residual, np.nan))
     frequency_hz = swing[0] if swing and swing[1] > _PEAK else None
-    return ExcessVariance(rmse(residual[acting]), float(np.median(left)), frequency_hz)
+    acts = rmse(residual[acting])
+    return ExcessVariance(acts, float(np.median(left)), frequency_hz, where, reference)
 
 
 def _about_run_means(residual: FloatArray, run: IntArray, chosen: BoolArray) -> FloatArray:

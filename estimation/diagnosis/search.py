@@ -313,7 +313,8 @@ class Search:
                 parameter.name: solution.parameters[f"{name}.{parameter.name}"] for parameter in effect.inner
             }
             less = solve_gains(problem, solution.model.without(name), solution.parameters)
-            if effect.is_common(less.model.predict(fit.data, less.parameters), fit.data, inner):
+            expected = less.model.predict(fit.data, less.parameters)
+            if effect.is_common(expected, fit.data, inner) or effect.is_gradual(expected, fit.data, inner):
                 return False
         return is_possible(effect, solution, problem) and not is_misnamed(effect, solution, problem)
 

@@ -15,6 +15,7 @@ from palpate.robot_io.types import BoolArray, FloatArray, IntArray
 _TELLING = 0.25  # of a run's samples, from its start, that tell the run's own value
 _FEWEST_RUNS = 3
 _COMMON = 2.0  # times the standard deviation of runs: their mean, which is by chance less than that
+_JUMPS = 0.5  # of the differences between successive runs, that lie at the border of runs
 _SINGULAR = 1e-10
 
 
@@ -103,6 +104,24 @@ class RunVariation(SensorEffect):
         own = self.values(effort, data, inner)
         spread = np.linalg.norm(np.std(own, axis=0, ddof=1))
         return bool(np.linalg.norm(np.mean(own, axis=0)) > _COMMON * spread)
+
+    def is_gradual(self, effort: FloatArray, data: ChannelData, inner: Inner) -> bool:
+        """Whether values change within runs rather than between them, so that no run has values of its own.
+
+        They do where all runs change by more than they differ, or where a run begins as the last one ended.
+
+        Args:
+            effort: that the model expects without variation, shape (n,).
+            data: with the readings.
+            inner: inner parameters.
+        """
+        last = self.first_part(data.select(np.arange(len(data))[::-1]))[::-1]
+        first, at_end = self.values(effort, data, inner), self.values(effort, data, inner, last)
+        apart = np.linalg.norm(np.diff(first, axis=0), axis=1)
+        jumps = np.linalg.norm(first[1:] - at_end[:-1], axis=1)
+        within = np.linalg.norm(np.mean(at_end - first, axis=0))
+        spread = np.linalg.norm(np.std(first, axis=0, ddof=1))
+        return bool(within > spread or np.sum(jumps) < _JUMPS * np.sum(apart))
 
     def sense(self, effort: FloatArray, data: ChannelData, inner: Inner) -> FloatArray:
         columns = effort.reshape(len(data), -1)

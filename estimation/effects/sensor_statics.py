@@ -168,8 +168,12 @@ class ForceDeadband(AdditiveEffect):
 
 _NOISE, _OF_THOSE = 4.0, 0.05  # times the noise, and share of the readings beyond the limit
 _ORDER = 6  # of the polynomial that such readings are compared with
-_FEWEST_OF_CURVE = 5 * _ORDER  # of them in a run
-_OF_CURVE = 0.5  # of their variance that it leaves: of noise about one value it leaves almost all
+_FEWEST_OF_CURVE = 10 * _ORDER  # of them in a run
+# Of their variance beyond that of white noise, that it leaves: of a random walk, the slowest noise, it leaves
+# 2 % or more in 99 of 100 cases.
+_OF_CURVE = 0.02
+_OF_WHITE = 20.0  # times its variance: that of third differences of white noise
+_ABOVE_NOISE = 2.0  # times the variance of white noise, below which readings are one value
 
 
 class Saturation(SensorEffect):
@@ -205,7 +209,12 @@ class Saturation(SensorEffect):
         beyond = above > 0.0
         if np.sum(above > _NOISE * noise) > _OF_THOSE * np.sum(beyond):
             return True
-        return _follows_a_curve(above[beyond], np.flatnonzero(beyond), data.run[beyond])
+        number, position = np.arange(len(data), dtype=np.float64), data.position
+        motion = np.column_stack([position, data.velocity, data.velocity * position])
+        return any(
+            _follows_a_curve(above[beyond], signals[beyond], data.run[beyond])
+            for signals in (number[:, None], motion)
+        )
 
     def starts(self, data: ChannelData) -> tuple[Inner, ...]:
         """See `Effect.starts`: shares of the largest reading."""
@@ -213,19 +222,27 @@ class Saturation(SensorEffect):
         return tuple({"limit": float(part * peak)} for part in (0.55, 0.7, 0.8, 0.88, 0.94, 0.97, 0.99))
 
 
-def _follows_a_curve(readings: FloatArray, places: IntArray, run: IntArray) -> bool:
-    """Whether readings (m,) that should be one value and noise lie on a smooth curve in each run.
+def _follows_a_curve(readings: FloatArray, signals: FloatArray, run: IntArray) -> bool:
+    """Whether readings (m,) that should be one value and noise are a smooth function of signals in each run.
 
     An end of a range is the same however far the effort is beyond it. What yields goes on, bends and falls.
+
+    Args:
+        readings: shape (m,).
+        signals: a polynomial of the first is fitted, and the others as they are; shape (m, k).
+        run: shape (m,).
     """
-    total, left = 0.0, 0.0
+    total, left, white = 0.0, 0.0, 0.0
     for number in np.unique(run):
-        own, at = readings[run == number], places[run == number]
+        own, (at, *others) = readings[run == number], signals[run == number].T
         if len(own) >= _FEWEST_OF_CURVE:
-            curve = np.polynomial.Legendre.fit(at, own, _ORDER)(at)
+            place = (at - at.min()) / (float(np.ptp(at)) or 1.0)
+            columns = np.column_stack([np.polynomial.legendre.legvander(2.0 * place - 1.0, _ORDER), *others])
+            off = own - columns @ np.linalg.lstsq(columns, own, rcond=1e-9)[0]
             total += float(np.sum((own - own.mean()) ** 2))
-            left += float(np.sum((own - curve) ** 2))
-    return left < _OF_CURVE * total
+            left += float(off @ off)
+            white += len(own) * float(np.mean(np.diff(own, 3) ** 2)) / _OF_WHITE
+    return total > _ABOVE_NOISE * white and left - white < _OF_CURVE * (total - white)
 
 
 _STILL = 0.1  # of the width, within which an effort has not moved

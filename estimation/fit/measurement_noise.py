@@ -23,6 +23,7 @@ from palpate.robot_io.types import FloatArray
 _FREE = 0.9  # of the samples before a touch; the last of them may already belong to it
 _LEAST = 50  # samples
 _DIFFERENCES = (1.0, -3.0, 3.0, -1.0)  # of neighbouring readings: no motion that is smooth passes
+_USUAL, _OF_USUAL = 0.99, 0.9616  # of the differences; of normal noise's deviation, that those have
 _STEP = 5.0  # times the mean way between readings, above which the motion jumps
 _WHITE = 1.2  # ratio of differences at twice the distance, up to which no motion passes
 _REPEATED = 0.01  # of the range of positions, by which runs that repeat one motion may differ
@@ -83,7 +84,7 @@ def measurement_noise(base: FitResult) -> MeasurementNoise:
     alone = run_heterogeneity(base.problem.blocked, base.solution, least=0.0)
     if base.validation is None and alone is not None and alone.alone < bound:
         bound, source = alone.alone, NoiseSource.EACH_RUN
-    motion, air, fast = _of_motion(base), free_air_noise(data), _fast_noise(data)
+    motion, air, fast = _of_motion(base), free_air_noise(data), fast_noise(data)
     if air and air <= bound:  # a reader that shows zero in free air says nothing of its noise
         return MeasurementNoise(min(float(np.hypot(air, motion)), bound), NoiseSource.FREE_AIR, air, motion)
     is_slower = source is NoiseSource.REPEATS and fast and bound > _SLOWER * np.hypot(fast, motion)
@@ -111,10 +112,14 @@ def free_air_noise(data: ChannelData) -> float | None:
     return rmse(np.concatenate(parts)) if parts else None
 
 
-def _fast_noise(data: ChannelData) -> float | None:
+def fast_noise(data: ChannelData) -> float | None:
     """Standard deviation of white noise, from third differences; None where slower signals pass too.
 
+    The largest differences are left out: where something snaps the effort jumps, and its noise does not.
     P. Hall, J. W. Kay, D. M. Titterington, Biometrika 77 (1990).
+
+    Args:
+        data: the channel.
     """
     sizes = []  # root mean square of third differences of readings so far apart, of unit gain for noise
     for distance in (1, 2):
@@ -127,9 +132,10 @@ def _fast_noise(data: ChannelData) -> float | None:
                 moved = np.abs(np.diff(data.position[rows], prepend=data.position[rows[0]]))
                 steps = np.cumsum(moved > _STEP * moved.mean())
                 parts.append((np.array(_DIFFERENCES) @ shifted)[steps[3 * distance :] == steps[:count]])
-        differences = np.concatenate(parts)
+        differences = np.sort(np.abs(np.concatenate(parts)))
+        usual = differences[: int(_USUAL * len(differences))]
         is_enough = len(differences) >= _LEAST
-        sizes.append(rmse(differences) / float(np.linalg.norm(_DIFFERENCES)) if is_enough else 0.0)
+        sizes.append(rmse(usual) / _OF_USUAL / float(np.linalg.norm(_DIFFERENCES)) if is_enough else 0.0)
     near, far = sizes
     return near if 0.0 < far <= _WHITE * near else None
 

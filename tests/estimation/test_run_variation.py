@@ -77,3 +77,20 @@ def test_what_all_runs_have_in_common_is_no_difference_between_them(common, told
     own = np.random.default_rng(4).standard_normal(12)
     data, effect = presses(common + 0.5 * (own - own.mean()), np.ones(12)), EFFECTS["run_offset"]()
     assert effect.is_common(4.0 * data.position, data, {"share": 1.0}) is told
+
+
+@pytest.mark.parametrize(
+    ("gain", "gradual"),
+    [
+        (lambda run, share: 0.1 * (run % 2), False),
+        (lambda run, share: 0.05 * (run + share), True),  # goes on from run to run
+        (lambda run, share: 0.02 * (run % 2) + 0.2 * share, True),  # each run alike
+    ],
+)
+def test_what_changes_within_runs_does_not_differ_between_them(gain, gradual):
+    count, number = 400, 6
+    share, run = np.tile(np.linspace(0.0, 1.0, count), number), np.repeat(np.arange(number), count)
+    q = np.sin(40.0 * share + run)
+    torque = 4.0 * q
+    data = channel(REVOLUTE, 2.0 * share, q, torque * (1.0 + gain(run, share)), run=run)
+    assert EFFECTS["run_gain"]().is_gradual(torque, data, {"share": 1.0}) is gradual

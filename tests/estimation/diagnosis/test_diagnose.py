@@ -11,7 +11,7 @@ from palpate.estimation.diagnosis import Verdict, diagnose
 from palpate.estimation.diagnosis.verdict import insufficient_diagnosis
 from palpate.estimation.effects import EFFECTS
 from palpate.estimation.models import MODELS
-from tests.estimation.presses import NOISE_N, K, kelvin_voigt, maxwell, session
+from tests.estimation.presses import NOISE_N, K, channel, kelvin_voigt, maxwell, session
 from tests.estimation.swings import DAMPING, INERTIA, NOISE_NM, WEIGHT, read, swings
 
 PRESS, SWING = (MODELS[name]().build(ModelContext()) for name in ("kelvin_voigt", "pendulum"))
@@ -276,3 +276,27 @@ def test_a_channel_has_the_same_draws_alone_and_among_others(monkeypatch):
     of_first = {number for name, number in drawn if name == "joint_1"}
     assert len(of_second) == len(of_first) == 1
     assert of_first != of_second
+
+
+def pulls(law, seed=0, count=1500):
+    """Three pulls one way at one speed, with a force (N) of the way (m) and the run."""
+    time_s = np.tile(0.02 * np.arange(count), 3)
+    way, run = 5e-4 * time_s, np.repeat(np.arange(3), count)
+    force = law(way, run) + np.random.default_rng(seed).normal(0.0, 0.1, len(way))
+    return channel(force, time_s, way, np.full(len(way), 5e-4), run)
+
+
+def test_what_snaps_bears_no_exact_name():
+    ends = np.array([9e-3, 9.02e-3, 8.97e-3])
+    (found,) = diagnose(
+        pulls(lambda way, run: np.where(way < ends[run], 2e4 * way, 0.0)), PRESS, rng=np.random.default_rng(1)
+    ).channels
+    assert not found.complete
+    assert "tool_compliance" not in [effect.effect for effect in found.accepted]
+
+
+def test_a_law_that_softens_beyond_its_forms_is_not_named_by_what_needs_a_memory():
+    (found,) = diagnose(
+        pulls(lambda way, run: 1e5 * way * np.exp(-way / 5e-3)), PRESS, rng=np.random.default_rng(1)
+    ).channels
+    assert (found.verdict, found.accepted) == (Verdict.UNEXPLAINED, [])

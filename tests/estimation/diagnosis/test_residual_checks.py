@@ -269,8 +269,22 @@ def test_what_is_left_in_motion_is_held_against_rest(creak_nm, is_noise):
     assert is_noise or (f"in motion, {found.acting:.3g} N m" in told.reason and "at rest" in told.reason)
 
 
+@pytest.mark.parametrize(("creak_nm", "is_noise"), [(0.1, False), (0.0, True)])
+def test_without_a_rest_the_residual_is_held_against_neighboring_readings(creak_nm, is_noise):
+    rng, t = np.random.default_rng(3), np.arange(0.0, 60.0, 0.005)
+    q, v, a = 6.0 * t + np.sin(3.0 * t), 6.0 + 3.0 * np.cos(3.0 * t), -9.0 * np.sin(3.0 * t)
+    creak = gaussian_filter1d(rng.standard_normal(len(t)), 20.0) * 8.0
+    effort = 0.05 * a + 0.5 * v + creak_nm * creak + 0.01 * rng.standard_normal(len(t))
+    run = np.zeros(len(t), dtype=np.int64)
+    data = ChannelData("joint_1", ChannelKind.REVOLUTE, t, q, v, a, effort, run, run - 1)
+    fit = fit_model(data, MODELS["inertia"]().build(ModelContext(joint=0)), {})
+    told = check_residuals(fit, identify_measurement_model(data), np.random.default_rng(0), complete=True)
+    assert (told is None) is is_noise
+    assert is_noise or "times the noise of neighboring readings" in told.reason
+
+
 APART = RunHeterogeneity(2, 1.0, 0.4, np.zeros(3), 2.0, 0.4)
-EXCESS = ExcessVariance(1.0, 0.1, None)
+EXCESS = ExcessVariance(1.0, 0.1, None, "in motion", "at rest")
 
 
 @pytest.mark.parametrize(

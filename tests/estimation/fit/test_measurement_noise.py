@@ -10,7 +10,7 @@ from scipy import stats
 
 from palpate.estimation.diagnosis.result import Floor
 from palpate.estimation.fit.fit_result import FitResult, fit_model
-from palpate.estimation.fit.measurement_noise import NoiseSource, measurement_noise
+from palpate.estimation.fit.measurement_noise import NoiseSource, fast_noise, measurement_noise
 from palpate.estimation.fit.permutation import COUNT, null_improvements, surrogate_residuals
 from tests.estimation.fits import MODEL, cubic, fits
 from tests.estimation.presses import NOISE_N, session
@@ -44,6 +44,14 @@ def test_steps_of_a_motion_from_hold_to_hold_are_no_noise():
     found = noise_of(replace(held, effort=data.effort + cogging), SWING)
     assert found.source is NoiseSource.NEIGHBORS
     assert found.value == pytest.approx(NOISE_NM, rel=0.1)
+
+
+def test_a_few_jumps_of_the_effort_are_no_noise():
+    data = swings(2, lambda q, v, a: 6.0 * q)
+    effort = data.effort.copy()
+    effort[len(data) // 3 :] -= 500.0 * NOISE_NM
+    effort[len(data) // 2 :] += 900.0 * NOISE_NM
+    assert fast_noise(replace(data, effort=effort)) == pytest.approx(NOISE_NM, rel=0.05)
 
 
 def test_errors_of_the_position_count_as_noise_as_the_model_passes_them_on():
