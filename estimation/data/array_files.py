@@ -80,6 +80,8 @@ def read_npz(path: Path) -> FileColumns:
 def read_mat(path: Path) -> FileColumns:
     """The vectors of a MATLAB file that are columns, those of structs too: the most of one length.
 
+    A matrix of more rows than columns counts as its columns, "name 1", "name 2" and so on.
+
     Args:
         path: of the file.
 
@@ -101,13 +103,12 @@ def read_mat(path: Path) -> FileColumns:
             pending += [
                 (str(key) if str(key) not in vectors else f"{name}.{key}", v) for key, v in value.items()
             ]
-        elif (
-            isinstance(value, np.ndarray)
-            and value.ndim == 1
-            and len(value) > 1
-            and value.dtype.kind in "biuf"
-        ):
+        elif not isinstance(value, np.ndarray) or value.dtype.kind not in "biuf":
+            continue
+        elif value.ndim == 1 and len(value) > 1:
             vectors[name] = value
+        elif value.ndim == 2 and len(value) > value.shape[1]:
+            vectors |= {f"{name} {number}": column for number, column in enumerate(value.T, 1)}
     if not vectors:
         raise InputError(f"{path}: holds no vectors; a measurement needs time and two more")
     lengths = [len(vector) for vector in vectors.values()]

@@ -212,7 +212,8 @@ WORDS: Mapping[str, frozenset[str]] = MappingProxyType(
             "displacement": "x z d depth disp displacement indentation deformation stroke extension "
             "compression travel distance crosshead traverse deflection weg standardweg traversenweg hub",
             "force": "f fz fn force load kraft standardkraft prüfkraft normalkraft last forcez forza",
-            "torque": "tau torque torques moment drehmoment effort efforts current currents strom motorstrom",
+            "torque": "iq tau torque torques moment drehmoment effort efforts current currents strom "
+            "motorstrom",
             "position": "q angle angles theta pos position positions winkel",
             "velocity": "v vel dq qd velocity speed geschwindigkeit omega",
             RUN: "run trial cycle test rep repeat press",

@@ -282,9 +282,10 @@ def _example(columns: Columns) -> str:
         if (quantity, 0) in columns:
             continue
         fitting = [name for name in free if dimension_of(unit_in_name(name)) in QUANTITIES[quantity]]
+        named = [name for name in free if guesses.get(name) == quantity]
         if not free:
             return "--column displacement_mm=COLUMN --column force_N=COLUMN"
-        column = (fitting or free)[0]
+        column = (fitting or named or free)[0]
         free.remove(column)
         options.append(f"--column {quantity}={shlex.quote(column)}")
         options += [] if fitting else [f"--unit {quantity}={unit}"]

@@ -255,6 +255,7 @@ _FEWEST = 20  # samples far out, or about a level of the force
 _SHALLOW = 0.02  # of the pressed samples: deeper than these no force begins
 _PULLS = 0.5  # of the larger force, that is to the other side
 _NOT_NOISE = 0.5  # correlation of neighboring readings, which noise in free air does not have
+_FINE, _MOSTLY_HELD = 1e-3, 0.5  # of the displacement's range: a step; share of samples that make one
 _OF_AIR = 0.1  # of the displacement's range, that free air must span
 
 
@@ -312,8 +313,14 @@ def _zero(displacement: FloatArray, force: FloatArray) -> float:
     """Where the force of a press begins [m], if the displacement counts from elsewhere; else 0.
 
     It does where it is never positive, or so far from zero that no press is as deep, and there is free air.
-    The force begins where a spring and damper through what is pressed would.
+    The force begins where a spring and damper through what is pressed would. A hold counts as one place: it
+    says nothing of the way, and may last longer than all motion.
     """
+    moved = (
+        np.diff(np.floor(displacement / (_FINE * float(np.ptp(displacement)) or 1.0)), prepend=np.inf) != 0
+    )
+    if np.mean(moved) < _MOSTLY_HELD:
+        displacement, force = displacement[moved], force[moved]
     if correlation_coefficient(displacement, force) < _GOES_WITH:
         return 0.0  # nothing says that it presses
     low, high = np.quantile(displacement, _TAILS)

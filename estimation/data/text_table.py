@@ -5,13 +5,16 @@ from __future__ import annotations
 import codecs
 import gzip
 import math
+from collections.abc import Sequence
 from contextlib import suppress
 from dataclasses import replace
+from itertools import pairwise
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
 
+from palpate.estimation.data.column_names import TIME, guess_columns
 from palpate.estimation.data.file_columns import FileColumns, check_size, most_bytes
 from palpate.estimation.data.table_layout import with_run
 from palpate.estimation.data.text_dialect import (
@@ -98,10 +101,35 @@ def read_text_table(path: Path, selected: str = "") -> FileColumns:
     for number, part in enumerate(parts):  # names may repeat: sorting keeps their order
         theirs = sorted(range(part.num_columns), key=part.column_names.__getitem__)
         ordered = part.select([place for _, place in sorted(zip(order, theirs, strict=True))])
-        parts[number] = with_run(ordered, str(number + 1))
+        parts[number] = ordered
+    if _is_one_recording(parts, dialect.decimal):
+        words.append(f"{len(parts)} parts of one recording, whose time goes on")
+    else:
+        parts = [with_run(part, str(number)) for number, part in enumerate(parts, 1)]
+        words.append(f"{len(parts)} tests one after the other, taken as runs")
     columns = pa.concat_tables(parts)
-    words.append(f"{len(parts)} tests one after the other, taken as runs")
     return FileColumns(columns, dialect.decimal, tuple(words), (), np.concatenate(lines), "line")
+
+
+def _is_one_recording(parts: Sequence[pa.Table], decimal: str) -> bool:
+    """Whether each part begins one step of the clock after the one before ended, as printed pages do.
+
+    Args:
+        parts: columns of text with the same names.
+        decimal: mark in numbers.
+    """
+    clocks = [guess.column for guess in guess_columns(parts[0].column_names) if guess.key == TIME]
+    if len(clocks) != 1:
+        return False
+    times = []
+    for part in parts:
+        cells = [str(part.column(clocks[0])[row].as_py()) for row in (0, 1, -1)] if len(part) > 1 else []
+        times.append([number_of(cell.replace(decimal, ".")) for cell in cells])
+    return all(
+        len(before) == len(after) == 3
+        and 0.0 < after[0] - before[2] <= _ONE_STEP * max(before[1] - before[0], after[1] - after[0])
+        for before, after in pairwise(times)
+    )
 
 
 def _block(
@@ -136,7 +164,7 @@ def _mended(rows: bytes, lines: IntArray, dialect: TextDialect) -> tuple[bytes, 
         The text, the number of each row's line, and remarks; None where nothing can be mended.
     """
     table, delimiter = dialect.tables[0], "\t" if dialect.delimiter == BLANKS else dialect.delimiter
-    texts = [line for line in rows.decode(errors="replace").splitlines() if line.strip()]
+    texts = [line for line in rows.decode(errors="replace").splitlines() if line.strip(" ")]
     if len(texts) != len(lines):
         return None
     cells = [line_cells(text, delimiter) for text in texts]
@@ -182,7 +210,7 @@ def _lines(content: bytes, begin: int, end: int, count: int | None = None) -> In
     if count is not None and count >= content.count(mark, begin, end):  # no line is empty
         return np.arange(first, first + count)
     lines = content[begin:end].split(mark)
-    filled = first + np.flatnonzero([bool(line.strip(b"\r")) for line in lines])
+    filled = first + np.flatnonzero([bool(line.strip(b" \r")) for line in lines])
     # Where a cell in quotation marks holds the end of a line, lines are more than rows.
     return filled if count is None or count == len(filled) else np.arange(first, first + count)
 
@@ -289,6 +317,8 @@ def _trimmed(content: bytes, table: TextTable, end: int, dialect: TextDialect) -
 
 
 _MARKS = ((codecs.BOM_UTF16_LE, "utf-16"), (codecs.BOM_UTF16_BE, "utf-16"))
+_ONE_STEP = 2.0  # steps of a clock from one part of a recording to the next, at most
+_FEW_ZEROS = 1e-3  # of the bytes of a text
 _CONTROLS = bytes(set(range(32)) - set(b"\t\n\r\f\x1a\x1b")) + b"\x7f\x81\x8d\x8f\x90\x9d"  # none in a text
 _LOOKED_AT = 1 << 16  # bytes
 _OTHERS = (  # how files begin that are called text by mistake, and what to do with them
@@ -306,6 +336,7 @@ def as_utf8(content: bytes, path: Path) -> tuple[bytes, str]:
 
     UTF-16 is known by its mark or by the zeros between Latin letters; what is no UTF-8 and has no control
     characters is Windows' Western European (cp1252), as testing machines write their degrees and umlauts.
+    A few zeros are the ends of a program's strings, and are left out.
 
     Args:
         content: of the file.
@@ -317,6 +348,8 @@ def as_utf8(content: bytes, path: Path) -> tuple[bytes, str]:
     if content.startswith(codecs.BOM_UTF8):
         content = content[len(codecs.BOM_UTF8) :]
     encoding = _encoding(content)
+    if not encoding and content.count(b"\0") <= _FEW_ZEROS * len(content):
+        content = content.replace(b"\0", b"")
     try:
         if encoding:
             return content.decode(encoding).encode(), encoding

@@ -33,6 +33,7 @@ _FORCE = _with_prefixes("N", "munkM") | {
     "kgf": _STANDARD_GRAVITY,
     "ozf": _POUND / 16.0,
     "lbf": _POUND,
+    "kip": 1e3 * _POUND,
 }
 _TORQUE = _with_prefixes("Nm", "mukM") | {
     "Nmm": 1e-3,
@@ -103,6 +104,7 @@ _SPELLINGS = {  # of units, in lower case, as machines and people write them
     "kgf": "kg kp",
     "ozf": "oz ounce ounces",
     "lbf": "lb lbs pound pounds",
+    "kip": "kips kipf klbf",
     "Nm": "n.m n-m newton-meter newton-metre",
     "Nmm": "n.mm n-mm",
     "Ncm": "n.cm n-cm",

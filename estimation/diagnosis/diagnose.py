@@ -166,6 +166,7 @@ def _accept(
     if checks.in_every_respect(fit):
         end = accept_effects(search, fit, checks.measurement)
         if end is not search.start:
+            checks.refute(search.start)
             end = most_parsimonious(search, end, checks.measurement, checks.in_every_respect)
             if checks.in_every_respect(end):
                 return end, form_tests(kinds(), end)
@@ -187,6 +188,7 @@ class _Completeness:
         self.leaves_noise = cache(self._leaves_noise)
         self._found_objection = cache(self._objection)
         self._without_objection: list[FitResult] = []
+        self._refuted: list[FitResult] = []
 
     def in_every_respect(self, fit: FitResult) -> bool:
         """Whether a model is complete, and nothing that no signal shows speaks against it.
@@ -194,7 +196,8 @@ class _Completeness:
         Args:
             fit: the model.
         """
-        return self.leaves_noise(fit) and self.objection(fit) is None
+        is_refuted = any(fit is known for known in self._refuted)
+        return not is_refuted and self.leaves_noise(fit) and self.objection(fit) is None
 
     def objection(self, fit: FitResult) -> ResidualFinding | None:
         """What no signal shows and speaks against a model.
@@ -211,6 +214,14 @@ class _Completeness:
             fit: the model.
         """
         self._without_objection.append(fit)
+
+    def refute(self, fit: FitResult) -> None:
+        """Take a model for incomplete, since draws from it gain less by effects that are sound.
+
+        Args:
+            fit: the model.
+        """
+        self._refuted.append(fit)
 
     def _objection(self, fit: FitResult) -> ResidualFinding | None:
         if fit.is_exact:

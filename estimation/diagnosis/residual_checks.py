@@ -5,7 +5,7 @@ the data, so other runs teach nothing about it. Nor does a rest that swings or b
 """
 
 from dataclasses import dataclass
-from itertools import islice
+from itertools import islice, pairwise
 
 import numpy as np
 
@@ -17,8 +17,9 @@ from palpate.estimation.fit.blocks import BlockedData, is_moving
 from palpate.estimation.fit.fit_problem import held_out_residual, rmse
 from palpate.estimation.fit.fit_result import FitResult
 from palpate.estimation.fit.measurement_model import MeasurementModel
-from palpate.estimation.fit.measurement_noise import fast_noise, free_air_noise
+from palpate.estimation.fit.measurement_noise import fast_noise, free_air_noise, size_of_differences
 from palpate.estimation.fit.run_heterogeneity import RunHeterogeneity, run_heterogeneity
+from palpate.estimation.signals.blocks import rows_of_runs
 from palpate.estimation.signals.periodicity import strongest_frequency
 from palpate.estimation.signals.runwise import sample_time
 from palpate.robot_io.types import BoolArray, FloatArray, IntArray
@@ -27,6 +28,8 @@ _CLEARLY = 0.5  # of what a smooth law would leave: what each run leaves by itse
 _ABOVE_AIR = 3.0  # times what draws show, or what is left beside a swing
 _LIKE_NEIGHBOUR = 0.5  # of the energy that is left, which neighbouring blocks must have in common
 _FEW_DRAWS = 4  # whose largest is compared
+_WALKS = 1.6  # times as large differences at twice the distance, above which no noise grows
+_OF_RUN = 0.05  # of the longest run, over which differences must grow
 _BLOCKS = 40  # in contact and in free air, in motion and at rest, with fewer of which nothing is said
 _PROMINENT = 40.0  # times the median around it, that a line rises to in a spectrum; noise reaches 10
 _MOST_RUNS = 30  # that may have waves of their own
@@ -187,9 +190,8 @@ def exceeds_noise(
         return None
     if still.sum() >= _BLOCKS:
         noise = _about_run_means(residual, blocked.run, still)
-    elif white := fast_noise(fit.data):
-        noise = rng.normal(0.0, white / np.sqrt(blocked.rows.shape[1]), len(blocked))
-        reference = "of neighboring readings"
+    elif like_noise := _like_noise(fit, np.where(usable, residual, np.nan)):
+        noise, reference = rng.normal(0.0, like_noise, len(blocked)), "of neighboring readings"
     else:
         return None
     drawn = islice(bootstrap_samples(fit, measurement, rng, own=np.resize(noise, len(blocked))), _FEW_DRAWS)
@@ -202,6 +204,35 @@ def exceeds_noise(
     frequency_hz = swing[0] if swing and swing[1] > _PEAK else None
     acts = rmse(residual[acting])
     return ExcessVariance(acts, float(np.median(left)), frequency_hz, where, reference)
+
+
+def _like_noise(fit: FitResult, residual: FloatArray) -> float | None:
+    """Standard deviation of the part of a residual on blocks (m,) that may be noise; None if it all may.
+
+    Differences of white noise are alike at any distance, and those of a random walk, the slowest noise, grow
+    by sqrt(2) where it doubles. What grows faster is smooth; only what stays so over a good part of a run is
+    not taken for the noise of a sensor with a filter. Where velocity was derived, distances are beyond its
+    window. P. Hall, J. W. Kay, D. M. Titterington, Biometrika 77 (1990).
+    """
+    blocked = fit.problem.blocked
+    runs = rows_of_runs(blocked.run)
+    longest = max(len(rows) for rows in runs)
+    distance = 1 + max(max(halves, default=0) for halves in fit.filters) // blocked.rows.shape[1]
+    if white := fast_noise(fit.data):
+        return white / float(np.sqrt(blocked.rows.shape[1]))
+    sizes = []
+    while 6 * distance <= longest:
+        size = size_of_differences([residual[rows] for rows in runs], distance)
+        if size is None:
+            break
+        sizes.append((distance, size))
+        distance *= 2
+    grows = [after > _WALKS * before for (_, before), (_, after) in pairwise(sizes)]
+    if not any(grows):
+        return None
+    most = max(size for _, size in sizes)
+    reach = next(distance for distance, size in sizes if size >= 0.5 * most)
+    return sizes[grows.index(True)][1] if 3 * reach >= _OF_RUN * longest else None
 
 
 def _about_run_means(residual: FloatArray, run: IntArray, chosen: BoolArray) -> FloatArray:

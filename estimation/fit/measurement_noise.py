@@ -5,7 +5,7 @@ motion's readings have errors too, which a model passes on to the effort that it
 beside the base model, and no effect that is added changes them.
 """
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from enum import StrEnum
 from itertools import pairwise
@@ -121,23 +121,40 @@ def fast_noise(data: ChannelData) -> float | None:
     Args:
         data: the channel.
     """
-    sizes = []  # root mean square of third differences of readings so far apart, of unit gain for noise
-    for distance in (1, 2):
-        parts = [np.empty(0)]
-        for rows in rows_of_runs(data.run):
-            effort, count = data.effort[rows], len(rows) - 3 * distance
-            if count > 0:
-                shifted = np.stack([effort[k * distance : k * distance + count] for k in range(4)])
-                # A motion that goes on by single steps between holds is not smooth there, nor is its effort.
-                moved = np.abs(np.diff(data.position[rows], prepend=data.position[rows[0]]))
-                steps = np.cumsum(moved > _STEP * moved.mean())
-                parts.append((np.array(_DIFFERENCES) @ shifted)[steps[3 * distance :] == steps[:count]])
-        differences = np.sort(np.abs(np.concatenate(parts)))
-        usual = differences[: int(_USUAL * len(differences))]
-        is_enough = len(differences) >= _LEAST
-        sizes.append(rmse(usual) / _OF_USUAL / float(np.linalg.norm(_DIFFERENCES)) if is_enough else 0.0)
-    near, far = sizes
-    return near if 0.0 < far <= _WHITE * near else None
+    near, far = (size_of_differences(list(_efforts_in_motion(data)), distance) for distance in (1, 2))
+    return near if near and far and 0.0 < far <= _WHITE * near else None
+
+
+def _efforts_in_motion(data: ChannelData) -> Iterator[FloatArray]:
+    """Efforts of each stretch that moves on smoothly: not where it goes by single steps between holds."""
+    for rows in rows_of_runs(data.run):
+        moved = np.abs(np.diff(data.position[rows], prepend=data.position[rows[0]]))
+        steps = np.flatnonzero(moved > _STEP * moved.mean())
+        yield from np.split(data.effort[rows], steps)
+
+
+def size_of_differences(signals: Sequence[FloatArray], distance: int) -> float | None:
+    """Root mean square of third differences of readings so far apart, of unit gain for white noise.
+
+    The largest of them are left out, and so are those of readings that are not finite.
+
+    Args:
+        signals: shape (n,) each, one for each stretch.
+        distance: between readings, in samples.
+
+    Returns:
+        In the unit of the signals; None of too few readings.
+    """
+    parts = []
+    for signal in signals:
+        count = max(len(signal) - 3 * distance, 0)
+        shifted = np.stack([signal[k * distance : k * distance + count] for k in range(4)])
+        parts.append(np.array(_DIFFERENCES) @ shifted)
+    sizes = np.abs(np.concatenate([np.empty(0), *parts]))
+    sizes = np.sort(sizes[np.isfinite(sizes)])
+    if len(sizes) < _LEAST:
+        return None
+    return rmse(sizes[: int(_USUAL * len(sizes))]) / _OF_USUAL / float(np.linalg.norm(_DIFFERENCES))
 
 
 def _differences(base: FitResult) -> Iterator[FloatArray]:

@@ -88,6 +88,38 @@ def test_vectors_of_a_matlab_struct_are_columns(tmp_path):
         import_file(tmp_path / "empty.mat")
 
 
+def test_columns_of_a_matlab_matrix_are_called_by_its_name(tmp_path):
+    columns = np.column_stack([TIME_S, 1e3 * WAY_M, FORCE_N])
+    savemat(tmp_path / "press.mat", {"data": columns, "other": TIME_S, "transform": np.eye(4)})
+    called = {"time": "data 1", "displacement": "data 2", "force": "data 3"}
+    options = ImportOptions(columns=called, units={"time": "s", "displacement": "mm", "force": "kip"})
+    (channel,) = import_file(tmp_path / "press.mat", options).channels
+    np.testing.assert_allclose(channel.effort, 4448.2216 * FORCE_N, rtol=1e-6)
+
+
+@pytest.mark.parametrize(("gap_s", "runs"), [(0.0, 1), (5.0, 2)])
+def test_pages_of_one_recording_are_one_run(tmp_path, gap_s, runs):
+    path, half = tmp_path / "pages.dat", len(TIME_S) // 2
+    written = rows().splitlines(keepends=True)
+    head = "Time [s],Travel [mm],Load [N]\n"
+    later = [
+        f"{time_s + gap_s},{line.split(',', 1)[1]}" for time_s, line in zip(TIME_S, written, strict=True)
+    ]
+    path.write_text(head + "".join(written[:half]) + "\n" + head + "".join(later[half:]))
+    (channel,) = import_file(path).channels
+    assert (len(channel), len(channel.runs)) == (len(TIME_S), runs)
+
+
+def test_ends_of_strings_and_lines_of_blanks_do_not_spoil_a_table(tmp_path):
+    path = tmp_path / "gel.csv"
+    lines = rows().splitlines(keepends=True)
+    text = "C:\\data\\gel.csv\0\nTime [s],Travel [mm],Load [N]\n" + "".join(
+        [*lines[:50], "\0\0  \n", *lines[50:]]
+    )
+    path.write_bytes(text.encode())
+    np.testing.assert_allclose(import_file(path).channels[0].effort, FORCE_N, atol=1e-5)
+
+
 def test_other_tables_are_named_with_the_option_that_selects_them(tmp_path):
     path = tmp_path / "press.csv"
     path.write_text(

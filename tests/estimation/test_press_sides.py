@@ -242,3 +242,9 @@ def test_an_axis_with_a_peak_of_static_friction_is_no_press():
     friction[50:54] = [1.0, 2.5, 4.0, 5.0]
     assert not is_pressed(way, friction)
     assert is_pressed(way, 100.0 * way)
+
+
+def test_a_long_hold_says_nothing_of_where_a_force_begins():
+    way = np.concatenate([np.linspace(-22e-3, -1e-3, 100), np.full(20_000, -1e-3)])
+    force = np.concatenate([200.0 * np.linspace(0.0, 21e-3, 100), np.full(20_000, 3.4)])
+    assert press_sides(way, force).zero_m == pytest.approx(-22e-3, abs=5e-4)

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from palpate.estimation.data.column_names import split_unit
+from palpate.estimation.data.column_names import guess_column, split_unit
 from palpate.estimation.data.import_file import import_table
 from palpate.estimation.data.import_options import ImportOptions
 from palpate.estimation.data.table import table_of
@@ -146,3 +146,8 @@ def test_a_position_beside_a_force_is_asked_for_its_length():
         imported(time_s=T, position=1e3 * X, force_N=FORCE)
     with pytest.raises(InputError, match=r"--unit position=rad$"):
         imported(time_s=T, position=X, torque_Nm=FORCE)
+
+
+def test_a_quadrature_current_is_an_effort_whose_unit_is_asked_for():
+    guess = guess_column("Iq")
+    assert (guess.quantity, guess.unit) == ("torque", "")

@@ -25,7 +25,8 @@ from palpate.estimation.fit.measurement_noise import free_air_noise
 from palpate.estimation.fit.normal_equations import WHITE
 from palpate.estimation.fit.run_heterogeneity import RunHeterogeneity, run_heterogeneity
 from palpate.estimation.models import MODELS
-from tests.estimation.presses import NOISE_N, kelvin_voigt, session
+from tests.estimation.presses import NOISE_N, coloured, kelvin_voigt, session
+from tests.estimation.presses import channel as press_channel
 from tests.estimation.swings import swings
 
 MODEL = MODELS["kelvin_voigt"]().build(ModelContext())
@@ -267,6 +268,25 @@ def test_what_is_left_in_motion_is_held_against_rest(creak_nm, is_noise):
     told = check_residuals(fit, identify_measurement_model(data), np.random.default_rng(0), complete=True)
     assert (told is None) is is_noise
     assert is_noise or (f"in motion, {found.acting:.3g} N m" in told.reason and "at rest" in told.reason)
+
+
+@pytest.mark.parametrize(
+    ("shape", "is_noise"), [("bump", False), ("slow noise", True), ("filtered noise", True)]
+)
+def test_without_free_air_only_what_is_smooth_over_much_of_a_run_is_no_noise(shape, is_noise):
+    rng, count = np.random.default_rng(5), 3000
+    t = 0.01 * np.arange(count)
+    way, run = 1e-3 + 1e-4 * t, np.zeros(count, dtype=np.int64)
+    added = {
+        "bump": 0.5 * np.sin(2.0 * np.pi * t / 9.0),
+        "slow noise": 20.0 * coloured(rng, count, 0.99),
+        "filtered noise": 3.0 * gaussian_filter1d(rng.standard_normal(count), 8.0),
+    }[shape]
+    force = kelvin_voigt(way, 1e-4) + added
+    data = press_channel(force, t, way, np.full(count, 1e-4), run)
+    fit = fit_model(data, MODEL, {})
+    found = exceeds_noise(fit, identify_measurement_model(data), np.random.default_rng(0))
+    assert (found is None) is is_noise
 
 
 @pytest.mark.parametrize(("creak_nm", "is_noise"), [(0.1, False), (0.0, True)])
