@@ -14,16 +14,18 @@ from palpate.estimation.signals.cache_by_array import FitCache
 from palpate.estimation.workers import single_threaded
 from palpate.robot_io.types import BoolArray, FloatArray
 
-_MOST_STARTS = 3  # physically plausible starts from which a fit is repeated
+_FEW_INNER = 2  # inner parameters: more have several minima of their own
+_MOST_STARTS = 3  # from which a fit is repeated
 
 
 def fit_extended(data: ChannelData, parent: FitResult, effect: Effect) -> FitResult:
     """Fit a model with one more effect, from the starts at which the effect fits best.
 
     A start at zero of a speed or time that the effort is divided by could not be fitted. Some pairs of
-    effects have several minima, such as the position of a surface and the curvature of its spring: the fit is
-    repeated from each start that may lead to another one. A fit with an unphysical gain must leave far less
-    than one without.
+    effects have several minima, such as the position of a surface and the curvature of its spring, and so has
+    an effect with many inner parameters: the fit is repeated from each start that may lead to another one.
+    The one counts that leaves least in held-out runs. A fit with an unphysical gain must leave far less than
+    one without.
 
     Args:
         data: the channel, with the runs to fit to.
@@ -36,13 +38,15 @@ def fit_extended(data: ChannelData, parent: FitResult, effect: Effect) -> FitRes
         # Parameters where the effect fitted best, the same with the parent's inner ones, and plausible ones.
         best_start, before = search.best.parameters, parent.solution
         starts = [best_start, {**best_start, **{n: before.parameters[n] for n in before.model.inner}}]
+        tried = sorted(search.starts, key=lambda solution: solution.sse)
         if not search.best.is_physical:
-            physical = sorted((s for s in search.starts if s.is_physical), key=lambda solution: solution.sse)
-            starts += [solution.parameters for solution in physical[:_MOST_STARTS]]
+            tried = [solution for solution in tried if solution.is_physical]
+        if not search.best.is_physical or len(effect.inner) > _FEW_INNER:
+            starts += [solution.parameters for solution in tried[:_MOST_STARTS]]
         starts = [start for number, start in enumerate(starts) if start not in starts[:number]]
         fits = [fit_model(data, search.best.model, start, good, cache) for start in starts]
         best = min(
-            fits, key=lambda fit: fit.mean_square * (1.0 + SMALL * (not fit.solution.is_physical)) ** 2
+            fits, key=lambda fit: fit.held_out_mean_square * (1.0 + SMALL * (not fit.solution.is_physical)) ** 2
         )
         return replace(best, validation=parent.validation)
 
