@@ -2,6 +2,8 @@
 
 from dataclasses import dataclass, replace
 
+import numpy as np
+
 from palpate.estimation.channel import ChannelData
 from palpate.estimation.data_quality import usable
 from palpate.estimation.diagnosis.bootstrap import SMALL
@@ -45,9 +47,8 @@ def fit_extended(data: ChannelData, parent: FitResult, effect: Effect) -> FitRes
             starts += [solution.parameters for solution in tried[:_MOST_STARTS]]
         starts = [start for number, start in enumerate(starts) if start not in starts[:number]]
         fits = [fit_model(data, search.best.model, start, good, cache) for start in starts]
-        best = min(
-            fits, key=lambda fit: fit.held_out_mean_square * (1.0 + SMALL * (not fit.solution.is_physical)) ** 2
-        )
+        left = [fit.solution.held_out * (1.0 + SMALL * (not fit.solution.is_physical)) ** 2 for fit in fits]
+        best = fits[int(np.argmin(left))]
         return replace(best, validation=parent.validation)
 
 
