@@ -28,7 +28,7 @@ from palpate.estimation.diagnosis.forms import (
     named_forms,
 )
 from palpate.estimation.diagnosis.random_effects import add_run_variation
-from palpate.estimation.diagnosis.residual_checks import ResidualFinding, check_residuals
+from palpate.estimation.diagnosis.residual_checks import ResidualFinding, check_residuals, exceeds_noise
 from palpate.estimation.diagnosis.result import ChannelDiagnosis, Diagnosis
 from palpate.estimation.diagnosis.search import Progress, Search, prepare_search, select_effects
 from palpate.estimation.diagnosis.verdict import Evidence, decide_verdict, insufficient_diagnosis
@@ -173,7 +173,8 @@ def _accept(
             fit = end
         elif checks.leaves_noise(end) and search.added_effects(fit) and search.is_sensible(fit):
             # Draws from the base model gain as much by a model to which nothing objects.
-            checks.withdraw_objection(end)
+            if exceeds_noise(end, checks.measurement, search.rng) is None:
+                checks.withdraw_objection(end)
     if checks.in_every_respect(search.start):  # what improves on it is no more than noise or smoothing
         return search.start, []
     return accept_forms(search, kinds(), fit, checks.measurement)

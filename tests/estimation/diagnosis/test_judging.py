@@ -169,10 +169,16 @@ def test_a_model_that_is_simplified_and_then_leaves_something_is_judged_by_its_f
 
 
 @pytest.mark.parametrize(
-    ("sensible", "noise", "complete"), [(True, True, True), (False, True, False), (True, False, False)]
+    ("sensible", "noise", "excess", "complete"),
+    [
+        (True, True, None, True),
+        (False, True, None, False),
+        (True, False, None, False),
+        (True, True, "far above noise", False),
+    ],
 )
 def test_an_objection_counts_no_more_where_draws_gain_as_much_by_a_model_to_which_nothing_objects(
-    sensible, noise, complete, monkeypatch
+    sensible, noise, excess, complete, monkeypatch
 ):
     base, whole = Mock(is_exact=False), Mock(is_exact=False)
     search = SimpleNamespace(data=swings(1, runs=2), start=base, rng=None)
@@ -181,6 +187,7 @@ def test_an_objection_counts_no_more_where_draws_gain_as_much_by_a_model_to_whic
     judge = _Completeness(search)
     judge.leaves_noise = lambda fit: fit is whole or noise
     monkeypatch.setattr(module, "check_residuals", lambda fit, *_, complete: None if fit is whole else "runs")
+    monkeypatch.setattr(module, "exceeds_noise", lambda *_: excess)
     monkeypatch.setattr(module, "accept_effects", lambda *_: base)
     monkeypatch.setattr(module, "accept_forms", lambda *_: (base, []))
     assert module._accept(search, whole, judge, lambda: None) == (base, [])
