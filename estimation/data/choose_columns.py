@@ -43,6 +43,7 @@ from palpate.robot_io.types import FloatArray
 
 POSITION = ("position", 0)
 EFFORTS = ("force", "torque")
+_DERIVABLE = frozenset({"velocity", "acceleration"})
 _OTHER_SIGN = 0.2  # of its largest, that a force of a press may have on the other side
 _GOES_WITH = 0.3  # correlation of position and force
 _BEGINNING = 0.05  # of the way, in which an axis already needs its force
@@ -94,6 +95,13 @@ def choose_columns(
     for guess in guesses:
         guesses_of.setdefault(guess.key, []).append(guess)
     keys = [key for key in keys_of_channels({*known, *guesses_of}) if key in guesses_of]
+    keys += [  # what could be derived is read too where the user says its unit
+        guess.key
+        for guess in clear
+        if guess.quantity in _DERIVABLE
+        and guess.key not in keys
+        and units_meant(table, options, Role(*guess.key, guess.unit, shift), guess.column)
+    ]
     fitting = {key: _best(table, key, guesses_of[key]) for key in keys}
     chosen = {
         key: (Role(*key, guesses[0].unit, shift), guesses[0].column) for key, guesses in fitting.items()

@@ -171,10 +171,13 @@ def _accept(
             if checks.in_every_respect(end):
                 return end, form_tests(kinds(), end)
             fit = end
-        elif checks.leaves_noise(end) and search.added_effects(fit) and search.is_sensible(fit):
-            # Draws from the base model gain as much by a model to which nothing objects.
-            if exceeds_noise(end, checks.measurement, search.rng) is None:
-                checks.withdraw_objection(end)
+        elif (
+            checks.leaves_noise(end)
+            and search.added_effects(fit)
+            and search.is_sensible(fit)
+            and exceeds_noise(end, checks.measurement, search.rng) is None
+        ):  # draws from the base model gain as much by a model to which nothing objects
+            checks.withdraw_objection(end)
     if checks.in_every_respect(search.start):  # what improves on it is no more than noise or smoothing
         return search.start, []
     return accept_forms(search, kinds(), fit, checks.measurement)

@@ -380,3 +380,15 @@ def test_a_joint_without_a_time_is_read_row_by_row(tmp_path):
     imported = import_file(path)
     np.testing.assert_array_equal(np.diff(imported.channels[0].time_s), 1.0)
     assert any("damping, inertia and relaxation times are not in seconds" in note for note in imported.notes)
+
+
+def test_a_speed_is_read_where_the_user_says_its_unit(tmp_path):
+    path, t = tmp_path / "motor.csv", np.linspace(0.0, 10.0, 1000)
+    path.write_text("Time,Position,Velocity,Iq\n" + lines(t, np.sin(t), 1.01 * np.cos(t), 0.1 * np.cos(t)))
+    units = {"position": "rad", "torque": "A"}
+    (derived,) = import_file(path, ImportOptions(units=units)).channels
+    (read,) = import_file(path, ImportOptions(units=units | {"velocity": "rad_s"})).channels
+    assert (derived.velocity.max(), read.velocity.max()) == (
+        pytest.approx(1.0, abs=1e-3),
+        pytest.approx(1.01),
+    )
