@@ -38,7 +38,7 @@ from palpate.estimation.fit.normal_equations import ORDER, ArNoise
 from palpate.estimation.model import Model
 from palpate.estimation.signals.motion import is_one_pace, is_one_speed, never_returns
 from palpate.estimation.signals.runwise import apply_per_run, sample_time
-from palpate.robot_io.types import BoolArray
+from palpate.robot_io.types import BoolArray, FloatArray, IntArray
 
 LEAST_SAMPLES = 100
 SINGLE_RUN = "a single run"  # how the reason begins where only the division into runs is missing
@@ -47,6 +47,9 @@ _GLITCH = 25.0  # times the usual distance between neighbours
 _MOST_GLITCHES = 0.01
 _LITTLE_SHARED = 0.1  # of a run's depths, in another run too: none can be predicted from the other
 _SPIKE = 0.2  # of the range of the effort; what stands out by less does no harm
+# Ranges of all other readings, that a code for a missing value or a wrong digit stands off by; and those at
+# which a single one is too large for the precision of a fit that excludes it (measured: 1e8).
+_CODE, _HUGE = 20.0, 1e6
 _TRAVELLED = 3.0  # ranges of positions, that a single recording which repeats its motion goes through
 _QUICKEST_S = 1e-5  # time from sample to sample, below which its unit is in doubt
 
@@ -65,12 +68,7 @@ def usable(data: ChannelData) -> BoolArray:
     """
     if len(data) == 0:
         return np.ones(0, dtype=np.bool_)
-    smooth = apply_per_run(
-        lambda effort: np.asarray(scipy.ndimage.median_filter(effort, 5)), data.effort, data.run
-    )
-    off = np.abs(data.effort - smooth)
-    usual = float(np.median(off[off > 0.0])) if (off > 0.0).any() else 0.0
-    good = np.asarray(off <= max(_GLITCH * usual, _SPIKE * float(np.ptp(smooth))))
+    good = ~_glitches(data)
     if np.mean(~good) > _MOST_GLITCHES:
         good = np.ones(len(data), dtype=np.bool_)
     return good & ~np.isin(data.run, list(copied_runs(data))) & ~at_lower_end(data) & ~folded_in_contact(data)
@@ -85,6 +83,8 @@ def reject_reason(data: ChannelData) -> str | None:
     Returns:
         One sentence, or None if the channel can be judged.
     """
+    if reason := _corrupted(data):
+        return reason
     good = data.select(usable(data))
     return _first((check for _, check in _REJECTED), good)
 
@@ -116,6 +116,8 @@ def contaminated(data: ChannelData, model: Model) -> str | None:
     Returns:
         One sentence, or None if nothing shows.
     """
+    if reason := _corrupted(data):
+        return reason
     good = data.select(usable(data))
     checks = (check for kind, check in _REJECTED if kind != "enough" and check is not _blocks)
     affected = (
@@ -136,8 +138,11 @@ def checklist(data: ChannelData, model: Model | None = None) -> dict[str, str]:
         "saturation"), empty where nothing does. Where there is not enough data, or the times contradict the
         motion, the other checks make no sense and are left out.
     """
+    kinds = ("enough", "units", "sync", "excitation", "readings", "saturation")
+    if reason := _corrupted(data):
+        return dict.fromkeys(kinds, "") | {"readings": reason}
     good, result = data.select(usable(data)), dict[str, str]()
-    for kind in ("enough", "units", "sync", "excitation", "readings", "saturation"):
+    for kind in kinds:
         result[kind] = _first((check for group, check in _REJECTED if group == kind), good) or ""
         if kind in {"enough", "units"} and result[kind]:
             return result
@@ -148,10 +153,20 @@ def checklist(data: ChannelData, model: Model | None = None) -> dict[str, str]:
 
 def _warnings(data: ChannelData, model: Model | None) -> Iterator[tuple[str, str]]:
     """Warnings with the kind of check that each belongs to."""
-    if len(data) < LEAST_SAMPLES:
+    if len(data) < LEAST_SAMPLES or _corrupted(data):
         return
     if copies := copied_runs(data):
         yield "enough", copied(copies)
+    glitches = _glitches(data)
+    if glitches.any() and np.mean(glitches) <= _MOST_GLITCHES:
+        size, others = np.abs(data.effort), data.effort[~glitches]
+        # A sensor that starts from zero, or drops to it, is nothing to report.
+        beyond = glitches & (size > np.abs(others).max() + np.ptp(others))
+        if beyond.any():
+            yield (
+                "enough",
+                f"{_far_off(data, 'effort', beyond)}; diagnosis and comparison exclude such readings",
+            )
     for kind, warning in (("readings", folded(data)), ("saturation", stuck_in_air(data))):
         if warning:
             yield kind, warning
@@ -167,6 +182,43 @@ def _warnings(data: ChannelData, model: Model | None) -> Iterator[tuple[str, str
         yield "units", warning
     if warning := time_offset(good, model):
         yield "sync", warning
+
+
+def _distance(signal: FloatArray, run: IntArray) -> tuple[FloatArray, float]:
+    """Distances (n,) of readings from the median of their neighbors, and the range of these medians."""
+    smooth = apply_per_run(lambda values: np.asarray(scipy.ndimage.median_filter(values, 5)), signal, run)
+    return np.abs(signal - smooth), float(np.ptp(smooth))
+
+
+def _glitches(data: ChannelData) -> BoolArray:
+    """Select single readings of the effort (n,) that are far off both neighbors."""
+    off, extent = _distance(data.effort, data.run)
+    usual = float(np.median(off[off > 0.0])) if (off > 0.0).any() else 0.0
+    return np.asarray(off > max(_GLITCH * usual, _SPIKE * extent))
+
+
+def _corrupted(data: ChannelData) -> str | None:
+    """Reject isolated readings that no fit can exclude: of the position, too many, or too large."""
+    if len(data) < LEAST_SAMPLES:
+        return None
+    for what, signal in (("position", data.position), ("effort", data.effort)):
+        off, extent = _distance(signal, data.run)
+        codes = off > _CODE * extent
+        spoils = codes.any() if what == "position" else np.mean(codes) > _MOST_GLITCHES
+        if extent > 0.0 and (spoils or (off > _HUGE * extent).any()):
+            return f"{_far_off(data, what, codes)}; remove such rows, or leave their cells empty"
+    return None
+
+
+def _far_off(data: ChannelData, what: str, rows: BoolArray) -> str:
+    """Say how many readings stand far off their neighbors, with the first of them."""
+    first, number = int(np.argmax(rows)), int(np.count_nonzero(rows))
+    signal, unit = (
+        (data.effort, data.kind.effort_unit) if what == "effort" else (data.position, data.kind.position_unit)
+    )
+    count = f"1 reading of the {what} stands" if number == 1 else f"{number} readings of the {what} stand"
+    example = f"{signal[first]:.6g} {unit} at {data.time_s[first]:.6g} s"
+    return f"{count} far off {'its' if number == 1 else 'their'} neighbors, such as {example}"
 
 
 def _size(data: ChannelData) -> str | None:

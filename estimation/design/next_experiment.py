@@ -176,13 +176,12 @@ def sufficient(reason: str, kind: ChannelKind) -> NextExperiment:
         reason: why the channel cannot be judged.
         kind: of the channel.
     """
-    words, remedy = _FREE if kind is ChannelKind.CONTACT else _WIDER, reason.partition("; ")[2]
+    remedy = reason.partition("; ")[2]
+    words = remedy or (_FREE if kind is ChannelKind.CONTACT else _WIDER)
     if reason.startswith(SINGLE_RUN):
         words = _RUNS
     elif FEW_READINGS in reason:
         words = _COARSE
-    elif remedy.startswith("check"):
-        words = remedy
     elif remedy.endswith("?"):  # no other motion helps against a wrong unit or column
         words = "check units and columns of this recording"
     return NextExperiment(purpose="make a diagnosis possible", separates=[], instruction=words, probe={})

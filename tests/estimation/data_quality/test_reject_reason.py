@@ -100,6 +100,15 @@ REJECTED = {
     "fewer than two runs have": lambda: replace(DATA, **SHORT_RUNS, run=COUNT // 8),
     "runs last": lambda: replace(DATA, run=COUNT // 8),
     "at most one run has motion": lambda: moving_in_one_run(phase=1),
+    f"{-(-len(DATA) // 60)} readings of the effort stand far off their neighbors, such as -9999 N": lambda: (
+        replace(DATA, effort=np.where(COUNT % 60 == 0, -9999.0, F))
+    ),
+    "1 reading of the effort stands far off its neighbors, such as 1e+12 N": lambda: replace(
+        DATA, effort=np.where(COUNT == 900, 1e12, F)
+    ),
+    "1 reading of the position stands far off its neighbors, such as -0.999 m": lambda: replace(
+        DATA, position=np.where(COUNT == 900, -0.999, X)
+    ),
 }
 
 
@@ -135,6 +144,9 @@ IMPLAUSIBLE = {  # what is said of it, and how often
     "a single run that goes through its motion once: changes": lambda: DATA.of_runs(DATA.runs[:1]),
     "cannot be separated; record at least three runs": lambda: one_recording(lambda t: t),
     "run 1 is a copy of run 0 (and 2 more): 100 % of its noise": copies,
+    "1 reading of the effort stands far off its neighbors, such as 500 N at 0.2 s; diagnosis": lambda: (
+        replace(DATA, effort=np.where(COUNT == 100, 500.0, F))
+    ),
     "run 6 is a copy of run 0: 100 % of its noise": lambda: joined(DATA, DATA.of_runs(DATA.runs[:1])),
 }
 
@@ -150,6 +162,13 @@ def test_what_is_implausible_is_reported_with_its_figure_and_judged(words):
     assert reject_reason(data) is None
     assert words in " ".join(quality_warnings(data))
     assert quality_warnings(data)[0] in checklist(data).values()
+
+
+def test_codes_for_a_missing_value_are_no_unit_and_no_saturated_sensor():
+    data = replace(DATA, position=np.where(COUNT % 60 == 0, -0.999, X))
+    assert quality_warnings(data) == []
+    assert "stand far off" in checklist(data)["readings"]
+    assert "stand far off" in contaminated(data, model("kelvin_voigt"))
 
 
 def test_what_is_plausible_gives_no_warning():
