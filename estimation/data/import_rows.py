@@ -18,6 +18,8 @@ from palpate.robot_io.types import FloatArray, IntArray
 UNKNOWN_PHASE = -1
 _LONGEST_NUMBER = 18  # digits; what is longer is a name, as are serial numbers
 _MOST_REPEATED = 0.05  # of the rows, that may have the time of the row before
+_GAP, _QUICK = 1.5, 0.75  # of the usual step: a gap, and a stamp that was late
+_FEW_GAPS, _LONGEST_BURST = 0.05, 50  # gaps among all steps; steps of one gap and its burst
 _WHOLE = 0.3  # of the position's range, that a cycle goes through
 _MOST = 0.8  # of the stretches between a clock's beginnings, that are cycles
 _FEWEST = 5  # samples of a run: fewer have no acceleration that means anything
@@ -79,7 +81,7 @@ def arrange_rows(columns: Columns, *, fresh: bool = False, count: int | None = N
         note = "; ".join(filter(None, [note, repeated]))
         order, time_s = order[~same], time_s[~same]
     rows = Rows(order, time_s, run[order], _phases(table, columns.phase)[order], labels, note)
-    rows = _with_spread_times(columns, rows)
+    rows = _with_late_stamps_spread(columns, _with_spread_times(columns, rows))
     _check_times(columns, rows)
     runs, counts = np.unique(rows.run, return_counts=True)
     if counts.min() < _FEWEST:
@@ -171,6 +173,38 @@ def _with_spread_times(columns: Columns, rows: Rows) -> Rows:
     words = (
         f"'{name}' repeats its times: {spread} of {len(time_s)} rows are spread evenly up to the next one; "
         f"if it is not the time of each row, leave it out with --context {shlex.quote(name)}"
+    )
+    return replace(rows, time_s=time_s, note="; ".join(filter(None, [rows.note, words])))
+
+
+def _with_late_stamps_spread(columns: Columns, rows: Rows) -> Rows:
+    """Rows stamped late, in a burst behind a gap, spread evenly over both where these make whole steps.
+
+    A logger that was busy stamps what came meanwhile in quick succession. Derived from such times, a speed
+    would be many times too large.
+    """
+    time_s = rows.time_s.copy()
+    for of_run in blocks(rows.run):
+        steps = np.diff(rows.time_s[of_run])
+        if len(steps) < _FEWEST or (steps <= 0.0).any():
+            continue
+        step_s = float(np.median(steps))
+        gaps = np.flatnonzero(steps > _GAP * step_s)
+        if len(gaps) > _FEW_GAPS * len(steps):
+            continue
+        for gap in gaps:
+            burst = steps[gap : gap + _LONGEST_BURST]
+            quick = int(np.argmin(np.append(burst[1:] < _QUICK * step_s, False)))  # stamps in the burst
+            late = float(burst[: quick + 1].sum()) - (quick + 1) * step_s
+            if quick and abs(late) < 0.5 * step_s:
+                first, last = of_run.start + gap, of_run.start + gap + quick + 1
+                time_s[first : last + 1] = np.linspace(time_s[first], time_s[last], last + 1 - first)
+    spread = int(np.sum(time_s != rows.time_s))
+    if not spread:
+        return rows
+    words = (
+        f"'{columns.name(TIME)}' stamps {spread} of {len(time_s)} rows late, in bursts behind gaps: they are "
+        "spread evenly over both"
     )
     return replace(rows, time_s=time_s, note="; ".join(filter(None, [rows.note, words])))
 

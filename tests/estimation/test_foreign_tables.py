@@ -392,3 +392,16 @@ def test_a_speed_is_read_where_the_user_says_its_unit(tmp_path):
         pytest.approx(1.0, abs=1e-3),
         pytest.approx(1.01),
     )
+
+
+def test_rows_that_were_stamped_late_are_spread_over_the_gap_before_them(tmp_path):
+    """A logger slept for six steps, and stamped what came meanwhile in quick succession."""
+    path, t = tmp_path / "motor.csv", 1e-3 * np.arange(2000)
+    stamped = t.copy()
+    stamped[500:506] = t[506] - 1e-4 * np.arange(6, 0, -1)
+    lost = np.where(np.arange(2000) < 1500, stamped, stamped + 4e-3)  # four rows are lost, and none is late
+    path.write_text("Time,Position,Iq\n" + lines(lost, np.sin(5.0 * t), np.cos(5.0 * t)))
+    found = import_file(path, ImportOptions(units={"position": "rad", "torque": "A", "time": "s"}))
+    (channel,) = found.channels
+    np.testing.assert_allclose(channel.time_s, np.where(np.arange(2000) < 1500, t, t + 4e-3), atol=1e-9)
+    assert any("stamps 6 of 2000 rows late" in note for note in found.notes)
