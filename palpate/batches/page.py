@@ -157,7 +157,7 @@ def _overview(batch: BatchResult) -> PageSection:
         values = [100 * means.get(word, 0.0) for means in bars]
         if any(values):
             figure.add_bar(y=names, x=values, name=word, orientation="h", marker_color=color)
-    figure.update_layout(barmode="stack", xaxis_title="mean share of the squared error [%]")
+    figure.update_layout(barmode="stack", showlegend=True, xaxis_title="mean share of the squared error [%]")
     styled(figure, 130 + 34 * len(names)).update_yaxes(autorange="reversed")
     columns = (
         "group",

@@ -1,16 +1,24 @@
 """`palpate batch`: many recordings at once, one table and one page."""
 
+import math
 from collections import Counter
+from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 from palpate.common import console
 from palpate.common.console import count, safe, shown, significant
 from palpate.common.options import SchedulerOption, WorkersOption, effect_names, model_names, takes
+from palpate.render.view import NOISE
 from palpate.workflows.data_options import EffectOption, JsonOption, ReadOptions
+
+if TYPE_CHECKING:
+    import pyarrow as pa
+
+    from palpate.batches.pooling import PooledParameter
 
 _MOST_SHOWN = 8  # errors, outliers and parameters in the terminal; the page has all
 
@@ -154,16 +162,15 @@ def batch_command(
         if effects:
             named = ", ".join(f"{name} {number}" for name, number in effects.most_common(_MOST_SHOWN))
             to.print(f"  effects named: {named}")
+        for words in _misfits(table):
+            to.print(f"  [yellow]{safe(words)}[/yellow]")
         for effect in result.common_effects:
             like = f" (or {', '.join(effect.confused_with)})" if effect.confused_with else ""
             share = f"{100 * effect.share:.2g} % of the squared error"
             words = f"{effect.channel}: {effect.effect}{like} is missing over all measurements, {share}"
             to.print(f"  [bold]{safe(words)}[/bold]")
         for entry in result.pooled[:_MOST_SHOWN]:
-            pooled = entry.effects
-            value = f"{significant(pooled.mean, pooled.std_err)} ± {pooled.std_err:.2g} {entry.unit}"
-            between = f"spread between measurements {pooled.spread:.2g} {entry.unit}"
-            to.print(f"  {safe(f'{entry.group} {entry.channel} {entry.parameter}')}: {value}, {between}")
+            to.print(f"  {safe(_mean(entry))}")
         for difference in result.differences:
             if difference.p_corrected < 0.05:
                 first, second = difference.groups
@@ -176,3 +183,36 @@ def batch_command(
         to.print(f"page  [bold]{shown(result.page)}[/bold]")
 
     console.present(result.as_data(), show, as_json=as_json)
+
+
+def _misfits(table: "pa.Table") -> Iterator[str]:
+    """Say for each channel and model in how many measurements without a verdict the model misses the data."""
+    from palpate.batches.table import floats, texts  # noqa: PLC0415, its libraries take a second
+
+    names = (texts(table, name) for name in ("channel", "model", "verdict"))
+    times_noise: dict[tuple[str, str], list[float]] = {}
+    for channel, model, verdict, times in zip(*names, floats(table, "times_noise"), strict=True):
+        if channel and not verdict and math.isfinite(times):
+            times_noise.setdefault((channel, model), []).append(times)
+    for (channel, model), every in times_noise.items():
+        missed = [times for times in every if times >= NOISE]
+        if missed:
+            yield (
+                f"{model} misses {channel} in {len(missed)} of {count(len(every), 'measurement')}, by up to "
+                f"{max(missed):.3g} times the noise: its parameters may be biased; --diagnose says which "
+                "effect is missing"
+            )
+
+
+def _mean(entry: "PooledParameter") -> str:
+    """Pooled mean with the half width of its 95 % interval, where it has one, and the spread."""
+    effects = entry.effects
+    group = "" if entry.group == "all" else entry.group
+    name = f"{group} {entry.channel} {entry.parameter}".strip()
+    if effects.count < 2:
+        return f"{name}: {significant(effects.mean, effects.std_err)} {entry.unit}, of one measurement"
+    half = effects.interval[1] - effects.mean
+    return (
+        f"{name}: mean {significant(effects.mean, half)} ± {significant(half, half)} {entry.unit} (95 %), "
+        f"spread between measurements {significant(effects.spread, half)} {entry.unit}"
+    )

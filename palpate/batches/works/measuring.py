@@ -89,7 +89,10 @@ def _row(
             warnings.append(f"without {', '.join(add)}: {error}")
     if comparison is not None:
         row |= _compared(comparison)
-    if comparison is not None and (estimates is None or comparison.model != channel.model.name):
+    final = diagnosis.final if diagnosis is not None and diagnosis.accepted and not add else None
+    if final is not None:  # all of one model: with an effect that was missing, the others change
+        row |= _all_columns(final.parameters)
+    elif comparison is not None and (estimates is None or comparison.model != channel.model.name):
         row |= _all_columns(comparison.parameters)
     elif estimates is not None:
         row |= _all_columns({parameter.name: parameter for parameter in estimates.best.parameters})

@@ -2,6 +2,7 @@
 
 import csv
 import os
+import re
 import signal
 import subprocess
 import sys
@@ -138,10 +139,22 @@ def test_a_diagnosis_names_what_is_missing_and_an_added_effect_has_a_size_in_eve
     assert by_name["hardening.csv"]["verdict"] == "missing"
     assert by_name["hardening.csv"]["effects"] == "cubic_stiffness"
     assert by_name["hardening.csv"]["budget elastic shape"] > 0.8
+    final = palpate.Study(hardening, keep=False).diagnose().channels[0].final.parameters["stiffness.k"]
+    assert by_name["hardening.csv"]["stiffness.k [N/m]"] == final.value  # of the model with the effect
     added = palpate.batch([hardening, plain], out=tmp_path / "out", add=["cubic_stiffness"], workers=2)
     sizes = {row["measurement"]: row["cubic_stiffness.k3 [N/m^3]"] for row in added.table.to_pylist()}
     assert sizes["hardening.csv"] == pytest.approx(2e6, rel=0.1)
     assert abs(sizes["plain.csv"]) < 2e5
+
+
+def test_the_terminal_says_how_many_measurements_the_model_misses(hardening, tmp_path):
+    plain = write_presses(tmp_path / "plain.csv", cubic=0.0)
+    said = " ".join(done("batch", hardening, plain, "--out", tmp_path / "out").stdout.split())
+    assert "kelvin_voigt misses contact in 1 of 2 measurements, by up to" in said
+    pooled = as_json("batch", hardening, plain, "--out", tmp_path / "out")["pooled"]
+    low, high = next(entry["effects"]["interval"] for entry in pooled if entry["parameter"] == "stiffness.k")
+    found = re.search(r"stiffness.k: mean \S+ ± (\S+) N/m \(95 %\)", said)
+    assert float(found[1]) == pytest.approx((high - low) / 2, rel=0.06)
 
 
 @pytest.mark.slow
