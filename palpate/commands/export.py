@@ -1,5 +1,6 @@
 """`palpate export` and `report`: write models, recorded data or a report."""
 
+import math
 from collections.abc import Sequence
 from enum import StrEnum
 from pathlib import Path
@@ -18,10 +19,11 @@ from palpate.common.files import (
     write_text,
 )
 from palpate.estimation.channel import ChannelKind
-from palpate.estimation.study.revisions import own_effects
+from palpate.estimation.study.revisions import Revision, own_effects
 from palpate.export.table import LAYOUT_ENDINGS, Program, check_ending, layout_of, recorded_table, write_table
 from palpate.render.build import REPORT, is_own_page
 from palpate.render.terminal import print_files
+from palpate.render.view import NOISE
 from palpate.robot_io.errors import InputError
 from palpate.workflows.data_options import DataArguments, FolderOption, JsonOption, ModelOption, takes_data
 
@@ -165,6 +167,8 @@ def export_command(
     if len(study.revisions) > before:
         remark = "nothing was added to the contact's model yet: the base model is exported"
         console.stderr().print(f"[yellow]{remark}[/yellow] (palpate diagnose --apply adds what is missing)")
+    for item in kept:
+        _warn_of_misfit(item)
     export = study.export(path, [item.number for item in kept])
 
     def show() -> None:
@@ -201,6 +205,17 @@ def _export_feedforward(
     paths = {name: str(file) for name, file in files.items()}
     content = {"file": str(data.file), **paths, "used": made.used, "left_out": made.left_out}
     console.present(content, show, as_json=as_json)
+
+
+def _warn_of_misfit(revision: Revision) -> None:
+    """Warn of a model that leaves more than the noise: what is simulated with it differs from the data."""
+    times = revision.rmse / revision.noise_floor if revision.noise_floor > 0.0 else math.inf
+    if times >= NOISE:
+        name = " + ".join([revision.model, *revision.effects])
+        remark = f"{name} misses {revision.channel} by {times:.3g} times the noise"
+        console.stderr().print(
+            f"[yellow]{safe(remark)}[/yellow]; a simulation with it differs from the measurement"
+        )
 
 
 def _warn_of_base_models(study: "Study", revisions: Sequence[int]) -> None:

@@ -65,7 +65,7 @@ def scan(data: bytes) -> Scan:
         SessionError: it is no MCAP file, or one that was finished and then damaged.
     """
     if not data.startswith(MCAP0_MAGIC):
-        raise SessionError("no session: it does not begin as an MCAP file does")
+        raise SessionError("no session of palpate: the file is not MCAP")
     scanner = _Scanner(data)
     try:
         scanner.run()

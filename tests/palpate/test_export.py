@@ -137,6 +137,18 @@ def test_an_imported_file_becomes_an_object(tmp_path, monkeypatch):
     assert_refused(run("export", data, "-o", tmp_path / "world.yaml"), "exists already")
 
 
+def test_a_base_model_that_misses_the_data_is_exported_with_a_warning(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    hardening, linear = (
+        write_presses(tmp_path / "hard.csv"),
+        write_presses(tmp_path / "linear.csv", cubic=0.0),
+    )
+    said = " ".join(done("export", hardening).stderr.split())
+    assert "kelvin_voigt misses contact by" in said
+    assert "a simulation with it differs from the measurement" in said
+    assert "misses" not in done("export", linear).stderr
+
+
 @pytest.mark.slow
 @pytest.mark.usefixtures("log_in_process")
 def test_the_world_reproduces_the_force_that_was_measured(tmp_path):
