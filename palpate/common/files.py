@@ -65,8 +65,8 @@ def open_session(path: Path) -> Session:
             raise
         data = typed(path)
         raise InputError(
-            f"{error}. If it is a table of measurements, palpate import {data} makes a session of it; palpate "
-            "estimate, compare and diagnose read the table as it is"
+            f"{error}. If it is a table of measurements, palpate import {data} makes a session of it; "
+            f"palpate compare {data} and other commands read the table as it is"
         ) from error
 
 
