@@ -29,6 +29,7 @@ NUMBER = {  # by the decimal mark; thousands may be grouped by the other one
 _ALIKE = 3  # lines in a row that make a table
 FEWEST_NUMBERS = 2  # in such a line
 _MOST_SETTINGS = 4  # rows between the names and the numbers
+_MOST_REMARKS = 200  # lines above a table that may say what its columns are
 _COMMENT = "#%/;! \ufeff"
 _LABVIEW = ("X_Value", "Y_Unit_Label", "X_Dimension")
 _BRACKETS = "[](){}<>"
@@ -60,6 +61,11 @@ def find_layouts(rows: Sequence[Sequence[str]], decimal: str) -> Iterator[Layout
             continue
         body = rows[first : first + _ALIKE]
         width = max(len(_used(row)) for row in body)
+        if "columns" in (said := _said_above(rows[:first], width, decimal)):
+            named, of_names = said["columns"], said.get("units", [""] * width)
+            called = tuple(f"{n} [{unit}]" if unit else n for n, unit in zip(named, of_names, strict=True))
+            yield Layout(called, first, first - 1)
+            continue
         labelled = _has_row_names(body, decimal)
         held = {place for row in body for place, cell in enumerate(row) if not is_missing(cell)}
         header: list[tuple[int, list[str]]] = []
@@ -94,6 +100,17 @@ def find_layouts(rows: Sequence[Sequence[str]], decimal: str) -> Iterator[Layout
             called = tuple(f"{name} [{unit}]" if unit else name for name, unit in pairs)
         titles = tuple(" ".join(cell.split()) for cell in rows[top - 1]) if top else ()
         yield Layout(called, first, top, titles)
+
+
+def _said_above(rows: Sequence[Sequence[str]], width: int, decimal: str) -> dict[str, Sequence[str]]:
+    """What remarks since the table before say of each of so many columns, such as "# columns: a b c"."""
+    said: dict[str, Sequence[str]] = {}
+    for row in reversed(rows[-_MOST_REMARKS:]):
+        if row and is_number(row[0], decimal):
+            break
+        if row and row[0].endswith(":") and len(row) == width + 1:
+            said.setdefault(row[0].rstrip(":").lower(), row[1:])
+    return said
 
 
 def preamble_words(lines: int) -> tuple[str, ...]:

@@ -405,3 +405,16 @@ def test_rows_that_were_stamped_late_are_spread_over_the_gap_before_them(tmp_pat
     (channel,) = found.channels
     np.testing.assert_allclose(channel.time_s, np.where(np.arange(2000) < 1500, t, t + 4e-3), atol=1e-9)
     assert any("stamps 6 of 2000 rows late" in note for note in found.notes)
+
+
+def test_remarks_may_say_names_and_units_of_columns(tmp_path):
+    """As an instrument for atomic force microscopy writes its curves."""
+    path = tmp_path / "curve.txt"
+    head = (
+        "# xPosition: 1.2E-5\n# speed: 1.0E-6\n#\n# columns: seriesTime height vDeflection\n"
+        '# fancyNames: "Series Time" "Height (measured)" "Vertical deflection"\n# units: s m N\n#\n'
+    )
+    path.write_text(head + lines(TIME_S, WAY_M, FORCE_N, delimiter=" ", form="{:.9e}"))
+    table = read_table(path)
+    assert table.names == ("seriesTime [s]", "height [m]", "vDeflection [N]")
+    np.testing.assert_allclose(import_file(path).channels[0].effort, FORCE_N, rtol=1e-8)
