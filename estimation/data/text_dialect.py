@@ -62,9 +62,8 @@ def find_layouts(rows: Sequence[Sequence[str]], decimal: str) -> Iterator[Layout
         body = rows[first : first + _ALIKE]
         width = max(len(_used(row)) for row in body)
         if "columns" in (said := _said_above(rows[:first], width, decimal)):
-            named, of_names = said["columns"], said.get("units", [""] * width)
-            called = tuple(f"{n} [{unit}]" if unit else n for n, unit in zip(named, of_names, strict=True))
-            yield Layout(called, first, first - 1)
+            pairs = zip(said["columns"], said.get("units", [""] * width), strict=True)
+            yield Layout(tuple(f"{n} [{unit}]" if unit else n for n, unit in pairs), first, first - 1)
             continue
         labelled = _has_row_names(body, decimal)
         held = {place for row in body for place, cell in enumerate(row) if not is_missing(cell)}
