@@ -6,6 +6,7 @@ import json
 import math
 import zipfile
 from collections.abc import Mapping
+from contextlib import suppress
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -24,6 +25,7 @@ else:
     pa = LazyModule("pyarrow")
     pc = LazyModule("pyarrow.compute")
 
+_MOST_PACKED = 50  # times its size, that a MATLAB file may hold whose variables cannot be listed
 _LEAST_CELL = 4  # bytes of a value, of whatever type
 _BATCH_ROWS = 256
 
@@ -77,10 +79,20 @@ def read_npz(path: Path) -> FileColumns:
     return FileColumns(arrow_of(arrays, path))
 
 
+def _stacked(cells: NDArray[Any]) -> NDArray[Any]:
+    """Cells that hold numbers of equal count, one below the other; other arrays as they are."""
+    if cells.ndim == 1 and cells.dtype == object and len(cells):
+        shapes = {np.shape(cell) for cell in cells}
+        if len(shapes) == 1 and len(next(iter(shapes))) == 1:
+            return np.array(cells.tolist())
+    return cells
+
+
 def read_mat(path: Path) -> FileColumns:
     """The vectors of a MATLAB file that are columns, those of structs too: the most of one length.
 
-    A matrix of more rows than columns counts as its columns, "name 1", "name 2" and so on.
+    The lines of a matrix along its longer side are columns, "name 1", "name 2" and so on; cells that hold
+    rows of equal length are a matrix.
 
     Args:
         path: of the file.
@@ -91,24 +103,34 @@ def read_mat(path: Path) -> FileColumns:
     from scipy.io import loadmat, whosmat  # noqa: PLC0415, slow to import
 
     try:
-        check_size(path, sum(8 * math.prod(shape) for _, shape, _ in whosmat(path)))
+        size = _MOST_PACKED * path.stat().st_size
+        with suppress(TypeError):  # objects of MATLAB's own classes have no shape
+            size = sum(8 * math.prod(shape) for _, shape, _ in whosmat(path))
+        check_size(path, size)
         content = loadmat(path, simplify_cells=True)
     except NotImplementedError as error:
         raise InputError(f"{path}: is of version 7.3; save it in MATLAB with save(..., '-v7')") from error
     vectors: dict[str, NDArray[Any]] = {}
-    pending = [(name, value) for name, value in content.items() if not name.startswith("__")]
+    pending = [
+        (name, value)
+        for name, value in content.items()
+        if isinstance(name, str) and not name.startswith("__")
+    ]
     while pending:
         name, value = pending.pop(0)
         if isinstance(value, Mapping):
             pending += [
                 (str(key) if str(key) not in vectors else f"{name}.{key}", v) for key, v in value.items()
             ]
-        elif not isinstance(value, np.ndarray) or value.dtype.kind not in "biuf":
-            continue
-        elif value.ndim == 1 and len(value) > 1:
-            vectors[name] = value
-        elif value.ndim == 2 and len(value) > value.shape[1]:
-            vectors |= {f"{name} {number}": column for number, column in enumerate(value.T, 1)}
+        elif isinstance(value, np.ndarray):
+            array = _stacked(value)
+            if array.dtype.kind not in "biuf":
+                continue
+            if array.ndim == 1 and len(array) > 1:
+                vectors[name] = array
+            elif array.ndim == 2 and array.shape[0] != array.shape[1]:
+                columns = array.T if array.shape[0] > array.shape[1] else array
+                vectors |= {f"{name} {number}": column for number, column in enumerate(columns, 1)}
     if not vectors:
         raise InputError(f"{path}: holds no vectors; a measurement needs time and two more")
     lengths = [len(vector) for vector in vectors.values()]

@@ -76,6 +76,8 @@ def choose_columns(
     named = [
         guess for guess in named if guess.quantity and guess.column not in taken and guess.key not in known
     ]
+    if any(quantity in OF_JOINTS and joint == 0 for quantity, joint in known):  # the user means one joint
+        named = [guess for guess in named if guess.quantity not in OF_JOINTS or not guess.joint]
     free = [guess for guess in named if table.is_mostly_numeric(guess.column)]
     there = {*known, *(guess.key for guess in free)}
     if not (keys_of_channels(there) and TIME in there):

@@ -80,6 +80,16 @@ def arrange_rows(columns: Columns, *, fresh: bool = False, count: int | None = N
         )
         note = "; ".join(filter(None, [note, repeated]))
         order, time_s = order[~same], time_s[~same]
+    counts = np.bincount(run[order]) if columns.run is None else np.array([_FEWEST])
+    if counts.min() < _FEWEST <= counts.max():  # nobody named these runs, so nobody misses them
+        short = counts[run[order]] < _FEWEST
+        few = (
+            f"{np.sum(short)} of {len(order)} rows left out: a run of fewer than {_FEWEST}, the first in "
+            f"{table.row_word} {table.rows[order[np.argmax(short)]]}"
+        )
+        note = "; ".join(filter(None, [note, few]))
+        order, time_s = order[~short], time_s[~short]
+        labels = {number: labels[number] for number in np.unique(run[order]).tolist()}
     rows = Rows(order, time_s, run[order], _phases(table, columns.phase)[order], labels, note)
     rows = _with_late_stamps_spread(columns, _with_spread_times(columns, rows))
     _check_times(columns, rows)

@@ -418,3 +418,20 @@ def test_remarks_may_say_names_and_units_of_columns(tmp_path):
     table = read_table(path)
     assert table.names == ("seriesTime [s]", "height [m]", "vDeflection [N]")
     np.testing.assert_allclose(import_file(path).channels[0].effort, FORCE_N, rtol=1e-8)
+
+
+def test_a_joint_that_the_user_names_is_the_only_one(tmp_path):
+    path = tmp_path / "arm.csv"
+    path.write_text("t,q1,tau1,q2,tau2\n" + lines(TIME_S, WAY_M, FORCE_N, 2.0 * WAY_M, 3.0 * FORCE_N))
+    columns, units = {"position": "q2", "torque": "tau2"}, {"time": "s", "position": "rad", "torque": "Nm"}
+    (channel,) = import_file(path, ImportOptions(columns=columns, units=units)).channels
+    np.testing.assert_allclose(channel.effort, 3.0 * FORCE_N, atol=1e-5)
+
+
+def test_a_few_rows_before_a_clock_begins_anew_are_left_out(tmp_path):
+    path = tmp_path / "motor.csv"
+    rows = lines(np.arange(600), WAY_M, FORCE_N)
+    path.write_text("Time [ms],Position [rad],Torque [Nm]\n0.0,0.0,0.0\n1.0,0.0,0.0\n" + rows)
+    found = import_file(path)
+    assert len(found.channels[0]) == 600
+    assert any("2 of 602 rows left out: a run of fewer than 5, the first in line 2" in n for n in found.notes)

@@ -7,6 +7,7 @@ from scipy.io import savemat
 
 from palpate.estimation.data.import_file import import_file
 from palpate.estimation.data.import_options import ImportOptions
+from palpate.estimation.data.table import read_table
 from palpate.robot_io.errors import InputError
 from tests.estimation.laboratories import presses
 
@@ -95,6 +96,17 @@ def test_columns_of_a_matlab_matrix_are_called_by_its_name(tmp_path):
     options = ImportOptions(columns=called, units={"time": "s", "displacement": "mm", "force": "kip"})
     (channel,) = import_file(tmp_path / "press.mat", options).channels
     np.testing.assert_allclose(channel.effort, 4448.2216 * FORCE_N, rtol=1e-6)
+
+
+def test_cells_and_rows_of_a_matlab_file_are_columns_too(tmp_path):
+    rows_of = np.stack([1e3 * WAY_M, FORCE_N])
+    cells = np.empty(len(TIME_S), dtype=object)
+    cells[:] = list(rows_of.T)
+    savemat(tmp_path / "arm.mat", {"time_s": TIME_S, "recorded": rows_of, "cells": cells})
+    table = read_table(tmp_path / "arm.mat")
+    assert table.names == ("time_s", "recorded 1", "recorded 2", "cells 1", "cells 2")
+    np.testing.assert_allclose(table.numbers("cells 2"), FORCE_N)
+    np.testing.assert_allclose(table.numbers("recorded 2"), FORCE_N)
 
 
 @pytest.mark.parametrize(("gap_s", "runs"), [(0.0, 1), (5.0, 2)])
