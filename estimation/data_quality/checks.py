@@ -68,7 +68,7 @@ def usable(data: ChannelData) -> BoolArray:
     """
     if len(data) == 0:
         return np.ones(0, dtype=np.bool_)
-    good = ~_glitches(data)
+    good = ~_glitches(data.effort, data.run)
     if np.mean(~good) > _MOST_GLITCHES:
         good = np.ones(len(data), dtype=np.bool_)
     return good & ~np.isin(data.run, list(copied_runs(data))) & ~at_lower_end(data) & ~folded_in_contact(data)
@@ -157,16 +157,7 @@ def _warnings(data: ChannelData, model: Model | None) -> Iterator[tuple[str, str
         return
     if copies := copied_runs(data):
         yield "enough", copied(copies)
-    glitches = _glitches(data)
-    if glitches.any() and np.mean(glitches) <= _MOST_GLITCHES:
-        size, others = np.abs(data.effort), data.effort[~glitches]
-        # A sensor that starts from zero, or drops to it, is nothing to report.
-        beyond = glitches & (size > np.abs(others).max() + np.ptp(others))
-        if beyond.any():
-            yield (
-                "enough",
-                f"{_far_off(data, 'effort', beyond)}; diagnosis and comparison exclude such readings",
-            )
+    yield from _isolated(data)
     for kind, warning in (("readings", folded(data)), ("saturation", stuck_in_air(data))):
         if warning:
             yield kind, warning
@@ -190,9 +181,9 @@ def _distance(signal: FloatArray, run: IntArray) -> tuple[FloatArray, float]:
     return np.abs(signal - smooth), float(np.ptp(smooth))
 
 
-def _glitches(data: ChannelData) -> BoolArray:
-    """Select single readings of the effort (n,) that are far off both neighbors."""
-    off, extent = _distance(data.effort, data.run)
+def _glitches(signal: FloatArray, run: IntArray) -> BoolArray:
+    """Select single readings of a signal (n,) that are far off both neighbors."""
+    off, extent = _distance(signal, run)
     usual = float(np.median(off[off > 0.0])) if (off > 0.0).any() else 0.0
     return np.asarray(off > max(_GLITCH * usual, _SPIKE * extent))
 
@@ -219,6 +210,24 @@ def _far_off(data: ChannelData, what: str, rows: BoolArray) -> str:
     count = f"1 reading of the {what} stands" if number == 1 else f"{number} readings of the {what} stand"
     example = f"{signal[first]:.6g} {unit} at {data.time_s[first]:.6g} s"
     return f"{count} far off {'its' if number == 1 else 'their'} neighbors, such as {example}"
+
+
+def _isolated(data: ChannelData) -> Iterator[tuple[str, str]]:
+    """Warn of readings far off both neighbors: of many, which are judged, and of huge ones, left out."""
+    for what, signal in (("position", data.position), ("effort", data.effort)):
+        far_off = _glitches(signal, data.run)
+        if np.mean(far_off) > _MOST_GLITCHES:
+            yield "readings", f"{_far_off(data, what, far_off)}; if they are lost readings, remove such rows"
+    glitches = _glitches(data.effort, data.run)
+    if glitches.any() and np.mean(glitches) <= _MOST_GLITCHES:
+        size, others = np.abs(data.effort), data.effort[~glitches]
+        # A sensor that starts from zero, or drops to it, is nothing to report.
+        beyond = glitches & (size > np.abs(others).max() + np.ptp(others))
+        if beyond.any():
+            yield (
+                "enough",
+                f"{_far_off(data, 'effort', beyond)}; diagnosis and comparison exclude such readings",
+            )
 
 
 def _size(data: ChannelData) -> str | None:

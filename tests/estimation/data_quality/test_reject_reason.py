@@ -147,6 +147,9 @@ IMPLAUSIBLE = {  # what is said of it, and how often
     "1 reading of the effort stands far off its neighbors, such as 500 N at 0.2 s; diagnosis": lambda: (
         replace(DATA, effort=np.where(COUNT == 100, 500.0, F))
     ),
+    "readings of the effort stand far off their neighbors, such as 0 N at": lambda: replace(
+        DATA, effort=np.where((COUNT % 30 == 7) & DATA.engaged, 0.0, F)
+    ),
     "run 6 is a copy of run 0: 100 % of its noise": lambda: joined(DATA, DATA.of_runs(DATA.runs[:1])),
 }
 
