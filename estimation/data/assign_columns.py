@@ -362,7 +362,7 @@ def with_one_rate(
     every = np.logical_and.reduce([there[name] for name in some])
     said = f"'{slowest}' has a value in {100.0 * some[slowest]:.2g} % of the rows"
     if np.sum(every) >= max(_SHARED * np.sum(there[slowest]), 1.0):
-        return table.select(every), f"{said}: the rows that have them all are taken"
+        return table.select(every), f"{said}; only complete rows are used"
     if not there[slowest].any():
         raise InputError(
             f"{table.path}: column '{slowest}' is empty; name another one with --column; if it holds "

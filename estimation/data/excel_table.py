@@ -63,7 +63,7 @@ def read_excel_table(path: Path, selected: str = "") -> FileColumns:
     # Refuse what only has a workbook's name: machines write text that is called .xls.
     with path.open("rb") as file:
         if not file.read(8).startswith(_BEGINNINGS):
-            raise InputError(f"{path}: is no Excel workbook; if it is text, let its name end in .csv")
+            raise InputError(f"{path}: is not an Excel workbook; if it is a text file, rename it to .csv")
     if zipfile.is_zipfile(path):  # long sheets take much memory, and so do few cells that are far apart
         with zipfile.ZipFile(path) as archive:
             check_size(path, sum(entry.file_size for entry in archive.infolist()))

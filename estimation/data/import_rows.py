@@ -95,8 +95,9 @@ def arrange_rows(columns: Columns, *, fresh: bool = False, count: int | None = N
     _check_times(columns, rows)
     runs, counts = np.unique(rows.run, return_counts=True)
     if counts.min() < _FEWEST:
+        rows_in = "1 row" if counts.min() == 1 else f"{counts.min()} rows"
         raise InputError(
-            f"{table.path}: run '{labels[int(runs[np.argmin(counts)])]}' has {counts.min()} rows, at least "
+            f"{table.path}: run '{labels[int(runs[np.argmin(counts)])]}' has {rows_in}, at least "
             f"{_FEWEST} are needed; leave it out with --where, or check the column that names the runs"
         )
     return replace(rows, time_s=time_in_run(time_s, rows.run)) if fresh else rows

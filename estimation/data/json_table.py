@@ -37,7 +37,7 @@ def read_json(path: Path) -> FileColumns:
         try:
             content = [json.loads(line) for line in text.splitlines() if line.strip()]
         except ValueError:
-            raise InputError(f"{path}: is no JSON: {error}") from error
+            raise InputError(f"{path}: is not valid JSON: {error}") from error
     tables = list(_tables(content))
     if not tables:
         raise InputError(

@@ -82,7 +82,7 @@ class Table:
             name: of the column.
 
         Raises:
-            InputError: there is no such column, or a value is missing or no finite number.
+            InputError: there is no such column, or a value is missing or not a finite number.
         """
         if name not in self._numbers:
             column = self._column(name)

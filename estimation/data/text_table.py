@@ -366,7 +366,7 @@ def as_utf8(content: bytes, path: Path) -> tuple[bytes, str]:
 
 def _no_text(content: bytes, path: Path) -> InputError:
     formats = (words for begins, words in _OTHERS if content.startswith(begins))
-    return InputError(f"{path}: {next(formats, 'is no text; save it as CSV in UTF-8')}")
+    return InputError(f"{path}: {next(formats, 'is not a text file; save it as CSV in UTF-8')}")
 
 
 def _encoding(content: bytes) -> str:

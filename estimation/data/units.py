@@ -269,7 +269,7 @@ def fault_of(number: float) -> str:
     Args:
         number: that `useless_rows` found.
     """
-    return "too large a number" if np.isfinite(number) else "no finite number"
+    return "too large a number" if np.isfinite(number) else "not a finite number"
 
 
 def more_like_it(count: int) -> str:

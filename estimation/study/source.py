@@ -233,7 +233,7 @@ def _arrow(data: Any) -> pa.Table:  # noqa: ANN401
         try:
             return pa.table(data)
         except (pa.ArrowException, TypeError, ValueError, OverflowError) as error:
-            raise InputError(f"{IN_MEMORY}: is no table: {' '.join(str(error).split())[:200]}") from error
+            raise InputError(f"{IN_MEMORY}: is not a table: {' '.join(str(error).split())[:200]}") from error
     if names:
         return arrow_of({str(name): _plain(data[name]) for name in names}, Path(IN_MEMORY))
     raise InputError(

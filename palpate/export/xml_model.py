@@ -227,7 +227,9 @@ class _Mjcf:
             numbers = []
         if not numbers or not np.isfinite(numbers).all():
             called = "".join(f" '{element.get(key)}'" for key in ("name", "joint") if element.get(key))
-            raise InputError(f"{self._place}: <{element.tag}>{called} {name} {text[:40]!a}: no finite number")
+            raise InputError(
+                f"{self._place}: <{element.tag}>{called} {name} {text[:40]!a}: not a finite number"
+            )
         return numbers
 
     def _add_gap(self, element: Element, joint: TargetJoint, half: float) -> None:

@@ -54,7 +54,7 @@ def test_rows_that_nothing_names_are_called_by_their_places(tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("text", "words"), [("{", "is no JSON"), ('{"a": 1}', "holds no table"), ("[]", "no table")]
+    ("text", "words"), [("{", "is not valid JSON"), ('{"a": 1}', "holds no table"), ("[]", "no table")]
 )
 def test_what_holds_no_table_is_refused(tmp_path, text, words):
     path = tmp_path / "a.json"

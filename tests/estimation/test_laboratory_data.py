@@ -148,7 +148,7 @@ def test_as_many_presses_as_may_be_runs_are_runs(count, each):
         ),
         (
             {WAY: some(1e3 * presses()[1], 4)},
-            "'Travel .mm.' has a value in 25 % of the rows: the rows that",
+            "'Travel .mm.' has a value in 25 % of the rows; only complete rows",
         ),
         (
             {WAY: some(1e3 * presses()[1], 2), LOAD: some(presses()[2], 2, 1)},
@@ -336,7 +336,7 @@ def test_text_is_the_same_in_every_encoding(tmp_path, encoding):
         (b"PK\x03\x04\x14\0\0", "end in .xlsx"),
         (b"\x1f\x8b\x08\0\x81", "end in .gz"),
         (b"PAR1\x15\0\x81", "end in .parquet"),
-        (b"\0\x81\x82", "is no text; save it as CSV"),
+        (b"\0\x81\x82", "is not a text file; save it as CSV"),
     ],
 )
 def test_what_is_no_text_is_named(tmp_path, content, words):
@@ -378,7 +378,7 @@ def test_numbers_are_read_as_they_are_written(tmp_path, cells, delimiter, values
 def test_a_comma_that_parts_no_thousands_is_not_left_out(tmp_path):
     path = tmp_path / "numbers.txt"
     path.write_text("n [s]\tKraft [N]\n0\t1,234.5\n1\t2,345.5\n2\t3,456.5\n3\t4,5\n")
-    with pytest.raises(InputError, match=r"line 5, column .*'4,5' is no finite number"):
+    with pytest.raises(InputError, match=r"line 5, column .*'4,5' is not a finite number"):
         read_table(path).numbers("Kraft [N]")
 
 
@@ -455,7 +455,7 @@ def test_a_day_that_is_none_leaves_its_column_as_it_is(press):
 
 def test_a_cell_that_is_no_time_is_named_among_times(press):
     times = [f"0:{cell:07.4f}" for cell in presses()[0] % 60.0]
-    with pytest.raises(InputError, match=r"line 9, column 'Time .s.': '0:xx' is no finite number; remove"):
+    with pytest.raises(InputError, match=r"line 9, column 'Time .s.': '0:xx' is not a finite number; remove"):
         contact_of(press(**{TIME: [*times[:7], "0:xx", *times[8:]]}))
 
 

@@ -151,7 +151,7 @@ def test_a_header_is_the_same_with_blanks_behind_it(read, behind):
 
 
 def test_words_below_a_header_are_named_as_what_they_are(read):
-    with pytest.raises(InputError, match="line 2, column 'force_N': 'c' is no finite number"):
+    with pytest.raises(InputError, match="line 2, column 'force_N': 'c' is not a finite number"):
         read("time_s,displacement_m,force_N\na,b,c\n").numbers("force_N")
 
 

@@ -101,13 +101,13 @@ def test_a_column_of_another_form_is_named(name, width, dtype, words, tmp_path):
 @pytest.mark.parametrize(
     ("name", "value", "words"),
     [
-        ("joint_position_rad", np.nan, "nan is no finite number"),
+        ("joint_position_rad", np.nan, "nan is not a finite number"),
         ("force_n", 1e300, r"1e\+300 is too large a number"),
-        ("force_n", -np.inf, "-inf is no finite number"),
-        ("torque_measured_nm", np.inf, "inf is no finite number"),
-        ("press_direction_world", np.nan, "nan is no finite number"),
-        ("force_at_s", np.nan, "nan is no finite number"),
-        ("time_s", np.nan, "nan is no finite number"),
+        ("force_n", -np.inf, "-inf is not a finite number"),
+        ("torque_measured_nm", np.inf, "inf is not a finite number"),
+        ("press_direction_world", np.nan, "nan is not a finite number"),
+        ("force_at_s", np.nan, "nan is not a finite number"),
+        ("time_s", np.nan, "nan is not a finite number"),
     ],
 )
 def test_a_number_that_is_none_is_told_with_its_tick(name, value, words, tmp_path):
@@ -190,7 +190,7 @@ def imported(rows):
 @pytest.mark.parametrize(
     ("name", "value", "words"),
     [
-        ("force_n", np.nan, "nan is no finite number"),
+        ("force_n", np.nan, "nan is not a finite number"),
         ("displacement_m", 1e300, "too large"),
         ("run", None, "no column 'run'"),
         ("time_s", slice(None), "times must increase within a run"),
