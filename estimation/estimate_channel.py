@@ -27,7 +27,7 @@ _NOWHERE_M = 1e-9  # a difference that is none
 _MANY_STEPS = 1000.0  # from here on, rounding does less than 0.1 %
 _DRAWS = 16
 _SEED = 1
-UNPHYSICAL = "the model lacks something, or the sign of effort or motion is turned"  # why
+UNPHYSICAL = "the model lacks an effect, or the sign of effort or motion is reversed"  # why
 _ROUNDING = 1e-9  # share of the effort below which a gain is one of the last digits of the numbers
 
 

@@ -287,9 +287,9 @@ def _with_sides(
     notes = []
     if turned:
         keep = " ".join(f"--unit {key[0]}=1{assigned[key].unit}" for key in turned)
-        count, which, them = ("count", "both are", "them") if len(turned) > 1 else ("counts", "it is", "it")
+        are, signs = ("are", "their signs are") if len(turned) > 1 else ("is", "its sign is")
         names = " and ".join(map(repr, turned.values()))
-        notes = [f"{names} {count} compression negative: {which} turned; {keep} keeps {them}"]
+        notes = [f"{names} {are} negative in compression: {signs} reversed; {keep} prevents this"]
     if sides.zero_m and not kept:
         result[DISPLACEMENT] = replace(result[DISPLACEMENT], zero=sides.zero_m)
         notes.append(

@@ -137,7 +137,10 @@ def test_as_many_presses_as_may_be_runs_are_runs(count, each):
 @pytest.mark.parametrize(
     ("changed", "note"),
     [
-        ({LOAD: -presses()[2], WAY: -1e3 * presses()[1]}, "count compression negative: both are turned"),
+        (
+            {LOAD: -presses()[2], WAY: -1e3 * presses()[1]},
+            "are negative in compression: their signs are reversed",
+        ),
         (
             {WAY: None, "Position [mm]": 1e3 * presses()[1]},
             "go together as those of a press; if it is",

@@ -96,9 +96,9 @@ def test_an_element_that_pulls_is_stored_as_one(tmp_path):
     ("way", "force", "said"),
     [
         (1.0, 1.0, ""),
-        (-1.0, -1.0, "count compression negative: both are turned"),
-        (1.0, -1.0, "counts compression negative: it is turned; --unit force=1N keeps it"),
-        (-1.0, 1.0, "counts compression negative: it is turned; --unit displacement=1m keeps it"),
+        (-1.0, -1.0, "are negative in compression: their signs are reversed"),
+        (1.0, -1.0, "is negative in compression: its sign is reversed; --unit force=1N prevents"),
+        (-1.0, 1.0, "is negative in compression: its sign is reversed; --unit displacement=1m prevents"),
     ],
 )
 def test_a_press_is_turned_so_that_compression_is_positive(names, way, force, said):

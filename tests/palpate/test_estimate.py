@@ -89,9 +89,9 @@ def test_nothing_is_said_against_a_model_that_fits(probed, tmp_path):
 def test_a_force_with_the_wrong_sign_is_pointed_out_by_every_estimator(tmp_path):
     file = contact_csv(tmp_path / "mine.csv", force_scale=-1.0)
     kept = run("estimate", file, "--estimator", "lsq", "--unit", "force=1N", "--unit", "displacement=1m")
-    assert "the sign of effort or motion is turned" in " ".join(kept.stdout.split())
+    assert "the sign of effort or motion is reversed" in " ".join(kept.stdout.split())
     turned = run("estimate", file, "--estimator", "lsq")
-    assert "'force_N' counts compression negative: it is turned" in " ".join(turned.stderr.split())
+    assert "'force_N' is negative in compression: its sign is reversed" in " ".join(turned.stderr.split())
     assert "sign" not in turned.stdout
 
 
