@@ -153,7 +153,9 @@ def diagnose_channel(
             for single in [option for option in search.screen(end) if option.possible][:1]:
                 end, tests = accept_forms(search, kinds(), search.with_candidate(single), checks.measurement)
     objection, complete = checks.objection(end), checks.in_every_respect(end)
-    if not complete and end is search.start and (reason := _below_a_step(end)):
+    names = search.added_effects(end)
+    is_doubtful = "quantisation" not in names if names else not complete
+    if is_doubtful and (reason := _below_a_step(search.start)):
         return insufficient_diagnosis(data, reason)
     of_kinds = (None, None) if complete else (kinds(), coarse_kinds())
     return decide_verdict(Evidence(search, checks.measurement, end, complete, objection, tests, *of_kinds))

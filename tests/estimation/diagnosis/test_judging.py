@@ -87,7 +87,9 @@ FLOW = {  # what is true of a channel: what is answered
     "runs and more": ({"found": "a", "varied": "a+runs", "objected": ("a+runs",)}, ("a", True, None)),
     "something is left": ({"found": "a", "complete": False}, ("a", False, None)),
     "something is left that may be rounding": ({"complete": False, "step": "coarse"}, "coarse"),
-    "the same, beside an effect": ({"found": "a", "complete": False, "step": "coarse"}, ("a", False, None)),
+    "the same, beside an effect": ({"found": "a", "complete": False, "step": "coarse"}, "coarse"),
+    "an effect that may be rounding": ({"found": "a", "step": "coarse"}, "coarse"),
+    "the rounding itself": ({"found": "quantisation", "step": "coarse"}, ("quantisation", True, None)),
     "the same, and nothing is left": ({"step": "coarse"}, ("base", True, None)),
     "the best forms leave less": ({"found": "b", "forms": "a", "complete": False}, ("a", False, None)),
     "they leave more": ({"found": "a", "forms": "b", "complete": False}, ("a", False, None)),
@@ -129,6 +131,7 @@ def test_a_channel_is_searched_varied_reduced_and_answered(name, monkeypatch):
 
     search = SimpleNamespace(start=base, coarse=None, fitted=fitted, is_better=lambda one, other: one < other)
     search.screen = lambda one: [SimpleNamespace(possible=True)] if "single" in given else []
+    search.added_effects = lambda one: [] if one == "base" else [str(one)]
     search.with_candidate = lambda option: _Named(given["single"])
     rough = given.get("forms", "base")
 
