@@ -13,6 +13,7 @@ from palpate.common import console
 from palpate.common.console import count, safe, shown, significant
 from palpate.common.options import SchedulerOption, WorkersOption, effect_names, model_names, takes
 from palpate.render.view import NOISE
+from palpate.robot_io.errors import InputError
 from palpate.workflows.data_options import EffectOption, JsonOption, ReadOptions
 
 if TYPE_CHECKING:
@@ -104,7 +105,8 @@ def batch_command(
     """Estimate and compare many measurements, with --diagnose also say what is missing; one table, one page.
 
     Each file is a measurement; --join makes one of several files, --split several of one. A file that cannot
-    be read is a row with its reason. After an interruption, the same command continues.
+    be read is a row with its reason; exit code 2 if no file can be read. After an interruption, the same
+    command continues.
 
     palpate batch recordings --out result
 
@@ -151,6 +153,12 @@ def batch_command(
             "the same command continues from there"
         )
         raise
+    if len(result.errors) == result.measurements:
+        name, reason = next(iter(result.errors.items()))
+        reason = reason if name in reason else f"{name}: {reason}"
+        many = "" if result.measurements == 1 else f"none of {result.measurements} measurements is readable; "
+        others = "" if result.measurements == 1 else f" (all reasons: {result.folder / 'table.csv'})"
+        raise InputError(f"{many}{reason}{others}")
 
     def show() -> None:
         to, table = console.stdout(), result.table

@@ -213,7 +213,8 @@ def sweep_progress() -> Iterator[Callable[[int, int], None]]:
         nonlocal before
         if before is None:  # a refused run then leaves only its error on stderr
             before = done
-            progress.start()
+            if progress.console.is_terminal:  # elsewhere it would leave an empty line
+                progress.start()
         words = "getting ready"
         if done > before:
             each_s = (time.monotonic() - begun_s) / (done - before)
@@ -223,5 +224,5 @@ def sweep_progress() -> Iterator[Callable[[int, int], None]]:
     try:
         yield show
     finally:
-        if before is not None:
+        if progress.live.is_started:
             progress.stop()

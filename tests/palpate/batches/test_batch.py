@@ -115,8 +115,14 @@ def test_a_file_that_cannot_be_read_is_a_row_with_its_reason_and_may_be_tried_ag
     out = tmp_path / "out"
     nameless = tmp_path / "nameless.csv"
     nameless.write_text("a,b\n1,2\n")
-    said = as_json("batch", nameless, specimens / "broken.csv", "--out", tmp_path / "bad", "--workers", 1)
-    assert "--column force_N=COLUMN" in said["errors"]["nameless.csv"]  # as on a command line
+    bad = tmp_path / "bad"
+    refused = run("batch", nameless, specimens / "broken.csv", "--out", bad, "--workers", 1, "--json")
+    assert_refused(refused, "none of 2 measurements is readable", "nameless.csv", "table.csv")
+    reasons = {row["measurement"]: row["error"] for row in rows(bad)}
+    assert "--column force_N=COLUMN" in reasons["nameless.csv"]  # as on a command line
+    assert "broken.csv" in reasons["broken.csv"]
+    refused = run("batch", nameless, "--out", tmp_path / "alone", "--workers", 1)
+    assert_refused(refused, "nameless.csv", "--column force_N=COLUMN")
     files = (specimens / "broken.csv", specimens / "s0_soft.csv")
     said = as_json("batch", *files, "--out", out, "--workers", 1)
     assert (said["measurements"], said["finished"]) == (2, 2)
