@@ -9,6 +9,7 @@ already is not made again. Pictures are drawn from the answers.
 """
 
 import json
+import re
 import sys
 from argparse import ArgumentParser, Namespace, RawDescriptionHelpFormatter
 from collections.abc import Iterator
@@ -30,6 +31,7 @@ from palpate.render.diagnosis import budget_picture, budget_view, diagnosed
 
 PAGE = Path(__file__).parent / "reference" / "recordings.md"
 PICTURES = Path(__file__).parent / "pictures" / "recordings"
+_PLACE = re.compile(r"^palpate: |/\S*/(?:raw/)?(?=\d+ )")  # in a message, where the file lies
 WIDTH = 900  # of a picture [px]
 INK = "#768390"  # reads on light and on dark
 INTRODUCTION = """# Recordings
@@ -134,7 +136,7 @@ def _entry_of_recipe(recipe: dict[str, Any], content: dict[str, Any]) -> Entry:
         expected=[f"{kinds}. {expected['why']}"],
         split=split_of(recipe).replace("_", " ").replace("develop", "developed on"),
         channels=[ChannelDiagnosis.model_validate(one) for one in content.get("channels", [])],
-        refused=content.get("refused", content.get("stopped", "")),
+        refused=_PLACE.sub("", content.get("refused", content.get("stopped", ""))),
     )
 
 
