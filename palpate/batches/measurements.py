@@ -85,12 +85,15 @@ def find_measurements(
         InputError: there is nothing to measure, or an argument does not fit the files.
     """
     listed: dict[Path, dict[str, str]] = {}
+    episodes: set[Path] = set()
     for place in map(str, places):
         path = Path(place)
         if _is_list(path):
             listed |= {path.parent / line.pop(FILE): line for line in _lines(path)}
         else:
-            listed |= {file: {} for file in _files(place)}
+            files = _files(place)
+            listed |= {file: {} for file in files}
+            episodes.update(files if _is_data_set(path) else ())
     if not listed:
         raise InputError(f"{', '.join(map(str, places)) or 'no file'}: there is nothing to measure")
     if pattern is not None:
@@ -106,11 +109,12 @@ def find_measurements(
         raise InputError(f"--join {join} and --split {split}: give one of them")
     if join is not None:
         return _joined(listed, join)
-    names = _short_names(listed)
-    if split is not None:
-        named = zip(names, listed.items(), strict=True)
-        return [part for name, (file, fields) in named for part in _parts(name, file, fields, split)]
-    return [BatchMeasurement(name, (file,), listed[file]) for file, name in zip(listed, names, strict=True)]
+    named = zip(_short_names(listed), listed.items(), strict=True)
+    return [
+        part
+        for name, (file, fields) in named
+        for part in _parts(name, file, fields, split, by_run=file in episodes)
+    ]
 
 
 def case_of(measurement: BatchMeasurement, options: Mapping[str, Any]) -> MeasurementCase:
@@ -147,8 +151,7 @@ def _files(place: str) -> list[Path]:
     """The measurements of a folder, of a pattern, or one file."""
     path = Path(place)
     if path.is_dir() and not is_bag(path):
-        lerobot = (path / "meta" / "info.json").is_file()
-        there = path.glob("data/**/*.parquet") if lerobot else path.iterdir()
+        there = path.glob("data/**/*.parquet") if _is_data_set(path) else path.iterdir()
         files = [
             file
             for file in there
@@ -168,6 +171,11 @@ def _files(place: str) -> list[Path]:
         if not files:
             raise InputError(f"{place}: no file has such a name")
     return sorted(files, key=counted)
+
+
+def _is_data_set(folder: Path) -> bool:
+    """Whether a folder is a data set of LeRobot, whose files hold one or several episodes."""
+    return (folder / "meta" / "info.json").is_file()
 
 
 def _is_list(path: Path) -> bool:
@@ -258,17 +266,25 @@ def _joined(listed: Mapping[Path, dict[str, str]], join: str) -> list[BatchMeasu
     ]
 
 
-def _parts(name: str, file: Path, fields: Mapping[str, str], split: str) -> list[BatchMeasurement]:
-    """One measurement for each text in a column of a file; the file alone where it cannot be read."""
+def _parts(
+    name: str, file: Path, fields: Mapping[str, str], split: str | None, *, by_run: bool
+) -> list[BatchMeasurement]:
+    """One measurement for each text in a column of a file; the file alone if it is whole or unreadable."""
+    whole = [BatchMeasurement(name, (file,), fields)]
+    if split is None and not by_run:
+        return whole
+    column = split or "run"
     try:
         table = read_table(file)
-        texts = _texts(table.columns[split]) if split in table.names else None
+        texts = _texts(table.columns[column]) if column in table.names else None
     except InputError:  # its row in the table says why
-        return [BatchMeasurement(name, (file,), fields)]
+        return whole
+    if texts is None and split is None:
+        return whole
     if texts is None:
         raise InputError(f"--split {split}: {file} has no such column. There are: {table.listed_names}")
     return [
-        BatchMeasurement(f"{name} {split}={text}", (file,), {**fields, split: text}, {split: text})
+        BatchMeasurement(f"{name} {column}={text}", (file,), {**fields, column: text}, {column: text})
         for text in texts
     ]
 

@@ -9,6 +9,7 @@ import sys
 import time
 
 import numpy as np
+import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
 
@@ -191,6 +192,45 @@ def test_files_are_joined_split_listed_and_described(tmp_path, specimens):
     sheet.write_text("specimen,animal\ns0,pig\ns1,cow\ns2,cow\n")
     described = find_measurements(files, pattern="{specimen}_{treatment}.csv", metadata=sheet)
     assert {each.fields["animal"] for each in described if each.fields["specimen"] == "s1"} == {"cow"}
+
+
+def write_lerobot(folder, torques_Nm):
+    """A data set of one joint: one file, and in it an episode for each Coulomb torque, in degrees and N m."""
+    (folder / "data" / "chunk-000").mkdir(parents=True)
+    (folder / "meta").mkdir()
+    (folder / "meta" / "info.json").write_text("{}")
+    rng, t = np.random.default_rng(5), np.arange(0.0, 30.0, 0.01)
+    parts = []
+    for episode, coulomb in enumerate(torques_Nm):
+        q = 0.6 * np.sin(1.1 * t) + 0.3 * np.sin(2.9 * t + 1.0)
+        v = 0.66 * np.cos(1.1 * t) + 0.87 * np.cos(2.9 * t + 1.0)
+        a = -0.726 * np.sin(1.1 * t) - 2.523 * np.sin(2.9 * t + 1.0)
+        torque = 0.05 * a + 0.1 * v + coulomb * np.tanh(v / 0.01) + 0.01 * rng.standard_normal(len(t))
+        parts.append(
+            pa.table(
+                {
+                    "timestamp": t.astype(np.float32),
+                    "episode_index": np.full(len(t), episode),
+                    "observation.state": pa.array(np.degrees(q)[:, None].tolist()),
+                    "observation.effort": pa.array(torque[:, None].tolist()),
+                }
+            )
+        )
+    pq.write_table(pa.concat_tables(parts), folder / "data" / "chunk-000" / "file-000.parquet")
+    return folder
+
+
+def test_each_episode_of_a_lerobot_data_set_is_a_measurement(tmp_path):
+    torques = (0.2, 0.4, 0.3)
+    folder = write_lerobot(tmp_path / "set", torques)
+    names = [f"file-000.parquet run={episode}" for episode in range(3)]
+    assert [each.name for each in find_measurements([folder])] == names
+    (file,) = folder.glob("data/**/*.parquet")
+    assert [each.name for each in find_measurements([file])] == ["file-000.parquet"]  # a file is one
+    units = ("--unit", "position=deg", "--unit", "torque=Nm")
+    done("batch", folder, *units, "--add", "coulomb_friction", "--out", tmp_path / "out", "--workers", 1)
+    told = {row["run"]: float(row["coulomb_friction.force [N m]"]) for row in rows(tmp_path / "out")}
+    assert told == {str(episode): pytest.approx(torque, rel=0.01) for episode, torque in enumerate(torques)}
 
 
 def test_names_tell_files_of_one_name_apart_and_a_file_of_any_bytes_is_no_list(tmp_path):
