@@ -65,6 +65,7 @@ def write_page(batch: BatchResult) -> None:
         _common(batch),
         _distributions(batch),
         _pooled(batch),
+        _shared(batch),
         _differences(batch),
         _outliers(batch),
         _errors(batch),
@@ -280,6 +281,28 @@ def _pooled(batch: BatchResult) -> PageSection:
         "mean as far as its standard error exceeds the spread.",
     )
     return PageSection("Pooled model, and how much measurements differ", columns, lines, words=words)
+
+
+def _shared(batch: BatchResult) -> PageSection:
+    columns = ("parameter", "group", "channels", "estimates", "shared value", "95 % interval", "unit", "p")
+    lines = [
+        (
+            entry.parameter,
+            entry.group,
+            ", ".join(entry.channels),
+            entry.count,
+            "contradicted" if entry.contradicted else significant(entry.value, entry.std_err),
+            range_text(entry.interval, entry.std_err),
+            entry.unit,
+            f"{entry.p_corrected:.2g}",
+        )
+        for entry in batch.shared
+    ]
+    words = (
+        "p: chance of estimates as unlike as these if they share one value (Cochran's Q, corrected by Holm). "
+        "Below 0.01 they contradict it, and no shared value is given.",
+    )
+    return PageSection("Shared by all channels of a group", columns, lines, words=words)
 
 
 def _differences(batch: BatchResult) -> PageSection:

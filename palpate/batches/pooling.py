@@ -10,11 +10,14 @@ from typing import Any
 
 import numpy as np
 import pyarrow as pa
+from scipy.stats import chi2
 from scipy.stats import t as student_t
 
 from palpate.batches.common_effects import CommonEffect
 from palpate.batches.statistics import RandomEffects, holm, random_effects, shrunk
 from palpate.batches.table import ParameterColumn, texts
+from palpate.estimation.fit.intervals import SIGMAS_95
+from palpate.robot_io.errors import InputError
 from palpate.robot_io.types import FloatArray
 
 PAGE = "index.html"
@@ -23,6 +26,7 @@ OUTLYING = (
 )
 _MAD_SIGMAS = 1.4826  # standard deviation of a normal distribution over its median absolute deviation
 _LEAST_FOR_OUTLIERS = 5
+_CONTRADICTED = 0.01  # chance of refusing to share parameters that are the same
 
 
 @dataclass(frozen=True)
@@ -51,6 +55,22 @@ class GroupDifference:
 
 
 @dataclass(frozen=True)
+class SharedParameter:
+    """One value of a parameter for all channels and measurements of a group, unless they contradict it."""
+
+    parameter: str
+    unit: str
+    group: str
+    channels: tuple[str, ...]  # that share it
+    count: int  # estimates, one for each channel of each measurement
+    value: float  # NaN where the estimates contradict it, as are the next two
+    std_err: float
+    interval: tuple[float, float]  # 95 %
+    p_corrected: float  # of estimates as unlike as these if they share it; by Holm over all shared parameters
+    contradicted: bool
+
+
+@dataclass(frozen=True)
 class Outlier:
     """A measurement with a parameter far from those of its group."""
 
@@ -73,6 +93,7 @@ class BatchResult:
     differences: tuple[GroupDifference, ...]  # between each two groups
     outliers: tuple[Outlier, ...]  # measurements with a parameter far from the others
     common_effects: tuple[CommonEffect, ...] = ()  # missing in all measurements together, if that was asked
+    shared: tuple[SharedParameter, ...] = ()  # by all channels of a group, if that was asked
 
     @property
     def page(self) -> Path:
@@ -97,6 +118,7 @@ class BatchResult:
             "pooled": [asdict(entry) for entry in self.pooled],
             "differences": [asdict(entry) for entry in self.differences],
             "common_effects": [asdict(entry) for entry in self.common_effects],
+            "shared": [asdict(entry) for entry in self.shared],
             "outliers": [
                 {"measurement": self.table["measurement"][entry.row].as_py()} | asdict(entry)
                 for entry in self.outliers
@@ -119,6 +141,53 @@ def pool(column: ParameterColumn, groups: Sequence[str]) -> tuple[list[PooledPar
         pooled.append(PooledParameter(column.channel, column.name, column.unit, group, effects))
         drawn[mask] = shrunk(column.values[mask], column.std_errs[mask], effects)
     return pooled, drawn
+
+
+def shared_parameters(
+    columns: Sequence[ParameterColumn], groups: Sequence[str], effects: Sequence[str]
+) -> list[SharedParameter]:
+    """Give each parameter of an effect one value in all channels of a group, where estimates agree.
+
+    The value is the mean weighted by inverse variances; Cochran's Q (Biometrics 10 (1954) 101) tests
+    whether the estimates differ by more than their standard errors.
+
+    Args:
+        columns: parameters of the table.
+        groups: group of each row of the table.
+        effects: whose parameters are shared, such as "coulomb_friction".
+
+    Raises:
+        InputError: no two estimates have a parameter of an effect.
+    """
+    estimates: dict[tuple[str, str, str], list[tuple[str, float, float]]] = {}
+    for column in columns:
+        if column.name.partition(".")[0] in effects:
+            for row, value, std_err in zip(column.rows, column.values, column.std_errs, strict=True):
+                if std_err > 0.0:
+                    key = column.name, column.unit, groups[row]
+                    estimates.setdefault(key, []).append((column.channel, float(value), float(std_err)))
+    estimates = {key: entries for key, entries in estimates.items() if len(entries) > 1}
+    for effect in effects:
+        if not any(name.partition(".")[0] == effect for name, _, _ in estimates):
+            there = ", ".join(dict.fromkeys(column.name.partition(".")[0] for column in columns)) or "none"
+            raise InputError(f"--share {effect}: fewer than two estimates in each group. There are: {there}")
+    made = []
+    for key, entries in estimates.items():
+        values, weights = np.array([entry[1:] for entry in entries]).T
+        weights = weights**-2.0
+        mean, std_err = float(weights @ values / weights.sum()), float(weights.sum() ** -0.5)
+        p_value = float(chi2.sf(weights @ (values - mean) ** 2, len(entries) - 1))
+        channels = tuple(dict.fromkeys(entry[0] for entry in entries))
+        made.append((key, channels, len(entries), mean, std_err, p_value))
+    shared = []
+    for (key, channels, number, mean, std_err, _), p in zip(
+        made, holm([entry[-1] for entry in made]), strict=True
+    ):
+        contradicted = p < _CONTRADICTED
+        value, error = (float("nan"), float("nan")) if contradicted else (mean, std_err)
+        interval = value - SIGMAS_95 * error, value + SIGMAS_95 * error
+        shared.append(SharedParameter(*key, channels, number, value, error, interval, p, contradicted))
+    return shared
 
 
 def group_differences(pooled: Sequence[PooledParameter]) -> list[GroupDifference]:

@@ -20,7 +20,15 @@ from palpate.batches.measurements import (
     find_measurements,
 )
 from palpate.batches.page import write_page
-from palpate.batches.pooling import BatchResult, Outlier, PooledParameter, group_differences, outliers, pool
+from palpate.batches.pooling import (
+    BatchResult,
+    Outlier,
+    PooledParameter,
+    group_differences,
+    outliers,
+    pool,
+    shared_parameters,
+)
 from palpate.batches.table import head, make_table, parameter_columns, texts, write_table
 from palpate.common.console import plain
 from palpate.common.files import existing_file, output_folder, write_text
@@ -52,6 +60,7 @@ def batch(
     join: str | None = None,
     split: str | None = None,
     group: str | None = None,
+    share: Sequence[str] = (),
     read: ImportOptions = NO_OPTIONS,
     urdf: Path | str | None = None,
     tip_frame: str | None = None,
@@ -75,6 +84,7 @@ def batch(
         join: field; files with the same text in it are one measurement.
         split: column of the data files; each text in it is a measurement.
         group: field by which measurements are compared.
+        share: effects whose parameters are the same in all channels and measurements of a group.
         read: how to read a data file.
         urdf: of the arm, for models that need it.
         tip_frame: the tip's frame in that.
@@ -130,10 +140,10 @@ def batch(
 
     common: tuple[CommonEffect, ...] = ()
 
-    def result() -> BatchResult:
+    def result(share: Sequence[str] = ()) -> BatchResult:
         table = make_table(measurements, addresses, store.table(filter(None, addresses)), failures, group)
         finished = len(set(texts(table, "measurement")))
-        return _write(folder, table, len(measurements), finished, common)
+        return _write(folder, table, len(measurements), finished, common=common, share=share)
 
     def screen(asked: dict[str, Any]) -> pa.Table:
         asked_cases = _cases(measurements, {**options, "screen": asked}, {}).values()
@@ -147,7 +157,7 @@ def batch(
     except (KeyboardInterrupt, SystemExit, PalpateError):
         result()
         raise
-    return result()
+    return result(share)
 
 
 def _run(
@@ -192,7 +202,13 @@ def _suggested_model(
 
 
 def _write(
-    folder: Path, table: pa.Table, measurements: int, finished: int, common: tuple[CommonEffect, ...]
+    folder: Path,
+    table: pa.Table,
+    measurements: int,
+    finished: int,
+    *,
+    common: tuple[CommonEffect, ...],
+    share: Sequence[str],
 ) -> BatchResult:
     """Pool all parameters, and write table, page and summary."""
     groups = texts(table, "group")
@@ -212,8 +228,9 @@ def _write(
             table = table.add_column(after, head(column.name, column.unit, "shrunk"), cells)
     write_table(folder, table)
     differences = tuple(group_differences(pooled))
+    shared = tuple(shared_parameters(columns, groups, share))
     made = BatchResult(
-        folder, table, measurements, finished, tuple(pooled), differences, tuple(outlying), common
+        folder, table, measurements, finished, tuple(pooled), differences, tuple(outlying), common, shared
     )
     write_text(folder / SUMMARY, json.dumps(plain(made.as_data()), indent=1, ensure_ascii=False) + "\n")
     write_page(made)

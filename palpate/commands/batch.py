@@ -19,7 +19,7 @@ from palpate.workflows.data_options import EffectOption, JsonOption, ReadOptions
 if TYPE_CHECKING:
     import pyarrow as pa
 
-    from palpate.batches.pooling import PooledParameter
+    from palpate.batches.pooling import BatchResult, PooledParameter, SharedParameter
 
 _MOST_SHOWN = 8  # errors, outliers and parameters in the terminal; the page has all
 
@@ -95,6 +95,14 @@ def batch_command(
     group: Annotated[
         str | None, typer.Option(help="Field by which measurements are compared.", metavar="FIELD")
     ] = None,
+    share: Annotated[
+        list[str] | None,
+        typer.Option(
+            help="Effect whose parameters are the same in all channels of a group; may be repeated.",
+            metavar="EFFECT",
+            autocompletion=effect_names,
+        ),
+    ] = None,
     workers: WorkersOption = None,
     scheduler: SchedulerOption = None,
     retry: Annotated[
@@ -138,6 +146,7 @@ def batch_command(
                 join=join,
                 split=split,
                 group=group,
+                share=share or (),
                 read=data.options,
                 urdf=data.urdf,
                 tip_frame=data.tip_frame,
@@ -154,11 +163,7 @@ def batch_command(
         )
         raise
     if len(result.errors) == result.measurements:
-        name, reason = next(iter(result.errors.items()))
-        reason = reason if name in reason else f"{name}: {reason}"
-        many = "" if result.measurements == 1 else f"none of {result.measurements} measurements is readable; "
-        others = "" if result.measurements == 1 else f" (all reasons: {result.folder / 'table.csv'})"
-        raise InputError(f"{many}{reason}{others}")
+        raise InputError(_unreadable(result))
 
     def show() -> None:
         to, table = console.stdout(), result.table
@@ -179,6 +184,8 @@ def batch_command(
             to.print(f"  [bold]{safe(words)}[/bold]")
         for entry in result.pooled[:_MOST_SHOWN]:
             to.print(f"  {safe(_mean(entry))}")
+        for shared in result.shared:
+            to.print(f"  {_shared(shared)}")
         for difference in result.differences:
             if difference.p_corrected < 0.05:
                 first, second = difference.groups
@@ -191,6 +198,28 @@ def batch_command(
         to.print(f"page  [bold]{shown(result.page)}[/bold]")
 
     console.present(result.as_data(), show, as_json=as_json)
+
+
+def _unreadable(result: "BatchResult") -> str:
+    """Say that no measurement is readable, with the first reason."""
+    name, reason = next(iter(result.errors.items()))
+    reason = reason if name in reason else f"{name}: {reason}"
+    if result.measurements == 1:
+        return reason
+    table = result.folder / "table.csv"
+    return f"none of {result.measurements} measurements is readable; {reason} (all reasons: {table})"
+
+
+def _shared(entry: "SharedParameter") -> str:
+    """Shared value with the half width of its 95 % interval, or that the estimates contradict it."""
+    group = "" if entry.group == "all" else f"{entry.group} "
+    where = f"{group}{entry.parameter} in {count(entry.count, 'estimate')}"
+    if entry.contradicted:
+        p = f"(corrected p {entry.p_corrected:.2g})"
+        return f"[yellow]{safe(where)} is not shared: they differ by more than their intervals[/yellow] {p}"
+    half = entry.interval[1] - entry.value
+    words = f"{significant(entry.value, half)} ± {significant(half, half)} {entry.unit} (95 %)"
+    return safe(f"{where}, shared: {words}")
 
 
 def _misfits(table: "pa.Table") -> Iterator[str]:

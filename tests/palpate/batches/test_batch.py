@@ -205,7 +205,12 @@ def write_lerobot(folder, torques_Nm):
         q = 0.6 * np.sin(1.1 * t) + 0.3 * np.sin(2.9 * t + 1.0)
         v = 0.66 * np.cos(1.1 * t) + 0.87 * np.cos(2.9 * t + 1.0)
         a = -0.726 * np.sin(1.1 * t) - 2.523 * np.sin(2.9 * t + 1.0)
-        torque = 0.05 * a + 0.1 * v + coulomb * np.tanh(v / 0.01) + 0.01 * rng.standard_normal(len(t))
+        torque = (
+            (0.05 + 0.01 * episode) * a
+            + 0.1 * v
+            + coulomb * np.tanh(v / 0.01)
+            + 0.01 * rng.standard_normal(len(t))
+        )
         parts.append(
             pa.table(
                 {
@@ -231,6 +236,25 @@ def test_each_episode_of_a_lerobot_data_set_is_a_measurement(tmp_path):
     done("batch", folder, *units, "--add", "coulomb_friction", "--out", tmp_path / "out", "--workers", 1)
     told = {row["run"]: float(row["coulomb_friction.force [N m]"]) for row in rows(tmp_path / "out")}
     assert told == {str(episode): pytest.approx(torque, rel=0.01) for episode, torque in enumerate(torques)}
+
+
+def test_a_law_is_shared_where_the_recordings_agree_and_refused_where_they_do_not(tmp_path):
+    units = ("--unit", "position=deg", "--unit", "torque=Nm", "--share", "coulomb_friction", "--workers", 1)
+    same = ("batch", write_lerobot(tmp_path / "same", (0.3,) * 5), "--model", "inertia", *units)
+    same = (*same, "--add", "coulomb_friction", "--out", tmp_path / "out")
+    (shared,) = (each for each in as_json(*same)["shared"] if each["parameter"] == "coulomb_friction.force")
+    alone = [float(row["coulomb_friction.force std_err [N m]"]) for row in rows(tmp_path / "out")]
+    assert not shared["contradicted"]
+    assert shared["count"] == 5
+    assert abs(shared["value"] - 0.3) < 4 * shared["std_err"]
+    assert shared["std_err"] == pytest.approx(np.mean(alone) / 5**0.5, rel=0.1)
+    unlike = write_lerobot(tmp_path / "unlike", (0.3, 0.3, 0.31))
+    options = (*units, "--model", "inertia", "--add", "coulomb_friction")
+    said = done("batch", unlike, *options, "--out", tmp_path / "no").stdout
+    assert "coulomb_friction.force in 3 estimates is not shared" in " ".join(said.split())
+    assert "contradicted" in (tmp_path / "no" / "index.html").read_text()
+    refused = run("batch", unlike, *options, "--share", "relaxation", "--out", tmp_path / "no")
+    assert_refused(refused, "--share relaxation", "There are:", "coulomb_friction")
 
 
 def test_names_tell_files_of_one_name_apart_and_a_file_of_any_bytes_is_no_list(tmp_path):

@@ -8,7 +8,7 @@ from scipy.stats import ttest_ind
 from statsmodels.stats.meta_analysis import combine_effects
 from statsmodels.stats.multitest import multipletests
 
-from palpate.batches.pooling import PooledParameter, group_differences, outliers
+from palpate.batches.pooling import PooledParameter, group_differences, outliers, shared_parameters
 from palpate.batches.statistics import holm, random_effects, shrunk
 from palpate.batches.table import ParameterColumn
 
@@ -92,3 +92,22 @@ def test_an_outlier_is_named_but_not_a_value_that_is_only_uncertain():
     (outlier,) = outliers(column(values, std_errs), ["all"] * 8)
     assert (outlier.row, outlier.value) == (6, 160.0)
     assert outliers(column(values[5:], std_errs[5:]), ["all"] * 3) == []
+
+
+def test_a_shared_value_is_within_its_interval_and_estimates_that_differ_contradict_it():
+    rng = np.random.default_rng(11)
+    held, refused, noticed = 0, 0, 0
+    for _ in range(400):
+        std_errs = rng.uniform(0.5, 2.0, 12)
+        values = 100.0 + std_errs * rng.standard_normal(12)
+        (same,) = shared_parameters([column(values, std_errs)], ["all"] * 12, ["stiffness"])
+        refused += same.contradicted
+        held += same.contradicted or same.interval[0] < 100.0 < same.interval[1]
+        (unlike,) = shared_parameters(
+            [column(values + 5.0 * (np.arange(12) < 6), std_errs)], ["all"] * 12, ["stiffness"]
+        )
+        noticed += unlike.contradicted
+        assert np.isnan(unlike.value) == unlike.contradicted
+    assert 0.92 < held / 400 < 0.98
+    assert refused <= 12  # 4 expected
+    assert noticed >= 390
