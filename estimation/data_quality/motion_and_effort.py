@@ -24,6 +24,7 @@ _SHIFTS_S = (-2.0, -1.0, -0.5, 0.5, 1.0, 2.0)  # as of clocks that were started 
 _JOINED, _APART = 0.9, 0.5  # correlations of depth and force: any spring's is above the one
 _FALLS = -0.5  # correlation of depth and force, below which one of them counts the other way
 _LEAST_EXPLAINED = 0.1  # share of a force's variance that depth and velocity explain, whatever the object is
+_SAME = 1e-9  # of the force's range: rounding of two columns that hold the same
 _SEVERAL = 2.0  # turns: with fewer, a spring and a weight may be told from each other by their shape alone
 _SLOWLY = 0.1  # of the effort's variance, a third of its amplitude, that goes slowly with the angle
 # Of what the motion leaves, that the sine in degrees leaves: what is hidden at ten times the noise stays,
@@ -171,13 +172,20 @@ def _of_air(data: ChannelData) -> tuple[float, float]:
 
 
 def unrelated(data: ChannelData) -> str | None:
-    """Say that a force has next to nothing to do with the motion; None if it has.
+    """Say that a force has next to nothing to do with the motion, or is the same column; None otherwise.
 
     Args:
         data: the channel.
     """
     if data.kind is not ChannelKind.CONTACT or not data.engaged.any():
         return None
+    pressed = data.select(data.engaged)
+    ratio = float(pressed.effort @ pressed.position) / (float(pressed.position @ pressed.position) or 1.0)
+    if np.max(np.abs(pressed.effort - ratio * pressed.position)) < _SAME * float(np.ptp(pressed.effort)):
+        return (
+            f"the force is {ratio:.6g} N/m times the displacement, number for number, which no sensor "
+            "reads; was one column taken for both? --column force=COLUMN takes another one"
+        )
     share = _share_explained(data)
     if share < _LEAST_EXPLAINED:
         return (

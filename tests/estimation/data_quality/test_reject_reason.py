@@ -140,6 +140,7 @@ IMPLAUSIBLE = {  # what is said of it, and how often
         DATA, effort=np.roll(F, 250)
     ),
     "the signal was rectified, and": lambda: replace(DATA, effort=np.abs(F)),
+    "was one column taken for both?": lambda: replace(DATA, effort=0.5 * DATA.position),
     "explain 0 % of the force; is it the right column?": lambda: replace(DATA, effort=shuffled_in_contact()),
     "a single run that goes through its motion once: changes": lambda: DATA.of_runs(DATA.runs[:1]),
     "cannot be separated; record at least three runs": lambda: one_recording(lambda t: t),
