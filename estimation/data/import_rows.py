@@ -70,7 +70,7 @@ def arrange_rows(columns: Columns, *, fresh: bool = False, count: int | None = N
             "no column holds a time: rows count as 1 s apart, so speeds, damping, inertia and relaxation "
             "times are not in seconds; if a column does, add --column time=COLUMN"
         )
-        note = "; ".join(filter(None, [note, no_time]))
+        note = _joined(note, no_time)
     same = np.abs(np.diff(time_s, prepend=-np.inf)) < FINEST_S
     same[1:] &= np.diff(run[order]) == 0
     if 0 < np.sum(same) < _MOST_REPEATED * len(order):
@@ -78,7 +78,7 @@ def arrange_rows(columns: Columns, *, fresh: bool = False, count: int | None = N
             f"{np.sum(same)} of {len(order)} rows left out: the time of the row before again, the first in "
             f"{table.row_word} {table.rows[order[np.argmax(same)]]}"
         )
-        note = "; ".join(filter(None, [note, repeated]))
+        note = _joined(note, repeated)
         order, time_s = order[~same], time_s[~same]
     counts = np.bincount(run[order]) if columns.run is None else np.array([_FEWEST])
     if counts.min() < _FEWEST <= counts.max():  # nobody named these runs, so nobody misses them
@@ -87,7 +87,7 @@ def arrange_rows(columns: Columns, *, fresh: bool = False, count: int | None = N
             f"{np.sum(short)} of {len(order)} rows left out: a run of fewer than {_FEWEST}, the first in "
             f"{table.row_word} {table.rows[order[np.argmax(short)]]}"
         )
-        note = "; ".join(filter(None, [note, few]))
+        note = _joined(note, few)
         order, time_s = order[~short], time_s[~short]
         labels = {number: labels[number] for number in np.unique(run[order]).tolist()}
     rows = Rows(order, time_s, run[order], _phases(table, columns.phase)[order], labels, note)
@@ -101,6 +101,11 @@ def arrange_rows(columns: Columns, *, fresh: bool = False, count: int | None = N
             f"{_FEWEST} are needed; leave it out with --where, or check the column that names the runs"
         )
     return replace(rows, time_s=time_in_run(time_s, rows.run)) if fresh else rows
+
+
+def _joined(*notes: str) -> str:
+    """Notes as one, without empty ones."""
+    return "; ".join(filter(None, notes))
 
 
 def _times(columns: Columns) -> FloatArray:
@@ -185,7 +190,7 @@ def _with_spread_times(columns: Columns, rows: Rows) -> Rows:
         f"'{name}' repeats its times: {spread} of {len(time_s)} rows are spread evenly up to the next one; "
         f"if it is not the time of each row, leave it out with --context {shlex.quote(name)}"
     )
-    return replace(rows, time_s=time_s, note="; ".join(filter(None, [rows.note, words])))
+    return replace(rows, time_s=time_s, note=_joined(rows.note, words))
 
 
 def _with_late_stamps_spread(columns: Columns, rows: Rows) -> Rows:
@@ -217,7 +222,7 @@ def _with_late_stamps_spread(columns: Columns, rows: Rows) -> Rows:
         f"'{columns.name(TIME)}' stamps {spread} of {len(time_s)} rows late, in bursts behind gaps: they are "
         "spread evenly over both"
     )
-    return replace(rows, time_s=time_s, note="; ".join(filter(None, [rows.note, words])))
+    return replace(rows, time_s=time_s, note=_joined(rows.note, words))
 
 
 def _phases(table: Table, column: str | None) -> IntArray:
