@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import re
 from collections.abc import Callable, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
@@ -336,6 +337,8 @@ def _read_json(path: Path) -> FileColumns:
 def _remedy(shown: str, *, whole: bool) -> str:
     if shown.count(",") == 1 and not np.isnan(number_of(shown.replace(",", "."))):
         return "write numbers with a decimal point, not a comma"
+    if whole and re.fullmatch(r"[+-]?[\d.,]+ ?[^\d\s]{1,6}", shown.strip()):
+        return "write the unit in the name of the column, and numbers alone below it"
     if whole:
         return "that column holds no numbers at all; name another one with --column"
     return "remove such rows, or choose others with --where"

@@ -5,6 +5,7 @@ from __future__ import annotations
 import codecs
 import gzip
 import math
+import re
 from collections.abc import Sequence
 from contextlib import suppress
 from dataclasses import replace
@@ -244,9 +245,16 @@ def _refused(content: bytes, path: Path) -> TextDialect:
     below = (line.decode(errors="replace") for line in rest if line.strip())
     if len(cells) == 1 and not any(math.isnan(number_of(cell)) for cell in below):
         raise InputError(f"{path}: holds one column, {_shown(header)}; a measurement needs time and two more")
+    first = next((line.decode(errors="replace") for line in rest if line.strip()), "")
+    with_unit = _WITH_UNIT.search(first)
+    remedy = (
+        f"write a unit in the name of its column, not behind numbers as in {with_unit[0]!r}"
+        if with_unit
+        else ("write the names in one line, and numbers below each of them")
+    )
     raise InputError(
         f"{path}: no line with the names of columns is followed by rows of numbers; it begins with "
-        f"{_shown(header)}; write the names in one line, and numbers below each of them"
+        f"{_shown(header)}; {remedy}"
     )
 
 
@@ -318,6 +326,7 @@ def _trimmed(content: bytes, table: TextTable, end: int, dialect: TextDialect) -
 
 _MARKS = ((codecs.BOM_UTF16_LE, "utf-16"), (codecs.BOM_UTF16_BE, "utf-16"))
 _ONE_STEP = 2.0  # steps of a clock from one part of a recording to the next, at most
+_WITH_UNIT = re.compile(r"(?<![\w.])[+-]?\d+(?:[.,]\d+)? ?[A-Za-zµ°%]{1,6}\b")  # a cell such as "0.5 mm"
 _FEW_ZEROS = 1e-3  # of the bytes of a text
 _CONTROLS = bytes(set(range(32)) - set(b"\t\n\r\f\x1a\x1b")) + b"\x7f\x81\x8d\x8f\x90\x9d"  # none in a text
 _LOOKED_AT = 1 << 16  # bytes

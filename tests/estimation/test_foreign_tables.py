@@ -435,3 +435,12 @@ def test_a_few_rows_before_a_clock_begins_anew_are_left_out(tmp_path):
     found = import_file(path)
     assert len(found.channels[0]) == 600
     assert any("2 of 602 rows left out: a run of fewer than 5, the first in line 2" in n for n in found.notes)
+
+
+@pytest.mark.parametrize("cells", ["{0:.2f} mm,{0:.1f} N", "{0:.2f},{0:.1f} N"])
+def test_units_behind_numbers_are_named_as_the_fault(tmp_path, cells):
+    path = tmp_path / "typed.csv"
+    rows = "".join(f"{0.01 * n:.2f},{cells.format(0.1 * n)}\n" for n in range(150))
+    path.write_text("Time [s],Way [mm],Load [N]\n" + rows)
+    with pytest.raises(InputError, match=r"write (a|the) unit in the name of (its|the) column"):
+        import_file(path)
