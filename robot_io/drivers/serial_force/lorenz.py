@@ -12,6 +12,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from enum import IntEnum
 from itertools import pairwise
+from math import nan
 from typing import Annotated
 
 from pydantic import AfterValidator, Field, field_validator
@@ -197,6 +198,11 @@ def decode_header_block(parameters: Sequence[int]) -> SensorHeader:
 
 
 _SYNC_SAMPLES = 5  # counters in a row before a stream is accepted
+_NEAR_COUNTS = 128  # half of a step of the high byte
+
+
+def _signed(high: int, low: int) -> int:
+    return int.from_bytes((high, low), "big", signed=True)
 
 
 class LorenzStream:
@@ -204,8 +210,9 @@ class LorenzStream:
 
     Only the counters tell where a sample begins and ends: it counts once the counter after it has come and
     goes on by one. Where that counter also stands within the sample, bytes may have been lost before it: the
-    sample is left out. After a gap the stream is accepted again once five counters in a row fit. A flipped
-    bit in a value does not show here.
+    sample is left out, unless it is near the last one and the force after such a loss would be far from it.
+    After a gap the stream is accepted again once five counters in a row fit. A flipped bit in a value does
+    not show here.
 
     Args:
         newtons_per_count: newtons in one count.
@@ -217,6 +224,7 @@ class LorenzStream:
         self._factor = newtons_per_count
         self._rest = b""
         self._in_step = False  # whether the rest begins with a counter
+        self._last_counts = nan  # of the last sample that was accepted
         self.rejected = 0
 
     def feed(self, data: bytes) -> list[float]:
@@ -226,16 +234,27 @@ class LorenzStream:
                 place, self._in_step = self._search(buffer, place)
             if not self._in_step or place + 4 > len(buffer):
                 break
-            counter, *value, following = buffer[place : place + 4]
+            counter, high, low, following = buffer[place : place + 4]
             if (following - counter) & 0xFF != 1:
                 self._in_step = False
                 self.rejected += 1
                 continue
             place += 3
-            if following not in value:
-                samples.append(int.from_bytes(value, "big", signed=True) * self._factor)
+            counts = _signed(high, low)
+            if following not in (high, low) or self._is_likelier(counts, high, low, following):
+                self._last_counts = counts
+                samples.append(counts * self._factor)
         self._rest = buffer[place:]
         return samples
+
+    def _is_likelier(self, counts: int, high: int, low: int, following: int) -> bool:
+        """Whether the sample is near the last one, and the force would be far if bytes had been lost."""
+        away = []
+        if high == following:  # two bytes lost: the true sample is the low byte and the next counter
+            away.append(abs(_signed(low, following) - self._last_counts))
+        if low == following:  # one byte lost: the next sample's high byte, its low byte is yet to come
+            away.append(abs(_signed(following, 128) - self._last_counts) - 128)
+        return abs(counts - self._last_counts) < _NEAR_COUNTS <= min(away)
 
     def _search(self, buffer: bytes, place: int) -> tuple[int, bool]:
         """Where a row of fitting counters begins; or where to look on when there is more.

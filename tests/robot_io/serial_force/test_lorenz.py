@@ -147,6 +147,23 @@ def test_a_sample_counts_once_the_next_counter_has_come():
     assert stream.feed(data[-2:]) == []
 
 
+def longest_gap(values, first_counter):
+    """Samples in a row without a reading, once the stream is in step."""
+    stream, data = LorenzStream(1.0), samples(values, first_counter)
+    served = [bool(stream.feed(data[at : at + 3])) for at in range(0, len(data), 3)]
+    return max(map(len, "".join("01"[at] for at in served).lstrip("0").split("1")))
+
+
+@pytest.mark.parametrize("deviation", [1, 3, 5, 20])
+def test_noise_and_ramps_beside_the_counter_are_served(deviation):
+    """Four samples left out in a row stopped an arm in free air: its force limit is 5 ms old at 1 kHz."""
+    noise = np.random.default_rng(deviation).normal(0, deviation, 20000)
+    assert longest_gap(noise.round().astype(int).tolist(), first_counter=0) <= 2
+    assert longest_gap([*[0] * 10, -3, -2, -1, 0, 1, 2, 3, *[0] * 10], first_counter=0xF2) <= 2
+    ramp = np.arange(100, 600).tolist()  # one count a sample, as much as the counter
+    assert longest_gap([*[100] * 40, *ramp], first_counter=100 - 40 - 1) <= 2
+
+
 def test_a_ramp_is_not_taken_for_the_counter():
     """A force that grows by one count a sample counts on too."""
     values = np.arange(200)
