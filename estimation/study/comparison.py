@@ -20,6 +20,7 @@ from palpate.robot_io.types import BoolArray, FloatArray
 
 AT_NOISE = 1.1  # times the noise, below which an error is within the noise
 _MOST_SPLITS = 3  # that are put into words
+_SEEN_MEAN = 0.1  # of a part's error, below which its mean is not put into words
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -176,11 +177,11 @@ def _words(
                 f"{high.mean:+.3g} {unit} ({high.label}), {low.mean:+.3g} {unit} ({low.label})."
             )
             continue
-        side = "above" if worst.mean > 0.0 else "below"
-        said.append(
-            f"By {by}, it is largest for '{worst.label}': {worst.rmse:.3g} {unit}, the measurement "
-            f"{abs(worst.mean):.3g} {unit} {side} the model on average."
-        )
+        largest = f"By {by}, it is largest for {worst.label}: {worst.rmse:.3g} {unit}"
+        if abs(worst.mean) > _SEEN_MEAN * worst.rmse:
+            side = "above" if worst.mean > 0.0 else "below"
+            largest += f"; the measurement is {abs(worst.mean):.3g} {unit} {side} the model on average"
+        said.append(f"{largest}.")
     return tuple(said)
 
 

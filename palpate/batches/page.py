@@ -57,7 +57,7 @@ def write_page(batch: BatchResult) -> None:
     seconds = np.nansum(floats(batch.table, "seconds")) if batch.finished else 0.0
     facts = {
         "measurements": f"{batch.finished:,} of {batch.measurements:,} done",
-        "not readable": f"{len(batch.errors):,}",
+        "unreadable": f"{len(batch.errors):,}",
         "processor time": f"{duration(float(seconds))}",
     }
     sections = [

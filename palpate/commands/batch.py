@@ -168,7 +168,7 @@ def batch_command(
     def show() -> None:
         to, table = console.stdout(), result.table
         measurements = count(result.measurements, "measurement")
-        to.print(f"[bold]{measurements}[/bold], {len(result.errors)} not readable")
+        to.print(f"[bold]{measurements}[/bold], {len(result.errors)} unreadable")
         for verdict, number in Counter(filter(None, texts(table, "verdict"))).most_common():
             to.print(f"  {verdict}: {number}")
         effects = Counter(name for text in texts(table, "effects") for name in text.split(", ") if name)
@@ -192,7 +192,7 @@ def batch_command(
                 words = f"{difference.parameter} differs between {first} and {second}"
                 to.print(f"  [yellow]{safe(words)}[/yellow] (corrected p {difference.p_corrected:.2g})")
         for name, error in list(result.errors.items())[:_MOST_SHOWN]:
-            to.print(f"  [yellow]{safe(f'{name}: {error}')}[/yellow]")
+            to.print(f"  [yellow]{safe(error if name in error else f'{name}: {error}')}[/yellow]")
         if result.outliers:
             to.print(f"  {count(len(result.outliers), 'outlier')}: see the page")
         to.print(f"page  [bold]{shown(result.page)}[/bold]")

@@ -212,7 +212,7 @@ def _warn_of_misfit(revision: Revision) -> None:
     times = revision.rmse / revision.noise_floor if revision.noise_floor > 0.0 else math.inf
     if times >= NOISE:
         name = " + ".join([revision.model, *revision.effects])
-        remark = f"{name} misses {revision.channel} by {times:.3g} times the noise"
+        remark = f"{revision.channel}: {name} leaves an error of {times:.3g} times the noise"
         console.stderr().print(
             f"[yellow]{safe(remark)}[/yellow]; a simulation with it differs from the measurement"
         )

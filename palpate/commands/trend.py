@@ -109,7 +109,7 @@ def _look(  # noqa: PLR0917, what was typed
             table = batch(data, out=out, model=model, pattern=pattern, progress=progress).table
     elif data.is_dir() and not (data / f"{TABLE}.parquet").is_file():
         raise InputError(
-            f"{data}: holds no table of palpate batch; add --out FOLDER to judge recordings in it"
+            f"{data}: contains no table from palpate batch; to analyse recordings in it, add --out FOLDER"
         )
     else:
         table = read_table(data)

@@ -92,13 +92,13 @@ def _error(diagnosis: ChannelDiagnosis) -> str:
         return f"The error in held-out runs is {after.rmse:.3g} {unit}{noise}."
     added = "it" if len(diagnosis.accepted) == 1 else "them"
     if after.rmse > _NO_FALL * before.rmse:
-        stays = f"With {added}, the error in held-out runs stays at {after.rmse:.3g} {unit}{noise}"
+        stays = f"With {added}, the error in held-out runs stays at {after.rmse:.3g} {unit}"
         means, before_means = after.rmse_of_means, before.rmse_of_means
         if means is None or before_means is None or means > _NO_FALL * before_means:
-            return f"{stays}."
+            return f"{stays}{noise}."
         return (
-            f"{stays} sample by sample. Averaged over {after.samples_per_mean} samples, the resolution of "
-            f"the velocity, it falls from {before_means:.3g} to {means:.3g} {unit}."
+            f"{stays} sample by sample{noise}. Averaged over {after.samples_per_mean} samples "
+            f"(the resolution of the velocity), it falls from {before_means:.3g} to {means:.3g} {unit}."
         )
     fall = f"from {before.rmse:.3g} to {after.rmse:.3g} {unit}"
     return f"With {added}, the error in held-out runs falls {fall}{noise}."

@@ -279,7 +279,11 @@ def parameter_table(parameters: Sequence[ParameterView], width: int) -> Renderab
     if not parameters:
         return Text("The model has no free parameter.", style="dim")
     made = _parameter_table(parameters, narrow=False)
-    return made if natural_width(made) <= width else _parameter_table(parameters, narrow=True)
+    made = made if natural_width(made) <= width else _parameter_table(parameters, narrow=True)
+    if any(parameter.effect == ContactOffset.name for parameter in parameters):
+        note = f"{ContactOffset.name}: depth of the surface below its first estimate"
+        return Group(made, Text(note, style="italic dim"))
+    return made
 
 
 def _parameter_table(parameters: Sequence[ParameterView], *, narrow: bool) -> Table:
@@ -295,9 +299,6 @@ def _parameter_table(parameters: Sequence[ParameterView], *, narrow: bool) -> Ta
             made.add_row(f"{effect}\n  {name} {safe(f'[{parameter.unit}]')}", *with_interval(parameter))
         else:
             made.add_row(effect + name, *with_interval(parameter), unit)
-    if any(parameter.effect == ContactOffset.name for parameter in parameters):
-        made.caption = f"{ContactOffset.name}: depth of the surface below its first estimate"
-        made.caption_justify = "left"
     return made
 
 
@@ -323,24 +324,34 @@ def with_interval(view: ParameterView) -> tuple[str, str]:
 def parts_table(channel: ChannelView, width: int) -> Table:
     """Tabulate the error part by part, beside the noise level; the worst of each kind in bold.
 
+    If narrow, each kind has a row of its own, and there are no bars.
+
     Args:
         channel: whose error was split.
         width: of the terminal [characters].
     """
+    made = _parts_table(channel, width, narrow=False)
+    return made if natural_width(made) <= width else _parts_table(channel, width, narrow=True)
+
+
+def _parts_table(channel: ChannelView, width: int, *, narrow: bool) -> Table:
     unit = channel.axes.effort_unit
     numbers = ("rmse\n" + safe(f"[{unit}]"), "mean\n" + safe(f"[{unit}]"), "× noise")
-    made = table("", "by", "where", *numbers, "", right=numbers)
+    made = table("", *["by"] * (not narrow), "where", *numbers, *[""] * (not narrow), right=numbers)
     most = max(part.rmse for parts in channel.parts.values() for part in parts)
     for kind, parts in channel.parts_by():
         worst = max(parts, key=lambda part: part.rmse)
+        heading = f"[dim]{safe(kind)}[/dim]"
+        if narrow:
+            made.add_row(heading)
         for row, part in enumerate(parts):
             times = channel.times_noise(part.rmse)
             bold = part is worst and times > NOISE
             label = f"[bold]{safe(part.label)}[/bold]" if bold else safe(part.label)
-            cells = f"[dim]{safe(kind)}[/dim]" if row == 0 else "", label, f"{part.rmse:.3g}"
-            bar = _bar(part.rmse / most, grade(times), width)
-            last = row == len(parts) - 1
-            made.add_row(*cells, f"{part.mean:+.2g}", f"{times:.1f}", bar, end_section=last)
+            place = (f"  {label}",) if narrow else (heading if row == 0 else "", label)
+            bar = () if narrow else (_bar(part.rmse / most, grade(times), width),)
+            cells = (*place, f"{part.rmse:.3g}", f"{part.mean:+.2g}", f"{times:.1f}", *bar)
+            made.add_row(*cells, end_section=row == len(parts) - 1)
     return made
 
 

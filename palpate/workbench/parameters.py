@@ -7,7 +7,7 @@ from html import escape
 
 from nicegui import events, ui
 
-from palpate.common.console import NOT_DETERMINED
+from palpate.common.console import NOT_DETERMINED, significant
 from palpate.estimation.estimate import ParameterEstimate
 from palpate.render.diagnosis import impossible
 from palpate.render.view import NOISE
@@ -232,7 +232,7 @@ class Parameters:
             text = "± …"
         else:
             half = (estimate.interval[1] - estimate.interval[0]) / 2.0
-            text = f"± {half:.2g}" if math.isfinite(half) else NOT_DETERMINED
+            text = f"± {significant(half, half)}" if math.isfinite(half) else NOT_DETERMINED
         if name in choice.pulled:
             fitted = self._shown.fitted.values[name] if estimate is None else estimate.value
             return f"held at {fitted:.4g}" if name in choice.held else f"fit: {fitted:.4g} {text}"

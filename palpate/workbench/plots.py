@@ -119,7 +119,7 @@ def time_figure(motion: DrawnMotion, base: FloatArray | None, left: FloatArray |
         410,
         xaxis=axis("time, runs one after the other [s]", anchor="y2"),
         yaxis=axis(motion.axes.effort, domain=[0.4, 1.0]),
-        yaxis2=axis(f"left [{unit}]", domain=[0.0, 0.32], range=[-most, most]),
+        yaxis2=axis(f"residual [{unit}]", domain=[0.0, 0.32], range=[-most, most]),
         dragmode="zoom",
         hovermode="x",  # a cursor can be set wherever one clicks
         hoverdistance=-1,
@@ -267,7 +267,7 @@ def map_figure(motion: DrawnMotion, before: FloatArray, now: FloatArray) -> Figu
             "colorscale": [list(stop) for stop in palette.RESIDUAL],
             "showscale": number == 1,
             **_PANELS[number],
-            "colorbar": {"thickness": 10, "title": {"text": f"left [{unit}]", "side": "right"}},
+            "colorbar": {"thickness": 10, "title": {"text": f"residual [{unit}]", "side": "right"}},
             "hovertemplate": f"%{{x:.3g}}, %{{y:.3g}}: %{{z:.3g}} {unit}<extra></extra>",
         }
         for number, each in enumerate(maps)

@@ -339,7 +339,7 @@ def validate(
             text = "is missing"
         else:
             text = text.removeprefix("Value error, ")
-            text = text[:1].lower() + text[1:]
+            text = text[:1].lower() + text[1:].replace("valid tuple", "list, such as [1, 2]")
             value = problem["input"] if not isinstance(problem["input"], Mapping | BaseModel) else None
         raise InputError(f"{input_error(document, key_path, text, value)}{more}") from error
 

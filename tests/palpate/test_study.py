@@ -201,7 +201,7 @@ def test_a_curve_lies_below_or_above_its_straight_line_at_half_depth(tmp_path, c
     study = Study(write_presses(tmp_path / "press.csv", cubic=cubic), model="kelvin_voigt", keep=False)
     compared = study.compare()["contact"]
     (words,) = (words for words in compared.words if words.startswith("By depth"))
-    assert "largest for '0.005 to 0.0075 m'" in words
+    assert "largest for 0.005 to 0.0075 m: " in words
     assert words.endswith(f"N {side} the model on average.")
     for parts in (compared.parts["run"], compared.parts["phase"], compared.parts["direction"]):
         assert sum(part.energy for part in parts) == pytest.approx(1.0)

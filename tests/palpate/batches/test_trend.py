@@ -116,7 +116,7 @@ def test_the_command_says_what_changes_when_and_by_how_much_and_ends_with_its_co
 def test_what_is_no_table_no_date_or_too_short_is_said(tmp_path):
     write_table(tmp_path / "few", np.arange(5.0), DAYS[:5])
     assert "needs at least 10" in run("trend", tmp_path / "few").stdout
-    assert_refused(run("trend", tmp_path), "holds no table of palpate batch")
+    assert_refused(run("trend", tmp_path), "contains no table from palpate batch")
     assert_refused(run("trend", tmp_path / "few", "--date", "channel"), "--date channel: give dates")
     assert_refused(run("trend", tmp_path / "few", "--date", "night"), "no such column")
     assert_refused(run("trend", tmp_path / "few", "--parameter", "mass"), "--parameter mass")
