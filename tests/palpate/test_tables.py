@@ -148,6 +148,9 @@ def test_comparison_and_diagnosis_fit_the_terminal(compared_and_diagnosed, width
     print_diagnosis(terminal, diagnosed)
     assert all(len(line.rstrip()) <= width for line in out.getvalue().splitlines())
     assert {"cubic_stiffness", "depth", "rmse", "parameter"} <= set(out.getvalue().split())
+    (channel,) = compared.channels
+    labels = [part.label for parts in channel.parts.values() for part in parts]
+    assert all(label in out.getvalue() for label in labels)  # on one line each
 
 
 def test_next_steps_are_told_below_the_command_where_a_line_is_too_short(monkeypatch, capsys):
