@@ -1,8 +1,8 @@
-"""Which effects of a model may be called by their names.
+"""Decide which effects of a model are accepted as findings, and which other effects fit as well.
 
-Effects of a complete model are accepted where each is needed. Those of an incomplete model are accepted
-where each takes most of what a flexible law of its kind takes, beside flexible laws of the other kinds
-(`palpate.estimation.diagnosis.forms`).
+If a model is complete (only noise is left), each effect that the model needs is accepted. If it is
+incomplete, an effect is accepted when it explains most of what a flexible law of its kind explains, beside
+flexible laws of the other kinds (`palpate.estimation.diagnosis.forms`).
 """
 
 from collections.abc import Callable, Iterator, Mapping
@@ -24,197 +24,214 @@ from palpate.estimation.fit.intervals import estimate_parameters
 from palpate.estimation.fit.measurement_model import MeasurementModel
 from palpate.estimation.fit.measurement_noise import measurement_noise
 from palpate.estimation.kinds import Kind
+from palpate.robot_io.types import FloatArray
 
-AS_GOOD = 0.9  # of the squared error that names leave, that a law without a name must not get below
-Complete = Callable[[FitResult], bool]
-_RIVALS = 5  # looked at in the place of an effect; each must explain half of what that does
-_SMALL_SHARE = 0.01  # of the squared error that an effect takes away: no law of a real thing is exact
-_SURE = NormalDist().inv_cdf(1.0 - 0.5 * LEVEL) / NormalDist().inv_cdf(0.975)  # interval at `LEVEL` / 95 %
-_LEAST_OF_KIND = 0.02  # of the error, for which a kind must account beside the others
-_OF_UNEXPLAINED = 0.25  # of what nothing explains, beside which less may be a part of that
-_UNDECIDED = 0.1  # of what an effect takes: more that nothing explains may belong to another kind
-_RUNS = 5  # of which fewer do not say how runs vary, where something else is left too
-_OF_READER = frozenset({Kind.SENSOR_STATICS, Kind.SENSOR_DYNAMICS})
-_WITHIN = 1e-3  # of the energy of what an effect adds, by which curves that are the same may differ
+AS_GOOD = (
+    0.9  # a flexible regression with less than this share of a model's squared error outperforms the model
+)
+CompletenessTest = Callable[[FitResult], bool]
+_MOST_RIVALS = 5  # alternatives tested in the place of one effect; each must explain half of what it explains
+# A flexible regression must gain this share of the squared error that the effects explain: no law is exact.
+_LEAST_GAIN = 0.01
+_INTERVAL_RATIO = NormalDist().inv_cdf(1.0 - 0.5 * LEVEL) / NormalDist().inv_cdf(0.975)  # `LEVEL` over 95 %
+_LEAST_SHARE = 0.02  # of the error that a kind must account for
+_LEAST_OF_UNEXPLAINED = 0.25  # of the unexplained mean square; an effect that explains less may be part of it
+_LITTLE_UNEXPLAINED = 0.1  # of what an effect explains; a larger unexplained part may belong to another kind
+_LEAST_RUNS = 5  # needed to accept a variation between runs in an incomplete model
+_READER_KINDS = frozenset({Kind.SENSOR_STATICS, Kind.SENSOR_DYNAMICS})
+_SAME_CURVE = 1e-3  # energy of the difference of two curves, relative to what the effect adds
 
 
 @dataclass(frozen=True)
 class AcceptanceCriteria:
-    """What a model is held against, as mean squares of the error on blocks of held-out runs."""
+    """Mean squared held-out errors on blocks [effort^2] that a model is compared with."""
 
-    base: float  # of the base model
-    named: float  # of the model with effects
-    nameless: float  # of the base model and a smooth law of all signals
-    both: float  # of the model with effects and such a law
+    base: float  # base model
+    named: float  # model with effects
+    base_flexible: float  # base model and a flexible regression on all signals
+    named_flexible: float  # model with effects and a flexible regression
 
     @property
     def is_outperformed(self) -> bool:
-        """Whether a law without a name does better beside the base model than beside the names.
+        """Whether the base model with a flexible regression beats the model with effects and a regression.
 
-        By less than a small share of what the names take away says nothing: no law of a real thing is exact.
+        A gain below a small share of what the effects explain is ignored, since no law of a real object is
+        exact.
         """
-        by = self.both - self.nameless
-        return self.nameless < AS_GOOD * self.both and by > _SMALL_SHARE * (self.base - self.named)
+        gain = self.named_flexible - self.base_flexible
+        is_lower = self.base_flexible < AS_GOOD * self.named_flexible
+        return is_lower and gain > _LEAST_GAIN * (self.base - self.named)
 
 
-def acceptance_criteria(start: FitResult, end: FitResult) -> AcceptanceCriteria:
-    """How well effects and nameless laws describe runs that were held out.
+def acceptance_criteria(base: FitResult, fit: FitResult) -> AcceptanceCriteria:
+    """Compute the held-out errors of two models, with and without a flexible regression.
 
     Args:
-        start: the base model.
-        end: the model that the search ended with.
+        base: the fitted base model.
+        fit: the fitted model with effects.
     """
-    counts = [max(int(one.problem.used.sum()), 1) for one in (start, end)]
-    one, other = start.flexible, end.flexible
-    left = (one.before, other.before, one.held_out, other.held_out)
+
+    def mean_square(squared_errors: FloatArray, result: FitResult) -> float:
+        return float(squared_errors.sum()) / max(int(result.problem.used.sum()), 1)
+
     return AcceptanceCriteria(
-        *(float(held_out.sum()) / count for held_out, count in zip(left, counts * 2, strict=True))
+        base=mean_square(base.flexible.before, base),
+        named=mean_square(fit.flexible.before, fit),
+        base_flexible=mean_square(base.flexible.held_out, base),
+        named_flexible=mean_square(fit.flexible.held_out, fit),
     )
 
 
-def accept_effects(search: Search, end: FitResult, measurement: MeasurementModel) -> FitResult:
-    """Reduce a complete model to the effects that it needs; the base model where it needs none.
+def accept_effects(search: Search, fit: FitResult, measurement: MeasurementModel) -> FitResult:
+    """Reduce a complete model to the effects that it needs; to the base model if it needs none.
 
     Args:
-        search: that led to the model.
-        end: base model and effects, which leave no more than draws from them do.
-        measurement: how the motion was read.
+        search: the search that led to the model.
+        fit: base model and effects; only noise is left.
+        measurement: how motion and effort were measured.
     """
-    if not search.added_effects(end) or not search.is_sensible(end):
+    if not search.added_effects(fit) or not search.is_sensible(fit):
         return search.start
-    some = smallest_sufficient_model(search, end, measurement)
-    less = _without_needless(search, end, measurement) if some is end else some
-    if less is end or less is search.start:
-        return less
-    return accept_effects(search, backward_step(search, less), measurement)
+    sufficient = smallest_sufficient_model(search, fit, measurement)
+    reduced = _drop_needless_effects(search, fit, measurement) if sufficient is fit else sufficient
+    if reduced is fit or reduced is search.start:
+        return reduced
+    return accept_effects(search, backward_step(search, reduced), measurement)
 
 
 def accept_forms(
-    search: Search, partial: PartiallyLinear, end: FitResult, measurement: MeasurementModel
+    search: Search, partial: PartiallyLinear, fit: FitResult, measurement: MeasurementModel
 ) -> tuple[FitResult, list[FormTest]]:
     """Reduce an incomplete model to the effects whose form is known, exactly or approximately.
 
-    Of forms of one kind with as few parameters, the one that leaves least is taken.
+    Effects that fail are dropped one by one, the least important first. An effect is replaced by another form
+    of its kind, with no more parameters, if that form fits better.
 
     Args:
-        search: that led to the model.
-        partial: the kinds that account for the error, on the same blocks.
-        end: base model and effects.
-        measurement: how the motion was read.
+        search: the search that led to the model.
+        partial: flexible laws of the kinds that account for the error, on the same blocks.
+        fit: base model and effects.
+        measurement: how motion and effort were measured.
 
     Returns:
-        The model with these effects, and the comparison of each with its kind's law; the base model and no
-        comparison where none has a known form, or draws from the base model gain as much by them.
+        The reduced model and one form test for each of its effects. The base model and no tests if no form is
+        known, or if bootstrap samples of the base model improve as much with the effects.
     """
-    base = {effect.name for effect in search.model.effects}
-    kinds = frozenset(effect.kind for effect in end.solution.model.effects if effect.name not in base)
+    added = map(fit.solution.model.effect, search.added_effects(fit))
+    kinds = frozenset(effect.kind for effect in added) - {Kind.RUN_DIFFERENCES}
     noise = measurement_noise(search.start).value
-    while search.added_effects(end):
-        tests = form_tests(partial, end, kinds - {Kind.RUN_DIFFERENCES})
-        left = held_out_of_all(end.problem, end.solution)
-        count = max(int(end.problem.used.sum()), 1)
-        taken = {}
+    while search.added_effects(fit):
+        tests = form_tests(partial, fit, kinds)
+        left = held_out_of_all(fit.problem, fit.solution)
+        count = max(int(fit.problem.used.sum()), 1)
+        explained = {}  # mean square that each effect removes [effort^2]
         for test in tests:
-            less = search.without(end, test.effect)
-            taken[test.effect] = (held_out_of_all(less.problem, less.solution) - left) / count
-        effects = [end.solution.model.effect(test.effect) for test in tests]
+            reduced = search.without(fit, test.effect)
+            explained[test.effect] = (held_out_of_all(reduced.problem, reduced.solution) - left) / count
+        effects = [fit.solution.model.effect(test.effect) for test in tests]
         budget = partial.budget_with(frozenset(map(partial.kind_of, effects)))
         entries = {entry.kind: entry for entry in budget.entries}
-        rest = end.flexible.explained / max(int(end.problem.used.sum()), 1)  # less may be a part of that
-        unexplained = max(end.rmse**2 - noise**2, 0.0)
-        # Together they leave as little as the laws of all kinds that count, and little of the whole error.
+        unexplained = max(fit.rmse**2 - noise**2, 0.0)
+        # Jointly, the effects leave as little as the laws of all relevant kinds, and little of the total
+        # error.
         share_left = left / count / partial.budget.base**2
         is_as_good = share_left <= min(partial.budget.left / AS_GOOD, 1.0 - MOST_OF_LAW)
-        least = max(SMALL * search.start.held_out_mean_square, rest, _OF_UNEXPLAINED * unexplained)
+        # An effect that explains less than a flexible regression still does may be a part of the remainder.
+        least = max(
+            SMALL * search.start.held_out_mean_square,
+            fit.flexible.explained / count,
+            _LEAST_OF_UNEXPLAINED * unexplained,
+        )
         failed = [
             test.effect
             for test in tests
             if not (test.is_known or is_as_good)
-            or _repeats_another(end, test.effect, taken)
+            or _repeats_another(fit, test.effect, explained)
             or not _accounts_for_error(
-                search, partial, end, test, entries, taken=taken[test.effect], unexplained=unexplained
+                search, partial, fit, test, entries, explained=explained[test.effect], unexplained=unexplained
             )
-            or taken[test.effect] < least
-            or not search.is_sound(end, test.effect)
-            or (test.kind is Kind.RUN_DIFFERENCES and len(end.data.runs) < _RUNS)
+            or explained[test.effect] < least
+            or not search.is_sound(fit, test.effect)
+            or (test.kind is Kind.RUN_DIFFERENCES and len(fit.data.runs) < _LEAST_RUNS)
         ]
         if failed:
-            end = search.without(end, min(failed, key=lambda name: taken[name]))
+            fit = search.without(fit, min(failed, key=lambda name: explained[name]))
             continue
-        others = [fit for test in tests for fit in similar_forms(search, end, test.effect).values()]
-        better = [fit for fit in others if search.is_sensible(fit) and search.is_better(fit, end)]
+        alternatives = [form for test in tests for form in similar_forms(search, fit, test.effect).values()]
+        better = [form for form in alternatives if search.is_sensible(form) and search.is_better(form, fit)]
         better = better or [
-            fit
+            alternative
             for test in tests
-            for fit in _of_the_object(search, end, test.effect)
-            if search.is_sensible(fit)
+            for alternative in _physical_alternatives(search, fit, test.effect)
+            if search.is_sensible(alternative)
         ]
         if not better:
-            is_real = improvement_test(search.start, end, measurement, search.rng).is_significant
-            return (end, tests) if is_real else (search.start, [])
-        end = min(better, key=lambda fit: fit.solution.held_out)
+            is_significant = improvement_test(search.start, fit, measurement, search.rng).is_significant
+            return (fit, tests) if is_significant else (search.start, [])
+        fit = min(better, key=lambda alternative: alternative.solution.held_out)
     return search.start, []
 
 
-def _repeats_another(end: FitResult, name: str, taken: Mapping[str, float]) -> bool:
-    """Whether a more telling effect is of the same kind: two forms of a kind draw almost any third."""
-    effects = {effect.name: effect for effect in end.solution.model.effects if effect.name in taken}
-    own = effects[name]
-    return any(other.kind is own.kind and taken[other.name] > taken[name] for other in effects.values())
+def _repeats_another(fit: FitResult, name: str, explained: Mapping[str, float]) -> bool:
+    """Whether a more important effect has the same kind: two forms of a kind imitate almost any third one."""
+    kinds = {effect.name: effect.kind for effect in fit.solution.model.effects}
+    return any(kinds[n] is kinds[name] and size > explained[name] for n, size in explained.items())
 
 
 def _accounts_for_error(
     search: Search,
     partial: PartiallyLinear,
-    end: FitResult,
+    fit: FitResult,
     test: FormTest,
     entries: Mapping[Kind, BudgetEntry],
     *,
-    taken: float,
+    explained: float,
     unexplained: float,
 ) -> bool:
-    """Whether an effect's kind accounts for a part of the error that no other kind takes in its place.
+    """Whether an effect's kind accounts for a part of the error that no other kind explains in its place.
 
-    A kind without a law of its own is taken at its effect's word, and so is an effect that alone leaves less
-    than the laws of all kinds together. A share counts only for a kind of the smallest set, or where kind and
-    effect take as much in the place of a kind of it: beside that, a needless law has a share too. Beside
-    little that nothing explains, or where it takes as much, a form is told from another kind's law by its few
-    parameters.
+    True without a test for a kind that has no flexible law. True also for an effect that alone leaves less
+    than the laws of all kinds jointly. A Shapley share counts only if the kind belongs to the smallest
+    sufficient set, or if kind and effect explain as much in the place of a member of that set; outside the
+    set, a needless law has a share too. If another kind can replace this kind, the effect must be told apart
+    from it: nearly nothing is unexplained, or the effect with its few parameters fits as well as the other
+    kind's law.
 
     Args:
-        search: that led to the model.
-        partial: the kinds that account for the error.
-        end: the model.
-        test: of the effect.
-        entries: the budget, with the effect's kind in it.
-        taken: mean square that the effect takes away in the model [effort^2].
-        unexplained: mean square that nothing explains [effort^2].
+        search: the search that led to the model.
+        partial: flexible laws of the kinds that account for the error.
+        fit: the model with the effect.
+        test: form test of the effect.
+        entries: error budget that includes the effect's kind.
+        explained: mean square that the effect removes in the model [effort^2].
+        unexplained: mean square above the noise that the model leaves [effort^2].
     """
-    effect, start = end.solution.model.effect(test.effect), search.start
+    effect, base = fit.solution.model.effect(test.effect), search.start
     own = [entries[kind] for kind in effect.also | {test.kind} if kind in entries]
     if not own:
         return True
     entry = max(own, key=lambda entry: entry.share)
-    in_its_place = [partial.kinds - {entry.kind} | {other} for other in entry.replaceable_by]
-    by_others = min(map(partial.error.mean_square, in_its_place), default=-np.inf)
-    is_told_apart = not entry.replaceable_by or unexplained < _UNDECIDED * taken
-    is_told_apart |= AS_GOOD * test.left_by_all <= by_others
-    stands_in = any(taken >= least for least in _least_in_place(partial, entry))
-    is_counted = (entry.kind in partial.kinds or stands_in) and is_told_apart
-    if entry.necessary >= _LEAST_OF_KIND or (entry.share >= _LEAST_OF_KIND and is_counted):
+    replacing = [partial.kinds - {entry.kind} | {kind} for kind in entry.replaceable_by]
+    left_by_replacement = min(map(partial.error.mean_square, replacing), default=-np.inf)
+    is_told_apart = not entry.replaceable_by or unexplained < _LITTLE_UNEXPLAINED * explained
+    is_told_apart |= AS_GOOD * test.left_by_all <= left_by_replacement
+    is_replacement = any(explained >= least for least in _least_in_place(partial, entry))
+    is_counted = (entry.kind in partial.kinds or is_replacement) and is_told_apart
+    if entry.necessary >= _LEAST_SHARE or (entry.share >= _LEAST_SHARE and is_counted):
         return True
-    alone = search.fitted(start.solution.model.with_effect(effect), end.solution.parameters)
-    return bool(alone.held_out_mean_square < partial.budget.flexible * start.held_out_mean_square)
+    alone = search.fitted(base.solution.model.with_effect(effect), fit.solution.parameters)
+    return bool(alone.held_out_mean_square < partial.budget.flexible * base.held_out_mean_square)
 
 
 def _least_in_place(partial: PartiallyLinear, entry: BudgetEntry) -> Iterator[float]:
-    """Mean square that an effect must take in the place of each kind's law for which its own kind stands in.
+    """Yield the mean square that an effect must explain in the place of each kind that its own kind replaces.
 
-    It is as much, or most of it where the effect's kind is the more plausible one, as object before reader.
+    It is as much as the replaced law explains, or most of it if the effect's kind is the more plausible one
+    (an object before a sensor).
 
     Args:
-        partial: the kinds that account for the error.
-        entry: of the effect's kind, with the budget's other kinds beside it.
+        partial: flexible laws of the kinds that account for the error.
+        entry: budget entry of the effect's kind.
     """
     order, left = list(Kind), partial.error.mean_square(partial.kinds)
     for replaced in partial.budget.entries:
@@ -224,45 +241,56 @@ def _least_in_place(partial: PartiallyLinear, entry: BudgetEntry) -> Iterator[fl
             yield (MOST_OF_LAW if is_likelier else AS_MUCH) * by_law
 
 
-def smallest_sufficient_model(search: Search, end: FitResult, measurement: MeasurementModel) -> FitResult:
-    """The first part of a model from which draws gain as much by the whole; some need each other.
+def smallest_sufficient_model(search: Search, fit: FitResult, measurement: MeasurementModel) -> FitResult:
+    """Find the smallest nested model that the full model does not improve significantly.
+
+    Nested models add the effects in order of importance. Whole models are compared, because some effects are
+    significant only jointly.
 
     Args:
-        search: of the channel.
-        end: the whole model.
-        measurement: how motion and effort were read.
+        search: the search of the channel.
+        fit: the full model.
+        measurement: how motion and effort were measured.
     """
-    parts = (search.start, *models_by_importance(search, end)[:-1])
-    enough = (
-        part for part in parts if not improvement_test(part, end, measurement, search.rng).is_significant
-    )
-    return next(enough, end)
+    for nested in (search.start, *models_by_importance(search, fit)[:-1]):
+        if not improvement_test(nested, fit, measurement, search.rng).is_significant:
+            return nested
+    return fit
 
 
-def _without_needless(search: Search, end: FitResult, measurement: MeasurementModel) -> FitResult:
-    """A model less the effects that it does not need, the least telling first."""
-    for name in reversed(effects_by_importance(search, end)):
-        before = search.without(end, name)
-        is_small = before.rmse - end.rmse < SMALL * (search.start.rmse - end.rmse)
-        taken = np.sqrt(max(before.held_out_mean_square - end.held_out_mean_square, 0.0))
-        is_nothing = is_small or _is_below_a_step(search, end, name) or _may_be_nothing(before, end, name)
-        is_nothing |= bool(taken <= encoder_step_error(before, measurement))
-        needed = not is_nothing and search.is_needed(before, end)
-        if needed and improvement_test(before, end, measurement, search.rng, name).is_significant:
+def _drop_needless_effects(search: Search, fit: FitResult, measurement: MeasurementModel) -> FitResult:
+    """Drop each effect that is small, indistinguishable from rounding, or not significant.
+
+    The least important effect is tested first.
+    """
+    step = grid_step(np.sort(fit.data.effort))
+    for name in reversed(effects_by_importance(search, fit)):
+        reduced = search.without(fit, name)
+        is_small = reduced.rmse - fit.rmse < SMALL * (search.start.rmse - fit.rmse)
+        # Rounding of the effort by a sensor looks like a law, too.
+        added = np.sqrt(max(reduced.rmse**2 - fit.rmse**2, 0.0))
+        is_rounding = (
+            name != "quantisation" and step > 0.0 and added < step / np.sqrt(12.0) and fit.rmse < step
+        )
+        is_needless = is_small or is_rounding or _has_zero_size(reduced, fit, name)
+        explained = np.sqrt(max(reduced.held_out_mean_square - fit.held_out_mean_square, 0.0))
+        is_needless |= bool(explained <= encoder_step_error(reduced, measurement))
+        is_needed = not is_needless and search.is_needed(reduced, fit)
+        if is_needed and improvement_test(reduced, fit, measurement, search.rng, name).is_significant:
             continue
-        if search.is_sensible(before):  # or another effect would take over what this one says
-            end = before
-    return end
+        if search.is_sensible(reduced):  # otherwise another effect has taken over the role of the dropped one
+            fit = reduced
+    return fit
 
 
-def effects_by_importance(search: Search, end: FitResult) -> list[str]:
-    """The effects of a model beside the base model's, the most telling first.
+def effects_by_importance(search: Search, fit: FitResult) -> list[str]:
+    """List the added effects of a model, the most important first.
 
     Args:
-        search: of the channel.
-        end: the model that the search ended with.
+        search: the search of the channel.
+        fit: the model with effects.
     """
-    path = [search.start, *models_by_importance(search, end)]
+    path = [search.start, *models_by_importance(search, fit)]
     return [
         name
         for before, after in pairwise(path)
@@ -270,195 +298,204 @@ def effects_by_importance(search: Search, end: FitResult) -> list[str]:
     ]
 
 
-def models_by_importance(search: Search, end: FitResult) -> list[FitResult]:
-    """The models on the way from the base to the end, the most telling effect first.
+def models_by_importance(search: Search, fit: FitResult) -> list[FitResult]:
+    """List the nested models between base model and full model, the most important effect added first.
+
+    Backward elimination gives the order: each step drops the effect whose loss costs least.
 
     Args:
-        search: of the channel.
-        end: the model that the search ended with.
+        search: the search of the channel.
+        fit: the full model, which ends the list.
     """
-    path = [end]
+    path = [fit]
     while search.added_effects(path[0]):
-        less = [search.without(path[0], name) for name in search.added_effects(path[0])]
-        path.insert(0, min(less, key=lambda one: one.solution.held_out))
+        reduced = [search.without(path[0], name) for name in search.added_effects(path[0])]
+        path.insert(0, min(reduced, key=lambda model: model.solution.held_out))
     return path[1:]
 
 
 def indistinguishable_models(
-    search: Search, end: FitResult, name: str, measurement: MeasurementModel
+    search: Search, fit: FitResult, name: str, measurement: MeasurementModel
 ) -> dict[str, FitResult]:
-    """Models with another effect in the place of one that the data do not refuse, by its name, best first.
+    """Fit models with another effect in the place of one effect, and keep those that the data do not reject.
 
     Args:
-        search: of the channel.
-        end: the model that the search ended with.
+        search: the search of the channel.
+        fit: the accepted model.
         name: the effect that is replaced.
-        measurement: how motion and effort were read.
+        measurement: how motion and effort were measured.
+
+    Returns:
+        Fitted models by the name of the replacing effect: first single alternatives, the best first, then
+        composite effects that also replace other effects of the model.
     """
-    alone = {one.effect.name: search.with_candidate(one) for one in _rivals(search, end, name, measurement)}
-    wholes = ((whole, _with_whole(search, end, whole)) for whole in _wholes(search, end, name))
-    kept = (
-        (w, made)
-        for w, made in wholes
-        if not improvement_test(made, end, measurement, search.rng).is_significant
-    )
-    return alone | {whole.name: made for whole, made in kept}
+    models = {
+        candidate.effect.name: search.with_candidate(candidate)
+        for candidate in _rivals(search, fit, name, measurement)
+    }
+    for composite in _composites(search, fit, name):
+        replaced = _with_composite(search, fit, composite)
+        if not improvement_test(replaced, fit, measurement, search.rng).is_significant:
+            models[composite.name] = replaced
+    return models
 
 
-def similar_forms(search: Search, end: FitResult, name: str) -> dict[str, FitResult]:
-    """Models with another form of the same kind, of as few parameters, that takes about as much.
+def _composites(search: Search, fit: FitResult, name: str) -> list[Effect]:
+    """Effects that combine an effect with other effects of the model."""
+    present = {effect.name for effect in fit.solution.model.effects}
+    return [
+        effect
+        for effect in search.effects
+        if name in effect.parts
+        and effect.name not in present
+        and present >= set(effect.parts)
+        and effect.applies_to(fit.data)
+    ]
+
+
+def _with_composite(search: Search, fit: FitResult, composite: Effect) -> FitResult:
+    """Replace the added effects that a composite effect combines."""
+    for part in search.added_effects(fit):
+        fit = search.without(fit, part) if part in composite.parts else fit
+    return search.with_each(fit, [composite])
+
+
+def similar_forms(search: Search, fit: FitResult, name: str) -> dict[str, FitResult]:
+    """Fit models with another form of the same kind, with no more parameters, that explains about as much.
 
     Args:
-        search: of the channel.
-        end: the model that the search ended with.
+        search: the search of the channel.
+        fit: the accepted model.
         name: the effect that is replaced.
+
+    Returns:
+        Fitted models by the name of the replacing effect.
     """
-    effect = end.solution.model.effect(name)
-    without = search.without(end, name).solution.held_out
-    least = without - AS_MUCH * (without - end.solution.held_out)
+    kind, (limit, alternatives) = fit.solution.model.effect(name).kind, _alternatives(search, fit, name)
     return {
         candidate.effect.name: search.with_candidate(candidate)
-        for candidate in search.alternatives(end, name)
-        if candidate.effect.name != name
-        and candidate.effect.kind is effect.kind
-        and parameter_count(candidate.effect) <= parameter_count(effect)
-        and candidate.held_out <= least
+        for candidate in alternatives
+        if candidate.effect.kind is kind and candidate.held_out <= limit
     }
 
 
-def _of_the_object(search: Search, end: FitResult, name: str) -> Iterator[FitResult]:
-    """Models with an effect of the object or the drive in the place of one of the reader.
+def _physical_alternatives(search: Search, fit: FitResult, name: str) -> Iterator[FitResult]:
+    """Fit models with an effect of the object or the drive in the place of a sensor effect.
 
-    A reader is seldom at fault: it is only where nothing that it reads, with as few parameters, takes about
-    as much.
-
-    Args:
-        search: of the channel.
-        end: the model that the search ended with.
-        name: the effect that is replaced.
+    Sensors are seldom at fault. A sensor effect is accepted only if no effect of what the sensor measures,
+    with no more parameters, explains about as much.
     """
-    effect = end.solution.model.effect(name)
-    if effect.kind not in _OF_READER:
+    if fit.solution.model.effect(name).kind not in _READER_KINDS:
         return
-    without = search.without(end, name).solution.held_out
-    least = without - AS_MUCH * (without - end.solution.held_out)
-    for candidate in search.alternatives(end, name):
-        of_object = candidate.effect.kind not in _OF_READER | {Kind.RUN_DIFFERENCES, Kind.DRIFT, Kind.OTHER}
-        if of_object and parameter_count(candidate.effect) <= parameter_count(effect):
-            fit = search.with_candidate(candidate)
-            if fit.solution.held_out <= least:
-                yield fit
+    excluded = _READER_KINDS | {Kind.RUN_DIFFERENCES, Kind.DRIFT, Kind.OTHER}
+    limit, alternatives = _alternatives(search, fit, name)
+    for candidate in alternatives:
+        if candidate.effect.kind not in excluded:
+            alternative = search.with_candidate(candidate)
+            if alternative.solution.held_out <= limit:
+                yield alternative
 
 
-def _wholes(search: Search, end: FitResult, name: str) -> list[Effect]:
-    """Effects of which one is a part, and others of the model are the rest."""
-    present = {one.name for one in end.solution.model.effects}
-    known = (one for one in search.effects if name in one.parts and one.name not in present)
-    return [one for one in known if present >= set(one.parts) and one.applies_to(end.data)]
-
-
-def _with_whole(search: Search, end: FitResult, whole: Effect) -> FitResult:
-    """A model with an effect in the place of all its parts but those of the base model."""
-    for part in search.added_effects(end):
-        end = search.without(end, part) if part in whole.parts else end
-    return search.with_each(end, [whole])
+def _alternatives(search: Search, fit: FitResult, name: str) -> tuple[float, list[Candidate]]:
+    """Squared error up to which an alternative explains as much, and alternatives with no more parameters."""
+    without = search.without(fit, name).solution.held_out
+    most = parameter_count(fit.solution.model.effect(name))
+    return without - AS_MUCH * (without - fit.solution.held_out), [
+        candidate
+        for candidate in search.alternatives(fit, name)
+        if candidate.effect.name != name and parameter_count(candidate.effect) <= most
+    ]
 
 
 def most_parsimonious(
-    search: Search, end: FitResult, measurement: MeasurementModel, is_complete: Complete
+    search: Search, fit: FitResult, measurement: MeasurementModel, is_complete: CompletenessTest
 ) -> FitResult:
-    """The model with each effect exchanged for one of fewer parameters, or of as many that leaves less.
+    """Replace each effect by an indistinguishable one that has fewer parameters, or as many and fits better.
 
-    Of laws that cannot be told apart, the simplest bears the name (W. H. Jefferys, J. O. Berger, American
-    Scientist 80 (1992)); it must leave no more than the other did.
+    Of laws that the data cannot tell apart, the simplest is preferred (W. H. Jefferys, J. O. Berger, American
+    Scientist 80 (1992)), if the model stays complete.
 
     Args:
-        search: that led to the model.
-        end: base model and effects that are established.
-        measurement: how the motion was read.
-        is_complete: whether a model leaves no more than draws from it do.
+        search: the search that led to the model.
+        fit: base model and accepted effects.
+        measurement: how motion and effort were measured.
+        is_complete: whether a model leaves only noise.
     """
-    for name in effects_by_importance(search, end):
-        effect = end.solution.model.effect(name)
-        if _is_undetermined(end, effect) and (simpler := _simpler(search, end, effect)) is not end:
-            end = simpler
-            continue
-        made = map(search.with_candidate, _rivals(search, end, name, measurement, parameter_count(effect)))
-        kept = [one for one in made if search.is_better(one, end) and is_complete(one) >= is_complete(end)]
-        end = min(kept, key=lambda one: (search.size(one), one.solution.held_out), default=end)
-    return end
-
-
-def _is_undetermined(end: FitResult, effect: Effect) -> bool:
-    """Whether the interval of a size or shape parameter of an effect holds zero, or is unknown."""
-    estimates = estimate_parameters(*final_solution(end))
-    own = [estimates[f"{effect.name}.{parameter.name}"] for parameter in (*effect.gains, *effect.inner)]
-    return any(not abs(one.value) > 0.5 * np.ptp(one.interval) for one in own if not one.at_bound)
-
-
-def _simpler(search: Search, end: FitResult, effect: Effect) -> FitResult:
-    """The model with a simpler effect in the place of one, where it leaves at most a small share more."""
-    others = [
-        search.with_candidate(candidate)
-        for candidate in search.alternatives(end, effect.name)[:_RIVALS]
-        if parameter_count(candidate.effect) < parameter_count(effect)
-        and candidate.followed(end.problem) <= NEAR * end.solution.held_out
-    ]
-    close = [fit for fit in others if fit.rmse <= (1.0 + SMALL) * end.rmse and search.is_sensible(fit)]
-    return min(close, key=lambda fit: (search.size(fit), fit.solution.held_out), default=end)
+    for name in effects_by_importance(search, fit):
+        effect = fit.solution.model.effect(name)
+        most = parameter_count(effect)
+        estimates = estimate_parameters(*final_solution(fit))
+        own = [estimates[f"{name}.{parameter.name}"] for parameter in (*effect.gains, *effect.inner)]
+        # A parameter is undetermined if its interval contains zero or is unknown.
+        if any(not abs(e.value) > 0.5 * np.ptp(e.interval) for e in own if not e.at_bound):
+            simpler = [
+                search.with_candidate(candidate)
+                for candidate in search.alternatives(fit, name)[:_MOST_RIVALS]
+                if parameter_count(candidate.effect) < most
+                and candidate.followed(fit.problem) <= NEAR * fit.solution.held_out
+            ]
+            limit = (1.0 + SMALL) * fit.rmse
+            simpler = [model for model in simpler if model.rmse <= limit and search.is_sensible(model)]
+            if simpler:
+                fit = min(simpler, key=lambda model: (search.size(model), model.solution.held_out))
+                continue
+        rivals = map(search.with_candidate, _rivals(search, fit, name, measurement, most))
+        better = [
+            rival
+            for rival in rivals
+            if search.is_better(rival, fit) and is_complete(rival) >= is_complete(fit)
+        ]
+        fit = min(better, key=lambda model: (search.size(model), model.solution.held_out), default=fit)
+    return fit
 
 
 def _rivals(
-    search: Search, end: FitResult, name: str, measurement: MeasurementModel, most: float = np.inf
+    search: Search, fit: FitResult, name: str, measurement: MeasurementModel, most: float = np.inf
 ) -> Iterator[Candidate]:
-    """Candidates of at most so many parameters that the data do not refuse in the place of one.
+    """Yield candidates with at most `most` parameters that the data do not reject in the place of an effect.
 
-    One that needs more parameters to draw the same curve (a law with one more term) is no rival: the data say
-    that the term is nothing.
+    A law that needs more parameters to draw the same curve (one more term) is no rival: its extra term is
+    zero by the data.
     """
-    without = search.without(end, name)
-    others = [one for one in search.alternatives(end, name) if one.effect.name != name]
-    half = 0.5 * (without.solution.held_out + end.solution.held_out)
-    for candidate in others[:_RIVALS]:
-        if parameter_count(candidate.effect) > most or candidate.followed(end.problem) > NEAR * half:
+    without = search.without(fit, name)
+    half = 0.5 * (without.solution.held_out + fit.solution.held_out)
+    alternatives = [
+        candidate for candidate in search.alternatives(fit, name) if candidate.effect.name != name
+    ]
+    for candidate in alternatives[:_MOST_RIVALS]:
+        if parameter_count(candidate.effect) > most or candidate.followed(fit.problem) > NEAR * half:
             continue
-        theirs = search.with_candidate(candidate)
-        if not search.is_sensible(theirs):
+        rival = search.with_candidate(candidate)
+        if not search.is_sensible(rival):
             continue
-        is_larger = search.size(theirs) > search.size(end) + 1  # one more may be a place or a phase
-        if theirs.solution.held_out > half or (is_larger and _is_same_curve(theirs, end, without)):
+        is_larger = (
+            search.size(rival) > search.size(fit) + 1
+        )  # one further parameter may be a place or a phase
+        if rival.solution.held_out > half or (is_larger and _is_same_curve(rival, fit, without)):
             continue
-        if not improvement_test(theirs, end, measurement, search.rng).is_significant:
+        if not improvement_test(rival, fit, measurement, search.rng).is_significant:
             yield candidate
 
 
-def _is_same_curve(one: FitResult, other: FitResult, without: FitResult) -> bool:
-    """Whether two models predict the same, beside what both add to a third."""
-    here, there, before = (fit.solution.residual for fit in (one, other, without))
-    if not len(here) == len(there) == len(before):  # the contact begins elsewhere
+def _is_same_curve(rival: FitResult, fit: FitResult, without: FitResult) -> bool:
+    """Whether two models predict the same, relative to what they add to the model without the effect."""
+    residuals = [result.solution.residual for result in (rival, fit, without)]
+    if len(set(map(len, residuals))) > 1:  # the contact begins elsewhere
         return False
-    apart, added = here - there, before - there
-    return float(apart @ apart) < _WITHIN * float(added @ added)
+    difference, added = residuals[0] - residuals[1], residuals[2] - residuals[1]
+    return float(difference @ difference) < _SAME_CURVE * float(added @ added)
 
 
-def _may_be_nothing(before: FitResult, end: FitResult, name: str) -> bool:
-    """Whether each parameter that says how large an effect is may be zero, by its interval at `LEVEL`.
+def _has_zero_size(reduced: FitResult, fit: FitResult, name: str) -> bool:
+    """Whether zero lies in the interval, at `LEVEL`, of each parameter that scales an effect.
 
-    These are its gains, or the first inner parameter of one without gains: a gap, a compliance, a time. Of an
-    effect that takes away more of the squared error than is left, beside what windows took off the motion,
-    this says no more than that its parameters make up for each other.
+    These are its gains, or its first inner parameter if it has no gains (a gap, a compliance, a time). If an
+    effect removes more than half of the squared error, apart from smoothing bias, wide intervals only show
+    that its parameters are collinear; the answer is then no.
     """
-    if end.flexible.before.sum() <= 0.5 * before.flexible.before.sum():
+    if fit.flexible.before.sum() <= 0.5 * reduced.flexible.before.sum():
         return False
-    effect = end.solution.model.effect(name)
-    found = estimate_parameters(*final_solution(end))
-    sizes = [found[f"{name}.{one.name}"] for one in effect.gains or effect.inner[:1]]
-    return not any(abs(one.value) > 0.5 * _SURE * np.ptp(one.interval) for one in sizes)
-
-
-def _is_below_a_step(search: Search, end: FitResult, name: str) -> bool:
-    """Whether an effect adds no more than the reader's rounding does, which looks like a law too."""
-    step = grid_step(np.sort(end.data.effort))
-    without = search.without(end, name)
-    added = np.sqrt(max(without.rmse**2 - end.rmse**2, 0.0))
-    return bool(name != "quantisation" and step > 0.0 and added < step / np.sqrt(12.0) and end.rmse < step)
+    effect = fit.solution.model.effect(name)
+    estimates = estimate_parameters(*final_solution(fit))
+    sizes = [estimates[f"{name}.{parameter.name}"] for parameter in effect.gains or effect.inner[:1]]
+    return not any(abs(size.value) > 0.5 * _INTERVAL_RATIO * np.ptp(size.interval) for size in sizes)

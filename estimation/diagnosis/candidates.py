@@ -1,4 +1,4 @@
-"""Effects tried beside a model: which are, how well each does, whether its parameters make sense."""
+"""Screen candidate effects beside a fitted model, and check that fitted parameters make physical sense."""
 
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, replace
@@ -24,17 +24,16 @@ from palpate.estimation.fit.inner_search import (
 from palpate.estimation.fit.intervals import inner_slopes
 from palpate.estimation.model import Model
 from palpate.estimation.signals.runwise import finest_step
-from palpate.robot_io.types import BoolArray
 
-PROMISING = 0.3  # of what the best candidate takes away at its starts; those below are not refined
-REFINED = 5  # candidates that are refined in any case
-ESSENTIAL = 0.02  # of the squared error: what makes an effect what it is must take away as much
-FAR_END = 0.99  # of the upper bound of an inner parameter
-_STEP = 1e-4  # of the range of positions, over which a slope is taken
-_SNAPPING = 0.01  # of the samples; one at a corner of the law may be as steep
-OF_RUNS = "run_"  # begins the names of effects that differ from run to run: runs held out cannot judge them
+PROMISING = 0.3  # least improvement, relative to the best candidate's, from which a candidate is refined
+REFINED = 5  # candidates that are always refined
+ESSENTIAL = 0.02  # least share of the squared error that the characteristic part of an effect must explain
+FAR_END = 0.99  # of the upper bound: a logarithmic parameter above this share of it is undetermined
+_STEP = 1e-4  # step of a finite difference, relative to the deepest indentation
+_SNAPPING = 0.01  # share of unstable samples that is tolerated: a corner of the law may be as steep
+OF_RUNS = "run_"  # prefix of effects that vary between runs; held-out runs cannot test them as candidates
 
-# Parts of base models, or other names of a term that the channel's own vocabulary has.
+# Parts of base models, and terms that have another name for this kind of channel.
 _NOT_TRIED = {
     ChannelKind.CONTACT: frozenset({"inertia", "pendulum"}),
     ChannelKind.REVOLUTE: frozenset({"inertia", "pendulum", "stiffness", "damping"}),
@@ -46,40 +45,44 @@ _BASES = frozenset({"rigid_body", "rigid_body_fitted"})
 
 @dataclass(frozen=True)
 class Candidate:
-    """An effect that was tried beside a model."""
+    """An effect that was fitted beside a model."""
 
-    effect: Effect  # what was tried
-    search: GridSearch  # how well it did
-    possible: bool = True  # whether its parameters made physical sense, see `is_possible`
+    effect: Effect
+    search: GridSearch  # fits at the tried inner parameters
+    possible: bool = True  # whether its parameters make physical sense, see `is_possible`
 
     @property
     def held_out(self) -> float:
-        """Sum of squared residuals in held-out runs."""
+        """Sum of squared residuals in held-out runs [effort^2]."""
         return float(self.search.held_out.sum())
 
     def followed(self, problem: FitProblem) -> float:
-        """The same if the inner parameters of the whole model followed, to first order.
+        """Return the squared held-out error if all inner parameters adapted to the candidate, to first order.
 
-        A model without an effect has taken what it could of it on itself: held where they are, its
-        parameters would leave the effect little to explain.
+        Inner parameters of the model were fitted without the candidate and have absorbed a part of its
+        effect. With fixed inner parameters the candidate would seem to explain little.
 
         Args:
-            problem: to which the candidate was fitted.
+            problem: the problem to which the candidate was fitted.
         """
         best = self.search.best
-        best = solve_gains(problem, best.model, best.parameters)  # with its blocks
+        best = solve_gains(problem, best.model, best.parameters)  # restores the arrays on blocks
         return min(held_out_of_all(problem, best), self.held_out)
 
 
 def held_out_of_all(problem: FitProblem, solution: Solution) -> float:
-    """Sum of squared residuals in runs that tell no parameter at all, to first order.
+    """Compute the squared held-out error if all parameters were fitted without the held-out fold.
 
-    Inner parameters are fitted to all runs. Held where they are while gains are fitted fold by fold, they
-    would let a law with many of them seem better than one of the same curve with as many gains.
+    Gains are fitted fold by fold, inner parameters to all runs. Fixed inner parameters would favor a law with
+    many of them over an equal curve with as many gains. Their slopes are therefore added as columns, which is
+    cross-validation to first order.
 
     Args:
-        problem: where.
-        solution: with its blocks.
+        problem: the fit problem.
+        solution: its solution, with arrays on blocks.
+
+    Returns:
+        Sum of squared residuals [effort^2].
     """
     names = (*solution.model.gains, *solution.model.inner)
     columns = np.column_stack([solution.columns, *inner_slopes(problem, solution)])
@@ -88,21 +91,21 @@ def held_out_of_all(problem: FitProblem, solution: Solution) -> float:
 
 
 def effect_library() -> tuple[Effect, ...]:
-    """One of every effect that palpate knows."""
+    """Instantiate every effect of the library."""
     return tuple(effect() for effect in EFFECTS.values())
 
 
 def parameter_count(effect: Effect) -> int:
-    """Number of an effect's parameters.
+    """Count the parameters of an effect: gains and inner parameters.
 
     Args:
-        effect: in any form.
+        effect: the effect, in any of its forms.
     """
     return len(effect.inner) + len(effect.gains)
 
 
 def applicable_effects(data: ChannelData, model: Model, effects: Iterable[Effect]) -> tuple[Effect, ...]:
-    """The effects that can be tried on this channel beside what the model has.
+    """Select the effects of a library that can extend the model of a channel.
 
     Args:
         data: the channel.
@@ -110,7 +113,8 @@ def applicable_effects(data: ChannelData, model: Model, effects: Iterable[Effect
         effects: the library.
     """
     present = {effect.name for effect in model.effects}
-    # a tilt turns a weight that is there; beside one, what else goes round with the angle is a tilt
+    # Beside a weight term, a tilt changes its direction; without one, any term in sin and cos would be a
+    # tilt.
     skipped = _NOT_TRIED[data.kind] | _BASES | present | {"weight" if present & HEAVY else "gravity_tilt"}
     unseen = unseen_kinds(data)
     return tuple(
@@ -131,49 +135,53 @@ def screen_effects(
     starts: Callable[[Effect], Sequence[Inner]] | None = None,
     refined: int = REFINED,
 ) -> list[Candidate]:
-    """Try each effect beside a model, the best in held-out runs first.
+    """Fit each effect beside a model, and sort by the held-out error.
 
-    All are tried at their starts, those that do well there also in between. What would be impossible beside
-    the other parameters as they were may be possible once all are fitted together.
+    Each effect is fitted at its start values. Promising effects are then refined between them. An effect with
+    impossible parameters is fitted jointly with the other parameters before it is marked as impossible.
 
     Args:
-        fit: the model.
-        effects: what to try.
-        progress: told the share that is done, and what is being tried.
-        starts: inner parameters at which to try an effect; by default those that it proposes.
-        refined: effects that are tried in between in any case; 0 for none at all.
+        fit: the fitted model.
+        effects: the candidate effects.
+        progress: called with the finished share and the current effect's name.
+        starts: start values of an effect's inner parameters; by default those that the effect proposes.
+        refined: number of effects that are always refined; 0 refines none.
+
+    Returns:
+        Candidates, the lowest held-out error first.
     """
-    # Effects are tried beside the fitted parameters, and as if an offset (which may be zero) were zero.
+    # Start beside the fitted parameters, and beside the same with offsets (parameters that may be 0) set to
+    # 0.
     inner, known = fit.solution.model.inner, fit.solution.parameters
     zero = {name: 0.0 for name, parameter in inner.items() if parameter.lower < 0.0 < parameter.upper}
-    looked, places = [], [known, *([{**known, **zero}] if zero else [])]
+    searches, parameter_sets = [], [known, *([{**known, **zero}] if zero else [])]
     for number, effect in enumerate(effects):
         progress(number / len(effects), effect.name)
-        places_of = starts(effect) if starts else effect.starts(fit.data)
+        start_values = starts(effect) if starts else effect.starts(fit.data)
         tried = [
-            search_inner(fit.problem, model, effect, parameters, places_of)
+            search_inner(fit.problem, model, effect, parameters, start_values)
             for model in extended_models(fit.solution.model, effect)
-            for parameters in places
+            for parameters in parameter_sets
         ]
-        looked.append(min(tried, key=lambda one: one.best.sse))
-    gains = np.array([fit.solution.sse - tried.best.sse for tried in looked])
+        searches.append(min(tried, key=lambda search: search.best.sse))
+    gains = np.array([fit.solution.sse - search.best.sse for search in searches])
     worst = np.sort(gains)[-refined:].min(initial=np.inf) if refined else np.inf
     least = min(PROMISING * gains.max(initial=0.0), worst) if refined else np.inf
-    found = []
-    for effect, first, gain in zip(effects, looked, gains, strict=True):
+    candidates = []
+    for effect, first, gain in zip(effects, searches, gains, strict=True):
         best = refine_inner(fit.problem, first.best.model, effect, first) if gain >= least else first
         possible = is_possible(effect, best.best, fit.problem)
         if not possible and gain >= PROMISING * gains.max():
             best = grid_search((*best.solutions, optimize_inner(fit.problem, best.best)), best.start_count)
             possible = is_possible(effect, best.best, fit.problem)
-        found.append(Candidate(effect, best.without_blocks(), possible))
-    return sorted(found, key=lambda candidate: candidate.held_out)
+        candidates.append(Candidate(effect, best.without_blocks(), possible))
+    return sorted(candidates, key=lambda candidate: candidate.held_out)
 
 
 def extended_models(model: Model, effect: Effect) -> list[Model]:
-    """The model with one more effect, in each of its forms.
+    """Extend a model by an effect, in each form of the effect.
 
-    What a sensor does may come before or after what it already does.
+    A sensor effect is placed after and before the sensor effects that the model has.
 
     Args:
         model: the model to extend.
@@ -186,37 +194,38 @@ def extended_models(model: Model, effect: Effect) -> list[Model]:
 
 
 def is_possible(effect: Effect, solution: Solution, problem: FitProblem) -> bool:
-    """Whether an effect's inner parameters make physical sense, and what makes it what it is is there.
+    """Check that an effect's inner parameters make physical sense and that its characteristic part matters.
 
     Args:
-        effect: part of the model.
-        solution: of the model.
-        problem: where.
+        effect: an effect of the model.
+        solution: the fitted model.
+        problem: the problem to which it was fitted.
     """
-    # what ended at the far end of a range that goes by ratio was not found
+    # A logarithmic parameter at the upper end of its range is undetermined.
     if any(
         p.log and solution.parameters[f"{effect.name}.{p.name}"] > FAR_END * p.upper for p in effect.inner
     ):
         return False
-    # no time stamp is better than half a step
+    # Time stamps do not resolve less than half a sample step.
     times = [abs(solution.parameters[f"{effect.name}.{p.name}"]) for p in effect.inner if p.unit == "s"]
     if times and min(times) < 0.5 * finest_step(problem.blocked.data.time_s, problem.blocked.data.run):
         return False
-    # A path below half a step, the most that rounding puts a position off by, is none.
+    # A path below half a step of the position, the largest rounding error, cannot be resolved.
     if effect.path and solution.parameters[f"{effect.name}.{effect.path}"] ** 2 < 3.0 * np.mean(
         reading_error(problem.blocked.data) ** 2
     ):
         return False
-    simpler = effect.simpler(solution.columns[:, _is_own(effect, solution)])
+    is_own = np.array([name.startswith(f"{effect.name}.") for name in solution.model.gains], dtype=np.bool_)
+    simpler = effect.simpler(solution.columns[:, is_own])
     if simpler.shape[1] == len(effect.gains):
         return True
-    others = solution.columns[:, ~_is_own(effect, solution)]
+    others = solution.columns[:, ~is_own]
     without = problem.solve(np.column_stack([others, simpler]), solution.target)
     return float(without.sse.sum()) - solution.sse >= ESSENTIAL * solution.sse
 
 
 def is_misnamed(effect: Effect, solution: Solution, problem: FitProblem) -> bool:
-    """Whether the effect has become another thing than its name says, see `Effect.is_misnamed`.
+    """Check whether the fitted effect imitates something else than its name says, see `Effect.is_misnamed`.
 
     Args:
         effect: an effect of the model.
@@ -231,10 +240,10 @@ def is_misnamed(effect: Effect, solution: Solution, problem: FitProblem) -> bool
 
 
 def _snaps(solution: Solution, problem: FitProblem) -> bool:
-    """Whether the object softens by more than the tool's compliance in series can follow: the tip would snap.
+    """Check whether the object softens by more than a tool compliance in series can follow (snap-through).
 
-    There the force is no function of the displacement, and a motion that is corrected by the measured force
-    follows this force, whatever it is. The object's slope counts as deep as the tip went.
+    There the force is no function of the displacement, and a motion corrected by the measured force follows
+    that force, whatever its cause. The slope of the object is evaluated up to the deepest tip position.
     """
     data, parameters, model = problem.blocked.data, solution.parameters, solution.model
     rigid, compliance = model.without(ToolCompliance.name), parameters[f"{ToolCompliance.name}.compliance"]
@@ -246,7 +255,3 @@ def _snaps(solution: Solution, problem: FitProblem) -> bool:
     further = replace(data, position=data.position + step)
     slope = (rigid.predict(further, parameters) - rigid.predict(data, parameters)) / step
     return float(np.mean(1.0 + compliance * slope < 0.0)) > _SNAPPING
-
-
-def _is_own(effect: Effect, solution: Solution) -> BoolArray:
-    return np.array([name.startswith(f"{effect.name}.") for name in solution.model.gains], dtype=np.bool_)

@@ -1,4 +1,4 @@
-"""Extend a fitted model by one effect."""
+"""Extend a fitted model by one effect, and pack fits for transfer between processes."""
 
 from dataclasses import dataclass, replace
 
@@ -16,28 +16,28 @@ from palpate.estimation.signals.cache_by_array import FitCache
 from palpate.estimation.workers import single_threaded
 from palpate.robot_io.types import BoolArray, FloatArray
 
-_FEW_INNER = 2  # inner parameters: more have several minima of their own
-_MOST_STARTS = 3  # from which a fit is repeated
+_FEW_INNER = 2  # an effect with more inner parameters has several minima of its own
+_MOST_STARTS = 3  # further start values from which a fit is repeated
 
 
 def fit_extended(data: ChannelData, parent: FitResult, effect: Effect) -> FitResult:
-    """Fit a model with one more effect, from the starts at which the effect fits best.
+    """Fit a model with one more effect, from the start values at which the effect fits best.
 
-    A start at zero of a speed or time that the effort is divided by could not be fitted. Some pairs of
-    effects have several minima, such as the position of a surface and the curvature of its spring, and so has
-    an effect with many inner parameters: the fit is repeated from each start that may lead to another one.
-    The one counts that leaves least in held-out runs. A fit with an unphysical gain must leave far less than
-    one without.
+    The fit is repeated from several start values if several minima are likely. This is the case for pairs
+    such as the position of a surface and the curvature of its spring, and for effects with many inner
+    parameters. The fit with the lowest held-out error is returned. A fit with an unphysical gain must leave
+    clearly less than a fit without one.
 
     Args:
         data: the channel, with the runs to fit to.
         parent: the model without the effect, fitted to the same data.
-        effect: what is added, in the form that suits the channel.
+        effect: the added effect, in the form that suits the channel.
     """
     with single_threaded():
         search = screen_effects(parent.training_fit, [effect])[0].search
         good, cache = usable(data), parent.problem.blocked.cache
-        # Parameters where the effect fitted best, the same with the parent's inner ones, and plausible ones.
+        # Start where the effect fitted best, there with the parent's inner parameters, and at plausible
+        # values.
         best_start, before = search.best.parameters, parent.solution
         starts = [best_start, {**best_start, **{n: before.parameters[n] for n in before.model.inner}}]
         tried = sorted(search.starts, key=lambda solution: solution.sse)

@@ -1,8 +1,8 @@
-"""What differs from run to run, beside a model whose search has ended.
+"""Random effects: values that differ from run to run, beside a model whose search has ended.
 
-Such an effect is a random one: each run has a value of its own, which its first part tells and the rest of
-it confirms (C. R. Henderson, Biometrics 31 (1975)). It is tried last and only where runs disagree, since it
-would take up a part of anything that changes slowly.
+The first part of each run determines the run's value, and the rest of the run tests it (C. R. Henderson,
+Biometrics 31 (1975)). Such an effect is added last, and only if runs disagree, since it would absorb a part
+of anything that changes slowly.
 """
 
 import numpy as np
@@ -15,18 +15,18 @@ from palpate.estimation.fit.run_heterogeneity import run_heterogeneity
 
 
 def add_run_variation(search: Search, fit: FitResult) -> FitResult:
-    """The model with a gain or a zero for each run where that is all that runs differ in; else as it is.
+    """Add a gain or a zero of each run if this removes all heterogeneity between runs.
 
-    Effects that the variation makes needless are left out.
+    Effects that the variation makes needless are dropped.
 
     Args:
-        search: of the channel.
-        fit: the model that its search has led to.
+        search: the search of the channel.
+        fit: the model that the search has led to; returned unchanged if nothing is added.
     """
     if run_heterogeneity(fit.problem.blocked, fit.solution) is None:
         return fit
-    present = {part.name for part in fit.solution.model.effects}
-    made = []
+    present = {effect.name for effect in fit.solution.model.effects}
+    homogeneous = []
     for effect in search.effects:
         if (
             isinstance(effect, RunGain | RunOffset)
@@ -34,29 +34,25 @@ def add_run_variation(search: Search, fit: FitResult) -> FitResult:
             and effect.applies_to(fit.data)
         ):
             start = {f"{effect.name}.share": effect.starts(fit.data)[-1]["share"]}
-            with_it = search.fitted(fit.solution.model.with_effect(effect), fit.solution.parameters | start)
-            if search.is_sound(with_it, effect.name):
-                made.append(with_it)
-    same = [
-        made_fit
-        for made_fit in made
-        if run_heterogeneity(made_fit.problem.blocked, made_fit.solution) is None
-    ]
-    if not same or not search.is_needed(fit, varied := search.ordered(same)[0]):
+            extended = search.fitted(fit.solution.model.with_effect(effect), fit.solution.parameters | start)
+            is_sound = search.is_sound(extended, effect.name)
+            if is_sound and run_heterogeneity(extended.problem.blocked, extended.solution) is None:
+                homogeneous.append(extended)
+    if not homogeneous or not search.is_needed(fit, varied := search.ordered(homogeneous)[0]):
         return fit
-    for name in search.added_effects(varied):  # drop effects that stood for the difference between runs
-        less = search.without(varied, name)
-        if not search.is_needed(less, varied):
-            varied = less
+    for name in search.added_effects(varied):  # drop effects that imitated the variation between runs
+        reduced = search.without(varied, name)
+        if not search.is_needed(reduced, varied):
+            varied = reduced
     return varied
 
 
 def run_standard_deviation(end: FitResult, effect: RunVariation) -> ParameterValue:
-    """How far a value lies from run to run, as a standard deviation, with its own error.
+    """Estimate the standard deviation of a value between runs, with its own standard error.
 
     Args:
         end: the model.
-        effect: which varies from run to run.
+        effect: the effect that varies from run to run.
     """
     model, known, data = end.solution.model, end.solution.parameters, end.data
     inner = {parameter.name: known[f"{effect.name}.{parameter.name}"] for parameter in effect.inner}

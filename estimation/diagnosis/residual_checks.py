@@ -194,7 +194,9 @@ def exceeds_noise(
         noise, reference = rng.normal(0.0, like_noise, len(blocked)), "of neighboring readings"
     else:
         return None
-    drawn = islice(bootstrap_samples(fit, measurement, rng, own=np.resize(noise, len(blocked))), _FEW_DRAWS)
+    drawn = islice(
+        bootstrap_samples(fit, measurement, rng, effort_noise=np.resize(noise, len(blocked))), _FEW_DRAWS
+    )
     left = [
         rmse(fit.blocked.reduce(held_out_residual(fit.blocked, solution))[acting]) for fit, solution in drawn
     ]

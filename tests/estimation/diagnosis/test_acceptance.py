@@ -133,8 +133,8 @@ def test_models_are_held_against_a_law_without_a_name_block_by_block(searches):
     blocks = end.problem.used.sum()
     assert held.named == pytest.approx(np.sum(end.solution.held_out) / blocks, rel=0.01)
     assert held.base > 20.0 * held.named
-    assert held.nameless < 3.0 * held.named
-    assert held.both == pytest.approx(held.named, rel=0.1)
+    assert held.base_flexible < 3.0 * held.named
+    assert held.named_flexible == pytest.approx(held.named, rel=0.1)
     assert not held.is_outperformed
     assert acceptance_criteria(end, search.start).base == held.named
 
@@ -228,10 +228,10 @@ def test_an_effect_that_takes_away_more_than_is_left_is_not_nothing(searches):
     """Though nobody looked at its interval."""
     search, _ = searches("a friction")
     end = reached(search, RUB, BIAS)
-    assert not module._may_be_nothing(search.start, end, RUB)
-    assert module._may_be_nothing(search.without(end, BIAS), end, BIAS)
+    assert not module._has_zero_size(search.start, end, RUB)
+    assert module._has_zero_size(search.without(end, BIAS), end, BIAS)
     half, whole = (SimpleNamespace(flexible=SimpleNamespace(before=np.array([one]))) for one in (1.0, 2.0))
-    assert not module._may_be_nothing(whole, half, RUB)
+    assert not module._has_zero_size(whole, half, RUB)
 
 
 def test_parts_that_are_fewer_than_their_whole_are_held_against_it():
@@ -239,14 +239,14 @@ def test_parts_that_are_fewer_than_their_whole_are_held_against_it():
     data = swings(1, lambda q, v, a: 0.3 * np.tanh(v / 0.01) + 0.1)
     search = searched(data, RUB, BIAS, "asymmetric_friction")
     end = reached(search, RUB, BIAS)
-    assert [one.name for one in module._wholes(search, end, RUB)] == ["asymmetric_friction"]
-    assert module._wholes(search, reached(search, RUB), RUB) == []
-    assert module._wholes(search, end, "pendulum") == []
-    whole = module._with_whole(search, end, EFFECTS["asymmetric_friction"]())
+    assert [one.name for one in module._composites(search, end, RUB)] == ["asymmetric_friction"]
+    assert module._composites(search, reached(search, RUB), RUB) == []
+    assert module._composites(search, end, "pendulum") == []
+    whole = module._with_composite(search, end, EFFECTS["asymmetric_friction"]())
     assert search.added_effects(whole) == ["asymmetric_friction"]
     assert whole.rmse == pytest.approx(end.rmse, rel=0.02)
     present = replace(search, effects=(*search.effects, EFFECTS[SPRING]()))
-    assert module._wholes(present, reached(search, "asymmetric_friction"), RUB) == []
+    assert module._composites(present, reached(search, "asymmetric_friction"), RUB) == []
 
 
 @pytest.mark.parametrize(
@@ -282,7 +282,7 @@ def test_a_form_is_named_where_its_kind_accounts_for_some_of_the_error(
     partial = replace(partial, budget=replace(partial.budget, flexible=0.0), error=laws)
     entries = {Kind.FRICTION: entry} if entry else {}
     found = module._accounts_for_error(
-        search, partial, end, test, entries, taken=1.0, unexplained=unexplained
+        search, partial, end, test, entries, explained=1.0, unexplained=unexplained
     )
     assert found is told
 
@@ -294,7 +294,7 @@ def test_an_effect_that_leaves_less_than_all_laws_names_its_kind_itself(searches
     nothing = {Kind.FRICTION: BudgetEntry(Kind.FRICTION, 0.0, (0.0, 0.0), 0.0, 0.0, ())}
     for flexible, told in ((0.9, True), (0.0, False)):
         part = replace(partial, budget=replace(partial.budget, flexible=flexible))
-        found = module._accounts_for_error(search, part, end, test, nothing, taken=1.0, unexplained=1.0)
+        found = module._accounts_for_error(search, part, end, test, nothing, explained=1.0, unexplained=1.0)
         assert found is told
 
 

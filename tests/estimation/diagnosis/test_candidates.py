@@ -226,7 +226,7 @@ def test_effects_are_tried_where_one_says():
     assert screen_effects(STOOD, []) == []
 
 
-def test_an_offset_of_the_model_may_be_nothing_beside_another_effect():
+def test_an_offset_of_the_model_has_zero_size_beside_another_effect():
     """What a bias does, an offset of the surface did before: found where that is taken back."""
     data = session(3)
     data = replace(
