@@ -14,14 +14,16 @@ import scipy
 
 from palpate.estimation.channel import ChannelData
 from palpate.estimation.data.derivatives import grid_step
+from palpate.estimation.effect import Effect
 from palpate.estimation.fit.fit_problem import FitProblem, Solution, solve_gains
 from palpate.estimation.fit.fit_result import FitResult
 from palpate.estimation.fit.flexible_regression import fit_flexible
 from palpate.estimation.fit.inner_search import optimize_inner, search_inner
 from palpate.estimation.fit.measurement_model import MeasurementModel, shuffle_noise
+from palpate.estimation.model import Model
 from palpate.estimation.signals.cache_by_array import FitCache
 from palpate.estimation.signals.runwise import shifted_motion
-from palpate.robot_io.types import FloatArray
+from palpate.robot_io.types import BoolArray, FloatArray
 
 SMALL = 0.05  # relative change of an error that is reported but changes no verdict
 DRAWS = 19  # most bootstrap samples: the data exceed all of 19 by chance once in twenty
@@ -142,15 +144,14 @@ def improvement_test(
         if not effect:
             fitted = solve_gains(problem, model, parameters, rounds=2)
             return fitted, fitted.held_out
-        added, reduced = model.effect(effect), model.without(effect)
-        forms = added.forms()
-        models = (
-            [(model, added)] if len(forms) == 1 else [(reduced.with_effect(form), form) for form in forms]
-        )
+        added = model.effect(effect)
         starts = added.starts(before.data)
         start = {parameter.name: known[f"{effect}.{parameter.name}"] for parameter in added.inner}
         tried = [start, *starts[:: max(len(starts) // _STARTS, 1)]]
-        searches = [search_inner(problem, with_form, form, parameters, tried) for with_form, form in models]
+        searches = [
+            search_inner(problem, with_form, form, parameters, tried)
+            for with_form, form in _forms(model, added)
+        ]
         best = min(searches, key=lambda search: search.best.sse)
         return best.best, float(best.held_out.sum())
 
@@ -194,18 +195,9 @@ def bootstrap_samples(
         The simulated data as a fit problem, and the model fitted to them.
     """
     blocked, model, known = fit.problem.blocked, fit.solution.model, fit.solution.parameters
-    trusted = blocked.trusted
     expected = model.predict(_with_derived(measurement.smoothed_motion, fit.data), known)
-    if effort_noise is None:
-        measured = _with_derived(measurement.simulate(rng), fit.data)
-        by_motion = blocked.reduce(model.predict(measured, known) - expected)
-        residual = fit.flexible.residual
-        variances = [float(np.var(signal[trusted])) for signal in (by_motion, residual)]
-        noise = np.sqrt(max(1.0 - variances[0] / max(variances[1], 1e-300), _LEAST_NOISE)) * residual
-    else:
-        noise = effort_noise.copy()
-    # Blocks whose error is more than noise take the noise of trusted blocks.
-    noise[~trusted] = np.resize(noise[trusted], int(np.sum(~trusted)))
+    noise = _estimate_noise(fit, measurement, expected, rng) if effort_noise is None else effort_noise
+    noise = _fill_untrusted(noise, blocked.trusted)
     # The residual contains rounding of the effort already; given noise does not.
     step = 0.0 if effort_noise is None else grid_step(np.sort(fit.data.effort))
     while True:
@@ -217,6 +209,34 @@ def bootstrap_samples(
             replace(blocked, data=data, cache=FitCache(), load_cache=FitCache()), fit.problem.noise_model
         )
         yield problem, solve_gains(problem, model, known, rounds=2)
+
+
+def _forms(model: Model, effect: Effect) -> list[tuple[Model, Effect]]:
+    """List the model with one of its effects in each form of the effect, with that form."""
+    forms = effect.forms()
+    if len(forms) == 1:
+        return [(model, effect)]
+    without = model.without(effect.name)
+    return [(without.with_effect(form), form) for form in forms]
+
+
+def _estimate_noise(
+    fit: FitResult, measurement: MeasurementModel, expected: FloatArray, rng: np.random.Generator
+) -> FloatArray:
+    """Scale the flexible regression's residual (m,) to the variance that the motion's errors do not cause."""
+    blocked, residual = fit.problem.blocked, fit.flexible.residual
+    motion = _with_derived(measurement.simulate(rng), fit.data)
+    by_motion = blocked.reduce(fit.solution.model.predict(motion, fit.solution.parameters) - expected)
+    variances = [float(np.var(signal[blocked.trusted])) for signal in (by_motion, residual)]
+    noise: FloatArray = np.sqrt(max(1.0 - variances[0] / max(variances[1], 1e-300), _LEAST_NOISE)) * residual
+    return noise
+
+
+def _fill_untrusted(noise: FloatArray, trusted: BoolArray) -> FloatArray:
+    """Replace the noise (m,) of blocks whose error is more than noise by the noise of trusted blocks."""
+    filled = noise.copy()
+    filled[~trusted] = np.resize(noise[trusted], int(np.sum(~trusted)))
+    return filled
 
 
 def _with_derived(motion: ChannelData, fitted: ChannelData) -> ChannelData:

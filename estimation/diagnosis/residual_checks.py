@@ -1,7 +1,8 @@
-"""What a smooth law of the signals cannot show: runs with laws of their own, and a rest unlike noise.
+"""Residual diagnostics that a flexible regression on the signals cannot replace.
 
-What would explain why one run differs (another specimen, another zero, a sensor that died) is no signal of
-the data, so other runs teach nothing about it. Nor does a rest that swings or breathes follow any signal.
+They detect runs that follow different laws, and residuals that oscillate or exceed the noise. The cause of a
+difference between runs (another specimen, zero or sensor) is no signal of the data, so held-out runs cannot
+reveal it. Oscillations do not follow any signal either.
 """
 
 from dataclasses import dataclass
@@ -24,58 +25,64 @@ from palpate.estimation.signals.periodicity import strongest_frequency
 from palpate.estimation.signals.runwise import sample_time
 from palpate.robot_io.types import BoolArray, FloatArray, IntArray
 
-_CLEARLY = 0.5  # of what a smooth law would leave: what each run leaves by itself
-_ABOVE_AIR = 3.0  # times what draws show, or what is left beside a swing
-_LIKE_NEIGHBOUR = 0.5  # of the energy that is left, which neighbouring blocks must have in common
-_FEW_DRAWS = 4  # whose largest is compared
-_WALKS = 1.6  # times as large differences at twice the distance, above which no noise grows
-_OF_RUN = 0.05  # of the longest run, over which differences must grow
-_BLOCKS = 40  # in contact and in free air, in motion and at rest, with fewer of which nothing is said
-_PROMINENT = 40.0  # times the median around it, that a line rises to in a spectrum; noise reaches 10
-_MOST_RUNS = 30  # that may have waves of their own
-_OWN_WAVES = 0.7  # of the error, below which such waves leave it
-_PEAK = 0.2  # share of the variance in one frequency that makes it worth naming
+_CLEARLY = 0.5  # error of runs fitted alone, relative to the noise level, if the model is not complete
+_EXCESS = (
+    3.0  # least ratio of a residual to bootstrap samples, or of an error to the rest beside an oscillation
+)
+_LEAST_SHARED = 0.5  # least share of the residual's variance that neighboring blocks have in common
+_SAMPLES = 4  # bootstrap samples, of which the largest is compared
+_SMOOTH_GROWTH = (
+    1.6  # growth of differences at twice the distance; a random walk, the slowest noise, has sqrt(2)
+)
+_LEAST_REACH = 0.05  # of the longest run, over which differences must grow
+_LEAST_BLOCKS = 40  # in contact and in free air, or in motion and at rest
+_PROMINENT = 40.0  # height of a spectral line over the median around it; noise reaches 10
+_MOST_RUNS = 30  # that are fitted with waves of their own
+_GAIN_OF_WAVES = 0.7  # largest error, relative to the model's, with waves fitted to each run
+_PEAK = 0.2  # least share of the variance at a reported frequency
 
 
 @dataclass(frozen=True)
 class ResidualFinding:
-    """Why a model is not complete though no smooth law improves it."""
+    """Why a model is incomplete although no flexible regression improves it."""
 
-    reason: str  # in words
-    depends_on: str  # what the error depends on
+    reason: str  # a sentence
+    depends_on: str  # what the residual depends on
 
 
 def check_residuals(
     end: FitResult, measurement: MeasurementModel, rng: np.random.Generator, *, complete: bool
 ) -> ResidualFinding | None:
-    """What no signal of the data shows and speaks against a model; None if nothing does.
+    """Look for evidence against a model that no signal of the data shows; None if there is none.
 
     Args:
         end: the model.
-        measurement: how the motion was read.
-        rng: for draws.
-        complete: whether it leaves nothing to a smooth law; if not, runs must differ by clearly more.
+        measurement: how motion and effort were measured.
+        rng: for bootstrap samples.
+        complete: whether a flexible regression does not improve the model. If it does, only a clear
+            difference between runs is reported.
     """
     unit = end.data.kind.effort_unit
-    apart = run_heterogeneity(end.problem.blocked, end.solution)
-    if not complete and not (apart and apart.alone < _CLEARLY * end.floor()):
+    heterogeneity = run_heterogeneity(end.problem.blocked, end.solution)
+    if not complete and not (heterogeneity and heterogeneity.alone < _CLEARLY * end.floor()):
         return None
-    if complete and (left := _left_by_own_waves(end)) is not None:
+    if complete and (left := _error_with_own_waves(end)) is not None:
         return ResidualFinding(
             "the error ripples over the position, with a different phase in each run: a wave fitted to each "
             f"run would leave {left:.3g} {unit}; begin each run at the same reference position",
             "run",
         )
-    if apart and _is_no_chance(apart, end, measurement, rng):
+    if heterogeneity and _is_heterogeneous(heterogeneity, end, measurement, rng):
         return ResidualFinding(
-            f"the runs do not follow one law: run {apart.run} is off by {apart.run_predicted:.3g} {unit} "
-            f"when predicted from the others, by {apart.run_alone:.3g} {unit} when fitted alone; was "
+            f"the runs do not follow one law: run {heterogeneity.run} is off by "
+            f"{heterogeneity.run_predicted:.3g} {unit} when predicted from the others, by "
+            f"{heterogeneity.run_alone:.3g} {unit} when fitted alone; was "
             "something else probed, or a sensor changed?",
             "run",
         )
     excess = exceeds_noise(end, measurement, rng)
     if not excess:
-        return _swings(end)
+        return _oscillation(end)
     swings = f" and oscillates at {excess.frequency_hz:.3g} Hz" if excess.frequency_hz else ""
     return ResidualFinding(
         f"the residual {excess.where}, {excess.acting:.3g} {unit}, is {excess.acting / excess.expected:.0f} "
@@ -85,8 +92,8 @@ def check_residuals(
     )
 
 
-def _left_by_own_waves(end: FitResult) -> float | None:
-    """Error that waves over the position, with coefficients of each run, leave; None if they do not help."""
+def _error_with_own_waves(end: FitResult) -> float | None:
+    """Error with waves over the position fitted to each run [effort]; None if they do not help."""
     blocked, used = end.problem.blocked, end.problem.used
     runs = len(np.unique(blocked.run[used]))
     if end.data.kind is ChannelKind.CONTACT or not 1 < runs <= _MOST_RUNS:
@@ -96,83 +103,88 @@ def _left_by_own_waves(end: FitResult) -> float | None:
     waves = periodic_columns(position, residual, is_angle=end.data.kind.is_angle, run=run)
     columns = np.column_stack([np.ones(len(residual)), waves])
     left = fit_each_run(residual, columns, np.unique(run, return_inverse=True)[1])
-    return end.rmse * rmse(left) / rmse(residual) if rmse(left) < _OWN_WAVES * rmse(residual) else None
+    is_better = rmse(left) < _GAIN_OF_WAVES * rmse(residual)
+    return end.rmse * rmse(left) / rmse(residual) if is_better else None
 
 
 def periodic_component(end: FitResult) -> tuple[float, float] | None:
-    """At which frequency [Hz] the error swings, and its share of the variance; runs may differ in phase.
+    """Find the frequency [Hz] of the residual's strongest line and its share of the variance; None if weak.
+
+    Runs may differ in phase.
 
     Args:
         end: the model.
     """
     blocked = end.problem.blocked
-    swing = _swing(blocked, blocked.reduce(held_out_residual(blocked, end.solution)))
-    return None if swing is None or swing[1] < _PEAK or swing[2] < _PROMINENT else swing[:2]
+    line = _strongest_line(blocked, blocked.reduce(held_out_residual(blocked, end.solution)))
+    return None if line is None or line[1] < _PEAK or line[2] < _PROMINENT else line[:2]
 
 
-def _swing(blocked: BlockedData, residual: FloatArray) -> tuple[float, float, float] | None:
-    """See `strongest_frequency`; the residual on blocks, (m,)."""
+def _strongest_line(blocked: BlockedData, residual: FloatArray) -> tuple[float, float, float] | None:
+    """See `strongest_frequency`; the residual is given on blocks, shape (m,)."""
     step_s = sample_time(blocked.data.time_s, blocked.data.run) * blocked.rows.shape[1]
     return strongest_frequency(blocked.reduce(blocked.data.time_s), blocked.run, residual, step_s)
 
 
-def _swings(end: FitResult) -> ResidualFinding | None:
-    """An error that swings: more than in free air, or so far that it is several times what is left beside it.
+def _oscillation(end: FitResult) -> ResidualFinding | None:
+    """Report an oscillation of the residual that is not part of the noise.
 
-    A hum that a sensor picks up in free air too, and that is no larger than its noise, is noise.
+    A hum that the sensor also picks up in free air, and that is no larger than the noise there, is noise.
     """
-    swing, unit = periodic_component(end), end.data.kind.effort_unit
-    if swing is None:
+    line, unit = periodic_component(end), end.data.kind.effort_unit
+    if line is None:
         return None
-    size, floor = np.sqrt(swing[1]) * end.rmse, np.sqrt(1.0 - swing[1]) * end.rmse
+    size, remainder = np.sqrt(line[1]) * end.rmse, np.sqrt(1.0 - line[1]) * end.rmse
     in_air = (1.0 + SMALL) * (free_air_noise(end.data) or 0.0)
-    if end.rmse <= min(in_air, _ABOVE_AIR * floor):
+    if end.rmse <= min(in_air, _EXCESS * remainder):
         return None
     return ResidualFinding(
-        f"the error oscillates at {swing[0]:.3g} Hz with {size:.3g} {unit}, and no signal of the data does",
+        f"the error oscillates at {line[0]:.3g} Hz with {size:.3g} {unit}, and no signal of the data does",
         "time",
     )
 
 
-def _is_no_chance(
-    apart: RunHeterogeneity, end: FitResult, measurement: MeasurementModel, rng: np.random.Generator
+def _is_heterogeneous(
+    heterogeneity: RunHeterogeneity, end: FitResult, measurement: MeasurementModel, rng: np.random.Generator
 ) -> bool:
-    """Whether runs that follow one law, read as these were, disagree by less."""
+    """Test whether runs differ by more than simulated runs of one law."""
 
     def ratio(heterogeneity: RunHeterogeneity | None) -> float:
         return heterogeneity.predicted / heterogeneity.alone if heterogeneity else 0.0
 
-    drawn = bootstrap_samples(end, measurement, rng, end.problem.blocked.reduce(apart.own_residual))
-    return sequential_test(
-        ratio(apart), (ratio(run_heterogeneity(problem.blocked, solution)) for problem, solution in drawn)
-    ).is_significant
+    noise = end.problem.blocked.reduce(heterogeneity.own_residual)
+    statistics = (
+        ratio(run_heterogeneity(problem.blocked, solution))
+        for problem, solution in bootstrap_samples(end, measurement, rng, noise)
+    )
+    return sequential_test(ratio(heterogeneity), statistics).is_significant
 
 
 @dataclass(frozen=True)
 class ExcessVariance:
-    """What is left in contact, or while a joint moves, and is no noise."""
+    """Residual variance in contact, or while a joint moves, beyond the noise."""
 
-    acting: float  # root mean square of the residual there, on blocks, in the unit of the effort
-    expected: float  # the same of draws from the model, with the noise of the reference
-    frequency_hz: float | None  # at which much of it swings; None if it does at none
+    acting: float  # root mean square of the residual there, on blocks [effort]
+    expected: float  # the same of bootstrap samples with noise of the reference [effort]
+    frequency_hz: float | None  # of an oscillation; None if there is none
     where: str  # "in contact" or "in motion"
-    reference: str  # where the noise was taken, such as "in free air"
+    reference: str  # where the noise was measured, such as "in free air"
 
 
 def exceeds_noise(
     fit: FitResult, measurement: MeasurementModel, rng: np.random.Generator
 ) -> ExcessVariance | None:
-    """What a model leaves in contact beyond noise as in free air and errors of the readings; None if nothing.
+    """Compare the residual in contact with the noise in free air; None if it does not exceed the noise.
 
-    Of a joint, what it leaves in motion beyond noise as at rest. Where there is no free air, or no rest, the
-    noise is that of neighboring readings, if it is white. It may be larger where the effort acts, of which
-    only what neighbouring blocks share is held against the model. Draws show what the readings' errors, such
-    as the steps of encoders, make of that.
+    For a joint, the residual in motion is compared with the noise at rest. Without free air or rest, white
+    noise is estimated from differences of neighboring readings. Noise may be larger where the effort acts, so
+    only the part of the residual that neighboring blocks share counts. Bootstrap samples show what errors of
+    the measured motion, such as encoder steps, contribute.
 
     Args:
         fit: the model.
-        measurement: how motion and effort were read.
-        rng: for draws.
+        measurement: how motion and effort were measured.
+        rng: for bootstrap samples.
     """
     blocked = fit.problem.blocked
     residual = blocked.reduce(held_out_residual(blocked, fit.solution))
@@ -183,38 +195,38 @@ def exceeds_noise(
     else:
         moving, where, reference = is_moving(blocked.data, blocked.rows), "in motion", "at rest"
         acting, still = usable & moving, usable & ~moving
-    if acting.sum() < _BLOCKS:
+    if acting.sum() < _LEAST_BLOCKS:
         return None
-    slow = _shared_by_neighbours(residual, blocked.run, acting)
-    if slow**2 < _LIKE_NEIGHBOUR * rmse(residual[acting]) ** 2:
+    slow = _shared_by_neighbors(residual, blocked.run, acting)
+    if slow**2 < _LEAST_SHARED * rmse(residual[acting]) ** 2:
         return None
-    if still.sum() >= _BLOCKS:
+    if still.sum() >= _LEAST_BLOCKS:
         noise = _about_run_means(residual, blocked.run, still)
-    elif like_noise := _like_noise(fit, np.where(usable, residual, np.nan)):
-        noise, reference = rng.normal(0.0, like_noise, len(blocked)), "of neighboring readings"
+    elif white := _white_noise(fit, np.where(usable, residual, np.nan)):
+        noise, reference = rng.normal(0.0, white, len(blocked)), "of neighboring readings"
     else:
         return None
-    drawn = islice(
-        bootstrap_samples(fit, measurement, rng, effort_noise=np.resize(noise, len(blocked))), _FEW_DRAWS
-    )
-    left = [
-        rmse(fit.blocked.reduce(held_out_residual(fit.blocked, solution))[acting]) for fit, solution in drawn
+    effort_noise = np.resize(noise, len(blocked))
+    samples = islice(bootstrap_samples(fit, measurement, rng, effort_noise), _SAMPLES)
+    simulated = [
+        rmse(problem.blocked.reduce(held_out_residual(problem.blocked, solution))[acting])
+        for problem, solution in samples
     ]
-    if slow < _ABOVE_AIR * max(left):
+    if slow < _EXCESS * max(simulated):
         return None
-    swing = _swing(blocked, np.where(acting, residual, np.nan))
-    frequency_hz = swing[0] if swing and swing[1] > _PEAK else None
-    acts = rmse(residual[acting])
-    return ExcessVariance(acts, float(np.median(left)), frequency_hz, where, reference)
+    line = _strongest_line(blocked, np.where(acting, residual, np.nan))
+    frequency_hz = line[0] if line and line[1] > _PEAK else None
+    size = rmse(residual[acting])
+    return ExcessVariance(size, float(np.median(simulated)), frequency_hz, where, reference)
 
 
-def _like_noise(fit: FitResult, residual: FloatArray) -> float | None:
-    """Standard deviation of the part of a residual on blocks (m,) that may be noise; None if it all may.
+def _white_noise(fit: FitResult, residual: FloatArray) -> float | None:
+    """Standard deviation of the white part of a residual on blocks (m,); None if all of it may be noise.
 
-    Differences of white noise are alike at any distance, and those of a random walk, the slowest noise, grow
-    by sqrt(2) where it doubles. What grows faster is smooth; only what stays so over a good part of a run is
-    not taken for the noise of a sensor with a filter. Where velocity was derived, distances are beyond its
-    window. P. Hall, J. W. Kay, D. M. Titterington, Biometrika 77 (1990).
+    Differences of white noise do not depend on the distance, those of a random walk grow by sqrt(2) if it
+    doubles. Faster growth means a smooth signal; over a small part of a run it may be noise of a filtered
+    sensor. Distances exceed the window from which velocity was derived. P. Hall, J. W. Kay, D. M.
+    Titterington, Biometrika 77 (1990).
     """
     blocked = fit.problem.blocked
     runs = rows_of_runs(blocked.run)
@@ -229,23 +241,23 @@ def _like_noise(fit: FitResult, residual: FloatArray) -> float | None:
             break
         sizes.append((distance, size))
         distance *= 2
-    grows = [after > _WALKS * before for (_, before), (_, after) in pairwise(sizes)]
+    grows = [after > _SMOOTH_GROWTH * before for (_, before), (_, after) in pairwise(sizes)]
     if not any(grows):
         return None
     most = max(size for _, size in sizes)
     reach = next(distance for distance, size in sizes if size >= 0.5 * most)
-    return sizes[grows.index(True)][1] if 3 * reach >= _OF_RUN * longest else None
+    return sizes[grows.index(True)][1] if 3 * reach >= _LEAST_REACH * longest else None
 
 
 def _about_run_means(residual: FloatArray, run: IntArray, chosen: BoolArray) -> FloatArray:
-    """The chosen blocks (k,) in order of time, each about the mean of its run."""
+    """Subtract each run's mean from the residual on chosen blocks, shape (k,), in order of runs."""
     parts = [residual[chosen & (run == number)] for number in np.unique(run[chosen])]
     return np.concatenate([part - part.mean() for part in parts])
 
 
-def _shared_by_neighbours(residual: FloatArray, run: IntArray, chosen: BoolArray) -> float:
-    """Root mean square of what neighbouring blocks have in common; 0 for white noise."""
+def _shared_by_neighbors(residual: FloatArray, run: IntArray, chosen: BoolArray) -> float:
+    """Root mean square of what neighboring blocks have in common [effort]; 0 for white noise."""
     pairs = chosen[1:] & chosen[:-1] & (run[1:] == run[:-1])
-    if pairs.sum() < _BLOCKS // 2:
+    if pairs.sum() < _LEAST_BLOCKS // 2:
         return 0.0
     return float(np.sqrt(max(np.mean(residual[1:][pairs] * residual[:-1][pairs]), 0.0)))

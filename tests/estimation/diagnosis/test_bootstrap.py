@@ -276,13 +276,13 @@ def test_of_what_is_left_a_twentieth_is_the_effort_s_own_however_much_the_readin
         solution=SimpleNamespace(model=SimpleNamespace(predict=lambda *_: made * wave), parameters={}),
     )
     measurement = SimpleNamespace(simulate=lambda rng: swings(1, runs=1))
-    own = bootstrap._own_noise(fit, measurement, np.zeros(30), None)
+    own = bootstrap._estimate_noise(fit, measurement, np.zeros(30), None)
     assert own == pytest.approx(np.sqrt(share) * noise)
 
 
 def test_where_the_error_is_more_than_noise_that_of_other_blocks_stands():
     noise, trusted = np.array([1.0, 2.0, 30.0, 40.0, 50.0]), np.array([True, True, False, False, False])
-    assert bootstrap._of_trusted(noise, trusted).tolist() == [1.0, 2.0, 1.0, 2.0, 1.0]
+    assert bootstrap._fill_untrusted(noise, trusted).tolist() == [1.0, 2.0, 1.0, 2.0, 1.0]
 
 
 def test_draws_of_a_model_whose_load_was_derived_have_it_too():
@@ -310,7 +310,7 @@ def test_where_a_few_draws_are_not_clear_all_inner_parameters_are_fitted_to_each
     friction_nm, unusual, monkeypatch
 ):
     monkeypatch.setattr(bootstrap, "DRAWS", 5)
-    monkeypatch.setattr(bootstrap, "_FEW", 6)  # so that they never are
+    monkeypatch.setattr(bootstrap, "_LEAST_SAMPLES", 6)  # so that they never are
     effect = EFFECTS["coulomb_friction"]()
     data = swings(3, lambda q, v, a: friction_nm * np.tanh(v / 0.01), runs=3, seconds=1.5)
     before, after = fit_model(data, SWING, {}), fit_model(data, SWING.with_effect(effect), {})

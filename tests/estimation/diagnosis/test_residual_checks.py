@@ -200,13 +200,13 @@ def test_what_neighbouring_blocks_share_is_their_covariance(memory, chosen, shar
     for i in range(1, len(noise)):
         noise[i] = memory * noise[i - 1] + rng.normal()
     some = np.arange(len(noise)) % 100 < 100 * chosen
-    found = residual_checks._shared_by_neighbours(noise, np.zeros(len(noise), dtype=int), some)
+    found = residual_checks._shared_by_neighbors(noise, np.zeros(len(noise), dtype=int), some)
     assert found**2 / np.var(noise) == pytest.approx(share, abs=0.05)
 
 
 def test_blocks_of_two_runs_or_across_a_gap_are_no_neighbours():
     noise, every = np.ones(50), np.ones(50, dtype=bool)
-    shared = residual_checks._shared_by_neighbours
+    shared = residual_checks._shared_by_neighbors
     assert shared(noise, np.arange(50), every) == 0.0
     assert shared(noise, np.zeros(50), np.arange(50) % 2 == 0) == 0.0
     assert shared(-noise, np.zeros(50), every) == 1.0
@@ -324,10 +324,10 @@ def test_runs_are_looked_at_first_then_what_is_left_in_contact(
     complete, floor, apart, chance, excess, depends_on, monkeypatch
 ):
     monkeypatch.setattr(residual_checks, "run_heterogeneity", lambda *_: apart)
-    monkeypatch.setattr(residual_checks, "_is_no_chance", lambda *_: not chance)
+    monkeypatch.setattr(residual_checks, "_is_heterogeneous", lambda *_: not chance)
     monkeypatch.setattr(residual_checks, "exceeds_noise", lambda *_: excess)
-    monkeypatch.setattr(residual_checks, "_swings", lambda *_: None)
-    monkeypatch.setattr(residual_checks, "_left_by_own_waves", lambda _: None)
+    monkeypatch.setattr(residual_checks, "_oscillation", lambda *_: None)
+    monkeypatch.setattr(residual_checks, "_error_with_own_waves", lambda _: None)
     end = SimpleNamespace(
         data=swings(1), problem=SimpleNamespace(blocked=None), solution=None, floor=lambda: floor
     )
@@ -355,7 +355,7 @@ def test_runs_that_follow_one_law_disagree_by_chance_as_draws_say(drawn, no_chan
     problem = SimpleNamespace(blocked=None)
     monkeypatch.setattr(residual_checks, "bootstrap_samples", lambda *_: iter([(problem, None)] * 40))
     end = SimpleNamespace(problem=SimpleNamespace(blocked=SimpleNamespace(reduce=lambda signal: signal)))
-    assert residual_checks._is_no_chance(APART, end, None, None) is no_chance
+    assert residual_checks._is_heterogeneous(APART, end, None, None) is no_chance
     assert BootstrapTest(2.5, np.array(drawn)).is_significant is no_chance
 
 
@@ -368,7 +368,7 @@ def test_a_swing_is_named_where_it_is_a_fair_part_and_stands_out(share, times, t
     monkeypatch.setattr(residual_checks, "strongest_frequency", lambda *_: found)
     monkeypatch.setattr(residual_checks, "free_air_noise", lambda _: None)
     end = fit_model(session(7), MODEL, {})
-    swung = residual_checks._swings(end)
+    swung = residual_checks._oscillation(end)
     assert (swung is not None) is told
     if told:
         assert f"7 Hz with {share**0.5 * end.rmse:.3g} N" in swung.reason
@@ -389,4 +389,4 @@ def test_a_swing_that_is_in_free_air_too_is_noise_unless_it_is_most_of_it(air, s
     monkeypatch.setattr(residual_checks, "free_air_noise", lambda _: air)
     end = fit_model(session(7), MODEL, {})
     monkeypatch.setattr(type(end), "rmse", 1.0 + SMALL)
-    assert (residual_checks._swings(end) is not None) is named
+    assert (residual_checks._oscillation(end) is not None) is named
