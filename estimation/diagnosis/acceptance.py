@@ -263,16 +263,10 @@ def _drop_needless_effects(search: Search, fit: FitResult, measurement: Measurem
 
     The least important effect is tested first.
     """
-    step = grid_step(np.sort(fit.data.effort))
     for name in reversed(effects_by_importance(search, fit)):
         reduced = search.without(fit, name)
         is_small = reduced.rmse - fit.rmse < SMALL * (search.start.rmse - fit.rmse)
-        # Rounding of the effort by a sensor looks like a law, too.
-        added = np.sqrt(max(reduced.rmse**2 - fit.rmse**2, 0.0))
-        is_rounding = (
-            name != "quantisation" and step > 0.0 and added < step / np.sqrt(12.0) and fit.rmse < step
-        )
-        is_needless = is_small or is_rounding or _has_zero_size(reduced, fit, name)
+        is_needless = is_small or _is_rounding(search, fit, name) or _has_zero_size(reduced, fit, name)
         explained = np.sqrt(max(reduced.held_out_mean_square - fit.held_out_mean_square, 0.0))
         is_needless |= bool(explained <= encoder_step_error(reduced, measurement))
         is_needed = not is_needless and search.is_needed(reduced, fit)
@@ -499,3 +493,10 @@ def _has_zero_size(reduced: FitResult, fit: FitResult, name: str) -> bool:
     estimates = estimate_parameters(*final_solution(fit))
     sizes = [estimates[f"{name}.{parameter.name}"] for parameter in effect.gains or effect.inner[:1]]
     return not any(abs(size.value) > 0.5 * _INTERVAL_RATIO * np.ptp(size.interval) for size in sizes)
+
+
+def _is_rounding(search: Search, fit: FitResult, name: str) -> bool:
+    """Whether an effect explains no more than the rounding of the measured effort."""
+    step, reduced = grid_step(np.sort(fit.data.effort)), search.without(fit, name)
+    added = np.sqrt(max(reduced.rmse**2 - fit.rmse**2, 0.0))
+    return bool(name != "quantisation" and step > 0.0 and added < step / np.sqrt(12.0) and fit.rmse < step)

@@ -1,4 +1,4 @@
-"""Says what is missing in a model, with evidence; or that nothing is, or that nobody has named it."""
+"""Diagnose channels: search for missing effects, test the models, and state the verdict."""
 
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from concurrent.futures import ProcessPoolExecutor
@@ -39,7 +39,7 @@ from palpate.estimation.model import Model
 from palpate.estimation.shared_gains import with_shared_gains
 from palpate.estimation.workers import end_when_told, end_workers
 
-_HANDFUL = 12  # different readings in all; with more, an effort crosses so many steps that they average out
+_FEW_LEVELS = 12  # distinct readings; with more, rounding errors average out
 
 
 def diagnose(
@@ -81,8 +81,8 @@ def diagnose(
             min(processes, len(jobs)), get_context("fork"), initializer=end_when_told
         ) as pool:
             try:
-                diagnoses = list(_counted(pool.map(work, jobs), channels, progress))
-            except BaseException:  # a signal, above all: nobody waits for the fits that are going on
+                diagnoses = list(_report_each(pool.map(work, jobs), channels, progress))
+            except BaseException:  # such as a signal: end running fits instead of waiting for them
                 end_workers(pool)
                 raise
     name = "+".join(dict.fromkeys(model.name for model in models))
@@ -96,10 +96,10 @@ def _diagnose_job(
     return diagnose_channel(data, model, effects, rng)
 
 
-def _counted(
+def _report_each(
     diagnoses: Iterable[ChannelDiagnosis], channels: Sequence[ChannelData], progress: Progress
 ) -> Iterator[ChannelDiagnosis]:
-    """Results as they come, each channel told as begun and as done."""
+    """Pass on results as they arrive, and report each channel's start and verdict."""
     for channel in channels:
         progress(f"{channel.name}: judging", 0.0)
     for diagnosis in diagnoses:
@@ -119,9 +119,9 @@ def diagnose_channel(
     Args:
         data: the channel, with its motion.
         model: the base model.
-        effects: the library.
-        rng: for draws.
-        progress: called with the current step and the share of it that is done.
+        effects: the library of candidate effects.
+        rng: for bootstrap samples and permutations.
+        progress: called with the current step and the finished share of it.
     """
     if reason := reject_reason(data):
         return insufficient_diagnosis(data, reason)
@@ -131,46 +131,46 @@ def diagnose_channel(
     coarse_kinds = cache(lambda: analyse_kinds(search.coarse or search))
     fit = search.start
     if not fit.is_exact:
-        part = partial(smallest_sufficient_model, search, measurement=checks.measurement)
+        sufficient = partial(smallest_sufficient_model, search, measurement=checks.measurement)
 
         @cache
         def forms() -> FitResult:
             progress(f"{data.name}: comparing forms within kinds", 0.0)
             return named_forms(coarse_kinds())
 
-        fit = select_effects(search, checks.in_every_respect, part, forms)
+        fit = select_effects(search, checks.is_complete, sufficient, forms)
     varied = add_run_variation(search, fit)
-    if checks.objection(varied) is None:  # else what is left may be what made the runs differ
+    if checks.objection(varied) is None:  # otherwise the remaining error may be why the runs differ
         fit = varied
     end, tests = _accept(search, fit, checks, kinds)
-    if not fit.is_exact and not checks.in_every_respect(end):
+    if not fit.is_exact and not checks.is_complete(end):
         rough = forms()
-        formed = search.fitted(rough.solution.model, rough.solution.parameters)
-        rival, other_tests = accept_forms(search, kinds(), formed, checks.measurement)
+        by_forms = search.fitted(rough.solution.model, rough.solution.parameters)
+        rival, rival_tests = accept_forms(search, kinds(), by_forms, checks.measurement)
         if search.is_better(rival, end):
-            end, tests = rival, other_tests
-        if end is search.start:  # together, needless effects may have stood in one's way
-            for single in [option for option in search.screen(end) if option.possible][:1]:
+            end, tests = rival, rival_tests
+        if end is search.start:  # several effects jointly may have failed where one alone is accepted
+            for single in [candidate for candidate in search.screen(end) if candidate.possible][:1]:
                 end, tests = accept_forms(search, kinds(), search.with_candidate(single), checks.measurement)
-    objection, complete = checks.objection(end), checks.in_every_respect(end)
+    objection, complete = checks.objection(end), checks.is_complete(end)
     names = search.added_effects(end)
-    is_doubtful = "quantisation" not in names if names else not complete
-    if is_doubtful and (reason := _below_a_step(search.start)):
+    may_be_rounding = "quantisation" not in names if names else not complete
+    if may_be_rounding and (reason := _too_few_levels(search.start)):
         return insufficient_diagnosis(data, reason)
-    of_kinds = (None, None) if complete else (kinds(), coarse_kinds())
-    return decide_verdict(Evidence(search, checks.measurement, end, complete, objection, tests, *of_kinds))
+    partials = (None, None) if complete else (kinds(), coarse_kinds())
+    return decide_verdict(Evidence(search, checks.measurement, end, complete, objection, tests, *partials))
 
 
 def _accept(
     search: Search, fit: FitResult, checks: "_Completeness", kinds: Callable[[], PartiallyLinear]
 ) -> tuple[FitResult, list[FormTest]]:
-    """Reduce the model that was found to effects that may bear their names, with the test of each form."""
-    if checks.in_every_respect(fit):
+    """Reduce the model that the search found to accepted effects; return it with the test of each form."""
+    if checks.is_complete(fit):
         end = accept_effects(search, fit, checks.measurement)
         if end is not search.start:
-            checks.refute(search.start)
-            end = most_parsimonious(search, end, checks.measurement, checks.in_every_respect)
-            if checks.in_every_respect(end):
+            checks.mark_incomplete(search.start)
+            end = most_parsimonious(search, end, checks.measurement, checks.is_complete)
+            if checks.is_complete(end):
                 return end, form_tests(kinds(), end)
             fit = end
         elif (
@@ -178,58 +178,58 @@ def _accept(
             and search.added_effects(fit)
             and search.is_sensible(fit)
             and exceeds_noise(end, checks.measurement, search.rng) is None
-        ):  # draws from the base model gain as much by a model to which nothing objects
+        ):  # the larger, complete model improves bootstrap samples of the base model as much as the data
             checks.withdraw_objection(end)
-    if checks.in_every_respect(search.start):  # what improves on it is no more than noise or smoothing
+    if checks.is_complete(search.start):  # improvements are due to noise or to smoothing of the motion
         return search.start, []
     return accept_forms(search, kinds(), fit, checks.measurement)
 
 
 class _Completeness:
-    """Whether models leave no more than draws from them do; each is judged once."""
+    """Tests whether models leave only noise; each model is tested once."""
 
     def __init__(self, search: Search) -> None:
         self._search = search
         self.measurement = identify_measurement_model(search.data)
         self.leaves_noise = cache(self._leaves_noise)
-        self._found_objection = cache(self._objection)
+        self._check_residuals = cache(self._find_objection)
         self._without_objection: list[FitResult] = []
-        self._refuted: list[FitResult] = []
+        self._incomplete: list[FitResult] = []
 
-    def in_every_respect(self, fit: FitResult) -> bool:
-        """Whether a model is complete, and nothing that no signal shows speaks against it.
+    def is_complete(self, fit: FitResult) -> bool:
+        """Whether a model leaves only noise and no residual check objects.
 
         Args:
             fit: the model.
         """
-        is_refuted = any(fit is known for known in self._refuted)
-        return not is_refuted and self.leaves_noise(fit) and self.objection(fit) is None
+        is_known = any(fit is known for known in self._incomplete)
+        return not is_known and self.leaves_noise(fit) and self.objection(fit) is None
 
     def objection(self, fit: FitResult) -> ResidualFinding | None:
-        """What no signal shows and speaks against a model.
+        """Return the finding of the residual checks on a model, unless it was withdrawn.
 
         Args:
             fit: the model.
         """
-        return None if any(fit is known for known in self._without_objection) else self._found_objection(fit)
+        return None if any(fit is known for known in self._without_objection) else self._check_residuals(fit)
 
     def withdraw_objection(self, fit: FitResult) -> None:
-        """Take a model for complete though its runs, or its error in time, look unusual.
+        """Treat a model as complete although its runs, or its residual over time, look unusual.
 
         Args:
             fit: the model.
         """
         self._without_objection.append(fit)
 
-    def refute(self, fit: FitResult) -> None:
-        """Take a model for incomplete, since draws from it gain less by effects that are sound.
+    def mark_incomplete(self, fit: FitResult) -> None:
+        """Treat a model as incomplete, since effects improve it by more than bootstrap samples of it.
 
         Args:
             fit: the model.
         """
-        self._refuted.append(fit)
+        self._incomplete.append(fit)
 
-    def _objection(self, fit: FitResult) -> ResidualFinding | None:
+    def _find_objection(self, fit: FitResult) -> ResidualFinding | None:
         if fit.is_exact:
             return None
         complete = self.leaves_noise(fit)
@@ -247,14 +247,14 @@ class _Completeness:
         return not lack_of_fit_test(fit, self.measurement, self._search.rng).is_significant
 
 
-def _below_a_step(start: FitResult) -> str | None:
-    """Why nothing can be said of a channel whose reader shows a handful of values only; None if it can.
+def _too_few_levels(start: FitResult) -> str | None:
+    """Explain why an effort with a few distinct readings does not allow a diagnosis; None if it does.
 
-    A reader that rounds is off by up to half a step, and always in the same way where the motion is the same
-    (B. Widrow, I. Kollar, Quantization Noise (2008)).
+    Rounding makes an error of up to half a step, which repeats when the motion repeats (B. Widrow, I. Kollar,
+    Quantization Noise (2008)).
     """
     levels = np.unique(start.data.effort)
-    if not 1 < len(levels) <= _HANDFUL:
+    if not 1 < len(levels) <= _FEW_LEVELS:
         return None
     step, unit = float(np.median(np.diff(levels))), start.data.kind.effort_unit
     if start.rmse >= step:

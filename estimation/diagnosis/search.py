@@ -1,7 +1,7 @@
-"""The search for effects: stepwise, looking back at each step, from several first effects if one misleads.
+"""Stepwise search for effects, with backward elimination at each step and restarts from several pairs.
 
-It goes ahead on a sketch of the channel, with one sample for each block and some of the runs where there are
-many; what comes out is fitted again to all of it.
+The search starts on a coarse copy of the channel: one sample for each block, and a part of the runs if there
+are many. The resulting model is then fitted to all data.
 """
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
@@ -33,40 +33,41 @@ from palpate.estimation.signals.cache_by_array import FitCache
 from palpate.estimation.signals.runwise import sample_time
 from palpate.robot_io.types import BoolArray
 
-TIE = 0.02  # of the squared error in held-out runs, that equally good models may differ by
-LEVEL = 0.01  # of false alarms, over all candidates of a step
-MOST_EFFECTS = 4  # with more, almost anything can be imitated
-FITTED = 4  # candidates of a step of which all parameters are fitted together
-FITTED_IN_FULL = 2  # the same where a sketch has chosen before
+TIE = 0.02  # relative difference of the squared held-out error below which models are equally good
+LEVEL = 0.01  # family-wise false-alarm rate over all candidates of a step
+MOST_EFFECTS = 4  # a model with more effects imitates almost any error
+FITTED = 4  # candidates of a step that are fitted jointly with all parameters
+FITTED_IN_FULL = 2  # the same on all data, after a search on a coarse copy
 LOOKED_AT = 12  # candidates among which those are chosen
 _PAIR = 2
-BESIDE, PAIRS = 3, 4  # second effects looked at beside each first, and pairs that are fitted together
-_FOLDS = 0.6  # share of the folds in which an effect must help
-# Of the energy that is left: noise of a thousand blocks gives no effect that much, noise of more blocks less.
+BESIDE, PAIRS = 3, 4  # second effects tried beside each first effect, and pairs that are fitted jointly
+_FOLDS = 0.6  # least share of the folds in which an effect must lower the error
+# Improvement, relative to the residual energy, above which no permutation test is needed: with `_MANY`
+# blocks, and with more.
 _CLEAR, _LEAST_CLEAR = 0.5, 0.1
 _MANY = 1000
-SHORTLIST = 8  # effects tried on all samples
-_FINE = 4  # blocks within which a copy of blocks hardly tells times
-NEAR = 1.5  # times the squared error that is left, from which another effect may get below it
-_LITTLE = 0.2  # of the error, beyond which draws that show as much prove no more than that they are few
-FEW_STARTS = 4  # places where a second effect is tried
-_ENOUGH, _ENOUGH_RUNS = 2000, 12  # blocks and runs of a sketch
-_MOST_BLOCKS = 12000  # of a sketch, before runs are chosen
+SHORTLIST = 8  # best candidates of the coarse copy that are tried on all samples
+_FINE = 4  # blocks; a coarse copy does not resolve shorter times
+NEAR = 1.5  # ratio of squared errors up to which a further fit may still make an alternative the better one
+_LITTLE = 0.2  # share of the error; above it, a bootstrap test that is not significant may lack power
+FEW_STARTS = 4  # start values in a quick screening
+_ENOUGH, _ENOUGH_RUNS = 2000, 12  # blocks and runs of a coarse copy
+_MOST_BLOCKS = 12000  # of a coarse copy, before runs are chosen
 Progress = Callable[[str, float], None]
 _Key = tuple[frozenset[tuple[str, int]], tuple[str, ...]]
 
 
 @dataclass(frozen=True)
 class Search:
-    """A channel, its base model and the library; models that were fitted are remembered."""
+    """Fits models to one channel and remembers them."""
 
-    data: ChannelData  # the channel
+    data: ChannelData
     model: Model  # the base model
     good: BoolArray  # samples that are fit for use, shape (n,)
-    effects: tuple[Effect, ...]  # the library
-    rng: np.random.Generator  # for surrogates
-    progress: Progress = lambda what, share: None  # told what is being done, and the share of it that is done
-    # The same on a coarse copy of the channel, which says what is worth trying; None for a sketch.
+    effects: tuple[Effect, ...]  # the library of candidate effects
+    rng: np.random.Generator  # for permutation and bootstrap tests
+    progress: Progress = lambda what, share: None  # called with the current step and its finished share
+    coarse: "Search | None" = None  # search on a coarse copy, which preselects candidates; None within a copy
     coarse: "Search | None" = None
     _cache: FitCache = field(default_factory=FitCache)
     _fits: dict[_Key, FitResult] = field(default_factory=dict)
@@ -75,11 +76,11 @@ class Search:
 
     @property
     def start(self) -> FitResult:
-        """The base model."""
+        """The fitted base model."""
         return self.fitted(self.model, {})
 
     def added_effects(self, fit: FitResult) -> list[str]:
-        """Names of a model's effects beside the base model's.
+        """Return the names of a model's effects that the base model does not have.
 
         Args:
             fit: the model.
@@ -88,7 +89,7 @@ class Search:
         return [effect.name for effect in fit.solution.model.effects if effect.name not in base]
 
     def size(self, fit: FitResult) -> int:
-        """Number of a model's parameters beside the base model's.
+        """Return the number of a model's parameters, without those of the base model.
 
         Args:
             fit: the model.
@@ -97,11 +98,11 @@ class Search:
         return sum(parameter_count(effect) for effect in fit.solution.model.effects if effect.name in names)
 
     def fitted(self, model: Model, parameters: Mapping[str, float]) -> FitResult:
-        """A model, fitted from these parameters on unless it is known already; or from where a sketch led.
+        """Fit a model, or return the known fit.
 
         Args:
-            model: to be fitted.
-            parameters: where the fit starts, by "effect.parameter".
+            model: the model to fit.
+            parameters: start values by "effect.parameter"; a fit to the coarse copy takes precedence.
         """
         key = _key(model)
         if key not in self._fits:
@@ -111,11 +112,11 @@ class Search:
         return self._fits[key]
 
     def refitted(self, model: Model, parameters: Mapping[str, float]) -> FitResult:
-        """A model fitted from other parameters, and kept where that is better.
+        """Fit a model again from other start values, and keep the better fit.
 
         Args:
-            model: to be fitted.
-            parameters: where the fit starts, by "effect.parameter".
+            model: the model to fit.
+            parameters: start values by "effect.parameter".
         """
         key, anew = _key(model), fit_model(self.data, model, parameters, self.good, self._cache)
         known = self._fits.get(key)
@@ -154,9 +155,9 @@ class Search:
         return self._screened[key]
 
     def _shortlist(self, fit: FitResult) -> dict[str, list[Inner]] | None:
-        """Where to try which effects, by what a coarse copy showed; None for all.
+        """Choose effects and start values by the search on the coarse copy; None for all.
 
-        What hardly shows there is tried as it proposes.
+        Sensor effects that the copy does not resolve are also tried at the start values that they propose.
         """
         if self.coarse is None:
             return None
@@ -170,11 +171,11 @@ class Search:
         return starts
 
     def fine_starts(self, fit: FitResult, effect: Effect) -> list[Inner]:
-        """Starts that a coarse copy hardly shows: times within a few blocks, steps of single readings.
+        """Return start values that a coarse copy does not resolve: times of a few blocks, steps of readings.
 
         Args:
             fit: a model of the channel.
-            effect: of which starts are chosen.
+            effect: the effect.
         """
         if not isinstance(effect, SensorEffect):
             return []
@@ -186,10 +187,10 @@ class Search:
         return [start for start in starts if in_time and max(map(abs, start.values())) < fine_s]
 
     def refined(self, fitted: FitResult) -> FitResult:
-        """A model that a coarse copy led to, with what hardly shows there fitted from its own starts too.
+        """Refit the effects of a model from start values that the coarse copy does not resolve.
 
         Args:
-            fitted: the model.
+            fitted: the model that the search on the coarse copy led to.
         """
         for name in self.added_effects(fitted):
             model, known = fitted.solution.model, fitted.solution.parameters
@@ -204,7 +205,7 @@ class Search:
         return fitted
 
     def quick_screen(self, beside: FitResult) -> list[Candidate]:
-        """The possible candidates beside a model, tried in few places, the best first.
+        """Fit possible effects beside a model at few start values, the best first.
 
         Args:
             beside: the model to extend.
@@ -212,10 +213,10 @@ class Search:
         return _quick_screen(beside, applicable_effects(beside.data, beside.solution.model, self.effects))
 
     def alternatives(self, fit: FitResult, name: str) -> list[Candidate]:
-        """The possible candidates in the place of one effect, the best first, that one among them.
+        """Fit effects in the place of an effect, itself included, at few start values; the best first.
 
-        All other parameters stay as they are: those that the model without the effect would have make up for
-        it, and for nothing else.
+        All other parameters keep their values. If they were refitted without the effect, they would absorb
+        what it explains.
 
         Args:
             fit: the model.
@@ -224,17 +225,17 @@ class Search:
         key = _key(fit.solution.model), name
         if key not in self._alternatives:
             model, known = fit.solution.model.without(name), fit.solution.parameters
-            less = FitResult(fit.data, fit.problem, solve_gains(fit.problem, model, known))
+            reduced = FitResult(fit.data, fit.problem, solve_gains(fit.problem, model, known))
             tried = applicable_effects(fit.data, model, self.effects)
             if self.coarse is not None:
                 rough = self.coarse.alternatives(self.coarse.fitted(fit.solution.model, known), name)
                 likely = {candidate.effect.name for candidate in rough[:SHORTLIST]} | {name}
                 tried = tuple(candidate for candidate in tried if candidate.name in likely)
-            self._alternatives[key] = _quick_screen(less, tried)
+            self._alternatives[key] = _quick_screen(reduced, tried)
         return self._alternatives[key]
 
     def refit_effect(self, fit: FitResult, name: str) -> FitResult:
-        """A model with one effect looked for anew: beside the others its best place may be far away.
+        """Refit an effect from its own start values: beside other effects the optimum may be far away.
 
         Args:
             fit: the model.
@@ -244,12 +245,12 @@ class Search:
         effect = model.effect(name)
         if not effect.inner or self.coarse is not None:
             return fit
-        less = FitResult(fit.data, fit.problem, solve_gains(fit.problem, model.without(name), known))
-        best = screen_effects(less, [effect])[0].search.best
+        reduced = FitResult(fit.data, fit.problem, solve_gains(fit.problem, model.without(name), known))
+        best = screen_effects(reduced, [effect])[0].search.best
         return self._fitted_from(best) if best.sse < (1.0 - TIE) * fit.solution.sse else fit
 
     def with_candidate(self, candidate: Candidate) -> FitResult:
-        """The model that a candidate was tried in, with all parameters fitted together.
+        """Fit all parameters of a candidate's model jointly.
 
         Args:
             candidate: the effect, with the model in which it was tried.
@@ -257,7 +258,7 @@ class Search:
         return self._fitted_from(candidate.search.best)
 
     def without(self, fit: FitResult, name: str) -> FitResult:
-        """A model less one effect.
+        """Fit the model without one of its effects.
 
         Args:
             fit: the model.
@@ -268,21 +269,21 @@ class Search:
         )
 
     def _fitted_from(self, solution: Solution) -> FitResult:
-        """The model of a trial, fitted anew where the trial alone is better than the fit that is known."""
+        """Fit the model of a solution; fit it again if the solution is better than the known fit."""
         known = self._fits.get(_key(solution.model))
         if known is not None and solution.sse < (1.0 - TIE) * known.solution.sse:
             return self.refitted(solution.model, solution.parameters)
         return self.fitted(solution.model, solution.parameters)
 
     def extensions(self, fit: FitResult, count: int = FITTED) -> list[FitResult]:
-        """A model with one more effect, all parameters fitted together, in the order of `ordered`.
+        """Fit the most promising extensions of a model by one effect, in the order of `ordered`.
 
         Args:
             fit: the model to extend.
-            count: of candidates that are fitted.
+            count: number of candidates that are fitted.
         """
         count = count if self.coarse is None else min(count, FITTED_IN_FULL)
-        # Candidates that lower the error once the model's other parameters follow, the best first.
+        # Candidates that lower the error when the model's other parameters adapt, the best first.
         possible = [candidate for candidate in self.screen(fit) if candidate.possible][:LOOKED_AT]
         follow = bool(fit.solution.model.inner)
         left = [candidate.followed(fit.problem) if follow else candidate.held_out for candidate in possible]
@@ -292,7 +293,7 @@ class Search:
         return self.ordered([extension for extension in made if self.is_sensible(extension)])
 
     def is_sensible(self, fit: FitResult) -> bool:
-        """Whether added effects are what their names say.
+        """Check that each added effect is what its name says.
 
         Args:
             fit: the model.
@@ -300,7 +301,7 @@ class Search:
         return all(self.is_sound(fit, name) for name in self.added_effects(fit))
 
     def is_sound(self, fit: FitResult, name: str) -> bool:
-        """Whether one effect is what its name says.
+        """Check that an effect has possible parameters and is what its name says.
 
         Args:
             fit: the model.
@@ -319,34 +320,34 @@ class Search:
         return is_possible(effect, solution, problem) and not is_misnamed(effect, solution, problem)
 
     def substitutions(self, fit: FitResult, name: str) -> list[FitResult]:
-        """Models with another effect in the place of one, of those that may do better, in order.
+        """Fit models that replace one effect and may be better, in the order of `ordered`.
 
         Args:
             fit: the model.
             name: the effect that is replaced.
         """
         tried = self.alternatives(fit, name)
-        roughly = [
+        own = [
             candidate.held_out for candidate in tried if candidate.effect.name == name
-        ]  # in as few places as the others
-        near = NEAR * max([fit.solution.held_out, *roughly])
+        ]  # as few start values
+        near = NEAR * max([fit.solution.held_out, *own])
         others = [
             candidate for candidate in tried if _key(candidate.search.best.model) != _key(fit.solution.model)
         ]
         made = [self.with_candidate(candidate) for candidate in others[:2] if candidate.held_out < near]
-        # The model with the parts of an effect in its place, if it has any.
+        # A composite effect may also be replaced by its parts.
         effect = fit.solution.model.effect(name)
-        present = {effect_there.name for effect_there in fit.solution.model.effects}
+        present = {effect.name for effect in fit.solution.model.effects}
         parts = [part for part in self.effects if part.name in effect.parts and part.name not in present]
         made += [self.with_each(self.without(fit, name), parts)] if parts else []
         return self.ordered([substitute for substitute in made if self.is_sensible(substitute)])
 
     def with_each(self, fit: FitResult, effects: Sequence[Effect]) -> FitResult:
-        """A model with these effects, one after the other, as far as the channel can have them.
+        """Add effects one after the other, if they apply to the channel.
 
         Args:
             fit: the model to extend.
-            effects: to be added.
+            effects: the effects to add.
         """
         for effect in effects:
             if effect.applies_to(fit.data):
@@ -355,9 +356,9 @@ class Search:
         return fit
 
     def is_better(self, fit: FitResult, reference: FitResult) -> bool:
-        """Whether a model leaves less than another; or about as much, with fewer parameters.
+        """Check whether a model leaves less than another, or about as much with fewer parameters.
 
-        More parameters must be worth it: by as much as an added effect.
+        Additional parameters must improve the fit by as much as an added effect must.
 
         Args:
             fit: the model.
@@ -368,7 +369,7 @@ class Search:
         return bool(fit.solution.held_out < limit * reference.solution.held_out)
 
     def ordered(self, made: Sequence[FitResult]) -> list[FitResult]:
-        """By the error in held-out runs; of those as good as the best, those with fewest parameters first.
+        """Sort by held-out error; among models as good as the best, those with fewest parameters first.
 
         Args:
             made: fitted models of the channel.
@@ -382,11 +383,11 @@ class Search:
         return sorted(made, key=rank)
 
     def is_needed(self, before: FitResult, after: FitResult) -> bool:
-        """Whether an effect takes away more than a small share of the error, and more than chance would.
+        """Check whether an effect lowers the error by more than a negligible share and than chance does.
 
         Args:
             before: the model without the effect.
-            after: the model with it.
+            after: the model with the effect.
         """
         if after.rmse > (1.0 - SMALL) * before.rmse:
             return False
@@ -395,12 +396,15 @@ class Search:
         return self.p_value(before, after, LEVEL) <= LEVEL
 
     def p_value(self, before: FitResult, after: FitResult, level: float = 1.0) -> float:
-        """How often the best of all candidates takes as much from noise; 0 where that is out of question.
+        """Estimate how often the best candidate improves noise by as much (max-statistic permutation test).
 
         Args:
-            before: a model.
-            after: the model with one effect more.
-            level: above it the value may come out too low, as long as it is above.
+            before: the model without the effect.
+            after: the model with one more effect.
+            level: significance level; a p-value above it need not be exact.
+
+        Returns:
+            The p-value; 0 for an improvement that is clear without a test.
         """
         kept = after.problem.used
         noise = after.flexible.residual[kept]
@@ -425,15 +429,15 @@ def prepare_search(  # noqa: PLR0917
     rng: np.random.Generator,
     progress: Progress = lambda what, share: None,
 ) -> Search:
-    """A search of a channel, with a sketch of it where blocks are longer than samples.
+    """Prepare the search of a channel, with a coarse copy if blocks are longer than samples.
 
     Args:
         data: the channel.
         model: the base model.
         good: samples fit for use, shape (n,).
-        effects: the library.
-        rng: for draws.
-        progress: called with the current step and the share of it that is done.
+        effects: the library of candidate effects.
+        rng: for permutation and bootstrap tests.
+        progress: called with the current step and its finished share.
     """
     whole = Search(data, model, good, effects, rng, progress)
     blocked = merge_blocks(whole.start.problem.blocked, _MOST_BLOCKS)
@@ -445,7 +449,7 @@ def prepare_search(  # noqa: PLR0917
 
 
 def _some_runs(blocked: BlockedData) -> BoolArray:
-    """Blocks of runs that are enough to say what is worth trying, weak and strong ones alike, shape (m,)."""
+    """Select blocks of enough runs for a coarse search, with small and large efforts alike, shape (m,)."""
     runs = rows_of_runs(blocked.run)
     every = max(min(len(blocked) // _ENOUGH, len(runs) // _ENOUGH_RUNS), 1)
     by_effort = sorted(runs, key=lambda rows: float(np.ptp(blocked.effort[rows])))
@@ -460,27 +464,28 @@ def select_effects(
     sufficient: Callable[[FitResult], FitResult],
     forms: Callable[[], FitResult],
 ) -> FitResult:
-    """The model that explains most, each of its effects needed beside the others.
+    """Search for the model that explains most and of which each effect is needed.
 
-    Many effects imitate almost anything: where more than two are needed, pairs are tried as well. Where the
-    best effects one by one leave something, the best forms of all kinds together are tried.
+    Effects are added one by one. If this leaves an explainable error, the best forms of all kinds are tried
+    jointly. If more than two effects are needed, the search restarts from pairs, since many effects imitate
+    almost any error.
 
     Args:
-        whole: the channel.
-        is_complete: whether a model leaves no more than draws from it do.
-        sufficient: the part of a model from which draws gain as much by the whole.
-        forms: the model, on the coarse copy, with the best form of each kind that accounts for the error.
+        whole: the search on all data.
+        is_complete: whether a model leaves only noise.
+        sufficient: reduces a model to the smallest sufficient one.
+        forms: fits the best form of each kind that accounts for the error, on the coarse copy.
     """
     coarse = whole.coarse or whole
-    on_all = partial(_refined, whole)
+    refine = partial(_refined, whole)
 
     def is_enough(fit: FitResult) -> bool:
         needs_nothing = not whole.added_effects(fit) or fit.rmse <= (1.0 + SMALL) * fit.floor()
         return (needs_nothing or fit.explainable_share() < _LITTLE) and is_complete(fit)
 
-    best = on_all(_forward_selection(coarse, coarse.start))
+    best = refine(_forward_selection(coarse, coarse.start))
     if not is_enough(best):
-        best = whole.ordered([best, on_all(_forward_selection(coarse, backward_step(coarse, forms())))])[0]
+        best = whole.ordered([best, refine(_forward_selection(coarse, backward_step(coarse, forms())))])[0]
     enough = is_enough(best)
     if enough and len(whole.added_effects(best)) > _PAIR:
         less = backward_step(whole, sufficient(best))
@@ -490,19 +495,19 @@ def select_effects(
     for first in _pairs(coarse):
         if set(coarse.added_effects(first)) <= set(whole.added_effects(best)):
             continue
-        rough = _forward_selection(coarse, first)
-        if not coarse.is_sensible(rough):
+        coarse_fit = _forward_selection(coarse, first)
+        if not coarse.is_sensible(coarse_fit):
             continue
         known = coarse.fitted(best.solution.model, best.solution.parameters)
-        if rough.solution.held_out < (1.0 - TIE) * known.solution.held_out:
-            best = whole.ordered([best, on_all(rough)])[0]
+        if coarse_fit.solution.held_out < (1.0 - TIE) * known.solution.held_out:
+            best = whole.ordered([best, refine(coarse_fit)])[0]
             if is_enough(best):
                 break
     return best
 
 
 def _pairs(coarse: Search) -> Iterator[FitResult]:
-    """Two effects at once, the best pairs first: beside the wrong first, the right second does little."""
+    """Yield pairs of effects, best first: beside a wrong first effect, the right second one seems useless."""
     beside = [
         (first, second)
         for first in coarse.screen(coarse.start)
@@ -515,7 +520,7 @@ def _pairs(coarse: Search) -> Iterator[FitResult]:
 
 
 def _refined(whole: Search, rough: FitResult) -> FitResult:
-    """What was found on a coarse copy, on the channel itself."""
+    """Transfer a model of the coarse copy to all data, and continue the search there unless much is left."""
     refined = whole.refined(whole.fitted(rough.solution.model, rough.solution.parameters))
     if whole.added_effects(refined) and refined.explainable_share() > _LITTLE:
         return refined
@@ -523,7 +528,7 @@ def _refined(whole: Search, rough: FitResult) -> FitResult:
 
 
 def _forward_selection(search: Search, fit: FitResult) -> FitResult:
-    """Add the best effect as long as one is needed, and look back at each step."""
+    """Add the best effect as long as one is needed, with a backward step after each."""
     while len(search.added_effects(fit)) < MOST_EFFECTS:
         further = (extension for extension in search.extensions(fit) if search.is_needed(fit, extension))
         extension = next(further, None)
@@ -537,17 +542,17 @@ def _forward_selection(search: Search, fit: FitResult) -> FitResult:
 
 
 def backward_step(search: Search, fit: FitResult) -> FitResult:
-    """Seek each effect anew, drop it if needless, and exchange it where another does better, or is sound.
+    """Refit each added effect, drop it if it is not needed, and replace it if another effect is better.
 
     Args:
-        search: of the channel.
+        search: the search of the channel.
         fit: the model with its effects.
     """
     for name in search.added_effects(fit):
         fit = search.refit_effect(fit, name)
-        less = search.without(fit, name)
-        if not search.is_needed(less, fit):
-            fit = less
+        reduced = search.without(fit, name)
+        if not search.is_needed(reduced, fit):
+            fit = reduced
             continue
         is_sound = search.is_sound(fit, name)
         better = (
@@ -555,12 +560,12 @@ def backward_step(search: Search, fit: FitResult) -> FitResult:
             for substitute in search.substitutions(fit, name)
             if not is_sound or search.is_better(substitute, fit)
         )
-        fit = next(better, fit if is_sound else less)
+        fit = next(better, fit if is_sound else reduced)
     return fit
 
 
 def _quick_screen(beside: FitResult, effects: Sequence[Effect]) -> list[Candidate]:
-    """Those of some effects that are possible beside a fit, tried in few places, the best first."""
+    """Fit effects beside a model at few start values; the possible ones, the best first."""
 
     def few(effect: Effect) -> Sequence[Inner]:
         starts = effect.starts(beside.data)
@@ -574,6 +579,6 @@ def _quick_screen(beside: FitResult, effects: Sequence[Effect]) -> list[Candidat
 
 
 def _key(model: Model) -> _Key:
-    """Effects add up in any order; what sensors do does not."""
+    """Identify a model: the order of its sensor effects matters, the order of its other effects does not."""
     sensors = tuple(effect.name for effect in model.effects if isinstance(effect, SensorEffect))
     return frozenset((effect.name, effect.form) for effect in model.effects), sensors

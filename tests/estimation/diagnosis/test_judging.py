@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 from palpate.estimation.diagnosis.diagnose import (
-    _below_a_step,
     _Completeness,
+    _too_few_levels,
     diagnose,
     diagnose_channel,
 )
@@ -44,7 +44,7 @@ module = import_module(
 )
 def test_a_handful_of_readings_says_nothing_below_their_distance(levels, rmse, said):
     data = SimpleNamespace(effort=np.tile(levels, 10), kind=SimpleNamespace(effort_unit="N m"))
-    found = _below_a_step(SimpleNamespace(data=data, rmse=rmse))
+    found = _too_few_levels(SimpleNamespace(data=data, rmse=rmse))
     assert found is None if said is None else said in found
 
 
@@ -76,7 +76,7 @@ def test_a_model_is_complete_where_it_leaves_no_more_than_draws_from_it(
     assert asked == [1] * drawn  # each model is judged once
     assert judge.objection(fit) == judge.objection(fit) == (None if exact else "why")
     assert asked[drawn:] == ([] if exact else [complete])
-    assert judge.in_every_respect(fit) is (complete and exact)
+    assert judge.is_complete(fit) is (complete and exact)
 
 
 FLOW = {  # what is true of a channel: what is answered
@@ -119,7 +119,7 @@ def test_a_channel_is_searched_varied_reduced_and_answered(name, monkeypatch):
         def objection(self, one):
             return "objection" if one in objected else None
 
-        def in_every_respect(self, one):
+        def is_complete(self, one):
             return given.get("complete", True)
 
     def searching(tried, is_complete, sufficient, forms):
@@ -145,7 +145,7 @@ def test_a_channel_is_searched_varied_reduced_and_answered(name, monkeypatch):
         "named_forms": lambda *_: SimpleNamespace(solution=SimpleNamespace(model=rough, parameters={})),
         "accept_forms": lambda tried, kinds, one, measurement: (one, []),
         "_accept": lambda tried, one, judge, kinds: (one, []),
-        "_below_a_step": lambda _: given.get("step"),
+        "_too_few_levels": lambda _: given.get("step"),
         "decide_verdict": lambda one: (one.end, one.complete, one.objection),
         "insufficient_diagnosis": lambda data, reason: reason,
     }
@@ -159,8 +159,9 @@ def test_a_model_that_is_simplified_and_then_leaves_something_is_judged_by_its_f
     simpler_is_complete, way, monkeypatch
 ):
     complete = {"whole": True, "simpler": simpler_is_complete, "base": True}
-    judge = SimpleNamespace(measurement="readings", in_every_respect=complete.__getitem__)
-    judge.refute = lambda fit: complete.update({fit: False})  # the base passes for complete until then
+    judge = SimpleNamespace(measurement="readings", is_complete=complete.__getitem__)
+    # the base model counts as complete until it is marked
+    judge.mark_incomplete = lambda fit: complete.update({fit: False})
     monkeypatch.setattr(module, "accept_effects", lambda search, fit, measurement: fit)
     monkeypatch.setattr(module, "most_parsimonious", lambda *_: "simpler")
     monkeypatch.setattr(module, "form_tests", lambda partial, end: ["complete"])
@@ -194,7 +195,7 @@ def test_an_objection_counts_no_more_where_draws_gain_as_much_by_a_model_to_whic
     monkeypatch.setattr(module, "accept_effects", lambda *_: base)
     monkeypatch.setattr(module, "accept_forms", lambda *_: (base, []))
     assert module._accept(search, whole, judge, lambda: None) == (base, [])
-    assert judge.in_every_respect(base) is complete
+    assert judge.is_complete(base) is complete
 
 
 @pytest.fixture

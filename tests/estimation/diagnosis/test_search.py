@@ -279,12 +279,12 @@ def test_an_effect_whose_size_has_zero_size_is_not_established(monkeypatch, gap_
         (0.0, 0.055, 0.05, "bias", False),  # the reader does not round
     ],
 )
-def test_what_is_below_a_step_of_the_reader_may_be_its_rounding(step, without, end, name, below):
+def test_what_is_rounding_of_the_reader_may_be_its_rounding(step, without, end, name, below):
     effort = np.random.default_rng(1).normal(0.0, 1.0, 3000)
     effort = step * np.round(effort / step) if step else effort
     whole = SimpleNamespace(data=SimpleNamespace(effort=effort), rmse=end)
     search = SimpleNamespace(without=lambda *_: SimpleNamespace(rmse=without))
-    assert acceptance._is_below_a_step(search, whole, name) is below
+    assert acceptance._is_rounding(search, whole, name) is below
 
 
 def test_a_model_is_fitted_once_and_kept_where_another_start_leads_to_no_less():
