@@ -12,32 +12,32 @@ from palpate.estimation.kinds import Kind
 from palpate.estimation.statistics.least_squares import solve_within_bounds
 from palpate.robot_io.types import BoolArray, FloatArray, IntArray
 
-_RIDGES = (1e-6, 1e-4, 1e-2)  # of the mean square of a column
-_COLLINEAR = 1e-9  # the same for the base model, which is not shrunken
-_MOST_BLOCKS = 6000  # more are thinned out evenly
-_PIECES = 16  # of a run; every second one tells the run's own gain and zero for the others
+_RIDGES = (1e-6, 1e-4, 1e-2)  # ridge penalties, relative to the mean square of a column
+_COLLINEAR = 1e-9  # the same for columns of the base model, which are not shrunk
+_MOST_BLOCKS = 6000  # longer data are decimated
+_PIECES = 16  # of a run; alternating pieces fit and test the run's own coefficients
 _SINGULAR = 1e-9
-_FEW = 1e-3  # of the blocks, on which an object that lets go changes no fit
-_ROUNDS = 6  # of finding where it lets go
-_WEAK = 1e-3  # of the largest singular value, below which a run does not tell a coefficient
+_FEW = 1e-3  # share of blocks with lost contact below which the fit is not repeated
+_ROUNDS = 6  # fits until the blocks with lost contact stay the same
+_WEAK = 1e-3  # singular values below this share of the largest are ignored in fits of one run
 
 Kinds = frozenset[Kind]
 
 
 @dataclass(frozen=True)
 class BaseColumns:
-    """Columns of the base model, which every regression has."""
+    """Columns of the base model, which are part of every regression."""
 
     columns: FloatArray  # shape (m, q)
-    lower: FloatArray  # smallest coefficient that makes physical sense, shape (q,)
-    one_sided: BoolArray  # whether each is part of what an object pushes with, which cannot pull, shape (q,)
+    lower: FloatArray  # lower bounds of the coefficients, shape (q,)
+    one_sided: BoolArray  # whether a column is part of the object's force, which only pushes, (q,)
 
 
 class SquaredErrors(ABC):
-    """Squared errors in held-out runs for sets of kinds; each set is evaluated once."""
+    """Squared held-out errors for sets of kinds; each set is evaluated once."""
 
     _run: IntArray  # number of each block's run, from 0, shape (n,)
-    _squares: dict[Kinds, FloatArray]  # by_run of the sets that were asked for
+    _squares: dict[Kinds, FloatArray]  # results of `by_run`
 
     @property
     @abstractmethod
@@ -46,7 +46,7 @@ class SquaredErrors(ABC):
 
     @abstractmethod
     def residual(self, kinds: Kinds) -> FloatArray:
-        """Return what a model with these kinds leaves in held-out runs, shape (n,) [effort].
+        """Return the residual in held-out runs of a model with these kinds, shape (n,) [effort].
 
         Args:
             kinds: kinds whose laws are added to the model.
@@ -86,9 +86,9 @@ class SquaredErrors(ABC):
 class HeldOutError(SquaredErrors):
     """Squared errors of a base model beside the flexible laws of some kinds.
 
-    Coefficients come from ridge regression on all other folds; those whose sign physics fixes are not
-    negative. Differences between runs are no columns: a run that is held out tells its own gain and zero in
-    every second piece, and the other pieces judge them.
+    Coefficients come from ridge regression on all other folds, with nonnegativity if physics fixes the sign.
+    Differences between runs have no columns: alternate pieces of a held-out run fit the run's own gain and
+    zero, which the other pieces test.
     """
 
     base: BaseColumns
@@ -120,7 +120,9 @@ class HeldOutError(SquaredErrors):
         self._needs = needs
         signs = [self.base.lower >= 0.0, *(law.nonnegative for law in shared)]
         self._nonnegative: BoolArray = np.concatenate(signs)
-        self._latest = np.ones(len(self._nonnegative))  # coefficients of the latest fit, of a similar one
+        self._latest = np.ones(
+            len(self._nonnegative)
+        )  # coefficients of the latest, similar fit, to start from
         sides = [self.base.one_sided, *(np.full(law.columns.shape[1], law.one_sided) for law in shared)]
         self._one_sided: BoolArray = np.concatenate(sides)
         self._run: IntArray = np.unique(self.blocked.run[rows], return_inverse=True)[1]
@@ -145,7 +147,7 @@ class HeldOutError(SquaredErrors):
         if Kind.RUN_DIFFERENCES not in kinds:
             return error
         adjusted = _adjusted_to_runs(self._target, predicted, self._run, self._half)
-        adjusted += [  # a predicted phase of all runs would stand in the way
+        adjusted += [  # waves of each run replace the waves that all runs share
             fit_each_run(self._target - self._predicted(kinds - own), columns, self._run)
             for own, columns in self._of_runs.items()
             if own <= kinds
@@ -174,12 +176,17 @@ class HeldOutError(SquaredErrors):
         for fold, rows in enumerate(self._folds):
             system, moment = all_folds - grams[fold], all_moments - moments[fold]
             coefficients = solve_within_bounds(system, moment, lower, upper, self._latest[chosen])
-            # Blocks where an object would have to pull, which it cannot: there it lets go.
+            # Where the object would have to pull, contact is lost and its columns do not act.
             lifted = self._may_lift & (pushing @ coefficients[pushes] < 0.0)
             for _ in range(_ROUNDS if lifted.mean() > _FEW else 0):
                 train = np.flatnonzero(lifted & (self._fold != fold))
-                change, less = _of_what_lets_go(columns[train], pushes, self._target[train])
-                coefficients = solve_within_bounds(system - change, moment - less, lower, upper, coefficients)
+                remaining = columns[train] * ~pushes  # columns that act without contact
+                lost = columns[train]
+                change = lost.T @ lost - remaining.T @ remaining
+                shift = (lost - remaining).T @ self._target[train]
+                coefficients = solve_within_bounds(
+                    system - change, moment - shift, lower, upper, coefficients
+                )
                 before, lifted = lifted, self._may_lift & (pushing @ coefficients[pushes] < 0.0)
                 if np.array_equal(lifted, before):
                     break
@@ -189,16 +196,8 @@ class HeldOutError(SquaredErrors):
         return predicted
 
 
-def _of_what_lets_go(
-    columns: FloatArray, pushes: BoolArray, target: FloatArray
-) -> tuple[FloatArray, FloatArray]:
-    """Products of columns (n, k) on some blocks, less those of what still acts where the object lets go."""
-    rest = columns * ~pushes
-    return columns.T @ columns - rest.T @ rest, (columns - rest).T @ target
-
-
 def fit_each_run(signal: FloatArray, columns: FloatArray, run: IntArray) -> FloatArray:
-    """Fit columns with coefficients of each run in every second piece of it, and judge the other pieces.
+    """Fit columns to alternating pieces of each run, and predict the other pieces (two-fold validation).
 
     Args:
         signal: shape (n,).
@@ -206,24 +205,23 @@ def fit_each_run(signal: FloatArray, columns: FloatArray, run: IntArray) -> Floa
         run: number of each sample's run, from 0, shape (n,).
 
     Returns:
-        What is left, shape (n,); the signal itself in runs too short to be fitted.
+        The residual, shape (n,); the signal itself in runs too short to be fitted.
     """
     half, left = _alternating_pieces(run, signal), signal.copy()
     for number in range(int(run.max()) + 1):
         for side in (0, 1):
-            there = np.flatnonzero((run == number) & (half != side))
-            here = np.flatnonzero((run == number) & (half == side))
-            if len(there) > 2 * columns.shape[1]:
-                coefficients = np.linalg.lstsq(columns[there], signal[there], rcond=_WEAK)[0]
-                left[here] -= columns[here] @ coefficients
+            train = np.flatnonzero((run == number) & (half != side))
+            test = np.flatnonzero((run == number) & (half == side))
+            if len(train) > 2 * columns.shape[1]:
+                coefficients = np.linalg.lstsq(columns[train], signal[train], rcond=_WEAK)[0]
+                left[test] -= columns[test] @ coefficients
     return left
 
 
 def _alternating_pieces(run: IntArray, signal: FloatArray) -> IntArray:
     """Number the pieces of each run 0, 1, 0, 1 ..., shape (n,).
 
-    A piece holds as much of the signal's square, and of the time, as any other of the run: where a signal is
-    large for a moment only, both halves see that moment.
+    All pieces of a run hold about the same energy and time, so that a short peak falls into both halves.
     """
     side = np.empty(len(run), dtype=np.int64)
     for number in range(int(run.max()) + 1):
@@ -237,12 +235,12 @@ def _alternating_pieces(run: IntArray, signal: FloatArray) -> IntArray:
 def _adjusted_to_runs(
     target: FloatArray, predicted: FloatArray, run: IntArray, half: IntArray
 ) -> list[FloatArray]:
-    """Return the errors left by a gain, a zero, or both of each run, found in its other pieces, each (n,)."""
+    """Return the residuals (n,) with a gain, a zero, or both for each run, fitted to its other pieces."""
     gain_only, zero_only, both = (np.empty(len(target)) for _ in range(3))
     for side in (0, 1):
-        there, here = half != side, half == side
+        train, test = half != side, half == side
         count, p, y, pp, py = (
-            np.bincount(run[there], weights=signal[there], minlength=int(run.max()) + 1)
+            np.bincount(run[train], weights=signal[train], minlength=int(run.max()) + 1)
             for signal in (np.ones(len(run)), predicted, target, predicted**2, predicted * target)
         )
         with np.errstate(divide="ignore", invalid="ignore"):
@@ -251,8 +249,8 @@ def _adjusted_to_runs(
             spread = count * pp - p**2
             slope = np.where(spread > _SINGULAR * count * pp, (count * py - p * y) / spread, 1.0)
             offset = np.nan_to_num((y - slope * p) / count, nan=0.0)
-        at, fit, left = run[here], predicted[here], target[here]
-        gain_only[here] = left - gain[at] * fit
-        zero_only[here] = left - fit - zero[at]
-        both[here] = left - slope[at] * fit - offset[at]
+        at, fit, left = run[test], predicted[test], target[test]
+        gain_only[test] = left - gain[at] * fit
+        zero_only[test] = left - fit - zero[at]
+        both[test] = left - slope[at] * fit - offset[at]
     return [gain_only, zero_only, both]

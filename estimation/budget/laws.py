@@ -1,8 +1,8 @@
 """Narrow flexible laws, one for each kind of effect.
 
-A law is additive, single-valued in the kind's own signals, and has few parameters. Wide laws stand in for
-each other, so that no kind would be necessary. Columns whose physics fixes a sign are marked: friction,
-relaxation and inertia take up effort, they never give it back.
+A law is additive, single-valued in the kind's own signals, and has few parameters. Wider laws would replace
+each other, so that no kind would seem necessary. Columns whose coefficient has a sign fixed by physics are
+marked: friction, relaxation and inertia oppose the motion.
 """
 
 from collections.abc import Callable
@@ -21,36 +21,47 @@ from palpate.estimation.signals.motion import is_one_pace, is_one_speed, is_one_
 from palpate.estimation.signals.runwise import derivative, running_max, sample_time, shift
 from palpate.robot_io.types import BoolArray, FloatArray, IntArray
 
-_TURNS = (0.001, 0.003, 0.01, 0.04, 0.15, 0.5)  # of the range: paths over which a reversal is remembered
-_DIRECTIONS = (0.004, 0.02)  # shares of the usual speed, over which the direction turns
-_BENDS = (0.03, 0.1, 0.2, 0.3, 0.4, 0.5, 0.6, 0.7, 0.8, 0.9)  # of the range, and of all samples
+_TURNS = (0.001, 0.003, 0.01, 0.04, 0.15, 0.5)  # path lengths of reversal memory, relative to the range
+_DIRECTIONS = (0.004, 0.02)  # widths of the change of direction, relative to the rms speed
+_BENDS = (
+    0.03,
+    0.1,
+    0.2,
+    0.3,
+    0.4,
+    0.5,
+    0.6,
+    0.7,
+    0.8,
+    0.9,
+)  # knots, relative to the range and as quantiles of the samples
 _TIMES = 8  # relaxation times, from a few samples to twice the longest run
-_SHORTEST_S = 0.01
-_LAGS_S = (0.01, 0.03, 0.1, 0.3)  # of sensors
-_REACHES = (0.02, 0.06, 0.2)  # of the deepest contact, over which adhesion fades
-_OFFSETS = (0.03, 0.1, 0.3)  # of the deepest indentation, by which the surface lies higher
-_SETS = (0.1, 0.3, 0.6, 0.9)  # of the deepest indentation so far, by which a surface has sunk
-_FULL_SCALE = 0.95  # of the largest reading, above which a sensor may saturate
+_SHORTEST_S = 0.01  # shortest relaxation time
+_LAGS_S = (0.01, 0.03, 0.1, 0.3)  # time constants and delays of sensors
+_REACHES = (0.02, 0.06, 0.2)  # ranges of adhesion, relative to the deepest indentation
+_OFFSETS = (0.03, 0.1, 0.3)  # heights of the surface, relative to the deepest indentation
+_SETS = (0.1, 0.3, 0.6, 0.9)  # plastic sets, relative to the deepest indentation so far
+_FULL_SCALE = 0.95  # of the largest reading; a sensor may saturate above it
 _DEAD_BANDS = (0.01, 0.03, 0.1)  # half widths, as shares of the effort's range
-_MOST_RUNS = 30  # of which each may have waves of its own
-_WAVES = 10  # of a periodic law
-_WAVE_SHARE = 0.02  # of what is left, that one more wave must take away
-_BINS = 8192  # over the range or the turn
-_WHOLE_TURN = 0.75  # of a turn: with a wider range, waves are whole numbers a turn
-_LEAST_WAVES = 3  # within a range that is no turn: fewer are any smooth law
-# What an object pushes with; friction may also act at the sides of the tool, and adhesion pulls.
+_MOST_RUNS = 30  # up to which each run may have waves of its own
+_WAVES = 10  # most waves of the periodic law
+_WAVE_SHARE = 0.02  # least share of the residual energy that one more wave must explain
+_BINS = 8192  # of the spectrum over position
+_WHOLE_TURN = 0.75  # turns; over a wider range, wave numbers are whole numbers per turn
+_LEAST_WAVES = 3  # over a narrower range; fewer waves resemble any smooth law
+# Forces of the object, which only push; friction may act at the sides of the tool, and adhesion pulls.
 _OF_OBJECT = (Kind.ELASTIC_SHAPE, Kind.RATE_DEPENDENCE, Kind.TIME_MEMORY, Kind.CONTACT_GEOMETRY)
-_GRAVITY_RANGE = 0.3  # [rad], above which gravity differs from a constant and a spring
+_GRAVITY_RANGE = 0.3  # [rad]; over a narrower range gravity resembles a constant and a spring
 
 
 @dataclass(frozen=True)
 class Law:
     """Columns of one kind, or of the interaction of two, on m blocks."""
 
-    kinds: frozenset[Kind]  # kinds that must all be in a model for the columns to count
+    kinds: frozenset[Kind]  # the columns are used if a model has all of these kinds
     columns: FloatArray  # shape (m, k)
     nonnegative: BoolArray  # shape (k,), whether physics fixes the sign of a column's coefficient
-    one_sided: bool = True  # whether it is part of what an object pushes with, which cannot pull
+    one_sided: bool = True  # whether it is part of the object's force, which only pushes
 
 
 def flexible_laws(blocked: BlockedData, effort: FloatArray, residual: FloatArray) -> list[Law]:
@@ -58,8 +69,8 @@ def flexible_laws(blocked: BlockedData, effort: FloatArray, residual: FloatArray
 
     Args:
         blocked: the channel on its blocks.
-        effort: what the model predicts on blocks, shape (m,) [N or N m].
-        residual: what the model leaves on blocks, shape (m,); it chooses the waves of the periodic law.
+        effort: prediction of the model on blocks, shape (m,) [N or N m].
+        residual: residual of the model on blocks, shape (m,); it selects the waves of the periodic law.
 
     Returns:
         At most one law for each kind or pair of kinds. Differences between runs have no columns, see
@@ -116,10 +127,10 @@ def flexible_laws(blocked: BlockedData, effort: FloatArray, residual: FloatArray
 
 
 def unseen_kinds(data: ChannelData) -> frozenset[Kind]:
-    """Kinds that the motion of a contact cannot tell from laws of the position and the direction.
+    """Find the kinds that the motion of a contact does not excite, so that they look like laws of the position.
 
-    Memory of the path is one where no run returns, and so is memory of any kind in one pass at one speed.
-    Where all motion is equally fast, what grows with the speed is friction, or the base model's damping.
+    Path memory needs a run that returns. Any memory needs several passes or speeds. Rate dependence needs
+    more than one speed; otherwise it cannot be told from friction or from the base model's damping.
 
     Args:
         data: the channel.
@@ -140,14 +151,15 @@ def _law(kind: Kind | tuple[Kind, ...], *columns: FloatArray, nonnegative: bool 
 
 
 def _unit(signal: FloatArray) -> FloatArray:
-    """The signal over its root mean square."""
+    """Divide a signal by its root mean square."""
     return np.asarray(signal / (float(np.sqrt(np.mean(signal**2))) or 1.0))
 
 
 def _bends(signal: FloatArray) -> FloatArray:
-    """Piecewise linear functions away from zero, which go on straight where another run went further.
+    """Evaluate piecewise linear functions of a signal (m,), which extrapolate linearly; shape (m, k).
 
-    Hats would fall to zero beyond the runs that they are fitted to, and the furthest run would refuse them.
+    Hat functions would fall to zero beyond the fitted runs, which the run with the largest range would
+    reject.
     """
     low, high = float(signal.min()), float(signal.max())
     steps = np.quantile(np.abs(signal[signal != 0.0]), _BENDS) if np.any(signal) else np.zeros(1)
@@ -160,7 +172,7 @@ def _bends(signal: FloatArray) -> FloatArray:
 def _fading(
     time_s: FloatArray, run: IntArray, touching: FloatArray, *, is_contact: bool
 ) -> Callable[[FloatArray], list[FloatArray]]:
-    """Return a function that lets a strain (m,) relax at several rates."""
+    """Return a function that relaxes a strain (m,) with several time constants."""
     step = sample_time(time_s, run)
     longest = max(float(np.ptp(time_s[rows])) for rows in rows_of_runs(run))
     taus = np.geomspace(max(4.0 * step, _SHORTEST_S), max(2.0 * longest, 40.0 * step), _TIMES)
@@ -174,7 +186,7 @@ def _fading(
 
 
 def _late(effort: FloatArray, time_s: FloatArray, run: IntArray) -> list[FloatArray]:
-    """What a slow or late sensor has not shown yet of an effort."""
+    """Difference between a lagging or delayed effort (m,) and the effort, for several times."""
     step = sample_time(time_s, run)
     times = [lag for lag in _LAGS_S if lag > step]
     slow = [low_pass(effort, time_s, run, lag) - effort for lag in times]
@@ -182,7 +194,7 @@ def _late(effort: FloatArray, time_s: FloatArray, run: IntArray) -> list[FloatAr
 
 
 def _dissipation(unit_speed: FloatArray) -> list[FloatArray]:
-    """Forces against the motion that grow with speed: in proportion, faster, and slower."""
+    """Forces against the motion that grow with speed: linear, faster, and slower."""
     return [
         unit_speed,
         unit_speed * np.abs(unit_speed),
@@ -207,12 +219,11 @@ def _friction(
 def _contact_geometry(
     position: FloatArray, depth: FloatArray, touching: FloatArray, run: IntArray
 ) -> list[Law]:
-    """A surface that lies elsewhere, a set that grows with the deepest indentation so far, and adhesion.
+    """Build laws of a shifted surface, of a plastic set, and of adhesion.
 
-    Where the surface lies deeper, a spring pushes less by the same force everywhere, or not at all.
-
-    Where the surface has sunk by a share of the deepest indentation, a spring has lost that much of its
-    strain, and a spring whose force grows with the square has lost the difference of squares.
+    A deeper surface reduces the force of a spring by a constant, down to zero. A set by a share of the
+    deepest indentation so far reduces the strain of a spring by as much, and the force of a quadratic spring
+    by the difference of squares.
     """
     touched = running_max((position > 0.0).astype(np.float64), run) * (position <= 0.0)
     reaches = np.max(position, initial=1e-9) * np.array(_REACHES)
@@ -229,10 +240,10 @@ def _contact_geometry(
 
 
 def _sensor_statics(predicted: FloatArray, measured: FloatArray, run: IntArray, *, has_bias: bool) -> Law:
-    """A bias of any sign, what a sensor cuts off at its largest readings, hides about zero, or is behind by.
+    """Build the law of a sensor's bias, saturation, dead band and hysteresis.
 
-    A zero that free air shows to be none is no bias. A reading that is behind after each reversal is below
-    the effort while that grows, where friction adds to it.
+    There is no bias if free air shows that the zero is right. Hysteresis of the sensor lowers the reading
+    while the effort grows; friction raises it.
     """
     low, high = np.quantile(measured, [0.001, 0.999])
     cut = [
@@ -250,21 +261,21 @@ def _sensor_statics(predicted: FloatArray, measured: FloatArray, run: IntArray, 
 def periodic_columns(
     position: FloatArray, residual: FloatArray, *, is_angle: bool, run: IntArray | None = None
 ) -> FloatArray:
-    """Choose sines and cosines over the position that a residual is made of.
+    """Select sines and cosines over the position that describe a residual.
 
-    On an axis that covers about a turn, any whole number of waves a turn; else whole numbers over the
-    range. One wave is chosen after the other, all fitted together (orthogonal matching pursuit, Pati et al.
+    Wave numbers are whole numbers per turn if a revolute axis covers about a turn, otherwise whole numbers
+    over the range. Waves are selected one by one and fitted jointly (orthogonal matching pursuit, Pati et al.
     1993).
 
     Args:
         position: shape (m,) [rad or m].
         residual: shape (m,) [effort].
         is_angle: whether the axis is revolute.
-        run: shape (m,), where the waves have a phase and size of their own in each run; None where they are
-            the same in all.
+        run: shape (m,), if the waves have their own phase and amplitude in each run; None if all runs share
+            them.
 
     Returns:
-        Shape (m, 2 waves); no columns where the position takes too few values.
+        Shape (m, 2 waves); no columns if the position takes too few values.
     """
     span = float(np.ptp(position))
     if span == 0.0:
@@ -296,7 +307,7 @@ def periodic_columns(
 
 
 def _without(columns: FloatArray, signal: FloatArray, parts: list[IntArray]) -> FloatArray:
-    """What columns (m, k) leave of a signal (m,), fitted to each part by itself."""
+    """Residual of a signal (m,) after a fit of columns (m, k) to each part separately."""
     left = np.empty(len(signal))
     for rows in parts:
         left[rows] = (

@@ -1,9 +1,9 @@
-"""Forms of effects within a kind, beside flexible laws of the other kinds.
+"""Compare effects with the flexible law of their kind, beside flexible laws of the other kinds.
 
-What is missing is first told by kind (`palpate.estimation.budget`). Then each kind's forms are compared with
-the kind's own flexible law, on what flexible laws of the other kinds cannot explain (partially linear model,
-P. M. Robinson, Econometrica 56 (1988)). So a form need not wait until all other effects have a name, and it
-need not be exact.
+The error budget (`palpate.estimation.budget`) first finds the kinds of effects that are missing. The forms of
+a kind are then compared with the kind's own flexible law, on the residual of flexible laws of the other kinds
+(partially linear model, P. M. Robinson, Econometrica 56 (1988)). A form can thus be judged before all other
+effects are known, and it need not be exact.
 """
 
 from collections.abc import Mapping, Sequence
@@ -34,52 +34,53 @@ from palpate.estimation.fit.run_heterogeneity import run_heterogeneity
 from palpate.estimation.kinds import Kind
 from palpate.robot_io.types import FloatArray
 
-_RIDGES = (1e-6, 1e-4, 1e-2)
-_COLLINEAR = 1e-9
-MOST_OF_LAW = 0.8  # of what a kind's flexible law takes, that a form must take to bear its name
-_HALF = 0.5  # of that, which a form must take to be tried in a model with all forms together
-AS_MUCH = 0.95  # of what a form or a kind takes, from which another one draws the same curve
-_EXACT = 0.01  # of what a form takes, that its kind's law may add
-_MOST_SETS = 4  # of kinds, whose forms are compared
-_ROUNDS = 2  # of seeking each kind's form beside the others'
+_RIDGES = (1e-6, 1e-4, 1e-2)  # ridge penalties of a law, of which the best is used
+_COLLINEAR = 1e-9  # ridge penalty of the model's own columns
+MOST_OF_LAW = 0.8  # least share of what a kind's law explains that an accepted form must explain
+_HALF = 0.5  # the same for a form that is tried in a model with the forms of all kinds
+AS_MUCH = 0.95  # share of what a form or kind explains above which another one counts as equivalent
+_EXACT = 0.01  # share of what a form explains that the kind's law may add to an exact form
+_MOST_SETS = 4  # sets of kinds whose forms are compared
+_ROUNDS = 2  # of backfitting
 
 
 class Form(StrEnum):
     """How well the form of an effect is known."""
 
-    EXACT = "exact"  # the model leaves no more than noise, and a flexible law of the kind adds nothing
-    APPROXIMATE = "approximate"  # it takes most of what a flexible law of its kind takes
-    UNKNOWN = "unknown"  # the kind is known, and no form takes most of it
+    EXACT = "exact"  # the model leaves only noise, and a flexible law of the kind adds nothing
+    APPROXIMATE = "approximate"  # the form explains most of what a flexible law of its kind explains
+    UNKNOWN = "unknown"  # the kind is known, but no form explains most of what its law explains
 
 
 @dataclass(frozen=True)
 class FormTest:
-    """How one effect of a model compares with its kind's flexible law, beside laws of the other kinds."""
+    """Comparison of one effect with its kind's flexible law, beside laws of the other kinds."""
 
-    effect: str  # its name
+    effect: str  # name of the effect
     kind: Kind
-    taken: float  # mean square that it takes away [effort^2]
-    by_law: float  # mean square that the kind's law takes away in its place, at least what the effect does
-    added: float  # mean square that the law takes away beside it
-    left: float  # mean square that is left beside it
+    taken: float  # mean square that the effect explains [effort^2]
+    by_law: float  # mean square that the kind's law explains in its place, at least `taken` [effort^2]
+    added: float  # mean square that the law explains in addition [effort^2]
+    left: float  # mean square that remains with the effect [effort^2]
     left_by_all: float = np.inf  # the same beside laws of all other kinds that account for the error
 
     @property
     def share(self) -> float:
-        """Share of what the kind's law takes."""
+        """What the effect explains, relative to its kind's law."""
         return self.taken / self.by_law if self.by_law > 0.0 else 0.0
 
     @property
     def is_known(self) -> bool:
-        """Whether the effect takes most of what its kind's law takes.
+        """Whether the effect explains most of what its kind's law explains.
 
-        A run's own value is told by the first part of the run, the law's by half of it: less is asked of it.
+        The threshold is lower for variation between runs: the effect learns a run's value from the first part
+        of the run, the law from one half of it.
         """
         return self.share >= (_HALF if self.kind is Kind.RUN_DIFFERENCES else MOST_OF_LAW)
 
     @property
     def is_closed(self) -> bool:
-        """Whether the kind's law adds nothing that counts beside the effect."""
+        """Whether the kind's law adds nothing relevant to the effect."""
         return self.added < max(_EXACT * self.taken, SMALL * self.left)
 
 
@@ -98,19 +99,19 @@ class PartiallyLinear:
         return frozenset(self.budget.kinds)
 
     def kind_of(self, effect: Effect) -> Kind:
-        """The kind of an effect that accounts for most of the error; its first one where none does.
+        """Return the kind of an effect that accounts for most of the error; its first kind if none does.
 
         Args:
-            effect: which may belong to several kinds.
+            effect: the effect, which may belong to several kinds.
         """
         own = effect.also | {effect.kind}
         return next((kind for kind in self.budget.kinds if kind in own), effect.kind)
 
     def stand_ins(self, entry: BudgetEntry) -> Kinds:
-        """Kinds that take as much in the place of one that accounts for the error, beside the others.
+        """Return the kinds that explain as much in the place of a kind, beside the others.
 
         Args:
-            entry: of the kind in the budget.
+            entry: budget entry of the kind.
         """
         base = self.error.mean_square()
         least = AS_MUCH * (base - self.error.mean_square(self.kinds))
@@ -120,23 +121,23 @@ class PartiallyLinear:
         )
 
     def budget_with(self, named: Kinds) -> ErrorBudget:
-        """Divide the error among the kinds that account for it and those of effects with a name.
+        """Divide the error among the kinds that account for it and the kinds of named effects.
 
-        A kind without a named effect gives way to a named one that takes as much in its place.
+        A kind without a named effect is left out if a kind of a named effect explains as much in its place.
 
         Args:
-            named: kinds of the effects.
+            named: kinds of the named effects.
         """
         replaced = {e.kind for e in self.budget.entries if named & self.stand_ins(e)} - named
         return error_budget(self.error, np.random.default_rng(0), self.kinds - replaced | named)
 
     def beside(self, own: Kinds, kinds: Kinds, problem: FitProblem, base: Solution) -> FitProblem:
-        """Project a problem on what laws of the kinds other than an effect's own cannot explain.
+        """Project a problem on the orthogonal complement of the laws of all kinds but an effect's own.
 
         Args:
             own: the effect's own kind or kinds.
             kinds: all kinds that account for the error.
-            problem: to be projected.
+            problem: the problem to project.
             base: the base model, fitted to it.
         """
         others = kinds - own
@@ -151,11 +152,11 @@ class PartiallyLinear:
         return replace(problem, nuisance=nuisance_of(stacked, by_run, blocked.run, problem.used))
 
     def law_columns(self, own: Kinds, kinds: Kinds) -> FloatArray:
-        """Columns of the laws of some kinds and of their interactions with the others, shape (m, k).
+        """Return the columns of the laws of some kinds and of their interactions with others, shape (m, k).
 
         Args:
-            own: kinds whose laws are taken.
-            kinds: the others, with which their interactions count.
+            own: kinds whose laws are used.
+            kinds: other kinds, with which interactions are included.
         """
         shared = [law for law in self.laws if Kind.RUN_DIFFERENCES not in law.kinds]
         laws = [law.columns for law in shared if own & law.kinds and law.kinds <= kinds | own]
@@ -166,8 +167,8 @@ def analyse_kinds(search: Search, only: Kinds | None = None) -> PartiallyLinear:
     """Find the kinds that account for the base model's error in held-out runs.
 
     Args:
-        search: of the channel.
-        only: kinds that are known to be all; None to find them.
+        search: the search of the channel.
+        only: the kinds, if they are known; None to select them.
     """
     error = error_of_kinds(search.start)
     budget = error_budget(error, np.random.default_rng(0), only)
@@ -187,9 +188,9 @@ def error_of_kinds(start: FitResult) -> HeldOutError:
 
 
 def _base_columns(start: FitResult) -> tuple[BaseColumns, FloatArray]:
-    """The base model's columns, and what filters took off its derived motion; the effort that they explain.
+    """Linearize the base model, with the smoothing bias of derived motion; return columns and target.
 
-    The object is not let go where the base model alone would have it: beside a law it may push there.
+    The object is not lifted off where the base model alone would lift: beside a law it may push there.
     """
     solution, problem = start.solution, start.problem
     model, blocked, parameters = solution.model, problem.blocked, solution.parameters
@@ -205,25 +206,24 @@ def _base_columns(start: FitResult) -> tuple[BaseColumns, FloatArray]:
     if count:
         both = np.hstack([solution.columns, bias])
         fit = solve_normal_equations(problem.normal_equations(both, solution.target, list(model.gains)))
-        better = fit.held_out.sum() < solution.held_out
-        if better and is_plausible_bias(bias, fit.gains[-count:]):
-            beside = np.hstack([columns, bias])
+        is_better = fit.held_out.sum() < solution.held_out
+        if is_better and is_plausible_bias(bias, fit.gains[-count:]):
             base = BaseColumns(
-                beside,
+                np.hstack([columns, bias]),
                 np.append(lower, np.full(count, -np.inf)),
-                np.append(base.one_sided, np.zeros(count, bool)),
+                np.append(one_sided, np.zeros(count, bool)),
             )
     return base, target
 
 
 def named_forms(partial: PartiallyLinear) -> FitResult:
-    """The base model with the best form of each kind that has one, all parameters fitted together.
+    """Fit the base model with the best form of each kind that has one, all parameters jointly.
 
-    Where several sets of kinds explain about as much by their flexible laws, their forms decide; where these
-    leave as much too, the fewest parameters.
+    If several sets of kinds explain about as much by their flexible laws, the set whose forms fit best is
+    used; in a tie, the one with fewest parameters.
 
     Args:
-        partial: the base model beside flexible laws.
+        partial: flexible laws of the kinds that account for the error.
     """
     exchanged = [
         partial.kinds - {entry.kind} | {other}
@@ -242,7 +242,7 @@ def named_forms(partial: PartiallyLinear) -> FitResult:
 
 
 def _forms_of(partial: PartiallyLinear, kinds: Kinds) -> FitResult:
-    """Seek each kind's form beside those of the others and flexible laws of the others (backfitting)."""
+    """Select the form of each kind beside the other kinds' forms and flexible laws (backfitting)."""
     search = partial.search
     chosen: dict[Kind, tuple[Effect, dict[str, float]]] = {}
     for _ in range(_ROUNDS):
@@ -275,14 +275,14 @@ def _with_run_differences(partial: PartiallyLinear, kinds: Kinds, fit: FitResult
             model = fit.solution.model.with_effect(effect)
             made = search.fitted(model, {**fit.solution.parameters, **start})
             tried += [made] if search.is_sound(made, effect.name) else []
-    best = min(tried, key=lambda one: one.solution.held_out)
+    best = min(tried, key=lambda candidate: candidate.solution.held_out)
     return best if best.rmse < (1.0 - SMALL) * fit.rmse else fit
 
 
 def _best_form(
     partial: PartiallyLinear, kind: Kind, kinds: Kinds, others: Sequence[tuple[Effect, dict[str, float]]]
 ) -> tuple[Effect, dict[str, float]] | None:
-    """The simplest of the forms that take nearly as much as the best, and its inner parameters."""
+    """Select the simplest form that explains nearly as much as the best form, with its inner parameters."""
     start = partial.search.start
     model, parameters = start.solution.model, dict(start.solution.parameters)
     for effect, inner in others:
@@ -293,28 +293,32 @@ def _best_form(
     effects = [effect for effect in library if kind in effect.also | {effect.kind}]
     if not effects:
         return None
-    tried = [one for one in screen_effects(FitResult(start.data, problem, none), effects) if one.possible]
+    tried = [
+        candidate
+        for candidate in screen_effects(FitResult(start.data, problem, none), effects)
+        if candidate.possible
+    ]
     taken = none.held_out - _with_law(problem, none, partial.law_columns(frozenset({kind}), kinds))
-    most = max((none.held_out - one.held_out for one in tried), default=0.0)
+    most = max((none.held_out - candidate.held_out for candidate in tried), default=0.0)
     if most <= _HALF * taken or most <= 0.0:
         return None
-    near = [one for one in tried if none.held_out - one.held_out >= AS_MUCH * most]
-    best = min(near, key=lambda one: (parameter_count(one.effect), one.held_out))
+    near = [candidate for candidate in tried if none.held_out - candidate.held_out >= AS_MUCH * most]
+    best = min(near, key=lambda candidate: (parameter_count(candidate.effect), candidate.held_out))
     solution = best.search.best
-    effect = next(one for one in solution.model.effects if one.name == best.effect.name)
+    effect = next(candidate for candidate in solution.model.effects if candidate.name == best.effect.name)
     return effect, {
         f"{effect.name}.{p.name}": solution.parameters[f"{effect.name}.{p.name}"] for p in effect.inner
     }
 
 
 def closest_forms(partial: PartiallyLinear, kind: Kind, kinds: Kinds, count: int = 2) -> list[str]:
-    """Names of a kind's effects that take most beside laws of the other kinds, the best first.
+    """List the effects of a kind that explain most beside laws of the other kinds, the best first.
 
     Args:
-        partial: the base model beside flexible laws.
-        kind: whose effects are compared.
+        partial: flexible laws of the kinds that account for the error.
+        kind: the kind whose effects are compared.
         kinds: all kinds that account for the error.
-        count: of names.
+        count: number of names.
     """
     start = partial.search.start
     problem = partial.beside(frozenset({kind}), kinds, start.problem, start.solution)
@@ -322,12 +326,16 @@ def closest_forms(partial: PartiallyLinear, kind: Kind, kinds: Kinds, count: int
     library = applicable_effects(start.data, start.solution.model, partial.search.effects)
     effects = [effect for effect in library if kind in effect.also | {effect.kind}]
     tried = screen_effects(FitResult(start.data, problem, none), effects, refined=0) if effects else []
-    telling = [one for one in tried if one.possible and one.held_out < (1.0 - SMALL) * none.held_out]
+    telling = [
+        candidate
+        for candidate in tried
+        if candidate.possible and candidate.held_out < (1.0 - SMALL) * none.held_out
+    ]
     return [candidate.effect.name for candidate in telling[:count]]
 
 
 def _with_law(problem: FitProblem, solution: Solution, columns: FloatArray) -> float:
-    """Squared held-out error with a flexible law beside a model."""
+    """Compute the squared held-out error of a model with a flexible law [effort^2]."""
     if columns.shape[1] == 0:
         return solution.held_out
     equations = problem.normal_equations(np.hstack([solution.columns, columns]), solution.target)
@@ -337,23 +345,23 @@ def _with_law(problem: FitProblem, solution: Solution, columns: FloatArray) -> f
 
 
 def form_tests(partial: PartiallyLinear, end: FitResult, kinds: Kinds = frozenset()) -> list[FormTest]:
-    """Compare each effect of a model with its kind's flexible law, beside the others and laws of their kinds.
+    """Compare each added effect with its kind's flexible law, beside the other effects and their kinds' laws.
 
     Args:
-        partial: the kinds that account for the base model's error, on the same blocks.
+        partial: flexible laws of the kinds that account for the base model's error, on the same blocks.
         end: base model and effects.
-        kinds: further kinds whose laws stand beside each effect.
+        kinds: further kinds whose laws are included beside each effect.
     """
     base = {effect.name for effect in partial.search.model.effects}
     added = [effect for effect in end.solution.model.effects if effect.name not in base]
     own = [effect for effect in added if not isinstance(effect, RunVariation)]
     kinds = partial.kinds | kinds | {effect.kind for effect in own}
     if len(own) < len(added):
-        kinds -= {Kind.RUN_DIFFERENCES}  # the model has an effect for them
+        kinds -= {Kind.RUN_DIFFERENCES}  # an effect of the model describes them
     tests = []
     for effect in own:
         beside_all = _form_test(partial, end, effect, kinds)
-        # A law of a kind that no effect of the model belongs to may stand in for this effect.
+        # The law of a kind without an effect in the model may absorb what this effect explains.
         beside_named = _form_test(partial, end, effect, frozenset(other.kind for other in own))
         test = max(beside_all, beside_named, key=lambda test: test.share)
         tests.append(replace(test, left_by_all=beside_all.left))
@@ -362,7 +370,7 @@ def form_tests(partial: PartiallyLinear, end: FitResult, kinds: Kinds = frozense
 
 
 def _form_test(partial: PartiallyLinear, end: FitResult, effect: Effect, kinds: Kinds) -> FormTest:
-    """Compare one effect with the flexible law of its kind, beside laws of these other kinds."""
+    """Compare one effect with the flexible law of its kind, beside laws of the given kinds."""
     model, known = end.solution.model, end.solution.parameters
     own = effect.also | {effect.kind}
     problem = partial.beside(own, kinds, end.problem, end.solution)
@@ -371,7 +379,7 @@ def _form_test(partial: PartiallyLinear, end: FitResult, effect: Effect, kinds: 
     columns = partial.law_columns(own, kinds)
     law, both = _with_law(problem, without, columns), _with_law(problem, with_it, columns)
     count = max(int(end.problem.used.sum()), 1)
-    # A law is fitted without the run that judges it, and so must be all parameters of an effect.
+    # All parameters must be fitted without the held-out run, as those of the law are.
     left = held_out_of_all(problem, with_it)
     taken = held_out_of_all(problem, without) - left
     by_law = max(without.held_out - law, without.held_out - both, taken)
@@ -386,7 +394,7 @@ def _form_test(partial: PartiallyLinear, end: FitResult, effect: Effect, kinds: 
 
 
 def _run_test(partial: PartiallyLinear, end: FitResult, kinds: Kinds, name: str) -> FormTest:
-    """Compare an effect that differs between runs with a gain and a zero of each, beside flexible laws."""
+    """Compare a variation between runs with a free gain and zero of each run, beside flexible laws."""
     own = frozenset({Kind.RUN_DIFFERENCES})
     model, known = end.solution.model, end.solution.parameters
     problem = partial.beside(own, kinds, end.problem, end.solution)

@@ -1,4 +1,4 @@
-"""What a diagnosis says, in documented and stable keys (see docs/reference/json.md)."""
+"""The result of a diagnosis, in documented and stable keys (see docs/reference/json.md)."""
 
 from collections.abc import Mapping
 from enum import StrEnum
@@ -18,12 +18,12 @@ from palpate.estimation.kinds import Kind
 
 
 class Verdict(StrEnum):
-    """The answer for one channel."""
+    """The verdict on one channel."""
 
-    ADEQUATE = "adequate"  # nothing is missing that this data can show
-    MISSING = "missing"  # these effects are, whatever else is
-    UNEXPLAINED = "unexplained"  # structure is left, and no effect is established
-    INSUFFICIENT = "insufficient"  # this data cannot say
+    ADEQUATE = "adequate"  # the data show no missing effect
+    MISSING = "missing"  # effects are missing and named; more may be missing
+    UNEXPLAINED = "unexplained"  # the residual has structure, and no effect is accepted
+    INSUFFICIENT = "insufficient"  # the data do not allow a verdict
 
 
 class _Entry(BaseModel):
@@ -40,7 +40,7 @@ class ParameterValue(_Entry):
 
     @classmethod
     def of(cls, estimate: ParameterEstimate) -> Self:
-        """An estimate as it is written down.
+        """Convert an estimate; an infinite standard error becomes None.
 
         Args:
             estimate: value with its standard error.
@@ -57,16 +57,16 @@ class Fitted(_Entry):
 
     rmse: float
     parameters: Parameters
-    # The same of means over blocks, which derived velocities resolve; None in older files.
+    # The same for means over blocks, on which derived velocities are resolved; None in older files.
     rmse_of_means: float | None = None
     samples_per_mean: int = 1
 
     @classmethod
     def of(cls, fit: FitResult) -> Self:
-        """State the numbers of a fit.
+        """Extract the numbers of a fit.
 
         Args:
-            fit: the model.
+            fit: the fitted model.
         """
         return cls(
             rmse=fit.rmse,
@@ -77,19 +77,19 @@ class Fitted(_Entry):
 
 
 class Accepted(_Entry):
-    """An effect found missing."""
+    """An effect that is missing from the base model."""
 
     effect: str  # its name
     form: Form = Form.EXACT  # how well its form is known
     parameters: Parameters  # its own, by name
     rmse_before: float  # error in held-out runs without it
     rmse_after: float  # error with it
-    # How often the best candidate takes as much from noise alone; 0 where that is out of question.
+    # How often the best candidate improves noise by as much; 0 if the improvement is clear without a test.
     p_value: float
-    confused_with: list[str]  # effects that this data cannot tell from it
+    confused_with: list[str]  # effects that the data cannot distinguish from it
     physics: str  # one line of what happens
     equation: str  # its term
-    signature: str  # what one sees in the data
+    signature: str  # how it shows in the data
 
 
 class BudgetShare(_Entry):
@@ -101,20 +101,20 @@ class BudgetShare(_Entry):
     necessary: float  # lost when the kind is left out of all
     sufficient: float  # explained by the kind alone
     form: Form  # how well the form of its effects is known
-    effects: list[str]  # accepted ones; of an unknown form the closest ones
+    effects: list[str]  # accepted effects; if the form is unknown, the closest ones
     replaceable_by: list[Kind]  # kinds that explain about as much in its place
-    experiment: str  # what separates it from the first of these; empty where there is none
+    experiment: str  # what separates it from the first of these; empty if there is none
 
 
 class Rest(_Entry):
-    """What no kind accounts for, as shares of the base model's squared error in held-out runs."""
+    """Shares of the base model's squared held-out error that no kind accounts for."""
 
     noise: float  # the noise level's share; at most that, where the level is an upper bound
     unexplained: float  # the remainder
 
 
 class Ranked(_Entry):
-    """A candidate beside the base model."""
+    """An effect that was fitted alone beside the base model."""
 
     effect: str  # its name
     rmse_held_out: float  # error in held-out runs with it, inner parameters chosen on the other runs
@@ -122,47 +122,49 @@ class Ranked(_Entry):
 
 
 class Remaining(_Entry):
-    """What is left of the error with all that was accepted."""
+    """Error that remains with all accepted effects."""
 
     rmse: float  # error in held-out runs
-    times_floor: float  # over the noise
-    depends_on: list[str]  # signals that it depends on; empty where it is noise
+    times_floor: float  # ratio to the noise level
+    depends_on: list[str]  # signals that it depends on; empty if it is noise
 
 
 class Floor(_Entry):
-    """The noise and what it rests on; in the unit of the effort."""
+    """The noise level and its source; in the unit of the effort."""
 
     value: float  # the error that a complete model would leave in held-out runs
-    source: NoiseSource = NoiseSource.FLEXIBLE  # what it is known from
+    source: NoiseSource = NoiseSource.FLEXIBLE  # how it was estimated
     at_most: bool = True  # whether the noise may be less
     free_air: float | None  # noise before the first touch of each run; None if there is no free air
-    share_left: float  # share of the error, on means over a few samples, that a smooth law still explains
+    share_left: float  # share of the final error on blocks that a flexible regression still explains
 
 
 class ChannelDiagnosis(_Entry):
-    """The answer for one channel; without a verdict on its effects where it is insufficient."""
+    """The diagnosis of one channel; most fields are empty if the data are insufficient."""
 
     channel: str  # its name
     verdict: Verdict  # see `Verdict`
     reason: str  # one sentence
     effort_unit: str  # unit of all errors
-    noise_floor: float | None = None  # error that a complete model would leave, whatever the model
-    floor: Floor | None = None  # what that rests on
+    noise_floor: float | None = None  # error that a complete model would leave
+    floor: Floor | None = None  # the same with its source
     budget: list[BudgetShare] = Field(default_factory=list)  # of the base model's error, largest share first
     rest: Rest | None = None  # of the same error
     baseline: Fitted | None = None  # the base model
-    accepted: list[Accepted] = Field(default_factory=list)  # effects found missing, in order
+    accepted: list[Accepted] = Field(default_factory=list)  # missing effects, the most important first
     # The most promising candidates alone beside the base model.
     ranking: list[Ranked] = Field(default_factory=list)
     final: Fitted | None = None  # the model with all that was accepted
-    # Whether no more is left than noise, as far as this data shows; None if insufficient.
+    # Whether only noise is left, as far as the data show; None if insufficient.
     complete: bool | None = None
-    remaining: Remaining | None = None  # what is left
+    remaining: Remaining | None = None  # error of the final model
     depends_on: list[str] = Field(default_factory=list)  # the same as in `remaining`
-    next_experiment: NextExperiment | None = None  # what would tell more; None if nothing would
-    # How a recording of very many samples was averaged, and why nothing is lost; else empty.
+    next_experiment: NextExperiment | None = (
+        None  # the most informative next experiment; None if none would help
+    )
+    # How a very long recording was averaged, and why no information is lost; empty otherwise.
     averaged: str = ""
-    warnings: list[str] = Field(default_factory=list)  # what in the data is implausible, with its figure
+    warnings: list[str] = Field(default_factory=list)  # implausible properties of the data, with their values
     _fits: Mapping[tuple[str, ...], PackedFit] = PrivateAttr(default_factory=dict)
 
     def with_fits(self, fits: Mapping[tuple[str, ...], FitResult]) -> Self:
@@ -176,13 +178,13 @@ class ChannelDiagnosis(_Entry):
         return copy
 
     def take_fits(self) -> Mapping[tuple[str, ...], PackedFit]:
-        """Hand over the attached fits, by the names of the added effects; the diagnosis keeps none."""
+        """Return the attached fits by the names of the added effects, and release them."""
         fits, self._fits = self._fits, {}
         return fits
 
 
 class Diagnosis(_Entry):
-    """The answer for all channels of a file."""
+    """The diagnoses of all channels of a file."""
 
     file: str
     model: str
@@ -196,13 +198,13 @@ def stage_numbers(
     final: FitResult,
     spread: ParameterValue | None = None,
 ) -> dict[str, Any]:
-    """State what one effect adds: fields of `Accepted`.
+    """Compute the fields of `Accepted` that state what one effect adds.
 
     Args:
         effect: name of the effect.
         before: the model without it.
         after: the model with it, all parameters fitted again.
-        final: the model with all effects, whose parameters count: a part of it would bend them.
+        final: the model with all effects, whose parameters are reported: in nested models they are biased.
         spread: standard deviation between runs, of an effect that varies from run to run.
     """
     prefix = f"{effect}."

@@ -1,4 +1,4 @@
-"""What a search comes to: the verdict, the effects with their evidence, and what is left."""
+"""The verdict on a channel: accepted effects with their evidence, error budget, and remaining error."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -41,27 +41,29 @@ from palpate.estimation.fit.measurement_noise import MeasurementNoise, free_air_
 from palpate.estimation.kinds import Kind, separating_experiment
 
 _MOST_RANKED = 3  # candidates that are fitted alone beside the base model
-_CLAIMS = 2.0  # times what the names leave: a kind without a name that claims more imitates them
-_PEAKED = 0.8  # of the square of an error, in its largest twentieth; of normal noise that is 0.28
-_Rivals = Mapping[str, Mapping[str, FitResult]]  # models with another effect in the place of one, by both
+# Share of a kind without an accepted effect, relative to the error that the accepted effects leave, above
+# which the law of that kind imitates the accepted effects.
+_IMITATION = 2.0
+_PEAKED = 0.8  # share of the squared error in its largest 5 %; normal noise has 0.28
+_Rivals = Mapping[str, Mapping[str, FitResult]]  # fits by replaced effect and replacing effect
 
 
 @dataclass(frozen=True)
 class Evidence:
-    """Where a search ended."""
+    """Where a search ended, with the tests of the final model."""
 
-    search: Search  # the channel, the base model and all that was tried
-    measurement: MeasurementModel  # how the motion was read
-    end: FitResult  # the base model with the effects that are established
-    complete: bool  # whether it leaves no more than noise
-    objection: ResidualFinding | None  # what no signal of the data shows, and speaks against completeness
-    tests: Sequence[FormTest] = ()  # of the effects' forms, where the model is not complete
-    partial: PartiallyLinear | None = None  # the kinds that account for the error, where it is not complete
+    search: Search
+    measurement: MeasurementModel  # how motion and effort were measured
+    end: FitResult  # the base model with the accepted effects
+    complete: bool  # whether it leaves only noise
+    objection: ResidualFinding | None  # finding of the residual checks against completeness
+    tests: Sequence[FormTest] = ()  # tests of the effects' forms
+    partial: PartiallyLinear | None = None  # laws of the kinds that account for the error; None if complete
     coarse: PartiallyLinear | None = None  # the same on a coarse copy
 
     @cached_property
     def path(self) -> list[FitResult]:
-        """The models on the way from the base model to the end, the most important effect first."""
+        """The nested models from the base model to the end, the most important effect first."""
         return models_by_importance(self.search, self.end)
 
     @cached_property
@@ -76,8 +78,8 @@ class Evidence:
 
     @cached_property
     def single_effects(self) -> dict[str, FitResult]:
-        """The base model with one effect, for each of the most promising candidates that is what it says."""
-        # Errors sample by sample, from what each candidate takes away on blocks, or on a coarse copy's.
+        """The base model with one effect, for each of the most promising candidates that is sound."""
+        # Errors per sample, predicted from the improvement on blocks (of the coarse copy if there is one).
         start, coarse = self.search.start, self.search.coarse or self.search
         before, promising = coarse.start.solution.held_out, list[str]()
         for candidate in (option for option in coarse.screen(coarse.start) if option.possible):
@@ -100,32 +102,32 @@ class Evidence:
 
     @cached_property
     def noise(self) -> MeasurementNoise:
-        """The noise of the channel, which no model changes."""
+        """The noise level of the channel, which does not depend on the model."""
         return measurement_noise(self.search.start)
 
     def form(self, effect: str) -> Form:
-        """How well the form of an accepted effect is known.
+        """Rate how well the form of an accepted effect is known.
 
         Args:
-            effect: its name.
+            effect: name of the effect.
         """
         is_closed = next((test.is_closed for test in self.tests if test.effect == effect), True)
         return Form.EXACT if self.complete and is_closed else Form.APPROXIMATE
 
     @property
     def signals(self) -> list[str]:
-        """What the error that is left depends on."""
+        """Signals that the remaining error depends on."""
         if self.complete:
             return []
         return [self.objection.depends_on] if self.objection else self.end.depends_on
 
 
 def insufficient_diagnosis(data: ChannelData, reason: str) -> ChannelDiagnosis:
-    """That the channel cannot say, for this reason.
+    """State that a channel does not allow a diagnosis.
 
     Args:
         data: the channel.
-        reason: why it cannot be judged.
+        reason: why it does not, in one sentence.
     """
     return ChannelDiagnosis(
         channel=data.name,
@@ -137,7 +139,7 @@ def insufficient_diagnosis(data: ChannelData, reason: str) -> ChannelDiagnosis:
 
 
 def decide_verdict(evidence: Evidence) -> ChannelDiagnosis:
-    """State the verdict on one channel, with numbers from the fits that every other command shows.
+    """State the verdict on one channel, with numbers from the fits that all commands share.
 
     Args:
         evidence: where the search ended.
@@ -200,7 +202,7 @@ def decide_verdict(evidence: Evidence) -> ChannelDiagnosis:
 
 
 def _budget(evidence: Evidence) -> tuple[list[BudgetShare], Rest]:
-    """Shares of the base model's squared error on blocks, which add up to one.
+    """Divide the base model's squared error on blocks into shares, which add up to one.
 
     Returns:
         Shares of the accepted effects' kinds if these leave no more than laws of all kinds that count, or
@@ -218,7 +220,7 @@ def _budget(evidence: Evidence) -> tuple[list[BudgetShare], Rest]:
     if partial is not None:
         by_laws = partial.budget_with(frozenset(kinds.values()))
         without_name = (entry.share for entry in by_laws.entries if entry.kind not in kinds.values())
-        imitates = max(without_name, default=0.0) > _CLAIMS * budget.left
+        imitates = max(without_name, default=0.0) > _IMITATION * budget.left
         # Names that leave clearly less than laws, or that a law imitates, are told from other kinds.
         if budget.left > AS_GOOD * by_laws.left and not imitates:
             replaceable = {entry.kind: entry.replaceable_by for entry in by_laws.entries}
@@ -334,16 +336,16 @@ def _steps(evidence: Evidence) -> str:
 
 
 def _hum(end: FitResult) -> str:
-    """What of the noise swings, in words: mains, a fan or a drive that the sensor picks up."""
-    swing = periodic_component(end) if free_air_noise(end.data) else None
-    if swing is None:
+    """Describe an oscillation within the noise, such as mains hum, a fan or a drive."""
+    line = periodic_component(end) if free_air_noise(end.data) else None
+    if line is None:
         return ""
-    size = f"{np.sqrt(swing[1]) * end.rmse:.3g} {end.data.kind.effort_unit}"
-    return f"; {size} of the noise oscillates at {swing[0]:.3g} Hz, in free air too"
+    size = f"{np.sqrt(line[1]) * end.rmse:.3g} {end.data.kind.effort_unit}"
+    return f"; {size} of the noise oscillates at {line[0]:.3g} Hz, in free air too"
 
 
 def _peaks(end: FitResult) -> str:
-    """That a few moments, such as those of breaking away, hold most of what is within the noise."""
+    """Report that a few samples, such as those at breakaway, hold most of an error within the noise."""
     squares = np.sort(end.solution.residual[end.problem.used] ** 2)
     share = float(squares[int(0.95 * len(squares)) :].sum() / max(squares.sum(), 1e-300))
     return f"; 5 % of the samples hold {100 * share:.0f} % of the squared error" if share > _PEAKED else ""
