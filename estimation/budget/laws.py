@@ -127,7 +127,7 @@ def flexible_laws(blocked: BlockedData, effort: FloatArray, residual: FloatArray
 
 
 def unseen_kinds(data: ChannelData) -> frozenset[Kind]:
-    """Find the kinds that the motion of a contact does not excite, so that they look like laws of the position.
+    """Find the kinds that the motion of a contact does not excite: they look like laws of the position.
 
     Path memory needs a run that returns. Any memory needs several passes or speeds. Rate dependence needs
     more than one speed; otherwise it cannot be told from friction or from the base model's damping.

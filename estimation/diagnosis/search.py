@@ -68,7 +68,6 @@ class Search:
     rng: np.random.Generator  # for permutation and bootstrap tests
     progress: Progress = lambda what, share: None  # called with the current step and its finished share
     coarse: "Search | None" = None  # search on a coarse copy, which preselects candidates; None within a copy
-    coarse: "Search | None" = None
     _cache: FitCache = field(default_factory=FitCache)
     _fits: dict[_Key, FitResult] = field(default_factory=dict)
     _screened: dict[_Key, list[Candidate]] = field(default_factory=dict)

@@ -1,1 +1,1 @@
-"""Where a model is fitted to a channel, and what it leaves."""
+"""Fit models to channels by bounded variable projection, and assess the residual."""

@@ -1,4 +1,4 @@
-"""The grid on which a diagnosis works: means over short blocks, and folds of whole runs."""
+"""Block averages of a channel, and cross-validation folds of whole runs."""
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
@@ -20,28 +20,28 @@ from palpate.robot_io.types import BoolArray, FloatArray, IntArray
 # that was derived twice from an encoder: what of it is noise lies above this rate.
 CONTACT_RATE_HZ, JOINT_RATE_HZ = 200.0, 100.0
 FOLDS = 6
-PIECES, _PIECE_FOLDS = 15, 5  # that a single run is cut into, each fold from all over it
-_CORNER = 0.06  # of a run's range of velocities, that no velocity changes by from reading to reading
-_SLOW_S = 0.011  # between samples
-_CORNER_REACH = 3  # samples to either side that a derived velocity is wrong for
-_MOST_CORNERS = 0.2  # of the blocks; more are no corners, but a motion that is coarsely sampled
-_BORDER = 3.0  # standard deviations of the position
-_SETTLING_S = 0.25  # from the first sample
-_UNKNOWN_S = 0.1  # from the start of a run: what a delay or a lag shows there happened before
-_UNKNOWN = 0.05  # of a run, at most
-_WITHIN = 0.05  # of the effort's variance, that means over blocks may lose
-_SMOOTH = 0.75  # of the variance of white noise's steps, below which it is a swing
+PIECES, _PIECE_FOLDS = 15, 5  # pieces of a single run, and pieces for each fold
+_CORNER = 0.06  # of a run's range of velocities: a change between readings above it is a corner of the motion
+_SLOW_S = 0.011  # step between samples above which corners are not excluded
+_CORNER_REACH = 3  # samples to either side of a corner in which a derived velocity is wrong
+_MOST_CORNERS = 0.2  # of the blocks; more are not corners but a coarsely sampled motion
+_BORDER = 3.0  # standard deviations of the position around a contact boundary
+_SETTLING_S = 0.25  # after the first sample, while filters settle
+_UNKNOWN_S = 0.1  # at the start of a run, where delays and lags depend on the unknown past
+_UNKNOWN = 0.05  # the same as the largest share of a run
+_WITHIN = 0.05  # of the effort's variance that block averages may lose
+_SMOOTH = 0.75  # ratio to the step variance of white noise below which variation in a block is smooth
 _AGAIN = (
     0.9  # of the contact of a run that begins pressed: with more in its first touch, it hardly presses again
 )
-_REST = 0.05  # of the joint's usual highest speed
+_REST = 0.05  # of the joint's usual highest speed; a slower joint is at rest
 LOAD = "load"
-LUMPED = "lumped_inertia_effort"  # part of the load, of which the drive's rotor may take some before the gear
+LUMPED = "lumped_inertia_effort"  # part of the load that the drive's rotor may carry before the gear
 # Effects in which weight acts, and all whose effort is a load;
 # not the armature: what accelerates a rotor does not pass through the gear
 HEAVY = frozenset({"pendulum", "rigid_body", "rigid_body_fitted", "payload", "gravity_tilt", "weight"})
 CARRYING = HEAVY | {"inertia"}
-_LUMPED = {"inertia": "m", "pendulum": "inertia"}  # the gain in which link and rotor are one
+_LUMPED = {"inertia": "m", "pendulum": "inertia"}  # the gain that contains link and rotor
 
 
 @dataclass(frozen=True)
@@ -80,7 +80,7 @@ class BlockedData:
 
     @property
     def effort(self) -> FloatArray:
-        """What was measured on blocks, shape (m,)."""
+        """Measured effort on blocks, shape (m,)."""
         return self.cache.get_or_compute("effort", lambda: self.reduce(self.data.effort))
 
     def columns(self, effect: AdditiveEffect, inner: Inner) -> FloatArray:
@@ -136,7 +136,7 @@ def block_length(data: ChannelData) -> int:
 
 
 def _swings_within(effort: FloatArray, block: int) -> bool:
-    """Whether a fair share of an effort (n,) is lost with the means over blocks, and is no noise."""
+    """Check whether averaging over blocks removes a part of an effort (n,) that is not noise."""
     blocks = effort[: len(effort) // block * block].reshape(-1, block)
     within = blocks - blocks.mean(axis=1, keepdims=True)
     if np.mean(within**2) < _WITHIN * np.var(effort):
@@ -202,17 +202,17 @@ def merge_blocks(blocked: BlockedData, most: int) -> BlockedData:
 
 
 def exclude_boundaries(blocked: BlockedData, moved: ChannelData) -> BlockedData:
-    """The frame without trust in blocks where a contact begins or ends by a motion, measured or another.
+    """Exclude blocks in which, by a given motion, a contact begins or ends.
 
     Args:
         blocked: the channel on blocks.
-        moved: the same channel with the motion that acts.
+        moved: the same channel with the motion that acts on the object.
     """
     return replace(blocked, trusted=blocked.trusted & ~_mixed(moved, blocked))
 
 
 def decimate(blocked: BlockedData) -> ChannelData:
-    """The channel averaged over blocks, one sample for each.
+    """Average a channel over blocks, one sample for each.
 
     Args:
         blocked: the channel on blocks.
@@ -298,7 +298,7 @@ def _at_rest(data: ChannelData, rows: IntArray) -> BoolArray:
 
 
 def is_moving(data: ChannelData, rows: IntArray) -> BoolArray:
-    """Whether a joint moves in blocks of samples, shape (m,), or as good as rests.
+    """Check whether a joint moves during blocks of samples, shape (m,).
 
     Args:
         data: the channel.
@@ -309,7 +309,7 @@ def is_moving(data: ChannelData, rows: IntArray) -> BoolArray:
 
 
 def with_load(data: ChannelData, model: Model, parameters: Mapping[str, float]) -> ChannelData:
-    """The channel with the signal `load`: what the model's masses and weights take.
+    """Add the signal `load` to a joint's channel: the effort of the model's inertia and gravity.
 
     What an inertia takes that may be the rotor's as well as the link's is a signal of its own, beside
     weights: by itself it only scales the load.

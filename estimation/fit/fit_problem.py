@@ -27,14 +27,14 @@ from palpate.robot_io.types import BoolArray, FloatArray, IntArray
 NOT_HELD: Mapping[str, float] = MappingProxyType({})
 NO_BOUNDS: Mapping[str, tuple[float, float]] = MappingProxyType({})
 _MOST_ROUNDS = 7
-_LOST = 1e6  # times the largest effort
+_LOST = 1e6  # predictions above this multiple of the largest effort have diverged
 _NO_BOUND = (-np.inf, np.inf)
-_NO_SCALE = 1e-300  # of a column that is zero
+_NO_SCALE = 1e-300  # norm of a column that is zero
 
 
 @dataclass(frozen=True)
 class FitProblem:
-    """Where models are tried: the blocks, the colour of their noise, and weights of their residuals (m,)."""
+    """Data on blocks, noise model and residual weights (m,), to which models are fitted."""
 
     blocked: BlockedData
     noise_model: ArNoise
@@ -132,7 +132,7 @@ class FitProblem:
         )
 
     def _known(self, names: Sequence[str], count: int) -> Information | None:
-        """What other channels say of so many gains, of which the first have names; None if nothing."""
+        """Prior information on gains from other channels; None if there is none."""
         shared = self.blocked.data.shared
         if shared is None or self.noise_model is not WHITE or not set(shared.names) <= set(names):
             return None
@@ -146,7 +146,7 @@ class FitProblem:
 
 @dataclass(frozen=True)
 class Solution:
-    """A model with parameters, and how well it fits."""
+    """A model with parameters and the residual at these parameters."""
 
     model: Model  # what was tried
     parameters: dict[str, float]  # gains and inner parameters by "effect.parameter"
@@ -184,11 +184,11 @@ class Solution:
 
     @property
     def is_physical(self) -> bool:
-        """Whether no gain had to be held at a physical bound."""
+        """Whether no gain is held at a physical bound."""
         return not self.fixed - self.model.held.keys()
 
     def without_blocks(self) -> "Solution":
-        """The same with no columns and no target: enough to be compared, and of long data far smaller."""
+        """Drop columns and target, which comparisons do not need, to save memory."""
         return replace(self, columns=self.columns[:0].copy(), target=self.target[:0].copy())
 
 
@@ -342,7 +342,7 @@ LinearisedParts = Callable[[Inner], Parts | None]
 
 
 def is_linear_on_blocks(data: ChannelData, model: Model) -> bool:
-    """Whether a model can be fitted on blocks alone; a contact's effort is cut off sample by sample.
+    """Check whether a model can be fitted to block averages; a contact's effort is clipped at each sample.
 
     Args:
         data: the channel.
@@ -354,7 +354,7 @@ def is_linear_on_blocks(data: ChannelData, model: Model) -> bool:
 def linearise_along(
     data: ChannelData, model: Model, effect: Effect, parameters: Mapping[str, float]
 ) -> LinearisedParts:
-    """What gives `Model.parts` by the inner parameters of one effect; None where that saves nothing.
+    """Return a fast evaluation of `Model.parts` over one effect's inner parameters; None if none is faster.
 
     Args:
         data: the channel.

@@ -26,12 +26,12 @@ from palpate.estimation.signals.cache_by_array import FitCache
 from palpate.estimation.workers import single_threaded
 from palpate.robot_io.types import BoolArray, FloatArray, IntArray
 
-_ROUNDING = 1e-7  # share of the effort: single precision keeps 6e-8, the fit's own shrinkage leaves some 1e-9
+_ROUNDING = 1e-7  # share of the effort below which a residual is rounding: single precision resolves 6e-8
 _NAMED_SHARE = 0.4  # a signal is named if it explains this share of what the strongest signal explains
-_LEAST_SHARE = 0.01  # of the squared error, that a named signal explains at least
-_BETTER = 0.9  # times the squared error in held-out runs, beside what smoothing took off
-_PULLED = 5.0  # standard errors, from which the data pull a gain beyond its bound
-_NOISE_ALONE = 1.05  # times the floor: an error up to which it is noise
+_LEAST_SHARE = 0.01  # of the squared error that a named signal must explain
+_BETTER = 0.9  # ratio of squared held-out errors below which a correction of smoothing bias is used
+_PULLED = 5.0  # standard errors by which a gain must exceed its bound to be reported
+_NOISE_ALONE = 1.05  # ratio to the noise level up to which an error is noise
 _RATE_SIGNALS = frozenset({"velocity", "direction"})
 
 
@@ -73,12 +73,12 @@ class FitResult(TableDisplay):
 
     @cached_property
     def training_fit(self) -> "FitResult":
-        """The same fit, scored by cross-validation on the runs that it was fitted to."""
+        """The same model, cross-validated on the runs that it was fitted to."""
         return self if self.validation is None else replace(self, validation=None)
 
     @property
     def model(self) -> Model:
-        """The fitted model."""
+        """The model."""
         return self.solution.model
 
     @property
@@ -179,20 +179,20 @@ class FitResult(TableDisplay):
 
     @cached_property
     def flexible(self) -> FlexibleRegression:
-        """The flexible regression beside the model: what any smooth law could still explain."""
+        """Flexible regression on the residual: what a smooth function of the signals could explain."""
         return fit_flexible(self.problem, self.solution, self.filters)
 
     @cached_property
     def whitened_problem(self) -> FitProblem:
-        """The same blocks, prewhitened by the noise that the flexible regression leaves."""
+        """The same blocks, prewhitened by the noise model of the flexible regression's residual."""
         blocked = self.problem.blocked
         return FitProblem(blocked, estimate_ar_noise(self.flexible.residual, blocked.run, blocked.trusted))
 
     @cached_property
     def coarse_problem(self) -> FitProblem:
-        """The same problem with one sample a block: a solution there costs a fraction.
+        """The same problem with one sample for each block, on which a fit costs a fraction.
 
-        A model that is solved on blocks has one too, since a further effect may need samples.
+        It also exists for models that are fitted on blocks, since a further effect may need samples.
         """
         blocked = self.problem.blocked
         rows = np.arange(len(blocked))[:, None]
@@ -202,10 +202,10 @@ class FitResult(TableDisplay):
 
     @property
     def is_exact(self) -> bool:
-        """Whether the error is no more than rounding of the numbers: the data were made without noise.
+        """Whether the error is mere rounding of numbers, as in simulated data without noise.
 
-        Such an error still has a structure, since rounding and the fit's shrinkage depend on the signals. It
-        is no law of the object.
+        Such an error has structure, since rounding and ridge penalties depend on the signals, but no physical
+        cause.
         """
         return self.rmse <= _ROUNDING * float(np.sqrt(np.mean(self.training.effort**2)))
 
@@ -237,10 +237,10 @@ class FitResult(TableDisplay):
         return float(np.sqrt(max(self.rmse**2 - max(self.flexible.explained, 0.0) / count, 0.0)))
 
     def floor_in_runs(self, runs: IntArray) -> float:
-        """The same in some of the runs alone, each still scored by the others.
+        """Return the noise level in some runs, cross-validated with all runs [effort].
 
         Args:
-            runs: their numbers.
+            runs: run numbers.
         """
         blocked = self.problem.blocked
         chosen = blocked.trusted & np.isin(blocked.run, runs)
@@ -338,9 +338,10 @@ def final_solution(fit: FitResult) -> tuple[FitProblem, Solution]:
 
 
 def _beside_smoothing(problem: FitProblem, solution: Solution, filters: DifferentiationFilter) -> Solution:
-    """A joint's model with the gains that it has beside what windows took off its motion.
+    """Correct a joint's gains for smoothing bias of its motion.
 
-    A mass makes up for peaks that were rounded off its acceleration, and a weight for the mass.
+    Without the correction, a mass compensates for flattened peaks of the acceleration, and a weight for the
+    mass.
     """
     if problem.blocked.data.kind is ChannelKind.CONTACT or filters == ((), ()):
         return solution

@@ -1,8 +1,8 @@
-"""What any smooth law could still explain: a wide, shrunken regression on all signals and their past.
+"""Flexible regression: ridge regression on all signals and their past, the nonparametric alternative.
 
-It names nothing. It says how much of the error can be explained at all, and by which signals. A velocity or
-acceleration that was derived is rounded off, and what a model makes of that looks like a law of its effort:
-this is corrected beside the model, and counts as noise (W. A. Fuller, Measurement Error Models (1987)).
+It estimates how much of a model's error any function of the signals can explain, and which signals matter.
+Smoothing flattens a derived velocity or acceleration, which the model turns into a systematic error. This
+bias is modeled by further columns and counts as noise (W. A. Fuller, Measurement Error Models (1987)).
 """
 
 from collections.abc import Collection
@@ -24,17 +24,17 @@ from palpate.estimation.signals.blocks import equal_length_blocks
 from palpate.robot_io.types import BoolArray, FloatArray, IntArray
 
 _RIDGES = (1e-6, 1e-4, 1e-3, 1e-2, 1e-1)
-_MOST_SIGNALS = 4  # that are taken one by one
-_WORTH = 0.005  # of the energy, that one more signal must take away
-_MOST_TIMES = 3.0  # what a window is expected to take off an effort
-_POWERS = 3  # of what a window takes off the effort, by which the unsmoothed one is approached
+_MOST_SIGNALS = 4  # signals that are selected one by one
+_WORTH = 0.005  # least share of the energy that one more signal must explain
+_MOST_TIMES = 3.0  # largest plausible multiple of the expected smoothing bias
+_POWERS = 3  # powers of the smoothing operator, a series that approximates its inverse
 # Half windows [samples] that velocity and acceleration went through, as far as a model depends on these.
 DifferentiationFilter = tuple[tuple[int, ...], tuple[int, ...]]
 
 
 @dataclass(frozen=True)
 class FlexibleRegression:
-    """The flexible regression on top of a model."""
+    """A flexible regression on the residual of a model."""
 
     before: (
         FloatArray  # squared whitened residuals of the model by fold, its motion unsmoothed, shape (folds,)
@@ -126,25 +126,25 @@ def fit_flexible(
 
 
 def is_plausible_bias(taken: FloatArray, gains: FloatArray) -> bool:
-    """Whether what windows took off, (m, k) with gains (k,), is no more than some times what they take off.
+    """Check that fitted smoothing bias is no larger than a few times the bias that is expected.
 
-    With any gains it could stand for a missing law: waves of two frequencies leave room for a spring.
+    Columns of smoothing bias with arbitrary gains could imitate a missing law, such as a spring.
 
     Args:
-        taken: what windows took off, shape (m, k) [effort].
-        gains: of its columns, shape (k,).
+        taken: columns of smoothing bias, shape (m, k) [effort].
+        gains: fitted gains of the columns, shape (k,).
     """
     expected = taken[:, -_POWERS:].sum(axis=1)  # of the effort, by the widest window
     return bool(np.sum((taken @ gains) ** 2) <= _MOST_TIMES**2 * np.sum(expected**2))
 
 
 def smoothing_bias(blocked: BlockedData, effort: FloatArray, filters: DifferentiationFilter) -> FloatArray:
-    """What windows took off the velocity, the acceleration and an effort (m,), on blocks, shape (m, k).
+    """Compute columns that describe what smoothing removed from velocity, acceleration and an effort, (m, k).
 
     Args:
         blocked: the channel on m blocks.
-        effort: shape (m,) [effort].
-        filters: which derived velocity and acceleration.
+        effort: predicted effort on blocks, shape (m,) [effort].
+        filters: the filters that derived velocity and acceleration.
     """
     data, block = blocked.data, blocked.rows.shape[1]
     derived = (blocked.reduce(signal * data.engaged) for signal in (data.velocity, data.acceleration))
@@ -156,26 +156,26 @@ def smoothing_bias(blocked: BlockedData, effort: FloatArray, filters: Differenti
 
 
 def _less_smooth(signal: FloatArray, half: int, run: IntArray) -> FloatArray:
-    """What a window takes off a signal (m,), what it takes off that, and so on, shape (m, powers).
+    """Apply the high-pass complement of a smoothing window to a signal (m,) repeatedly, shape (m, powers).
 
-    A local quadratic fit gives the derivative of a signal averaged with the weights of a parabola; together
-    these lead back to the signal as it was (P. H. van Cittert, Z. Physik 69 (1931)).
+    A local quadratic fit yields the derivative of the signal averaged with parabolic weights. A sum of the
+    powers restores the unsmoothed signal (P. H. van Cittert, Z. Physik 69 (1931)).
     """
     weights = 1.0 - (np.arange(-half, half + 1) / (half + 1.0)) ** 2
-    taken = [signal]
+    powers = [signal]
     for _ in range(_POWERS):
         smooth = np.empty_like(signal)
         for rows in equal_length_blocks(run):
             smooth[rows] = scipy.ndimage.convolve1d(
-                taken[-1][rows], weights / weights.sum(), axis=1, mode="nearest"
+                powers[-1][rows], weights / weights.sum(), axis=1, mode="nearest"
             )
-        taken.append(taken[-1] - smooth)
-    return np.column_stack(taken[1:])
+        powers.append(powers[-1] - smooth)
+    return np.column_stack(powers[1:])
 
 
 @dataclass(frozen=True)
 class _Tried:
-    """A regression on some signals."""
+    """Ridge regression on some of the signals."""
 
     signals: tuple[int, ...]  # their numbers
     kept: BoolArray  # columns that it has, shape (q,)
@@ -188,7 +188,7 @@ class _Tried:
 
 
 def _shrunken(equations: NormalEquations, owner: IntArray, signals: tuple[int, ...]) -> _Tried:
-    """The regression on these signals, with the shrinkage that serves best in the folds held out."""
+    """Fit these signals with the ridge penalty that predicts held-out folds best."""
     kept = (owner < 0) | np.isin(owner, signals)
     some, free = equations.only(kept), owner[kept] >= 0
     tried = np.where(free, np.array(_RIDGES)[:, None], 1e-9)

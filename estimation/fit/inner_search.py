@@ -20,13 +20,13 @@ from palpate.robot_io.types import FloatArray
 
 _HALVINGS = 3
 _PARABOLAS = 3
-_TIMES = 4  # that a fit of all is repeated while it leads far
-_FAR = 0.9  # of the energy before
+_TIMES = 4  # joint fits of all parameters while the error still falls
+_FAR = 0.9  # ratio of squared errors below which the joint fit is repeated
 _EVALUATIONS = 40
 _SETTLED = 1e-5
-_MOVED = 1e-4  # share of the way gone, that a step must still go
-_ARRIVED = 1.0001  # times the energy that a step promised, since slopes need settled efforts
-_STEP = 2e-3  # of a difference quotient
+_MOVED = 1e-4  # smallest step, relative to the distance covered
+_ARRIVED = 1.0001  # ratio to the predicted squared error within which a step has converged
+_STEP = 2e-3  # of a finite difference
 
 
 @dataclass(frozen=True)
@@ -40,12 +40,12 @@ class GridSearch:
 
     @property
     def starts(self) -> tuple[Solution, ...]:
-        """The trials at the starts."""
+        """Solutions at the start values."""
         return self.solutions[: self.start_count]
 
     @property
     def best(self) -> Solution:
-        """The trial that fits all data best."""
+        """The solution with the lowest squared error."""
         return min(self.solutions, key=lambda solution: solution.sse)
 
     @property
@@ -57,7 +57,7 @@ class GridSearch:
         return chosen
 
     def without_blocks(self) -> "GridSearch":
-        """The same, the best trial without its blocks too."""
+        """The same search without the arrays on blocks."""
         return replace(self, solutions=tuple(solution.without_blocks() for solution in self.solutions))
 
 
@@ -149,7 +149,7 @@ def _at(
 def _between(
     grid: list[dict[str, float]], best: int, inner: Parameter, line: list[int]
 ) -> list[dict[str, float]]:
-    """The two points half-way to the best one's neighbours on a line, or further out where it ends."""
+    """Points half-way between the best point and its neighbors, or beyond it at the end of a line."""
     here = grid[best]
     values = [grid[i][inner.name] for i in line]
     at = line.index(best)
@@ -167,7 +167,7 @@ def _between(
 def _vertex(
     grid: list[dict[str, float]], solutions: list[Solution], line: list[int], best: int, inner: Parameter
 ) -> list[dict[str, float]]:
-    """The lowest point of the parabola through the best point of a line and its neighbours, if any."""
+    """Minimum of the parabola through the best point of a line and its neighbors, if it has one."""
     at = line.index(best)
     if not 0 < at < len(line) - 1:
         return []
@@ -185,7 +185,7 @@ def _vertex(
 
 
 def _outside(line: list[float], inner: Parameter, *, upwards: bool) -> float:
-    """Where the grid ends: twice as far outside as its last step was wide, within the bounds."""
+    """Extend the grid by twice its last step, within the bounds."""
     if len(line) < 2:
         return inner.upper if upwards else inner.lower
     end, before = (line[-1], line[-2]) if upwards else (line[0], line[1])
@@ -202,7 +202,7 @@ class Scale:
 
     @property
     def by_ratio(self) -> bool:
-        """Whether the search goes by ratio."""
+        """Whether the parameter is searched on a logarithmic scale."""
         return self.parameter.log and self.start > 0.0
 
     @property
@@ -211,7 +211,7 @@ class Scale:
         return self.number(self.parameter.lower), self.number(self.parameter.upper)
 
     def number(self, value: float) -> float:
-        """The number for a value.
+        """Map a value to the search scale.
 
         Args:
             value: of the inner parameter, in its unit.
@@ -221,7 +221,7 @@ class Scale:
         return (value - self.start) / self._unit
 
     def value(self, number: float) -> float:
-        """The value for a number.
+        """Map a point of the search scale to a value.
 
         Args:
             number: on the scale that is searched.

@@ -21,12 +21,13 @@ from palpate.estimation.statistics.noise import sum_covariance
 from palpate.robot_io.types import FloatArray, IntArray
 
 SIGMAS_95 = 1.96
-_READINGS, _SEED = 8, 1  # of the motion, drawn again
-_STEP = 1e-3  # of an inner parameter in a difference quotient, relative to its value or typical range
-_NOTHING = 1e-10  # of the largest eigenvalue: a way to change parameters together that changes nothing
-_FREE = 1e-6  # share of a parameter in such ways, from which on the data do not determine it
-_FAR = 10.0  # times a value, or what is met in practice
-_JUMP, _MOST = 20.0, 0.95  # times the slope that most blocks stay below: a block that jumps, and has no slope
+_READINGS, _SEED = 8, 1  # simulated readings of the motion, and their seed
+_STEP = 1e-3  # step of finite differences, relative to an inner parameter's value or typical range
+_NOTHING = 1e-10  # eigenvalues below this share of the largest belong to combinations that change nothing
+_FREE = 1e-6  # share of a parameter in such combinations above which the data do not determine it
+_FAR = 10.0  # largest uncertainty, relative to the value or the typical values of a parameter
+# A block jumps, and has no slope, if it exceeds 20 times what 95 % of the blocks do not exceed.
+_JUMP, _MOST = 20.0, 0.95
 
 
 def estimate_parameters(problem: FitProblem, solution: Solution) -> dict[str, ParameterEstimate]:
@@ -68,7 +69,7 @@ def estimate_parameters(problem: FitProblem, solution: Solution) -> dict[str, Pa
 
 
 def _widest(parameter: Parameter, value: float) -> float:
-    """An error beyond all that makes physical sense, or far beyond all that is met, determines nothing."""
+    """Largest plausible standard error; with a larger one the data do not determine the parameter."""
     return min(parameter.upper - parameter.lower, _FAR * max(abs(value), *parameter.typical))
 
 
@@ -99,9 +100,10 @@ def _without_jumps(slope: FloatArray) -> FloatArray:
 
 
 def _by_readings(problem: FitProblem, solution: Solution, measurement: MeasurementModel) -> FloatArray:
-    """By how much other readings of the motion would have turned each parameter, root mean square, (q,).
+    """Standard errors (q,) that errors of the measured motion cause, by simulation.
 
-    The model is fitted by one step of Gauss and Newton to what it expects of the smooth motion, read again.
+    The model's prediction for the smoothed motion is refitted with simulated motions, by one Gauss-Newton
+    step.
     """
     rng = np.random.default_rng(_SEED)
     expected = solution.model.predict(measurement.smoothed_motion, solution.parameters)

@@ -20,11 +20,11 @@ CUT = 5.5  # of the biweight, in sigmas: 97.5 % efficient at Gaussian noise
 _CAUCHY_CUT = 2.385  # in sigmas: 95 % efficient at Gaussian noise
 _SMALLEST_RESIDUAL = 0.05  # in sigmas: keeps 1 / |residual| finite
 _NO_NOISE = 1e-100  # in any unit; the inverse of its square is still a number
-_INSIDE = 4.0  # sigmas within which a sample tells about the noise
-_LEVELS = 3  # times that the noise is found again
-_STEPS = 2  # with one noise
-_SETTLED = 1e-4  # of a standard error
-_FEWEST_SHARE = 0.05  # of the samples, to tell about the noise
+_INSIDE = 4.0  # sigmas; larger residuals are not used to estimate the noise
+_LEVELS = 3  # estimates of the noise level
+_STEPS = 2  # reweighted fits for each noise level
+_SETTLED = 1e-4  # of a standard error: smaller changes end the iteration
+_FEWEST_SHARE = 0.05  # of the samples, needed to estimate the noise
 
 Evaluate = Callable[[FloatArray], tuple[FloatArray, FloatArray]]
 """From parameters (p,) to the predicted effort (n,) and its slopes by them (n, p)."""
@@ -60,7 +60,7 @@ def absolute_share(residuals: FloatArray) -> FloatArray:
 
 @dataclass(frozen=True)
 class IrlsResult:
-    """Where the steps ended."""
+    """Result of iteratively reweighted least squares."""
 
     values: FloatArray  # parameters, shape (p,)
     slopes: FloatArray  # of the prediction by them, shape (n, p)

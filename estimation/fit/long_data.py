@@ -12,26 +12,30 @@ from palpate.estimation.signals.blocks import blocks, rows_of_runs
 from palpate.estimation.signals.runwise import sample_time
 from palpate.robot_io.types import IntArray
 
-LONG = 500_000  # samples; shorter recordings are taken as they are
-_ENOUGH = 25_000  # samples that need not be made fewer
-_MOST = 100_000  # samples that are searched in bearable time
-_LOST = 0.1  # of the variance of a mean's noise, that a signal may have within the samples it is the mean of
-_SURE = 3.0  # standard errors of that
-_FEWEST_IN_BLOCK = 8  # samples, that tell noise from a signal
+LONG = 500_000  # samples; shorter recordings are not averaged
+_ENOUGH = 25_000  # samples of an averaged recording that need no further averaging
+_MOST = 100_000  # samples that are searched in acceptable time
+_LOST = (
+    0.1  # variance of a signal within a block, relative to the noise variance of its mean, that may be lost
+)
+_SURE = 3.0  # standard errors for that test
+_FEWEST_IN_BLOCK = 8  # samples needed to tell noise from a signal
 _FEWEST_IN_RUN = 50  # means
-_FEWEST_RUNS = 6  # that are left, so that some can be held out
-_STRETCHES = 40  # that a joint's runs are cut into, or more
-_COVERED = 0.3  # of the range of positions, that each of them goes through
-_STILL = 0.002  # of the range of positions: what stays within it for `_NEAR_S` to both sides stands still
-_NEAR_S = 0.5  # before and after a motion, that belong to it
-_MOSTLY = 0.5  # of the samples: with fewer near a motion a joint mostly stands still
-_BEARABLE = 2  # times `_MOST`, beyond which something is rather lost
+_FEWEST_RUNS = 6  # runs that must remain, so that some can be held out
+_STRETCHES = 40  # pieces into which a joint's runs are cut, or more
+_COVERED = 0.3  # of the range of positions that each piece covers
+_STILL = (
+    0.002  # of the range of positions; a joint that stays within it for `_NEAR_S` on both sides is at rest
+)
+_NEAR_S = 0.5  # before and after a motion that belong to it
+_MOSTLY = 0.5  # of the samples; with fewer near a motion, the joint is mostly at rest
+_BEARABLE = 2  # multiple of `_MOST` above which some loss of information is accepted
 _THIRD = 20.0  # sum of the squares of (1, -3, 3, -1), the weights of a third difference
 
 
 @dataclass(frozen=True)
 class Within:
-    """What an effort does within blocks of samples."""
+    """Variation of an effort within blocks of samples."""
 
     # Root mean square of its departure from a straight line, freedom of the line accounted for.
     departure: float
@@ -39,7 +43,7 @@ class Within:
     count: int  # samples that this was seen in
 
     def is_noise(self, block: int) -> bool:
-        """Whether the departure is noise, or so little more that means over blocks do not show it.
+        """Check that the variation is noise, or so little above it that averaging loses nothing relevant.
 
         Args:
             block: samples in a block.
@@ -49,7 +53,7 @@ class Within:
 
 
 def shortened(data: ChannelData, held_out: Sequence[int] = ()) -> tuple[ChannelData, str, Mapping[int, int]]:
-    """A long recording as means over blocks of neighbouring samples, and a sentence on it; else as it is.
+    """Average a long recording over blocks of neighboring samples, and describe it; else return it unchanged.
 
     Blocks of 5 ms (10 ms of a joint's effort) are what a diagnosis works on in any case. They are made twice
     as long again and again, as long as the effort within them departs from a straight line by no more than
@@ -90,7 +94,7 @@ def shortened(data: ChannelData, held_out: Sequence[int] = ()) -> tuple[ChannelD
 
 
 def _from_rest_to_rest(data: ChannelData, held: IntArray) -> tuple[ChannelData, str, dict[int, int]]:
-    """A joint's motions as runs, with some rest before and after, where it mostly stands still.
+    """Split a joint's channel that mostly rests into motions with some rest before and after.
 
     What holds it at rest depends on how it came there, and says little of what moves it.
     """
@@ -113,7 +117,7 @@ def _from_rest_to_rest(data: ChannelData, held: IntArray) -> tuple[ChannelData, 
 
 
 def within_blocks(data: ChannelData, block: int) -> Within:
-    """What the effort of a channel does within blocks.
+    """Measure the variation of a channel's effort within blocks.
 
     Args:
         data: the channel, n samples.
@@ -128,7 +132,7 @@ def within_blocks(data: ChannelData, block: int) -> Within:
 
 
 def _rows(data: ChannelData, block: int) -> IntArray:
-    """The samples of each block, shape (m, block); a run's last ones that fill no block are left out."""
+    """Samples of each block, shape (m, block); incomplete blocks at ends of runs are omitted."""
     runs = rows_of_runs(data.run)
     return np.concatenate([rows[: len(rows) // block * block].reshape(-1, block) for rows in runs])
 
@@ -175,7 +179,7 @@ def _fewer_stretches(data: ChannelData, held: IntArray) -> tuple[ChannelData, st
 
 
 def _in_stretches(data: ChannelData, length: int, held: IntArray) -> tuple[ChannelData, dict[int, int]]:
-    """The data with runs of this many samples or a little more but for those held out, and whose they are."""
+    """Cut all but held-out runs into pieces of at least this length; return the original runs too."""
     run, run_of, number = data.run.copy(), dict[int, int](), int(data.run.max())
     for rows in blocks(data.run):
         count, old = rows.stop - rows.start, int(data.run[rows.start])

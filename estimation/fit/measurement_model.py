@@ -28,18 +28,18 @@ from palpate.estimation.signals.cache_by_array import IdentityKey, cache_by_arra
 from palpate.estimation.signals.runwise import is_even, shifted_motion
 from palpate.robot_io.types import FloatArray, IntArray
 
-_MOST_WEIGHTS = 4_000_000  # of an operator that is kept
-_PASSED_ON = 0.5  # of the error that a window passes on, that its derivative may differ by
-_TRIED = 4000  # samples by which the operator that derived a velocity is recognised
-_ALIKE = 1e-6  # of a derivative's mean square, that one derived in another way may differ by
-_REACH_S = 0.03  # to either side, that positions are compared over: noise of an encoder counts little there
+_MOST_WEIGHTS = 4_000_000  # largest size of an operator that is kept in memory
+_PASSED_ON = 0.5  # tolerance on a derivative, relative to the reading error that the filter passes on
+_TRIED = 4000  # samples used to recognise the filter that derived a velocity
+_ALIKE = 1e-6  # of a derivative's mean square: tolerance on a derivative that another formula computed
+_REACH_S = 0.03  # to either side, over which positions are compared; encoder noise is negligible there
 _LEAST = 3  # samples
 _pieces = cache_by_array(number_pieces)  # derivatives know nothing across a gap in time
 
 
 @dataclass(frozen=True)
 class MeasurementModel:
-    """How a channel's motion was read."""
+    """How position, velocity, acceleration and effort of a channel were measured."""
 
     data: ChannelData  # the channel as it was recorded
     error: FloatArray  # of each position, shape (n,): what differs from the smooth motion
@@ -55,13 +55,13 @@ class MeasurementModel:
 
     @property
     def smoothed_motion(self) -> ChannelData:
-        """A channel that moves like the one recorded: its derivatives are exact, its position smooth."""
+        """Smoothed motion with exact derivatives, close to the measured motion."""
         velocity, acceleration = self.exact
         data = self.data
         return shifted_motion(data, -self.error, velocity - data.velocity, acceleration - data.acceleration)
 
     def simulate(self, rng: np.random.Generator) -> ChannelData:
-        """That motion read once more: other errors of the position, derived by the same windows.
+        """Simulate a measurement of the smoothed motion: new position errors, derived by the same filters.
 
         Args:
             rng: source of random numbers.
@@ -214,22 +214,22 @@ def channel_derivative(data: ChannelData, signal: FloatArray, window: int, order
 def _derivative_operator(
     time_s: IdentityKey, piece: IdentityKey, window: int, order: int
 ) -> "scipy.sparse.csr_array":
-    """Of a whole channel at uneven times: the same for each of many draws of its readings."""
+    """Difference operator for a channel with uneven time steps, reused for all simulated readings."""
     return uneven_derivative_operator(time_s.thing, list(blocks(piece.thing)), window, order)
 
 
 def _bent(data: ChannelData, exact: FloatArray, window: int | None, order: int) -> FloatArray:
-    """What a window makes of an exact derivative of this order, (n,)."""
+    """Apply the differentiation filter to an exact derivative of this order, (n,)."""
     return (
         exact if window is None else channel_derivative(data, _integrated(exact, data, order), window, order)
     )
 
 
 def _unbent(data: ChannelData, derivative: FloatArray, window: int | None, order: int) -> FloatArray:
-    """A derivative (n,) that a window bends to about the one found: what it does to that, taken off.
+    """Estimate the exact derivative (n,) from a smoothed one by adding back the smoothing error (twicing).
 
-    J. W. Tukey, Exploratory Data Analysis (1977), ch. 16: twicing. Noise in what was found is no motion:
-    it is smoothed first, by a window a size wider, which bends a signal less than its derivatives.
+    J. W. Tukey, Exploratory Data Analysis (1977), ch. 16. Noise of the derivative is removed first with the
+    next wider window.
     """
     if window is None:
         return derivative
@@ -238,7 +238,7 @@ def _unbent(data: ChannelData, derivative: FloatArray, window: int | None, order
 
 
 def _integrated(signal: FloatArray, data: ChannelData, times: int) -> FloatArray:
-    """A signal (n,) integrated so many times from the start of each piece without a gap."""
+    """Integrate a signal (n,) a number of times over each piece without a gap."""
     whole = signal
     for _ in range(times):
         whole = whole.copy()
@@ -250,10 +250,10 @@ def _integrated(signal: FloatArray, data: ChannelData, times: int) -> FloatArray
 def _window(
     data: ChannelData, signal: FloatArray, error: FloatArray, given: FloatArray, order: int
 ) -> tuple[int | None, float]:
-    """The window by which a derivative (n,) was derived from a signal (n,) with an error; None if by none.
+    """Identify the window that derived a derivative (n,) from a signal (n,) with a reading error.
 
-    And the median square by which it differs from that where something moves; infinite if by none. Other
-    ends of the pieces that were derived by themselves, or what was cut off behind, do not count in a median.
+    Returns the half width of the window, None if no window fits, and the median squared difference during
+    motion. The median ignores differences at the ends of pieces.
     """
     alike: list[tuple[float, int]] = []
     moving = given != 0.0
@@ -270,14 +270,14 @@ def _window(
 
 
 def inflate_acceleration_noise(data: ChannelData, reach_s: float = _REACH_S) -> ChannelData:
-    """The channel with the acceleration that its positions speak for, on the average over a reach.
+    """Correct the acceleration so that, averaged over a time, it agrees with the measured positions.
 
-    What is missing in the acceleration is the second difference of the positions less those that it
-    integrates to; over uneven times too. Ends of runs are left as they are.
+    The correction is the second difference of the measured positions minus that of the integrated
+    acceleration, for even and uneven time steps. Ends of runs are not changed.
 
     Args:
         data: the channel.
-        reach_s: time to either side [s] that positions are compared over.
+        reach_s: time to either side over which positions are compared [s].
     """
     missing = np.zeros(len(data))
     for rows in blocks(_pieces(data.time_s, data.run)):

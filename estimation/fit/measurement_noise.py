@@ -20,25 +20,28 @@ from palpate.estimation.fit.run_heterogeneity import run_heterogeneity
 from palpate.estimation.signals.blocks import rows_of_runs
 from palpate.robot_io.types import FloatArray
 
-_FREE = 0.9  # of the samples before a touch; the last of them may already belong to it
-_LEAST = 50  # samples
-_DIFFERENCES = (1.0, -3.0, 3.0, -1.0)  # of neighbouring readings: no motion that is smooth passes
-_USUAL, _OF_USUAL = 0.99, 0.9616  # of the differences; of normal noise's deviation, that those have
-_STEP = 5.0  # times the mean way between readings, above which the motion jumps
-_WHITE = 1.2  # ratio of differences at twice the distance, up to which no motion passes
-_REPEATED = 0.01  # of the range of positions, by which runs that repeat one motion may differ
-_SLOWER = 1.5  # ratio of noise by repeats to noise by neighbors, above which some noise is slow
-_SEED = 0  # of the readings that are drawn: one number for a channel
+_FREE = 0.9  # of the samples before a touch; the last of them may already be in contact
+_LEAST = 50  # samples needed for an estimate
+_DIFFERENCES = (1.0, -3.0, 3.0, -1.0)  # third difference of neighboring readings, which removes smooth motion
+_USUAL, _OF_USUAL = (
+    0.99,
+    0.9616,
+)  # quantile of the differences that is used, and its share of a normal standard deviation
+_STEP = 5.0  # ratio to the mean distance between readings above which the motion jumps
+_WHITE = 1.2  # ratio of differences at twice the distance up to which they contain no motion
+_REPEATED = 0.01  # of the range of positions: largest difference between runs that repeat one motion
+_SLOWER = 1.5  # ratio of noise by repeats to noise by neighbors above which a part of the noise is slow
+_SEED = 0  # of simulated readings: a channel always has the same noise
 
 
 class NoiseSource(StrEnum):
-    """What the noise of a channel is known from."""
+    """How the noise of a channel was estimated."""
 
     FREE_AIR = "free air"
-    NEIGHBORS = "neighboring readings"  # differences, in which only what is faster than the motion is left
+    NEIGHBORS = "neighboring readings"  # differences, which contain only what is faster than the motion
     REPEATS = "repeated runs"  # an upper bound: runs may differ by more than noise
-    EACH_RUN = "runs fitted by themselves"  # an upper bound: the base model may lack something in each
-    FLEXIBLE = "a flexible regression"  # an upper bound: it may not follow everything
+    EACH_RUN = "runs fitted by themselves"  # an upper bound: the base model may be incomplete in each run
+    FLEXIBLE = "a flexible regression"  # an upper bound: it may not follow every signal
 
     @classmethod
     def _missing_(cls, value: object) -> "NoiseSource | None":
@@ -47,7 +50,7 @@ class NoiseSource(StrEnum):
 
 @dataclass(frozen=True)
 class MeasurementNoise:
-    """The noise of a channel, root mean square in the unit of the effort."""
+    """Noise level of a channel, root mean square [effort]."""
 
     value: float  # what a complete model would leave, at least as far as this is known
     source: NoiseSource
@@ -56,7 +59,7 @@ class MeasurementNoise:
 
     @property
     def is_bound(self) -> bool:
-        """Whether the noise is at most `value`, and may be less."""
+        """Whether `value` is an upper bound of the noise."""
         return self.effort is None
 
     def describe(self, unit: str) -> str:
@@ -158,7 +161,7 @@ def size_of_differences(signals: Sequence[FloatArray], distance: int) -> float |
 
 
 def _differences(base: FitResult) -> Iterator[FloatArray]:
-    """What the base model leaves in each run less what it leaves in the one before that it repeats."""
+    """Differences between the base model's residuals of runs that repeat one motion."""
     data, left = base.data, base.data.effort - base.predict(base.solution.parameters)
     reach = _REPEATED * float(np.ptp(data.position))
     for first, second in pairwise(rows_of_runs(data.run)):

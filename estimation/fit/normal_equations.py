@@ -12,7 +12,7 @@ from palpate.estimation.statistics.least_squares import solve_definite
 from palpate.robot_io.types import BoolArray, FloatArray, IntArray
 
 ORDER = 4
-_INDEPENDENT = 1e-4  # of the largest singular value of columns of unit size
+_INDEPENDENT = 1e-4  # least ratio to the largest singular value of normalised columns
 
 
 @dataclass(frozen=True)
@@ -77,7 +77,7 @@ def gram_matrices(parts: Iterable[FloatArray]) -> NormalEquations:
 
 @dataclass(frozen=True)
 class LinearFit:
-    """A linear fit."""
+    """Linear least-squares fit with cross-validation."""
 
     gains: FloatArray  # fitted to all folds, shape (q,)
     fold_gains: FloatArray  # fitted to all but each fold, shape (folds, q)
@@ -98,7 +98,7 @@ class LinearFit:
         return np.asarray(np.sqrt(variance) * self.scale)
 
     def beside(self, gains: FloatArray, free: Sequence[int]) -> "LinearFit":
-        """The same fit among all gains (q,), of which only those at these places were free.
+        """Embed the fit into all gains (q,), given the places of the free ones.
 
         Args:
             gains: all gains, shape (q,).
@@ -183,7 +183,7 @@ def _sse(products: FloatArray, gains: FloatArray) -> FloatArray:
 
 @dataclass(frozen=True)
 class ArNoise:
-    """An autoregressive noise, run by run."""
+    """Autoregressive noise model, restarted at each run."""
 
     coefficients: FloatArray  # coefficients of the previous samples, newest first; empty for white noise
 
@@ -203,7 +203,7 @@ class ArNoise:
         return used
 
     def whiten(self, signal: FloatArray) -> FloatArray:
-        """What is new in each sample of `signal` (m,) or (m, k), same shape; rows of `used` count.
+        """Prewhiten a signal (m,) or (m, k), using rows marked as used; same shape.
 
         Args:
             signal: shape (m,) or (m, k).

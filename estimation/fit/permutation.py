@@ -1,8 +1,8 @@
-"""How much of noise alone the best of many candidates takes away.
+"""Improvement that the best of many candidates makes on noise (max-statistic permutation test).
 
-Surrogates keep the residuals' own distribution and colour, and lose their tie to the motion: each run's
-residuals are shifted in time and change sign at random (J. Theiler et al., Physica D 58 (1992)). The largest
-gain over all candidates and all their inner parameters is what the observed one must beat (P. H. Westfall,
+Surrogate residuals keep distribution and autocorrelation but are independent of the motion: the residuals of
+each run are shifted in time, with a random sign (J. Theiler et al., Physica D 58 (1992)). The observed
+improvement is compared with the largest one over all candidates and their inner parameters (P. H. Westfall,
 S. S. Young, Resampling-Based Multiple Testing (1993)).
 """
 

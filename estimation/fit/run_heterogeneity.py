@@ -1,4 +1,4 @@
-"""Runs that do not follow one law: each predicted from the others, and fitted by itself."""
+"""Heterogeneity between runs: each run is predicted from the others, and fitted alone."""
 
 from dataclasses import dataclass
 
@@ -9,34 +9,34 @@ from palpate.estimation.fit.fit_problem import Solution, held_out_residual, rmse
 from palpate.estimation.signals.blocks import rows_of_runs
 from palpate.robot_io.types import FloatArray, IntArray
 
-APART = 1.25  # times the error by itself: less is told by draws alone, and changes little
-_ROWS = 30  # samples for each gain, with which a run can be fitted by itself
+APART = 1.25  # least ratio of a run's predicted error to its own error; smaller ratios are not tested
+_ROWS = 30  # samples for each gain that are needed to fit a run alone
 
 
 @dataclass(frozen=True)
 class RunHeterogeneity:
     """Runs that do not follow one law."""
 
-    run: int  # the one that the others predict worst, beside what it is by itself
+    run: int  # the run with the largest predicted error relative to its own
     predicted: float  # root mean square error of all runs, each predicted from the others
-    alone: float  # the same, each fitted by itself
-    own_residual: FloatArray  # what each run leaves by itself, shape (n,); 0 where none can be fitted
+    alone: float  # the same with each run fitted alone
+    own_residual: FloatArray  # residual of each run fitted alone, shape (n,); 0 if a run is too short
     run_predicted: float  # error of `run`, predicted from the others
-    run_alone: float  # the same, fitted by itself
+    run_alone: float  # the same, fitted alone
 
 
 def run_heterogeneity(
     blocked: BlockedData, solution: Solution, least: float = APART
 ) -> RunHeterogeneity | None:
-    """How the runs disagree about the gains and the zero of a model.
+    """Measure how much the runs disagree about the gains and the zero of a model.
 
     Args:
         blocked: the channel on blocks.
         solution: the model fitted to all runs.
-        least: ratio of the error that is predicted from the other runs to that of runs fitted by themselves.
+        least: least ratio of the error predicted from other runs to the error of runs fitted alone.
 
     Returns:
-        None where the ratio is no larger, or fewer than two runs are long enough to be fitted.
+        The errors; None if the ratio is smaller, or fewer than two runs are long enough to be fitted.
     """
     data = blocked.data
     predicted = held_out_residual(blocked, solution)
@@ -49,7 +49,7 @@ def run_heterogeneity(
     for of_run in rows_of_runs(data.run):
         rows = of_run[np.isfinite(predicted[of_run])]
         if len(rows) < _ROWS * slopes.shape[1]:
-            predicted[rows] = np.nan  # too short to be fitted by itself
+            predicted[rows] = np.nan  # too short to be fitted alone
             continue
         scale = np.linalg.norm(slopes[rows], axis=0)
         columns = slopes[rows] / np.where(scale > 0.0, scale, 1.0)

@@ -1,4 +1,4 @@
-"""A model fitted to single samples of a channel, some of which may be wrong: what an estimator begins from.
+"""Fit a model to single samples of a channel, some of which may be outliers: the basis of estimators.
 
 Gains by variable projection inside a bounded search for the inner parameters (`polish`). Outliers weigh
 less by iteration (P. W. Holland, R. E. Welsch, Robust Regression Using Iteratively Reweighted Least-Squares,
@@ -24,13 +24,13 @@ from palpate.robot_io.types import BoolArray, FloatArray
 _ROUNDS = 40
 _ABSOLUTE_ROUNDS = 5
 _TOLERANCE = 1e-7
-_STEP = 1e-5  # of an inner parameter in a difference quotient, relative to its value or typical range
-_INSIDE = 1e-3  # of its range, that a search begins away from a bound
+_STEP = 1e-5  # step of finite differences, relative to an inner parameter's value or typical range
+_INSIDE = 1e-3  # least distance of a start value from a bound, relative to the range
 
 
 @dataclass(frozen=True)
 class SampleFit:
-    """A model with its parameters."""
+    """A model with parameters and residuals."""
 
     model: Model  # what was fitted
     parameters: dict[str, float]  # gains, then inner parameters, by "effect.parameter"
@@ -108,7 +108,7 @@ def _inside(model: Model, inner: Mapping[str, float]) -> dict[str, float]:
 
 
 def _cost(problem: FitProblem, solution: Solution, loss: Loss) -> float:
-    """What these inner parameters leave: squares, or the mean absolute residual if the loss is robust."""
+    """Loss of the residuals at these inner parameters: squares, or the mean absolute residual if robust."""
     if loss is Loss.LINEAR:
         return solution.sse
     parts = solution.model.parts(problem.blocked.data, solution.parameters)
@@ -137,7 +137,7 @@ def _reweighted(problem: FitProblem, solution: Solution) -> Solution:
 
 
 def _weighted(problem: FitProblem, share: FloatArray) -> FitProblem:
-    """The bench with squared weights of the samples that count."""
+    """The fit problem with squared weights of the usable samples."""
     weights = np.zeros(len(problem.blocked))
     weights[problem.used] = np.sqrt(share)
     return replace(problem, weights=weights)
@@ -148,7 +148,7 @@ def _core(residuals: FloatArray) -> float:
 
 
 def _is_settled(before: Solution, after: Solution) -> bool:
-    """Whether no gain moved by more than a share of the largest, nor an inner parameter of its range."""
+    """Check convergence: the largest change of gains and inner parameters is below a tolerance."""
     gains, inner = list(after.model.gains), after.model.inner
     largest = max((abs(after.parameters[name]) for name in gains), default=0.0)
     scale = dict.fromkeys(gains, largest) | {n: p.typical[1] - p.typical[0] for n, p in inner.items()}
@@ -177,7 +177,7 @@ def _named(model: Model, values: FloatArray) -> dict[str, float]:
 
 
 def _described(solution: Solution, problem: FitProblem, loss: Loss) -> SampleFit:
-    """The fit with the standard errors of all parameters together."""
+    """Add the standard errors of all parameters, estimated jointly."""
     model, data, rows = solution.model, problem.blocked.data, problem.used
     parameters = solution.parameters
     if loss is Loss.BIWEIGHT:

@@ -11,13 +11,13 @@ from palpate.estimation.signals.exponential_memory import low_pass, relax
 from palpate.estimation.signals.runwise import derivative, play, running_max, sample_time, shift
 from palpate.robot_io.types import FloatArray, IntArray
 
-_KNOTS = 9  # at quantiles, where the samples are
-_EVEN_KNOTS = 13  # over the whole range, also where samples are few
+_KNOTS = 9  # at quantiles of the samples
+_EVEN_KNOTS = 13  # evenly over the range, also where samples are few
 _WAVES = 24
-_SHARPNESS = (0.004, 0.02)  # shares of the usual speed, over which the direction turns
+_SHARPNESS = (0.004, 0.02)  # widths of the change of direction, relative to the rms speed
 _MEMORIES_S = (0.03, 0.1, 0.3, 1.0, 3.0, 10.0)
-_LAGS = (1.0, 3.0, 10.0, 30.0)  # in blocks, over which the effort is remembered
-_TURNS = (0.001, 0.003, 0.01, 0.04, 0.15)  # paths over which a reversal is remembered, as shares of the range
+_LAGS = (1.0, 3.0, 10.0, 30.0)  # time constants of the effort's memory, in blocks
+_TURNS = (0.001, 0.003, 0.01, 0.04, 0.15)  # path lengths of reversal memory, relative to the range
 _CONTEXT = frozenset({"joint_position", "joint_velocity", "load"})
 
 
@@ -79,7 +79,7 @@ def _position(blocked: BlockedData) -> FloatArray:
 
 
 def _past(blocked: BlockedData) -> FloatArray:
-    """What of the way to the present position is remembered, for some time or until the next reversal."""
+    """Memory of the position, fading over time or until the motion reverses."""
     data, run = blocked.data, blocked.run
     x, time_s, touching = (
         blocked.reduce(s) for s in (data.position, data.time_s, data.engaged.astype(np.float64))
@@ -103,7 +103,7 @@ def _past(blocked: BlockedData) -> FloatArray:
 
 
 def _past_effort(effort: FloatArray, time_s: FloatArray, run: IntArray) -> FloatArray:
-    """What a sensor may remember of the effort: its way there, late, smoothed, or until it turns round."""
+    """Memory of the effort, as of a sensor with delay, lag or hysteresis."""
     slope, step = derivative(effort, time_s, run), sample_time(time_s, run)
     late = [effort - low_pass(effort, time_s, run, lag * step) for lag in _LAGS]
     late += [effort - shift(effort, time_s, run, lag * step) for lag in _LAGS[:-1]]

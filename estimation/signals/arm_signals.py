@@ -91,7 +91,7 @@ def with_rigid_body(
 
 
 def _with_slopes(name: str, dynamics: Dynamics, motion: Motion, joint: int) -> dict[str, FloatArray]:
-    """A signal along the motion with its derivatives by one joint's position and acceleration."""
+    """A signal along the motion with its derivatives by the position and acceleration of one joint."""
     q, v, a = motion
     step = np.zeros(q.shape[1])
     step[joint] = 1.0

@@ -14,7 +14,7 @@ from palpate.robot_io.types import FloatArray
 
 Function = TypeVar("Function", bound=Callable[..., Any])
 Result = TypeVar("Result")
-_MOST = 4  # results of each function
+_MOST = 4  # results kept for each function
 _LONG = 500_000  # samples; longer arrays are not kept alive by a cache
 MOST_BYTES = 64_000_000
 
@@ -54,7 +54,7 @@ def cache_by_array(compute: Function) -> Function:
 
 @dataclass(frozen=True)
 class _ChannelKey:
-    """A channel, identified by some of its arrays."""
+    """Identity of a channel, by some of its arrays."""
 
     arrays: tuple[IdentityKey, ...]
     data: ChannelData = field(compare=False)
@@ -95,7 +95,7 @@ class FitCache:
         return FitCache, ()
 
     def get_or_compute(self, what: Hashable, compute: Callable[[], FloatArray]) -> FloatArray:
-        """What was computed for `what` before, or is now.
+        """Return the cached result for a key, or compute it.
 
         Args:
             what: key of the array.

@@ -10,9 +10,9 @@ from palpate.estimation.signals.cache_by_array import cache_by_array
 from palpate.estimation.signals.runwise import is_even, sample_time
 from palpate.robot_io.types import FloatArray, IntArray
 
-_LENGTH = 32  # samples of a piece, whose memory is one product of matrices
-_LADDER = 1.4  # step of log(rate): five rates in three decades are off by less than 1e-3
-_SLOWEST, _FASTEST = 1e-2, 10.0  # end rates, times the whole duration and times the shortest step
+_LENGTH = 32  # samples of a piece whose memory is computed by one matrix product
+_LADDER = 1.4  # ratio of neighboring rates; a sum of five rates over three decades has an error below 1e-3
+_SLOWEST, _FASTEST = 1e-2, 10.0  # end rates, relative to the total duration and to the shortest step
 _LAGS = np.arange(_LENGTH)[None, :] - np.arange(_LENGTH)[:, None]
 
 

@@ -1,4 +1,4 @@
-"""What a recording says of a sensor's zero and its drift, from readings in free air."""
+"""Estimate the zero and drift of a sensor from readings in free air."""
 
 from dataclasses import dataclass
 
@@ -7,16 +7,16 @@ import numpy as np
 from palpate.estimation.channel import ChannelData, ChannelKind
 from palpate.estimation.signals.blocks import rows_of_runs
 
-_FREE = 0.9  # of the samples before a touch; the last of them may already belong to it
-_WINDOW = 50  # readings at most, at the end of a run
-_FEWEST = 5  # readings, at each end
-_HIDDEN = 0.5  # of the noise, below which a zero does not show
-_SIGMAS = 3.0  # standard errors, below which a rate is not known to differ from zero
+_FREE = 0.9  # of the samples before a touch; the last of them may already be in contact
+_WINDOW = 50  # most readings used at the end of a run
+_FEWEST = 5  # readings needed at each end
+_HIDDEN = 0.5  # of the noise; a smaller zero cannot be seen
+_SIGMAS = 3.0  # standard errors; a smaller rate may be zero
 
 
 @dataclass(frozen=True)
 class FreeAirZero:
-    """A sensor's zero, from readings while nothing is touched."""
+    """Zero of a sensor, from readings in free air."""
 
     noise: float  # standard deviation of readings before the first touch, about each run's mean [effort]
     bias: float  # mean of these readings [effort]
@@ -26,12 +26,12 @@ class FreeAirZero:
 
     @property
     def is_zero(self) -> bool:
-        """Whether the readings before the touch show no bias."""
+        """Whether readings before the touch show no bias."""
         return abs(self.bias) < _HIDDEN * self.noise
 
     @property
     def is_steady(self) -> bool:
-        """Whether the readings at the ends of runs show no drift over the whole recording."""
+        """Whether readings at the ends of runs show no drift over the recording."""
         if self.rate is None:
             return False
         unseen = max(_HIDDEN * self.noise, _SIGMAS * self.rate_std_err * self.duration_s)

@@ -5,14 +5,14 @@ import numpy as np
 from palpate.estimation.signals.blocks import rows_of_runs
 from palpate.robot_io.types import FloatArray, IntArray
 
-_RETURNS = 0.02  # of the range, below which a position does not return
-_UNEVEN = 0.1  # of a run's duration, by which a position may come early or late at one speed
-_SAME_SPEED = 0.2  # of a speed, by which those of other runs may differ
-_MOVING = 0.3  # of the largest speed: what is slower rests or turns
+_RETURNS = 0.02  # of the range; a position that moves back by less does not return
+_UNEVEN = 0.1  # of a run's duration: largest deviation from motion at constant speed
+_SAME_SPEED = 0.2  # relative difference between the speeds of runs
+_MOVING = 0.3  # of the largest speed; below it the motion rests or reverses
 
 
 def is_one_way(position: FloatArray, run: IntArray) -> bool:
-    """Whether positions (n,) only go one way in each run (n,), so that time cannot be told from them.
+    """Check whether positions (n,) are monotonic in each run (n,), so that time is a function of them.
 
     What drifts with time then looks like a law of the position, which needs no sensor to fail.
 
@@ -27,7 +27,7 @@ def is_one_way(position: FloatArray, run: IntArray) -> bool:
 
 
 def never_returns(position: FloatArray, run: IntArray) -> bool:
-    """Whether positions (n,) go the same one way in all runs, so that memory of the path is a law of them.
+    """Check whether all runs move monotonically in the same direction, so that they show no path memory.
 
     Args:
         position: shape (n,).
@@ -38,7 +38,7 @@ def never_returns(position: FloatArray, run: IntArray) -> bool:
 
 
 def is_one_speed(time_s: FloatArray, position: FloatArray, run: IntArray) -> bool:
-    """Whether all runs go one way at one speed, so that whatever has a memory is a law of the position.
+    """Check whether all runs move one way at one speed, so that any memory is a function of the position.
 
     Args:
         time_s: shape (n,) [s].
@@ -62,7 +62,7 @@ def is_one_speed(time_s: FloatArray, position: FloatArray, run: IntArray) -> boo
 
 
 def is_one_pace(velocity: FloatArray) -> bool:
-    """Whether all motion is equally fast, to either side, so that a law of the speed is one of the direction.
+    """Check whether all motion has one speed, so that a law of the speed is one of the direction.
 
     Args:
         velocity: shape (n,).
@@ -75,5 +75,5 @@ def is_one_pace(velocity: FloatArray) -> bool:
 
 
 def _way_back(position: FloatArray) -> float:
-    """How far a position (n,) falls behind the farthest that it was."""
+    """Distance by which a position (n,) lies behind its running maximum."""
     return float(np.max(np.maximum.accumulate(position) - position))

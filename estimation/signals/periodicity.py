@@ -9,12 +9,12 @@ from palpate.estimation.signals.blocks import block_index, blocks, number_pieces
 from palpate.estimation.signals.cache_by_array import cache_by_channel_arrays
 from palpate.robot_io.types import FloatArray, IntArray
 
-_SLOWEST = 3.0  # least periods within the longest piece
-_FASTEST = 0.4  # most periods in a step
+_SLOWEST = 3.0  # least number of periods in the longest piece
+_FASTEST = 0.4  # largest number of periods in a step
 _FINENESS = 10  # frequencies per resolvable one
-_SHORTEST, _LONGEST = 10, 16384  # steps in a piece; longer ones are split, to bound memory
+_SHORTEST, _LONGEST = 10, 16384  # steps in a piece; longer pieces are split, to bound memory
 _SHORT = 0.1  # of the longest piece; shorter pieces add work and little information
-_AROUND = 20 * _FINENESS  # frequencies on either side that a peak is compared with
+_AROUND = 20 * _FINENESS  # frequencies on either side of a peak that it is compared with
 _Piece = tuple[FloatArray, FloatArray]  # number of samples at each step, and their sum
 
 
@@ -85,16 +85,16 @@ def _explained(piece: _Piece, number: IntArray, size: int) -> FloatArray:
     return np.asarray(2.0 * own / free)
 
 
-_MOST_WAVES = 12  # tried
+_MOST_WAVES = 12  # wave numbers tried
 _LEAST_WAVES = 1.5  # within the range of motion; a longer wave could be any curve
-_LEAST_SHARE = 0.02  # of the remaining energy, that one more wave must explain
-_APART_IN_HALVES = 0.8  # of its amplitude, by which a wave may differ between two halves of the data
-_MOST_SAMPLES = 30_000  # more are thinned out evenly
+_LEAST_SHARE = 0.02  # of the remaining energy that one more wave must explain
+_APART_IN_HALVES = 0.8  # of its amplitude: largest difference of a wave between two halves of the data
+_MOST_SAMPLES = 30_000  # longer data are decimated
 _BINS = 16384
 _PER_BIN = 4  # bins of the shortest wave
 _APART = 1.3  # least difference of two waves, in periods within the range
 _FINER = 8  # of the spacing of independent waves
-_NEARLY_ALL = 0.98  # of the energy of all waves, that the multiples of one wave number have
+_NEARLY_ALL = 0.98  # of the energy of all waves, explained by the multiples of one wave number
 _WHOLE_TURN = 0.75  # of a turn; an axis that covers more shows waves that repeat each turn
 _LEAST_PERIODS = 2.0  # of the pattern within the range; fewer may be any smooth law
 
@@ -174,7 +174,7 @@ def _fitted(data: ChannelData, motion: FloatArray, waves: list[float]) -> tuple[
 
 
 def _is_in_both_halves(data: ChannelData, left: FloatArray, wave: float) -> bool:
-    """Whether odd and even runs, or the halves of a single run, have the same wave."""
+    """Check whether odd and even runs, or the halves of a single run, have the same wave."""
     starts, piece = block_index(data.run)
     half = piece % 2 if len(starts) > 1 else np.arange(len(left)) * 2 // len(left)
     columns = np.column_stack([np.sin(wave * data.position), np.cos(wave * data.position)])

@@ -15,10 +15,10 @@ from palpate.estimation.signals.cache_by_array import cache_by_array
 from palpate.robot_io.types import FloatArray, IntArray
 
 _WINDOW = 5  # samples over which a derivative is smoothed
-_EVEN = 0.01  # of the usual step, by which steps may differ in even sampling
+_EVEN = 0.01  # of the median step; larger differences of steps are uneven sampling
 _ALL = slice(None)
-_STEADY_S = 0.025  # a probing tip reverses at most once in it
-_MOST_CLAMPS = 32  # condensed to one, and entered one after the other
+_STEADY_S = 0.025  # in which a probing tip reverses at most once
+_MOST_CLAMPS = 32  # operations that are composed into one, and applied one after the other
 
 
 @cache_by_array
@@ -300,7 +300,7 @@ def _slopes(order: int) -> FloatArray:
     return derived @ fitted
 
 
-_DEEPEST = 36.0  # -log(1 - w) at which w is 1 to the last digit
+_DEEPEST = 36.0  # -log(1 - w) for a w that equals 1 in double precision
 _GRID = 3000
 
 

@@ -14,13 +14,13 @@ from palpate.estimation.signals.blocks import rows_of_runs
 from palpate.robot_io.types import BoolArray, FloatArray, IntArray
 
 SIGMAS_99 = NormalDist().inv_cdf(0.995)
-_SHARE = 0.9  # of the residuals; the largest, at kinks of the motion, say nothing about the model
+_SHARE = 0.9  # of the residuals; the largest, at kinks of the motion, are not representative of the model
 _SIGMAS = 1.6448536269514722  # that quantile of the magnitude of Gaussian noise
 
 
 @dataclass(frozen=True)
 class Correlation:
-    """A correlation function with its confidence band."""
+    """Correlation function with its confidence band."""
 
     lag: IntArray  # in samples, shape (m,)
     value: FloatArray  # correlation, -1 to 1, shape (m,); NaN without any pair of samples at that lag

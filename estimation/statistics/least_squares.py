@@ -10,8 +10,8 @@ from palpate.robot_io.types import FloatArray, IntArray
 
 # Above this condition number the normal equations lose half of the digits; an orthogonal solution is used.
 _SAFE_CONDITION = 1e6
-_AT_REST = 1e-10  # of the largest moment: a smaller slope at a bound is rounding
-_PATIENCE = 3  # exchanges of whole blocks that lead nowhere, before single ones
+_AT_REST = 1e-10  # of the largest moment; a smaller slope at a bound is rounding
+_PATIENCE = 3  # unsuccessful block exchanges before single exchanges
 _MOST_EXCHANGES = 20  # for each gain
 _DEGENERATE = 1e-12  # least ratio of the smallest to the largest eigenvalue of a subset's scaled X'X
 

@@ -14,7 +14,7 @@ MAD_TO_SIGMA = 1.0 / NormalDist().inv_cdf(0.75)
 _BIN_COUNT = 20
 _LEAST_PER_BIN = 25
 _NO_NOISE = 1e-100  # in any unit; its inverse square is still finite
-_FLOOR_SHARE = 1e-3  # of the overall level; keeps weights finite where no noise is predicted
+_FLOOR_SHARE = 1e-3  # of the overall level; keeps weights finite where the predicted noise is zero
 
 
 def robust_sigma(residuals: FloatArray) -> float:

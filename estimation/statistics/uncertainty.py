@@ -16,7 +16,7 @@ _LOST_SHARE = 1.0  # uncertainty as a share of the effort, above which a paramet
 _ROUGH = 0.25  # relative standard error above which a parameter is known only roughly
 _SURE = 1e-6  # least standard error relative to the residual's size; outliers cannot explain a smaller one
 _DIGITS = 1e-9  # share of the effort below which residuals are rounding errors
-_MATTERS = 0.01  # uncertainty as a share of the effort, above which it is mentioned
+_MATTERS = 0.01  # uncertainty as a share of the effort above which it is reported
 
 
 @dataclass(frozen=True)
@@ -99,7 +99,7 @@ def unknown_covariance(parameters: int) -> Covariance:
 
 @dataclass(frozen=True)
 class Assessment:
-    """How well the data determine the parameters, and what to do if they do not."""
+    """How well the data determine the parameters, with advice if they do not."""
 
     identifiability: Identifiability
     note: str  # without figures: these stand beside it
