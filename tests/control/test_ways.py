@@ -210,7 +210,9 @@ def test_up_a_step_before_it_and_down_a_step_behind_it(order):
     assert tips[above, 2] >= high[1] + 0.02 - 1e-6
 
 
-@pytest.mark.parametrize(("x1", "x2", "clearance_m"), FAR_APART[:2])
+@pytest.mark.parametrize(
+    ("x1", "x2", "clearance_m"), [FAR_APART[0], pytest.param(*FAR_APART[1], marks=pytest.mark.slow)]
+)
 def test_nothing_is_touched_on_the_way(x1, x2, clearance_m):
     plan = plan_of(
         [(x1, SURFACE_M), (x2, SURFACE_M)], clearance_m, hold_s=0.05, free_air_s=0.1, travel_speed_m_s=0.1

@@ -52,7 +52,7 @@ def test_hunt_crossley_is_recovered_over_its_range_with_outliers(k, n):
     assert np.all(np.sqrt(np.mean(np.square(errors), axis=0)) < 1.8 * press.bound(noise))
 
 
-@pytest.mark.parametrize(("outliers", "most"), [(0.0, 1.35), (0.3, 1.6)])
+@pytest.mark.parametrize(("outliers", "most"), [pytest.param(0.0, 1.35, marks=pytest.mark.slow), (0.3, 1.6)])
 def test_the_robust_estimate_of_a_channel_is_near_the_bound_in_exponent_and_gains(outliers, most):
     """Errors of 25 draws scatter by a seventh; 30 % of the samples lost cost 1.2."""
     noise, errors = Noise(outliers=outliers), []

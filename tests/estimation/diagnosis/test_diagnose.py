@@ -121,7 +121,11 @@ HIDDEN = {
 }
 
 
-@pytest.mark.parametrize("name", HIDDEN)
+@pytest.mark.parametrize(
+    "name",
+    # A friction alone and two effects at once are other cases.
+    [pytest.param(n, marks=pytest.mark.slow) if n == "a spring and a friction" else n for n in HIDDEN],
+)
 def test_what_is_hidden_is_named_with_its_size_and_nothing_else(name):
     made, expected, (effect, parameter, truth, off) = HIDDEN[name]
     data = made()
@@ -186,15 +190,19 @@ IMPOSTORS = [
         lambda: swings(7, lambda q, v, a: 1.0 * q**3),
         "cubic_stiffness",
         "joint_spring",
-        marks=pytest.mark.xfail(
-            strict=True, reason="its weight turns negative, and it leaves 1.1 times the floor"
-        ),
+        marks=[
+            pytest.mark.slow,
+            pytest.mark.xfail(
+                strict=True, reason="its weight turns negative, and it leaves 1.1 times the floor"
+            ),
+        ],
     ),
     (lambda: swings(8, rubbing), "coulomb_friction", "quadratic_friction"),
-    (
+    pytest.param(
         lambda: pressed(9, lambda t, x, v, run: 600.0 * np.maximum(x - 0.005, 0.0)),
         "layered_stiffness",
         "bias",
+        marks=pytest.mark.slow,
     ),
 ]
 
@@ -252,6 +260,7 @@ def test_a_result_is_read_back_from_its_own_text_and_progress_is_told():
     assert entry.parameters["k3"].unit == "N/m^3"
 
 
+@pytest.mark.slow  # test_forms has a form that is named beside an unknown law
 def test_beside_what_is_named_something_may_stay_unexplained():
     found = decide_verdict(
         pressed(4, lambda t, x, v, run: cubic(t, x, v, run) + 0.4 * np.sin(3000.0 * x)),
