@@ -95,22 +95,23 @@ def test_data_are_read_fitted_diagnosed_and_reported_without_extras(tmp_path):
     assert "revisions.rrd" not in written
 
 
-@pytest.mark.parametrize(
-    ("command", "extra"),
-    [
-        (["demo", "--out", "demo.mcap"], "sim"),
-        (["inspect", "press.mcap"], "view"),
-        (["workbench", "press.csv", "--no-browser", "--port", "0"], "workbench"),
-        (["sweep", "paper", "--plan", "--out", "sweep"], "sweep"),
-        (["probe", "--robot", str(ROOT / "robots" / "dynamixel_3dof.yaml"), "--yes"], "arm"),
-    ],
-)
-def test_what_is_missing_is_said_with_the_command_that_installs_it(tmp_path, command, extra):
+NEEDS_EXTRA = {
+    "sim": ["demo", "--out", "demo.mcap"],
+    "view": ["inspect", "press.mcap"],
+    "workbench": ["workbench", "press.csv", "--no-browser", "--port", "0"],
+    "sweep": ["sweep", "paper", "--plan", "--out", "sweep"],
+    "arm": ["probe", "--robot", str(ROOT / "robots" / "dynamixel_3dof.yaml"), "--yes"],
+}
+
+
+def test_what_is_missing_is_said_with_the_command_that_installs_it(tmp_path):
     write_presses(tmp_path / "press.csv")
-    *_, (code, said) = run_without_extras(tmp_path, ["import", "press.csv", "-o", "press.mcap"], command)
-    assert code == 2, said
-    assert said.splitlines()[-1].startswith("palpate: ")
-    assert said.endswith(f"pip install 'palpate[{extra}]'\n")
+    prepare = ["import", "press.csv", "-o", "press.mcap"]
+    _, *refused = run_without_extras(tmp_path, prepare, *NEEDS_EXTRA.values())
+    for extra, (code, said) in zip(NEEDS_EXTRA, refused, strict=True):
+        assert code == 2, said
+        assert said.splitlines()[-1].startswith("palpate: ")
+        assert said.endswith(f"pip install 'palpate[{extra}]'\n")
 
 
 def test_help_of_every_command_needs_no_extra(tmp_path):
