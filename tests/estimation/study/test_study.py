@@ -187,14 +187,6 @@ def test_what_is_kept_is_gone_on_from_only_for_the_same_data(tmp_path):
         again.results()
 
 
-@pytest.fixture(scope="module")
-def cubic_found():
-    """A diagnosis and the text of its file."""
-    study = ModelStudy(session(4, cubic))
-    found = study.diagnose()
-    return found, json.dumps(study.diagnosis_data(found))
-
-
 def forge(file: Path, change: Callable[[dict], object]) -> None:
     """Change a file as one does who wants to deceive: the checksum is that of the new content."""
     content = json.loads(file.read_text())
@@ -215,9 +207,9 @@ def forge(file: Path, change: Callable[[dict], object]) -> None:
         ),
     ],
 )
-def test_numbers_of_a_forged_diagnosis_are_held_against_the_data(change, words, cubic_found, tmp_path):
-    found, data = cubic_found
-    (tmp_path / RESULT).write_text(data)
+def test_numbers_of_a_forged_diagnosis_are_held_against_the_data(change, words, pressed, tmp_path):
+    study, found = pressed
+    (tmp_path / RESULT).write_text(json.dumps(study.diagnosis_data(found)))
     again = ModelStudy(session(4, cubic), folder=tmp_path)
     assert again.known_diagnosis(again.channels[0]) == found.channels[0]
     forge(tmp_path / RESULT, lambda content: change(content["channels"][0]))
