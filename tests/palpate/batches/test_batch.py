@@ -15,9 +15,9 @@ import pytest
 
 import palpate
 from palpate.batches.measurements import find_measurements
-from palpate.robot_io.errors import InputError
+from palpate.robot_io.errors import InputError, describe_error
 from palpate.study import Study
-from palpate.sweep import ResultStore
+from palpate.sweep import ResultStore, runner
 from tests.palpate.cli import ROOT, as_json, assert_refused, done, run
 from tests.palpate.presses import write_presses
 from tests.palpate.sweep.test_killed import dask_on  # noqa: F401, a fixture
@@ -47,9 +47,24 @@ def specimens(tmp_path_factory):
     return folder
 
 
+@pytest.fixture(autouse=True)
+def no_worker_processes(out, monkeypatch):
+    """Batches that are started here after `out`, which real workers filled, work in this process."""
+
+    def run_here(run_case, todo, folder, workers):
+        for address, case in todo.items():
+            try:
+                run_case(case, address, folder)
+                yield ""
+            except Exception as error:  # as a worker tells it
+                yield f"{case.label}: {describe_error(error)}"
+
+    monkeypatch.setattr(runner, "run_in_processes", run_here)
+
+
 @pytest.fixture(scope="module")
 def out(specimens):
-    """The folder of a batch of them, without the broken one's group."""
+    """The folder of a batch of them by two workers, without the broken one's group."""
     folder = specimens.parent / "out"
     pattern = ("--pattern", "{specimen}_{treatment}.csv", "--group", "treatment")
     assert_refused(run("batch", specimens, *pattern, "--out", folder), "broken.csv", "--pattern")
@@ -199,7 +214,7 @@ def write_lerobot(folder, torques_Nm):
     (folder / "data" / "chunk-000").mkdir(parents=True)
     (folder / "meta").mkdir()
     (folder / "meta" / "info.json").write_text("{}")
-    rng, t = np.random.default_rng(5), np.arange(0.0, 30.0, 0.01)
+    rng, t = np.random.default_rng(5), np.arange(0.0, 15.0, 0.01)
     parts = []
     for episode, coulomb in enumerate(torques_Nm):
         q = 0.6 * np.sin(1.1 * t) + 0.3 * np.sin(2.9 * t + 1.0)
