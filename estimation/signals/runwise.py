@@ -332,15 +332,12 @@ def bouc_wen(
     way = np.cumsum(np.abs(steps))
     way -= np.concatenate([[0.0], way[starts[1:] - 1]])[piece]
     flow = _flow(sharpness, unloading)
-    initial = np.empty(len(starts))
-    ends = np.append(starts[1:], len(steps)) - 1
-    is_new_run = np.append(True, np.diff(run[starts]) != 0)
-    state = 0.0
-    for i, (side, length, is_new) in enumerate(
-        zip(sign[starts].tolist(), way[ends].tolist(), is_new_run.tolist(), strict=True)
-    ):
-        initial[i] = _interpolate_one(0.0 if is_new else side * state, flow.states_listed, flow.ways_listed)
-        state = side * _interpolate_one(initial[i] + length, flow.ways_listed, flow.states_listed)
+    lengths, is_new_run = way[np.append(starts[1:], len(steps)) - 1], np.append(True, np.diff(run[starts]) != 0)
+    from_zero = float(np.interp(0.0, flow.states, flow.ways))
+    initial, reached = np.empty(len(starts)), 0.0
+    for i, (length, is_new) in enumerate(zip(lengths.tolist(), is_new_run.tolist(), strict=True)):
+        initial[i] = from_zero if is_new else _interpolate_one(reached, flow.reached, flow.turned)
+        reached = initial[i] + length
     return np.asarray(sign * np.interp(initial[piece] + way, flow.ways, flow.states))
 
 
@@ -356,12 +353,12 @@ def _interpolate_one(at: float, points: list[float], values: list[float]) -> flo
 
 @dataclass(frozen=True)
 class _Flow:
-    """States w from -1 to 1 and the path from -1 to each, as arrays and as lists."""
+    """States w from -1 to 1, the path from -1 to each, and where on that path a reversal begins."""
 
     states: FloatArray
     ways: FloatArray
-    states_listed: list[float]
-    ways_listed: list[float]
+    reached: list[float]  # path from -1 at which the motion turns
+    turned: list[float]  # path from -1, in the new direction, at the same state
 
 
 @lru_cache(maxsize=64)
@@ -376,7 +373,10 @@ def _flow(sharpness: float, unloading: float) -> _Flow:
         -np.expm1(sharpness * np.log(np.maximum(middle, 1e-300))),
     )
     ways = np.concatenate([[0.0], np.cumsum(np.diff(states) / np.maximum(slope, 1e-16))])
-    return _Flow(states, ways, states.tolist(), ways.tolist())
+    # Both tables are linear between their points, and so is one after the other between the points of both.
+    reached = np.union1d(ways, np.interp(-states, states, ways))
+    turned = np.interp(-np.interp(reached, ways, states), states, ways)
+    return _Flow(states, ways, reached.tolist(), turned.tolist())
 
 
 BY_POSITION, BY_ACCELERATION = "_by_position", "_by_acceleration"  # suffixes of a signal's derivatives
