@@ -332,7 +332,8 @@ def bouc_wen(
     way = np.cumsum(np.abs(steps))
     way -= np.concatenate([[0.0], way[starts[1:] - 1]])[piece]
     flow = _flow(sharpness, unloading)
-    lengths, is_new_run = way[np.append(starts[1:], len(steps)) - 1], np.append(True, np.diff(run[starts]) != 0)
+    lengths = way[np.append(starts[1:], len(steps)) - 1]
+    is_new_run = np.append(True, np.diff(run[starts]) != 0)
     from_zero = float(np.interp(0.0, flow.states, flow.ways))
     initial, reached = np.empty(len(starts)), 0.0
     for i, (length, is_new) in enumerate(zip(lengths.tolist(), is_new_run.tolist(), strict=True)):
