@@ -1,4 +1,4 @@
-"""Makes a recording of millions of samples short enough to be searched, where that loses nothing."""
+"""Averages recordings that are too long to be searched in seconds, where that loses nothing."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -12,14 +12,14 @@ from palpate.estimation.signals.blocks import blocks, rows_of_runs
 from palpate.estimation.signals.runwise import sample_time
 from palpate.robot_io.types import IntArray
 
-LONG = 500_000  # samples; shorter recordings are not averaged
-_ENOUGH = 25_000  # samples of an averaged recording that need no further averaging
+LONG = 500_000  # samples; longer recordings are always averaged, and rest is left out
+_ENOUGH = 25_000  # blocks of a recording that needs no averaging
 _MOST = 100_000  # samples that are searched in acceptable time
 _LOST = (
     0.1  # variance of a signal within a block, relative to the noise variance of its mean, that may be lost
 )
 _SURE = 3.0  # standard errors for that test
-_FEWEST_IN_BLOCK = 8  # samples needed to tell noise from a signal
+_FEWEST_IN_BLOCK = 4  # samples needed to tell noise from a signal, as a third difference takes
 _FEWEST_IN_RUN = 50  # means
 _FEWEST_RUNS = 6  # runs that must remain, so that some can be held out
 _STRETCHES = 40  # pieces into which a joint's runs are cut, or more
@@ -60,8 +60,8 @@ def shortened(data: ChannelData, held_out: Sequence[int] = ()) -> tuple[ChannelD
     the white noise of its readings: then motion and effort change evenly within a block, the mean of any
     smooth law is the law of the means, and what is averaged away is noise. Slow noise counts as signal, so
     that the rate is rather too high. If that is still too much, evenly spread runs are taken, or stretches of
-    a joint's runs, and where there are none it is averaged although that loses something. Before all, of a
-    joint that mostly stands still its motions are taken. All this is said.
+    a joint's runs, and where there are none it is averaged although that loses something. Of more than `LONG`
+    samples of a joint that mostly stands still, its motions are taken first. All this is said.
 
     Args:
         data: the channel; velocity and acceleration were derived at its full rate.
@@ -71,10 +71,12 @@ def shortened(data: ChannelData, held_out: Sequence[int] = ()) -> tuple[ChannelD
         The channel with `averaged` set, the sentence, and the run that each stretch is of, by its number,
         which no run has; the very channel, "" and nothing if it is short.
     """
-    if len(data) <= LONG:
+    if len(data) <= min(LONG, _ENOUGH * block_length(data)):
         return data, "", {}
     held = np.array(held_out, dtype=np.int64)
-    moving, motions, run_of = _from_rest_to_rest(data, held)
+    moving, motions, run_of = data, "", dict[int, int]()
+    if len(data) > LONG:
+        moving, motions, run_of = _from_rest_to_rest(data, held)
     # Samples in the longest block that loses nothing, and what was seen in it; None if nothing was asked.
     block, seen = block_length(moving), None
     shortest = min(map(len, rows_of_runs(moving.run)))

@@ -60,8 +60,17 @@ def recording():
 
 
 def test_a_short_recording_is_the_very_same(recording):
-    short = recording.of_runs(np.array([0, 1]))
+    short = recording.select(np.arange(8_000))
     assert shortened(short) == (short, "", {})
+
+
+def test_fewer_samples_in_many_blocks_are_averaged_too(recording):
+    two = recording.of_runs(np.array([0, 1]))
+    assert len(two) < long_data.LONG
+    short, said, run_of = shortened(two)
+    assert short.averaged >= 20
+    assert "nothing is lost" in said
+    assert not run_of
 
 
 def test_stiffness_damping_and_cubic_are_those_of_the_full_recording(recording):
