@@ -77,7 +77,7 @@ def frozen_array(
     array = np.array(values, dtype=np.float64)
     if shape is not None and array.shape != shape:
         raise InputError(f"{what}: shape {array.shape}, expected {shape}")
-    if not all(map(isfinite, array.flat)):
+    if not all(map(isfinite, array.ravel().tolist())):
         raise InputError(f"{what}: contains a value that is not finite: {array.tolist()}")
     array.setflags(write=False)
     return array

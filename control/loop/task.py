@@ -31,13 +31,6 @@ class Phase(IntEnum):
 
 NO_RUN = -1  # `run` between runs
 _SPACE = (3,)
-_PARTS = (
-    ("command", Command, "Command"),
-    ("desired_force_n", (float, int), "number"),
-    ("phase", Phase, "Phase"),
-    ("run", (int, np.integer), "whole number"),
-    ("events", tuple, "tuple"),
-)
 
 
 @dataclass(frozen=True, slots=True)
@@ -64,6 +57,14 @@ class TaskOutput(NamedTuple):
     run: int = NO_RUN  # number of the probing run from 0, or `NO_RUN` between runs
     done: bool = False  # the task has ended: this command is the last, and the torque may go off
     events: tuple[TaskEvent, ...] = ()  # what happened in this tick
+
+
+# What each part of a `TaskOutput` must be, in the order of its fields, and how errors call it.
+_KINDS: tuple[type | tuple[type, ...], ...] = (
+    *(Command, np.ndarray, np.ndarray, np.ndarray, np.ndarray, np.ndarray),
+    *((float, int), Phase, (int, np.integer), object, tuple),
+)
+_KIND_NAMES = ("Command", *["array"] * 5, "number", "Phase", "whole number", "", "tuple")
 
 
 class Task(Protocol):
@@ -159,21 +160,25 @@ def checked_output(output: object, joints: tuple[int]) -> TaskOutput:
     """
     if not isinstance(output, TaskOutput):
         raise TypeError(f"step returned a {type(output).__name__}, not a TaskOutput")
-    for name, kind, words in _PARTS:
-        if not isinstance(value := getattr(output, name), kind):
-            raise _wrong_type(name, value, words)
-    for name, array, shape in (
-        ("command", output.command.joint_torque_nm, joints),
-        ("reference_position_rad", output.reference_position_rad, joints),
-        ("reference_velocity_rad_s", output.reference_velocity_rad_s, joints),
-        ("tip_position_world_m", output.tip_position_world_m, _SPACE),
-        ("tip_velocity_world_m_s", output.tip_velocity_world_m_s, _SPACE),
-        ("press_direction_world", output.press_direction_world, _SPACE),
-    ):
-        if not isinstance(array, np.ndarray):
-            raise _wrong_type(name, array, "array")
-        if array.shape != shape:
-            raise ValueError(f"step returned {name} of shape {array.shape}, expected {shape}")
+    if not all(map(isinstance, output, _KINDS)):
+        for name, value, kind, words in zip(TaskOutput._fields, output, _KINDS, _KIND_NAMES, strict=True):
+            if not isinstance(value, kind):
+                raise _wrong_type(name, value, words)
+    if not isinstance(output.command.joint_torque_nm, np.ndarray):
+        raise _wrong_type("command", output.command.joint_torque_nm, "array")
+    shapes = (
+        output.command.joint_torque_nm.shape,
+        output.reference_position_rad.shape,
+        output.reference_velocity_rad_s.shape,
+        output.tip_position_world_m.shape,
+        output.tip_velocity_world_m_s.shape,
+        output.press_direction_world.shape,
+    )
+    expected = (joints, joints, joints, _SPACE, _SPACE, _SPACE)
+    if shapes != expected:
+        for name, shape, right in zip(TaskOutput._fields, shapes, expected, strict=False):
+            if shape != right:
+                raise ValueError(f"step returned {name} of shape {shape}, expected {right}")
     for event in output.events:
         if not isinstance(event, TaskEvent):
             raise _wrong_type("events", event, "TaskEvent")

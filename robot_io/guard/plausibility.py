@@ -31,7 +31,7 @@ always be missing; a reading may be off by its usual error; a difference within 
 ignored; and a small torque is not expected of a drive that has never shown so small a torque on that side.
 """
 
-from math import copysign, inf, isfinite, log, nan
+from math import inf, isfinite, log, nan
 
 from palpate.robot_io.guard.limits import Limits, Problem
 from palpate.robot_io.types import FloatArray, Measurement, Status, clip
@@ -363,10 +363,13 @@ class _Drive:
         """
         if is_next:
             self.before_nm, self.sent_nm = self.sent_nm, (torque_nm, torque_nm)
-        else:
-            self.sent_nm = min(self.sent_nm[0], torque_nm), max(self.sent_nm[1], torque_nm)
-        self.low_nm = min(self.sent_nm[0], self.before_nm[0])
-        self.high_nm = max(self.sent_nm[1], self.before_nm[1])
+        low_nm, high_nm = self.sent_nm
+        low_nm = torque_nm if torque_nm < low_nm else low_nm
+        high_nm = torque_nm if torque_nm > high_nm else high_nm
+        self.sent_nm = low_nm, high_nm
+        before_low_nm, before_high_nm = self.before_nm
+        self.low_nm = low_nm if low_nm < before_low_nm else before_low_nm
+        self.high_nm = high_nm if high_nm > before_high_nm else before_high_nm
 
     def shows(self, measured_nm: float) -> None:
         """Take the newest reading, and learn how it jumps.
@@ -378,8 +381,11 @@ class _Drive:
         self.measured_nm = measured_nm
         if jump_nm > 0.0:
             self.jumps += 1
-            before_nm = self.jump_nm if self.jumps > 1 else 0.0
-            self.jump_nm = before_nm + (jump_nm - before_nm) * max(_JUMP_SHARE, 1.0 / self.jumps)
+            if self.jumps == 1:
+                self.jump_nm = jump_nm
+            else:
+                share = max(_JUMP_SHARE, 1.0 / self.jumps)
+                self.jump_nm += (jump_nm - self.jump_nm) * share
 
     @property
     def least_sent_nm(self) -> float:
@@ -388,15 +394,16 @@ class _Drive:
 
     def is_missing(self) -> bool:
         """Whether the reading says that torque is missing."""
-        least_nm, most_nm = max(self.low_nm, -self.high_nm), max(self.high_nm, -self.low_nm)
+        low_nm, high_nm = self.low_nm, self.high_nm
+        sign, least_nm, most_nm = (1.0, low_nm, high_nm) if low_nm > 0.0 else (-1.0, -high_nm, -low_nm)
         if not least_nm > 2.0 * self.floor_nm:
             return False
-        sign = copysign(1.0, self.low_nm)
         missing_nm = least_nm - sign * self.measured_nm
         may_be_nm = _MISSING_SHARE * least_nm + self.floor_nm + _JUMPS * self.jump_nm
         if missing_nm <= _CLEAR_SHARE * may_be_nm and most_nm <= _STEADY * least_nm:
             self.clear_nm[sign] = min(self.clear_nm[sign], most_nm)
-        missing_nm += min(sign * self.usually_off_nm, 0.0)
+        usually_nm = sign * self.usually_off_nm
+        missing_nm += 0.0 if usually_nm > 0.0 else usually_nm
         return missing_nm > may_be_nm and least_nm >= _SMALLER * self.clear_nm[sign]
 
     def get_used_to(self, share: float) -> None:
