@@ -87,7 +87,8 @@ class SimulatedBus(JointBus):
     def configure(self) -> None:
         """Build the world, with the arm at home and at rest.
 
-        InputError: the physics engine cannot load the URDF, or it does not fit the robot file.
+        Raises:
+            InputError: the physics engine cannot load the URDF, or it does not fit the robot file.
         """
         self._world = world_of(self._robot_file, self.scenario, start_s=self._clock.now_s())
         self._world.held = True

@@ -27,7 +27,13 @@ LINK_STREAM = Stream(
 
 
 def link_record(peer: Peer, malformed: int, now_s: float) -> tuple[object, ...]:
-    """One record of `LINK_STREAM`."""
+    """Make one record of `LINK_STREAM`.
+
+    Args:
+        peer: state of the other side.
+        malformed: frames so far that were no messages.
+        now_s: on the clock of this side [s].
+    """
     offset = peer.offset
     clocks = (nan, nan) if offset is None else (offset.offset_s, offset.round_trip_s)
     counts = (peer.counts[kind] for kind in Arrival)

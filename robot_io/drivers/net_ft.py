@@ -271,13 +271,24 @@ class _Socket:
         self.fileno, self.close = self._socket.fileno, self._socket.close
 
     def read(self, size: int) -> bytes:
-        """One datagram, or nothing; also where a host says that nobody hears what was sent."""
+        """Read one datagram; none where a host says that nobody listens there.
+
+        Args:
+            size: most bytes to take.
+
+        Returns:
+            The datagram, empty if none has arrived.
+        """
         with suppress(BlockingIOError, ConnectionRefusedError):
             return self._socket.recv(size)
         return b""
 
     def write(self, data: bytes) -> None:
-        """Send; a host that says that nobody hears there means what was sent before."""
+        """Send a datagram; a host that says that nobody listens there means an earlier one.
+
+        Args:
+            data: the datagram.
+        """
         with suppress(ConnectionRefusedError):
             self._socket.send(data)
 

@@ -331,7 +331,14 @@ class _Slope(PlantEffect):
         self._roll_rad = roll_rad
 
     def gravity_m_s2(self, gravity_m_s2: Sequence[float]) -> Sequence[float]:
-        """The vector in the tilted base's frame: turned back about y, then about x."""
+        """Turn gravity into the tilted base's frame: back about y, then about x.
+
+        Args:
+            gravity_m_s2: fall acceleration in the level frame, shape (3,) [m/s^2].
+
+        Returns:
+            In the frame of the base, shape (3,) [m/s^2].
+        """
         x, y, z = gravity_m_s2
         c, s = cos(self._pitch_rad), sin(self._pitch_rad)
         x, z = c * x - s * z, s * x + c * z

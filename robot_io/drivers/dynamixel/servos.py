@@ -244,11 +244,11 @@ class DynamixelLine(ServoLine):
     ping_all_s = 0.3
     registers: DynamixelAccess
     _settings: DynamixelSettings
+    _fast: bool  # whether all servos know the fast sync read, and may use it; set by `identify`
 
     def __init__(self, settings: DynamixelSettings, port: SerialPort, clock: Clock) -> None:
         super().__init__(settings, DynamixelAccess(port, clock), port, clock)
         self.current_limits: list[int] = []
-        self._fast = False  # whether all servos know the fast sync read, and may use it
 
     def identify(self) -> None:
         """Look who is there, and compare with the settings.

@@ -43,7 +43,11 @@ class LerobotMotor(FileModel):
         return middle_rad if self.drive_mode else -middle_rad
 
     def robot_file_entry(self, model: str) -> str:
-        """Its line in `servos`."""
+        """Write the servo's line in `servos` of a robot file.
+
+        Args:
+            model: of the servo, by its maker's name.
+        """
         turned = ", reversed: true" if self.drive_mode else ""
         return (
             f"{{id: {self.id}, model: {model}{turned}, zero_rad: {self.zero_rad:.5f}, "
@@ -78,7 +82,14 @@ def read_calibration(path: Path) -> dict[str, LerobotMotor]:
 
 
 def main(arguments: list[str]) -> int:
-    """Print a line for each joint."""
+    """Print a line of a robot file for each joint.
+
+    Args:
+        arguments: of the command, the path of a calibration file.
+
+    Returns:
+        Exit code: 0, or 2 for bad input.
+    """
     if len(arguments) != 1:
         print("usage: python -m palpate.robot_io.drivers.feetech.lerobot CALIBRATION.json", file=sys.stderr)
         return 2

@@ -127,7 +127,14 @@ class FeetechDialect(ServoDialect):
         return HEADER + content + bytes((~sum(content) & 0xFF,))
 
     def ping(self, servo_id: int) -> bytes:
-        """Ask a servo for its id: with a voltage error the answer to a true ping is like its echo."""
+        """Read a servo's id; after a voltage error the answer to a true ping looks like its echo.
+
+        Args:
+            servo_id: of the servo.
+
+        Returns:
+            The request.
+        """
         return self.read(servo_id, _ID_ADDRESS, ID_SIZE)
 
     def sync_write_block(self, address: int, size: int, block: bytes) -> bytes:

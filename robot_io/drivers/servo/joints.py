@@ -69,7 +69,11 @@ class ServoMounting(FileModel):
         return -1.0 if self.reversed else 1.0
 
     def homing_trouble(self, found: int) -> str | None:
-        """Why a servo with this homing offset is not the one of the robot file, or None."""
+        """Say why a servo is not the one of the robot file, or None if it may be.
+
+        Args:
+            found: homing offset that the servo has [counts].
+        """
         if self.homing_offset in (None, found):
             return None
         return (
