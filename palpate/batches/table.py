@@ -139,13 +139,39 @@ def read_table(path: Path) -> pa.Table:
         InputError: it is not there, or is no such table.
     """
     file = path / f"{TABLE}.parquet" if path.is_dir() else path
+    if not file.is_file():  # a pipe might never end
+        raise InputError(f"table {file}: cannot be read (there is no such regular file)")
     try:
         table = pq.read_table(file) if file.suffix == ".parquet" else pyarrow.csv.read_csv(file)
     except (OSError, pa.ArrowException) as error:
         raise InputError(f"table {file}: cannot be read ({one_line(error)})") from error
     if not {"measurement", "channel"} <= set(table.column_names):
         raise InputError(f"table {file}: lacks the columns measurement and channel; make it by palpate batch")
+    for name in table.column_names:
+        if table.column_names.count(name) > 1:
+            raise InputError(f"table {file}: has the column '{one_line(name)[:60]}' twice")
+        kind = table.schema.field(name).type
+        if pa.types.is_nested(kind):
+            raise InputError(f"table {file}: column '{one_line(name)[:60]}' holds {kind}, not single values")
+    wanted = {"times_noise", *(column for column, *_ in _parameters(table))}
+    wanted |= {head(name, unit, "std_err") for _, name, unit in _parameters(table)}
+    for name in wanted.intersection(table.column_names):
+        kind = table.schema.field(name).type
+        if not (pa.types.is_integer(kind) or pa.types.is_floating(kind) or pa.types.is_null(kind)):
+            raise InputError(f"table {file}: column '{one_line(name)[:60]}' holds {kind}, expected numbers")
     return table
+
+
+def _parameters(table: pa.Table) -> Iterator[tuple[str, str, str]]:
+    """Column, name and unit of each parameter that has a column of standard errors."""
+    for column in table.column_names:
+        name, _, unit = column.removesuffix("]").rpartition(" [")
+        if (
+            column.endswith("]")
+            and not name.endswith(_ENDS)
+            and head(name, unit, "std_err") in table.column_names
+        ):
+            yield column, name, unit
 
 
 def parameter_columns(table: pa.Table) -> Iterator[ParameterColumn]:
@@ -160,14 +186,7 @@ def parameter_columns(table: pa.Table) -> Iterator[ParameterColumn]:
     if "channel" not in table.column_names:
         return
     channel = table["channel"].to_numpy(zero_copy_only=False)
-    for column in table.column_names:
-        name, _, unit = column.removesuffix("]").rpartition(" [")
-        if (
-            not column.endswith("]")
-            or name.endswith(_ENDS)
-            or head(name, unit, "std_err") not in table.column_names
-        ):
-            continue
+    for column, name, unit in _parameters(table):
         values, std_errs = (floats(table, wanted) for wanted in (column, head(name, unit, "std_err")))
         known = np.isfinite(values) & np.isfinite(std_errs) & (std_errs >= 0.0)
         for item in dict.fromkeys(channel[known]):
@@ -184,7 +203,9 @@ def floats(table: pa.Table, name: str) -> FloatArray:
     """
     if name not in table.column_names:
         return np.full(len(table), np.nan)
-    return np.asarray(pc.cast(table[name], pa.float64()).to_numpy(zero_copy_only=False), dtype=np.float64)
+    return np.asarray(
+        pc.cast(table[name], pa.float64(), safe=False).to_numpy(zero_copy_only=False), dtype=np.float64
+    )
 
 
 def texts(table: pa.Table, name: str) -> list[str]:

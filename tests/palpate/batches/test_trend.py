@@ -1,6 +1,7 @@
 """`palpate trend`: steps and drifts with known dates, quiet series, dates, exit code and JSON, --follow."""
 
 import json
+import os
 import subprocess
 import sys
 import time
@@ -122,6 +123,30 @@ def test_what_is_no_table_no_date_or_too_short_is_said(tmp_path):
     assert_refused(run("trend", tmp_path / "few", "--parameter", "mass"), "--parameter mass")
     (tmp_path / "table.csv").write_text("a,b\n1,2\n")
     assert_refused(run("trend", tmp_path / "table.csv"), "lacks the columns")
+
+
+@pytest.mark.parametrize(
+    ("change", "why"),
+    [
+        ({"channel": [["contact"]] * 2}, "column 'channel' holds list"),
+        ({"stiffness.k [N/m]": ["1", "<b>"]}, "column 'stiffness.k [N/m]' holds string, expected numbers"),
+        ({"stiffness.k [N/m]": [True, False]}, "holds bool, expected numbers"),
+        ({"stiffness.k std_err [N/m]": [{"a": 1}] * 2}, "column 'stiffness.k std_err [N/m]' holds struct"),
+        ({"times_noise": ["1", "2"]}, "column 'times_noise' holds string"),
+    ],
+)
+def test_a_table_whose_columns_hold_something_else_is_refused(tmp_path, change, why):
+    columns = {"measurement": ["a", "b"], "channel": ["contact"] * 2}
+    parameter = {"stiffness.k [N/m]": [1.0, 2.0], "stiffness.k std_err [N/m]": [0.1, 0.1]}
+    pq.write_table(pa.table(columns | parameter | change), tmp_path / "table.parquet")
+    assert_refused(run("trend", tmp_path), why)
+
+
+def test_a_table_with_a_column_twice_or_that_is_a_pipe_is_refused(tmp_path):
+    (tmp_path / "twice.csv").write_text("measurement,measurement,channel\na,b,contact\n")
+    assert_refused(run("trend", tmp_path / "twice.csv"), "has the column 'measurement' twice")
+    os.mkfifo(tmp_path / "pipe.csv")
+    assert_refused(run("trend", tmp_path / "pipe.csv"), "no such regular file")
 
 
 def test_a_table_is_looked_at_again_only_when_it_is_new(tmp_path, monkeypatch):
