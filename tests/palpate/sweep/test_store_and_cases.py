@@ -11,7 +11,7 @@ import pytest
 
 from palpate.robot_io.errors import InputError, PalpateError
 from palpate.sweep import Case, Cluster, ResultStore, case, run_cases
-from palpate.sweep.case import BOUND, HIGH, LOW, TRUE, code_version, errors_of
+from palpate.sweep.case import BOUND, HIGH, LOW, TRUE, code_version, error_table, errors_of
 from palpate.sweep.runner import run_one
 
 BASE = Case("tests.palpate.sweep.slow_work:work", {"k": 500, "noise": [0.0, 0.1]}, 1)
@@ -233,3 +233,30 @@ def test_two_files_with_more_and_fewer_rows_of_a_case_disagree(tmp_path, count):
     store.land("a", [{"x": float(number)} for number in range(1, 1 + count)])
     with pytest.raises(InputError, match="another file has a different result for case a"):
         store.rows(["a"])
+
+
+def test_one_worker_does_many_cases(tmp_path):
+    cases = [Case("tests.palpate.sweep.slow_work:fatal", {}, seed) for seed in (0, 2, 3)]
+    report = run_cases(cases, ResultStore(tmp_path), Cluster(workers=1))
+    assert (report.finished_now, report.failures) == (3, ())
+    assert [row["square"] for row in ResultStore(tmp_path).rows([case.address for case in cases])] == [
+        0,
+        4,
+        9,
+    ]
+
+
+def test_a_parameter_that_json_cannot_hold_has_no_address():
+    with pytest.raises(ValueError, match="JSON compliant"):
+        _ = Case(BASE.work, {"k": float("nan")}).address
+
+
+def test_a_table_of_errors_is_in_percent_and_the_best_has_the_smallest_worst_error():
+    bounds = {f"{TRUE}k": 100.0, f"{BOUND}k": 1.0, f"{LOW}k": 90.0, f"{HIGH}k": 103.5, "error": ""}
+    known = {"even": (103.0, 97.0, 103.0, 97.0), "spiky": (104.0, 100.0, 100.0, 100.0)}
+    rows = [bounds | {"estimator": name, "k": k} for name in ("spiky", "even") for k in known[name]]
+    rows[0][f"{LOW}k"] = 102.0  # of four intervals one misses the truth
+    table = error_table("errors", "Errors", rows, best_first=True)
+    even, spiky = table.rows
+    assert even == ("even", pytest.approx(3.0), pytest.approx(3.0), pytest.approx(3.0), 100.0, 0)
+    assert spiky == ("spiky", pytest.approx(4.0), pytest.approx(1.0), pytest.approx(2.0), 75.0, 0)
