@@ -1,7 +1,9 @@
 """Shares of a base model's held-out error, by kind of effect.
 
 The share of a kind is its Shapley value within the smallest set of kinds that explains the error (R. H.
-Lindeman, P. F. Merenda, R. Z. Gold 1980; U. Groemping, J. Stat. Softw. 17 (2006)). Its range goes from the
+Lindeman, P. F. Merenda, R. Z. Gold 1980; U. Groemping, J. Stat. Softw. 17 (2006)). Only orders in which
+differences between runs come last count, since a gain and a zero that are fitted to each run imitate much of
+any law (asymmetric Shapley values; C. Frye, C. Rowat, I. Feige, NeurIPS 33 (2020)). Its range goes from the
 share that is lost without the kind (necessary) to the share that the kind explains alone (sufficient).
 """
 
@@ -33,7 +35,7 @@ class BudgetEntry:
     """Shares of the base model's squared held-out error that one kind accounts for."""
 
     kind: Kind
-    share: float  # Shapley value among the kinds of the smallest set
+    share: float  # asymmetric Shapley value among the kinds of the smallest set
     interval: tuple[float, float]  # 95 %, over runs
     necessary: float  # lost without it, beside all other kinds
     sufficient: float  # explained by the kind alone
@@ -193,7 +195,9 @@ class _Sets:
 
 
 def _shapley(sets: _Sets, chosen: Kinds, counts: FloatArray, weights: FloatArray | None = None) -> FloatArray:
-    """Compute Shapley values of kinds, shape (samples, k), as shares of the base model's squared error.
+    """Compute asymmetric Shapley values, shape (samples, k), as shares of the base model's squared error.
+
+    Differences between runs are added last; the other kinds are added in every order.
 
     Args:
         sets: errors of sets of kinds.
@@ -210,9 +214,12 @@ def _shapley(sets: _Sets, chosen: Kinds, counts: FloatArray, weights: FloatArray
     base = np.maximum(value(frozenset()), 1e-300)
     values = np.zeros((weights.shape[1], len(names)))
     for place, kind in enumerate(names):
-        others = [name for name in names if name != kind]
-        for size in range(len(names)):
-            weight = factorial(size) * factorial(len(names) - size - 1) / factorial(len(names))
+        if kind is Kind.RUN_DIFFERENCES:
+            values[:, place] = (value(chosen - {kind}) - value(chosen)) / base
+            continue
+        others = [name for name in names if name not in {kind, Kind.RUN_DIFFERENCES}]
+        for size in range(len(others) + 1):
+            weight = factorial(size) * factorial(len(others) - size) / factorial(len(others) + 1)
             for part in combinations(others, size):
                 before = frozenset(part)
                 values[:, place] += weight * (value(before) - value(before | {kind})) / base

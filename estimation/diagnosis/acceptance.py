@@ -39,6 +39,7 @@ _LEAST_OF_UNEXPLAINED = 0.25  # of the unexplained mean square; an effect that e
 _LITTLE_UNEXPLAINED = 0.1  # of what an effect explains; a larger unexplained part may belong to another kind
 _LEAST_RUNS = 5  # needed to accept a variation between runs in an incomplete model
 _READER_KINDS = frozenset({Kind.SENSOR_STATICS, Kind.SENSOR_DYNAMICS})
+_PHYSICAL_KINDS = frozenset(Kind) - _READER_KINDS - {Kind.RUN_DIFFERENCES, Kind.DRIFT, Kind.OTHER}
 _SAME_CURVE = 1e-3  # energy of the difference of two curves, relative to what the effect adds
 
 
@@ -381,10 +382,9 @@ def _physical_alternatives(search: Search, fit: FitResult, name: str) -> Iterato
     """
     if fit.solution.model.effect(name).kind not in _READER_KINDS:
         return
-    excluded = _READER_KINDS | {Kind.RUN_DIFFERENCES, Kind.DRIFT, Kind.OTHER}
     limit, alternatives = _alternatives(search, fit, name)
     for candidate in alternatives:
-        if candidate.effect.kind not in excluded:
+        if candidate.effect.kind in _PHYSICAL_KINDS:
             alternative = search.with_candidate(candidate)
             if alternative.solution.held_out <= limit:
                 yield alternative
@@ -407,7 +407,8 @@ def most_parsimonious(
     """Replace each effect by an indistinguishable one that has fewer parameters, or as many and fits better.
 
     Of laws that the data cannot tell apart, the simplest is preferred (W. H. Jefferys, J. O. Berger, American
-    Scientist 80 (1992)), if the model stays complete.
+    Scientist 80 (1992)), if the model stays complete. An effect of the object or the drive is preferred to a
+    sensor effect.
 
     Args:
         search: the search that led to the model.
@@ -433,12 +434,14 @@ def most_parsimonious(
             if simpler:
                 fit = min(simpler, key=lambda model: (search.size(model), model.solution.held_out))
                 continue
-        rivals = map(search.with_candidate, _rivals(search, fit, name, measurement, most))
-        better = [
-            rival
-            for rival in rivals
-            if search.is_better(rival, fit) and is_complete(rival) >= is_complete(fit)
-        ]
+        candidates = list(_rivals(search, fit, name, measurement, most))
+        physical = [one for one in candidates if one.effect.kind in _PHYSICAL_KINDS]
+        if effect.kind in _READER_KINDS and physical:
+            better = [search.with_candidate(candidate) for candidate in physical]
+        else:
+            rivals = map(search.with_candidate, candidates)
+            better = [rival for rival in rivals if search.is_better(rival, fit)]
+        better = [rival for rival in better if is_complete(rival) >= is_complete(fit)]
         fit = min(better, key=lambda model: (search.size(model), model.solution.held_out), default=fit)
     return fit
 

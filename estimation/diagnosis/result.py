@@ -96,7 +96,7 @@ class BudgetShare(_Entry):
     """What one kind of effect accounts for, as shares of the base model's squared error in held-out runs."""
 
     kind: Kind  # see `palpate.estimation.kinds`
-    share: float  # Shapley value among the kinds that are listed
+    share: float  # Shapley value among the kinds that are listed, differences between runs last
     interval: tuple[float, float]  # 95 %, over runs
     necessary: float  # lost when the kind is left out of all
     sufficient: float  # explained by the kind alone
