@@ -33,14 +33,15 @@ class Kind(StrEnum):
 
 
 # In one pass at one speed these cannot be told from a law of the position: they need a return, a hold or
-# another speed.
-OF_HISTORY = frozenset(
+# another speed. The effort is a curve of the position there, and so is whatever a sensor makes of it.
+UNSEEN_IN_ONE_PASS = frozenset(
     {
         Kind.RATE_DEPENDENCE,
         Kind.FRICTION,
         Kind.TIME_MEMORY,
         Kind.INERTIA,
         Kind.SENSOR_DYNAMICS,
+        Kind.SENSOR_STATICS,
         Kind.DRIFT,
     }
 )

@@ -13,7 +13,7 @@ import numpy as np
 from palpate.estimation.channel import ChannelData, ChannelKind
 from palpate.estimation.fit.blocks import BlockedData
 from palpate.estimation.fit.smooth_features import hats, reversal_memory
-from palpate.estimation.kinds import OF_HISTORY, Kind
+from palpate.estimation.kinds import UNSEEN_IN_ONE_PASS, Kind
 from palpate.estimation.signals.blocks import rows_of_runs
 from palpate.estimation.signals.exponential_memory import low_pass, relax
 from palpate.estimation.signals.free_air import zero_in_free_air
@@ -129,7 +129,8 @@ def flexible_laws(blocked: BlockedData, effort: FloatArray, residual: FloatArray
 def unseen_kinds(data: ChannelData) -> frozenset[Kind]:
     """Find the kinds that the motion of a contact does not excite: they look like laws of the position.
 
-    Path memory needs a run that returns. Any memory needs several passes or speeds. Rate dependence needs
+    Path memory needs a run that returns. Any memory, and the curve of a sensor without a
+    bias in free air, need several passes or speeds. Rate dependence needs
     more than one speed; otherwise it cannot be told from friction or from the base model's damping.
 
     Args:
@@ -140,7 +141,10 @@ def unseen_kinds(data: ChannelData) -> frozenset[Kind]:
     unseen = {Kind.RATE_DEPENDENCE} if is_one_pace(data.velocity[data.engaged]) else set[Kind]()
     if never_returns(data.position, data.run):
         one_pass = is_one_speed(data.time_s, data.position, data.run)
-        unseen |= OF_HISTORY if one_pass else {Kind.FRICTION}
+        unseen |= UNSEEN_IN_ONE_PASS if one_pass else {Kind.FRICTION}
+        zero = zero_in_free_air(data)
+        if one_pass and zero is not None and not zero.is_zero:
+            unseen.remove(Kind.SENSOR_STATICS)
     return frozenset(unseen)
 
 

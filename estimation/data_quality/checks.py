@@ -271,8 +271,8 @@ def _motion_once(data: ChannelData) -> str | None:
             return None
         if is_one_speed(data.time_s, data.position, data.run):
             return (
-                "all runs go one way at one speed: relaxation, friction and damping cannot be told from the "
-                "shape of the elastic law; hold, return, or add runs at another speed"
+                "all runs go one way at one speed: relaxation, friction, damping and the range of the sensor "
+                "cannot be told from the shape of the elastic law; hold, return, or add runs at another speed"
             )
         return "no run returns: friction cannot be told from the shape of the elastic law; let one return"
     travelled = sum(np.ptp(part) for part in np.array_split(data.position, PIECES))

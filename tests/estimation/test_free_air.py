@@ -102,8 +102,9 @@ def test_history_is_seen_by_a_hold_a_return_or_another_speed_alone(runs, seen):
     zeros = np.zeros(len(x))
     data = ChannelData("contact", ChannelKind.CONTACT, time_s, x, zeros, zeros, zeros, run, run - run - 1)
     names = ["stress_relaxation", "power_law_stiffness", "hysteresis", "dry_friction", "hunt_crossley"]
+    names.append("deadband")
     tried = [effect.name for effect in applicable_effects(data, MODEL, [EFFECTS[name]() for name in names])]
-    assert ("stress_relaxation" in tried) is ("hunt_crossley" in tried) is seen
+    assert ("stress_relaxation" in tried) is ("hunt_crossley" in tried) is ("deadband" in tried) is seen
     assert "power_law_stiffness" in tried
     returns = any(back_s for _, _, back_s in runs)
     assert ("hysteresis" in tried) is returns
