@@ -225,7 +225,7 @@ class Study(ModelStudy):
         """Write the fitted models as a simulated world.
 
         Args:
-            path: the scenario file, replaced if it is there.
+            path: the scenario file, replaced if it exists.
             revisions: one number or several; by default each channel's newest of this data, and the contact's
                 base model where nothing was added to that.
 
@@ -244,7 +244,7 @@ class Study(ModelStudy):
         """Write the joints' feedforward as a table (YAML), with functions in Python and C beside it.
 
         Args:
-            path: the table, replaced if it is there; the functions have its name and end in .py and .c.
+            path: the table, replaced if it exists; the functions have its name and end in .py and .c.
             revisions: one number or several; by default each joint's newest of this data, and the base model
                 of joints to which nothing was added.
 
@@ -269,7 +269,7 @@ class Study(ModelStudy):
         """Write friction, rotor, spring, payload and gravity of joints for another simulator.
 
         Args:
-            path: the file, replaced if it is there, but not where it is `patch`. For BAM it is of one servo:
+            path: the file, replaced if it exists, but not where it is `patch`. For BAM it is of one servo:
                 of several joints each has its own, with the joint in its name.
             target: "mjcf", "urdf", "isaaclab" or "bam".
             patch: file of the user into which values are written: of a MJCF needed, of a URDF by default the
@@ -392,7 +392,7 @@ def arm_from_urdf(path: Path, tip_frame: str | None = None) -> Arm:
         tip_frame: the tip's frame; None for "tip", and where there is no such link for the last one.
 
     Raises:
-        InputError: the file is not there, is no URDF, or has no such frame.
+        InputError: the file does not exist, is no URDF, or has no such frame.
     """
     existing_file(path, "URDF")
     chosen = tip_frame or TIP_FRAME
@@ -401,8 +401,8 @@ def arm_from_urdf(path: Path, tip_frame: str | None = None) -> Arm:
             robot = parse_urdf(read_text(path))
             if TIP_FRAME not in {link.get("name") for link in robot.findall("link")}:
                 chosen = last_link(robot) or TIP_FRAME
-    said = f"{path}: no link is called '{TIP_FRAME}'; its last one, '{chosen}', is taken: see --tip-frame"
-    notes = () if tip_frame is not None or chosen == TIP_FRAME else (said,)
+    note = f"{path}: no link is called '{TIP_FRAME}'; its last one, '{chosen}', is taken: see --tip-frame"
+    notes = () if tip_frame is not None or chosen == TIP_FRAME else (note,)
     RigidBody.from_urdf(path, chosen)  # also where no model asks for it
     return Arm(read_text(path), chosen, str(path), notes=notes)
 

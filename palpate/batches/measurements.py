@@ -151,10 +151,10 @@ def _files(place: str) -> list[Path]:
     """The measurements of a folder, of a pattern, or one file."""
     path = Path(place)
     if path.is_dir() and not is_bag(path):
-        there = path.glob("data/**/*.parquet") if _is_data_set(path) else path.iterdir()
+        entries = path.glob("data/**/*.parquet") if _is_data_set(path) else path.iterdir()
         files = [
             file
-            for file in there
+            for file in entries
             if file.name.lower().removesuffix(".gz").endswith(ENDINGS)
             and not file.name.startswith(".")
             and file.is_file()
@@ -225,9 +225,9 @@ def _add_metadata(listed: Mapping[Path, dict[str, str]], table: Path) -> None:
     known = {name for fields in listed.values() for name in fields}
     keys = [FILE] if lines and FILE in lines[0] else sorted(known.intersection(lines[0] if lines else ()))
     if not keys:
-        there = ", ".join(lines[0] if lines else ())
+        columns = ", ".join(lines[0] if lines else ())
         raise InputError(
-            f"{table}: has columns {there}; one must be '{FILE}', or a field ({', '.join(known)})"
+            f"{table}: has columns {columns}; one must be '{FILE}', or a field ({', '.join(known)})"
         )
     by_key: dict[tuple[str, ...], dict[str, str]] = {}
     for number, line in enumerate(lines, 2):
@@ -249,8 +249,8 @@ def _joined(listed: Mapping[Path, dict[str, str]], join: str) -> list[BatchMeasu
     groups: dict[str, list[Path]] = {}
     for file, fields in listed.items():
         if not fields.get(join):
-            there = ", ".join(fields) or "none; give --pattern or --metadata"
-            raise InputError(f"--join {join}: {file} has no such field. There are: {there}")
+            available = ", ".join(fields) or "none; give --pattern or --metadata"
+            raise InputError(f"--join {join}: {file} has no such field. There are: {available}")
         groups.setdefault(fields[join], []).append(file)
     return [
         BatchMeasurement(

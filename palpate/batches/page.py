@@ -136,7 +136,7 @@ def _overview(batch: BatchResult) -> PageSection:
     times = floats(table, "times_noise")
     lines, bars = [], []
     for key, rows in places.items():
-        said = Counter(verdict[row] for row in rows if verdict[row])
+        verdicts = Counter(verdict[row] for row in rows if verdict[row])
         named = Counter(name for row in rows for name in effects[row].split(", ") if name)
         means = {name.removeprefix(BUDGET): float(shares[name][rows].mean()) for name in budget}
         bars.append(means)
@@ -146,7 +146,7 @@ def _overview(batch: BatchResult) -> PageSection:
             (
                 *key,
                 len(rows),
-                ", ".join(f"{name} {number}" for name, number in said.most_common()),
+                ", ".join(f"{name} {number}" for name, number in verdicts.most_common()),
                 f"{np.median(known):.2g}" if len(known) else "–",
                 ", ".join(f"{name} {100 * share:.0f} %" for name, share in largest if share > 0.005),
                 ", ".join(f"{name} {number}" for name, number in named.most_common(_MOST_EFFECTS)),

@@ -169,8 +169,8 @@ def shared_parameters(
     estimates = {key: entries for key, entries in estimates.items() if len(entries) > 1}
     for effect in effects:
         if not any(name.partition(".")[0] == effect for name, _, _ in estimates):
-            there = ", ".join(dict.fromkeys(column.name.partition(".")[0] for column in columns)) or "none"
-            raise InputError(f"--share {effect}: fewer than two estimates in each group. There are: {there}")
+            names = ", ".join(dict.fromkeys(column.name.partition(".")[0] for column in columns)) or "none"
+            raise InputError(f"--share {effect}: fewer than two estimates in each group. There are: {names}")
     made = []
     for key, entries in estimates.items():
         values, weights = np.array([entry[1:] for entry in entries]).T

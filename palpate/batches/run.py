@@ -96,7 +96,7 @@ def batch(
 
     Raises:
         InputError: there is nothing to measure, or an argument is not valid.
-        PalpateError: the scheduler was lost; the same call goes on from there.
+        PalpateError: the scheduler was lost; the same call continues from there.
     """
     places = [data] if isinstance(data, str | Path) else list(data)
     known = {

@@ -109,11 +109,11 @@ def make_table(
         table = table.set_column(place, "error", pc.coalesce(table["error"], failed))
     else:
         table = table.append_column("error", failed)
-    there = set(table.column_names) - {"seed", "first"}
+    available = set(table.column_names) - {"seed", "first"}
     budget = [BUDGET + kind for kind in _KINDS]
-    parameters = sorted(there.difference(FIRST, fields, NUMBERS, budget, LAST), key=_order)
+    parameters = sorted(available.difference(FIRST, fields, NUMBERS, budget, LAST), key=_order)
     order = [*FIRST[:3], *fields, *FIRST[3:], *NUMBERS, *budget, *parameters, *LAST]
-    return table.select([name for name in order if name in there])
+    return table.select([name for name in order if name in available])
 
 
 def write_table(folder: Path, table: pa.Table) -> None:

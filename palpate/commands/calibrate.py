@@ -254,11 +254,11 @@ def _calibrate(
             pass
     except (PalpateError, KeyboardInterrupt) as error:
         if job is not None:
-            said = [AT_REST + "; "] * isinstance(error, KeyboardInterrupt) + ["no calibration is written"]
+            remarks = [AT_REST + "; "] * isinstance(error, KeyboardInterrupt) + ["no calibration is written"]
             if job.session.exists():
-                said.append(f". The recording so far stays in {shown(job.session)}")
-            if len(said) > 1:
-                console.stderr().print("".join(said), soft_wrap=True)
+                remarks.append(f". The recording so far stays in {shown(job.session)}")
+            if len(remarks) > 1:
+                console.stderr().print("".join(remarks), soft_wrap=True)
         raise
     if options.as_json:
         written = {"file": str(path), "plot": str(plot), "raw": str(raw)}

@@ -75,8 +75,8 @@ class ComparedPair:
         sides = side_by_side(first, second, self.names, grown)
         self.sides = [pair for pair in sides if channel in {None, ALL_CHANNELS, pair.channel}]
         if not self.sides:
-            there = ", ".join(pair.channel for pair in sides)
-            raise InputError(f"--channel {channel}: not in both. Both have: {there}")
+            shared = ", ".join(pair.channel for pair in sides)
+            raise InputError(f"--channel {channel}: not in both. Both have: {shared}")
         if all(side.is_same_data and side.first.model == side.second.model for side in self.sides):
             raise InputError(
                 f"{files[1]}: is the same measurement as {files[0]}, with the same model: name another file, "

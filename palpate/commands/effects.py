@@ -84,5 +84,5 @@ def _example_from(effect: Effect, file: Path) -> Example:
         suited = effect.suited_to(fitted.data)
         if suited.applies_to(fitted.data):
             return Example.beside(fitted, suited)
-    there = ", ".join(f"{channel.name} ({channel.model.name})" for channel in study.channels)
-    raise InputError(f"{file}: {effect.name} does not apply to any of its channels: {there}")
+    channels = ", ".join(f"{channel.name} ({channel.model.name})" for channel in study.channels)
+    raise InputError(f"{file}: {effect.name} does not apply to any of its channels: {channels}")

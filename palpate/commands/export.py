@@ -102,7 +102,7 @@ def export_command(
             metavar="FILE",
         ),
     ] = None,
-    force: Annotated[bool, typer.Option("--force", help="Replace a file that is there already.")] = False,
+    force: Annotated[bool, typer.Option("--force", help="Replace a file that already exists.")] = False,
     as_json: JsonOption = False,
 ) -> None:
     """Write the fitted models of object and joints as a scenario, so that they can be probed in simulation.
@@ -240,11 +240,11 @@ def _export_table(data: DataArguments, name: str, out: Path | None, *, force: bo
     write_table(table, output_file(path, force=force or out is None, keep=[data.file]))
     columns = table.column_names
     content = {"file": str(data.file), "stream": name, "table": str(path), "columns": columns}
-    said = f"{count(table.num_rows, 'row')}, {count(table.num_columns, 'column')}"
+    size = f"{count(table.num_rows, 'row')}, {count(table.num_columns, 'column')}"
     is_measurement = "displacement_m" in columns or any("torque_Nm" in column for column in columns)
     console.present(
         content,
-        lambda: console.stdout().print(f"table  [bold]{shown(path)}[/bold]: {said}", soft_wrap=True),
+        lambda: console.stdout().print(f"table  [bold]{shown(path)}[/bold]: {size}", soft_wrap=True),
         [(f"palpate import {typed(path)}", "import it as a measurement")] if is_measurement else [],
         as_json=as_json,
     )
@@ -260,11 +260,11 @@ def _export_layout(file: Path, program: Program, out: Path | None, *, force: boo
         console.print_json({"file": str(file), "layout": str(path), "program": str(program)})
         return
     console.stdout().print(f"layout  [bold]{shown(path)}[/bold]", soft_wrap=True)
-    said = f"open {shown(file)} in {PROGRAMS[program]}, and then this layout"
+    advice = f"open {shown(file)} in {PROGRAMS[program]}, and then this layout"
     long = [stream for name in session.stream_names if (stream := session.samples(name).stream).batch > 1]
     if long:
-        said += f"; it shows every {long[0].batch}th sample (palpate inspect draws the peaks of all)"
-    console.stderr().print(said, soft_wrap=True)
+        advice += f"; it shows every {long[0].batch}th sample (palpate inspect draws the peaks of all)"
+    console.stderr().print(advice, soft_wrap=True)
 
 
 def _print_lines(used: Sequence[str], left_out: Sequence[str]) -> None:

@@ -222,8 +222,8 @@ def look_at(path: Path, options: ImportOptions, like: Mapping[str, str] | None =
         steps_s[(steps_s < 0.0) | (steps_s > _PAUSE * usual_s) | (np.diff(channel.run, append=-1) != 0)] = (
             usual_s
         )
-        there = [number for number in dict.fromkeys(channel.phase.tolist()) if number in set(Phase)]
-        spans = (f"{phase(n)[0]} {duration(float(np.sum(steps_s[channel.phase == n])))}" for n in there)
+        codes = [number for number in dict.fromkeys(channel.phase.tolist()) if number in set(Phase)]
+        spans = (f"{phase(n)[0]} {duration(float(np.sum(steps_s[channel.phase == n])))}" for n in codes)
         if phases := ", ".join(spans):
             out.print(f"phases: {phases}")
     for note in (*imported.notes, *implausible(imported)):

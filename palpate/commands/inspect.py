@@ -34,7 +34,7 @@ def inspect_command(  # noqa: PLR0917, one parameter an option
     plots: Annotated[
         Path | None, typer.Option(help="Save a page of plots in this folder.", metavar="FOLDER")
     ] = None,
-    force: Annotated[bool, typer.Option("--force", help="Replace files that are there already.")] = False,
+    force: Annotated[bool, typer.Option("--force", help="Replace files that already exist.")] = False,
 ) -> None:
     """See a session in Rerun: arm, object, forces, torques, phases, estimates and events over time.
 

@@ -84,8 +84,8 @@ def probe_command(
     except InputError as error:  # from plan and options combined
         key, _, problem = str(error).partition(": ")
         is_option = key in changes and key != "speeds_m_s"  # its option has another unit
-        said = f"--{key.replace('_', '-')}: {problem}" if is_option else f"probing plan: {error}"
-        raise InputError(said) from error
+        message = f"--{key.replace('_', '-')}: {problem}" if is_option else f"probing plan: {error}"
+        raise InputError(message) from error
     if online not in (NO_ESTIMATOR, *online_estimators()):
         raise InputError(f"--online {online}: valid are {', '.join(online_estimators())}, {NO_ESTIMATOR}")
     job = ProbingJob(

@@ -315,8 +315,8 @@ def _check_compatible(sessions: Sequence[Session]) -> None:
                 "merge like with like"
             )
         if set(session.stream_names) != set(first.stream_names):
-            there = [", ".join(each.stream_names) or "none" for each in (session, first)]
-            raise InputError(f"{session.path}: has streams {there[0]}, and {first.path} has {there[1]}")
+            names = [", ".join(each.stream_names) or "none" for each in (session, first)]
+            raise InputError(f"{session.path}: has streams {names[0]}, and {first.path} has {names[1]}")
         for name in first.stream_names:
             streams = [each.samples(name).stream for each in (session, first)]
             forms = [{(c.name, c.width, c.unit) for c in stream.columns} for stream in streams]
@@ -354,8 +354,8 @@ def reveal_command(
             *((f"palpate effects {name}", "what this effect is") for name in known[:1]), diagnosed
         )
     else:
-        said = f"nothing is sealed beside {shown(session)}: nothing was hidden with palpate probe --hidden"
-        console.stdout().print(said, soft_wrap=True)
+        message = f"nothing is sealed beside {shown(session)}: nothing was hidden with palpate probe --hidden"
+        console.stdout().print(message, soft_wrap=True)
         console.next_steps(("palpate probe --hidden random -o secret.mcap", "hide an effect"))
 
 

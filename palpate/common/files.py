@@ -77,7 +77,7 @@ def output_file(path: Path, *, force: bool | None = None, keep: Iterable[Path] =
 
     Args:
         path: as the user gave it.
-        force: whether a file that is there already may be replaced; None where that is not offered.
+        force: whether a file that already exists may be replaced; None where that is not offered.
         keep: what is read, which is never replaced.
 
     Raises:
@@ -136,7 +136,7 @@ def spare_files(folder: Path, names: Iterable[str], *, force: bool, keep: Iterab
     """Refuse to fill a folder where that would replace protected files.
 
     Args:
-        folder: it need not be there yet.
+        folder: it need not exist yet.
         names: of the files that may be written; patterns as of `Path.glob`.
         force: whether files of these names may be replaced.
         keep: what is read, which is never replaced.
@@ -241,7 +241,7 @@ def folder_to_read(path: Path, folder: Path | None) -> Path:
         folder: that the user named; None for the usual one.
 
     Raises:
-        InputError: the folder that the user names is not there.
+        InputError: the folder that the user names does not exist.
     """
     if folder is not None and not folder.is_dir():
         raise InputError(f"--folder {folder}: no such folder")

@@ -90,7 +90,7 @@ def load_user_effects(texts: Sequence[str]) -> dict[str, Effect]:
         texts: each of the form FILE.py:Class.
 
     Raises:
-        InputError: a file or class is not there, cannot be run, states no effect, or one whose name is taken.
+        InputError: a file or class does not exist, cannot be run or states no effect, or its name is taken.
     """
     loaded: dict[str, Effect] = {}
     for text in dict.fromkeys(texts):
@@ -113,7 +113,7 @@ def load_user_effect(text: str) -> Effect:
         text: of the form FILE.py:Class.
 
     Raises:
-        InputError: file or class is not there, cannot be run, or states no effect.
+        InputError: file or class does not exist, cannot be run, or states no effect.
     """
     file, _, name = text.rpartition(":")
     if not file or not name.isidentifier():
@@ -132,8 +132,8 @@ def load_user_effect(text: str) -> Effect:
         own = [
             key for key, value in classes if issubclass(value, Effect) and value.__module__ == module.__name__
         ]
-        there = ", ".join(own)
-        raise InputError(f"--effect {text}: no effect is called '{name}' there. There are: {there or 'none'}")
+        names = ", ".join(own)
+        raise InputError(f"--effect {text}: no effect is called '{name}' there. There are: {names or 'none'}")
     with foreign_code(f"--effect {text}", own_file=file_of(member)):
         wrong = flaw(member)
     if wrong:

@@ -142,8 +142,8 @@ def examine_ports(robot_file: RobotFile) -> Iterator[tuple[str, Finding]]:
         subject, port, channel = f"port of {name}", bus.settings.get("port"), bus.settings.get("channel")
         if isinstance(port, str) and port.startswith("/"):
             if not Path(port).exists():
-                there = sorted(Path("/dev/serial/by-id").glob("*"))
-                others = ", ".join(map(str, there)) or "no USB adapter is connected"
+                adapters = sorted(Path("/dev/serial/by-id").glob("*"))
+                others = ", ".join(map(str, adapters)) or "no USB adapter is connected"
                 remedy = f"plug it in, or correct the robot file ({others})"
                 yield name, fail(subject, f"{port}: is not there", remedy)
             elif not Path(port).is_char_device():

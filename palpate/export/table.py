@@ -53,8 +53,8 @@ def recorded_table(path: Path, options: ImportOptions, name: str) -> pa.Table:
         return events_table(session) if name == EVENTS else stream_table(session.samples(name))
     channels = {channel.name: channel for channel in open_source(path, options).channels}
     if name not in channels:
-        there = ", ".join([*streams, *(channel for channel in channels if channel not in streams)])
-        raise InputError(f"{path}: has no stream or channel '{name}'. There are: {there}")
+        available = ", ".join([*streams, *(channel for channel in channels if channel not in streams)])
+        raise InputError(f"{path}: has no stream or channel '{name}'. There are: {available}")
     return channel_table(channels[name])
 
 

@@ -372,9 +372,9 @@ def _patched(
     """Join the file's text before its root, comments on what is left out, and the changed root."""
     out = (*arm.left_out, *left_out)
     lines = [f"Patched by palpate export from {arm.source}.", *(f"not in it: {line}" for line in out)]
-    said = "".join(f"<!-- {as_comment(line)} -->\n" for line in lines)
+    comments = "".join(f"<!-- {as_comment(line)} -->\n" for line in lines)
     head, opened, _ = before.partition(f"<{root.tag}")
     head = head if opened and head.count("<!--") == head.count("-->") else ""
     ElementTree.indent(root)
-    text = f"{head}{said}{ElementTree.tostring(root, encoding='unicode')}\n"
+    text = f"{head}{comments}{ElementTree.tostring(root, encoding='unicode')}\n"
     return Patched(text, tuple(used), out)

@@ -364,7 +364,7 @@ def write_outcome(
     All files appear together, or none of them.
 
     Args:
-        folder: where to; it is there already.
+        folder: where to; it must exist.
         study: what was measured.
         results: what is known about it.
         commands: that lead to the same outcome.

@@ -65,8 +65,8 @@ class Example:
             fitted: the base model's fit.
             effect: that is added.
         """
-        there = fitted.data.runs
-        few = there[np.unique(np.linspace(0, len(there) - 1, _RUNS).astype(int))]
+        runs = fitted.data.runs
+        few = runs[np.unique(np.linspace(0, len(runs) - 1, _RUNS).astype(int))]
         moved = fitted.data.of_runs(few)
         data = replace(moved, effort=fitted.model.predict(moved, fitted.values))
         values = sized(data, fitted.model, dict(fitted.values), effect)

@@ -168,26 +168,26 @@ def remarks(estimates: ChannelEstimates, truth: Truth) -> list[str]:
         estimates: of one channel.
         truth: true parameters by name, as far as they are known.
     """
-    said = []
+    remarks = []
     reason, surface, channel = spoilt_by(estimates), estimates.surface_of(estimates.best), estimates.channel
     if reason is not None:
-        said.append(f"do not rely on these estimates: {reason}")
+        remarks.append(f"do not rely on these estimates: {reason}")
     if surface is not None:
         half_mm = MILLI * SIGMAS_95 * surface.std_err_m
         sure = f" ± {significant(half_mm, half_mm)}" if np.isfinite(half_mm) else ""
         true = f" (truth {significant(MILLI * truth[SURFACE], half_mm)} mm)" if SURFACE in truth else ""
         place = significant(MILLI * surface.position_m, half_mm)
-        said.append(f"surface at {place}{sure} mm along the press direction{true}")
+        remarks.append(f"surface at {place}{sure} mm along the press direction{true}")
     tare = channel.tare
     if tare is not None and np.any(np.abs(tare.effort) > NOTABLE * tare.std_err):
         mean = significant(float(np.mean(tare.effort)), float(np.max(tare.std_err)))
-        said.append(f"the force in free air, {mean} N, was subtracted")
+        remarks.append(f"the force in free air, {mean} N, was subtracted")
     if FEWEST_STEPS <= steps_spanned(channel, estimates.rows) < FEW_STEPS:
         steps = in_steps(channel, estimates.rows)
-        said.append(
+        remarks.append(
             f"{steps}: the intervals allow for this, but a damping from so few steps is estimated too low"
         )
-    return [*said, *_remarks_on_fits(estimates)]
+    return [*remarks, *_remarks_on_fits(estimates)]
 
 
 def spoilt_by(estimates: ChannelEstimates) -> str | None:

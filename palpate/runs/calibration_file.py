@@ -99,8 +99,9 @@ class Stamp:
         if raw.suffix != ".mcap":
             return cls(robot_file, raw, datetime.now(UTC), valid_days)
         metadata = Session.open(raw).metadata
-        said = metadata.extra.get(SOURCE)
-        source = "emulated" if said == EMULATED else said if said in ("measured", "simulated") else None
+        recorded = metadata.extra.get(SOURCE)
+        known = {EMULATED: "emulated", "measured": "measured", "simulated": "simulated"}
+        source = known.get(recorded or "")
         names = [line.rstrip(":") for line in metadata.calibration.splitlines() if line[:1].strip()]
         made_utc = datetime.fromisoformat(metadata.created_utc)
         return cls(robot_file, raw, made_utc, valid_days, source, tuple(names))

@@ -62,7 +62,7 @@ def seal_hidden(
         metadata: of the session, with the mark that binds the answer to it.
 
     Raises:
-        InputError: such a file is there already, or it cannot be written.
+        InputError: such a file already exists, or it cannot be written.
     """
     if not scenario.hidden:
         return None

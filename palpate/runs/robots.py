@@ -151,9 +151,11 @@ def emulate(
     if as_built is None:
         return wire_up(robot_file, scenario, clock, faults)
     check_can_be_emulated(as_built)
-    built, said = ({name: bus.driver for name, bus in file.buses.items()} for file in (as_built, robot_file))
-    if built != said:
-        raise InputError(f"{as_built.path}: its buses {built} are not those of {robot_file.path}, {said}")
+    built, expected = (
+        {name: bus.driver for name, bus in file.buses.items()} for file in (as_built, robot_file)
+    )
+    if built != expected:
+        raise InputError(f"{as_built.path}: its buses {built} are not those of {robot_file.path}, {expected}")
     arm = wire_up(as_built, scenario, clock, faults)
     data: Any = deepcopy(robot_file.document.data)
     for name, bus in arm.robot_file.buses.items():  # change only the addresses of devices

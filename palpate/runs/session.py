@@ -231,7 +231,7 @@ def begun_session(
     Raises:
         InputError: from here, or from within the context, where it says that nothing has moved; neither of
             the two files is left.
-        SessionError: the session file is there already, or cannot be written.
+        SessionError: the session file already exists, or cannot be written.
     """
     mark = {SEAL: secrets.token_hex(16)} if scenario is not None and scenario.hidden else {}
     metadata = replace(metadata, extra={**metadata.extra, **mark})

@@ -256,8 +256,8 @@ def _read(path: Path, columns: list[str] | None = None) -> pa.Table:
         raise _damaged(path, f"its column '{ADDRESS}' is not text")
     cases = address.unique().to_pylist()
     if not path.name.startswith(_PACK) and cases != [path.stem]:
-        there = ", ".join(one_line(case[:12]) for case in cases[:3]) or "none"
-        raise _damaged(path, f"holds results of other cases than its name says ({there})")
+        addresses = ", ".join(one_line(case[:12]) for case in cases[:3]) or "none"
+        raise _damaged(path, f"holds results of other cases than its name says ({addresses})")
     return table
 
 

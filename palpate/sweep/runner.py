@@ -165,7 +165,7 @@ def run_cases(
     Raises:
         InputError: there is no such scheduler, it has no workers, they do not see the store's folder, or run
             other code.
-        PalpateError: the scheduler was lost; the same call goes on from there.
+        PalpateError: the scheduler was lost; the same call continues from there.
     """
     begun_s = time.perf_counter()
     finished = store.finished()

@@ -60,8 +60,10 @@ class TeleopDemo:
     def verdict_summary(self) -> str:
         """Describe the diagnosis of each target, as far as it finished in time."""
         verdicts = self.merged.verdicts()
-        said = [f"target {number} {verdict or 'none before the end'}" for number, verdict in verdicts.items()]
-        return f"verdicts of the diagnosis: {', '.join(said) or 'nothing was probed before the end'}"
+        texts = [
+            f"target {number} {verdict or 'none before the end'}" for number, verdict in verdicts.items()
+        ]
+        return f"verdicts of the diagnosis: {', '.join(texts) or 'nothing was probed before the end'}"
 
     def force_summary(self) -> str:
         """Describe how far the felt force is from the real one."""
@@ -134,7 +136,7 @@ def run_demo(
         leader: its further options.
 
     Raises:
-        InputError: something is there already.
+        InputError: something exists already.
         PalpateError: one of them failed; its words are in its log.
     """
     output_folder(folder)

@@ -149,7 +149,7 @@ def draw(path: Path, merged: MergedSessions, felt: ForceComparison, modelled: Fo
     """Write a PNG with forces over time, felt over real force, and the link; return its path.
 
     Args:
-        path: of the file, replaced if it is there.
+        path: of the file, replaced if it exists.
         merged: both sessions.
         felt: what was felt, and what the real object would have answered.
         modelled: what the models answer to the follower's presses, and what it measured.

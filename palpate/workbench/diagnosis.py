@@ -137,7 +137,7 @@ class DiagnosisCard:
         self._buttons = None
         if diagnosis is None:
             return
-        said, budget = diagnosed(diagnosis), budget_view(diagnosis)
+        view, budget = diagnosed(diagnosis), budget_view(diagnosis)
         with self._answer:
             if budget is not None:
                 with set_props(ui.element("div").classes("budget").mark("budget"), title=elements.BUDGET):
@@ -149,10 +149,10 @@ class DiagnosisCard:
                         set_props(ui.element("img"), src=picture, alt=budget.sentence)
                     for confusion in budget.confusions:
                         ui.label(confusion).classes("quiet")
-            verdict = ui.element("div").classes("verdict").classes(said.word).mark("verdict")
-            with set_props(verdict, title=elements.VERDICTS[said.word]):
-                ui.label(said.sentence)
-                for remark in said.remarks:
+            verdict = ui.element("div").classes("verdict").classes(view.word).mark("verdict")
+            with set_props(verdict, title=elements.VERDICTS[view.word]):
+                ui.label(view.sentence)
+                for remark in view.remarks:
                     ui.label(remark).classes("quiet")
             self._buttons = ui.element("div").classes("steps")
             self.offer(self._state.choice.effects)
@@ -201,12 +201,12 @@ class RiddleScore:
 
     def in_words(self) -> str:
         """Describe the result in a few sentences."""
-        said = f"Hidden was {_listed(self.truth)}. "
-        said += f"You said {_listed(self.guessed)}: {self._rated(self.guessed)}. "
-        said += f"The diagnosis said {_listed(self.named)}: {self._rated(self.named)}."
+        text = f"Hidden was {_listed(self.truth)}. "
+        text += f"You said {_listed(self.guessed)}: {self._rated(self.guessed)}. "
+        text += f"The diagnosis said {_listed(self.named)}: {self._rated(self.named)}."
         if self.alike & self.truth and (others := self.alike - self.named):
-            said += f" It adds that this data cannot tell that from {_listed(others, ' or ')}."
-        return said
+            text += f" It adds that this data cannot tell that from {_listed(others, ' or ')}."
+        return text
 
     def _rated(self, names: frozenset[str]) -> str:
         if names == self.truth:

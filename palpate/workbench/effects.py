@@ -188,8 +188,8 @@ class Effects:
                 changes[name] |= {"order": _rank(group[0].falls, chosen=chosen), "alike": len(names) > 1}
             if len(names) > 1:
                 last = [name for name in self._effects if name in names][-1]  # in the order of the page
-                said = ", ".join(name.replace("_", " ") for name in names)
-                changes[last] |= {"together": f"hard to tell apart in this data: {said}"}
+                listed = ", ".join(name.replace("_", " ") for name in names)
+                changes[last] |= {"together": f"hard to tell apart in this data: {listed}"}
         self._rows.change(changes)
 
 
@@ -303,13 +303,13 @@ def _slider(parameter: Parameter, simulated: _Simulated, plot: Plot) -> None:
 
     def moved(event: events.GenericEventArguments) -> None:
         example.values[name] = value(float(event.args))
-        said.set_text(f"{parameter.name} = {example.values[name]:.3g} {unit}")
+        label.set_text(f"{parameter.name} = {example.values[name]:.3g} {unit}")
         plot.restyle(simulated.update())
 
     share = (
         math.log(start / low) / math.log(high / low) if by_ratio else (start - low) / ((high - low) or 1.0)
     )
     with ui.row().classes("bar no-wrap"):
-        said = ui.label(f"{parameter.name} = {start:.3g} {unit}").style("min-width: 170px")
+        label = ui.label(f"{parameter.name} = {start:.3g} {unit}").style("min-width: 170px")
         slider = ui.slider(min=0.0, max=_STEPS, step=1.0, value=min(max(share, 0.0), 1.0) * _STEPS)
         set_props(slider.props("dense"), aria_label=name).on("update:model-value", moved, throttle=0.05)

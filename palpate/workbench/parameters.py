@@ -78,13 +78,13 @@ class ErrorCard:
         self._judged, shown = fit, fit.shown
         unit, error, noise = shown.fitted.data.kind.effort_unit, shown.fitted.rmse, shown.noise
         more = error > NOISE * fit.noise
-        said = (
+        comparison = (
             (f"a flexible regression reaches {fit.noise:.3g} {unit}")
             if more and error < NOISE * noise
             else ""
         )
         kind = "" if more or fit.unphysical else "fits"
-        self._number.set_content(_number(error, unit, noise, said, kind))
+        self._number.set_content(_number(error, unit, noise, comparison, kind))
         self._wrong.set_text(" ".join(impossible(fit.unphysical)))
 
     def preview(self, error: float, unit: str, noise: float) -> None:

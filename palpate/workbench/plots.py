@@ -74,8 +74,8 @@ class DrawnMotion:
         chosen = self.judged
         if span_s is not None:
             chosen &= (self.time_s >= span_s[0]) & (self.time_s <= span_s[1])
-        there = np.flatnonzero(chosen)
-        kept = there[peaks(values[there], most)] if len(there) else there
+        drawable = np.flatnonzero(chosen)
+        kept = drawable[peaks(values[drawable], most)] if len(drawable) else drawable
         breaks = np.flatnonzero(np.diff(self.data.run[kept])) + 1
         return np.insert(kept, breaks, -1)
 
@@ -111,8 +111,8 @@ def time_figure(motion: DrawnMotion, base: FloatArray | None, left: FloatArray |
         curve("measured", x, effort, palette.MEASURED, 1.6, unit),
         curve("base model", x, drawn, palette.BASE, 1.2, unit, dash="4px,3px"),
         curve("model", x, drawn, palette.MODEL, 1.4, unit),
-        curve("left by base", x, rest, palette.BASE, 1.0, unit, yaxis="y2", showlegend=False),
-        curve("left by model", x, rest, palette.MODEL, 1.1, unit, yaxis="y2", showlegend=False),
+        curve("residual, base model", x, rest, palette.BASE, 1.0, unit, yaxis="y2", showlegend=False),
+        curve("residual, model", x, rest, palette.MODEL, 1.1, unit, yaxis="y2", showlegend=False),
     ]
     most = 1.15 * float(np.nanmax(np.abs(left))) if left is not None and np.isfinite(left).any() else 1.0
     layout = layout_of(
@@ -165,8 +165,10 @@ def model_update(
 
 def _state_rows(motion: DrawnMotion) -> IntArray:
     """Select samples of a few runs, evenly in time: curves over the state have no peaks to keep."""
-    there = motion.data.runs
-    few = motion.runs or tuple(there[np.unique(np.linspace(0, len(there) - 1, _FEW).astype(int))].tolist())
+    all_runs = motion.data.runs
+    few = motion.runs or tuple(
+        all_runs[np.unique(np.linspace(0, len(all_runs) - 1, _FEW).astype(int))].tolist()
+    )
     rows = np.flatnonzero(np.isin(motion.data.run, few) & near(motion))
     kept = rows[:: max(len(rows) // MOST_OF_STATE, 1)]
     return np.insert(kept, np.flatnonzero(np.diff(motion.data.run[kept])) + 1, -1)

@@ -261,8 +261,8 @@ class Feed:
                 name="palpate", host=host, port=port, message_backlog_size=_MOST_WAITING
             )
         except (OSError, RuntimeError) as error:
-            said = f"--foxglove {port}: in use, or not permitted; another, or 0 for any free one"
-            raise InputError(said) from error
+            message = f"--foxglove {port}: in use, or not permitted; another, or 0 for any free one"
+            raise InputError(message) from error
         self._channel = foxglove.Channel(TOPIC, schema=_SCHEMA)
         self.port = int(self._server.port)
         self._lock = Lock()  # pages follow a session in threads of their own
@@ -440,8 +440,8 @@ async def run_command(arguments: Sequence[str], hear: Callable[[str], object]) -
     try:
         async for line in process.stdout:
             hear(line.decode(errors="replace").rstrip())
-        said = (await errors).decode(errors="replace").strip()
-        return "" if await process.wait() == 0 else (said.splitlines() or ["it failed"])[-1]
+        message = (await errors).decode(errors="replace").strip()
+        return "" if await process.wait() == 0 else (message.splitlines() or ["it failed"])[-1]
     except asyncio.CancelledError:  # the server ends: wait until the arm rests and its session is closed
         process.send_signal(signal.SIGINT)
         await process.wait()

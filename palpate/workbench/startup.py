@@ -235,8 +235,8 @@ def _panel(title: str, time_s: FloatArray, curves: Sequence[tuple[FloatArray, st
         return ""
     shown = [(y[rows], color) for y, color in curves]
     low, high = min(y.min() for y, _ in shown), max(y.max() for y, _ in shown)
-    said = f"{title} from {low:.3g} to {high:.3g}, over {np.ptp(time_s[rows]):.1f} s, as measured"
-    return f"<h2>{said}</h2>{picture(time_s[rows], shown, 1000, 200)}"
+    caption = f"{title} from {low:.3g} to {high:.3g}, over {np.ptp(time_s[rows]):.1f} s, as measured"
+    return f"<h2>{caption}</h2>{picture(time_s[rows], shown, 1000, 200)}"
 
 
 def early_server(port: int) -> EarlyServer:
@@ -251,5 +251,5 @@ def early_server(port: int) -> EarlyServer:
     try:
         return EarlyServer(LOOPBACK, port)
     except OSError as error:
-        said = f"--port {port}: {error.strerror or error}; another, or 0 for any free one"
-        raise InputError(said) from error
+        message = f"--port {port}: {error.strerror or error}; another, or 0 for any free one"
+        raise InputError(message) from error

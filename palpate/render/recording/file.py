@@ -43,7 +43,7 @@ def recording_file(name: str, path: Path, blueprint: rrb.Blueprint) -> Iterator[
 
     Args:
         name: of the recording.
-        path: the file; replaced if it is there.
+        path: the file; replaced if it exists.
         blueprint: how it is shown.
 
     Raises:
@@ -156,7 +156,7 @@ def take_picture(
 
     Args:
         recording: .rrd file.
-        picture: .png file, replaced if it is there; it appears whole or not at all.
+        picture: .png file, replaced if it exists; it appears whole or not at all.
         time_s: moment on the session's timeline [s].
         size: width and height in pixels.
         revision: stage to show instead, in a recording of revisions.
