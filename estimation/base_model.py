@@ -1,4 +1,4 @@
-"""What a base model is: the simple model that a user starts from, by name."""
+"""Base models: simple models to start from, by name."""
 
 import re
 from abc import ABC, abstractmethod
@@ -13,7 +13,7 @@ LEVEL_GRAVITY_M_S2 = (0.0, 0.0, -9.81)  # fall acceleration in the axes of a lev
 
 @dataclass(frozen=True)
 class ModelContext:
-    """What a base model may need to know beside the data."""
+    """What a base model may need besides the data."""
 
     joint: int | None = None  # number of the joint from 0 that the channel belongs to; None for a contact
     urdf: str = ""  # text of the arm's URDF; empty if there is none
@@ -59,7 +59,7 @@ class BaseModel(ABC):
 
 @dataclass(frozen=True)
 class Arm:
-    """The arm that was measured."""
+    """The arm that made the measurement."""
 
     urdf: str = ""  # text of its URDF, empty where it is not known
     tip_frame: str = ""  # the tip's frame in it

@@ -1,4 +1,4 @@
-"""A channel: one measured effort with the motion that goes with it."""
+"""A channel: one measured effort with the corresponding motion."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field, fields, replace
@@ -16,8 +16,9 @@ from palpate.robot_io.types import BoolArray, FloatArray, IntArray
 _ARRAYS = ("time_s", "position", "velocity", "acceleration", "effort", "run", "phase")
 
 
-FEWEST_STEPS = 4.0  # of an encoder over which a press has a slope: half a step at either end is a quarter
-_NO_DIRECTION = 1e-13  # of the largest eigenvalue: columns that depend on each other
+# encoder steps that a press must cover: half a step at either end changes the slope by a quarter
+FEWEST_STEPS = 4.0
+_NO_DIRECTION = 1e-13  # of the largest eigenvalue: columns are linearly dependent
 # Arrays that were checked, by what they are: a fit makes thousands of channels of the same ones.
 _checked: WeakValueDictionary[int, NDArray[Any]] = WeakValueDictionary()
 
@@ -35,7 +36,7 @@ class Surface:
 
 @dataclass(frozen=True)
 class Tare:
-    """The effort in free air, run by run; r runs.
+    """Effort in free air for each of r runs, to be subtracted (tare).
 
     A run's tare is a mean of noisy samples. Its error is the same in all samples of the run, so that more of
     them do not average it out.
@@ -46,7 +47,7 @@ class Tare:
     std_err: FloatArray  # its standard error, shape (r,)
 
     def of(self, run: IntArray) -> FloatArray:
-        """What to take off each sample of these runs, shape (n,).
+        """Effort to subtract from each sample of these runs, shape (n,).
 
         Args:
             run: number of each sample's run, shape (n,).
@@ -55,7 +56,7 @@ class Tare:
         return taken
 
     def errors(self, run: IntArray) -> FloatArray:
-        """One standard error of each tare in the samples that share it, shape (n, r).
+        """Standard error of each run's tare in the samples that share it, shape (n, r).
 
         Args:
             run: number of each sample's run, shape (n,).
@@ -65,7 +66,7 @@ class Tare:
 
 @dataclass(frozen=True)
 class Information:
-    """A quadratic: beta' matrix beta / 2 - vector' beta, of one or of several fits."""
+    """A quadratic objective beta' matrix beta / 2 - vector' beta, of one fit or several."""
 
     matrix: FloatArray  # shape (..., s, s), symmetric
     vector: FloatArray  # shape (..., s)
@@ -109,7 +110,7 @@ def pseudo_inverse(matrices: FloatArray) -> FloatArray:
 
 
 class ChannelKind(StrEnum):
-    """What the effort is, and so which effects apply."""
+    """Kind of a channel, which determines the effects that apply."""
 
     CONTACT = "contact"  # position: depth into the object [m]; effort: force, positive in compression [N]
     REVOLUTE = "revolute"  # position: joint angle [rad]; effort: joint torque [N m]
@@ -143,7 +144,7 @@ JOINTS = frozenset({ChannelKind.REVOLUTE, ChannelKind.PRISMATIC, ChannelKind.SER
 
 @dataclass(frozen=True)
 class SharedGains:
-    """What other channels of one arm say of gains that this channel shares with them."""
+    """Information of an arm's other channels on gains that a channel shares with them."""
 
     names: tuple[str, ...]  # of the s gains, "effect.parameter"
     # Matrix (1 + folds, s, s) and vector (1 + folds, s), from all runs and from all but each fold of runs, in
@@ -214,7 +215,7 @@ class ChannelData:
 
     @property
     def engaged(self) -> BoolArray:
-        """Where the object can push, shape (n,): a contact only while pressed (x > 0), all else always."""
+        """Samples in which the object acts, shape (n,): contacts only while x > 0, other channels always."""
         if self.kind is ChannelKind.CONTACT:
             pressed: BoolArray = self.position > 0.0
             return pressed if self.touching is None else pressed | self.touching
@@ -222,7 +223,7 @@ class ChannelData:
 
     @property
     def runs(self) -> IntArray:
-        """The run numbers that occur, ascending."""
+        """Distinct run numbers, ascending."""
         return np.unique(self.run)
 
     def select(self, rows: BoolArray | IntArray) -> "ChannelData":
@@ -264,7 +265,7 @@ def _check(channel: str, what: str, values: FloatArray | IntArray, length: int) 
 
 
 def _read_only(values: NDArray[Any] | None) -> NDArray[Any] | None:
-    """A view that cannot be written into, while the owner of the array still can; None as it is."""
+    """A read-only view of an array that its owner can still write to; None stays None."""
     if values is None or not values.flags.writeable:
         return values
     view = values.view()

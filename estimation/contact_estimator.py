@@ -1,4 +1,4 @@
-"""What an estimator of a contact law is: it takes depth, speed and force, and knows its own law."""
+"""Interface of estimators of a contact law, which take depth, speed and force."""
 
 from abc import ABC, abstractmethod
 from typing import ClassVar, NamedTuple
@@ -8,7 +8,7 @@ import numpy as np
 from palpate.robot_io.errors import InputError
 from palpate.robot_io.types import FloatArray
 
-_NO_DEPTH_M = 1e-9  # whose powers are numbers still
+_NO_DEPTH_M = 1e-9  # smallest depth whose powers do not underflow
 
 
 class ContactLaw(NamedTuple):
@@ -77,7 +77,7 @@ class ContactEstimator(ABC):
 
 
 class OnlineContactLaw(ContactEstimator):
-    """One that takes one sample at a time."""
+    """Estimator that takes one sample at a time."""
 
     @abstractmethod
     def start(self) -> None:

@@ -41,7 +41,7 @@ SIGNALS = (
 
 @dataclass(frozen=True)
 class Parameter:
-    """One number that a fit finds."""
+    """A parameter of an effect, determined by the fit."""
 
     name: str  # unique within its effect
     unit: str  # SI unit; "{effort}", "{position}" and "{inertia}" stand for those of the channel
@@ -52,7 +52,7 @@ class Parameter:
 
     @property
     def beginning(self) -> float:
-        """Where a search begins that knows nothing: at nothing, where that makes sense, or mid range."""
+        """Start value without prior knowledge: zero if possible, otherwise the middle of the range."""
         return 0.0 if self.lower <= 0.0 <= self.upper else float(self.spread(3)[1])
 
     def unit_of(self, kind: ChannelKind) -> str:
@@ -88,7 +88,7 @@ class Parameter:
 
 
 class Effect(ABC):
-    """One physical effect; class attributes state it in the same form for all (a test holds each to it)."""
+    """One physical effect; class attributes describe it, in the same form for all effects."""
 
     name: ClassVar[str]  # snake_case, from the vocabulary where it is there
     kind: ClassVar[Kind] = Kind.OTHER  # of physics that it belongs to, see `palpate.estimation.kinds`
@@ -215,7 +215,7 @@ class AdditiveEffect(Effect):
 
 
 class MotionEffect(Effect):
-    """An effect that changes the motion: the object does not see what the encoder saw."""
+    """An effect that changes the motion: the object moves differently from what the encoder measured."""
 
     @abstractmethod
     def move(self, data: ChannelData, inner: Inner) -> ChannelData:
@@ -228,7 +228,7 @@ class MotionEffect(Effect):
 
 
 class MemoryEffect(Effect):
-    """An effect that lets the effort of springs fade with time, whatever their law; linear in that effort."""
+    """An effect that lets the effort of springs relax over time; linear in that effort."""
 
     @abstractmethod
     def fade(self, elastic: FloatArray, data: ChannelData, inner: Inner) -> FloatArray:
@@ -245,7 +245,7 @@ class MemoryEffect(Effect):
 
 
 class SensorEffect(Effect):
-    """An effect on the way from the effort to the reader."""
+    """An effect of the sensor, between the true and the measured effort."""
 
     linear: ClassVar[bool]  # whether sense(a + b) == sense(a) + sense(b), so that it can act on columns
     # Whether it is linear and each reading is of that moment's effort

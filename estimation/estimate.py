@@ -1,4 +1,4 @@
-"""What every estimator returns: never a bare number."""
+"""Result of an estimator: parameters with uncertainty."""
 
 from abc import ABC, abstractmethod
 from collections.abc import Sequence
@@ -17,7 +17,7 @@ _NARROWEST = 30  # columns for the last cell of a row, which is wrapped
 
 
 class Identifiability(StrEnum):
-    """Whether the data determine all parameters; it says nothing of the model."""
+    """How well the data determine all parameters; not a judgement of the model."""
 
     GOOD = "good"
     WEAK = "weak"  # some parameter is known only roughly; `note` says which and what to do

@@ -23,12 +23,12 @@ from palpate.robot_io.errors import InputError
 from palpate.robot_io.types import BoolArray, FloatArray
 
 _OFFSET = f"{ContactOffset.name}.offset"
-_NOWHERE_M = 1e-9  # a difference that is none
-_MANY_STEPS = 1000.0  # from here on, rounding does less than 0.1 %
+_NOWHERE_M = 1e-9  # distances below this are zero
+_MANY_STEPS = 1000.0  # encoder steps from which rounding changes less than 0.1 %
 _DRAWS = 16
 _SEED = 1
 UNPHYSICAL = "the model lacks an effect, or the sign of effort or motion is reversed"  # why
-_ROUNDING = 1e-9  # share of the effort below which a gain is one of the last digits of the numbers
+_ROUNDING = 1e-9  # share of the effort below which a gain is a rounding error
 
 
 def fitting_rows(data: ChannelData) -> BoolArray:

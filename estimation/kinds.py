@@ -19,7 +19,7 @@ class Kind(StrEnum):
     DRIFT = "drift"
     RUN_DIFFERENCES = "run_differences"
     RECORDED_CONTEXT = "recorded_context"
-    OTHER = "other"  # effects of a user's own that state none; it has no law
+    OTHER = "other"  # user-defined effects without a kind; there is no flexible law for them
 
     @property
     def description(self) -> str:

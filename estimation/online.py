@@ -15,9 +15,9 @@ from palpate.estimation.estimator import OnlineEstimator
 from palpate.robot_io.types import Measurement, Status
 
 _GAINS = 3
-_ENOUGH = 30  # samples before which three gains are hardly determined
-_AIR_SAMPLES = 20  # at the start, taken for free air whatever they show: they tell the sensor's zero
-_GAP = 1.5  # steps that are a gap
+_ENOUGH = 30  # samples needed to determine three gains
+_AIR_SAMPLES = 20  # first samples, which count as free air and determine the sensor's zero
+_GAP = 1.5  # median steps that count as a gap
 _DEFAULT_TOUCH = TouchGains()
 
 

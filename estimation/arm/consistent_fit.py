@@ -54,7 +54,7 @@ def training_sums(products: FloatArray) -> FloatArray:
 
 
 def shared_information(joint: JointMoments) -> Information:
-    """What one joint says of the shared parameters, its own gains profiled out.
+    """Information of one joint on the shared parameters, its own gains profiled out.
 
     Args:
         joint: normal equations of one joint.
@@ -83,11 +83,11 @@ def information_of_others(joints: Sequence[JointMoments], prior: Information) ->
     return tuple(sum([*by_joint[:j], *by_joint[j + 1 :]], start=prior) for j in range(len(by_joint)))
 
 
-URDF_SPREAD = 1.0  # of its pseudo-inertias, as a share: a link may be wrong by as much as it is
+URDF_SPREAD = 1.0  # relative uncertainty of the URDF's pseudo-inertias: a link may be wrong by its own size
 
 
 def urdf_information(base: BaseParameters, urdf: FloatArray, at: FloatArray | None = None) -> Information:
-    """The pull of the base parameters to the URDF: `URDF_SPREAD`^-2 D, to second order.
+    """Prior on the base parameters from the URDF: `URDF_SPREAD`^-2 D, to second order.
 
     D is the entropic divergence, see `Divergence`, whose pull is the same in every
     unit and frame, and as nothing against thousands of samples. The inertial parameters that no torque shows
@@ -111,7 +111,7 @@ def urdf_information(base: BaseParameters, urdf: FloatArray, at: FloatArray | No
 
 
 def consistent_information(base: BaseParameters, urdf: FloatArray, said: Information) -> Information:
-    """The pull to the URDF beside data, such that the linear solution is one that bodies can have.
+    """Weight of the URDF prior for which the linear solution is physically consistent.
 
     Args:
         base: the arm's base parameters.
@@ -130,14 +130,14 @@ def consistent_information(base: BaseParameters, urdf: FloatArray, said: Informa
     return Information(*(np.stack([getattr(pull, part) for pull in pulls]) for part in ("matrix", "vector")))
 
 
-_FALL = 0.05  # of the precision from one point of the path to the next
-_STEPS = 50  # Newton's, for one point
-_CLOSE = 0.1  # Newton decrement squared, in units of the precision, that does on the way
-_CLOSEST = 1e-12  # and at the end
+_FALL = 0.05  # factor on the prior's weight from one point of the path to the next
+_STEPS = 50  # Newton steps for one point
+_CLOSE = 0.1  # squared Newton decrement, relative to the prior's weight, that is enough on the path
+_CLOSEST = 1e-12  # the same at its end
 
 
 def fit_bodies(information: Information, divergence: Divergence, precision: float) -> FloatArray:
-    """The minimum.
+    """Minimize the penalized objective along the path.
 
     Args:
         information: A (10 links, 10 links) and b (10 links,): what the data say, see `Information`.

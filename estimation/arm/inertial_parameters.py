@@ -118,10 +118,11 @@ def base_parameters(body: "RigidBody") -> BaseParameters:
 
 
 PARAMETERS = 10
-_LEAST_MASS_SHARE = 1e-3  # of the heaviest link: a link that the URDF gives no mass
-_LEAST_RADIUS_SHARE = 0.02  # of the arm's largest radius of gyration: a link that the URDF gives no inertia
+_LEAST_MASS_SHARE = 1e-3  # mass of a link without mass in the URDF, relative to the heaviest link
+# gyration radius of a link without inertia in the URDF, relative to the arm's largest one
+_LEAST_RADIUS_SHARE = 0.02
 
-_ROUNDING = 1e-13  # of the given body, in any direction: less is no body
+_ROUNDING = 1e-13  # relative to the given body: smaller eigenvalues are not physical
 
 
 def _unit_pseudo_inertias() -> FloatArray:

@@ -16,7 +16,7 @@ _EXPONENT_RANGE = (0.5, 4.0)
 
 
 class DoubleStageRls(OnlineContactLaw):
-    """One stage finds k and b for the exponent of the other, which finds n for those gains.
+    """Alternate between gains k and b for a fixed exponent n, and the exponent for these gains.
 
         F = k d^n + b d^n v,        ln(F / (k + b v)) = n ln d
 
@@ -141,7 +141,7 @@ class IndirectAdaptive(OnlineContactLaw):
 
 
 LEAST_LOAD_N = 0.05  # below this the logarithm is mostly noise
-_MOST_LOG = 50.0  # of a gain: a number still
+_MOST_LOG = 50.0  # largest logarithm of a gain, to avoid overflow
 
 
 class LogLinear(OnlineContactLaw):
@@ -183,7 +183,7 @@ class LogLinearEwrls(LogLinear):
         super().__init__(Ewrls(forgetting))
 
 
-_SCALE_M = 1e-4  # move from sample to sample that counts as much as the rest of the normalisation
+_SCALE_M = 1e-4  # change between samples with the weight of the normalisation's other terms
 
 
 class ModelReference(OnlineContactLaw):
@@ -229,9 +229,9 @@ class ModelReference(OnlineContactLaw):
         return ContactLaw(self._stiffness, 0.0, surface_m=surface_m)
 
 
-_SPREAD = (1e5, 1e5, 3e-4)  # of k, b and the surface before anything is known
+_SPREAD = (1e5, 1e5, 3e-4)  # initial standard deviations of k, b and the surface
 _FIRST_NOISE_N = 0.1
-_NOISE_MEMORY = 0.99  # of the noise, per sample
+_NOISE_MEMORY = 0.99  # forgetting factor of the noise, per sample
 _LEAST_NOISE_N = 1e-4
 _LEAST_DEPTH_M = 1e-5
 
@@ -289,7 +289,7 @@ class ReducedKalman(OnlineContactLaw):
 
 
 _EXPONENTS = np.array([0.7, 0.85, 1.0, 1.15, 1.3, 1.45, 1.6, 1.8, 2.0, 2.25, 2.5, 3.0])
-_PAIRS = 60  # a start; none of them clean at 40 % outliers with probability 1e-12
+_PAIRS = 60  # random pairs; all contain outliers with probability 1e-12 at 40 % outliers
 _START_SAMPLES = 200
 _FEWEST = 10  # samples
 
@@ -318,7 +318,7 @@ class RobustHuntCrossley(ContactEstimator):
     def settle(
         self, depth_m: FloatArray, speed_m_s: FloatArray, force_n: FloatArray, rng: np.random.Generator
     ) -> tuple[IrlsResult, float]:
-        """The estimate of ln(k u^n), b / k and n with its residuals, and the unit of depth u [m].
+        """Estimate ln(k u^n), b / k and n with the residuals, and the unit of depth u [m].
 
         Args:
             depth_m: indentation of each sample, shape (n,) [m].

@@ -41,17 +41,17 @@ from palpate.estimation.signals.runwise import apply_per_run, sample_time
 from palpate.robot_io.types import BoolArray, FloatArray, IntArray
 
 LEAST_SAMPLES = 100
-SINGLE_RUN = "a single run"  # how the reason begins where only the division into runs is missing
+SINGLE_RUN = "a single run"  # start of the reason if only the division into runs is missing
 _MOST_BLOCKS = 300_000  # 25 minutes of blocks of 5 ms: memory grows with them
-_GLITCH = 25.0  # times the usual distance between neighbours
+_GLITCH = 25.0  # ratio to the usual distance between neighboring readings
 _MOST_GLITCHES = 0.01
-_LITTLE_SHARED = 0.1  # of a run's depths, in another run too: none can be predicted from the other
-_SPIKE = 0.2  # of the range of the effort; what stands out by less does no harm
+_LITTLE_SHARED = 0.1  # share of a run's depths that another run must reach for a prediction
+_SPIKE = 0.2  # of the effort's range; smaller outliers are harmless
 # Ranges of all other readings, that a code for a missing value or a wrong digit stands off by; and those at
 # which a single one is too large for the precision of a fit that excludes it (measured: 1e8).
 _CODE, _HUGE = 20.0, 1e6
-_TRAVELLED = 3.0  # ranges of positions, that a single recording which repeats its motion goes through
-_QUICKEST_S = 1e-5  # time from sample to sample, below which its unit is in doubt
+_TRAVELLED = 3.0  # ranges of positions that a single recording of repeated motion covers
+_QUICKEST_S = 1e-5  # step between samples below which the unit of time is doubtful
 
 
 def usable(data: ChannelData) -> BoolArray:
@@ -247,7 +247,7 @@ def _size(data: ChannelData) -> str | None:
 
 
 def _runs(data: ChannelData) -> str | None:
-    """Of several runs, two at least must touch, as deep as each other, so that one can be held out."""
+    """Require two runs with a contact of similar depth, so that one can be held out."""
     if data.kind is not ChannelKind.CONTACT or len(data.runs) == 1:
         return None
     depths = [data.position[data.engaged & (data.run == run)] for run in data.runs]

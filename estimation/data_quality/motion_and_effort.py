@@ -1,4 +1,4 @@
-"""Whether motion and effort belong together: in their units, their times, their signs."""
+"""Check whether motion and effort agree in their units, times and signs."""
 
 import numpy as np
 
@@ -10,23 +10,24 @@ from palpate.estimation.signals.runwise import sample_time
 from palpate.estimation.statistics.correlation import correlation_coefficient
 from palpate.robot_io.types import FloatArray
 
-_LONGEST_CONTACT_M = 0.2  # deeper indentations than this are a mistaken unit
+_LONGEST_CONTACT_M = 0.2  # a deeper indentation means a wrong unit
 _STIFFEST_N_M = 1e7
 _SOFTEST_N_M = 1e-2
 _FASTEST_RAD_S = 300.0
 _LEAST_PRESSED = 0.01  # of the samples
 # Standard deviations of free air, that one in twenty pressed samples is above: of noise, 1 in 16 000 is.
 _ABOVE_AIR, _ONE_IN_TWENTY = 4.0, 0.95
-_SLICES = 20  # of the deepest indentation, in which a force begins
-_LATE, _STANDS_OUT = 0.2, 0.25  # shares: of the deepest indentation, and of a spring's force there
-_TO_SIGMA = 1.4826  # of the median deviation, for normal noise
-_SHIFTS_S = (-2.0, -1.0, -0.5, 0.5, 1.0, 2.0)  # as of clocks that were started by hand
-_JOINED, _APART = 0.9, 0.5  # correlations of depth and force: any spring's is above the one
-_FALLS = -0.5  # correlation of depth and force, below which one of them counts the other way
-_LEAST_EXPLAINED = 0.1  # share of a force's variance that depth and velocity explain, whatever the object is
-_SAME = 1e-9  # of the force's range: rounding of two columns that hold the same
-_SEVERAL = 2.0  # turns: with fewer, a spring and a weight may be told from each other by their shape alone
-_SLOWLY = 0.1  # of the effort's variance, a third of its amplitude, that goes slowly with the angle
+_SLICES = 20  # of the deepest indentation, to locate where the force begins
+_LATE, _STANDS_OUT = 0.2, 0.25  # shares of the deepest indentation, and of a spring's force there
+_TO_SIGMA = 1.4826  # ratio of standard deviation to median deviation of normal noise
+_SHIFTS_S = (-2.0, -1.0, -0.5, 0.5, 1.0, 2.0)  # as between clocks that were started by hand
+# correlations of depth and force: springs lie above the first, unrelated signals below the second
+_JOINED, _APART = 0.9, 0.5
+_FALLS = -0.5  # correlation of depth and force below which one of them has the wrong sign
+_LEAST_EXPLAINED = 0.1  # share of the force's variance that depth and velocity explain for any object
+_SAME = 1e-9  # of the force's range: rounding of two identical columns
+_SEVERAL = 2.0  # turns; over fewer, a spring and a weight can be told apart by shape alone
+_SLOWLY = 0.1  # of the effort's variance, a third of its amplitude, that varies slowly with the angle
 # Of what the motion leaves, that the sine in degrees leaves: what is hidden at ten times the noise stays,
 # which was up to 0.1 of a pendulum in degrees; the rest has to be slow.
 _NEARLY_ALL = 0.2
@@ -236,7 +237,7 @@ def angle_in_degrees(data: ChannelData, model: Model | None) -> str | None:
 
 
 def _goes_in_degrees(data: ChannelData) -> bool:
-    """Whether the angle's sine in degrees draws nearly all of the effort, and in radians next to nothing."""
+    """Check whether the sine of an angle in degrees explains the effort, and in radians does not."""
     radians, degrees = _sines(data.position), _sines(np.radians(data.position))
     moved, slow, both = (_left(data, law) for law in ([], degrees, [*degrees, *radians]))
     if moved - slow < _SLOWLY * float(np.var(data.effort)):
@@ -245,7 +246,7 @@ def _goes_in_degrees(data: ChannelData) -> bool:
 
 
 def _bends_in_degrees(data: ChannelData) -> bool:
-    """Whether the angle's sine in degrees draws the effort as well as three powers, and two do not."""
+    """Check whether the sine of an angle in degrees fits as well as a cubic, and a quadratic does not."""
     sine, two, three = (
         _left(data, law) for law in (_sines(np.radians(data.position)), _powers(data)[:2], _powers(data))
     )

@@ -10,8 +10,8 @@ from palpate.estimation.signals.cache_by_array import cache_by_channel_arrays
 from palpate.estimation.signals.runwise import apply_per_run
 from palpate.robot_io.types import BoolArray, FloatArray, IntArray
 
-_STUCK_SHARE = 0.3  # of the loaded samples at one extreme value: the sensor was at its end
-_STILL = 1e-3  # of the range of positions, that a held one stays within
+_STUCK_SHARE = 0.3  # of the loaded samples at one extreme value: the sensor is saturated
+_STILL = 1e-3  # of the range of positions; a held position stays within it
 # Free air at a sensor's lower end: how much of it, how far from zero (of all readings' range), and how many
 # of the readings above are distinct.
 _MOST_OF_AIR, _OFF_ZERO, _FINE = 0.7, 0.01, 0.5
@@ -23,13 +23,13 @@ _LOADED = 0.3  # of the largest effort
 # Correlation of two runs' noise: by chance 5 / sqrt(n) at most. Of a copy to which noise was added, half as
 # large as its own, 0.9.
 _COPY, _EQUAL = 0.8, 1.0 - 1e-9
-_SAME_PLACE = 0.05  # of the range of positions, that those of copies may differ by
-_FEWEST_TOLD = 40  # samples, whose noise is told from another run's
-_FEWEST_BENDS = 100  # by which noise is told from a sensor's lower end
+_SAME_PLACE = 0.05  # of the range of positions: largest difference between copies of a run
+_FEWEST_TOLD = 40  # samples needed to compare the noise of two runs
+_FEWEST_BENDS = 100  # second differences needed to tell noise from a lower limit of the sensor
 # Share of second differences that turn against the one before: 0.73 in white noise, 0.67 in noise as slow as
 # a random walk, and next to none in a formula's curves.
 _TURNING = 0.6
-_DIGITS = 1e-7  # of the effort: what is smaller are the last digits of the numbers, and no sensor's noise
+_DIGITS = 1e-7  # of the effort; smaller noise is rounding of numbers
 # Times the usual second difference: what is larger is a corner of the motion, the same in each run that
 # repeats it, and no noise.
 _CORNER = 4.0
@@ -179,7 +179,7 @@ def copied(copies: Mapping[int, tuple[int, float]]) -> str:
 
 
 def _is_noisy(effort: FloatArray) -> bool:
-    """Whether a run's readings (n,) are so noisy that they hardly come out the same twice."""
+    """Check whether a run's readings (n,) have enough noise that they rarely repeat."""
     bends = np.diff(effort, 2)
     steps = np.diff(np.unique(effort))
     if len(bends) < 2 or len(steps) == 0:
@@ -191,11 +191,11 @@ def _is_noisy(effort: FloatArray) -> bool:
 
 
 def _turn_like_noise(bends: FloatArray) -> bool:
-    """Whether second differences (n,) change sign from one to the next as those of noise do."""
+    """Check whether second differences (n,) alternate in sign as those of noise do."""
     return bool(np.mean(bends[1:] * bends[:-1] < 0.0) > _TURNING)
 
 
-_FEWEST = 50  # readings within the noise of zero, of which none is below: by chance in 1 of 2^50 cases
+_FEWEST = 50  # readings within the noise of zero, none below it: by chance in 1 of 2^50 cases
 # Of the readings in the farther half of that noise, that lie in the nearer. Folded noise is densest at zero:
 # 1 and more, by chance 0.8; what thins out towards its least reading had 0.3, where there was enough of it.
 _FLAT = 0.6
@@ -209,12 +209,13 @@ _OFTEN, _FEWEST_VALUES = 0.3, 50
 # to 1.1, also beside an effect at ten times the noise. A dead band takes its width from all of it: 3 and
 # more, less where a weight goes through so little of its turn that it looks like a constant.
 _WITHOUT_CONSTANT = 1.5
-_CLEAR = 4.0  # times the noise, above which no reading is a folded one
+_CLEAR = 4.0  # multiple of the noise above which no reading is rectified noise
 _FOLDED = (
     "no reading is below zero, though {count} lie within the noise of zero, {noise:.2g} {unit}: "
     "the signal was rectified"
 )
-_TO_SIGMA = 1.4826 / np.sqrt(6.0)  # of the median bend: normal quantile, and variance of a second difference
+# converts the median second difference to the standard deviation of normal noise
+_TO_SIGMA = 1.4826 / np.sqrt(6.0)
 
 
 def rectified(data: ChannelData) -> str | None:
@@ -281,12 +282,12 @@ def folded(data: ChannelData) -> str | None:
 
 
 def _as_read(data: ChannelData) -> FloatArray:
-    """The effort (n,) before a tare was taken off."""
+    """The effort (n,) before the tare was subtracted."""
     return data.effort if data.tare is None else data.effort + data.tare.of(data.run)
 
 
 def _folded(effort: FloatArray, run: IntArray) -> tuple[int, float]:
-    """How many readings (n,) lie within their noise of zero, and that noise; 0 if they are no folded ones."""
+    """Number of readings (n,) within the noise of zero, and the noise; 0 if they are not rectified."""
     noise = _TO_SIGMA * float(np.median(np.abs(apply_per_run(_bends, effort, run))))
     near = effort[(effort > 0.0) & (effort <= noise)]
     if len(near) == 0 or noise < 2.0 * near.min():

@@ -1,4 +1,4 @@
-"""Whether effort and motion have the same clock, and whether rows were lost between samples."""
+"""Check whether effort and motion share a clock, and whether rows were lost between samples."""
 
 from collections.abc import Callable
 
@@ -14,20 +14,20 @@ from palpate.estimation.statistics.correlation import Misfit, misfit
 from palpate.estimation.statistics.least_squares import solve
 from palpate.robot_io.types import BoolArray
 
-_FARTHEST_S, _MOST_SHIFTS = 0.1, 50  # that is looked for; samples
-_COARSE = 21  # shifts that are tried first
-_NOISE = 1.06  # times the noise from sample to sample, up to which nothing is left of an error
-_BETTER = 1.05  # times as large the error must be as recorded
-_CLEARLY = 50.0  # as a chi-square of one degree of freedom: seven standard deviations
-_MOST_SAMPLES = 6_000  # that are looked at: whole runs, the first ones
+_FARTHEST_S, _MOST_SHIFTS = 0.1, 50  # largest time shift, in seconds and in samples
+_COARSE = 21  # shifts of the coarse search
+_NOISE = 1.06  # ratio of an error to the noise between samples up to which no shift is needed
+_BETTER = 1.05  # least ratio of the errors without and with a shift
+_CLEARLY = 50.0  # chi-square of one degree of freedom: seven standard deviations
+_MOST_SAMPLES = 6_000  # samples that are used: the first whole runs
 _LEAST_SAMPLES = 200
-_NEIGHBOURS = 5  # steps on either side that say how far the motion goes from sample to sample
-_FAST = 0.3  # of the usual largest step: slower ones tell no jump from noise
-_REGULAR = 0.15  # of a step, that half of all steps may differ from their neighbours'
-_JUMPS = 1.7  # times the steps beside it
-_MOST_JUMPS = 0.1  # of the steps; more are the motion's own
+_NEIGHBOURS = 5  # steps on either side that determine the local speed
+_FAST = 0.3  # of the usual largest step; slower motion does not tell a jump from noise
+_REGULAR = 0.15  # of a step: largest median difference between neighboring steps
+_JUMPS = 1.7  # ratio to neighboring steps from which a step is a jump
+_MOST_JUMPS = 0.1  # of the steps; more belong to the motion
 _FEWEST_JUMPS = 3
-_WHOLE, _MOSTLY = 0.25, 0.8  # of a step, that jumps are off whole steps; share of the jumps
+_WHOLE, _MOSTLY = 0.25, 0.8  # deviation of a jump from whole steps, and share of the jumps within it
 
 
 def time_offset(data: ChannelData, model: Model | None) -> str | None:
@@ -78,7 +78,7 @@ def time_offset(data: ChannelData, model: Model | None) -> str | None:
 
 
 def _best_shift(left: Callable[[float], float], farthest_s: float, tolerance_s: float) -> float:
-    """The shift that leaves least within a range to either side, to a tolerance [s]."""
+    """Minimize the error over time shifts within a range, to a tolerance [s]."""
     tried = np.linspace(-farthest_s, farthest_s, _COARSE)
     rough_s = float(tried[np.argmin([left(float(delay_s)) for delay_s in tried])])
     width_s = float(tried[1] - tried[0])

@@ -26,9 +26,10 @@ from palpate.estimation.fit.measurement_model import shuffle_noise
 from palpate.estimation.signals.cache_by_array import FitCache
 from palpate.robot_io.types import BoolArray, FloatArray
 
-SMALL = 0.05  # of an error: a smaller lead decides nothing, see `palpate.estimation.diagnosis.bootstrap`
-CLEAR = 3.0 * SMALL  # a lead that needs no more data
-_STEP = 1e-3  # of an inner parameter, over which a slope is taken
+# relative difference of errors that decides nothing, see `palpate.estimation.diagnosis.bootstrap`
+SMALL = 0.05
+CLEAR = 3.0 * SMALL  # a lead that needs no further data
+_STEP = 1e-3  # step of finite differences of an inner parameter
 
 
 @dataclass(frozen=True)
@@ -113,13 +114,13 @@ class Rivals:
         return -count * float(np.sum(np.log1p(-np.clip(leads, 0.0, 0.999))))
 
     def _own(self, rival: FitResult) -> list[Effect]:
-        """The effects that a rival does not share with all others."""
+        """Effects of a rival that not all rivals share."""
         shared = set.intersection(*({e.name for e in fit.solution.model.effects} for fit in self.fits))
         return [effect for effect in rival.solution.model.effects if effect.name not in shared]
 
     @property
     def _noise(self) -> FloatArray:
-        """What the best of the models leaves."""
+        """Error of the best model."""
         best = min(self.fits, key=lambda fit: fit.solution.sse)
         return best.solution.residual[best.problem.blocked.trusted]
 
@@ -132,7 +133,7 @@ def _coarse(planned: ChannelData) -> tuple[ChannelData, BoolArray]:
 def _fitted_anywhere(
     data: ChannelData, rival: FitResult, own: Iterable[Effect], good: BoolArray, cache: FitCache
 ) -> FitResult:
-    """A rival fitted again, from where it stands or from wherever its own effects may begin.
+    """Refit a rival from its parameters and from other start values of its own effects.
 
     A diagnosis looks for inner parameters everywhere. A law that contains what is true is no worse then,
     however far from that the data so far have put it.
@@ -151,13 +152,13 @@ def _fitted_anywhere(
 
 
 def _expected(rival: FitResult, motion: ChannelData) -> FloatArray:
-    """What a rival expects of a motion, shape (n,)."""
+    """Effort that a rival predicts for a motion, shape (n,)."""
     model, known = rival.solution.model, rival.solution.parameters
     return model.predict(with_load(motion, model, known), known)
 
 
 def _slopes(rival: FitResult, motion: ChannelData) -> FloatArray:
-    """How that changes with each parameter, shape (n, p)."""
+    """Sensitivity of that prediction to each parameter, shape (n, p)."""
     model, known = rival.solution.model, rival.solution.parameters
     loaded = with_load(motion, model, known)
     gains, here = model.linearise(loaded, known)
@@ -170,12 +171,12 @@ def _slopes(rival: FitResult, motion: ChannelData) -> FloatArray:
     return scaled
 
 
-NEARLY = 0.9  # of what the best tells, that an experiment tells as well as that
+NEARLY = 0.9  # of the best experiment's expected lead, from which another one counts as equivalent
 
 
 @dataclass(frozen=True)
 class Experiment:
-    """What could be done next, and how far it is expected to set rivals apart."""
+    """A possible experiment, with how far it is expected to separate rival models."""
 
     words: str  # what an experimenter does
     duration_s: float  # how long that takes [s]
@@ -206,7 +207,7 @@ class Experiment:
 
 @dataclass(frozen=True)
 class Choice:
-    """The experiment that was chosen, and why."""
+    """The chosen experiment, with the reason."""
 
     index: int  # of the experiment among those offered
     experiment: Experiment  # what is done

@@ -20,9 +20,9 @@ from palpate.estimation.fit.fit_result import FitResult
 if TYPE_CHECKING:
     from palpate.control.probing.plan import ProbingPlan
 
-LONGEST_S = 120.0  # time that an experiment of a probing arm may take [s]
+LONGEST_S = 120.0  # longest experiment for a probing arm [s]
 _OF_THE_ARM = {"joint_position": 0, "joint_velocity": 1, "joint_acceleration": 2}  # derivatives of position
-_CHANGES = (  # how fast, how far, and words
+_CHANGES = (  # speed factor, depth factor, and words
     (3.0, 1.0, "repeat the motion three times as fast"),
     (1.0 / 3.0, 1.0, "repeat the motion at a third of its speed"),
     (1.0, 1.5, "move over one and a half times the range"),
@@ -77,7 +77,7 @@ def extent(data: ChannelData) -> str:
     return f"{deep} {far}, at up to {fast}"
 
 
-FEW_READINGS = "different readings"  # what a reason counts where the reader's steps are too coarse
+FEW_READINGS = "different readings"  # part of a reason: the resolution of the sensor is too coarse
 _RUNS = (
     "repeat the motion at least three times, slowly and fast, each as a run of its own; in a data file, a "
     "column `run` numbers them"
@@ -97,7 +97,7 @@ _BY_SIGNAL: Mapping[str, str] = {
 
 
 class NextExperiment(BaseModel):
-    """What to record next."""
+    """The next experiment, in words."""
 
     model_config = ConfigDict(frozen=True, extra="forbid")
 
@@ -110,7 +110,7 @@ class NextExperiment(BaseModel):
 
 @dataclass(frozen=True)
 class NextProbe:
-    """The experiment to run next, as the arm that made the recording can do it."""
+    """The next experiment as a command for the arm that made the recording."""
 
     plan: "ProbingPlan"  # what the arm does
     proposal: NextExperiment  # the same as a diagnosis states it
@@ -119,7 +119,7 @@ class NextProbe:
 
 
 def separating(effect: Effect, fits: Mapping[str, FitResult], data: ChannelData) -> NextExperiment:
-    """The experiment that tells an effect from those it is confused with.
+    """Choose the experiment that separates an effect from those it is confused with.
 
     Args:
         effect: that was accepted.
@@ -165,7 +165,7 @@ def exploring(signals: Sequence[str], data: ChannelData) -> NextExperiment:
 
 
 def _recorded(data: ChannelData) -> str:
-    """What the user's own motion was, to change it from there."""
+    """Description of the user's motion, from which to vary it."""
     return f"the motion recorded here goes {extent(data)}"
 
 

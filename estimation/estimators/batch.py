@@ -27,7 +27,7 @@ class Lsq(Estimator):
         return self._estimate(regression, gains, covariance)
 
 
-_ROUNDS = 5  # the weights depend on the gains only weakly: they have settled by then
+_ROUNDS = 5  # the weights depend only weakly on the gains and have converged by then
 
 
 class Weighted(Estimator):
@@ -58,7 +58,7 @@ class Weighted(Estimator):
 _STARTS = 150  # subsets of the start: of p = 4, at 40 % outliers, none is clean with probability 1e-9
 _START_SAMPLES = 400  # samples on which the starts are compared
 _ABSOLUTE_ROUNDS = 15
-_FEWEST_INSIDE = 0.55  # share of samples below which the others are no outliers but a misfit
+_FEWEST_INSIDE = 0.55  # share of inliers below which the rest is a misfit, not outliers
 
 
 class Robust(Estimator):

@@ -17,18 +17,18 @@ from palpate.estimation.statistics.uncertainty import Covariance, sandwich
 from palpate.robot_io.errors import InputError
 from palpate.robot_io.types import BoolArray, FloatArray
 
-_FAR_ABOVE = 100.0  # times the noise: no sample is beyond
-_FAR_BELOW = 0.45  # threshold over noise under which refining ends too far from where it converges
-_BLOCK = 1 << 16  # residuals held at once: they stay in the processor's cache
+_FAR_ABOVE = 100.0  # ratio of threshold to noise above which all samples are inliers
+_FAR_BELOW = 0.45  # ratio of threshold to noise below which refinement does not reach convergence
+_BLOCK = 1 << 16  # residuals held at once, so that they stay in the processor's cache
 _CUT = 2.5  # standard deviations of the noise within which a sample is an inlier
-_PILOT_SAMPLES = 400  # on which the subsets' quantiles are compared
+_PILOT_SAMPLES = 400  # samples on which the subsets' quantiles are compared
 _QUANTILE = 0.4  # of the absolute residuals: up to 60 % of the samples may be outliers
-_ROUNDING = 1e-9  # share of the effort below which residuals are the last digits of the numbers
+_ROUNDING = 1e-9  # share of the effort below which residuals are rounding errors
 
 
 @dataclass
 class Ransac(Estimator):
-    """The largest set of samples that agree within a threshold, and least squares on it.
+    """RANSAC: the largest set of samples that agree within a threshold, refined by least squares.
 
     Without a threshold it is 2.5 standard deviations of the noise: first by the least quantile of the
     subsets' absolute residuals, then by the residuals of the samples within that. The paper takes 0.01 N
@@ -84,7 +84,7 @@ class Ransac(Estimator):
     def _noise_threshold(
         self, regression: Regression, candidates: FloatArray, rng: np.random.Generator
     ) -> float:
-        """The threshold that follows the noise, in the effort's unit; candidates have shape (trials, p)."""
+        """Threshold that follows the noise [effort]; candidates have shape (trials, p)."""
         columns, effort = regression.columns, regression.effort
         least = _ROUNDING * float(np.sqrt(np.mean(effort**2))) or 1.0
         rows = rng.permutation(len(effort))[:_PILOT_SAMPLES]
@@ -149,9 +149,9 @@ def _covariance(
 
 _HYPOTHESES = 24
 _EVERY = 6  # samples between two new hypotheses
-_RECENT = 150  # samples that hypotheses are drawn from
-_STEP = 0.03  # by which a running median moves up or down per sample
-_AHEAD = 0.4  # of the estimate's own median: a rival's below it is better
+_RECENT = 150  # samples from which hypotheses are drawn
+_STEP = 0.03  # step of a running median per sample
+_AHEAD = 0.4  # ratio of medians below which a rival hypothesis replaces the estimate
 _MEDIAN_TO_SIGMA = 1.4826
 _PREEMPTIVE_CUT = 4.0  # standard deviations
 _SEED = 1

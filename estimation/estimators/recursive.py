@@ -12,11 +12,11 @@ from palpate.estimation.statistics.uncertainty import Covariance
 from palpate.robot_io.errors import InputError
 from palpate.robot_io.types import FloatArray
 
-INITIAL_VARIANCE = 1e8  # of a gain before any sample: a stiffness of 10 000 N/m is no surprise
+INITIAL_VARIANCE = 1e8  # of a gain before the first sample; allows a stiffness of 10 000 N/m
 _INITIAL_EFFORT = (
     1e3  # what any one gain may contribute to the effort, where all samples are known beforehand
 )
-_FORGOTTEN = 1e-9  # share of a sample's pull below which those before it need not be followed up
+_FORGOTTEN = 1e-9  # weight of a sample below which earlier samples are ignored
 
 
 class RecursiveEstimator(OnlineEstimator):
@@ -166,10 +166,10 @@ class Sprls(RecursiveEstimator):
         return reduced + perturbation * np.eye(len(reduced)) if perturbation else reduced
 
 
-_ALLOWANCE = 1.0  # standard deviations of a mean error that are not summed up
-_MEMORY = 0.998  # of the noise and of the columns' sizes, per sample
-_WARM_UP = 20  # samples after a start in which errors are the start's
-_FAR = 4.0  # standard deviations beyond which an error counts no more
+_ALLOWANCE = 1.0  # standard deviations of a mean error that CUSUM ignores
+_MEMORY = 0.998  # forgetting factor of noise and column norms, per sample
+_WARM_UP = 20  # samples after a start that are not tested
+_FAR = 4.0  # standard deviations at which an error is clipped
 _ROUNDING2 = 1e-18  # of the squared effort
 
 

@@ -36,7 +36,7 @@ class HuntCrossleyModel(BaseModel):
         return Model(self.name, (HuntCrossley(), *surface))
 
 
-_SPRINGY = 0.5  # correlation of force and displacement on the other side, where free air has none
+_SPRINGY = 0.5  # correlation of force and displacement beyond the surface; free air has none
 
 
 class SpringMassDamper(BaseModel):

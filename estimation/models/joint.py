@@ -52,7 +52,7 @@ class PendulumModel(BaseModel):
 
 
 def arm_of(context: ModelContext, model: str) -> tuple["RigidBody", int]:
-    """The arm, and the number of the joint from 0.
+    """The arm, and the index of the joint from 0.
 
     Args:
         context: with the URDF and the number of the joint.

@@ -1,4 +1,4 @@
-"""The channels of a study, each with its base model and the hash by which its data is known."""
+"""The channels of a study, each with its base model and a hash of its data."""
 
 import hashlib
 from collections.abc import Mapping, Sequence
@@ -70,7 +70,7 @@ class StudyChannel:
 
     @property
     def kind(self) -> ChannelKind:
-        """What its effort and motion are."""
+        """Kind of the channel's effort and motion."""
         return self.measured.kind
 
     @property

@@ -19,17 +19,17 @@ from palpate.estimation.study.source import Source
 from palpate.robot_io.errors import InputError
 from palpate.robot_io.types import BoolArray, FloatArray
 
-BEST = ("robust", "weighted", "lsq")  # whose estimate is shown where there is room for one
+BEST = ("robust", "weighted", "lsq")  # estimators of which the first available one is shown if only one fits
 MOST = 0.8  # of the samples
 ALL = "all"
-USUAL = ("lsq", "robust", "ransac")  # by which a channel is estimated where nobody names others
-SEED = 1  # of the random choices of RANSAC
+USUAL = ("lsq", "robust", "ransac")  # default estimators
+SEED = 1  # of RANSAC's random subsets
 OFFSET = "contact_offset.offset"
 
 
 @dataclass(frozen=True, repr=False)
 class ChannelEstimates(TableDisplay):
-    """One channel with what the estimators made of it."""
+    """The estimates of one channel by several estimators."""
 
     channel: ChannelData  # all samples
     rows: BoolArray  # samples that were fitted, shape (n,)
@@ -61,7 +61,7 @@ class ChannelEstimates(TableDisplay):
         return residual_scale(self.best.residuals) / self.noise.value
 
     def surface_of(self, estimate: Estimate) -> Surface | None:
-        """The surface as this estimate has it, not below the touch; None where depth was given.
+        """Position of the surface by this estimate, not below the touch; None if depth was given.
 
         Args:
             estimate: of one estimator.
@@ -77,7 +77,7 @@ class ChannelEstimates(TableDisplay):
         return replace(surface, position_m=position_m, std_err_m=std_err_m)
 
     def prediction(self) -> FloatArray:
-        """The best estimate's effort for the whole channel, shape (n,)."""
+        """Effort predicted by the best estimate for the whole channel, shape (n,)."""
         return self.model.predict(self.channel, {p.name: p.value for p in self.best.parameters})
 
     def _table(self) -> DisplayTable:

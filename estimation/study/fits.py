@@ -40,7 +40,7 @@ from palpate.robot_io.errors import InputError
 
 _FitKey = tuple[ChannelKey, tuple[str, ...]]  # a channel with its base model, and the effects that were added
 NO_BOUNDS: Mapping[str, tuple[float, float]] = MappingProxyType({})
-_MOST_FITS = 90  # in the cache; the least recently used are dropped, and would be computed again
+_MOST_FITS = 90  # size of the cache; the least recently used fits are dropped and computed again
 
 
 class StudyFits(TableDisplay):
@@ -85,7 +85,7 @@ class StudyFits(TableDisplay):
 
     @property
     def own_effects(self) -> tuple[Effect, ...]:
-        """The user's own effects."""
+        """Effects defined by the user."""
         return tuple(self._library[name] for name in self._own)
 
     @cached_property

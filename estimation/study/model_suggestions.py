@@ -1,4 +1,4 @@
-"""What would explain a measurement better: another base model, or runs that each met a fresh object."""
+"""Suggest another base model, or runs on fresh objects, if these explain a measurement better."""
 
 from dataclasses import replace
 
@@ -13,8 +13,8 @@ from palpate.estimation.study.fitting import fit_base
 from palpate.estimation.study.study import ModelStudy
 from palpate.robot_io.errors import InputError
 
-FAR_BETTER = 0.5  # of the error in held-out runs
-_NO_WORSE = 1.02  # times the error of a model that is complete
+FAR_BETTER = 0.5  # ratio of held-out errors below which another base model is suggested
+_NO_WORSE = 1.02  # ratio to the error of a complete model
 
 
 def better_model(
@@ -65,11 +65,11 @@ def better_explanation(
     return better_model(study, channel, most, len(final.parameters))
 
 
-_BETTER = 0.95  # of the error in held-out runs, that another way to count must leave at most
+_BETTER = 0.95  # ratio of held-out errors below which independent runs are suggested
 
 
 def on_clocks_of_their_own(data: ChannelData) -> ChannelData:
-    """The channel with a clock that begins anew in each run: none is another's sequel.
+    """Restart the clock of a channel in each run, so that no run continues another.
 
     Args:
         data: the channel.
@@ -78,7 +78,7 @@ def on_clocks_of_their_own(data: ChannelData) -> ChannelData:
 
 
 def relaxes_afresh(data: ChannelData, model: Model) -> bool:
-    """Whether an object that relaxes, and was new to each run, explains more than one that was not.
+    """Check whether an object that relaxes, and is new to each run, explains more than the same object.
 
     Args:
         data: a contact; of any other channel nothing is said.
@@ -93,7 +93,7 @@ def relaxes_afresh(data: ChannelData, model: Model) -> bool:
 
 
 def explained_by_fresh_runs(study: ModelStudy, diagnosis: ChannelDiagnosis) -> bool:
-    """Whether something relaxes, is not explained in full, and would be if no run remembered another.
+    """Check whether relaxation is only partly explained, and would be fully if runs were independent.
 
     Args:
         study: the measurement and its fits.

@@ -26,15 +26,16 @@ from palpate.robot_io.errors import InputError
 from palpate.robot_io.types import FloatArray
 
 Grown = Sequence[tuple[StudyChannel, Sequence[str]]]  # channels with what was added to their base models
-_LONGEST, _FEWEST, _MOST = 0.1, 25, 400  # lags: share of the median run, and samples
-_ALIKE = 0.9  # share of the longer run that the shorter one must last, to be put over it
-_SAME_MOTION = 0.1  # largest difference of two motions, in that of the motion itself, that passes for none
-_NOTHING = 0.05  # noise floors that a parameter's difference must change the effort by, to be worth a word
+# lags: largest share of the median run, least and largest number of samples
+_LONGEST, _FEWEST, _MOST = 0.1, 25, 400
+_ALIKE = 0.9  # least share of the longer run that the shorter run must last, to compare over time
+_SAME_MOTION = 0.1  # largest relative difference of two motions that count as equal
+_NOTHING = 0.05  # noise levels by which a parameter's difference must change the effort to be reported
 
 
 @dataclass(frozen=True, eq=False)
 class Side:
-    """One of two."""
+    """One of two compared measurements or models."""
 
     name: str  # by which it is told from the other
     channel: StudyChannel  # with its base model
@@ -44,17 +45,17 @@ class Side:
 
     @property
     def data(self) -> ChannelData:
-        """The measurement, with the signals that were derived for the model."""
+        """The measurement, with the signals derived for the model."""
         return self.channel.measured if self.compared is None else self.compared.fitted.data
 
     @property
     def model(self) -> str:
-        """The model's name, with the effects that were added."""
+        """Name of the model, with the added effects."""
         return " + ".join([self.channel.model.name, *self.effects])
 
     @property
     def parameters(self) -> Mapping[str, ParameterEstimate]:
-        """By "effect.parameter"; none where nothing was fitted."""
+        """Parameters by "effect.parameter"; empty if nothing was fitted."""
         return {} if self.compared is None else self.compared.parameters
 
     @property
@@ -75,12 +76,12 @@ class Side:
 
     @cached_property
     def autocorrelation(self) -> Correlation:
-        """Of what the model leaves."""
+        """Autocorrelation of the residual."""
         return autocorrelation(self.residual, self.data.run, self.lags)
 
     @cached_property
     def cross_correlation(self) -> Correlation:
-        """Of what the model leaves with the velocity."""
+        """Cross-correlation of the residual with the velocity."""
         return cross_correlation(self.residual, self.data.velocity, self.data.run, self.lags)
 
     def floors_of(self, other: "Side") -> float:
@@ -108,7 +109,7 @@ class Side:
             return None
 
     def fit_of(self, other: "Side") -> float:
-        """How far this side's model describes the other's measurement; its own in held-out runs [%].
+        """Variance that this side's model explains in the other's measurement; in its own held-out runs [%].
 
         Args:
             other: the side whose measurement is described.
@@ -152,7 +153,7 @@ class ParameterDifference:
 
     @property
     def differs(self) -> bool | None:
-        """Whether the interval leaves zero out, and the effort shows it; None where there is no interval."""
+        """Whether the difference is significant and affects the effort; None if there is no interval."""
         if not np.isfinite(self.half):
             return None
         return bool(abs(self.value) > self.half) and self.floors > _NOTHING
@@ -172,7 +173,7 @@ class Sides(TableDisplay):
 
     @property
     def is_same_data(self) -> bool:
-        """Whether both are of one measurement, and only the models are two."""
+        """Whether both sides have the same measurement and differ only in the model."""
         return self.first.channel.sha256 == self.second.channel.sha256
 
     @cached_property
@@ -229,7 +230,7 @@ class Sides(TableDisplay):
         return slopes_of(fitted.model, fitted.data, fitted.values)
 
     def _floors_of(self, name: str) -> float:
-        """By how many noise floors a parameter's difference changes the effort; infinite if not known."""
+        """Effect of a parameter's difference on the effort, in noise levels; infinite if unknown."""
         a, b = self.first.compared, self.second.compared
         if a is None or b is None or not {name} <= a.parameters.keys() & b.parameters.keys():
             return float("inf")
@@ -241,7 +242,7 @@ class Sides(TableDisplay):
 
     @cached_property
     def overlay(self) -> FloatArray | None:
-        """The second's effort at the times of the first, shape (n,); None where it is no repetition."""
+        """The second's effort at the times of the first, shape (n,); None if the motion was not repeated."""
         return self._at_times_of_first(self.second.data.effort)
 
     def _at_times_of_first(self, values: FloatArray) -> FloatArray | None:
@@ -263,12 +264,12 @@ class Sides(TableDisplay):
 
     @property
     def followed(self) -> float:
-        """How far the second's effort follows the first's over time [%]; NaN where it is no repetition."""
+        """Agreement of the two efforts over time [%]; NaN if the motion was not repeated."""
         return float("nan") if self.overlay is None else fit_percent(self.first.data.effort, self.overlay)
 
     @property
     def apart(self) -> float:
-        """How far the two efforts are apart over time, in what the noise of both makes; NaN if not known."""
+        """Difference of the two efforts over time, relative to the noise of both; NaN if unknown."""
         a, b = self.first.compared, self.second.compared
         if self.overlay is None or a is None or b is None:
             return float("nan")

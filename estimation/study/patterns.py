@@ -1,4 +1,4 @@
-"""What the parts of an error have in common: where it is, and with what it changes."""
+"""Find patterns in an error: where it is large, and what it depends on."""
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -10,12 +10,12 @@ from palpate.control.loop.task import Phase
 from palpate.estimation.channel import ChannelData
 from palpate.robot_io.types import BoolArray, FloatArray
 
-_TOLD = 0.5  # share of the error that the parts' means must make, to be called a pattern
-_TURNS = 0.3  # the same where the error only changes with the direction
-_GROWS = 2.0  # error in the last part over that in the first
-_ONE_SIGN = 0.7  # of the error, that is its mean where it has one sign
-_OTHER = 1.2  # times as much must go with what follows another split as with that
-_MOST = 2  # patterns that are said
+_TOLD = 0.5  # least share of the error in the means of the parts, to report a pattern
+_TURNS = 0.3  # the same if the error only depends on the direction
+_GROWS = 2.0  # ratio of the errors in the last and first parts
+_ONE_SIGN = 0.7  # share of the error in its mean if it has one sign
+_OTHER = 1.2  # least ratio by which another split must explain more
+_MOST = 2  # patterns that are reported
 
 # the effort depends on the place and the way, and a phase says where that is and which way it goes
 _FOLLOWS: Mapping[str, tuple[str, ...]] = {
@@ -38,7 +38,7 @@ class Part:
 
 @dataclass(frozen=True)
 class Pattern:
-    """How an error is spread."""
+    """A pattern in an error."""
 
     by: str  # way of splitting in which it shows
     words: str  # such as "changes with the direction of motion"
@@ -96,7 +96,7 @@ def _of_split(by: str, parts: Sequence[Part], share: float) -> Iterator[tuple[st
 
 
 def _about_their_mean(parts: Sequence[Part]) -> list[Part]:
-    """The parts as if the mean of all were taken off the error."""
+    """The parts after the overall mean was subtracted from the error."""
     mean = float(np.average([part.mean for part in parts], weights=[part.samples for part in parts]))
     sizes = [float(np.sqrt(max(part.rmse**2 + mean**2 - 2.0 * mean * part.mean, 0.0))) for part in parts]
     return [replace(part, mean=part.mean - mean, rmse=size) for part, size in zip(parts, sizes, strict=True)]

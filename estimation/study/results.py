@@ -1,4 +1,4 @@
-"""What a study hands out: small frozen objects, which a notebook shows as tables."""
+"""Results of a study: immutable objects, which a notebook shows as tables."""
 
 from dataclasses import dataclass
 
@@ -26,13 +26,13 @@ class Stage:
 
     @property
     def parameters(self) -> dict[str, ParameterEstimate]:
-        """By "effect.parameter"."""
+        """Parameters by "effect.parameter"."""
         return dict(self.fitted.parameters)
 
 
 @dataclass(frozen=True, eq=False, repr=False)
 class ChannelResult(TableDisplay):
-    """One channel with all that is known about it."""
+    """One channel with all its results."""
 
     channel: StudyChannel  # the channel and its base model
     diagnosis: ChannelDiagnosis | None = None  # what is missing; None where nobody asked
@@ -52,12 +52,12 @@ class ChannelResult(TableDisplay):
 
     @property
     def left_out(self) -> bool:
-        """Whether more was added than is shown; `reason` says why."""
+        """Whether more effects were added than are shown; `reason` explains why."""
         return bool(self.stages and self.reason)
 
     @property
     def shown(self) -> Comparison | None:
-        """The fullest model beside the measurement."""
+        """The comparison of the largest model with the measurement."""
         return self.grown or self.comparison
 
     def _table(self) -> DisplayTable:
@@ -79,7 +79,7 @@ class ChannelResult(TableDisplay):
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Change(TableDisplay):
-    """What adding or removing effects did."""
+    """Result of adding or removing effects."""
 
     result: ChannelResult  # all stages of the channel, from the base model on
     revisions: tuple[Revision, ...]  # those that are new
@@ -90,7 +90,7 @@ class Change(TableDisplay):
 
 
 class StudyDiagnosis(TableDisplay, Diagnosis):
-    """A diagnosis whose errors and parameters are those of the study's own fits."""
+    """A diagnosis whose errors and parameters come from the study's own fits."""
 
     def _table(self) -> DisplayTable:
         rows = [

@@ -18,13 +18,13 @@ from palpate.robot_io.errors import InputError
 from palpate.robot_io.files.whole_file import whole_file
 
 FOLDER = "revisions"
-MOST = 999_999  # a number beyond was not given by palpate
+MOST = 999_999  # larger numbers are not created by palpate
 Sized = Annotated[float, Field(ge=-LARGEST, le=LARGEST)]
 SizedError = Annotated[float, Field(ge=0.0, le=LARGEST)]
 
 
 class KeptParameter(ParameterValue):
-    """One parameter, of a size that can be computed with."""
+    """One parameter with a finite value of limited size."""
 
     model_config = ConfigDict(allow_inf_nan=False)
 
@@ -72,7 +72,7 @@ class Revisions:
 
     @property
     def is_there(self) -> bool:
-        """Whether any revision was ever kept in the folder."""
+        """Whether the folder has ever had a revision."""
         return self._folder is not None and self._folder.is_dir()
 
     def all(self) -> tuple[Revision, ...]:
@@ -171,7 +171,7 @@ def _damaged(file: Path, why: str) -> InputError:
 
 
 def _flaws(revision: Revision, number: int) -> Iterator[str]:
-    """What makes no sense in a revision, which may have been edited by hand, in a few words each."""
+    """List errors in a revision, which may have been edited by hand."""
     if revision.number != number:
         yield f"its number is {revision.number}"
     if revision.parent is not None and not 0 <= revision.parent < number:

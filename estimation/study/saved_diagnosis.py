@@ -1,4 +1,4 @@
-"""A diagnosis in its file: read again only for the very data and base models that it is about."""
+"""Save a diagnosis, and read it only for the same data and base models."""
 
 import json
 from collections.abc import Iterator, Mapping, Sequence
@@ -14,19 +14,19 @@ from palpate.estimation.study.channels import StudyChannel
 from palpate.robot_io.errors import InputError
 
 RESULT = "diagnosis.json"
-_SAME = 1e-3  # share of a value, or of its standard error, that two fits of the same data may differ by
-_ABOUT = "judged"  # key under which the file says what data and base models it is about
+_SAME = 1e-3  # relative difference, or share of a standard error, up to which two fits agree
+_ABOUT = "judged"  # key of the data and base models that the file refers to
 
 
 class _About(BaseModel):
-    """What one channel's diagnosis is about."""
+    """Identity of the data and base model of a saved channel diagnosis."""
 
     model: str
     data_sha256: str
 
 
 class _KeptDiagnosis(Diagnosis):
-    """The file."""
+    """A file with a saved diagnosis."""
 
     judged: dict[str, _About]
 
@@ -88,7 +88,7 @@ def is_other(saved: float, fitted: float, std_err: float = 0.0) -> bool:
 
 MOST_BYTES = 16_000_000
 MOST_TEXT = 4000  # characters
-_CHECKSUM = "sha256"  # key of the SHA-256 of all else in the file
+_CHECKSUM = "sha256"  # key of the SHA-256 of the rest of the file
 Kept = TypeVar("Kept", bound=BaseModel)
 
 

@@ -32,12 +32,12 @@ if TYPE_CHECKING:
     from palpate.robot_io.session import Session
 
 NO_OPTIONS = ImportOptions()
-IN_MEMORY = "data"  # what measurements without a file are called
+IN_MEMORY = "data"  # name of measurements without a file
 
 
 @dataclass(frozen=True)
 class Source:
-    """What was measured."""
+    """A measurement."""
 
     name: str  # of the file, for people
     channels: tuple[ChannelData, ...]  # efforts with their motion, as they were measured
@@ -55,7 +55,7 @@ class Source:
 
     @property
     def probed(self) -> bool:
-        """Whether an arm was to touch something."""
+        """Whether the recording was meant to touch an object."""
         from palpate.control.loop.tick_record import STREAM_NAME  # noqa: PLC0415, needs the MCAP library
 
         return self.session is not None and STREAM_NAME in self.session.stream_names
@@ -96,7 +96,7 @@ class Source:
         return replace(self, channels=tuple(left))
 
     def tared(self) -> tuple[ChannelData, ...]:
-        """The channels with the force in free air taken off that of a probing, which a stiffness needs."""
+        """The channels with the force in free air subtracted, which a stiffness needs."""
         if self.session is None:
             return self.channels
         from palpate.estimation.data.channels import session_channels  # noqa: PLC0415, needs the MCAP library
@@ -225,7 +225,7 @@ def _of_file(path: Path, options: ImportOptions) -> Source:
 
 
 def _arrow(data: Any) -> pa.Table:  # noqa: ANN401
-    """A table of any library: by Arrow's own interface, else column by column."""
+    """Convert a table of any library, through Arrow's interface or column by column."""
     names = list(data) if isinstance(data, Mapping) else list(getattr(data, "columns", ()))
     if isinstance(data, pa.Table):
         return data
@@ -243,7 +243,7 @@ def _arrow(data: Any) -> pa.Table:  # noqa: ANN401
 
 
 def _plain(values: Any) -> np.ndarray[Any, Any]:  # noqa: ANN401
-    """An array of a column; what is masked is no number."""
+    """Convert a column to an array; masked values become NaN."""
     if isinstance(values, np.ma.MaskedArray):
         return np.asarray(np.ma.filled(values.astype(np.float64), np.nan))
     return np.asarray(values)

@@ -1,4 +1,4 @@
-"""One study: data, models, revisions and results, in which each number is computed once."""
+"""A study: data, models, revisions and results of one measurement, each computed once."""
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace

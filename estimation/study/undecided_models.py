@@ -19,9 +19,9 @@ from palpate.estimation.study.study import ModelStudy
 from palpate.robot_io.errors import InputError
 
 MOST = 6  # rivals that are compared with each other
-_ALONE = 4  # the same where it is not known what is missing, the established model among them
-_CONTAINED = 1e-3  # of the energy of what a law adds, that is left where another contains it
-_UNSEEN = (1.0 + SMALL) ** 2 - 1.0  # of the energy of the noise: it raises the error by what decides nothing
+_ALONE = 4  # the same, with the accepted model, if it is unknown what is missing
+_CONTAINED = 1e-3  # energy that remains of a law, relative to what it adds, if another law contains it
+_UNSEEN = (1.0 + SMALL) ** 2 - 1.0  # relative to the noise energy: a smaller difference changes no decision
 
 
 def is_undecided(diagnosis: ChannelDiagnosis) -> bool:
@@ -151,7 +151,7 @@ def _with_the_simplest_in(
 def _with_numbers(
     study: ModelStudy, channel: StudyChannel, diagnosis: ChannelDiagnosis, accepted: Sequence[Accepted]
 ) -> ChannelDiagnosis:
-    """The diagnosis with other accepted effects, and the numbers of their fits."""
+    """The diagnosis with other accepted effects and the numbers of their fits."""
     changed = diagnosis.model_copy(update={"accepted": list(accepted)})
     if diagnosis.baseline is None or diagnosis.final is None or diagnosis.noise_floor is None:
         return changed
@@ -180,7 +180,7 @@ def _with_numbers(
 
 
 def _contains_another(larger: FitResult, others: Iterable[FitResult]) -> bool:
-    """Whether a model draws what a simpler one does, or has become something else than its name says."""
+    """Check whether a model is equivalent to a simpler one, or an effect is no longer what its name says."""
     simpler = [smaller for smaller in others if _is_simpler(smaller, larger)]
     if simpler and is_misnamed(larger.solution.model.effects[-1], larger.solution, larger.problem):
         return True
@@ -188,7 +188,7 @@ def _contains_another(larger: FitResult, others: Iterable[FitResult]) -> bool:
 
 
 def _is_simpler(smaller: FitResult, larger: FitResult) -> bool:
-    """Whether a model is simpler than another that differs from it in the last effect."""
+    """Check whether a model is simpler than another that differs in the last effect."""
     last = larger.solution.model.effects[-1]
     if last.parts and {effect.name for effect in smaller.solution.model.effects} >= set(last.parts):
         return False
@@ -198,7 +198,7 @@ def _is_simpler(smaller: FitResult, larger: FitResult) -> bool:
 
 
 def _contains(larger: FitResult, smaller: FitResult) -> bool:
-    """Whether a model, fitted anew, draws what a smaller one expects, but for noise."""
+    """Check whether a refitted model predicts what a smaller one does, except for noise."""
     blocked, model, known = smaller.problem.blocked, smaller.solution.model, smaller.solution.parameters
     motion, cache = decimate(blocked), FitCache()
     drawn = replace(motion, effort=model.predict(with_load(motion, model, known), known))
