@@ -171,7 +171,7 @@ class ChannelData:
     context: Mapping[str, FloatArray] = field(default_factory=dict)
     # Where the surface was found from which position counts; None where displacement was given.
     surface: Surface | None = None
-    tare: Tare | None = None  # what was taken off the effort as measured; None where nothing was
+    tare: Tare | None = None  # what was subtracted from the measured effort; None if nothing
     # Names of those signals of the context that a user recorded beside,
     # such as a temperature; each of shape (n,).
     recorded: frozenset[str] = frozenset()

@@ -109,7 +109,7 @@ class Effect(ABC):
     needs: ClassVar[tuple[str, ...]] = ()
     # Effects that data often cannot tell from this one, with the experiment that can.
     confused_with: ClassVar[Mapping[str, str]] = {}
-    parts: ClassVar[tuple[str, ...]] = ()  # effects that may together draw the same curve as this one
+    parts: ClassVar[tuple[str, ...]] = ()  # effects that together may describe the same curve
     form: int = 0  # which of its forms it is, see `forms`
 
     def starts(self, data: ChannelData) -> tuple[Inner, ...]:
@@ -139,7 +139,7 @@ class Effect(ABC):
     def is_misnamed(
         self, data: ChannelData, parameters: Mapping[str, float], errors: Errors, noise: float
     ) -> bool:
-        """Whether these parameters make it another thing than its name says, though within their bounds.
+        """Check whether these parameters, within their bounds, make the effect imitate something else.
 
         A model with such an effect may fit well, and still says nothing for the effect.
 

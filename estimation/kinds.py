@@ -80,7 +80,7 @@ _DESCRIPTIONS = {
     Kind.OTHER: "other effects",
 }
 
-# Experiments that separate two kinds, where one of them can stand in for the other.
+# Experiments that separate two kinds, if one of them can replace the other.
 _SEPARATING = {
     frozenset({Kind.RATE_DEPENDENCE, Kind.SENSOR_DYNAMICS}): "move at two speeds that differ by a factor of "
     "five: the force of a damper grows with the speed, the delay of a reading does not change",

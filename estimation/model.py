@@ -153,7 +153,7 @@ class Model:
             inner: a value for each of `self.inner`.
 
         Returns:
-            Columns and the effort still to be explained (known parts already taken off).
+            Columns and the effort to be explained, without its known parts.
 
         Raises:
             InputError: a sensor effect of the model is not linear.

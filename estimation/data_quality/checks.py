@@ -265,7 +265,7 @@ def _runs(data: ChannelData) -> str | None:
 
 
 def _motion_once(data: ChannelData) -> str | None:
-    """Say what one way tells alike: a single run's parts are held out at other places."""
+    """Report kinds that monotonic motion cannot tell apart; pieces of a single run are held out elsewhere."""
     if len(data.runs) > 1:
         if data.kind is not ChannelKind.CONTACT or not never_returns(data.position, data.run):
             return None

@@ -40,7 +40,7 @@ _CLEARLY = 1.5
 
 
 def mistaken_units(data: ChannelData) -> str | None:
-    """Say which unit is hardly the one it is said to be; None if nothing says so.
+    """Report a unit that is probably wrong; None if all are plausible.
 
     Args:
         data: the channel.
@@ -109,7 +109,7 @@ def misaligned(data: ChannelData) -> str | None:
 
 
 def no_contact(data: ChannelData) -> str | None:
-    """Why nothing was pressed, or not as it is said; None if it was.
+    """Report why there is no contact, or a contact with a wrong sign; None if there is a contact.
 
     Args:
         data: the channel.

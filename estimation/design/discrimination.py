@@ -1,4 +1,4 @@
-"""How far an experiment would set rival models apart.
+"""How well an experiment would separate rival models.
 
     lead(i, j) = 1 - sqrt( E_i^2 / E_j^2 ),    E_j^2 = 1/n min_theta |y_i - f_j(theta)|^2
 
@@ -79,11 +79,11 @@ class Rivals:
         return self._beyond_now(leads, [fit.solution.sse for fit in self.fits])
 
     def expected(self, planned: ChannelData, rng: np.random.Generator) -> FloatArray:
-        """Leads (r, r) in held-out runs, all models fitted again to data drawn from each; see `promised`.
+        """Leads (r, r) in held-out runs, all models refitted to data simulated from each; see `promised`.
 
         Args:
             planned: the channel with the planned motion; its effort is ignored.
-            rng: for the noise of the drawn data.
+            rng: for the noise of the simulated data.
         """
         motion, good = _coarse(planned)
         kept = np.concatenate([self.good, good])
@@ -215,7 +215,7 @@ class Choice:
 
 
 def choose(offered: Sequence[Experiment]) -> Choice | None:
-    """Choose the experiment that tells most; of nearly equal ones, the one with most evidence.
+    """Choose the experiment that separates rivals best; of nearly equal ones, the one with most evidence.
 
     A rival of many parameters that little evidence speaks against gives way in one place, and comes back by
     another. Where nothing is known of its weight, the shortest is chosen.
@@ -248,6 +248,6 @@ def _together(leads: FloatArray, others: FloatArray) -> FloatArray:
 
 
 def _share_told(leads: FloatArray) -> float:
-    """Share of all pairs that are expected to be told apart; a lead that is not clear counts in part."""
+    """Share of pairs of rivals that are expected to be separated; a lead that is not clear counts in part."""
     pairs = leads[~np.eye(len(leads), dtype=bool)]
     return float(np.mean(np.clip(pairs / CLEAR, 0.0, 1.0))) if len(pairs) else 0.0

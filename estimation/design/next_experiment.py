@@ -115,7 +115,7 @@ class NextProbe:
     plan: "ProbingPlan"  # what the arm does
     proposal: NextExperiment  # the same as a diagnosis states it
     reason: str  # why it was chosen
-    channels: tuple[str, ...]  # of which it tells
+    channels: tuple[str, ...]  # channels that it informs
 
 
 def separating(effect: Effect, fits: Mapping[str, FitResult], data: ChannelData) -> NextExperiment:

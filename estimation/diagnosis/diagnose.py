@@ -58,8 +58,8 @@ def diagnose(
         data: one channel or several.
         model: the base model of all, or one for each channel.
         effects: the library of hypotheses; by default all that palpate knows.
-        rng: for all draws.
-        progress: told what is being done and which share of that is done.
+        rng: for bootstrap samples and permutations.
+        progress: called with the current step and the finished share of it.
         file: what the data came from, for the record.
         processes: that share the channels.
 

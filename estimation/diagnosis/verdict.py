@@ -221,7 +221,7 @@ def _budget(evidence: Evidence) -> tuple[list[BudgetShare], Rest]:
         by_laws = partial.budget_with(frozenset(kinds.values()))
         without_name = (entry.share for entry in by_laws.entries if entry.kind not in kinds.values())
         imitates = max(without_name, default=0.0) > _IMITATION * budget.left
-        # Names that leave clearly less than laws, or that a law imitates, are told from other kinds.
+        # Effects that fit clearly better than the laws, or that a law imitates, are not replaceable.
         if budget.left > AS_GOOD * by_laws.left and not imitates:
             replaceable = {entry.kind: entry.replaceable_by for entry in by_laws.entries}
         budget = budget if budget.left <= by_laws.left or imitates else by_laws

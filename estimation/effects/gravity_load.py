@@ -90,7 +90,7 @@ _OF_ARM = "payload_effort_per_kg"  # which every joint of an arm has whose kinem
 
 
 class GravityTilt(AdditiveEffect):
-    """effort = tilt * cos(q) beside a pendulum, whose own sin(q) takes up what the tilt takes off its weight.
+    """effort = tilt * cos(q) beside a pendulum, whose sin(q) absorbs the reduction of its weight by the tilt.
 
     An arm of known weight g has nothing to take that up: with the base turned by t about the axis of the
     first joint, effort = sin(t) dg/dt + (cos(t) - 1) g.

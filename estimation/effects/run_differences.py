@@ -81,7 +81,7 @@ class RunVariation(SensorEffect):
         return _least_squares(self.basis(data, inner), chosen, left, block_index(data.run)[0])[:, :, 0]
 
     def spread(self, effort: FloatArray, data: ChannelData, inner: Inner) -> FloatArray:
-        """Standard deviation of the values from run to run, shape (k,), noise of the first part taken off.
+        """Standard deviation of the values between runs, shape (k,), without the noise of the first parts.
 
         About their mean: what all runs have in common, the model lacks.
 
@@ -158,7 +158,7 @@ def _least_squares(basis: FloatArray, rows: BoolArray, target: FloatArray, start
 
 
 class RunOffset(RunVariation):
-    """reading = effort + b_r in run r, b_r Gaussian about zero; the run's first part tells it."""
+    """reading = effort + b_r in run r, b_r Gaussian about zero; estimated from the run's first part."""
 
     name = "run_offset"
     kind = Kind.RUN_DIFFERENCES
@@ -183,9 +183,9 @@ _TELLING_EFFORT = 0.25  # of a run's squared effort
 
 
 class RunGain(RunVariation):
-    """reading = (1 + b_r) effort in run r, b_r Gaussian about zero; the run's first part tells it.
+    """reading = (1 + b_r) effort in run r, b_r Gaussian about zero; estimated from the run's first part.
 
-    Here that part lasts until a quarter of the squared effort has come in: free air tells of no gain.
+    That part lasts until a quarter of the squared effort has occurred, since free air does not show a gain.
     """
 
     name = "run_gain"
@@ -237,7 +237,7 @@ class RunGain(RunVariation):
 
 
 class RunRipple(RunVariation):
-    """reading = effort + s_r sin(n q) + c_r cos(n q) in run r; the run's first part tells s_r and c_r."""
+    """reading = effort + s_r sin(n q) + c_r cos(n q) in run r, estimated from the run's first part."""
 
     name = "run_ripple"
     kind = Kind.RUN_DIFFERENCES

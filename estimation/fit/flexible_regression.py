@@ -106,7 +106,7 @@ def fit_flexible(
     owner = np.concatenate([[number] * part.shape[1] for number, part in enumerate(parts, -2)])
     columns = np.column_stack(parts)
     equations = problem.normal_equations(columns, target, names)
-    # Is the model better with what windows took off, and is that about as large as it should be?
+    # Is the model better with a correction of smoothing bias, and is the correction plausible?
     taken = columns[:, owner == -1]
     biased, plain = (solve_normal_equations(equations.only(which)) for which in (owner < 0, owner == -2))
     is_smoothing = taken.size > 0 and biased.held_out.sum() <= plain.held_out.sum()

@@ -1,4 +1,4 @@
-"""Readings of a motion drawn again: the same true motion, read through the same chain with other errors.
+"""Model of how a motion was measured, which simulates the same motion with new reading errors.
 
 A measured motion is a reading, not the motion. Its errors (steps of an encoder, noise of a tracker) pass
 through the derivation of velocity and acceleration, and what a model makes of them looks like a law of the
@@ -162,7 +162,7 @@ def shuffle_noise(noise: FloatArray, run: IntArray, rng: np.random.Generator) ->
 
 
 def low_frequency_noise(error: FloatArray, run: IntArray, half: int, rng: np.random.Generator) -> FloatArray:
-    """Errors slower than a smoothing window lets show, (n,), drawn at the density that it leaves beside.
+    """Simulate errors (n,) below the cutoff of a smoothing window, with the spectral density just above it.
 
     A reading's error does not end at the frequency where the smooth motion begins. That is about where a
     cubic fit to 2 h + 1 samples passes half of a wave's size (for short windows, rather higher): R. W.

@@ -56,7 +56,7 @@ def surrogate_residuals(noise: FloatArray, run: IntArray, rng: np.random.Generat
     Args:
         noise: residuals, shape (w,).
         run: of each, shape (w,).
-        rng: for the draws.
+        rng: for the surrogates.
     """
     made = np.empty((COUNT, len(noise)))
     for number in np.unique(run):

@@ -81,7 +81,7 @@ def relaxes_afresh(data: ChannelData, model: Model) -> bool:
     """Check whether an object that relaxes, and is new to each run, explains more than the same object.
 
     Args:
-        data: a contact; of any other channel nothing is said.
+        data: a contact channel; there is no suggestion for other channels.
         model: all that is known of it but relaxation, or with it.
     """
     afresh = on_clocks_of_their_own(data)

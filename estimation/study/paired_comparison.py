@@ -37,7 +37,7 @@ _NOTHING = 0.05  # noise levels by which a parameter's difference must change th
 class Side:
     """One of two compared measurements or models."""
 
-    name: str  # by which it is told from the other
+    name: str  # label of this side
     channel: StudyChannel  # with its base model
     effects: Sequence[str]  # that were added to it
     compared: Comparison | None  # compare the model with the measurement; None where it cannot be judged
@@ -307,7 +307,7 @@ def side_by_side(
     Args:
         first: what is compared with.
         second: what is compared.
-        names: by which they are told apart.
+        names: labels of the two studies.
         grown: of each study, channels with effects that were added; None for all with their base models.
 
     Raises:

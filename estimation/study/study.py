@@ -148,7 +148,7 @@ class ModelStudy(StudyRevisions):
         longest_s: float = LONGEST_S,
         progress: fitting.Progress = lambda what, share: None,
     ) -> NextProbe | None:
-        """Plan the experiment that best tells apart what diagnoses of this study have not decided.
+        """Plan the experiment that best separates the models among which diagnoses have not decided.
 
         This is the one place that decides it: `diagnose` puts the plan into its result, and commands, page
         and `palpate resolve` run it. It is planned once for the same verdicts and effects.
@@ -159,7 +159,7 @@ class ModelStudy(StudyRevisions):
             progress: called with the current step and the share of it that is done.
 
         Returns:
-            The probe; None where the data come from no probing arm, or no probe that it can do tells more.
+            The probe; None if the data come from no probing arm, or no possible probe would tell more.
 
         Raises:
             InputError: the session's own copies of robot file or plan are not valid.
@@ -393,7 +393,7 @@ class ModelStudy(StudyRevisions):
         """Return the channel with the signals that a fit derives, such as the load of a joint."""
         try:
             return self.fit(channel).data
-        except InputError:  # it cannot be judged; whoever chooses it is told why
+        except InputError:  # the channel cannot be judged; the reason is reported when it is selected
             return channel.data
 
     def _newest_result(self, channel: StudyChannel) -> ChannelResult:

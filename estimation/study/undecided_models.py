@@ -44,7 +44,7 @@ def rival_effects(diagnosis: ChannelDiagnosis, effects: Iterable[Effect]) -> lis
 
     Args:
         diagnosis: the diagnosis.
-        effects: the library; an effect that is what others are together stands in the place of all of them.
+        effects: the library; a composite effect replaces all its parts.
     """
     names = [entry.effect for entry in diagnosis.accepted]
     parts = {effect.name: effect.parts for effect in effects}
