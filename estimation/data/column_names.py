@@ -208,14 +208,20 @@ WORDS: Mapping[str, frozenset[str]] = MappingProxyType(
         quantity: frozenset(words.split())
         for quantity, words in {
             "time": "t time times zeit prüfzeit testzeit messzeit temps tempo tiempo timestamp sec seconds "
-            "clock millis micros",
+            "clock millis micros tijd czas čas zaman süre saat время 時間 时间 시간",
             "displacement": "x z d depth disp displacement indentation deformation stroke extension "
-            "compression travel distance crosshead traverse deflection weg standardweg traversenweg hub",
-            "force": "f fz fn force load kraft standardkraft prüfkraft normalkraft last forcez forza",
+            "compression travel distance crosshead traverse deflection weg standardweg traversenweg hub "
+            "déplacement enfoncement allongement desplazamiento alargamiento deslocamento spostamento "
+            "verplaatsing przemieszczenie posunutí deplasman yerdeğiştirme uzama перемещение 変位 位移 变位 "
+            "ストローク 변위",
+            "force": "f fz fn force load kraft standardkraft prüfkraft normalkraft last forcez forza fuerza "
+            "carga força kracht siła síla kuvvet yük сила нагрузка 荷重 試験力 载荷 力 하중",
             "torque": "iq tau torque torques moment drehmoment effort efforts current currents strom "
-            "motorstrom",
-            "position": "q angle angles theta pos position positions winkel",
-            "velocity": "v vel dq qd velocity speed geschwindigkeit omega",
+            "motorstrom coppia koppel tork トルク 扭矩",
+            "position": "q angle angles theta pos position positions winkel posición posição posizione "
+            "pozycja konum 位置 角度",
+            "velocity": "v vel dq qd velocity speed geschwindigkeit omega vitesse velocidad velocidade "
+            "velocità snelheid prędkość hız 速度",
             RUN: "run trial cycle test rep repeat press",
         }.items()
     }
@@ -317,15 +323,18 @@ def guess_columns(names: Sequence[str], clocks: Collection[str] = ()) -> list[Gu
     shared = len(joints) < 2 and any(
         guess.quantity == "torque" and guess.joint is None and guess.rank > _BY_PAIR for guess in guesses
     )
-    no_clock = all(guess.quantity != "time" for guess in guesses)
+    # Where the names make no channel, the last word of a name without a unit counts too: "Standard force".
+    wanted = {"time"} - {guess.quantity for guess in guesses}
+    if not keys_of_channels({guess.key for guess in guesses if guess.quantity}):
+        wanted |= {"displacement", "force"} - {guess.quantity for guess in guesses}
     paired = []
     for guess in guesses:
         if guess in loose and guess.of in number:
             paired.append(replace(guess, joint=number[guess.of]))
         elif guess.rank == _BY_PAIR and guess.joint is None and not (shared and guess.quantity == "position"):
             paired.append(Guess(guess.column, ""))
-        elif not guess.quantity and no_clock and _ends_in_time(guess.column):
-            paired.append(Guess(guess.column, "time", rank=_BY_PAIR, why="by the last word of its name"))
+        elif not guess.quantity and (quantity := _last_word(guess.column)) in wanted:
+            paired.append(Guess(guess.column, quantity, rank=_BY_PAIR, why="by the last word of its name"))
         else:
             paired.append(guess)
     return paired
@@ -364,12 +373,12 @@ def keys_of_channels(there: Collection[Key]) -> list[Key]:
     return [TIME, *keys] if keys else []
 
 
-def _ends_in_time(name: str) -> bool:
-    """Whether the last word of a name without a unit is one for a time, as in "log:timestamp"."""
+def _last_word(name: str) -> str:
+    """Quantity that the last word of a name without a unit says, as in "log:timestamp"; empty for none."""
     words = [word.lower() for word in re.findall(r"[^\W\d_]+", name)]
-    return (
-        bool(words) and len(words[-1]) > 2 and words[-1] in WORDS["time"] and _NOT_MEASURED.isdisjoint(words)
-    )
+    if not words or len(words[-1]) < 3 or _NOT_MEASURED & set(words):
+        return ""
+    return next((quantity for quantity, known in _KNOWN if words[-1] in known), "")
 
 
 def _by_unit(name: str, unit: str) -> Guess:

@@ -444,3 +444,37 @@ def test_units_behind_numbers_are_named_as_the_fault(tmp_path, cells):
     path.write_text("Time [s],Way [mm],Load [N]\n" + rows)
     with pytest.raises(InputError, match=r"write (a|the) unit in the name of (its|the) column"):
         import_file(path)
+
+
+@pytest.mark.parametrize(
+    ("time", "displacement", "force"),
+    [
+        ("Saat", "Uzama", "Yük"),
+        ("czas", "przemieszczenie", "siła"),
+        ("tijd", "verplaatsing", "kracht"),
+        ("時間", "変位", "荷重"),
+        ("время", "перемещение", "сила"),
+    ],
+)
+def test_names_in_other_languages_are_read(tmp_path, time, displacement, force):
+    header = f"{time};{displacement};{force}\n(s);(mm);(N)\n"
+    channel = only_channel(tmp_path, header + lines(TIME_S, 1e3 * WAY_M, FORCE_N, delimiter=";"))
+    np.testing.assert_allclose(channel.position, WAY_M, atol=1e-9)
+    np.testing.assert_allclose(channel.effort, FORCE_N, atol=1e-6)
+
+
+def test_of_names_without_units_the_last_word_says_the_quantity(tmp_path):
+    path = tmp_path / "zwick.txt"
+    header = "Test time, Standard travel, Tool separation, Standard force\n"
+    path.write_text(header + lines(TIME_S, 1e3 * WAY_M, 25.0 - 1e3 * WAY_M, FORCE_N))
+    with pytest.raises(InputError, match="'Standard travel', 'Standard force' do not say their units"):
+        import_file(path)
+    (channel,) = by_the_advice(path).channels
+    np.testing.assert_allclose(channel.position, WAY_M, atol=1e-9)
+    np.testing.assert_allclose(channel.effort, FORCE_N, atol=1e-6)
+
+
+def test_the_last_word_does_not_count_where_other_names_make_a_channel(tmp_path):
+    header = "time_s,displacement_mm,force_N,Valve travel\n"
+    channel = only_channel(tmp_path, header + lines(TIME_S, 1e3 * WAY_M, FORCE_N, np.cos(TIME_S)))
+    np.testing.assert_allclose(channel.position, WAY_M, atol=1e-9)
