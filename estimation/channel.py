@@ -52,16 +52,16 @@ class Tare:
         Args:
             run: number of each sample's run, shape (n,).
         """
-        taken: FloatArray = self.effort[np.searchsorted(self.run, run)]
+        taken: FloatArray = self.effort[self.index(run)]
         return taken
 
-    def errors(self, run: IntArray) -> FloatArray:
-        """Standard error of each run's tare in the samples that share it, shape (n, r).
+    def index(self, run: IntArray) -> IntArray:
+        """Place of each sample's run among the runs with a tare, shape (n,).
 
         Args:
             run: number of each sample's run, shape (n,).
         """
-        return np.where(run[:, None] == self.run, self.std_err, 0.0)
+        return np.searchsorted(self.run, run)
 
 
 @dataclass(frozen=True)

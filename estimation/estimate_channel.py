@@ -150,9 +150,10 @@ def _combine(searched: SampleFit, data: ChannelData, rows: BoolArray, given: Est
     matrix[gain_count:, :gain_count] = (follow @ spread).T
     free = np.isfinite(searched.covariance.std_err)
     if data.tare is not None and free.any():  # errors of the tare, as least squares would follow them
-        errors = data.tare.errors(data.run[rows])[given.inliers]
         matrix[np.ix_(free, free)] += common_error_covariance(
-            searched.jacobian[given.inliers][:, free], errors
+            searched.jacobian[given.inliers][:, free],
+            data.tare.index(data.run[rows])[given.inliers],
+            data.tare.std_err,
         )
     rounding = _of_rounding(searched, data, rows, given)
     values -= rounding.mean(axis=1)

@@ -150,7 +150,7 @@ def find_surface(  # noqa: PLR0917
     covariance = sandwich(columns, residuals, np.ones(len(residuals)), run)
     deeper_m = -float(offset_n / stiffness)
     slope = np.array([-deeper_m, 0.0, -1.0]) / stiffness  # of deeper_m with the gains
-    matrix = covariance.matrix + common_error_covariance(columns, tare.errors(run))
+    matrix = covariance.matrix + common_error_covariance(columns, tare.index(run), tare.std_err)
     std_err_m = float(np.sqrt(slope @ matrix @ slope))
     position_m = max(touch.first_m + min(deeper_m, 0.0), touch.highest_m)
     return Surface(position_m, std_err_m, touch.highest_m, touch.deepest_m)

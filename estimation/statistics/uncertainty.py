@@ -6,7 +6,7 @@ import numpy as np
 import scipy
 
 from palpate.estimation.estimate import Determined, Estimate, Identifiability, ParameterEstimate
-from palpate.estimation.statistics.least_squares import condition_of_gram, solve
+from palpate.estimation.statistics.least_squares import condition_of_gram
 from palpate.estimation.statistics.noise import sum_covariance
 from palpate.robot_io.types import BoolArray, FloatArray, IntArray
 
@@ -70,7 +70,7 @@ def sandwich(
     return Covariance(matrix / np.outer(lengths, lengths), freedom)
 
 
-def common_error_covariance(jacobian: FloatArray, errors: FloatArray) -> FloatArray:
+def common_error_covariance(jacobian: FloatArray, group: IntArray, std_err: FloatArray) -> FloatArray:
     """Compute the covariance that errors shared by many samples add to the solution.
 
     The residuals do not show such errors, since the parameters absorb an error e by its least-squares fit.
@@ -79,12 +79,17 @@ def common_error_covariance(jacobian: FloatArray, errors: FloatArray) -> FloatAr
 
     Args:
         jacobian: shape (n, m), of the prediction with respect to the parameters.
-        errors: one standard error of each of r independent errors in each sample, shape (n, r).
+        group: samples with the same number share an error; index into `std_err`, shape (n,).
+        std_err: standard errors of r independent errors in the unit of the effort, shape (r,).
 
     Returns:
         Shape (m, m).
     """
-    shifts = np.column_stack([solve(jacobian, error).gains for error in errors.T])
+    lengths = np.sqrt(np.einsum("ij,ij->j", jacobian, jacobian))
+    lengths[lengths == 0.0] = 1.0
+    inverse = np.linalg.pinv(jacobian / lengths) / lengths[:, None]
+    by_group = [np.bincount(group, weights=row, minlength=len(std_err)) for row in inverse]
+    shifts = np.reshape(by_group, (jacobian.shape[1], len(std_err))) * std_err
     return np.asarray(shifts @ shifts.T)
 
 

@@ -107,6 +107,6 @@ def test_what_a_common_error_does_is_what_least_squares_makes_of_it():
         np.linalg.lstsq(columns, rng.normal(0.0, tare.std_err)[(run == 7).astype(int)], rcond=None)[0]
         for _ in range(4000)
     ]
-    found = common_error_covariance(columns, tare.errors(run))
+    found = common_error_covariance(columns, tare.index(run), tare.std_err)
     np.testing.assert_allclose(np.sqrt(np.diag(found)), np.std(draws, axis=0), rtol=0.05)
     np.testing.assert_allclose(found[0, 1], np.cov(np.array(draws).T)[0, 1], rtol=0.15, atol=1e-4)
