@@ -35,6 +35,7 @@ from palpate.estimation.diagnosis.verdict import Evidence, decide_verdict, insuf
 from palpate.estimation.effect import Effect
 from palpate.estimation.fit.fit_result import FitResult
 from palpate.estimation.fit.measurement_model import identify_measurement_model
+from palpate.estimation.fit.measurement_noise import measurement_noise
 from palpate.estimation.model import Model
 from palpate.estimation.shared_gains import with_shared_gains
 from palpate.estimation.workers import end_when_told, end_workers
@@ -240,6 +241,10 @@ class _Completeness:
             return True
         if acceptance_criteria(self._search.start, fit).is_outperformed:
             return False
+        if measurement_noise(self._search.start).is_bound:
+            effort = fit.problem.blocked.effort[fit.problem.used]
+            if fit.rmse >= np.std(effort):  # a constant predicts as well, and the noise may be smaller
+                return False
         if fit.rmse <= (1.0 + SMALL) * fit.floor():
             return True
         if fit.flexible.explained <= fit.problem.used.sum() * encoder_step_error(fit, self.measurement) ** 2:

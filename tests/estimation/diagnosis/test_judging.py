@@ -6,7 +6,9 @@ from unittest.mock import Mock
 
 import numpy as np
 import pytest
+from scipy.signal import lfilter
 
+from palpate.estimation.data.import_file import import_file
 from palpate.estimation.diagnosis.diagnose import (
     _Completeness,
     _too_few_levels,
@@ -17,7 +19,7 @@ from palpate.estimation.diagnosis.result import Verdict
 from palpate.estimation.diagnosis.verdict import insufficient_diagnosis
 from palpate.estimation.effects import EFFECTS
 from palpate.estimation.model import Model
-from tests.estimation.searches import SWING
+from tests.estimation.searches import PRESS, SWING, searched
 from tests.estimation.study.joints import joints
 from tests.estimation.swings import swings
 
@@ -71,6 +73,7 @@ def test_a_model_is_complete_where_it_leaves_no_more_than_draws_from_it(
     unlike = SimpleNamespace(is_significant=unusual)
     monkeypatch.setattr(module, "lack_of_fit_test", lambda *_: asked.append(1) or unlike)
     monkeypatch.setattr(module, "check_residuals", lambda *_, complete: asked.append(complete) or "why")
+    monkeypatch.setattr(module, "measurement_noise", lambda _: SimpleNamespace(is_bound=False))
     judge = _Completeness(SimpleNamespace(data=swings(1, runs=2), start=None, rng=None))
     assert judge.leaves_noise(fit) is judge.leaves_noise(fit) is complete
     assert asked == [1] * drawn  # each model is judged once
@@ -241,3 +244,19 @@ def test_each_channel_has_its_model_and_the_whole_library_is_tried_by_default(to
     assert [entry.reason.split()[1] for entry in found.channels] == ["pendulum", "inertia"]
     assert {entry.reason.split()[2] for entry in found.channels} == {str(len(EFFECTS))}
     assert found.channels[0].verdict is Verdict.INSUFFICIENT
+
+
+def test_a_model_that_predicts_no_better_than_a_constant_is_not_complete_by_a_bound_of_the_noise(tmp_path):
+    """A pulled specimen yields once, which no other part of the run predicts: the noise is only bounded."""
+    rng, t = np.random.default_rng(4), np.arange(0.0, 1000.0, 0.1)
+    stretch = np.round(t * 3.6e-5 / 5e-6) * 5e-6  # one pull at one speed, read in steps of 5 um
+    rise = 380.0 * np.clip(stretch / 0.0027, 0.0, 1.0)
+    force = np.where(stretch < 0.003, rise, 250.0 + 15.0 * np.exp(-(stretch - 0.003) / 2e-4))
+    force = np.where(stretch > 0.0348, force * np.clip((0.036 - stretch) / 0.0012, 0.0, 1.0), force)
+    force += lfilter([0.3], [1.0, -0.95], rng.normal(size=t.size))
+    path = tmp_path / "pull.csv"
+    rows = np.column_stack([t, stretch, force])
+    np.savetxt(path, rows, delimiter=",", header="time_s,displacement_m,force_N", comments="", fmt="%.6f")
+    (data,) = import_file(path).channels
+    search = searched(data, base=PRESS)
+    assert not _Completeness(search).is_complete(search.start)
