@@ -1,10 +1,12 @@
 """What columns of data files are called, and what they seem to hold."""
 
 import re
+import unicodedata
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
 from types import MappingProxyType
 
+from palpate.estimation.data.quantity_words import CURRENT, WORDS, plain
 from palpate.estimation.data.units import SI, dimension_of, normalise, read_as
 from palpate.robot_io.errors import InputError
 
@@ -46,7 +48,7 @@ _BEHIND_THE_UNIT = re.compile(  # as in "Force (N) Run #1"
 )
 _DOTTED = re.compile(r"(.*\w)\.{1,2}([^\W\d_][\w.]*)\.")  # brackets as R writes them: "force..N."
 _STUCK = re.compile(r"([A-Za-z]*[a-z])(?:\.|(?=[A-Z]))([A-Za-z]+)")  # "ForceN", "Load.N"
-_AFTER = re.compile(r"\s*(?:/|,|\bin\b)\s*([^\s/,]+)\s*$")
+_AFTER = re.compile(r"\s*(?:/|,|:|\||\bin\b)\s*([^\s/,:|]+)\s*$")
 
 
 @dataclass(frozen=True)
@@ -128,7 +130,7 @@ def split_unit(name: str) -> tuple[str, str]:
     Args:
         name: of a column.
     """
-    name = without_run(name)
+    name = without_run(unicodedata.normalize("NFKC", name))  # brackets and units of full width too
     match = _BRACKETED.search(name)
     stem, _, last = name.strip().rpartition(" ")
     if joined := _joined_unit(name.strip()):
@@ -167,7 +169,7 @@ def _joined_unit(name: str) -> tuple[str, str] | None:
             if dimension_of(unit := normalise(written)):
                 return dotted[1], unit
     if stuck := _STUCK.fullmatch(name):
-        known = {quantity for quantity, words in WORDS.items() if stuck[1].lower() in words} - {RUN}
+        known = {quantity for quantity, words in WORDS.items() if plain(stuck[1]) in words} - {RUN}
         for written in (stuck[2], stuck[2][0].lower() + stuck[2][1:]):
             dimension = dimension_of(unit := normalise(written))
             if dimension not in STANDS_FOR and any(dimension in QUANTITIES[quantity] for quantity in known):
@@ -181,7 +183,7 @@ def unknown_unit(name: str) -> str:
     Args:
         name: of a column.
     """
-    match = _BRACKETED.search(name)
+    match = _BRACKETED.search(unicodedata.normalize("NFKC", name))
     return match[1] if match and not dimension_of(normalise(match[1])) else ""
 
 
@@ -203,32 +205,6 @@ def si_unit(dimension: str) -> str:
     return next(unit for unit, factor in SI[dimension].items() if factor == 1.0)
 
 
-WORDS: Mapping[str, frozenset[str]] = MappingProxyType(
-    {
-        quantity: frozenset(words.split())
-        for quantity, words in {
-            "time": "t time times zeit prüfzeit testzeit messzeit temps tempo tiempo timestamp sec seconds "
-            "clock millis micros tijd czas čas zaman süre saat время 時間 时间 시간",
-            "displacement": "x z d depth disp displacement indentation deformation stroke extension "
-            "compression travel distance crosshead traverse deflection weg standardweg traversenweg hub "
-            "déplacement enfoncement allongement desplazamiento alargamiento deslocamento spostamento "
-            "verplaatsing przemieszczenie posunutí deplasman yerdeğiştirme uzama перемещение 変位 位移 变位 "
-            "ストローク 변위",
-            "force": "f fz fn force load kraft standardkraft prüfkraft normalkraft last forcez forza fuerza "
-            "carga força kracht siła síla kuvvet yük сила нагрузка 荷重 試験力 载荷 力 하중",
-            "torque": "iq tau torque torques moment drehmoment effort efforts current currents strom "
-            "motorstrom coppia koppel tork トルク 扭矩",
-            "position": "q angle angles theta pos position positions winkel posición posição posizione "
-            "pozycja konum 位置 角度",
-            "velocity": "v vel dq qd velocity speed geschwindigkeit omega vitesse velocidad velocidade "
-            "velocità snelheid prędkość hız 速度",
-            RUN: "run trial cycle test rep repeat press",
-        }.items()
-    }
-)
-"""Words for each quantity, in lower case; one of three letters or more may stand among others."""
-
-_CURRENT = frozenset({"current", "currents", "strom", "motorstrom", "i", "iq"})
 _SAYS_NOTHING = frozenset(
     ["actual", "measured", "feedback", "present", "ist", "joint", "joints", "state", "states", "j"]
 )
@@ -236,7 +212,8 @@ _NOT_MEASURED = frozenset(
     [
         *("set", "setpoint", "target", "cmd", "command", "commanded", "goal", "desired", "des", "reference"),
         *("ref", "soll", "error", "err", "max", "min", "peak", "rate", "limit", "std", "mean", "stress"),
-        *("strain", "offset", "temperature", "temp"),
+        *("strain", "offset", "temperature", "temp", "maximum", "minimum", "maximal", "maximale", "maximo"),
+        *("sollwert", "sollweg", "sollkraft", "consigne", "cible", "objetivo", "zadana", "zadane"),
     ]
 )
 # What a position servo was asked for, which counts only where nothing tells its effort.
@@ -375,7 +352,7 @@ def keys_of_channels(there: Collection[Key]) -> list[Key]:
 
 def _last_word(name: str) -> str:
     """Quantity that the last word of a name without a unit says, as in "log:timestamp"; empty for none."""
-    words = [word.lower() for word in re.findall(r"[^\W\d_]+", name)]
+    words = re.findall(r"[^\W\d_]+", plain(name))
     if not words or len(words[-1]) < 3 or _NOT_MEASURED & set(words):
         return ""
     return next((quantity for quantity, known in _KNOWN if words[-1] in known), "")
@@ -404,13 +381,13 @@ def guess_column(name: str) -> Guess:
     if role is not None:
         rank = OWN_NAME if role.unit else _BY_NAME
         return Guess(name, role.quantity, joint_number(name), role.unit, rank, "by its name")
-    if name.strip().lower() in WORDS[RUN]:
+    if plain(name.strip()) in WORDS[RUN]:
         return Guess(name, RUN, why="by its name")
     stem, unit = split_unit(name)
     stem = _ARTICLE.sub(r"\1 ", re.sub(r"(?<=[a-zäöü])(?=[A-Z])", " ", stem))
     words = re.findall(r"[^\W\d_]+|\d+", stem)
     numbers = [int(word) for word in words if word.isdecimal() and len(word) < 4]
-    letters = [word.lower() for word in words if not word.isdecimal()]
+    letters = [plain(word) for word in words if not word.isdecimal()]
     joint = numbers[0] if len(numbers) == 1 else None
     asked = _GOAL & set(letters) and not {*letters} - _GOAL - _SAYS_NOTHING - WORDS["position"]
     if asked and dimension_of(unit) in {None, "angle"}:
@@ -426,7 +403,7 @@ def guess_column(name: str) -> Guess:
     if quantity not in _JOINTLY:
         joint = None
     said = WORDS.get(quantity, frozenset()) | _SAYS_NOTHING  # an acceleration has no words of its own
-    of = tuple(word.lower() for word in words if word.lower() not in said)
+    of = tuple(word.lower() for word in words if plain(word) not in said)
     why = ("by its name and others'", "by its unit", "by a word in its name", "by its name")[rank]
     specified = next((units.get(quantity, "") for called, units in _INTERFACES if called.search(name)), "")
     return Guess(name, quantity, joint, unit or specified, rank, why, of)
@@ -437,7 +414,7 @@ def _named(whole: str, words: Sequence[str], unit: str) -> tuple[str, int]:
     dimension = dimension_of(unit)
     long = [word for word in words if len(word) > 2]
     for quantity, known in _KNOWN:
-        named = whole in known or (quantity == "torque" and dimension == "current" and whole in _CURRENT)
+        named = whole in known or (quantity == "torque" and dimension == "current" and whole in CURRENT)
         if named and (dimension is None or _fits(quantity, unit)):
             return quantity, _BY_NAME
     for quantity, known in _KNOWN:

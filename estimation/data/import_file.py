@@ -278,14 +278,17 @@ def _example(columns: Columns) -> str:
     if NAMELESS in columns.table.words and TIME not in columns and (clock := next(clocks, "")):
         options.append(f"--column time={shlex.quote(clock)}")
         free.remove(clock)
-    for quantity, unit in (("force", "N"), ("displacement", "mm")):
+    # Of columns that say nothing, the displacement is the one that changes in the smallest steps.
+    free.sort(key=columns.table.roughness)
+    for quantity, unit, last in (("displacement", "mm", 0), ("force", "N", -1)):
         if (quantity, 0) in columns:
             continue
         fitting = [name for name in free if dimension_of(unit_in_name(name)) in QUANTITIES[quantity]]
         named = [name for name in free if guesses.get(name) == quantity]
+        unnamed = [name for name in free if not guesses.get(name)]
         if not free:
             return "--column displacement_mm=COLUMN --column force_N=COLUMN"
-        column = (fitting or named or free)[0]
+        column = (fitting or named or unnamed or free)[0 if fitting or named else last]
         free.remove(column)
         options.append(f"--column {quantity}={shlex.quote(column)}")
         options += [] if fitting else [f"--unit {quantity}={unit}"]

@@ -122,6 +122,15 @@ class Table:
         except InputError:
             return False
 
+    def roughness(self, name: str) -> float:
+        """Sum of a column's steps over its range: 1 where it only rises, and more where it goes to and fro.
+
+        Args:
+            name: of the column, whose numbers are not all the same.
+        """
+        numbers = self.numbers(name)
+        return float(np.sum(np.abs(np.diff(numbers))) / np.ptp(numbers))
+
     def is_same(self, name: str, other_name: str) -> bool:
         """Whether two columns hold the same cells.
 

@@ -14,6 +14,7 @@ from palpate.estimation.data.column_names import (
     is_unnamed,
     keys_of_channels,
     parse_role,
+    unit_in_name,
 )
 from palpate.estimation.data.units import dimension_of, normalise
 from palpate.robot_io.errors import InputError
@@ -29,8 +30,9 @@ NUMBER = {  # by the decimal mark; thousands may be grouped by the other one
 _ALIKE = 3  # lines in a row that make a table
 FEWEST_NUMBERS = 2  # in such a line
 _MOST_SETTINGS = 4  # rows between the names and the numbers
-_MOST_REMARKS = 200  # lines above a table that may say what its columns are
+_UNITS_OF = re.compile(r"\W*(?:(\w[\w ]*?)[ _-])?units?\W+(.+?)\W*", re.IGNORECASE)  # "Force unit: N"
 _COMMENT = "#%/;! \ufeff"
+_COMMENT_SIGNS = frozenset("#%/;!")
 _LABVIEW = ("X_Value", "Y_Unit_Label", "X_Dimension")
 _BRACKETS = "[](){}<>"
 _LIKE_A_UNIT = re.compile(r"[%‰]|[\w°%]{1,8}(?:[ ./·⋅*^_-]+[\w°]{1,8})*")
@@ -61,7 +63,7 @@ def find_layouts(rows: Sequence[Sequence[str]], decimal: str) -> Iterator[Layout
             continue
         body = rows[first : first + _ALIKE]
         width = max(len(_used(row)) for row in body)
-        if "columns" in (said := _said_above(rows[:first], width, decimal)):
+        if "columns" in (said := _said_above(rows, first, width, decimal)):
             pairs = zip(said["columns"], said.get("units", [""] * width), strict=True)
             yield Layout(tuple(f"{n} [{unit}]" if unit else n for n, unit in pairs), first, first - 1)
             continue
@@ -76,11 +78,17 @@ def find_layouts(rows: Sequence[Sequence[str]], decimal: str) -> Iterator[Layout
                 "" if column not in held and is_number(cell, decimal) else cell
                 for column, cell in enumerate(rows[place])
             ]
-            if not header and first - place <= _MOST_SETTINGS and _is_setting(row, rows[first], decimal):
+            filled = sum(map(bool, map(str.strip, row)))
+            is_remark = filled < 2 and not row[0].strip()  # such as the channel of one column
+            if (
+                not header
+                and first - place <= _MOST_SETTINGS
+                and (is_remark or _is_setting(row, rows[first], decimal))
+            ):
                 continue
             if labelled and len(_used(row)) == width - 1:  # as R writes names of rows
                 row = ["", *row]
-            if len(row) < width or sum(map(bool, map(str.strip, row))) < 2 or any(_numbers(row, decimal)):
+            if len(row) < width or filled < 2 or any(_numbers(row, decimal)):
                 break
             header.append((place, row))
             if len(header) == 2:
@@ -97,19 +105,43 @@ def find_layouts(rows: Sequence[Sequence[str]], decimal: str) -> Iterator[Layout
         if of_names is not None:
             pairs = zip(called, [*of_names, *[""] * len(called)], strict=False)
             called = tuple(f"{name} [{unit}]" if unit else name for name, unit in pairs)
+        called = _units_above(rows[:top], called, decimal)
         titles = tuple(" ".join(cell.split()) for cell in rows[top - 1]) if top else ()
         yield Layout(called, first, top, titles)
 
 
-def _said_above(rows: Sequence[Sequence[str]], width: int, decimal: str) -> dict[str, Sequence[str]]:
+def _said_above(
+    rows: Sequence[Sequence[str]], first: int, width: int, decimal: str
+) -> dict[str, Sequence[str]]:
     """What remarks since the table before say of each of so many columns, such as "# columns: a b c"."""
     said: dict[str, Sequence[str]] = {}
-    for row in reversed(rows[-_MOST_REMARKS:]):
+    for place in range(first - 1, -1, -1):
+        row = rows[place]
         if row and is_number(row[0], decimal):
             break
         if row and row[0].endswith(":") and len(row) == width + 1:
             said.setdefault(row[0].rstrip(":").lower(), row[1:])
     return said
+
+
+def _units_above(rows: Sequence[Sequence[str]], names: Sequence[str], decimal: str) -> tuple[str, ...]:
+    """Names with the units that lines of a preamble say, such as "Force unit: N" or "# Units: s mm N"."""
+    units: dict[str, str] = {}
+    for row in reversed(rows):
+        if sum(_numbers(row, decimal)) >= FEWEST_NUMBERS:
+            break  # another table
+        match = _UNITS_OF.fullmatch(" ".join(cell.strip() for cell in row if cell.strip()))
+        said = [normalise(word.strip(_BRACKETS)) for word in re.split(r"[\s,;]+", match[2])] if match else []
+        if not all(map(dimension_of, said)):
+            continue
+        if match and match[1] and len(said) == 1:
+            units.setdefault(match[1].lower(), said[0])
+        elif match and not match[1] and len(said) == len(names) > 1:
+            units = dict(zip((name.lower() for name in names), said, strict=True)) | units
+    return tuple(
+        f"{name} [{units[name.lower()]}]" if name.lower() in units and not unit_in_name(name) else name
+        for name in names
+    )
 
 
 def preamble_words(lines: int) -> tuple[str, ...]:
@@ -291,6 +323,8 @@ def _nameless(lines: list[tuple[int, str]]) -> TextDialect | None:
     Of several delimiters it is the first of those that leave fewest cells that are no numbers.
     """
     dialects = list[tuple[int, TextDialect]]()
+    comments = next((n for n, (_, text) in enumerate(lines) if text[:1] not in _COMMENT_SIGNS), 0)
+    lines = lines[comments:]
     for delimiter in (*DELIMITERS, BLANKS):
         rows = list(_cells([text for _, text in lines[:_ALIKE]], delimiter))
         decimal = "," if commas_decide(rows, in_doubt=delimiter != ",") else "."
@@ -346,11 +380,18 @@ def _dialect(lines: list[tuple[int, str]], delimiter: str) -> TextDialect:
     for layout in find_layouts(rows, decimal):
         # As many names as the rows have cells: both may end with the delimiter or a remark.
         width, names = max(len(row) for row in rows[layout.first :][:3]), list(layout.names)
+        if delimiter == BLANKS and _is_sentence(names[width:]) and not _is_measurement(names):
+            continue
         names += [f"column {number}" for number in range(len(names) + 1, width + 1)]
         head, start = (lines[row][0] for row in (layout.header, layout.first))
         counts = is_number(rows[layout.first][0], decimal)
         tables.append(TextTable(tuple(names[:width]), head, start, layout.titles, counts))
     return TextDialect(delimiter, decimal, tuple(tables))
+
+
+def _is_sentence(more: Sequence[str]) -> bool:
+    """Whether words beyond the columns of numbers make a remark of what seems to be a line of names."""
+    return any(not is_unnamed(word) for word in more)
 
 
 def is_footer(cells: Sequence[str], decimal: str, *, counts: bool) -> bool:

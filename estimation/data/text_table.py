@@ -17,6 +17,7 @@ import numpy as np
 
 from palpate.estimation.data.column_names import TIME, guess_columns
 from palpate.estimation.data.file_columns import FileColumns, check_size, most_bytes
+from palpate.estimation.data.quantity_words import FOREIGN_WORDS
 from palpate.estimation.data.table_layout import with_run
 from palpate.estimation.data.text_dialect import (
     BLANKS,
@@ -325,6 +326,7 @@ def _trimmed(content: bytes, table: TextTable, end: int, dialect: TextDialect) -
 
 
 _MARKS = ((codecs.BOM_UTF16_LE, "utf-16"), (codecs.BOM_UTF16_BE, "utf-16"))
+_ENCODINGS = ("cp1252", "gb18030", "cp932", "cp949", "cp1250", "cp1251")  # beside UTF-8 and UTF-16
 _ONE_STEP = 2.0  # steps of a clock from one part of a recording to the next, at most
 _WITH_UNIT = re.compile(r"(?<![\w.])[+-]?\d+(?:[.,]\d+)? ?[A-Za-zµ°%]{1,6}\b")  # a cell such as "0.5 mm"
 _FEW_ZEROS = 1e-3  # of the bytes of a text
@@ -343,8 +345,9 @@ _OTHERS = (  # how files begin that are called text by mistake, and what to do w
 def as_utf8(content: bytes, path: Path) -> tuple[bytes, str]:
     """The text as UTF-8 without a mark, and the name of the encoding if it was another.
 
-    UTF-16 is known by its mark or by the zeros between Latin letters; what is no UTF-8 and has no control
-    characters is Windows' Western European (cp1252), as testing machines write their degrees and umlauts.
+    UTF-16 is known by its mark or by the zeros between Latin letters. Text that is not UTF-8 has the encoding
+    in which it holds a known word of a language, such as the Chinese word for force. Else, without control
+    characters, it is Windows' Western European (cp1252), as testing machines write their degrees and umlauts.
     A few zeros are the ends of a program's strings, and are left out.
 
     Args:
@@ -365,12 +368,24 @@ def as_utf8(content: bytes, path: Path) -> tuple[bytes, str]:
         if not content.isascii():
             content.decode()
     except UnicodeDecodeError:
-        if encoding or any(byte in _CONTROLS for byte in content[:_LOOKED_AT]):
+        if encoding:
             raise _no_text(content, path) from None
-        return content.decode("cp1252", errors="replace").encode(), "cp1252"
+        encoding = next((name for name in _ENCODINGS if _has_known_word(content, name)), "cp1252")
+        if encoding == "cp1252" and any(byte in _CONTROLS for byte in content[:_LOOKED_AT]):
+            raise _no_text(content, path) from None
+        return content.decode(encoding, errors="replace").encode(), encoding
     if b"\0" in content:
         raise _no_text(content, path)
     return content, ""
+
+
+def _has_known_word(content: bytes, encoding: str) -> bool:
+    """Whether the beginning of a text, read in an encoding, holds a foreign word for a quantity."""
+    try:  # the last character may be cut off
+        text = codecs.getincrementaldecoder(encoding)().decode(content[:_LOOKED_AT]).lower()
+    except UnicodeDecodeError:
+        return False
+    return any(word in text for word in FOREIGN_WORDS)
 
 
 def _no_text(content: bytes, path: Path) -> InputError:

@@ -158,6 +158,10 @@ def normalise(unit: str) -> str:
         spelt = _SPELT.get(whole.lower()) or _BY_LETTERS.get(_small(whole), "")
         if dimension_of(spelt + rest):
             return spelt + rest
+    if "." in plain:  # "rad.s" is rad/s, as R writes names, and "kN.m" a product
+        per, product = (normalise(plain.replace(".", mark)) for mark in ("_", ""))
+        if dimension_of(per) or dimension_of(product) == "torque":
+            return per if dimension_of(per) else product
     return plain
 
 

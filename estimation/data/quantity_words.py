@@ -1,0 +1,111 @@
+"""Words that name time, motion and effort in column headers, in the languages of testing machines."""
+
+import unicodedata
+from collections.abc import Mapping
+from types import MappingProxyType
+
+_ASCII = str.maketrans("łøıß", "lois")
+
+
+def plain(text: str) -> str:
+    """Return a text in lower case without accents: "Déplacement" and "Deplacement" are one word.
+
+    Args:
+        text: a word or a name, in any script.
+    """
+    letters = unicodedata.normalize("NFKD", text)
+    bare = "".join(letter for letter in letters if not unicodedata.combining(letter))
+    return unicodedata.normalize("NFC", bare).lower().translate(_ASCII)
+
+
+# One line a language: English, German, French, Spanish, Italian and Portuguese, Polish and Czech, Russian,
+# Dutch and Swedish, Turkish, Chinese, Japanese, Korean. Words for strain and stress are not among them.
+_BY_QUANTITY = {
+    "time": """
+        t time times timestamp sec seconds clock millis micros
+        zeit prüfzeit testzeit messzeit
+        temps durée
+        tiempo
+        tempo
+        czas čas
+        время
+        tijd tid
+        zaman süre
+        时间 時間 试验时间
+        試験時間
+        시간
+    """,
+    "displacement": """
+        x z d depth disp displacement indentation deformation stroke extension compression travel distance
+        crosshead traverse deflection elongation
+        weg standardweg traversenweg hub kolbenweg verformung verschiebung eindringtiefe längenänderung
+        déplacement allongement enfoncement course
+        desplazamiento extensión alargamiento carrera
+        spostamento allungamento corsa deslocamento alongamento
+        przemieszczenie wydłużenie ugięcie posuv prodloužení
+        перемещение удлинение
+        verplaatsing förskjutning
+        uzama deplasman
+        位移 变形 伸长 行程 横梁位移
+        変位 伸び ストローク
+        변위
+    """,
+    "force": """
+        f fz fn force load forcez
+        kraft standardkraft prüfkraft normalkraft last
+        charge
+        fuerza carga
+        forza carico força
+        siła obciążenie síla
+        сила нагрузка усилие
+        kracht
+        kuvvet yük
+        力 载荷 荷载 负荷 试验力 力值
+        荷重 試験力
+        하중
+    """,
+    "torque": """
+        iq tau torque torques effort efforts current currents
+        moment drehmoment strom motorstrom
+        couple courant
+        corriente
+        momento coppia corrente
+        扭矩 转矩 电流
+        トルク 電流
+    """,
+    "position": """
+        q angle angles theta pos position positions
+        winkel
+        posición ángulo
+        posizione angolo posição
+        pozycja kąt
+        положение угол
+        位置 角度
+    """,
+    "velocity": """
+        v vel dq qd velocity speed omega
+        geschwindigkeit
+        vitesse
+        velocidad
+        velocità velocidade
+        prędkość
+        скорость
+        速度
+    """,
+    "run": "run trial cycle test rep repeat press",
+}
+
+WORDS: Mapping[str, frozenset[str]] = MappingProxyType(
+    {quantity: frozenset(map(plain, words.split())) for quantity, words in _BY_QUANTITY.items()}
+)
+"""Words for each quantity, as `plain` spells them; a word of three letters or more may stand among others."""
+
+CURRENT = frozenset(
+    map(plain, "current currents i iq strom motorstrom courant corriente corrente 电流 電流".split())  # noqa: SIM905
+)
+"""Words for a motor's current, which may stand for a torque."""
+
+FOREIGN_WORDS = frozenset(
+    word for words in _BY_QUANTITY.values() for word in words.split() if not word.isascii() and len(word) > 1
+)
+"""Words with letters beyond ASCII, which tell the encoding of a text."""
