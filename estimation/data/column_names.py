@@ -6,7 +6,7 @@ from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
 from types import MappingProxyType
 
-from palpate.estimation.data.quantity_words import CURRENT, WORDS, plain
+from palpate.estimation.data.quantity_words import CURRENT, WORDS, plain, without_accents
 from palpate.estimation.data.units import SI, dimension_of, normalise, read_as
 from palpate.robot_io.errors import InputError
 
@@ -222,10 +222,11 @@ _GOAL = frozenset(
 )
 _KNOWN = tuple((quantity, known) for quantity, known in WORDS.items() if quantity != RUN)
 OWN_NAME, _BY_NAME, _BY_WORD, _BY_UNIT, _BY_PAIR = 4, 3, 2, 1, 0
-# "Position des Kolbens" is German for that of the piston, "Position des" is a desired one.
+# "Position des Kolbens" is that of the piston, "Allongement des mors" that of the jaws, "Position des" a
+# desired position.
 _ARTICLE = re.compile(
     rf"(?i:\b({'|'.join(word for words in WORDS.values() for word in sorted(words) if len(word) > 2)})) des "
-    "(?=[A-ZÄÖÜ][a-zäöü]{3})"
+    r"(?=[A-Z][a-z]{3}|(?!joint|axis|pos|vel|angle|torque|force)[a-z]{3})"
 )
 _AGAIN = re.compile(r"(.+) \((\d+)\)")  # a name that is there more than once
 _UNNAMED = re.compile(r"column \d+")
@@ -350,6 +351,19 @@ def keys_of_channels(there: Collection[Key]) -> list[Key]:
     return [TIME, *keys] if keys else []
 
 
+def quantity_in(name: str) -> str:
+    """Quantity by any word of a name, whatever its unit; "none" where a word says that nothing was measured.
+
+    Args:
+        name: of a column.
+    """
+    words = set(re.findall(r"[^\W\d_]+", plain(name)))
+    if words & _NOT_MEASURED:
+        return "none"
+    long = {word for word in words if len(word) > 2 or not word.isascii()}
+    return next((quantity for quantity, known in _KNOWN if known & long), "")
+
+
 def _last_word(name: str) -> str:
     """Quantity that the last word of a name without a unit says, as in "log:timestamp"; empty for none."""
     words = re.findall(r"[^\W\d_]+", plain(name))
@@ -384,7 +398,7 @@ def guess_column(name: str) -> Guess:
     if plain(name.strip()) in WORDS[RUN]:
         return Guess(name, RUN, why="by its name")
     stem, unit = split_unit(name)
-    stem = _ARTICLE.sub(r"\1 ", re.sub(r"(?<=[a-zäöü])(?=[A-Z])", " ", stem))
+    stem = _ARTICLE.sub(r"\1 ", re.sub(r"(?<=[a-z])(?=[A-Z])", " ", without_accents(stem)))
     words = re.findall(r"[^\W\d_]+|\d+", stem)
     numbers = [int(word) for word in words if word.isdecimal() and len(word) < 4]
     letters = [plain(word) for word in words if not word.isdecimal()]

@@ -9,9 +9,17 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from palpate.estimation.channel import ChannelData, ChannelKind
-from palpate.estimation.data.assign_columns import Columns, assign_columns
+from palpate.estimation.data.assign_columns import Columns, assign_columns, in_blocks
 from palpate.estimation.data.choose_columns import units_meant
-from palpate.estimation.data.column_names import QUANTITIES, TIME, Key, Role, guess_columns, unit_in_name
+from palpate.estimation.data.column_names import (
+    QUANTITIES,
+    TIME,
+    Key,
+    Role,
+    guess_columns,
+    quantity_in,
+    unit_in_name,
+)
 from palpate.estimation.data.derivatives import differentiate
 from palpate.estimation.data.import_options import ImportOptions
 from palpate.estimation.data.import_rows import UNKNOWN_PHASE, Rows, arrange_rows
@@ -32,8 +40,16 @@ _LONGEST_SIGNAL = 50  # letters; a session allows 64, some of which say what it 
 _TAKEN = frozenset({*OF_THE_ARM, *DERIVED})
 _QUICKEST_S = 1e-5  # time from sample to sample, below which its unit is asked about, as above `SLOWEST_S`
 # What else a column may hold, which is then no torque.
-_NO_EFFORT = {"time", "position", "velocity", "acceleration", "run", "phase", "goal"}
+_NO_EFFORT = {"time", "position", "velocity", "acceleration", "run", "phase", "goal", "none"}
 _SHOWN_CELLS = 12  # of a row, in an error
+_SPECIMEN = re.compile(
+    r"specimen|sample|probek?(?!\w)|prüfling|éprouvette|échantillon|probeta|试样|試料", re.IGNORECASE
+)
+_FEWEST_SPECIMENS = 2
+_OF_SPECIMENS = (
+    "{1} {0} specimens, whose runs count as runs of one object; --where {2} reads one of them, and "
+    "--fresh-runs says that each run met a fresh one"
+)
 _DEFAULT = ImportOptions()
 
 
@@ -116,6 +132,7 @@ def import_table(table: Table, options: ImportOptions = _DEFAULT) -> Imported:
             f"column '{time.column}': samples are {step_s:.3g} s apart; where one unit is called another, "
             f"say the right one, such as --unit time={likely_time_unit(step_s / time.factor)}"
         )
+    notes += _specimens(columns, rows, options)
     channels = [_channel(source, columns, rows, notes) for source in sources]
     signals = _signals(options.context)
     context = {signal: columns.table.numbers(name)[rows.order] for signal, name in signals.items()}
@@ -256,6 +273,28 @@ def _sources(columns: Columns) -> list[_Source]:
     return sources
 
 
+def _specimens(columns: Columns, rows: Rows, options: ImportOptions) -> list[str]:
+    """A note where runs are of several specimens, by the labels of runs or by a column not in use."""
+    if options.fresh or options.where or len(rows.labels) < _FEWEST_SPECIMENS:
+        return []
+    if columns.run is not None and all(map(_SPECIMEN.search, rows.labels.values())):
+        return [
+            _OF_SPECIMENS.format(
+                len(rows.labels), "run names", shlex.quote(f"run={rows.labels[min(rows.labels)]}")
+            )
+        ]
+    for name in columns.table.names:
+        if _SPECIMEN.search(name) and name not in columns.used:
+            texts, index = columns.table.labels(name)
+            if _FEWEST_SPECIMENS <= len(texts) <= len(rows.labels) and in_blocks(index.astype(np.float64)):
+                return [
+                    _OF_SPECIMENS.format(
+                        len(texts), f"column '{name}' names", shlex.quote(f"{name}={texts[0]}")
+                    )
+                ]
+    return []
+
+
 def _first_row(columns: Columns) -> str:
     """What stands in the first row of a table without names, for the error; else nothing."""
     table = columns.table
@@ -267,28 +306,32 @@ def _first_row(columns: Columns) -> str:
 
 def _example(columns: Columns) -> str:
     """Options that make a joint of an angle, or a contact, if further columns hold numbers."""
-    guesses = {guess.column: guess.quantity for guess in guess_columns(columns.table.names)}
-    numbers = [name for name in columns.table.names if columns.table.varies(name)]
-    free = [name for name in numbers if name not in columns.used and guesses.get(name) not in _NO_EFFORT]
+    table = columns.table
+    guesses = {guess.column: guess.quantity for guess in guess_columns(table.names)}
+    said = {name: guesses.get(name) or quantity_in(name) for name in table.names}
+    numbers = [name for name in table.names if table.varies(name)]
+    free = [name for name in numbers if name not in columns.used and said[name] not in _NO_EFFORT]
     angle = next((name for name in numbers if guesses.get(name) == "position"), None)
     if angle is not None and free and dimension_of(unit_in_name(angle)) == "angle":
         return f"--column torque={shlex.quote(free[0])} --unit torque=1Nm"
     options = []
-    clocks = (name for name in free if (np.diff(columns.table.numbers(name)) > 0.0).all())
-    if NAMELESS in columns.table.words and TIME not in columns and (clock := next(clocks, "")):
-        options.append(f"--column time={shlex.quote(clock)}")
-        free.remove(clock)
-    # Of columns that say nothing, the displacement is the one that changes in the smallest steps.
-    free.sort(key=columns.table.roughness)
+    if TIME not in columns:
+        rising = (name for name in free if (np.diff(table.numbers(name)) > 0.0).all())
+        clock = next((name for name in numbers if said[name] == "time"), "")
+        clock = clock or (next(rising, "") if NAMELESS in table.words else "")
+        options += [f"--column time={shlex.quote(clock)}"] if clock else []
+        free = [name for name in free if name != clock]
+    # Of columns that say nothing, the displacement is the one that goes to and fro the least.
+    free.sort(key=table.roughness)
     for quantity, unit, last in (("displacement", "mm", 0), ("force", "N", -1)):
         if (quantity, 0) in columns:
             continue
-        fitting = [name for name in free if dimension_of(unit_in_name(name)) in QUANTITIES[quantity]]
-        named = [name for name in free if guesses.get(name) == quantity]
-        unnamed = [name for name in free if not guesses.get(name)]
         if not free:
             return "--column displacement_mm=COLUMN --column force_N=COLUMN"
-        column = (fitting or named or unnamed or free)[0 if fitting or named else last]
+        fitting = [name for name in free if dimension_of(unit_in_name(name)) in QUANTITIES[quantity]]
+        named = [name for name in free if said[name] == quantity]
+        silent = [name for name in free if not said[name]]
+        column = (fitting or named or silent or free)[0 if fitting or named else last]
         free.remove(column)
         options.append(f"--column {quantity}={shlex.quote(column)}")
         options += [] if fitting else [f"--unit {quantity}={unit}"]

@@ -4,18 +4,27 @@ import unicodedata
 from collections.abc import Mapping
 from types import MappingProxyType
 
-_ASCII = str.maketrans("łøıß", "lois")
+_ASCII = str.maketrans("łŁøØıß", "lLoOis")
 
 
-def plain(text: str) -> str:
-    """Return a text in lower case without accents: "Déplacement" and "Deplacement" are one word.
+def without_accents(text: str) -> str:
+    """Return a text without accents: "Déplacement" and "Deplacement" are one word.
 
     Args:
         text: a word or a name, in any script.
     """
     letters = unicodedata.normalize("NFKD", text)
     bare = "".join(letter for letter in letters if not unicodedata.combining(letter))
-    return unicodedata.normalize("NFC", bare).lower().translate(_ASCII)
+    return unicodedata.normalize("NFC", bare).translate(_ASCII)
+
+
+def plain(text: str) -> str:
+    """Return a text in lower case without accents, which is how `WORDS` spells words.
+
+    Args:
+        text: a word or a name, in any script.
+    """
+    return without_accents(text).lower()
 
 
 # One line a language: English, German, French, Spanish, Italian and Portuguese, Polish and Czech, Russian,

@@ -66,6 +66,7 @@ def read_text_table(path: Path, selected: str = "") -> FileColumns:
     content, encoding = as_utf8(packed, path)
     if not content.strip():
         raise InputError(f"{path}: no rows of data; the file is empty")
+    content = _labels_as_header(content)
     dialect = find_dialect(content) or _refused(content, path)
     if not content[dialect.tables[0].start :][:_LONGEST_LINE].strip():
         raise InputError(f"{path}: no rows of data")
@@ -111,6 +112,30 @@ def read_text_table(path: Path, selected: str = "") -> FileColumns:
         words.append(f"{len(parts)} tests one after the other, taken as runs")
     columns = pa.concat_tables(parts)
     return FileColumns(columns, dialect.decimal, tuple(words), (), np.concatenate(lines), "line")
+
+
+def _labels_as_header(content: bytes) -> bytes:
+    """Lines such as "Time: 12 ms, Force: 1.5 N" as a table; other text as it is.
+
+    Names and units of the first such line become the header in the line above it. Lines of other labels
+    become empty, so that the numbers of lines stay, unless the first line already is a row.
+    """
+    lines = content.splitlines() if _PAIR.search(content[:_LOOKED_AT]) else []
+    first = next((n for n, line in enumerate(lines[:_MOST_ABOVE]) if len(_PAIR.findall(line)) > 1), None)
+    if first is None:
+        return content
+    labels = [(label, unit) for label, _, unit in _PAIR.findall(lines[first])]
+    rows = list[bytes]()
+    for line in lines[first:]:
+        pairs = _PAIR.findall(line)
+        alike = [(label, unit) for label, _, unit in pairs] == labels and not _PAIR.sub(b"", line).strip(
+            b" ,;|\t"
+        )
+        rows.append(b",".join(number for _, number, _ in pairs) if alike else b"")
+    if sum(map(bool, rows)) < max(_FEWEST_LABELLED, len(rows) / 2):
+        return content
+    names = b",".join(b"%b [%b]" % pair if pair[1] else pair[0] for pair in labels)
+    return b"\n".join([*[b""] * (first - 1), names, *rows])
 
 
 def _is_one_recording(parts: Sequence[pa.Table], decimal: str) -> bool:
@@ -307,6 +332,11 @@ def _first_bad_row(rows: pa.Buffer, dialect: TextDialect, lines: IntArray) -> st
     return f"line {lines[row.number - 1]} {cells}: {' '.join(row.text.split())[:_SHOWN]!r}"
 
 
+_PAIR = re.compile(  # a label, its number, and perhaps a unit
+    rb"([A-Za-z\x80-\xff][\w \x80-\xff]*?)[ \t]*[:=][ \t]*([-+]?\d+(?:\.\d*)?(?:[eE][-+]?\d+)?)"
+    rb"[ \t]?([A-Za-z\xb0-\xff%/]{0,5})(?=[\s,;|]|$)"
+)
+_MOST_ABOVE, _FEWEST_LABELLED = 100, 5  # lines above such rows; rows
 _ENDS = (b"\n", b"\r")
 
 

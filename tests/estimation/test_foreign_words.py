@@ -1,0 +1,185 @@
+"""Names in other languages and encodings, units away from the names, and logs without a table."""
+
+import numpy as np
+import pytest
+
+from palpate.estimation.data.column_names import guess_column
+from palpate.estimation.data.import_file import import_file
+from palpate.estimation.data.units import dimension_of, normalise
+from palpate.robot_io.errors import InputError
+from tests.estimation.laboratories import presses
+from tests.estimation.test_foreign_tables import by_the_advice
+
+TIME_S, WAY_M, FORCE_N = (signal[:600] for signal in presses())
+ROWS = [f"{t:.4f},{1e3 * x:.6f},{f:.6f}" for t, x, f in zip(TIME_S, WAY_M, FORCE_N, strict=True)]
+
+
+def write(folder, head, rows=ROWS, encoding="utf-8"):
+    """A file with these lines, separated by the end of a line."""
+    path = folder / "table.csv"
+    path.write_bytes("".join(f"{line}\n" for line in [*head, *rows]).encode(encoding))
+    return path
+
+
+def check_press(imported):
+    """The contact has the displacement and the force of the press, up to the digits that are written."""
+    (channel,) = imported.channels
+    assert channel.name == "contact"
+    np.testing.assert_allclose(channel.effort, FORCE_N, atol=1e-6)
+    np.testing.assert_allclose(np.ptp(channel.position), np.ptp(WAY_M), atol=2e-9)
+
+
+@pytest.mark.parametrize(
+    "names",
+    [
+        ("Prüfzeit", "Eindringtiefe", "Prüfkraft"),
+        ("Temps", "Déplacement", "Charge"),
+        ("Temps", "Allongement des mors", "Force"),
+        ("Tiempo", "Desplazamiento", "Fuerza"),
+        ("Tempo", "Spostamento", "Forza"),
+        ("Tempo", "Deslocamento", "Força"),
+        ("Czas", "Przemieszczenie", "Siła"),
+        ("Время", "Перемещение", "Нагрузка"),
+        ("Tijd", "Verplaatsing", "Kracht"),
+        ("Süre", "Uzama", "Yük"),
+        ("时间", "位移", "力"),
+        ("時間", "変位", "試験力"),
+        ("시간", "변위", "하중"),
+    ],
+)
+def test_words_of_a_language_choose_among_columns_of_one_unit(tmp_path, names):
+    time, way, force = names
+    head = f"{time} (s),{way} (mm),{force} (N),b0 (mm),Fmax (N)"
+    rows = [f"{row},{3 + place % 7},{place}" for place, row in enumerate(ROWS)]
+    check_press(import_file(write(tmp_path, [head], rows)))
+
+
+@pytest.mark.parametrize("name", ["Position des [mm]", "Position des joint [mm]", "displacement_des_mm"])
+def test_a_desired_position_is_none_that_was_measured(name):
+    assert guess_column(name).quantity in {"", "goal"}
+
+
+def test_accents_may_be_left_out_or_stand_apart(tmp_path):
+    rows = [f"{row},{place % 7}" for place, row in enumerate(ROWS)]
+    for word in ("Deplacement", "De\u0301placement"):
+        check_press(import_file(write(tmp_path, [f"Temps (s),{word} (mm),Force (N),b0 (mm)"], rows)))
+
+
+def test_a_word_that_is_known_asks_for_its_unit_alone(tmp_path):
+    path = write(tmp_path, ["时间,位移,力"])
+    with pytest.raises(InputError, match="--unit displacement=mm --unit force=N"):
+        import_file(path)
+    check_press(by_the_advice(path))
+
+
+@pytest.mark.parametrize(
+    ("head", "encoding"),
+    [
+        ("时间(s),位移(mm),力(N)", "gb18030"),
+        ("時間(s),変位(mm),荷重(N)", "cp932"),
+        ("시간(s),변위(mm),하중(N)", "cp949"),
+        ("Czas (s),Wydłużenie (mm),Siła (N)", "cp1250"),
+        ("Время (s),Перемещение (mm),Сила (N)", "cp1251"),
+        ("Prüfzeit (s),Weg (mm),Kraft (N)", "cp1252"),
+    ],
+)
+def test_a_known_word_tells_the_encoding(tmp_path, head, encoding):
+    imported = import_file(write(tmp_path, [head], encoding=encoding))
+    check_press(imported)
+    assert f"text in {encoding}" in imported.read
+    assert all(name in imported.read for name in head.split(","))
+
+
+@pytest.mark.parametrize(
+    "head",
+    [
+        "时间（s）,位移（mm）,力（N）",
+        "Time:s,Extension:mm,Load:N",
+        "Time|s,Extension|mm,Load|N",
+    ],
+)
+def test_units_stand_behind_other_marks(tmp_path, head):
+    check_press(import_file(write(tmp_path, [head])))
+
+
+@pytest.mark.parametrize(
+    "above",
+    [
+        ["Time unit,s", "Displacement unit,mm", "Force unit,N"],
+        ["Force units: N", "displacement units: mm"],
+        ["# Units: s mm N"],
+        ["Units,s,mm,N", "Operator,somebody"],
+    ],
+)
+def test_lines_above_the_names_say_units(tmp_path, above):
+    check_press(import_file(write(tmp_path, [*above, "", "Time,Displacement,Force"])))
+
+
+def test_a_unit_above_the_names_is_no_unit_of_another_column(tmp_path):
+    path = write(tmp_path, ["Load unit,kN", "Stiffness unit,N", "Time,Displacement,Force"])
+    with pytest.raises(InputError, match="'Displacement', 'Force' do not say their units"):
+        import_file(path)
+
+
+def test_a_remark_of_one_column_may_stand_between_names_and_numbers(tmp_path):
+    check_press(import_file(write(tmp_path, ["Time (s),Travel (mm),Load (N)", ",,Channel 2"])))
+
+
+def test_names_may_stand_far_above_the_numbers(tmp_path):
+    head = ["# units: m N", "# columns: height vDeflection"]
+    head += [f"# settings.segment.{number}.value: {number}" for number in range(300)]
+    rows = [f"{x:.9f} {f:.6f}" for x, f in zip(WAY_M, FORCE_N, strict=True)]
+    check_press(import_file(write(tmp_path, head, rows)))
+
+
+@pytest.mark.parametrize("sentence", ["# results of the first day of tests", "# kept for the record by all"])
+def test_a_sentence_above_numbers_between_blanks_names_no_columns(tmp_path, sentence):
+    path = write(tmp_path, [sentence], [row.replace(",", " ") for row in ROWS])
+    with pytest.raises(InputError, match="it names none"):
+        import_file(path)
+    check_press(by_the_advice(path))
+
+
+def test_without_names_the_smoother_column_is_advised_as_displacement(tmp_path):
+    noisy = FORCE_N + 0.2 * np.random.default_rng(3).standard_normal(len(FORCE_N))
+    rows = [f"{f:.6f},{x:.6f}" for f, x in zip(noisy, 1e3 * WAY_M, strict=True)]
+    (channel,) = by_the_advice(write(tmp_path, [], rows)).channels
+    np.testing.assert_allclose(channel.effort, noisy, atol=1e-6)
+
+
+@pytest.mark.parametrize("way", ["elongation_r", "raw"])
+def test_the_advice_goes_by_words_and_takes_no_time_for_a_way(tmp_path, way):
+    path = write(tmp_path, [f"time_r,{way},load_r"])
+    check_press(by_the_advice(path))
+
+
+def test_several_specimens_in_a_file_are_noted(tmp_path):
+    rows = [f"S{number},{row}" for number in (1, 2, 3) for row in ROWS]
+    path = write(tmp_path, ["specimen,Time (s),Travel (mm),Load (N)"], rows)
+    (note,) = [note for note in import_file(path).notes if "specimens" in note]
+    assert "'specimen' names 3 specimens" in note
+    assert "--where specimen=S1" in note
+
+
+@pytest.mark.parametrize(("join", "above"), [(", ", []), ("; ", ["booting v2", "tare"]), ("\t", ["ready"])])
+def test_a_serial_log_of_labelled_numbers_is_a_table(tmp_path, join, above):
+    rows = [
+        join.join([f"Time: {1e3 * t:.1f} ms", f"Travel = {1e3 * x:.6f} mm", f"Force: {f:.6f}N"])
+        for t, x, f in zip(TIME_S, WAY_M, FORCE_N, strict=True)
+    ]
+    check_press(import_file(write(tmp_path, above, [*rows[:300], "sensor: reset", *rows[300:]])))
+
+
+def test_labels_that_change_from_line_to_line_make_no_table(tmp_path):
+    lines = [f"a{number}: 1 N, b{number}: 2 mm" for number in range(40)]
+    with pytest.raises(InputError):
+        import_file(write(tmp_path, lines, []))
+
+
+@pytest.mark.parametrize(
+    ("written", "unit"),
+    [("rad.s", "rad_s"), ("mm.s", "mm_s"), ("kN.m", "kNm"), ("N.mm", "Nmm"), ("m.s", "m_s")],
+)
+def test_a_point_within_a_unit_is_a_slash_or_a_product(written, unit):
+    assert normalise(written) == unit
+    assert dimension_of(unit) is not None
