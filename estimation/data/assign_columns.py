@@ -191,6 +191,12 @@ def assign_columns(table: Table, options: ImportOptions) -> Columns:
         motions = [column for key, (_, column) in chosen.items() if key != TIME and column not in efforts]
         table, note = with_one_rate(table, chosen[TIME][1], efforts, motions, run)
         notes += [note] if note else []
+    elif chosen:
+        filled = np.logical_and.reduce([table.is_there(column) for _, column in chosen.values()])
+        if filled.any() and not filled.all():  # columns of other lengths, or gaps
+            listed = ", ".join(f"'{column}'" for _, column in chosen.values())
+            notes.append(f"{np.sum(~filled)} of {len(table)} rows left out: no value in one of {listed}")
+            table = table.select(filled)
     notes += _press_or_axis(table, options, chosen)
     chosen = dict(sorted(chosen.items(), key=lambda item: table.names.index(item[1][1])))
     check_force_of_angle(table, options, chosen)

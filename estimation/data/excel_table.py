@@ -19,7 +19,9 @@ from palpate.estimation.data.file_columns import FileColumns, check_size
 from palpate.estimation.data.table_layout import with_run
 from palpate.estimation.data.text_dialect import (
     FEWEST_NUMBERS,
+    NAMELESS,
     Block,
+    Layout,
     commas_decide,
     find_layouts,
     is_footer,
@@ -72,9 +74,10 @@ def read_excel_table(path: Path, selected: str = "") -> FileColumns:
                 if height * width > _MOST_CELLS:
                     raise InputError(f"{path}: a sheet of {height} rows, {width} columns; cut it into pieces")
     book = CalamineWorkbook.from_path(path)
-    loaded = [
-        table for name in book.sheet_names[:_MOST_SHEETS] for table in _tables(book.get_sheet_by_name(name))
-    ]
+    sheets = [book.get_sheet_by_name(name) for name in book.sheet_names[:_MOST_SHEETS]]
+    loaded = [table for sheet in sheets for table in _tables(sheet)]
+    nameless = [] if loaded else [table for sheet in sheets for table in _tables(sheet, nameless=True)]
+    loaded = loaded or nameless
     if not loaded:
         raise InputError(f"{path}: no sheet has names of columns above rows of numbers")
     blocks = [Block(table.title, table.names, len(table.rows)) for table in loaded]
@@ -104,7 +107,11 @@ def read_excel_table(path: Path, selected: str = "") -> FileColumns:
             for sheet, end, label in zip(alike, ends, labels, strict=True)
         )
     listed = ", ".join(map(repr, titles[:5])) + (" ..." if len(titles) > 5 else "")
-    words = [f"sheet{'s' if len(titles) > 1 else ''} {listed} of {len(book.sheet_names)}", *note]
+    words = [
+        *([NAMELESS] if nameless else []),
+        f"sheet{'s' if len(titles) > 1 else ''} {listed} of {len(book.sheet_names)}",
+        *note,
+    ]
     return FileColumns(
         table,
         first.decimal,
@@ -142,8 +149,8 @@ def _extent(sheet: bytes) -> tuple[int, int]:
     return last[0], last[1]
 
 
-def _tables(sheet: CalamineSheet) -> list[_Sheet]:
-    """The tables of a sheet, in their order."""
+def _tables(sheet: CalamineSheet, *, nameless: bool = False) -> list[_Sheet]:
+    """The tables of a sheet, in their order; if nameless, a table of numbers from the first row on."""
     rows: list[list[Any]] = sheet.to_python(skip_empty_area=True)
     decimal = _mark_in(rows)
     looked_at = set(range(min(len(rows), _LOOKED_AT)))
@@ -153,7 +160,12 @@ def _tables(sheet: CalamineSheet) -> list[_Sheet]:
             looked_at.update(range(place, min(len(rows), place + _BELOW)))
     places = sorted(looked_at)
     head = [[_text(cell, decimal) for cell in rows[place]] for place in places]
-    layouts = list(find_layouts(head, decimal))
+    if nameless:
+        above_numbers = [f"column {number}" for number in range(1, len(head[0]) + 1 if head else 1)]
+        found = next(find_layouts([above_numbers, *head], decimal), None)
+        layouts = [Layout(found.names, 0, 0)] if found and found.first == 1 else []
+    else:
+        layouts = list(find_layouts(head, decimal))
     if not layouts:
         return []
     above = 1 + (sheet.start or (0, 0))[0]

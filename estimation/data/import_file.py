@@ -318,7 +318,7 @@ def _example(columns: Columns) -> str:
     if TIME not in columns:
         rising = (name for name in free if (np.diff(table.numbers(name)) > 0.0).all())
         clock = next((name for name in numbers if said[name] == "time"), "")
-        clock = clock or (next(rising, "") if NAMELESS in table.words else "")
+        clock = clock or (next(rising, "") if NAMELESS in table.words and len(free) > 2 else "")
         options += [f"--column time={shlex.quote(clock)}"] if clock else []
         free = [name for name in free if name != clock]
     # Of columns that say nothing, the displacement is the one that goes to and fro the least.

@@ -1,6 +1,7 @@
 """Names in other languages and encodings, units away from the names, and logs without a table."""
 
 import numpy as np
+import openpyxl
 import pytest
 
 from palpate.estimation.data.column_names import guess_column
@@ -183,3 +184,22 @@ def test_labels_that_change_from_line_to_line_make_no_table(tmp_path):
 def test_a_point_within_a_unit_is_a_slash_or_a_product(written, unit):
     assert normalise(written) == unit
     assert dimension_of(unit) is not None
+
+
+def test_rows_that_end_before_others_are_left_out_without_a_time(tmp_path):
+    rows = [f"{place},{row.split(',', 1)[1]}" for place, row in enumerate(ROWS)]
+    rows += [f"{place},," for place in range(len(ROWS), len(ROWS) + 200)]
+    imported = import_file(write(tmp_path, ["counts,Travel (mm),Load (N)"], rows))
+    check_press(imported)
+    assert any("200 of 800 rows left out" in note for note in imported.notes)
+
+
+def test_a_workbook_without_names_is_read_by_the_advice(tmp_path):
+    path = tmp_path / "numbers.xlsx"
+    book = openpyxl.Workbook()
+    for row in ROWS:
+        book.active.append([float(cell) for cell in row.split(",")])
+    book.save(path)
+    with pytest.raises(InputError, match="it names none; the first row is"):
+        import_file(path)
+    check_press(by_the_advice(path))
