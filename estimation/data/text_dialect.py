@@ -117,9 +117,10 @@ def _said_above(
     said: dict[str, Sequence[str]] = {}
     for place in range(first - 1, -1, -1):
         row = rows[place]
-        if row and is_number(row[0], decimal):
-            break
-        if row and row[0].endswith(":") and len(row) == width + 1:
+        is_remark = bool(row) and row[0].endswith(":")
+        if not is_remark and sum(_numbers(row, decimal)) >= FEWEST_NUMBERS:
+            break  # another table
+        if is_remark and len(row) == width + 1:
             said.setdefault(row[0].rstrip(":").lower(), row[1:])
     return said
 
