@@ -194,9 +194,9 @@ def test_forms_that_together_leave_as_little_as_the_laws_of_their_kinds_bear_the
 def test_what_the_reader_and_the_object_draw_alike_is_the_object_s():
     """A press whose displacement counts from elsewhere: a dead band of the reader draws nearly the same."""
     depth, run = np.linspace(18e-3, 38e-3, 400), np.repeat(np.arange(3), 400)
-    x, v = np.tile(depth, 3), np.full(1200, 1e-3)
+    x, v = np.tile(depth, 3), np.array([1e-3, 2e-3, 4e-3])[run]
     force = 3e4 * (x - 16e-3) + 1e5 * (x - 18e-3) ** 2 + np.random.default_rng(0).normal(0.0, 0.3, 1200)
-    data = channel(force, x, v, 0.05 * np.arange(1200) + 100.0 * run, run=run)
+    data = channel(force, x, v, (x - depth[0]) / v + 100.0 * run, run=run)
     for names in (("deadband",), ("deadband", "contact_offset")):
         search = searched(data, *names, base=PRESS)
         end, _ = accept_forms(search, analyse_kinds(search), reached(search, "deadband"), measured(search))
@@ -206,9 +206,9 @@ def test_what_the_reader_and_the_object_draw_alike_is_the_object_s():
 def test_in_a_complete_model_too_the_object_s_effect_bears_the_name_of_what_both_draw():
     """A spring whose surface lies elsewhere, read well: a dead band of the reader draws the same line."""
     depth, run = np.linspace(18e-3, 38e-3, 400), np.repeat(np.arange(3), 400)
-    x, v = np.tile(depth, 3), np.full(1200, 1e-3)
+    x, v = np.tile(depth, 3), np.array([1e-3, 2e-3, 4e-3])[run]
     force = 3e4 * (x - 16e-3) + np.random.default_rng(0).normal(0.0, 0.3, 1200)
-    data = channel(force, x, v, 0.05 * np.arange(1200) + 100.0 * run, run=run)
+    data = channel(force, x, v, (x - depth[0]) / v + 100.0 * run, run=run)
     search = searched(data, "deadband", "contact_offset", base=PRESS)
     end = most_parsimonious(search, reached(search, "deadband"), measured(search), lambda _: True)
     assert search.added_effects(end) == ["contact_offset"]
