@@ -39,7 +39,7 @@ _BY_QUANTITY = {
         czas čas
         время
         tijd tid
-        zaman süre
+        zaman süre saat
         时间 時間 试验时间
         試験時間
         시간
@@ -51,11 +51,11 @@ _BY_QUANTITY = {
         déplacement allongement enfoncement course
         desplazamiento extensión alargamiento carrera
         spostamento allungamento corsa deslocamento alongamento
-        przemieszczenie wydłużenie ugięcie posuv prodloužení
+        przemieszczenie wydłużenie ugięcie posuv posunutí prodloužení
         перемещение удлинение
         verplaatsing förskjutning
-        uzama deplasman
-        位移 变形 伸长 行程 横梁位移
+        uzama deplasman yerdeğiştirme
+        位移 变位 变形 伸长 行程 横梁位移
         変位 伸び ストローク
         변위
     """,
@@ -79,6 +79,7 @@ _BY_QUANTITY = {
         couple courant
         corriente
         momento coppia corrente
+        koppel tork
         扭矩 转矩 电流
         トルク 電流
     """,
@@ -89,6 +90,7 @@ _BY_QUANTITY = {
         posizione angolo posição
         pozycja kąt
         положение угол
+        konum
         位置 角度
     """,
     "velocity": """
@@ -99,6 +101,7 @@ _BY_QUANTITY = {
         velocità velocidade
         prędkość
         скорость
+        snelheid hız
         速度
     """,
     "run": "run trial cycle test rep repeat press",
