@@ -446,23 +446,6 @@ def test_units_behind_numbers_are_named_as_the_fault(tmp_path, cells):
         import_file(path)
 
 
-@pytest.mark.parametrize(
-    ("time", "displacement", "force"),
-    [
-        ("Saat", "Uzama", "Yük"),
-        ("czas", "przemieszczenie", "siła"),
-        ("tijd", "verplaatsing", "kracht"),
-        ("時間", "変位", "荷重"),
-        ("время", "перемещение", "сила"),
-    ],
-)
-def test_names_in_other_languages_are_read(tmp_path, time, displacement, force):
-    header = f"{time};{displacement};{force}\n(s);(mm);(N)\n"
-    channel = only_channel(tmp_path, header + lines(TIME_S, 1e3 * WAY_M, FORCE_N, delimiter=";"))
-    np.testing.assert_allclose(channel.position, WAY_M, atol=1e-9)
-    np.testing.assert_allclose(channel.effort, FORCE_N, atol=1e-6)
-
-
 def test_of_names_without_units_the_last_word_says_the_quantity(tmp_path):
     path = tmp_path / "zwick.txt"
     header = "Test time, Standard travel, Tool separation, Standard force\n"
