@@ -223,7 +223,19 @@ def fit_arm(motion: ArmMotion, bodies: GravityBodies) -> ArmFit:
     moving = _means(away.astype(np.float64)) == 1.0
     inertial, gravity = _means(inertial), _means(gravity)
     motion = ArmMotion(*(_means(getattr(motion, field.name)) for field in fields(motion)))
-    _check(moving, inertial + gravity @ fall(np.zeros(2)))
+    torque_nm = inertial + gravity @ fall(np.zeros(2))
+    for joint, (count, spread) in enumerate(
+        zip(moving.sum(axis=0), np.ptp(torque_nm, axis=0), strict=True), 1
+    ):
+        if count < _FEWEST_BLOCKS:
+            raise InputError(
+                f"joint {joint} hardly moves: only {count} blocks of {BLOCK} samples are faster than "
+                f"{STANDSTILL_RAD_S} rad/s"
+            )
+        if spread < _FEWEST_LOADED:
+            raise InputError(
+                f"joint {joint} carries the same load everywhere: its torque gain cannot be identified"
+            )
     size = np.linalg.norm((gravity @ fall_slopes(np.zeros(2))).reshape(-1, 2), axis=0)
     felt = np.asarray(size > _UNFELT * max(float(size.max()), _FEWEST_LOADED))
     solver = _Solver(motion, inertial, gravity, moving, felt)
@@ -348,18 +360,3 @@ def _means(values: FloatArray) -> FloatArray:
     """
     count = len(values) // BLOCK
     return np.asarray(values[: count * BLOCK].reshape(count, BLOCK, *values.shape[1:]).mean(axis=1))
-
-
-def _check(moving: BoolArray, torque_nm: FloatArray) -> None:
-    for joint, (count, spread) in enumerate(
-        zip(moving.sum(axis=0), np.ptp(torque_nm, axis=0), strict=True), 1
-    ):
-        if count < _FEWEST_BLOCKS:
-            raise InputError(
-                f"joint {joint} hardly moves: only {count} blocks of {BLOCK} samples are faster than "
-                f"{STANDSTILL_RAD_S} rad/s"
-            )
-        if spread < _FEWEST_LOADED:
-            raise InputError(
-                f"joint {joint} carries the same load everywhere: its torque gain cannot be identified"
-            )

@@ -106,7 +106,11 @@ def _try(job: CaseSpec, strength: float, rng: Generator) -> GeneratedCase | None
     effort, position = effort_and_position(world, [e for e in hidden if e not in last])
     text = read.csv(effort, position, last)
     channel = _imported(text, ImportOptions(fresh=world.fresh and job.kind == "contact"))
-    channel, model = _model(world, channel)
+    base = MODELS[world.base]()
+    context = ModelContext(joint=None if world.kind == "contact" else 0)
+    if world.base == "rigid_body":
+        context = replace(context, urdf=_URDF.format(**world.law), tip_frame="tip")
+    channel, model = base.prepare(channel, context), base.build(context)
     words = (
         f"{world.base}, {shape}, {len(channel.runs)} runs, {reading.rate_hz:.0f} Hz"
         f"{' irregular' if reading.irregular else ''}, {_chain(reading)}, velocity {reading.velocity}, "
@@ -254,14 +258,6 @@ def _imported(text: str, options: ImportOptions) -> ChannelData:
         path = Path(folder) / "case.csv"
         path.write_text(text)
         return import_file(path, options).channels[0]
-
-
-def _model(world: CaseWorld, channel: ChannelData) -> tuple[ChannelData, Model]:
-    base = MODELS[world.base]()
-    context = ModelContext(joint=None if world.kind == "contact" else 0)
-    if world.base == "rigid_body":
-        context = replace(context, urdf=_URDF.format(**world.law), tip_frame="tip")
-    return base.prepare(channel, context), base.build(context)
 
 
 def _truth(world: CaseWorld, job: CaseSpec, hidden: list[Hidden]) -> dict[str, float]:

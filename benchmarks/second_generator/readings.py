@@ -64,14 +64,8 @@ def read_position(rng: Generator, reading: ReadingChain, x: Array, *, arm: bool)
     steps = [2 * np.pi / n for n in reading.steps]
     if not arm:
         return np.round(x / steps[0]) * steps[0]
-    return _through_an_arm(rng, x, steps)
-
-
-def _through_an_arm(rng: Generator, x: Array, steps: list[float]) -> Array:
-    """The tip of three links that goes down a vertical line, its angles rounded to their encoders' steps.
-
-    The tool points down. Wrist at (r, z): two-link inverse kinematics; forward again from rounded angles.
-    """
+    # The tip of a three-link arm moves down a vertical line with the tool pointing down: inverse kinematics
+    # of the wrist at (r, z), angles rounded to the encoders' steps, and forward kinematics of these.
     a, b, tool = LINKS_M
     reach, height = rng.uniform(0.30, 0.42), rng.uniform(-0.05, 0.1)
     z = height - x  # positive depth is downwards

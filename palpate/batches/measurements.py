@@ -109,10 +109,15 @@ def find_measurements(
         raise InputError(f"--join {join} and --split {split}: give one of them")
     if join is not None:
         return _joined(listed, join)
-    named = zip(_short_names(listed), listed.items(), strict=True)
+    # Name each file with as many of its folders as make all names different.
+    parts = [str(path).split(os.sep) for path in listed]
+    for depth in range(1, max(map(len, parts)) + 1):
+        names = ["/".join(own[-depth:]) for own in parts]
+        if len(set(names)) == len(names):
+            break
     return [
         part
-        for name, (file, fields) in named
+        for name, (file, fields) in zip(names, listed.items(), strict=True)
         for part in _parts(name, file, fields, split, by_run=file in episodes)
     ]
 
@@ -293,13 +298,3 @@ def _texts(column: Any) -> list[str]:  # noqa: ANN401, Arrow's
     texts: Iterable[Any] = column.unique().to_pylist()
     kept = [text for text in texts if text is not None and str(text).strip()]
     return [f"{text:g}" if isinstance(text, float | np.floating) else str(text).strip() for text in kept]
-
-
-def _short_names(files: Iterable[Path]) -> list[str]:
-    """File names, with as many folders as tell all of them apart."""
-    parts = [str(path).split(os.sep) for path in files]
-    for depth in range(1, max(map(len, parts), default=0) + 1):
-        names = ["/".join(own[-depth:]) for own in parts]
-        if len(set(names)) == len(names):
-            break
-    return names if parts else []

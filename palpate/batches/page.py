@@ -60,6 +60,7 @@ def write_page(batch: BatchResult) -> None:
         "unreadable": f"{len(batch.errors):,}",
         "processor time": f"{duration(float(seconds))}",
     }
+    lines = list(batch.errors.items())
     sections = [
         _overview(batch),
         _common(batch),
@@ -68,7 +69,7 @@ def write_page(batch: BatchResult) -> None:
         _shared(batch),
         _differences(batch),
         _outliers(batch),
-        _errors(batch),
+        PageSection("Measurements that could not be judged", ("measurement", "reason"), lines[:_MOST_ROWS]),
         _rows(batch),
     ]
     _write(batch.page, f"Batch {batch.folder.name}", facts, sections)
@@ -357,11 +358,6 @@ def _outliers(batch: BatchResult) -> PageSection:
         " and the value's standard error.",
     )
     return PageSection("Outliers", columns, lines, words=words)
-
-
-def _errors(batch: BatchResult) -> PageSection:
-    lines = list(batch.errors.items())
-    return PageSection("Measurements that could not be judged", ("measurement", "reason"), lines[:_MOST_ROWS])
 
 
 def _rows(batch: BatchResult) -> PageSection:

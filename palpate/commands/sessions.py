@@ -193,7 +193,29 @@ def merged_streams(sessions: Sequence[Session]) -> list[Merged]:
     Raises:
         InputError: they are not of one arm, or not of the same streams.
     """
-    _check_compatible(sessions)
+    first = sessions[0]
+    for session in sessions[1:]:  # refuse sessions of other arms, or with other streams or columns
+        if session.metadata.urdf != first.metadata.urdf:
+            if session.metadata.urdf and first.metadata.urdf:
+                raise InputError(
+                    f"{session.path}: was made by another arm than {first.path} (their URDFs differ)"
+                )
+            with_arm, without = ("", " not") if first.metadata.urdf else (" not", "")
+            raise InputError(
+                f"{session.path}: was{without} made by an arm, and {first.path} was{with_arm}; "
+                "merge like with like"
+            )
+        if set(session.stream_names) != set(first.stream_names):
+            names = [", ".join(each.stream_names) or "none" for each in (session, first)]
+            raise InputError(f"{session.path}: has streams {names[0]}, and {first.path} has {names[1]}")
+        for name in first.stream_names:
+            streams = [each.samples(name).stream for each in (session, first)]
+            forms = [{(c.name, c.width, c.unit) for c in stream.columns} for stream in streams]
+            if forms[0] != forms[1]:
+                differing = ", ".join(sorted({column for column, *_ in forms[0] ^ forms[1]}))
+                raise InputError(
+                    f"{session.path}: stream '{name}' has other columns than in {first.path}: {differing}"
+                )
     merged = list[Merged]()
     for name in sessions[0].stream_names:
         parts = [session.samples(name) for session in sessions]
@@ -299,32 +321,6 @@ def _depth_difference(first: ChannelData, second: ChannelData) -> float:
     deepest = max(float(data.position.max()) for data in (first, second))
     deeper = float(np.median(b) - np.median(a))
     return deeper if abs(deeper) > max(_APART * deepest, _SPREADS * max(np.ptp(a), np.ptp(b))) else 0.0
-
-
-def _check_compatible(sessions: Sequence[Session]) -> None:
-    first = sessions[0]
-    for session in sessions[1:]:
-        if session.metadata.urdf != first.metadata.urdf:
-            if session.metadata.urdf and first.metadata.urdf:
-                raise InputError(
-                    f"{session.path}: was made by another arm than {first.path} (their URDFs differ)"
-                )
-            with_arm, without = ("", " not") if first.metadata.urdf else (" not", "")
-            raise InputError(
-                f"{session.path}: was{without} made by an arm, and {first.path} was{with_arm}; "
-                "merge like with like"
-            )
-        if set(session.stream_names) != set(first.stream_names):
-            names = [", ".join(each.stream_names) or "none" for each in (session, first)]
-            raise InputError(f"{session.path}: has streams {names[0]}, and {first.path} has {names[1]}")
-        for name in first.stream_names:
-            streams = [each.samples(name).stream for each in (session, first)]
-            forms = [{(c.name, c.width, c.unit) for c in stream.columns} for stream in streams]
-            if forms[0] != forms[1]:
-                differing = ", ".join(sorted({column for column, *_ in forms[0] ^ forms[1]}))
-                raise InputError(
-                    f"{session.path}: stream '{name}' has other columns than in {first.path}: {differing}"
-                )
 
 
 def reveal_command(

@@ -185,10 +185,13 @@ class _Mjcf:
             texts["damping"] = _polynomial(number.get("damping", 0.0), number.get("damping_quadratic", 0.0))
         if number.keys() & {"stiffness", "cubic"}:
             k, p, k3 = (number.get(key, 0.0) for key in ("stiffness", "preload", "cubic"))
-            rest = _rest(k, p, k3)
+            # Rest position: the root of k q + preload + cubic q^3 nearest zero.
+            roots = np.roots(np.array([k3, 0.0, k, p]))
+            real = [float(root.real) for root in roots if abs(root.imag) < 1e-9 * (1.0 + abs(root.real))]
+            rest = min(real, key=abs) if real else (0.0 if p == 0.0 else None)
             if rest is None:
                 self.left_out.append(
-                    f"{joint.channel}: preload {p:.5g} without a spring that has a place of rest"
+                    f"{joint.channel}: preload {p:.5g} without a spring that has a rest position"
                 )
                 rest = 0.0
             texts["stiffness"] = _polynomial(k + 3.0 * k3 * rest**2, 3.0 * k3 * rest, k3)
@@ -314,13 +317,6 @@ class _Mjcf:
     def _tip(self, name: str, tag: str) -> Element | None:
         bodies = self._root.findall("worldbody")
         return next((each for top in bodies for each in top.iter(tag) if each.get("name") == name), None)
-
-
-def _rest(k: float, preload: float, cubic: float) -> float | None:
-    """Return the root of k q + preload + cubic q^3 nearest zero; None without one."""
-    roots = np.roots(np.array([cubic, 0.0, k, preload]))
-    real = [float(root.real) for root in roots if abs(root.imag) < 1e-9 * (1.0 + abs(root.real))]
-    return min(real, key=abs) if real else (0.0 if preload == 0.0 else None)
 
 
 def _polynomial(*coefficients: float) -> str:

@@ -85,17 +85,14 @@ class CanWire(FrameWire[can.Message]):
             return
         self._deliver_late(now_s)
         for node in self._nodes:
-            self._strike(node, now_s)
+            for kind in (FaultKind.ALERT, FaultKind.REBOOT, FaultKind.STUCK):
+                fault = self.faults.strikes(kind, node.number, now_s)
+                if fault is not None:
+                    node.strike(fault, now_s)
             self._deliver_all(node, node.tell(now_s), now_s)
 
     def close(self) -> None:
         self._bus.shutdown()
-
-    def _strike(self, node: CanNode, now_s: float) -> None:
-        for kind in (FaultKind.ALERT, FaultKind.REBOOT, FaultKind.STUCK):
-            fault = self.faults.strikes(kind, node.number, now_s)
-            if fault is not None:
-                node.strike(fault, now_s)
 
     def _deliver_all(self, node: CanNode, messages: Sequence[can.Message], now_s: float) -> None:
         for message in messages:

@@ -11,7 +11,7 @@ from palpate.estimation.diagnosis.candidates import applicable_effects, screen_e
 from palpate.estimation.diagnosis.result import ParameterValue
 from palpate.estimation.estimate import ParameterEstimate
 from palpate.estimation.fit.intervals import SIGMAS_95
-from palpate.estimation.study import Comparison, StudyChannel
+from palpate.estimation.study import StudyChannel
 from palpate.estimation.study.estimates import BEST, USUAL, ChannelEstimates
 from palpate.estimation.study.model_suggestions import FAR_BETTER, better_model
 from palpate.render.view import FAR
@@ -88,7 +88,14 @@ def _row(
         else:  # such as an effect of joints on a contact
             warnings.append(f"without {', '.join(add)}: {error}")
     if comparison is not None:
-        row |= _compared(comparison)
+        row |= {
+            "model": comparison.model,
+            "rmse": comparison.rmse,
+            "noise": comparison.noise.value,
+            "times_noise": comparison.lack_of_fit,
+            "excluded_share": float(1.0 - np.mean(comparison.judged)),
+        }
+        row |= {f"budget {entry.kind.word}": entry.share for entry in comparison.kinds}
     final = diagnosis.final if diagnosis is not None and diagnosis.accepted and not add else None
     if final is not None:  # all of one model: with an effect that was missing, the others change
         row |= _all_columns(final.parameters)
@@ -99,18 +106,6 @@ def _row(
     if diagnosis is not None:
         row |= _diagnosed(diagnosis)
     return row | {"warnings": "; ".join(warnings)}
-
-
-def _compared(comparison: Comparison) -> Row:
-    """Error, noise, share of samples that are not judged, and budget by kind."""
-    row: Row = {
-        "model": comparison.model,
-        "rmse": comparison.rmse,
-        "noise": comparison.noise.value,
-        "times_noise": comparison.lack_of_fit,
-        "excluded_share": float(1.0 - np.mean(comparison.judged)),
-    }
-    return row | {f"budget {entry.kind.word}": entry.share for entry in comparison.kinds}
 
 
 def _diagnosed(diagnosis: ChannelDiagnosis) -> Row:
