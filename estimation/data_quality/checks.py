@@ -85,8 +85,8 @@ def reject_reason(data: ChannelData) -> str | None:
     """
     if reason := _corrupted(data):
         return reason
-    good = data.select(usable(data))
-    return _first((check for _, check in _REJECTED), good)
+    good = usable(data)
+    return _first((check for _, check in _REJECTED), data.select(good)) or _blocks(data, good)
 
 
 def quality_warnings(data: ChannelData, model: Model | None = None) -> list[str]:
@@ -119,7 +119,7 @@ def contaminated(data: ChannelData, model: Model) -> str | None:
     if reason := _corrupted(data):
         return reason
     good = data.select(usable(data))
-    checks = (check for kind, check in _REJECTED if kind != "enough" and check is not _blocks)
+    checks = (check for kind, check in _REJECTED if kind != "enough")
     affected = (
         warning for kind, warning in _warnings(data, model) if kind in {"sync", "readings", "saturation"}
     )
@@ -141,11 +141,13 @@ def checklist(data: ChannelData, model: Model | None = None) -> dict[str, str]:
     kinds = ("enough", "units", "sync", "excitation", "readings", "saturation")
     if reason := _corrupted(data):
         return dict.fromkeys(kinds, "") | {"readings": reason}
-    good, result = data.select(usable(data)), dict[str, str]()
+    good, result = usable(data), dict[str, str]()
+    selected = data.select(good)
     for kind in kinds:
-        result[kind] = _first((check for group, check in _REJECTED if group == kind), good) or ""
+        result[kind] = _first((check for group, check in _REJECTED if group == kind), selected) or ""
         if kind in {"enough", "units"} and result[kind]:
             return result
+    result["excitation"] = result["excitation"] or _blocks(data, good) or ""
     for kind, warning in _warnings(data, model):
         result[kind] = result[kind] or warning
     return result
@@ -299,12 +301,12 @@ def _one_pace(data: ChannelData) -> str | None:
     )
 
 
-def _blocks(data: ChannelData) -> str | None:
-    """There must be a block to fit to, and one to hold out, in another run if there are several.
+def _blocks(data: ChannelData, good: BoolArray) -> str | None:
+    """Require blocks to fit to, and blocks in another run to hold out, as the fit itself forms them.
 
-    So many in a row as the noise's colour needs, too: a run that is shorter says nothing of its noise.
+    Each must have as many blocks before it in its run as the noise model looks back.
     """
-    least, lengths = block_length(data), np.unique(data.run, return_counts=True)[1]
+    least, lengths = block_length(data), np.unique(data.run[good], return_counts=True)[1]
     parts = lengths // least if len(lengths) == 1 else lengths >= least
     if parts.sum() < 2:
         step_s = sample_time(data.time_s, data.run)
@@ -312,8 +314,13 @@ def _blocks(data: ChannelData) -> str | None:
             f", or check the unit of time: samples are {step_s:.2g} s apart" if step_s < _QUICKEST_S else ""
         )
         return f"fewer than two runs have {least} samples or more; record longer runs{unit}"
-    blocked = block_average(data)
-    if len(np.unique(blocked.fold[blocked.trusted])) < 2:
+    blocked = block_average(data, good)
+    if not blocked.can_hold_out:
+        if not good.all() and block_average(data).can_hold_out:
+            return (
+                f"{np.count_nonzero(~good)} readings that are excluded, such as isolated ones far off their "
+                "neighbors, leave at most one run to fit to; remove such rows, or record more runs"
+            )
         return "at most one run has motion, so no run can be held out; record more runs"
     if len(np.unique(blocked.fold[ArNoise(np.zeros(ORDER)).used(blocked.run, blocked.trusted)])) < 2:
         return f"fewer than two runs last {(ORDER + 1) * least} samples or more; record longer runs"
@@ -329,7 +336,6 @@ _REJECTED: tuple[tuple[str, _Check], ...] = (  # by kind, in the order of `rejec
     ("excitation", no_contact),
     ("readings", too_coarse),
     ("readings", rectified),
-    ("excitation", _blocks),
 )
 _IMPLAUSIBLE: tuple[tuple[str, _Check], ...] = (
     ("enough", _motion_once),

@@ -23,7 +23,7 @@ from palpate.estimation.diagnosis.candidates import (
 )
 from palpate.estimation.effect import Effect, Inner, SensorEffect
 from palpate.estimation.effects.run_differences import RunVariation
-from palpate.estimation.fit.blocks import BlockedData, decimate, merge_blocks
+from palpate.estimation.fit.blocks import BlockedData, block_average, decimate, merge_blocks
 from palpate.estimation.fit.fit_problem import Solution, columns_at, solve_gains
 from palpate.estimation.fit.fit_result import FitResult, fit_model
 from palpate.estimation.fit.permutation import COUNT, null_improvements
@@ -443,14 +443,21 @@ def prepare_search(  # noqa: PLR0917
     chosen = _some_runs(blocked)
     if blocked.rows.shape[1] == 1 and chosen.all():
         return whole
-    rough = replace(decimate(blocked).select(chosen), shared=data.shared)
-    return replace(whole, coarse=Search(rough, model, blocked.trusted[chosen], effects, rng, progress))
+    rough, rough_good = replace(decimate(blocked).select(chosen), shared=data.shared), blocked.trusted[chosen]
+    if not block_average(rough, rough_good).can_hold_out:
+        return whole
+    return replace(whole, coarse=Search(rough, model, rough_good, effects, rng, progress))
 
 
 def _some_runs(blocked: BlockedData) -> BoolArray:
-    """Select blocks of enough runs for a coarse search, with small and large efforts alike, shape (m,)."""
-    runs = rows_of_runs(blocked.run)
-    every = max(min(len(blocked) // _ENOUGH, len(runs) // _ENOUGH_RUNS), 1)
+    """Select blocks of enough runs for a coarse search, with small and large efforts alike, shape (m,).
+
+    A part of the runs is a part of those with a trusted block.
+    """
+    runs = [rows for rows in rows_of_runs(blocked.run) if blocked.trusted[rows].any()]
+    every = min(len(blocked) // _ENOUGH, len(runs) // _ENOUGH_RUNS)
+    if every <= 1:
+        return np.ones(len(blocked), dtype=np.bool_)
     by_effort = sorted(runs, key=lambda rows: float(np.ptp(blocked.effort[rows])))
     chosen = np.zeros(len(blocked), dtype=np.bool_)
     chosen[np.concatenate(by_effort[every // 2 :: every])] = True

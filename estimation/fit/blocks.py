@@ -66,6 +66,11 @@ class BlockedData:
         """Number of folds."""
         return int(self.fold.max()) + 1
 
+    @property
+    def can_hold_out(self) -> bool:
+        """Whether at least two folds have blocks that count, so that one can be held out."""
+        return len(np.unique(self.fold[self.trusted])) > 1
+
     def reduce(self, signal: FloatArray) -> FloatArray:
         """Means over blocks of a signal (n,) or (n, k): shape (m,) or (m, k).
 
@@ -162,7 +167,8 @@ def block_average(
     block = block_length(data)
     rows, folds = [], []
     runs = rows_of_runs(data.run)
-    pieces, most = (1, FOLDS) if len(runs) > 1 else (PIECES, _PIECE_FOLDS)
+    used = len(np.unique(data.run if good is None else data.run[good]))
+    pieces, most = (1, FOLDS) if used > 1 else (PIECES, _PIECE_FOLDS)
     for number, of_run in enumerate(runs):
         blocks = of_run[: len(of_run) // block * block].reshape(-1, block)
         piece = np.arange(len(blocks)) * pieces // max(len(blocks), 1)

@@ -73,6 +73,16 @@ def moving_in_one_run(phase):
     return ChannelData("joint_1", ChannelKind.REVOLUTE, t, q, v, -25 * q, q + np.sign(v), run, phase)
 
 
+def glitch_in_each_block():
+    """A press sampled at 20 kHz; every block of 5 ms holds one reading far off its neighbors."""
+    t, run = np.tile(np.arange(5000) / 20e3, 4), np.repeat(np.arange(4), 5000)
+    w = 8.0 * np.pi
+    x, v, a = 1e-3 * (1.0 - np.cos(w * t)), 1e-3 * w * np.sin(w * t), 1e-3 * w**2 * np.cos(w * t)
+    effort = 3e3 * x + np.random.default_rng(0).normal(0.0, 0.02, len(t))
+    effort[50::100] += 50.0
+    return ChannelData("contact", ChannelKind.CONTACT, t + run, x, v, a, effort, run, run * 0 - 1)
+
+
 SHORT_RUNS = {"time_s": 0.1 * DATA.time_s, "velocity": 10.0 * DATA.velocity}
 REJECTED = {
     "never changes": lambda: replace(DATA, effort=np.full(len(DATA), 2.0)),
@@ -100,6 +110,7 @@ REJECTED = {
     "fewer than two runs have": lambda: replace(DATA, **SHORT_RUNS, run=COUNT // 8),
     "runs last": lambda: replace(DATA, run=COUNT // 8),
     "at most one run has motion": lambda: moving_in_one_run(phase=1),
+    "200 readings that are excluded": glitch_in_each_block,
     f"{-(-len(DATA) // 60)} readings of the effort stand far off their neighbors, such as -9999 N": lambda: (
         replace(DATA, effort=np.where(COUNT % 60 == 0, -9999.0, F))
     ),

@@ -6,18 +6,21 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
+from palpate.estimation.channel import ChannelData, ChannelKind
 from palpate.estimation.data.derivatives import differentiate
 from palpate.estimation.diagnosis import acceptance
 from palpate.estimation.diagnosis.acceptance import indistinguishable_models, most_parsimonious
 from palpate.estimation.diagnosis.bootstrap import BootstrapTest
 from palpate.estimation.diagnosis.candidates import Candidate
-from palpate.estimation.diagnosis.search import _key, _some_runs, backward_step
+from palpate.estimation.diagnosis.forms import analyse_kinds
+from palpate.estimation.diagnosis.search import _key, _some_runs, backward_step, prepare_search
 from palpate.estimation.effects import EFFECTS
 from palpate.estimation.estimate import ParameterEstimate
 from palpate.estimation.fit.fit_problem import solve_gains
 from palpate.estimation.fit.fit_result import fit_model
 from palpate.estimation.fit.inner_search import GridSearch
 from palpate.estimation.fit.measurement_model import identify_measurement_model
+from palpate.estimation.kinds import Kind
 from palpate.estimation.model import Model
 from tests.estimation.presses import NOISE_N, kelvin_voigt, session
 from tests.estimation.searches import PRESS, SWING, reached, searched
@@ -234,10 +237,24 @@ def test_models_are_the_same_in_any_order_but_of_their_sensors():
 def test_a_sketch_has_twelve_runs_of_four_thousand_blocks_weak_and_strong_ones_alike(runs, blocks, chosen):
     run = np.repeat(np.arange(runs), blocks)
     effort = np.tile(np.linspace(0.0, 1.0, blocks), runs) * (run + 1)
-    blocked = type("Blocks", (), {"run": run, "effort": effort, "__len__": lambda self: len(self.run)})()
+    fields = {"run": run, "effort": effort, "trusted": np.ones(len(run), dtype=np.bool_)}
+    blocked = type("Blocks", (), {**fields, "__len__": lambda self: len(self.run)})()
     found = np.unique(run[_some_runs(blocked)])
     assert len(found) == chosen
     assert np.ptp(np.diff(found)) == 0
+
+
+def test_a_recording_of_which_most_runs_are_left_out_is_searched_by_the_others():
+    """Of 100 runs, the three that are no copies: every eighth run by effort would miss them."""
+    t, run = np.tile(np.arange(200) / 200.0, 100), np.repeat(np.arange(100), 200)
+    size = np.where(run == 2, 1.2, np.where((run == 1) | (run > 62), 1.1, 1.0))
+    w = 2.0 * np.pi
+    x, v, a = 1e-3 * (1.0 - np.cos(w * t)), 1e-3 * w * np.sin(w * t), 1e-3 * w**2 * np.cos(w * t)
+    effort = 3e3 * x + 2e6 * x**2 + np.random.default_rng(0).normal(0.0, NOISE_N, len(t))
+    signals = (size * signal for signal in (x, v, a, effort))
+    data = ChannelData("contact", ChannelKind.CONTACT, t + run, *signals, run, run * 0 - 1)
+    search = prepare_search(data, PRESS, run < 3, (), np.random.default_rng(0))
+    assert Kind.ELASTIC_SHAPE in analyse_kinds(search.coarse or search).kinds
 
 
 def test_each_form_of_an_effect_is_a_model_of_its_own():
