@@ -16,7 +16,7 @@ STDOUT, STDERR = 1, 2
 
 @contextmanager
 def captured(lines: list[str], *descriptors: int) -> Iterator[None]:
-    """Append to `lines` what is written to file descriptors, in place of writing it.
+    """Append text written to file descriptors to `lines` instead of writing it.
 
     Args:
         lines: receives the captured lines.
@@ -24,7 +24,7 @@ def captured(lines: list[str], *descriptors: int) -> Iterator[None]:
     """
     _flush()
     kept = [(descriptor, os.dup(descriptor)) for descriptor in descriptors]
-    in_memory = hasattr(os, "memfd_create")  # so that reading somebody else's file opens none for writing
+    in_memory = hasattr(os, "memfd_create")  # created late: reading a file must open none for writing
     file: BinaryIO
     with os.fdopen(os.memfd_create("captured"), "w+b") if in_memory else tempfile.TemporaryFile() as file:
         for descriptor in descriptors:
@@ -41,7 +41,7 @@ def captured(lines: list[str], *descriptors: int) -> Iterator[None]:
 
 
 def _flush() -> None:
-    """Write out what Python and C still hold back, so that it goes where it was meant to go."""
+    """Flush the buffers of Python and C, so that earlier output reaches its destination."""
     sys.stdout.flush()
     sys.stderr.flush()
     ctypes.CDLL(None).fflush(None)

@@ -36,7 +36,7 @@ class MonotonicClock(Clock):
 
 
 class SimulatedClock(Clock):
-    """Time that passes only when somebody waits for it, as fast as the listeners can follow.
+    """Simulated time, which advances only in waits, as fast as the listeners can follow.
 
     A simulated world subscribes and integrates its physics up to each new time.
 

@@ -22,11 +22,11 @@ ComponentType = TypeVar("ComponentType", bound=Component)
 
 @dataclass(frozen=True, slots=True)
 class DriverContext:
-    """What a driver is given in addition to its settings."""
+    """Context of a driver, in addition to its settings."""
 
     clock: Clock  # the robot's clock; samples are stamped with it
     robot_file: RobotFile  # the whole robot file, for joint count, limits and paths
-    bus: Bus | None = None  # the bus that the device hangs on, or None
+    bus: Bus | None = None  # bus of the device, or None
     section: KeyPath = ()  # where in the robot file the driver's settings stand, for errors
 
     def settings_as(self, model: type[SettingsModel], settings: Mapping[str, object]) -> SettingsModel:

@@ -26,7 +26,7 @@ class Component:
         """Open what is needed and check that the device is the expected one.
 
         Raises:
-            DeviceError: it is absent or is another model.
+            DeviceError: it is absent or not the expected model.
         """
 
     def activate(self) -> None:
@@ -133,7 +133,7 @@ class Opened(ABC):
         """Open it.
 
         Raises:
-            DeviceError: a device is absent or is another one.
+            DeviceError: a device is absent or not the expected model.
         """
 
     @abstractmethod

@@ -105,7 +105,7 @@ class Robot(Opened):
         """Open every device and check it; opened devices are closed again if one fails.
 
         Raises:
-            DeviceError: a device is absent or is another one.
+            DeviceError: a device is absent or not the expected model.
             LifecycleError: it is configured already, or closed.
         """
         self._expect("configure", RobotState.NEW)

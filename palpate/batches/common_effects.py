@@ -1,8 +1,9 @@
-"""Pooled diagnosis: an effect that is too small for one measurement, found in many of them together.
+"""Pooled diagnosis: find effects that are too small for one measurement in many of them together.
 
-The gain of a candidate in a measurement is that in logarithmic score on held-out runs. Where the effect is
-absent, the expected gain is not positive, since its parameters cost some. A one-sided t test of the mean gain
-over measurements therefore keeps its level. Holm corrects over all candidates of a channel.
+The gain of a candidate effect is the improvement of the logarithmic score on held-out runs. If the effect is
+absent, the expected gain is not positive, because its parameters cost some score. A one-sided t test of the
+mean gain over measurements therefore keeps its level. Holm's method corrects over all candidates of a
+channel.
 """
 
 from collections.abc import Callable, Sequence
@@ -34,11 +35,11 @@ class CommonEffect:
     improved: int  # measurements whose held-out error it lowers
     share: float  # of the squared held-out error that it takes, geometric mean
     p_value: float  # of no gain, corrected over all candidates
-    confused_with: tuple[str, ...]  # candidates that gain as much, as far as these measurements show
+    confused_with: tuple[str, ...]  # candidates whose gain does not differ significantly
 
 
 def find_common_effects(screen: Callable[[dict[str, Any]], pa.Table]) -> tuple[CommonEffect, ...]:
-    """Add the effect that gains most, one after the other, until none gains significantly.
+    """Add the effect with the largest gain, step by step, until no gain is significant.
 
     Args:
         screen: tries candidates on all measurements beside the effects `added`, lists by channel, in
@@ -68,7 +69,7 @@ def find_common_effects(screen: Callable[[dict[str, Any]], pa.Table]) -> tuple[C
 
 
 def best_effect(channel: str, results: pa.Table) -> CommonEffect | None:
-    """The candidate that gains most, if that is significant; None else.
+    """Return the candidate with the largest gain, or None if that is not significant.
 
     Args:
         channel: its name.

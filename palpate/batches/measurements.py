@@ -1,4 +1,4 @@
-"""What a batch measures: which files belong together, what is known of them, and the case of each."""
+"""Measurements of a batch: their files, their metadata, and the case of each."""
 
 import csv
 import glob
@@ -32,7 +32,7 @@ _TEXTS = (".csv", ".tsv")
 class BatchMeasurement:
     """Files that are one measurement."""
 
-    name: str  # what the table calls it
+    name: str  # name in the table
     files: tuple[Path, ...]  # sessions, data files, or folders of them; at least one
     fields: Mapping[str, str] = field(default_factory=dict)  # such as specimen, day, arm, treatment
     where: Mapping[str, str] = field(default_factory=dict)  # rows of the file, by column
@@ -50,7 +50,7 @@ class MeasurementCase(Case):
         return self.files[0]
 
     def check(self) -> None:
-        """Refuse files that are no longer what the address says; see `Case.check`."""
+        """Refuse files whose content has changed since the address was computed; see `Case.check`."""
         try:
             same = self.parameters["content"] == [content_hash(Path(file)) for file in self.files]
         except OSError as error:
@@ -60,7 +60,7 @@ class MeasurementCase(Case):
 
     def run(self) -> list[Row]:
         """Read, estimate, compare and diagnose; see `Case.run`."""
-        with command_line_wording():  # a worker has no command line, but its reasons stand in one table
+        with command_line_wording():  # reasons from workers appear in the same table
             return measure([Path(file) for file in self.files], self.parameters)
 
 
@@ -72,7 +72,7 @@ def find_measurements(
     join: str | None = None,
     split: str | None = None,
 ) -> list[BatchMeasurement]:
-    """List the measurements of a batch, in the order in which people count.
+    """List the measurements of a batch in natural order of their names.
 
     Args:
         places: files, folders, patterns such as "data/*.csv", or one list: a CSV file with a column `file`.

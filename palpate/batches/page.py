@@ -1,4 +1,4 @@
-"""The page of a batch: what is missing where, distributions, the pooled model, differences and outliers."""
+"""Page of a batch: missing effects, distributions, pooled model, differences and outliers."""
 
 from collections import Counter
 from collections.abc import Mapping, Sequence
@@ -123,7 +123,7 @@ def _write(path: Path, title: str, facts: Mapping[str, str], sections: Sequence[
 
 
 def _overview(batch: BatchResult) -> PageSection:
-    """What is missing where: verdicts, effects and mean budget of each group and channel."""
+    """Tabulate verdicts, effects and the mean budget of each group and channel."""
     table = batch.table
     group, channel, verdict, effects = (
         texts(table, name) for name in ("group", "channel", "verdict", "effects")
@@ -361,7 +361,7 @@ def _outliers(batch: BatchResult) -> PageSection:
 
 
 def _rows(batch: BatchResult) -> PageSection:
-    """The first rows of the table, and those of outliers, in few columns."""
+    """Show the first rows of the table and the rows of outliers, in few columns."""
     outlying = {entry.row for entry in batch.outliers}
     places = sorted({*range(min(len(batch.table), _MOST_ROWS)), *sorted(outlying)[:_MOST_ROWS]})
     shown = batch.table.take(places)
@@ -382,11 +382,11 @@ def _cell(value: object) -> str:
 
 
 def range_text(interval: tuple[float, float], std_err: float) -> str:
-    """Both ends of an interval; a dash where there is none.
+    """Format an interval; a dash if there is none.
 
     Args:
         interval: lower and upper end.
-        std_err: of the value that it is about, for the number of digits.
+        std_err: standard error of the value, which determines the number of digits.
     """
     if not np.isfinite(interval).all():
         return "–"

@@ -1,4 +1,4 @@
-"""What many measurements say together: random effects, differences between groups, and outliers."""
+"""Pool many measurements: random effects, differences between groups, and outliers."""
 
 from collections import Counter
 from collections.abc import Sequence
@@ -63,7 +63,7 @@ class SharedParameter:
     group: str
     channels: tuple[str, ...]  # that share it
     count: int  # estimates, one for each channel of each measurement
-    value: float  # NaN where the estimates contradict it, as are the next two
+    value: float  # NaN if the estimates contradict it, as are the next two
     std_err: float
     interval: tuple[float, float]  # 95 %
     p_corrected: float  # of estimates as unlike as these if they share it; by Holm over all shared parameters
@@ -72,7 +72,7 @@ class SharedParameter:
 
 @dataclass(frozen=True)
 class Outlier:
-    """A measurement with a parameter far from those of its group."""
+    """A measurement with a parameter far from the values of its group."""
 
     row: int  # of the table
     parameter: str
@@ -83,7 +83,7 @@ class Outlier:
 
 @dataclass(frozen=True)
 class BatchResult:
-    """What a batch found."""
+    """Result of a batch."""
 
     folder: Path  # of the page, the tables, and the results by content
     table: pa.Table  # a row for each channel of each measurement
@@ -92,8 +92,8 @@ class BatchResult:
     pooled: tuple[PooledParameter, ...]  # each parameter in each group
     differences: tuple[GroupDifference, ...]  # between each two groups
     outliers: tuple[Outlier, ...]  # measurements with a parameter far from the others
-    common_effects: tuple[CommonEffect, ...] = ()  # missing in all measurements together, if that was asked
-    shared: tuple[SharedParameter, ...] = ()  # by all channels of a group, if that was asked
+    common_effects: tuple[CommonEffect, ...] = ()  # missing in all measurements together, if requested
+    shared: tuple[SharedParameter, ...] = ()  # by all channels of a group, if requested
 
     @property
     def page(self) -> Path:

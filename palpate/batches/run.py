@@ -70,7 +70,7 @@ def batch(
     retry: bool = False,
     progress: Progress = lambda _done, _total: None,
 ) -> BatchResult:
-    """Judge many measurements; what is finished in the output folder is not repeated.
+    """Judge many measurements; results that the output folder already holds are reused.
 
     Args:
         data: file, folder, pattern such as "data/*.csv", CSV list with a column `file`, or several of these.
@@ -163,8 +163,8 @@ def batch(
 def _run(
     cases: Mapping[str, MeasurementCase], store: ResultStore, cluster: Cluster, progress: Progress
 ) -> dict[str, str]:
-    """Work out what has no result yet; why a measurement still has none, by its name."""
-    # In the order of their addresses files come by chance, so that the pace so far tells the time to go.
+    """Run the cases without a result; return the reasons of those that fail, by measurement."""
+    # The order of addresses is random with respect to file sizes, so the pace so far predicts the rest.
     order = sorted({case.address: case for case in cases.values()}.items())
     report = run_cases([case for _, case in order], store, cluster, progress)
     return {
@@ -191,7 +191,7 @@ def _cases(
 def _suggested_model(
     measurements: Sequence[BatchMeasurement], options: Mapping[str, Any], store: ResultStore, cluster: Cluster
 ) -> str | None:
-    """The base model that most of a sample of measurements suggest; None where they do not agree."""
+    """Return the base model that most of a sample of measurements suggest, or None if they disagree."""
     places = np.unique(np.linspace(0, len(measurements) - 1, _SAMPLE).round().astype(int))
     asked = {**options, "model": None, "suggest": True}
     cases = list(_cases([measurements[place] for place in places], asked, {}).values())

@@ -24,7 +24,7 @@ FIRST = ("measurement", "files", "group", "channel", "model", "verdict", "reason
 NUMBERS = ("unit", "samples", "runs", "rmse", "noise", "times_noise", "rmse_final", "excluded_share")
 LAST = ("seconds", "warnings", "error", ADDRESS)
 BUDGET = "budget "
-EVERYTHING = "all"  # the group of measurements that no field tells apart
+EVERYTHING = "all"  # name of the group if no field defines groups
 _KINDS = [*(kind.word for kind in Kind), "noise", "unexplained"]
 _ENDS = (" low", " high", " std_err", " shrunk")
 
@@ -64,7 +64,7 @@ def make_table(
     failures: Mapping[str, str],
     group: str | None,
 ) -> pa.Table:
-    """Put names, fields and results together; measurements without a result or a failure are left out.
+    """Join names, fields and results; omit measurements with neither a result nor a failure.
 
     Args:
         measurements: of the batch, m of them.
@@ -195,7 +195,7 @@ def parameter_columns(table: pa.Table) -> Iterator[ParameterColumn]:
 
 
 def floats(table: pa.Table, name: str) -> FloatArray:
-    """A column of numbers, shape (n,); NaN where there is none.
+    """Return a column of numbers, shape (n,), with NaN for missing values.
 
     Args:
         table: of a batch.
@@ -209,7 +209,7 @@ def floats(table: pa.Table, name: str) -> FloatArray:
 
 
 def texts(table: pa.Table, name: str) -> list[str]:
-    """A column as text; empty where there is none.
+    """Return a column as text, with empty strings for missing values.
 
     Args:
         table: of a batch.

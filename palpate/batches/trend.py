@@ -18,7 +18,7 @@ LEAST = 10  # measurements of a series that is tested
 _SIDE = 3  # measurements before and after a step
 _PERMUTATIONS = 1_000  # at a time
 _MOST_VALUES = 5_000_000  # in all of these
-_MOST_LARGER = 20  # permutations with as large a change, after which there is none (Besag and Clifford, 1991)
+_MOST_LARGER = 20  # permutations with as large a change that end the test (Besag and Clifford, 1991)
 _MOST_CHANGES = 6  # of one series
 _SECONDS_A_DAY = 86_400.0
 _DATES = ("date", "day", "night", "time", "datetime", "timestamp")  # fields that are taken for a time
@@ -52,11 +52,11 @@ class TrendChange:
 
 
 def time_axis(table: pa.Table, field: str | None = None) -> tuple[FloatArray, list[str], str]:
-    """Times of the rows, their labels, and what the times count.
+    """Return times of the rows, their labels, and the kind of time.
 
     Args:
         table: of a batch.
-        field: column of dates (ISO 8601) or numbers; None for one that is called so, else the order.
+        field: column of dates (ISO 8601) or numbers; None for a column with a usual name, else the row order.
 
     Returns:
         Times (n,), in days where they are dates; labels; "date", "count", or the name of a column of numbers.
@@ -113,16 +113,16 @@ def all_series(table: pa.Table, times: FloatArray) -> Iterator[Series]:
 
 
 def find_changes(series: Series, level: float) -> list[TrendChange]:
-    """Steps and drifts of a series, in order of time.
+    """Find steps and drifts of a series, in order of time.
 
-    The largest step and the slope are tested together by permutation of the values; where that is
-    significant, the better of the two is taken. A step splits the series, and both parts are searched in the
-    same way (binary segmentation). The scale is that of differences between neighbours, which neither step
-    nor drift moves much. A change must also exceed what the standard errors of the values allow (95 %).
+    The largest step and the slope are tested together by permutation of the values. If the result is
+    significant, the better of the two is accepted. A step splits the series, and both parts are searched in
+    the same way (binary segmentation). The scale comes from differences between neighbors, which neither a
+    step nor a drift changes much. A change must also exceed the standard errors of the values (95 %).
 
     Args:
         series: n values.
-        level: chance of a change where there is none.
+        level: probability of a false alarm.
     """
     rng = np.random.default_rng(1)
     changes: list[TrendChange] = []

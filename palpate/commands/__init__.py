@@ -52,10 +52,10 @@ _WITHOUT_VALUE = re.compile(r"--[a-z-]+=")  # an option with an empty value
 
 
 class CommandGroup(OneLineGroup):
-    """Group of all commands by name and first line; it imports a command's module only to run it.
+    """Group of all commands by name and first line; a command's module is imported only when it runs.
 
-    What is behind a command (simulator, viewer, statistics) takes a second or two to import, and nobody who
-    asks for help should wait for it.
+    The libraries behind a command (simulator, viewer, statistics) take a second or two to import, which would
+    delay every `--help`.
     """
 
     def __init__(self, **attributes: Any) -> None:  # noqa: ANN401

@@ -201,7 +201,7 @@ def batch_command(
 
 
 def _unreadable(result: "BatchResult") -> str:
-    """Say that no measurement is readable, with the first reason."""
+    """Compose the error for a batch without a readable measurement, with the first reason."""
     name, reason = next(iter(result.errors.items()))
     reason = reason if name in reason else f"{name}: {reason}"
     if result.measurements == 1:
@@ -223,7 +223,7 @@ def _shared(entry: "SharedParameter") -> str:
 
 
 def _misfits(table: "pa.Table") -> Iterator[str]:
-    """Say for each channel and model in how many measurements without a verdict the model misses the data."""
+    """Report, by channel and model, in how many measurements without a verdict the model does not fit."""
     from palpate.batches.table import floats, texts  # noqa: PLC0415, its libraries take a second
 
     names = (texts(table, name) for name in ("channel", "model", "verdict"))
@@ -242,7 +242,7 @@ def _misfits(table: "pa.Table") -> Iterator[str]:
 
 
 def _mean(entry: "PooledParameter") -> str:
-    """Pooled mean with the half width of its 95 % interval, where it has one, and the spread."""
+    """Format a pooled mean with the half width of its 95 % interval, if any, and the spread."""
     effects = entry.effects
     group = "" if entry.group == "all" else entry.group
     name = f"{group} {entry.channel} {entry.parameter}".strip()

@@ -286,6 +286,6 @@ def ask_for_weight(gravity_m_s2: float) -> runs.Place:
             words = "weights are put on by hand: run this in a terminal"
             if number == 0:
                 raise InputError(words)
-            raise PalpateError(f"no answer at weight {number + 1}: {words}")  # what was weighed stays
+            raise PalpateError(f"no answer at weight {number + 1}: {words}")  # readings so far are kept
 
     return ask

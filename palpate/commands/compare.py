@@ -40,7 +40,7 @@ Steps = list[tuple[str, str]]
 
 
 class ComparedPair:
-    """Two studies, compared channel by channel.
+    """Compare two studies channel by channel.
 
     Args:
         data: the first, and how both are read.
@@ -143,8 +143,8 @@ def write_pair(folder: Path, pair: ComparedPair, view: PairView) -> dict[str, Pa
 
     Args:
         folder: made if needed.
-        pair: what was compared.
-        view: what is drawn of it.
+        pair: the comparison.
+        view: its view.
 
     Raises:
         InputError: a file cannot be written.
@@ -160,7 +160,7 @@ def write_pair(folder: Path, pair: ComparedPair, view: PairView) -> dict[str, Pa
 
 
 def _names(first: Study, second: Study, grown: tuple[Grown, Grown]) -> tuple[str, str]:
-    """Name both sides: by file, with folders where needed, or by model where the file is the same."""
+    """Name both sides by file, with folders if needed, or by model if the file is the same."""
     paths = [study.source.path for study in (first, second)]
     if paths[0] is None or paths[1] is None or paths[0].resolve() == paths[1].resolve():
         both = {c.name for c, _ in grown[0]} & {c.name for c, _ in grown[1]}
@@ -344,7 +344,7 @@ def _after(  # noqa: PLR0917, what was typed
         since = data.typed(revision=numbers, folder=folder, effect=own)
         steps.append((f"palpate compare {since}", "with the effects added since"))
     elif model is None and data.urdf is None:
-        for result in results:  # suggest a far better base model where the usual one misses
+        for result in results:  # suggest a far better base model if the usual one does not fit
             if result.comparison is None or result.comparison.lack_of_fit < FAR:
                 continue
             better = better_model(study, result.channel, FAR_BETTER * result.comparison.rmse)

@@ -117,7 +117,7 @@ def _refuse(options: Mapping[str, object], remedy: str) -> None:
 
 
 def _examine(check: ArmCheck, *, quiet: bool) -> list[Finding]:
-    """Run all checks of an arm, and print each finding at once: somebody may be standing at the arm."""
+    """Run all checks of an arm, and print each finding immediately for a person at the arm."""
     findings: list[Finding] = []
     remark = f"emulated devices: {safe(wires_in_words(check.robot_file))}" if check.wired else ""
     if not check.wired and not is_simulated(check.robot_file):

@@ -66,7 +66,7 @@ def effects_command(
 
 
 def _example_from(effect: Effect, file: Path) -> Example:
-    """The effect in the first channel of a file that it can be in.
+    """Return the effect in the first channel of a file to which it applies.
 
     Raises:
         InputError: there is none, or it cannot be judged.

@@ -208,7 +208,7 @@ def _export_feedforward(
 
 
 def _warn_of_misfit(revision: Revision) -> None:
-    """Warn of a model that leaves more than the noise: what is simulated with it differs from the data."""
+    """Warn of a model that leaves more than the noise: a simulation with it differs from the data."""
     times = revision.rmse / revision.noise_floor if revision.noise_floor > 0.0 else math.inf
     if times >= NOISE:
         name = " + ".join([revision.model, *revision.effects])

@@ -185,7 +185,8 @@ Merged = tuple[Stream, Mapping[str, NDArray[np.generic]]]
 def merged_streams(sessions: Sequence[Session]) -> list[Merged]:
     """Concatenate each stream that all sessions have.
 
-    Clocks stay as they are: where one goes on through all sessions, the object remembers what was before.
+    Clocks are not changed. If one clock continues through all sessions, the memory of the object carries
+    over.
 
     Args:
         sessions: in order.

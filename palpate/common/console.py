@@ -29,7 +29,7 @@ PIPE_WIDTH = 120
 
 
 def stdout() -> Console:
-    """Return the console for results, made anew on each call because tests replace `sys.stdout`."""
+    """Return the console for results, created on each call because tests replace `sys.stdout`."""
     return _console(stderr=False)
 
 
@@ -179,8 +179,8 @@ def present(
     Args:
         content: the result as plain data.
         show: prints it for people.
-        steps: see `next_steps`; worked out for people alone.
-        as_json: whether JSON was asked for.
+        steps: see `next_steps`; not computed for JSON.
+        as_json: whether to print JSON.
     """
     if as_json:
         print_json(content)

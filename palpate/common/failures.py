@@ -61,7 +61,7 @@ def report_error(error: Exception, *, as_json: bool = False) -> int:
 
     Args:
         error: that ended the command.
-        as_json: whether JSON was asked for.
+        as_json: whether to print JSON.
     """
     if os.environ.get(DEBUG_VARIABLE):
         traceback.print_exception(error)
@@ -97,15 +97,15 @@ def report_error(error: Exception, *, as_json: bool = False) -> int:
 
 
 def report(text: str, code: int, *, as_json: bool = False) -> int:
-    """Print `text` as one line on stderr, with nothing that a terminal would obey, and return `code`.
+    """Print `text` as one line on stderr, without control sequences, and return `code`.
 
-    With `as_json` also as one line on stdout, `{"error": ..., "exit_code": ...}`, where JSON is read; but not
-    after a result, which says itself how it ended.
+    With `as_json`, also print one line on stdout, `{"error": ..., "exit_code": ...}`, for programs that read
+    JSON, but not after a result, which itself says how it ended.
 
     Args:
         text: what went wrong.
         code: exit code.
-        as_json: whether JSON was asked for.
+        as_json: whether to print JSON.
     """
     line = one_line(text)
     if as_json and not JsonOutput.was_printed:
@@ -174,7 +174,7 @@ _WORD = r"""(?:'[^']*'|"[^"]*"|[^\s'",;:()])+(?:,\d+)*"""
 _OPTION = re.compile(
     rf"--(?P<pair>{'|'.join(_PAIRS)})(?: (?P<key>[\w ]+?)=(?P<value>{_WORD}))?(?![\w-])"
     rf"|--(?P<flag>{'|'.join(_FLAGS)})(?![\w-])"
-    # What follows such an option is its value only where the text goes on with a mark, or ends.
+    # The word after such an option is its value only before punctuation or at the end of the text.
     rf"|--(?P<name>{'|'.join(_KEYWORDS)})(?: (?P<given>(?:\S+\.py:\w+|{_WORD})(?=:|$|\)| says)))?(?![\w-])"
 )
 _COMMAND = re.compile(r"palpate (diagnose|add) --(apply|fresh)")

@@ -1,8 +1,8 @@
 """Check files that the user names before any work is done, and find the folders of results.
 
-Nobody's file is replaced without `--force`, and what is read never. What palpate derives from a file lies
-in a folder of its own name beside a session, or here; such a folder, and one in which revisions are kept,
-is palpate's own: what is in it is renewed.
+No file is replaced without `--force`, and an input file never. Files derived from a session lie in a folder
+of the same name beside it, or in the working directory. Such folders, and folders of revisions, belong to
+palpate, which overwrites their contents.
 """
 
 import os
@@ -23,14 +23,14 @@ SESSION = ".mcap"
 
 
 def existing_file(path: Path, what: str) -> Path:
-    """Return the path if it is a readable regular file; no device and no pipe, which might never end.
+    """Return the path if it is a readable regular file, not a device or a pipe.
 
     Args:
         path: as the user gave it.
         what: what it should be, such as "session".
 
     Raises:
-        InputError: nothing is there, or no file, or it may not be read.
+        InputError: the path does not exist, is no file, or is not readable.
     """
     if path.is_dir():
         raise InputError(f"{what} {path}: is a directory, not a file")
@@ -71,9 +71,9 @@ def open_session(path: Path) -> Session:
 
 
 def output_file(path: Path, *, force: bool | None = None, keep: Iterable[Path] = ()) -> Path:
-    """Return the path if a file can be written there; its folder is made.
+    """Return the path if a file can be written there, and create its folder.
 
-    A folder that is empty when the command ends is taken away again: see `remove_empty_folders`.
+    A folder that is empty when the command ends is removed; see `remove_empty_folders`.
 
     Args:
         path: as the user gave it.

@@ -29,7 +29,8 @@ def takes(
 
     Args:
         options: a dataclass of keywords.
-        lead: the one that comes before the command's own, where the others come after; by default all do.
+        lead: the field placed before the command's own options, with the others after; by default all fields
+            come first.
         defaults: of fields, where they are others than the class says.
     """
 

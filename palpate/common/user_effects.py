@@ -39,13 +39,13 @@ class _TooLongError(BaseException):
 
 @contextmanager
 def foreign_code(where: str, limit_s: float | None = None, own_file: str = "") -> Iterator[None]:
-    """Turn any error of the user's code, also an exit, into one clear line; Ctrl-C passes.
+    """Turn any error of the user's code, including an exit, into one clear line; Ctrl-C passes.
 
-    What the code prints goes to stderr: stdout is for results, which a program may read.
+    Output of the code goes to stderr, because stdout is for results that a program may read.
 
     Args:
         where: what is run, for the error.
-        limit_s: time after which it is given up, in the main thread alone [s]; None for no limit.
+        limit_s: time limit, in the main thread only [s]; None for no limit.
         own_file: the user's file, whose line the error names.
 
     Raises:

@@ -62,7 +62,7 @@ def examine_arm(check: ArmCheck) -> Iterator[Finding]:
         drivers = DriverCatalogue(SIMULATED_DRIVERS, *check.drivers)
         gains_of(check.robot_file)  # checked because every run needs them
         calibrations = load_calibrations(check.robot_file, emulated=check.wired)
-        build_robot(check.robot_file, drivers, SimulatedClock(), calibrations)  # what is replaced is valid
+        build_robot(check.robot_file, drivers, SimulatedClock(), calibrations)  # must be valid
         clock, robot_file, hand = _set_up(check, stack)
         body = RigidBody.of_robot(check.robot_file, calibrations)
         make = partial(build_robot, robot_file, drivers, clock, calibrations)
@@ -102,7 +102,7 @@ def examine_arm(check: ArmCheck) -> Iterator[Finding]:
 
 
 def _set_up(check: ArmCheck, stack: ExitStack) -> tuple[Clock, RobotFile, Hand]:
-    """Return clock, robot file of the devices, and whoever moves the arm."""
+    """Return the clock, the robot file of the devices, and the hand that moves the arm."""
     if check.wired:
         clock, scenario = SimulatedClock(), load_scenario(DEFAULT_SCENARIO)
         arm = emulate(check.robot_file, scenario, clock, as_built=check.as_built)
@@ -155,9 +155,9 @@ def examine_ports(robot_file: RobotFile) -> Iterator[tuple[str, Finding]]:
 
 
 def examine_devices(robot: Robot, robot_file: RobotFile, closed: Set[str]) -> Iterator[Finding]:
-    """Configure each part of a new robot by itself and ask it what it found; everything is closed at the end.
+    """Configure each part of a new robot and collect its findings; everything is closed afterwards.
 
-    Of the `closed` buses the port cannot be opened, which has been said.
+    The ports of the `closed` buses cannot be opened, which has been reported already.
 
     Args:
         robot: new, not configured.

@@ -28,7 +28,7 @@ _SHOWN_RAD = 0.25
 _PLAIN_M = 0.3  # share of the tip's motion along an axis that is mentioned
 _DIRECTIONS = (("forwards", "backwards"), ("to the left", "to the right"), ("up", "down"))
 _START_S = 0.1
-_STEP_S, _PATIENCE_S = 1e-3, 0.02  # without power nothing waits for a reading; slow buses may take their time
+_STEP_S, _PATIENCE_S = 1e-3, 0.02  # long, because without power no deadline depends on a reading
 _STILL_S = 0.5  # time without motion at rest
 _STILL_RAD = 0.02  # a hand turns a joint this far within a tenth of that time
 _TOUCHED_N = 1.0  # half of what counts as pressed
@@ -46,7 +46,7 @@ _STAY_S, _NUDGE_S = 0.5, 1.2
 _TRACKING_RAD = 0.03  # less than the nudge, so that a blocked joint stops it before it is pushed hard
 _PUSH_SHARE = 0.15  # push beyond the arm's weight, as a share of the torque limit
 _FOLLOWED = 0.7  # share of a nudge
-_SHARE, _FLOOR_NM = 0.3, 0.3  # share of the weight's torque that friction and gearing may take
+_SHARE, _FLOOR_NM = 0.3, 0.3  # share of the gravity torque that friction and gearing may hide
 
 
 RESTLESS = fail("rest", "the arm does not come to rest", "let it lie or hang freely, and do not touch it")
@@ -90,10 +90,10 @@ class Hand:
         console.stderr().print("[bold]Hands away from the arm[/bold]")
 
     def count(self, left_s: int) -> None:
-        """So many seconds are left until the arm gets power.
+        """Announce the seconds left until the arm gets power.
 
         Args:
-            left_s: seconds that are left [s].
+            left_s: remaining time [s].
         """
         console.stderr().print(f"[bold]Hands away:[/bold] power in {left_s} s")
 
@@ -197,7 +197,7 @@ def count_down(robot: Robot, hand: Hand) -> Iterator[Finding]:
 def is_still(measurements: list[Measurement]) -> bool:
     """Return whether no joint has moved, by the good samples alone; False without any.
 
-    Good are samples if encoders and force have sampled anew meanwhile, and none of them reports a fault.
+    A sample is good if encoders and force sensor have sampled again and none of them reports a fault.
 
     Args:
         measurements: in order.

@@ -166,10 +166,10 @@ class Export:
 
 
 def export_scenario(base: Scenario, fitted: Sequence[FittedChannel], description: str) -> Export:
-    """Make the simulated world that behaves as the fitted models.
+    """Make a simulated world that behaves like the fitted models.
 
     Args:
-        base: what the models say nothing of: sensors, arm, physics. What is hidden in it is dropped.
+        base: sensors, arm and physics, which the models do not include. Its hidden effects are dropped.
         fitted: one for each channel.
         description: one line for people.
 

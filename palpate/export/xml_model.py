@@ -365,7 +365,7 @@ def _comment(root: Element, element: Element, title: str, lines: Sequence[str]) 
 def _patched(
     before: str, root: Element, arm: TargetArm, used: Sequence[str], left_out: Sequence[str]
 ) -> Patched:
-    """Join the file's text before its root, comments on what is left out, and the changed root."""
+    """Join the text before the root, comments on omitted effects, and the changed root."""
     out = (*arm.left_out, *left_out)
     lines = [f"Patched by palpate export from {arm.source}.", *(f"not in it: {line}" for line in out)]
     comments = "".join(f"<!-- {as_comment(line)} -->\n" for line in lines)

@@ -205,13 +205,13 @@ _known: OrderedDict[Rehearsal, Samples | None] = OrderedDict()
 
 
 def rehearse_all(rehearsals: Sequence[Rehearsal], processes: int = 1) -> Iterator[Samples | None]:
-    """Rehearse plans in parallel, in order; None where the arm cannot do one.
+    """Rehearse plans in parallel and in order; None for a plan that the arm cannot do.
 
-    What was rehearsed before is remembered. The work of several processes comes out the same.
+    Earlier rehearsals are cached. The result does not depend on the number of processes.
 
     Args:
         rehearsals: in order.
-        processes: that share the work.
+        processes: number of processes.
     """
     known = {trial: _known[trial] for trial in rehearsals if trial in _known}
     new = [trial for trial in rehearsals if trial not in known]

@@ -54,7 +54,7 @@ class Undecided:
 
     @property
     def nothing(self) -> FloatArray:
-        """The scores of an experiment that tells nothing about this question."""
+        """Scores of an experiment that is uninformative for this question."""
         return np.zeros((len(self.names),) * 2)
 
 
@@ -82,10 +82,10 @@ def next_probe(
 ) -> NextProbe | None:
     """Return the plan expected to separate the open explanations; None if there is none.
 
-    Where nothing could be judged, it is one that makes up for what the data lack. Else each plan that the arm
-    can do within its limits is rehearsed, data are drawn on that motion from each model that is left, and all
-    are fitted again; see `palpate.estimation.design`. None is run a second time: what it shows is in the
-    data. What saved diagnoses state already is not planned again, unless it ran since.
+    If nothing could be judged, the plan supplies what the data lack. Otherwise each plan that the arm can do
+    within its limits is rehearsed, data are simulated on that motion from each remaining model, and all
+    models are fitted again; see `palpate.estimation.design`. No plan is run twice, because its result is
+    already in the data. A plan stated in saved diagnoses is used without planning again, unless it ran since.
 
     Args:
         study: what was measured so far.
@@ -111,7 +111,7 @@ def next_probe(
         _new(feasible(study, progress, processes=processes), ran), study, open_questions, longest_s
     )
     single = [design.expected(open_questions) for design in single[:FITTED]]
-    # Two as one experiment, where both tell more than any alone; those most informative first.
+    # Pairs that are more informative than any single experiment, the most informative pairs first.
     most = max((design.experiment.tells for design in single), default=0.0)
     both_tell = [(a.experiment.along_with(b.experiment).tells, a, b) for a, b in combinations(single, 2)]
     both_tell.sort(key=lambda pair: pair[0], reverse=True)
@@ -138,7 +138,7 @@ def next_probe(
 def _stated(study: ModelStudy, diagnoses: Sequence[ChannelDiagnosis]) -> NextProbe | None:
     """Return the probe stated by diagnoses; None unless it is one of this arm's own candidates.
 
-    Diagnoses may come from a file of somebody else, which must not plan what an arm does.
+    A diagnosis may come from a file of unknown origin, which must not control the arm.
     """
     proposals = [
         item.next_experiment for item in diagnoses if item.next_experiment and item.next_experiment.probe
@@ -159,7 +159,7 @@ def _stated(study: ModelStudy, diagnoses: Sequence[ChannelDiagnosis]) -> NextPro
 
 @dataclass(frozen=True)
 class _Planned:
-    """A feasible experiment with its predicted motion for each question; None where it tells nothing."""
+    """A feasible experiment with its predicted motion for each question; None if it is uninformative."""
 
     candidate: CandidatePlan
     experiment: Experiment  # as it is promised, or as it is expected
@@ -298,8 +298,8 @@ def _motion(question: Undecided, study: ModelStudy, ticks: Samples, *, elsewhere
 class _Ground:
     """Arm, object and start pose of a session, for rehearsals.
 
-    Figures are rounded: a motion hardly depends on them, and that of one plan is then worked out once, also
-    after further probes have moved the estimates a little.
+    Figures are rounded, because a motion hardly depends on them. The cached motion of a plan then stays valid
+    if further probes change the estimates slightly.
     """
 
     before: ProbingPlan
@@ -379,7 +379,7 @@ def same_world(session: Session) -> str | None:
         session: of a probing.
 
     Returns:
-        Options for a shell; None where nobody but the session's maker can say them.
+        Options for a shell; None if only the maker of the session can know them.
     """
     metadata = session.metadata
     try:

@@ -230,12 +230,12 @@ def run_weighing(
 ) -> None:
     """Apply known forces to the sensor of an unpowered arm, one after the other, and log it.
 
-    `place` sees to it that force number i [N], positive in compression, is there; see `weigh` for the rest.
+    `place` applies force number i [N], positive in compression; see `weigh` for the rest.
 
     Args:
         job: what is to be calibrated, with which arm.
         forces_n: on the sensor, one after the other [N], positive in compression.
-        place: sees to it that a force is there.
+        place: applies a force.
         settle_s: time before each measurement [s].
         measure_s: time of each measurement [s].
         progress: called with the share that is done.

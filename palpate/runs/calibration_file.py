@@ -272,7 +272,7 @@ class NamedRobot:
 
 
 def say_how_to_use_it(calibration: Calibration, path: Path, whose: NamedRobot) -> None:
-    """Print on stderr what to write into the robot file, and what to run then.
+    """Print on stderr the lines to add to the robot file, and the next command.
 
     Args:
         calibration: what was made.

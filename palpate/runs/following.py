@@ -34,7 +34,7 @@ _LONGEST_S = 0.2  # a goal that comes later after the last one is not approached
 _BRAKE_SHARE = 0.8  # of the acceleration limit that braking before a goal plans with
 _AT_REST_RAD, _AT_REST_RAD_S = 1e-3, 1e-3
 _READY_S = 0.5  # from torque on until the program hears that the arm is ready
-_END_S = 60.0  # how long the process may take from the arm's end to its own
+_END_S = 60.0  # time limit of the process after the arm has ended
 
 
 @dataclass(frozen=True)
@@ -150,7 +150,7 @@ class JointFollowingTask:
             dt_s: time since the last tick [s].
 
         Returns:
-            Command and reference; it is done when the arm was told to end and is back where it started.
+            Command and reference; done once the arm was asked to end and is back at its start.
         """
         try:
             if self._wait_s > 0.0:
@@ -290,9 +290,9 @@ class FollowingArm:
         return self._ask(np.empty(0))
 
     def stop(self) -> None:
-        """Bring the arm back to where it was started, and switch its torque off; can be called again.
+        """Return the arm to its start and switch its torque off; can be called again.
 
-        An arm that the guard has stopped is left as it is.
+        An arm that the guard has stopped is left in its state.
 
         Raises:
             PalpateError: the arm was stopped on its way back, and why.

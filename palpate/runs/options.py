@@ -216,7 +216,7 @@ def forces_of(
         simulated: whether forces may be chosen.
 
     Raises:
-        InputError: nobody said which, and they cannot be chosen; or one is negative.
+        InputError: no forces are stated and they cannot be chosen, or a force is negative.
     """
     if weights_kg is not None:
         masses_kg = numbers("--weights-kg", weights_kg)
@@ -246,7 +246,7 @@ def ask_for_power(motion: str, *, yes: bool, pause: Callable[[float], None] = ti
     Args:
         motion: what the arm is going to do, in one sentence.
         yes: whether permission was given already.
-        pause: waits for so many seconds.
+        pause: waits for a number of seconds.
 
     Raises:
         InputError: the answer was no, or nobody is there to be asked; nothing has moved.
@@ -283,14 +283,14 @@ def motion_in_words(robot_file: RobotFile, plan: ProbingPlan) -> str:
 
 
 def ask_for_pose(pose_rad: Sequence[float], *, yes: bool) -> None:
-    """Wait until somebody holds an unpowered arm in a pose (n,) [rad]; return at once with `yes`.
+    """Wait until a person holds an unpowered arm in a pose (n,) [rad]; return at once with `yes`.
 
     Args:
         pose_rad: joint positions, shape (n,) [rad].
-        yes: whether it is held there already.
+        yes: whether the arm is already held there.
 
     Raises:
-        InputError: nobody is there to bring it.
+        InputError: no person is at the terminal to move the arm.
     """
     if yes:
         return

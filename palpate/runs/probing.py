@@ -87,7 +87,7 @@ class ProbingOutcome:
 
     session: Path  # the session file; it holds what happened until the end, also after a trip
     loop: LoopResult
-    failures: tuple[str, ...]  # one line for each run that failed, such as one that touched nothing
+    failures: tuple[str, ...]  # one line for each failed run, such as a run without a touch
     sealed: Path | None = None  # file with what was hidden in the simulated world, None if nothing was
     touched: bool = True  # whether the object was touched
 
@@ -124,7 +124,7 @@ class ProbingOutcome:
 
 
 def run_probing(job: ProbingJob, watcher: Watcher = NOBODY) -> ProbingOutcome:
-    """Probe, and write the session file; it is complete when this returns.
+    """Probe and write the session file, which is complete on return.
 
     Args:
         job: what is probed, with which arm.
@@ -183,7 +183,7 @@ def run_guarded(  # noqa: PLR0917, what a run is made of
         calibrations: applied to its readings and commands.
         extra: further texts for the session's metadata.
         observe: called in each tick; gives estimates.
-        watcher: told when the arm begins to move.
+        watcher: notified when the arm begins to move.
 
     Raises:
         InputError: they do not fit each other; nothing has moved, and no session is left.
@@ -218,7 +218,7 @@ class ReplayJob(ArmJob):
 
 
 def references_of(session: Session) -> References:
-    """Return the references of a session up to its last rest between runs, where the arm can be let go.
+    """Return the references of a session up to its last rest between runs, where torque off is safe.
 
     Args:
         session: of a probing.

@@ -83,10 +83,10 @@ class ArmSession:
         return "" if failure is None else f"writing the session failed ({failure})"
 
     def run(self, task: Task, guard: Guard, rate_hz: float, observer: Observer) -> LoopResult:
-        """Run a task in the loop, which ends as well where `unlogged` says so; then let go of the robot.
+        """Run a task in the loop until it ends or `unlogged` reports an end; then release the robot.
 
-        Where its torque could not be switched off, that is the next try. The session is still open then:
-        closing it may wait for its disk.
+        If the torque could not be switched off, releasing the robot is the second attempt. It happens before
+        the session is closed, which may wait for its disk.
 
         Args:
             task: what the arm does.

@@ -1,8 +1,8 @@
 """Cases of a sweep, their content addresses and stored results.
 
-The address is the SHA-256 of everything that the result depends on: what is worked out, the parameters, the
-seed, and the code. A result that is there need never be worked out again; after a change of the code nothing
-old is taken for new.
+The address is the SHA-256 of everything that the result depends on: the work function, the parameters, the
+seed, and the code. A stored result is therefore never computed again, and after a change of the code no old
+result is used.
 """
 
 import importlib
@@ -58,7 +58,7 @@ class Case:
         return f"case {dict(self.parameters)}"
 
     def check(self) -> None:
-        """PalpateError: what the case needs beside its parameters is missing; it then has no result."""
+        """PalpateError: an input beside the parameters is missing; the case then has no result."""
 
     def run(self) -> list[Row]:
         """Run the case. Exception: whatever the work raises."""
@@ -291,7 +291,7 @@ class SweepTable:
     """A table to print, and to write as CSV."""
 
     name: str  # name of its CSV file, without the ending
-    title: str  # what it shows
+    title: str  # name of the result
     columns: tuple[str, ...]  # heads
     rows: tuple[tuple[Any, ...], ...]  # cells, text or numbers
 

@@ -111,7 +111,7 @@ def torques(ticks: Sequence[Row]) -> Figure:
                             ("commanded", {"color": "#1d2733", "lw": 0.7})):  # fmt: skip
             axes.plot(time_s, column(own, f"torque_{what}_{joint}_nm"), label=what, **style)
         axes.set_ylabel(f"joint {joint} [N m]")
-        # Some room above and below, and at least so much in all: noise is not to fill a panel.
+        # A margin above and below, and a least height, so that noise does not fill a panel.
         low, high = axes.get_ylim()
         more = max(0.0, 0.5 - (high - low)) / 2 + 0.1 * (high - low)
         axes.set_ylim(low - more, high + more)
@@ -174,7 +174,7 @@ def force_displacement(ticks: Sequence[Row], grid: Sequence[Row]) -> Figure:
     left.set_ylim(-0.5, 17)
     left.set_title("force; dotted: k·x + c·v at the set speed")
     left.legend()
-    # peak force over what the dashpot alone asks for at the touch
+    # peak force over the force of the dashpot alone at the touch
     for number, color in enumerate(SPEEDS):
         jump = [
             row["law damping_n_s_m"] * 1e-3 * float(row["speeds_mm_s"].split(", ")[number]) for row in grid

@@ -61,12 +61,12 @@ class GridFile(FileModel):
     draws: Annotated[int, Field(ge=1, le=1000, strict=True)] = 1  # draws of that noise for each probing run
     # "none", "random", the name of an effect, or a list of effects as in a scenario.
     hidden: Annotated[tuple[Hidden, ...], Field(min_length=1)] = (NOTHING,)
-    # names, or {name: ransac, threshold: 0.1}; "all": whatever suits the model.
+    # names, or {name: ransac, threshold: 0.1}; "all": all that apply to the model.
     estimators: str | tuple[Spec, ...] = ALL
     diagnose: bool = False  # diagnose instead of estimating
     repeats: Annotated[int, Field(ge=1, le=1_000_000, strict=True)] = 3  # each with other noise
     seed: Annotated[int, Field(ge=0, le=10**12, strict=True)] = 1  # of the first repeat
-    model: str | None = None  # model to fit; default: that of the object's law
+    model: str | None = None  # model to fit; default: the model of the object's law
     robot: str = "follower"
     scenario: str | dict[str, Any] = "default"  # everything else of the simulated world
     plan: Mapping[str, Any] = Field(default_factory=dict)  # further keys of the probing plan

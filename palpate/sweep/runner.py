@@ -138,9 +138,9 @@ class Cluster:
 class SweepReport:
     """Counts and errors of a sweep."""
 
-    finished_before: int  # results that were there already
+    finished_before: int  # results stored before
     finished_now: int  # worked out by this call
-    # One line for each case without a result, such as one that ended its worker again and again.
+    # One line for each case without a result, such as a case that repeatedly ended its worker.
     failures: tuple[str, ...]
     wall_s: float  # time of this call [s]
 
@@ -160,7 +160,7 @@ def run_cases(
         cases: in order.
         store: where results are kept.
         cluster: where cases run.
-        progress: called with the cases that are done, and all of them.
+        progress: called with the numbers of finished and of all cases.
 
     Raises:
         InputError: there is no such scheduler, it has no workers, they do not see the store's folder, or run

@@ -40,13 +40,13 @@ class TeleopDemo:
     """Results of the demo."""
 
     merged: MergedSessions
-    felt: ForceComparison  # what was felt, and what the real object would have answered
-    modelled: ForceComparison  # what the models answer to the follower's presses, and what it measured
+    felt: ForceComparison  # felt force and force of the real object
+    modelled: ForceComparison  # force of the models in the follower's presses, and measured force
     files: dict[str, Path]
-    ended_early: bool = False  # whether the leader was told to end before the operator's script did
+    ended_early: bool = False  # whether the leader had to end before the operator's script did
 
     def slowness_summary(self) -> str:
-        """Describe where this machine was too slow; empty where it kept pace."""
+        """Describe the parts for which this machine was too slow; empty if it kept pace."""
         clauses = self.merged.slowness()
         if self.ended_early:
             clauses.append(f"the leader was ended after {_LIMIT_S:g} s, before the operator's script")

@@ -1,7 +1,8 @@
-"""Estimate the object at each target, in processes of their own while the arm goes on.
+"""Estimate the object at each target, in separate processes while the arm continues.
 
-After every run a first look: spring and damper or Hunt-Crossley, whichever leaves less, with intervals. After
-the last run of a target the diagnosis, which may add effects, and says whether the model is complete.
+After every run, a first estimate: spring and damper or Hunt-Crossley, whichever leaves the smaller error,
+with intervals. After the last run of a target, the diagnosis, which may add effects and states whether the
+model is complete.
 """
 
 import os
@@ -73,9 +74,9 @@ def first_look(samples: Samples, target: int) -> ObjectEstimate:
 
 
 def second_look(samples: Samples, target: int) -> ObjectEstimate:
-    """Fit and diagnose a target: the better law with established effects, and the verdict.
+    """Fit and diagnose a target: the better law with accepted effects, and the verdict.
 
-    What is established and cannot be simulated, and so not felt, is said in words.
+    The verdict names accepted effects that the simulator cannot render.
 
     Args:
         samples: of one target.
@@ -98,10 +99,10 @@ def second_look(samples: Samples, target: int) -> ObjectEstimate:
 
 
 class ObjectEstimator:
-    """Gives work to two processes, one for each look; the owner polls for answers.
+    """Distributes work to two processes, one per kind of estimate; the owner polls for results.
 
-    Each works at one target at a time; of what waits, only the newest samples of each target are kept.
-    `diagnose` says whether there is a second look.
+    Each process handles one target at a time. Of waiting samples, only the newest of each target are kept.
+    `diagnose` enables the second kind.
     """
 
     def __init__(self, *, diagnose: bool) -> None:
@@ -136,7 +137,7 @@ class ObjectEstimator:
 
 
 class _EstimatorProcess:
-    """A process for one kind of look. It gets new work only when idle, so that no pipe fills up."""
+    """A process for one kind of estimate. It gets new work only when idle, so no pipe fills up."""
 
     def __init__(self, look: Look, nice: int) -> None:
         self.process, self._pipe = start_worker(_serve, look, nice)
@@ -168,7 +169,7 @@ class _EstimatorProcess:
 
 
 def _serve(pipe: Connection, look: Look, nice: int) -> None:
-    """Estimate whatever arrives, at low priority; end with the parent, which handles Ctrl-C."""
+    """Estimate all received samples at low priority; end with the parent, which handles Ctrl-C."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     os.nice(nice)
     end_with_parent()
@@ -212,7 +213,7 @@ def _contact(samples: Samples) -> _Contact:
 def _better(contact: _Contact, target: int) -> tuple[str, ObjectEstimate]:
     """Return the contact law with the smaller error, by name, with its estimate.
 
-    The second is not tried where the first leaves only noise.
+    The second law is not tried if the first leaves only noise.
     """
     better: list[tuple[str, ObjectEstimate]] = []
     for model in _MODELS:
@@ -249,7 +250,7 @@ def _estimate(contact: _Contact, target: int, revision: Revision) -> ObjectEstim
     """Convert a fitted model to a message.
 
     Raises:
-        InputError: the simulator, whose laws are felt, cannot do what was fitted.
+        InputError: the simulator, which renders the laws, has no such law or effect.
     """
     export = export_scenario(Scenario(), [FittedChannel(revision, contact.channel.surface, 0)], "")
     if export.left_out:

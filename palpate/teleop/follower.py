@@ -1,7 +1,7 @@
-"""The follower: an arm that rests, probes what the leader asks for, and reports what it measured.
+"""Follower: an arm that rests, probes the leader's targets, and reports its measurements.
 
 The control loop runs in the main thread, as for `palpate probe`. A second thread exchanges messages with the
-leader, and estimates are made in processes of their own. Only the queue of targets leads into the loop.
+leader, and estimates are made in separate processes. Only the queue of targets leads into the loop.
 """
 
 import math
@@ -71,14 +71,14 @@ class ReportedState(NamedTuple):
 
 
 class FollowerMessaging(threading.Thread):
-    """Exchanges messages with the leader in a thread of its own, apart from the control loop.
+    """Exchanges messages with the leader in a separate thread, independent of the control loop.
 
     Attributes:
         queue: of targets, filled here.
-        moment: what the arm does and feels; the loop replaces it in every tick.
-        notes: for the session, (kind, text, data), which the loop takes.
+        moment: state of the arm and measured force; the loop replaces it in every tick.
+        notes: entries for the session, (kind, text, data), which the loop logs.
         estimates: how many were made.
-        error: why talking was given up; empty while it goes on.
+        error: why the exchange ended; empty while it continues.
     """
 
     def __init__(self, line: Line, clock: Clock, say: Say, *, diagnose: bool) -> None:
@@ -108,9 +108,9 @@ class FollowerMessaging(threading.Thread):
         self._messaging = Messaging(line, clock, take=take, on_new_peer=drop_targets)
 
     def settled(self) -> bool:
-        """Whether no estimate is pending, and none is unseen by a leader who can be heard.
+        """Whether no estimate is pending, and a reachable leader has received all estimates.
 
-        The first are waited for `_SETTLE_S` from when this is first asked, the last one for `_SEEN_S`.
+        Pending estimates are awaited for `_SETTLE_S` from the first call, the last one for `_SEEN_S`.
         """
         now_s = self._clock.now_s()
         if math.isnan(self._asked_s):
@@ -323,11 +323,11 @@ class FollowerOutcome:
 
 
 def run_follower(job: FollowerJob, say: Say) -> FollowerOutcome:
-    """Follow until the leader ends, somebody stops it, or the guard trips; the session is then complete.
+    """Follow until the leader ends, the user stops it, or the guard trips; the session is then complete.
 
     Args:
-        job: what is to be done.
-        say: told what has happened, one line each.
+        job: the job.
+        say: called with each event, as one line.
 
     Raises:
         InputError: robot file, plan, link and scenario do not fit each other; nothing has moved.

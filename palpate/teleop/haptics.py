@@ -1,8 +1,8 @@
-"""The haptic loop in a process of its own: hand position in, force out, at 1 kHz.
+"""Haptic loop in a separate process: hand position in, force out, at 1 kHz.
 
-It owns the operator's device, the virtual arm and object, and the leader's session. What comes over the line
-reaches it only as estimates that the leader's main process has checked. If that process dies the loop ends:
-force off, session closed.
+It owns the operator's device, the virtual arm and object, and the leader's session. Messages reach it only as
+estimates that the leader's main process has checked. If that process dies, the loop ends: force off, session
+closed.
 """
 
 import signal
@@ -224,7 +224,7 @@ class _Haptics:
                 estimate = orders.render
                 try:
                     self._object.update(force_law(estimate.model), np.array(estimate.surface_world_m))
-                except InputError as error:  # the last one goes on
+                except InputError as error:  # the current target continues
                     self._refused.append(f"estimate {estimate.revision}: {error}")
                     continue
                 self._revision = estimate.revision

@@ -1,7 +1,7 @@
-"""The leader: sends the operator's targets to the follower, and its estimates to the operator's hand.
+"""Leader: sends the operator's targets to the follower, and its estimates to the haptic loop.
 
-This process talks and shows; a process of its own renders (`palpate.teleop.haptics`), so that neither a slow
-network nor a slow terminal is ever felt.
+This process handles messages and display; a separate process renders (`palpate.teleop.haptics`), so that
+neither a slow network nor a slow terminal affects the felt force.
 """
 
 from collections.abc import Callable
@@ -38,7 +38,7 @@ from palpate.teleop.virtual_object import DOWN, TargetStates, summarize_estimate
 
 MESSAGE_PERIOD_S = 0.02  # between two intents
 _LINK_RECORD_S, _SHOW_S = 0.1, 0.5
-_FAREWELL_S = 45.0  # how long a follower may take to finish what is queued
+_FAREWELL_S = 45.0  # time limit for a follower to finish the queued targets
 _SAME_PLACE_M = 0.005  # places nearer than this are the same target
 _START_S = 30.0  # until the haptic process is heard
 _OVER = (TargetState.DONE, TargetState.REFUSED, TargetState.CANCELLED, TargetState.FAILED)
@@ -47,7 +47,7 @@ Say = Callable[[str], None]
 
 @dataclass(frozen=True)
 class LeaderJob:
-    """What the operator feels at first, and how the leader is linked."""
+    """Initial virtual object, and settings of the link."""
 
     haptics: HapticJob
     link: LineSettings = field(default_factory=LineSettings)
@@ -68,7 +68,7 @@ def leader_metadata(robot_file: RobotFile, scene: Scenario, command_line: str) -
 
     Args:
         robot_file: of the virtual arm.
-        scene: what is felt before anything was probed.
+        scene: virtual object before the first estimate.
         command_line: as it was typed.
     """
     return SessionMetadata(
@@ -86,9 +86,9 @@ def run_leader(job: LeaderJob, say: Say, show: Say) -> LeaderOutcome:
     """Lead until the operator's script ends or Ctrl-C; the session is then complete.
 
     Args:
-        job: what is to be done.
-        say: told what has happened, one line each.
-        show: told how things stand, a line that replaces the last one.
+        job: the job.
+        say: called with each event, as one line.
+        show: called with the status line, which replaces the previous one.
 
     Raises:
         InputError: the link cannot be opened.
@@ -233,7 +233,7 @@ class _Leader:
             self._note("target", f"target {short_number(number)} chosen at ({place_mm}) mm")
 
     def _exchange(self) -> None:
-        """Hear the follower, and tell it which targets are wanted."""
+        """Exchange messages with the follower: reports in, targets out."""
         if self._messaging.receive():
             is_heard = self._messaging.linked
             self._note("link", "the follower is heard" if is_heard else "the follower is silent")
@@ -254,7 +254,7 @@ class _Leader:
                 target = short_number(message.target)
                 self._note("estimate", f"target {target}: {summarize_estimate(message)}{why}")
         elif isinstance(message, Report):
-            # A follower that has not heard of this leader yet may still tell of the targets of the last one.
+            # Until it receives this leader's messages, a follower may report targets of the previous leader.
             states = zip(message.targets, map(TargetState, message.states), strict=True)
             self._states.update((number, state) for number, state in states if number in self._targets)
             if message.remark and message.remark != self._remark:

@@ -88,7 +88,7 @@ class MergedSessions:
         """Leader's time, follower's clock minus leader's, round trip; shape (n, 3) [s], n > 0.
 
         Raises:
-            InputError: neither side heard the other.
+            InputError: neither side received a message of the other.
         """
         for session, sign in ((self.leader, 1.0), (self.follower, -1.0)):
             link = session.samples(LINK)
@@ -136,7 +136,7 @@ class MergedSessions:
         return max(0.0, -float(np.polyfit(time_s - time_s[0], offset_s - offset_s[0], 1)[0]))
 
     def slowness(self) -> list[str]:
-        """Where the machine was too slow, one clause each; empty where it kept pace."""
+        """List, as clauses, the parts for which the machine was too slow; empty if it kept pace."""
         clauses = []
         if self.missed_share > _TOO_SLOW:
             gap_ms = 1e3 * np.diff(self.haptic["time_s"]).max(initial=0.0)

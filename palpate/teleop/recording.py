@@ -151,8 +151,8 @@ def draw(path: Path, merged: MergedSessions, felt: ForceComparison, modelled: Fo
     Args:
         path: of the file, replaced if it exists.
         merged: both sessions.
-        felt: what was felt, and what the real object would have answered.
-        modelled: what the models answer to the follower's presses, and what it measured.
+        felt: felt force, and force of the real object.
+        modelled: force of the models in the follower's presses, and measured force.
 
     Raises:
         InputError: it cannot be written.

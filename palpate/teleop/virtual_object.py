@@ -1,7 +1,7 @@
-"""The virtual object: force law, estimates so far, and a summary line.
+"""Virtual object: force law, estimates so far, and a summary line.
 
-Laws and effects are the simulator's own, so the operator can feel whatever a diagnosis can establish and
-`palpate export` can write. Values are checked as those of a scenario file are.
+Laws and effects come from the simulator, so the operator can feel everything that a diagnosis can accept and
+`palpate export` can write. Values are checked like those of a scenario file.
 """
 
 from collections.abc import Mapping, Sequence
@@ -38,7 +38,7 @@ def terms_of(scenario: Scenario) -> tuple[ContactModel, ...]:
 
 
 def force_law(terms: Sequence[ContactModel]) -> ForceLaw:
-    """Make an object's force law, with a memory of its own, for `control`'s `VirtualObject`.
+    """Make an object's force law, with its own memory, for `control`'s `VirtualObject`.
 
     Args:
         terms: contact law first, then effects.
@@ -129,7 +129,7 @@ def summarize_trust(estimate: ObjectEstimate | None, age_s: float, away_m: float
     """Describe how far the virtual object can be trusted.
 
     Args:
-        estimate: that is felt; None for the scene's guess.
+        estimate: the rendered estimate; None for the scene's guess.
         age_s: of the measurement that it rests on [s]; NaN if not known.
         away_m: from where it was measured, across the press direction [m]; NaN if not known.
     """
@@ -146,11 +146,11 @@ _TOUCHING = (Phase.LOADING, Phase.HOLD, Phase.UNLOADING)
 
 
 class TargetStates:
-    """Estimates by target; the nearest one is rendered, and before the first the scene's guess.
+    """Estimates by target; the nearest is rendered, and the scene's guess before the first.
 
     Attributes:
-        received: how many estimates have come.
-        felt: the one that is felt; None for the guess.
+        received: number of estimates.
+        felt: the rendered estimate; None for the guess.
     """
 
     def __init__(self, scene: Scenario) -> None:
@@ -213,7 +213,7 @@ class TargetStates:
             sent_s: when it was sent, on the follower's clock [s].
 
         Returns:
-            Where they disagree and it was not told yet, in words.
+            Description of a disagreement that was not reported yet; empty otherwise.
         """
         direction = np.array(report.direction_world)
         depth_m = float((np.array(report.tip_world_m) - self._surface_m).dot(direction))

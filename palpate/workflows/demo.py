@@ -73,7 +73,7 @@ def probe_demo(
         session: the new session file.
         scenario: what is simulated.
         seed: of all noise, or None for the scenario's.
-        watcher: told how far it is.
+        watcher: receives the progress.
         plan: speeds and repeats.
         command_line: what makes the same session again.
 

@@ -54,7 +54,7 @@ class Decision:
     # Groups of indistinguishable effects, by channel.
     left: dict[str, list[list[str]]]
     end: StopReason | None  # why it was the last; None if another follows
-    next: str  # what is done next, in words; empty after the last
+    next: str  # description of the next step; empty after the last
     sentence: str  # all this in one sentence
 
 
@@ -107,9 +107,9 @@ def resolve(  # noqa: PLR0917 (what to do, and who is told of it)
     Args:
         job: the first probe; the folder of its session is the study's, and holds no session yet.
         budget: how much may be done.
-        channel: only this one is to be explained; None for all.
-        tell: told of each decision.
-        watch: looks on while a plan is run.
+        channel: the channel to explain; None for all.
+        tell: called with each decision.
+        watch: observes the run of a plan.
         work: shows what is being worked out about these channels.
         design: chooses the next probe from the study, its diagnosis, and the time that it may take [s].
 

@@ -194,7 +194,7 @@ class EncoderCalibration(Calibration):
 
 
 class TorqueValues(FileModel):
-    """joint torque = gain reading + offset; a drive is told (torque - command_offset) / gain."""
+    """joint torque = gain reading + offset; the command to a drive is (torque - command_offset) / gain."""
 
     gain: Quantities
     offset: Quantities

@@ -1,8 +1,8 @@
 """moteus controllers of mjbots on a CAN FD bus.
 
-Position mode without gains, and feed-forward torque. A frame is a row of subframes, each of which writes or
-reads registers, or answers. Every frame that is sent here ends with the same question, so that every answer
-has the same form; one that has another is refused.
+Torque control is position mode without gains and with feed-forward torque. A frame is a sequence of
+subframes; each writes or reads registers, or answers. Every frame sent here ends with the same request, so
+every answer has the same form; an answer of another form is refused.
 
 Sources: mjbots/moteus of 2026-04-06, docs/protocol/can.md and registers.md (subframes, registers, faults);
 the order of answers: mjbots/mjlib, multiplex/micro_server.cc.
@@ -29,14 +29,14 @@ from palpate.robot_io.types import clip
 
 
 class MoteusMotor(MotorMounting):
-    """One controller with its motor. It reports at its output: `gear_ratio` is what comes after it."""
+    """One controller with its motor. It reports at its output, so `gear_ratio` is the stage after it."""
 
     motor_id: Annotated[int, Field(ge=1, le=127, strict=True)]  # its CAN id
     max_torque_nm: Torque  # largest torque at its output, from servo.max_current_A [N m]
 
 
 class MoteusBusSettings(CanLineSettings):
-    """What the robot file says; `bitrate` is that of the arbitration, data travels at 5 Mbit/s."""
+    """Settings in the robot file; `bitrate` is the arbitration rate, data travel at 5 Mbit/s."""
 
     fd: ClassVar = True
 
@@ -56,7 +56,7 @@ class MoteusBusSettings(CanLineSettings):
 
 STOPPED, FAULT, POSITION, TIMEOUT = 0, 1, 10, 11  # modes
 RELATIVE, ROTOR, OUTPUT = 0, 1, 2  # what its position is known by: home state
-FIRST_LIMIT: Final = 96  # from here on a fault code in a healthy mode says what limits the torque
+FIRST_LIMIT: Final = 96  # from here on, a fault code in a healthy mode names the limit of the torque
 
 FAULTS: Final = {
     0: "no fault",
@@ -109,7 +109,7 @@ _WATCHDOG_STEP_S = 1e-3
 
 @dataclass(frozen=True, slots=True)
 class MoteusState:
-    """What a controller answers; position, velocity and torque are of its output."""
+    """State of a controller; position, velocity and torque refer to its output."""
 
     mode: int
     position_rev: float
@@ -127,7 +127,7 @@ class MoteusState:
 
     @property
     def error(self) -> int:
-        """What is wrong, see `FAULTS`; 0 is nothing."""
+        """Fault, see `FAULTS`; 0 for none."""
         if self.mode == FAULT:
             return self.fault or FAULT
         return TIMEOUT if self.mode == TIMEOUT else 0
@@ -144,7 +144,7 @@ def encode_stop(host_id: int, motor_id: int) -> CanFrame:
 
 
 def encode_question(host_id: int, motor_id: int) -> CanFrame:
-    """Ask for the state, and change nothing.
+    """Request the state without changing anything.
 
     Args:
         host_id: of the sender.
@@ -280,7 +280,7 @@ class MoteusBus(AskedMotorBus[MoteusState]):
         self._bring_to(self._zero_torque(), "no position mode:", enabled=True)
 
     def _bring_to(self, frames: list[CanFrame], problem: str, *, enabled: bool) -> None:
-        """Send frames until the answer to an earlier one says that all are in position mode, or stopped."""
+        """Send frames until answers show that all are in position mode, or stopped."""
         self._answers = [0] * self.joint_count
 
         def others() -> list[str]:
@@ -342,7 +342,7 @@ class MoteusBus(AskedMotorBus[MoteusState]):
         return FAULTS.get(error, f"unknown fault {error}")
 
     def _doubt(self, joint: int) -> str:
-        """See `MotorBus._doubt`: a controller says what cuts its torque."""
+        """See `MotorBus._doubt`: a controller reports the cause of a reduced torque."""
         state = self._shown[joint]
         if state is None or state.error or state.fault < FIRST_LIMIT:
             return ""

@@ -1,15 +1,15 @@
 """ATI's Net F/T and Ethernet Axia sensors: protocol, configuration page, line and sensor.
 
-Raw Data Transfer (RDT) is a request of 8 bytes, and records of 36, one in a datagram. All values are
-big-endian. A record counts itself and the measurement that it holds, so that one that comes twice, late or
-out of order is told. Ethernet's CRC and UDP's checksum let no flipped bit through.
+Raw Data Transfer (RDT) uses requests of 8 bytes and records of 36 bytes, one per datagram. All values are
+big-endian. A record has a counter of its own and of its measurement, so that repeated, late and reordered
+records are detected. Ethernet's CRC and UDP's checksum let no flipped bit through.
 
-Sources: ATI 9620-05-NET FT, "UDP Interface Using RDT"; ATI 9610-05-Ethernet Axia, "Status Code". The names of
-bits are Axia's, and 17 is the older Net Box's. Others mean something else there, such as 30 an error of its
-processor: so every one that says error stops, and is told as a number too.
+Sources: ATI 9620-05-NET FT, "UDP Interface Using RDT"; ATI 9610-05-Ethernet Axia, "Status Code". Bit names
+are Axia's, and 17 is the older Net Box's. Some bits have another meaning there, such as 30 (an error of its
+processor). So every error bit stops the arm and is also reported as a number.
 
 The active configuration is on the page `netftapi2.xml` of its web server (ATI 9620-05-NET FT, "XML Pages").
-Only the values that are needed are taken out of the text.
+Only the necessary values are read from the text.
 """
 
 import os
@@ -40,7 +40,7 @@ _REQUEST: Final = struct.Struct(">HHI")
 _RECORD: Final = struct.Struct(">3I6i")
 _HEADER: Final = 0x1234
 STOP: Final = _REQUEST.pack(_HEADER, 0, 0)
-START: Final = _REQUEST.pack(_HEADER, 2, 0)  # at once, one record in a datagram, until it is told to stop
+START: Final = _REQUEST.pack(_HEADER, 2, 0)  # real-time streaming, one record per datagram, until stopped
 RECORD_SIZE: Final = _RECORD.size
 
 _LARGEST_COUNTS: Final = (1 << 31) - 1
@@ -91,7 +91,7 @@ def decode_record(datagram: bytes) -> Record:
 
 
 def status_problem(status: int) -> str:
-    """What a status says is wrong, by name, or nothing.
+    """Return the names of the errors in a status, or an empty string.
 
     Args:
         status: bits of a record.
@@ -151,7 +151,7 @@ _PATIENCE_S = 2.0
 
 
 class Configuration(NamedTuple):
-    """What a sensor says of itself."""
+    """Configuration that a sensor reports."""
 
     product: str  # name of the product
     counts_per_force: float  # counts of one `unit`
@@ -199,7 +199,7 @@ def _value(text: str, name: str, default: str | None = None) -> str:
 
 
 def read_configuration(host: str, port: int) -> Configuration:
-    """Ask a sensor.
+    """Read the configuration of a sensor.
 
     Args:
         host: name or address of the sensor.
@@ -238,7 +238,7 @@ _Port = Annotated[int, Field(ge=1, le=65_535, strict=True)]
 
 
 class NetFtLineSettings(ForceLineSettings):
-    """What the robot file says."""
+    """Settings in the robot file."""
 
     # As delivered, 192.168.1.1.
     host: Annotated[str, matching("[A-Za-z0-9._-]{1,253}", "its address alone, such as 192.168.1.1")]
@@ -247,7 +247,7 @@ class NetFtLineSettings(ForceLineSettings):
 
 
 class DatagramReader(SerialReader):
-    """Hands each datagram on by itself."""
+    """Passes on each datagram separately."""
 
     def _receive(self) -> list[bytes]:
         datagrams: list[bytes] = []
@@ -271,7 +271,7 @@ class _Socket:
         self.fileno, self.close = self._socket.fileno, self._socket.close
 
     def read(self, size: int) -> bytes:
-        """Read one datagram; none where a host says that nobody listens there.
+        """Read one datagram; none if a host reports that nobody listens there.
 
         Args:
             size: most bytes to take.
@@ -284,7 +284,7 @@ class _Socket:
         return b""
 
     def write(self, data: bytes) -> None:
-        """Send a datagram; a host that says that nobody listens there means an earlier one.
+        """Send a datagram; a "nobody listens" error refers to an earlier one.
 
         Args:
             data: the datagram.
@@ -311,11 +311,11 @@ class NetFtLine(ForceLine):
         """Open a socket. DeviceError: the host has no address, or there is no way to it."""
         try:
             self._port = _Socket(self._own.host, self._own.rdt_port)
-        except (OSError, UnicodeError) as error:  # the latter for what can be no host's name
+        except (OSError, UnicodeError) as error:  # the latter if the text cannot be a host name
             raise DeviceError(f"{self.label}: cannot be reached ({error})") from error
 
     def read_configuration(self) -> Configuration:
-        """What the sensor says of itself. DeviceError: it does not answer, or with something else."""
+        """Read the sensor's configuration. DeviceError: no answer, or an invalid one."""
         return read_configuration(self._own.host, self._own.http_port)
 
     def _close_port(self) -> None:
@@ -328,7 +328,7 @@ _AGREE = 1e-6  # of a scale
 
 
 class NetFtSettings(AxisForceSettings):
-    """What the robot file says; what the sensor's active configuration says must agree."""
+    """Settings in the robot file; the sensor's active configuration must agree."""
 
     counts_per_force: Positive  # counts of one `unit`
     unit: Annotated[str, AfterValidator(known_unit)] = "N"

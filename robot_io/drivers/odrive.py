@@ -1,8 +1,8 @@
 """ODrive axes on a CAN bus, in torque mode through CANSimple.
 
-The axes send by themselves; nothing is asked for in a tick. Set up over USB beforehand: node id, bit rate,
-the rates of the cyclic messages (encoder estimates, and motor current with firmware 0.5 or torques with 0.6,
-at the control rate), current limit and watchdog.
+The axes send cyclic messages; a tick contains no requests. Set up over USB beforehand: node id, bit rate, the
+rates of the cyclic messages (encoder estimates, and motor current with firmware 0.5 or torques with 0.6, at
+the control rate), current limit and watchdog.
 """
 
 from collections.abc import Mapping
@@ -43,7 +43,7 @@ class OdriveAxis(MotorMounting):
 
 
 class OdriveBusSettings(CanLineSettings):
-    """What the robot file says."""
+    """Settings in the robot file."""
 
     firmware: Firmware  # "0.5" or "0.6"
     axes: Annotated[tuple[OdriveAxis, ...], Field(min_length=1)]  # one per joint, from base to tip
@@ -74,9 +74,9 @@ _ENCODER_ERRORS = {"ENCODER_FAILED", "MISSING_ESTIMATE", "SPINOUT_DETECTED", "UN
 class OdriveBus(MotorBus):
     """ODrive axes on a CAN bus.
 
-    Heartbeats are watched: an axis that reports an error, leaves closed-loop control by itself, or whose
-    heartbeat is lost has failed. CANSimple cannot read the watchdog's settings, so it is proven by letting
-    it expire.
+    Heartbeats are monitored: an axis has failed if it reports an error, leaves closed-loop control on its
+    own, or loses its heartbeat. CANSimple cannot read the watchdog's settings, so activation proves it by
+    letting it expire.
     """
 
     name = "odrive_bus"
@@ -111,7 +111,7 @@ class OdriveBus(MotorBus):
         for joint, axis in enumerate(self._axes):
             self._check_heard(joint, axis)
         # Measure how long each axis takes to answer, by which its samples are dated back: CAN frames carry no
-        # time, and what is always late by the same would pass as fresh. A silent axis is taken to be prompt.
+        # time, and a constant delay would go unnoticed. A silent axis is assumed to be prompt.
         ask = [odrive.ask(axis.node_id, OdriveCommand.BUS_VOLTAGE_CURRENT) for axis in self._axes]
         latencies_s = []
         for _ in range(_LATENCY_ROUNDS):
@@ -224,7 +224,7 @@ class OdriveBus(MotorBus):
 
     @property
     def _setup_commands(self) -> tuple[str, ...]:
-        """Everything that an axis must be told over USB, as typed into odrivetool."""
+        """All settings that an axis needs over USB, as typed into odrivetool."""
         limits = (
             f"{odrive.VELOCITY_LIMIT} = {max(map(self._fastest_rev_s, range(self.joint_count))):.1f} or more",
             f"{odrive.CURRENT_LIMIT[self._own.firmware]} = what max_torque_nm needs",

@@ -149,11 +149,11 @@ _COMMAND_MASK = (1 << COMMAND_BITS) - 1
 
 @dataclass(frozen=True, slots=True)
 class Heartbeat:
-    """What an axis says of itself without being asked."""
+    """State that an axis reports without a request."""
 
     axis_error: int  # error bits, see `axis_error_names`
-    state: AxisState  # what the axis is doing
-    component_errors: tuple[str, ...] = ()  # names of the parts that report an error of their own (0.5 only)
+    state: AxisState  # state of the axis
+    component_errors: tuple[str, ...] = ()  # names of the parts that report an error (0.5 only)
     procedure_result: int = 0  # how the last procedure ended (0.6 only); 0 is success
     trajectory_done: bool = False  # whether a planned motion has ended
 
@@ -252,7 +252,7 @@ def decode_version(frame: CanFrame) -> tuple[int, int, int]:
 
 
 def ask(node_id: int, command: OdriveCommand) -> CanFrame:
-    """Ask an axis to send a message now, as a remote frame.
+    """Request a message from an axis, as a remote frame.
 
     Args:
         node_id: of the axis.
@@ -262,7 +262,7 @@ def ask(node_id: int, command: OdriveCommand) -> CanFrame:
 
 
 def encode_axis_state(node_id: int, state: AxisState) -> CanFrame:
-    """Ask an axis to change its state.
+    """Request a change of an axis' state.
 
     Args:
         node_id: of the axis.

@@ -55,7 +55,7 @@ class OperatorDevice(Opened):
         """Open the device; positions can be read, and no force is rendered.
 
         Raises:
-            DeviceError: it is absent or is another one.
+            DeviceError: it is absent or not the expected model.
         """
         if self._is_open:
             raise LifecycleError(f"{self.name}: configured already")

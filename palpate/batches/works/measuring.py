@@ -1,4 +1,4 @@
-"""The work of a batch: everything that the table says of one measurement."""
+"""Work function of a batch: all rows of the table for one measurement."""
 
 from collections.abc import Mapping, Sequence
 from pathlib import Path
@@ -51,7 +51,7 @@ def measure(files: Sequence[Path], parameters: Mapping[str, Any]) -> list[Row]:
         return _gains(study, options["screen"])
     try:
         estimates = {each.channel.name: each for each in study.estimate(list(ESTIMATORS))}
-    except InputError:  # such as too few samples; the comparison says the same
+    except InputError:  # such as too few samples; the comparison gives the reason
         estimates = {}
     diagnosed: dict[str, ChannelDiagnosis] = {}
     if options["diagnose"]:
@@ -97,7 +97,7 @@ def _row(
         }
         row |= {f"budget {entry.kind.word}": entry.share for entry in comparison.kinds}
     final = diagnosis.final if diagnosis is not None and diagnosis.accepted and not add else None
-    if final is not None:  # all of one model: with an effect that was missing, the others change
+    if final is not None:  # use one model: a missing effect changes the other parameters
         row |= _all_columns(final.parameters)
     elif comparison is not None and (estimates is None or comparison.model != channel.model.name):
         row |= _all_columns(comparison.parameters)
@@ -144,9 +144,9 @@ def _all_columns(parameters: Mapping[str, ParameterEstimate | ParameterValue]) -
 
 
 def _gains(study: Study, screen: Mapping[str, Any]) -> list[Row]:
-    """What each candidate effect gains in logarithmic score on held-out runs, for each block of samples.
+    """Compute the gain in logarithmic score on held-out runs of each candidate effect, per block.
 
-    A candidate whose parameters would be impossible gains nothing.
+    A candidate with physically impossible parameters gets no positive gain.
     """
     rows: list[Row] = []
     for channel in study.channels:
@@ -162,7 +162,7 @@ def _gains(study: Study, screen: Mapping[str, Any]) -> list[Row]:
 
 
 def _suggested(study: Study, channel: StudyChannel) -> str:
-    """The base model that fits far better than the usual one; empty where none does."""
+    """Return the base model that fits far better than the usual one, or an empty string."""
     try:
         usual = study.comparison(channel)
         far_off = usual.lack_of_fit >= FAR

@@ -145,10 +145,10 @@ def probed(parameters: Mapping[str, Any], seed: int) -> tuple[Samples, Scenario]
 
 @lru_cache(maxsize=2)
 def _probed(text: str, seed: int, engine: EngineName | None) -> tuple[Samples, Scenario]:
-    """A worker gets many cases that look at one and the same run in other ways.
+    """Cache the last run, because a worker gets many cases that evaluate the same run.
 
-    The world's seed comes from all parameters: with one seed for all objects their noise would be the same,
-    and so would be their errors.
+    The world's seed comes from all parameters: with one seed, all objects would have the same noise and the
+    same errors.
     """
     parameters = json.loads(text)
     scenario = world(parameters, int(sha256(f"{seed} {text}".encode()).hexdigest()[:12], 16))
@@ -237,7 +237,7 @@ def _estimated(channel: ChannelData, model: Model, spec: str | Mapping[str, Any]
     rng = np.random.default_rng(seed)
     try:
         if isinstance(estimator, ContactEstimator):
-            # Depth, speed and force in contact, for methods that must be told the surface: that of least
+            # Depth, speed and force in contact, for methods that need a known surface: the surface of least
             # squares.
             rows = fitting_rows(channel)
             surface_m = fit_samples(model, channel, rows).parameters[f"{ContactOffset.name}.offset"]
@@ -317,7 +317,7 @@ def ransac_errors(parameters: Mapping[str, Any], seed: int) -> list[Row]:
         problem = Regression(columns, noisy_n, ("k", "c"), ("N/m", "N s/m"), run=channel.run[rows])
         try:
             fit = ransac.fit(problem, rng=rng)
-        except InputError:  # hardly any two samples agree
+        except InputError:  # few samples agree
             errors.append(gains)
             shares.append(0.0)
             continue

@@ -1,14 +1,14 @@
-"""CAN adapters: opened, drained without waiting, and their failures told apart; slcan has a reader here.
+"""CAN adapters: opening, reading without waiting, and classification of failures; with a reader for slcan.
 
 slcan writes frames as lines of text, each ended by CR: `t` and three hexadecimal digits of an id, or `T` and
-eight, then the number of data bytes, and these; `r` and `R` ask for a frame instead. BEL in place of CR is a
-no. Source: LAWICEL, "CAN232 Manual", ASCII command set.
+eight, then the number of data bytes, and these; `r` and `R` request a frame instead. BEL in place of CR is an
+error. Source: LAWICEL, "CAN232 Manual", ASCII command set.
 
-python-can's own reader waits in each poll, stamps frames when they are read and never recovers from a byte
-that is no text. Here the port is read as those of servos are: all that has come, and never a wait.
+python-can's own slcan reader waits in each poll, stamps frames when they are read, and never recovers from a
+byte that is no text. Here the port is read like a servo port: all received bytes, without waiting.
 
-The adapter is one of python-can's, except for slcan. python-can's `Notifier` is not used: its thread ends
-silently at the first error.
+All other adapters use python-can. Its `Notifier` is not used, because its thread ends silently at the first
+error.
 """
 
 import fcntl
@@ -38,7 +38,7 @@ _SPEEDS = dict(zip((10_000, 20_000, 50_000, 100_000, 125_000, 250_000, 500_000),
 _SPEEDS[1_000_000] = 8  # 7 is 750 or 800 kbit/s, as the adapter's maker likes it
 _USUAL_BAUD_RATE = 115_200  # USB adapters take any
 _LONGEST = 32  # bytes of a line; a frame takes up to 27, and a time stamp four more
-_TAKEN = (b"", b"z", b"Z")  # what an adapter says to what it was sent
+_TAKEN = (b"", b"z", b"Z")  # replies of an adapter
 _FRAME = re.compile(
     rb"(?:(?P<short>[tr])(?P<short_id>[0-7][0-9A-Fa-f]{2})|(?P<long>[TR])(?P<long_id>[01][0-9A-Fa-f]{7}))"
     rb"(?P<size>[0-8])(?P<data>(?:[0-9A-Fa-f]{2})*)"
@@ -196,7 +196,7 @@ class Timestamps(StrEnum):
 
     WALL = "wall"  # seconds since 1970, as from socketcan, virtual and udp_multicast
     ROBOT = "robot"  # the robot's own clock, as from emulated devices in lock-step
-    NONE = "none"  # nothing that is known here
+    NONE = "none"  # unknown
 
 
 def _named(channel: str | int) -> str | int:
@@ -212,7 +212,7 @@ class CanLineSettings(FileModel):
 
     # slcan, or a python-can interface: socketcan, pcan, virtual, udp_multicast .
     interface: Annotated[str, matching(r"[a-z0-9_]{1,32}", "1 to 32 small letters, digits or _")]
-    # What the interface calls its channel.
+    # Name of the channel in the interface.
     channel: Annotated[str | int, AfterValidator(_named)]
     # Bits a second, for adapters that set it themselves; None leaves it alone.
     bitrate: Annotated[int, Field(gt=0, le=1_000_000, strict=True)] | None = None
@@ -227,7 +227,7 @@ class CanLineSettings(FileModel):
         return self
 
     def arguments(self) -> dict[str, Any]:
-        """Arguments for `can.Bus`; multicast stays on this machine unless told otherwise."""
+        """Arguments for `can.Bus`; by default, multicast stays on this machine."""
         arguments: dict[str, Any] = {"interface": self.interface, "channel": self.channel}
         if self.bitrate is not None:
             arguments["bitrate"] = self.bitrate
@@ -262,7 +262,7 @@ class CanLine:
 
     @property
     def bitrate(self) -> int | None:
-        """Bits a second, None where the robot file leaves it to the adapter."""
+        """Bit rate [bit/s]; None if the robot file leaves it to the adapter."""
         return self._settings.bitrate
 
     def open(self) -> None:
@@ -333,11 +333,11 @@ class CanLine:
             raise DeviceError(f"{self.label}: cannot send ({error})") from error
 
     def drain(self, deadline_s: float) -> list[tuple[CanFrame, float]]:
-        """Everything that has arrived, oldest first, with the time of its arrival [s]; never waits.
+        """Return all received frames, oldest first, with their arrival times [s]; never waits.
 
-        What was not here at the last drain arrived since: a time stamp outside of that span is ignored,
-        and without one a frame is taken to be as old as it can be. Where more has queued up than is taken in
-        one go, the rest of it is not taken to be newer.
+        Frames that were not there at the last call arrived since: a time stamp outside this interval is
+        ignored, and a frame without one gets the earliest possible time. If more frames are queued than are
+        taken at once, the remaining ones are not dated later.
 
         Args:
             deadline_s: end of the poll, robot's clock [s].
@@ -419,7 +419,7 @@ class PortLock:
                 return
             self._fd = os.open(path, os.O_RDWR | os.O_NOCTTY | os.O_NONBLOCK)
         except OSError:
-            return  # opening the adapter will say what is wrong
+            return  # opening the adapter reports the cause
         try:
             fcntl.flock(self._fd, fcntl.LOCK_EX | fcntl.LOCK_NB)
         except OSError as error:

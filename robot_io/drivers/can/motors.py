@@ -21,10 +21,12 @@ from palpate.robot_io.examination import Examinable, Finding, fail, warn
 from palpate.robot_io.files.file_model import FileModel, Number, ZeroAngle, between
 from palpate.robot_io.types import FloatArray, Reading, Status
 
-_SILENT_SHARE = 0.5  # of the age limit; said from then on, so that it is known when the limit is reached
+_SILENT_SHARE = (
+    0.5  # of the age limit; reported from then on, so that the cause is known when the limit is reached
+)
 _FRAME_BITS = 47  # of a frame with an 11 bit id and the gap after it, beside its data (ISO 11898-1)
 _EXTENSION_BITS = 20  # more with a 29 bit id
-_USUAL_BITRATE = 1_000_000  # where the adapter was set up before, and does not say how
+_USUAL_BITRATE = 1_000_000  # if the adapter was configured before and does not report its bit rate
 _LOOK_S = 1e-3  # how often to look while waiting for an answer
 _MOST_FOREIGN = 20  # ids that are listed
 
@@ -32,10 +34,10 @@ _MOST_FOREIGN = 20  # ids that are listed
 class MotorMounting(FileModel):
     """How a motor moves its joint: joint angle = zero_rad + sign * shaft angle / gear_ratio."""
 
-    # Turns of what the drive reports for one turn of the joint.
+    # Turns reported by the drive for one turn of the joint.
     gear_ratio: Annotated[Number, between(1e-3, 1e4, "turns")] = 1.0
     reversed: StrictBool = False  # whether a positive shaft angle turns the joint backwards
-    zero_rad: ZeroAngle = 0.0  # joint angle where the drive reports zero [rad]
+    zero_rad: ZeroAngle = 0.0  # joint angle at the zero of the drive [rad]
 
     @property
     def signed_ratio(self) -> float:
@@ -69,7 +71,7 @@ class MotorBus(JointBus, Examinable):
         self._position_rad, self._velocity_rad_s, self._torque_nm = ([float("nan")] * n for _ in range(3))
         self._motion_at_s, self._torque_at_s = [-inf] * n, [-inf] * n
         self._at_range_end = [False] * n
-        self._motion_is_wrong = [False] * n  # the motor itself says that its encoder has failed
+        self._motion_is_wrong = [False] * n  # the motor reports that its encoder has failed
         self._last_problem = [""] * n
         self._foreign_ids: set[int] = set()
         self._staged: list[CanFrame] = []
@@ -80,7 +82,7 @@ class MotorBus(JointBus, Examinable):
     def joint_count(self) -> int:
         return len(self._mountings)
 
-    # What a protocol adds.
+    # Implemented by each protocol.
 
     @abstractmethod
     def motor_label(self, joint: int) -> str:
@@ -96,9 +98,9 @@ class MotorBus(JointBus, Examinable):
 
     @abstractmethod
     def _take(self, frame: CanFrame, at_s: float) -> bool:
-        """Keep what a frame says of a joint; False if it is not for us.
+        """Store the state of a joint from a frame; return False if it is from another sender.
 
-        ProtocolError: it comes from one of our motors but is not what the protocol allows.
+        ProtocolError: it comes from one of our motors but violates the protocol.
         """
 
     @abstractmethod
@@ -111,17 +113,17 @@ class MotorBus(JointBus, Examinable):
 
     @abstractmethod
     def _fault(self, joint: int, now_s: float) -> str:
-        """What the motor of `joint` says is wrong with it, or nothing."""
+        """Return the error that the motor of `joint` reports, or an empty string."""
 
     def _doubt(self, joint: int) -> str:
-        """What is odd about the motor of `joint`, or nothing: no fault, but a hint where there is one."""
+        """Return a hint about the motor of `joint`, if any; it is not a fault."""
         return ""
 
     @abstractmethod
     def _report(self) -> list[Finding]:
-        """What the motors say of themselves, asked for if need be, with the torque off."""
+        """Read the identity and state of the motors, by request if needed, with the torque off."""
 
-    # What is common.
+    # Common to all protocols.
 
     def examine(self) -> tuple[Finding, ...]:
         findings = self._report()
@@ -211,7 +213,7 @@ class MotorBus(JointBus, Examinable):
                     self._last_problem[joint] = str(error)
 
     def _silence(self, joint: int, now_s: float) -> str:
-        """What has not come from the motor of `joint` for half of its age limit, or nothing."""
+        """Return which data of `joint` are missing for half of the age limit, or an empty string."""
         limits, what, age_s = self._limits, "nothing valid", now_s - self._motion_at_s[joint]
         if age_s <= _SILENT_SHARE * limits.encoder_age_s:
             what, age_s = "no torques", now_s - self._torque_at_s[joint]
@@ -233,7 +235,7 @@ class MotorBus(JointBus, Examinable):
         self.torque = Reading(np.array(self._torque_nm), torque_at_s, torque)
 
     def _send_all(self, frames: Sequence[CanFrame]) -> None:
-        """Send every frame, whatever becomes of the others. DeviceError: some could not be sent."""
+        """Send every frame, even after a failure. DeviceError: some could not be sent."""
         failures: list[DeviceError] = []
         for frame in frames:
             try:
@@ -244,7 +246,7 @@ class MotorBus(JointBus, Examinable):
             raise failures[0]
 
     def _wait_for(self, done: Callable[[], bool], timeout_s: float) -> bool:
-        """Take in frames until `done`, or until the time is over; says which."""
+        """Receive frames until `done` or until the time is over; return which."""
         end_s = self._clock.now_s() + timeout_s
         while True:
             self._drain(end_s)
@@ -265,14 +267,14 @@ StateType = TypeVar("StateType")
 
 
 class AskedMotorBus(MotorBus, Generic[StateType]):
-    """Motors that answer each frame with their state, and let go when they hear no commands.
+    """Motors that answer each frame with their state, and switch their torque off without commands.
 
     Args:
         line: How the adapter is opened.
         mountings: How each motor moves its joint (n).
-        context: What a driver is given.
+        context: Bus, clock and other context of the driver.
         motor_ids: Id of each motor (n).
-        watchdog_s: How long after the last command they let go [s].
+        watchdog_s: Time after the last command until their torque goes off [s].
     """
 
     def __init__(
@@ -297,11 +299,11 @@ class AskedMotorBus(MotorBus, Generic[StateType]):
         self._command: list[CanFrame] = []
         self._flushed = False
 
-    # What a protocol adds.
+    # Implemented by each protocol.
 
     @abstractmethod
     def _questions(self, joint: int) -> list[CanFrame]:
-        """Frames that make a motor without torque say its state."""
+        """Frames that request the state of a motor without torque."""
 
     @abstractmethod
     def _motor_asked(self, frame: CanFrame) -> int | None:
@@ -309,29 +311,29 @@ class AskedMotorBus(MotorBus, Generic[StateType]):
 
     @abstractmethod
     def _condition(self, state: StateType) -> tuple[int, bool | None]:
-        """A motor's error, 0 for none, and whether it is in motor mode, None where it does not say so."""
+        """Return the error of a motor (0 for none), and whether it is in motor mode (None if unknown)."""
 
     @abstractmethod
     def _keep(self, joint: int, state: StateType, asked_s: float) -> None:
-        """Keep what a motor says of its joint's motion; it was asked for it at `asked_s` [s]."""
+        """Store the motion that a motor reports for its joint; it was requested at `asked_s` [s]."""
 
     @abstractmethod
     def _error_names(self, error: int) -> str:
         """What an error means."""
 
     def _error(self, joint: int) -> int:
-        """What is wrong with a motor; 0 is nothing."""
+        """Error of a motor; 0 for none."""
         return self._errors[joint]
 
-    # What is common.
+    # Common to all protocols.
 
     def motor_label(self, joint: int) -> str:
         return f"joint {joint + 1} (motor {self._motor_ids[joint]})"
 
     def _hear_all(self) -> None:
-        """Open the adapter and hear every motor.
+        """Open the adapter and receive a state of every motor.
 
-        DeviceError: it cannot be opened, or a motor is silent or has another one's id.
+        DeviceError: it cannot be opened, a motor is silent, or two motors have the same id.
         """
         self.line.open()
         self._unasked = [0] * self.joint_count
@@ -352,12 +354,12 @@ class AskedMotorBus(MotorBus, Generic[StateType]):
         self._send_all([frame for joint in range(self.joint_count) for frame in self._questions(joint)])
 
     def _refuse_twins(self) -> None:
-        """DeviceError: a motor has answered more often than it was asked."""
+        """Refuse motors that answer more often than they were asked, by a DeviceError."""
         if twins := self._twins():
             raise DeviceError(f"{self.line.label}: {twins}")
 
     def _twins(self) -> str:
-        """Which motors have answered more often than they were asked, or nothing."""
+        """Return which motors have answered more often than they were asked, or an empty string."""
         labels = [self.motor_label(joint) for joint, count in enumerate(self._unasked) if count]
         said = f"answers more often than it is asked: {_TWO_MOTORS}"
         return "; ".join(f"{label}: {said}" for label in labels)
@@ -386,7 +388,7 @@ class AskedMotorBus(MotorBus, Generic[StateType]):
         super().flush(deadline_s)
 
     def _joints_to_ask(self) -> list[int]:
-        """All but those whose motors are to be asked nothing this time, see `RequestQueue.skip`."""
+        """All requests except those to motors that are skipped this time; see `RequestQueue.skip`."""
         return [joint for joint, requests in enumerate(self._requests) if not requests.skip()]
 
     def _send(self, frame: CanFrame, deadline_s: float) -> None:
@@ -430,7 +432,7 @@ class AskedMotorBus(MotorBus, Generic[StateType]):
     def _send_confirmed(self, frames: list[CanFrame], problem: str, *, enabled: bool) -> None:
         """Send frames, two or more to each motor, and wait until each has answered twice.
 
-        One that says whether it is in motor mode must say `enabled`, or that it has an error.
+        A motor that reports its mode must report `enabled`, or an error.
 
         DeviceError: a motor has not answered so.
         """
@@ -472,7 +474,7 @@ class AskedMotorBus(MotorBus, Generic[StateType]):
             raise DeviceError(f"{self.line.label}: {'; '.join(problems)}: remove the cause, then restart it")
 
     def _outlast_watchdogs(self) -> None:
-        """Say nothing for longer than motors may go on."""
+        """Send nothing for longer than the watchdogs of the motors."""
         self._clock.sleep_until(self._clock.now_s() + _LATEST_WATCHDOG * self._watchdog_s)
 
     def _refuse_going_on(self, going_on: Sequence[bool], how: str) -> None:

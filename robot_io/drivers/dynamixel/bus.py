@@ -95,9 +95,9 @@ class DynamixelEncoder(ServoEncoder):
 
 
 class DynamixelTorque(BusTorque):
-    """The drives of a `dynamixel_bus`.
+    """Drives of a `dynamixel_bus`.
 
-    Both command and measurement are of the motor current; what the gears' friction takes is in neither.
+    Command and measurement are motor currents; neither includes the friction of the gears.
     """
 
     name = "dynamixel_torque"

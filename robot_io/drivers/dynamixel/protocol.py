@@ -40,7 +40,7 @@ def crc16(data: bytes, start: int = 0) -> int:
 
     Args:
         data: Bytes that it covers.
-        start: Checksum of what came before `data`.
+        start: Checksum of the bytes before `data`.
     """
     crc, table, before, count = start, _TABLE, _TABLE_BEFORE, len(data) // 2
     for word in struct.unpack_from(f">{count}H", data):
@@ -186,7 +186,7 @@ _AROUND_DATA = 4  # error, id and checksum of a part
 
 
 class FastReply:
-    """How the answer to one fast sync read must look.
+    """Form of the answer to one fast sync read.
 
     Args:
         servo_ids: Servos that were asked, in this order.

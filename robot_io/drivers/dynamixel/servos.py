@@ -1,4 +1,4 @@
-"""Setting up the servos of one bus, from the first ping to torque on and off; may take milliseconds."""
+"""Setup of the servos of one bus, from the first ping to torque on and off; takes milliseconds."""
 
 import struct
 from collections.abc import Iterator, Sequence
@@ -64,10 +64,10 @@ class DynamixelFeedback(NamedTuple):
 
 
 def block_addresses() -> tuple[int, ...]:
-    """List the addresses that the indirect data must stand for, in order.
+    """List the addresses that the indirect data map, in order.
 
-    Some padding comes first: a request can start at any of its bytes, so that answers to different requests
-    differ in length and a late one is told from a new one.
+    Padding comes first: a request can start at any padding byte, so that answers to different requests differ
+    in length and a late answer cannot be taken for a new one.
     """
     block = [register.address + byte for register in _REGISTERS for byte in range(register.size)]
     return (*[TORQUE_ENABLE.address] * PADDING, *block)
@@ -147,7 +147,7 @@ class _FastReader(FeedbackReader[DynamixelFeedback]):
             except ProtocolError as error:
                 if buffer.find(protocol.FAST_HEADER, place, end) < 0:  # else the next one broke it off
                     self._problem = str(error)
-                    damaged = self._oldest_open()  # its length may be what was damaged
+                    damaged = self._oldest_open()  # its length may be damaged
                     if damaged is not None:
                         damaged.asked_at_s = -inf
                 continue
@@ -165,11 +165,11 @@ class _FastReader(FeedbackReader[DynamixelFeedback]):
 def feedback_problem(
     feedback: Sequence[DynamixelFeedback], labels: Sequence[str], watchdog: int, *, powered: bool
 ) -> str | None:
-    """Say why some of the feedback cannot be trusted, or None.
+    """Return why some of the feedback cannot be trusted, or None.
 
     Args:
         feedback: Feedback of all servos.
-        labels: What to call them, in the same order.
+        labels: Labels for messages, in the same order.
         watchdog: What the bus watchdog was set to.
         powered: Whether the torque was switched on.
     """
@@ -201,13 +201,13 @@ class DynamixelAccess(RegisterAccess):
         return data[0] | data[1] << 8, data[2]
 
     def setup_troubles(self, servo: ServoSettings) -> Iterator[tuple[str, str]]:
-        """Find what is set in a servo that must not be.
+        """Find invalid settings of a servo.
 
         Args:
-            servo: What the robot file says of it.
+            servo: Its settings in the robot file.
 
         Yields:
-            What is wrong, and what to do.
+            The problem, and its remedy.
 
         Raises:
             DeviceError: As `read`.
@@ -251,9 +251,9 @@ class DynamixelLine(ServoLine):
         self.current_limits: list[int] = []
 
     def identify(self) -> None:
-        """Look who is there, and compare with the settings.
+        """Ping the servos and compare them with the settings.
 
-        DeviceError: a servo is missing, is another model, is too old, or does not fit as it is set up.
+        DeviceError: a servo is missing, is another model, is too old, or has a wrong setup.
         """
         self._check_all_there()
         servos = [(servo, servo.servo_model) for servo in self._settings.turning]
@@ -263,7 +263,7 @@ class DynamixelLine(ServoLine):
         self.current_limits = [min(read(servo.id, limit), model.largest_current) for servo, model in servos]
 
     def _identify(self, servo: ServoSettings) -> int:
-        """The firmware of a servo that is as the settings say."""
+        """Check a servo against the settings and return its firmware version."""
         number, firmware = self.registers.who(servo.id)
         if number != servo.servo_model.number:
             raise DeviceError(
@@ -285,9 +285,9 @@ class DynamixelLine(ServoLine):
         return feedback_reader(self.port, self.clock, self.ids, indirect_data, fast=self._fast)
 
     def prepare_feedback(self) -> None:
-        """Gather what is read in each tick, set return delay and watchdog; the torque is off from here on.
+        """Map the data of each tick, and set return delay and watchdog; the torque is off from here on.
 
-        DeviceError: a servo did not do what it was told.
+        DeviceError: a servo did not accept a setting.
         """
         addresses = b"".join(address.to_bytes(2, "little") for address in block_addresses())
         for servo_id in self.ids:
@@ -323,8 +323,8 @@ def examine_servo(access: DynamixelAccess, servo: ServoSettings, label: str) -> 
 
     Args:
         access: Access to its registers.
-        servo: What the robot file says of it.
-        label: What to call it.
+        servo: Its settings in the robot file.
+        label: Label for messages.
 
     Raises:
         DeviceError: It does not answer, or the port failed.

@@ -188,11 +188,11 @@ class Plausibility:
 def feedback_problem(
     feedback: Sequence[FeetechFeedback], labels: Sequence[str], fastest_counts_s: float, *, powered: bool
 ) -> str | None:
-    """Say why some of the feedback cannot be trusted, or None.
+    """Return why some of the feedback cannot be trusted, or None.
 
     Args:
         feedback: Feedback of all servos.
-        labels: What to call them, in the same order.
+        labels: Labels for messages, in the same order.
         fastest_counts_s: No joint is faster [counts/s].
         powered: Whether the torque was switched on.
     """

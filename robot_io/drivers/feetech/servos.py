@@ -55,7 +55,7 @@ class FeetechLine(ServoLine):
     """See `ServoLine`.
 
     Args:
-        settings: What the robot file says.
+        settings: Settings in the robot file.
         torque_limits: Largest duty cycle of each servo, in its unit, by id.
         port: Port of the line; it may be opened later.
         clock: Clock of the deadlines.
@@ -95,7 +95,7 @@ class FeetechLine(ServoLine):
         """Ask a servo for its identity.
 
         Args:
-            servo: What the robot file says of it.
+            servo: Its settings in the robot file.
 
         Raises:
             DeviceError: It is another model, or counts otherwise than is needed here.
@@ -147,7 +147,7 @@ def identity_trouble(servo: FeetechServo, identity: ServoIdentity) -> str | None
     """Say why a servo does not fit the robot file, or None.
 
     Args:
-        servo: What the robot file says of it.
+        servo: Its settings in the robot file.
         identity: What it says of itself.
     """
     nominal_v, voltage_v = servo.servo_model.voltage_v, identity.voltage_v
@@ -166,8 +166,8 @@ def examine_servo(line: FeetechLine, servo: FeetechServo, label: str) -> Finding
 
     Args:
         line: Its line.
-        servo: What the robot file says of it.
-        label: What to call it.
+        servo: Its settings in the robot file.
+        label: Label for messages.
 
     Raises:
         DeviceError: It does not answer, is another model or set up otherwise, or the port failed.

@@ -20,7 +20,7 @@ _TRIAL_S = 0.01  # until it is exerted
 
 
 class MitBus(AskedMotorBus[MitState]):
-    """MIT-mode motors on a CAN bus, whoever made them."""
+    """MIT-mode motors of any maker on a CAN bus."""
 
     name = "mit_bus"
 
@@ -34,7 +34,7 @@ class MitBus(AskedMotorBus[MitState]):
         self._ranges = [own.wire_ranges(motor) for motor in own.motors]
         answer_ids = {motor.motor_id: own.answer_ids(motor) for motor in own.motors}
         self._frames = own.dialect.frames(own.host, answer_ids)
-        self._alarms = [0] * len(own.motors)  # errors that were told unasked
+        self._alarms = [0] * len(own.motors)  # errors reported without a request
         self._register_asked: tuple[int, MotorRegister] | None = None  # and its joint, while awaited
         self._register_values: list[float] = []
 
@@ -49,7 +49,7 @@ class MitBus(AskedMotorBus[MitState]):
         motor = self._motors[joint]
         if self._frames.is_about_register(frame, motor.motor_id):
             if self._register_asked and self._register_asked[0] == joint:
-                with suppress(ProtocolError):  # about another one
+                with suppress(ProtocolError):  # about another motor
                     register = self._register_asked[1]
                     value = self._frames.register_value(frame, self._motors[joint].motor_id, register)
                     self._register_values.append(value)
@@ -95,7 +95,7 @@ class MitBus(AskedMotorBus[MitState]):
         return self._errors[joint] | self._alarms[joint]
 
     def _refuse_errors(self, but: int | None = None) -> None:
-        """See `AskedMotorBus._refuse_errors`; what was told unasked is named once, then states count."""
+        """See `AskedMotorBus._refuse_errors`; unsolicited errors are named once, then states count."""
         try:
             super()._refuse_errors(but)
         finally:
@@ -119,9 +119,9 @@ class MitBus(AskedMotorBus[MitState]):
         return self._register_values[0]
 
     def configure(self) -> None:
-        """Open the adapter and hear every motor, with the torque off.
+        """Open the adapter and receive a state of every motor, with the torque off.
 
-        DeviceError: the adapter cannot be opened, or a motor is silent, or is not what the robot file says.
+        DeviceError: the adapter cannot be opened, or a motor is silent or differs from the robot file.
         """
         self._hear_all()
         # That the numbers on the wire mean what the robot file says. DeviceError: they do not.
@@ -143,7 +143,7 @@ class MitBus(AskedMotorBus[MitState]):
                     raise self._about(joint, f"{problem} {stated_rad:.3f}: {remedy}")
 
     def _report(self) -> list[Finding]:
-        """See `MotorBus._report`; the protocol tells neither voltage nor firmware."""
+        """See `MotorBus._report`; the protocol reports neither voltage nor firmware."""
         self._motion_at_s = [-inf] * self.joint_count
         self._ask()
         self._wait_for(lambda: -inf not in self._motion_at_s, ANSWER_S)
@@ -170,7 +170,7 @@ class MitBus(AskedMotorBus[MitState]):
 
     @property
     def _is_proven(self) -> bool:
-        """Whether CAN timeouts are left to fire at each activation; one that is an error is not."""
+        """Whether each activation lets the CAN timeouts expire; not if the timeout is an error."""
         return self._dialect.timeout_error is None
 
     def power_on(self) -> None:
@@ -212,12 +212,12 @@ class MitBus(AskedMotorBus[MitState]):
         self._send_all([self._frames.order(motor_id, Order.CLEAR) for motor_id in has_fired])
 
     def _check_watchdogs(self) -> None:
-        """Say nothing for longer than a motor may go on with its torque.
+        """Prove the watchdogs: send nothing for longer than a motor may keep its torque.
 
-        One that says whether it is in motor mode must have left it. Any other exerts a little before, and is
-        then asked by the frame that enters motor mode, for it may have left it.
+        A motor that reports its mode must have left motor mode. Any other motor exerts a small torque before
+        the silence. Afterwards it is asked by the frame that enters motor mode, because it may have left it.
 
-        DeviceError: a motor goes on, or shows no torque at all.
+        DeviceError: a motor keeps its torque, or shows no torque at all.
         """
         says_mode = bool(self._dialect.set_up)
         trial_nm = [
@@ -246,7 +246,7 @@ class MitBus(AskedMotorBus[MitState]):
         return [torque >= 0.5 * trial for torque, trial in zip(self._torque_nm, trial_nm, strict=True)]
 
     def _switch_off(self) -> None:
-        """See `MotorBus._switch_off`; each motor must answer, also one that is off already and deaf."""
+        """See `MotorBus._switch_off`; each motor must answer, even if it is off and ignores commands."""
         leave = self._to_every_motor(Order.LEAVE)
         frames = [*self._zero_torque(), *leave, *leave]
         self._send_confirmed(frames, "torque off is not confirmed by", enabled=False)

@@ -31,7 +31,7 @@ from palpate.robot_io.errors import InputError, ProtocolError
 
 @dataclass(frozen=True, slots=True)
 class MitRanges:
-    """What the ends of the wire's numbers mean; each range goes from minus to plus the value."""
+    """Ranges of the numbers on the wire; each goes from minus to plus the value."""
 
     position_rad: float  # of the output shaft [rad]
     velocity_rad_s: float  # of the output shaft [rad/s]
@@ -58,7 +58,7 @@ class MitState:
     # Whether a value is at the end of its range, so that the true one may lie beyond.
     at_range_end: bool
     error: int  # see the maker's table; 0 is none. Old firmware does not send it
-    # Whether the motor is in motor mode; None where it does not say so.
+    # Whether the motor is in motor mode; None if it does not report that.
     enabled: bool | None
 
 
@@ -68,7 +68,7 @@ def encode_torque(motor_id: int, torque_nm: float, ranges: MitRanges) -> tuple[C
     Zero torque is half a step off, for 4095 is odd.
 
     Args:
-        motor_id: whom the frame is for.
+        motor_id: id of the receiver.
         torque_nm: at the output shaft [N m].
         ranges: of the motor's model.
 
@@ -141,7 +141,7 @@ def to_bits(value: float, low: float, high: float, largest: int) -> int:
 
 
 def from_bits(bits: int, half_range: float, largest: int) -> float:
-    """What a number from 0 to `largest` stands for, from -half_range to half_range.
+    """Convert a number from 0 to `largest` to a value from -half_range to half_range.
 
     Args:
         bits: the number.
@@ -178,7 +178,7 @@ TIMEOUT_STEP_S: Final = 50e-6
 
 
 class Order(StrEnum):
-    """What every motor can be told beside a torque."""
+    """Orders that every motor accepts beside a torque."""
 
     ENTER = "enter motor mode"
     LEAVE = "leave motor mode"
@@ -199,11 +199,11 @@ class MitFrames:
         self.host_id, self._answer_ids = host_id, answer_ids
 
     def order(self, motor_id: int, order: Order) -> CanFrame:
-        """Tell a motor to do something; it answers with its state.
+        """Make the frame of an order; the motor answers with its state.
 
         Args:
-            motor_id: whom it is for.
-            order: what to do.
+            motor_id: id of the receiver.
+            order: the order.
         """
         return CanFrame(motor_id, self._ORDERS[order])
 
@@ -211,7 +211,7 @@ class MitFrames:
         """The frame for a torque at the output shaft [N m], and what it says, after rounding [N m].
 
         Args:
-            motor_id: whom it is for.
+            motor_id: id of the receiver.
             torque_nm: at the output shaft [N m].
             ranges: of the motor's model.
         """
@@ -258,7 +258,7 @@ class MitFrames:
         return False
 
     def alarm(self, frame: CanFrame) -> int | None:
-        """Errors that a motor tells unasked, None where a frame tells none.
+        """Errors that a motor reports without a request; None if the frame reports none.
 
         Args:
             frame: as it came.
@@ -269,16 +269,16 @@ class MitFrames:
         """Ask for a register's value.
 
         Args:
-            motor_id: whom it is for.
+            motor_id: id of the receiver.
             register: to read.
         """
         return _registers(motor_id, bytes((READ, register.number, 0, 0, 0, 0)))
 
     def write_register(self, motor_id: int, register: MotorRegister, value: float) -> CanFrame:
-        """Set a register; what is set is lost without power.
+        """Set a register; the value is lost without power.
 
         Args:
-            motor_id: whom it is for.
+            motor_id: id of the receiver.
             register: to write.
             value: in the register's own unit.
         """
@@ -298,7 +298,7 @@ class MitFrames:
             The value in the register's own unit.
 
         Raises:
-            ProtocolError: it is about another register, or says that there is none.
+            ProtocolError: it belongs to another register, or the register does not exist.
         """
         data = frame.data
         if not _is_about_register(frame, motor_id) or data[2] != READ:
@@ -343,7 +343,7 @@ _ORDERS = {
 _RUNNING, _MODES = 2, 3  # and how many modes there are
 _IDLE_GAINS = bytes((0x80, 0, 0x80, 0, 0, 0, 0, 0))  # as `_ONLY_TORQUE`
 _FOUR_WORDS = struct.Struct(">4H")  # position, velocity, torque, temperature
-FAULT_FRAME_BITS: Final = 8  # faults of their own frames stand so far above those of a state
+FAULT_FRAME_BITS: Final = 8  # offset of faults from fault frames above those of a state
 
 
 class RobstrideFrames(MitFrames):

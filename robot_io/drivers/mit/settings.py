@@ -1,4 +1,4 @@
-"""What a robot file says of motors in MIT mode, and what differs between their makers.
+"""Settings of motors in MIT mode, and the differences between their makers.
 
 Sources: CubeMars "AK Series Actuator Driver Manual" V1.0.8, section 5.3 (table of parameter ranges, errors);
 Damiao, "DM-J4310-2EC user manual" and its table of default PMAX, VMAX and TMAX; RobStride, user manuals of
@@ -44,9 +44,9 @@ class MitDialect:
     errors: dict[int, str]  # what an error means; where errors are bits, each bit
     encoder_fault: int | None  # the error of the encoder, if it has one
     largest_id: int  # of a motor
-    host_id: int = 0  # under which motors answer, unless the robot file says another
+    host_id: int = 0  # id under which motors answer, unless the robot file states another
     errors_are_bits: bool = False
-    has_answer_ids: bool = False  # whether each motor answers under an id of its own
+    has_answer_ids: bool = False  # whether each motor answers under its own id
     timeout_error: int | None = None  # the error of a CAN timeout that has fired; each activation clears it
     # Registers that hold its ranges of position, velocity and torque, or its position; read when configured.
     range_registers: tuple[MotorRegister, ...] = ()
@@ -184,13 +184,13 @@ class MitMotor(MotorMounting):
 
     motor_id: Annotated[int, Field(ge=1, le=255, strict=True)]  # its CAN id
     model: str  # which ranges it has, see `makers`
-    ranges: MitRangeSettings | None = None  # its ranges, if they are not those of the model
+    ranges: MitRangeSettings | None = None  # its ranges, if they differ from the model's
     # Arbitration id of its answers (Damiao's "master id"); None is its own id and 16, as Damiao recommends.
     answer_id: Annotated[int, Field(ge=1, lt=REGISTERS_ID, strict=True)] | None = None
 
 
 class MitBusSettings(CanLineSettings):
-    """What the robot file says."""
+    """Settings in the robot file."""
 
     maker: Maker = Maker.CUBEMARS  # whose motors they are
     motors: Annotated[tuple[MitMotor, ...], Field(min_length=1)]  # one per joint, from base to tip
@@ -258,7 +258,7 @@ class MitBusSettings(CanLineSettings):
         return self.dialect.host_id if self.host_id is None else self.host_id
 
     def wire_ranges(self, motor: MitMotor) -> MitRanges:
-        """What the numbers on the wire mean.
+        """Return the ranges of the numbers on the wire.
 
         Args:
             motor: of this bus.

@@ -32,7 +32,7 @@ _STATUS: Final = {
     0x04: "invalid measurements",
     0x08: "raw measurements",
 }
-_MANY_SKIPPED: Final = 5  # samples in a row: it is not one that was late
+_MANY_SKIPPED: Final = 5  # samples in a row that show a restart, not a late sample
 _LONGEST_GAP_US: Final = 1_000_000
 _TIMES: Final = 1 << 32
 
@@ -47,7 +47,7 @@ def communication_setup(baud_rate: int) -> bytes:
 
 
 def filter_setup(rate_hz: int) -> bytes:
-    """The filter for so many samples a second; chopping, the fast mode and the FIR filter are off.
+    """Return the filter for a sample rate; chopping, the fast mode and the FIR filter are off.
 
     Args:
         rate_hz: samples a second [Hz].
@@ -56,11 +56,11 @@ def filter_setup(rate_hz: int) -> bytes:
 
 
 def code_of(command: bytes, received: bytes | bytearray) -> int | None:
-    """The code of the answer to a command in what was received, or None where there is none; 0 is done.
+    """Find the answer code to a command in received bytes; None without an answer, 0 for success.
 
     Args:
         command: as it was sent.
-        received: all that has come since.
+        received: all bytes received since.
     """
     match = re.search(rb"r,\d,%c,(\d)" % command[0], received)
     return int(match[1]) if match else None
@@ -80,7 +80,7 @@ _REVERSED: Final = bytes(int(f"{byte:08b}"[::-1], 2) for byte in range(256))
 
 
 class Sample(NamedTuple):
-    """What one frame says."""
+    """Content of one frame."""
 
     status: int  # bits
     forces_n: tuple[float, ...]  # forces along x, y, z [N], then torques [N m]
@@ -124,15 +124,16 @@ class _Frames(PacketStream[Sample]):
 class BotaStream:
     """Forces of one axis ("x", "y" or "z") from frames; see `Stream`.
 
-    The sensor's time must go on by no more than a second from sample to sample, for a CRC of 16 bits lets one
-    damaged frame in 65 536 through; another time, such as the first, counts once the next goes on with it.
-    Where the sensor says that its range is exceeded, `capacity_n` [N] is shown at least.
+    The sensor's time must advance by no more than a second from sample to sample, because a CRC of 16 bits
+    lets one damaged frame in 65 536 through. After a larger step, or at the start, a sample counts once the
+    next one continues its time. If the sensor reports an exceeded range, at least `capacity_n` [N] is
+    returned.
     """
 
     def __init__(self, axis: str, capacity_n: float) -> None:
         self._axis, self._capacity_n = "xyz".index(axis), capacity_n
         self._frames = _Frames(FRAME_SIZE)
-        self._time_us: int | None = None  # of the last sample, and of one whose time did not go on
+        self._time_us: int | None = None  # of the last sample, and of a sample whose time did not continue
         self._odd_us: int | None = None
         self._left_out = self._skipped = 0  # the latter in a row
         self._restarted = ""
@@ -184,13 +185,13 @@ _BITS = 10  # of a byte on the line
 
 
 class BotaSettings(AxisForceSettings):
-    """What the robot file says."""
+    """Settings in the robot file."""
 
     rate_hz: Literal[100, 200, 400, 800] = 800  # samples a second, by the length of the sensor's filter
 
 
 class Bota(SerialForceSensor, Examinable):
-    """One axis of the sensor, on a `serial_line`; it says which one it is when it starts, and then only."""
+    """One axis of the sensor, on a `serial_line`; the sensor identifies itself only when it starts."""
 
     name = "bota"
     Settings = BotaSettings

@@ -83,7 +83,7 @@ def pattern_stream(pattern: str, unit: str | None, scale: float, largest_n: floa
 
 
 class ForceLinesSettings(SerialForceSettings):
-    """What the robot file says."""
+    """Settings in the robot file."""
 
     # Regular expression for a whole line, with a group (?P<value>...) and perhaps (?P<unit>...).
     pattern: Annotated[str, Field(min_length=1, max_length=MAX_PATTERN)]
@@ -196,7 +196,7 @@ def loadstar_stream(newtons_per_unit: float, capacity_n: float) -> LineStream:
 
 
 class LoadstarSettings(SerialForceSettings):
-    """What the robot file says."""
+    """Settings in the robot file."""
 
     capacity_n: Capacity  # capacity of the load cell [N]; the interface must say the same within 1 %
     tare: StrictBool = False  # whether to zero it when the robot is configured; nothing must touch it then
@@ -238,7 +238,7 @@ class Loadstar(SerialForceSensor, Examinable):
         self._bus.write(STREAM)
 
     def _ask(self, question: bytes, *, may_be_yes: bool = False) -> str:
-        """The answer; a yes that nobody asked for is a late one to the ping. DeviceError: none, or a no."""
+        """Return the answer; an unexpected "yes" is a late answer to the ping. DeviceError: none, or a no."""
 
         def take(line: bytes) -> str | None:
             text = text_of(line)
@@ -252,8 +252,8 @@ class Loadstar(SerialForceSensor, Examinable):
         return answer
 
 
-ASK = b"?C\r"  # the current reading, whatever is displayed
-# No readings unasked, units with readings, no peak on the display, and no switching off by itself.
+ASK = b"?C\r"  # the current reading, independent of the display
+# No unsolicited readings, units with readings, no peak on the display, no automatic shutoff.
 SET_UP = b"AOUT0\rFULL\rCUR\rAOFF0\r"
 SIGNS = b"\rIPOL0\rOPOL0\r"  # signs neither inverted nor left out; firmware that knows none does neither
 ASK_GAUGE_MODEL = b"RM\r"
@@ -283,17 +283,17 @@ def reading_of(line: str) -> tuple[str, str]:
 
 
 class Mark10Stream(LineStream):
-    """Readings in one unit, as the gauge writes it; a gauge that has gone over to another one complains.
+    """Readings in one unit, as the gauge writes it; a switch to another unit is a complaint.
 
-    Twice the gauge's capacity [N] is not accepted as a reading. Its model is the answer to the marker of the
-    poll, and readings before it are left out. ProtocolError: the unit is none of force.
+    Readings above twice the gauge's capacity [N] are rejected. The model is the answer to the poll's marker,
+    and readings before it are left out. ProtocolError: the unit is no unit of force.
     """
 
     def __init__(self, unit: str, capacity_n: float, model: str, poll: Poll) -> None:
         super().__init__(self._in_unit, 2.0 * capacity_n, from_beginning=True)
         self._model, self._poll = model.encode("ascii"), poll
         self._unit, self._newtons = unit, newtons_per(unit)
-        self._other, self._others = "", 0  # so many readings in another unit in a row
+        self._other, self._others = "", 0  # consecutive readings in another unit
         self.complaint = ""
 
     def _take(self, line: bytes, samples: list[float]) -> None:
@@ -327,7 +327,7 @@ def error_name(code: int) -> str:
 
 
 class Mark10Settings(SerialForceSettings):
-    """What the robot file says."""
+    """Settings in the robot file."""
 
     capacity_n: Capacity  # capacity of the gauge [N]
 
@@ -340,7 +340,7 @@ class Mark10(SerialForceSensor, Examinable):
     _own: Mark10Settings
 
     def configure(self) -> None:
-        """Set the gauge up, and ask it. DeviceError: no answer, an error, or a unit that is none of force."""
+        """Configure and identify the gauge. DeviceError: no answer, an error, or no unit of force."""
         self._ask(SIGNS + ASK, "an answer", but=_ERROR)
         model = self._ask(SET_UP + ASK_GAUGE_MODEL, "its model", but=_READING)
         line = self._ask(ASK, "a reading")

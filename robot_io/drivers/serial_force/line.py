@@ -28,9 +28,9 @@ if TYPE_CHECKING:
 else:
     serial = LazyModule("serial")
 
-_LOOK_S = 1e-3  # the thread looks at least this often
-_PROMPT_S = 2.5e-3  # between two looks: what is found at the second has just arrived
-_DISCARD = 2  # readings after a damaged one; each time again soon after, so many times
+_LOOK_S = 1e-3  # longest time between reads of the thread
+_PROMPT_S = 2.5e-3  # between two reads: bytes found at the second have just arrived
+_DISCARD = 2  # readings after a damaged one; multiplied at each damage soon after
 _DISCARD_MORE = 4  # more, but no more than
 _DISCARD_MOST = 1000
 _SOON = 100  # good readings
@@ -46,24 +46,24 @@ class ForceSample(NamedTuple):
 
 
 class SerialReader:
-    """Keeps the newest valid reading of a port; older ones that were not taken are gone.
+    """Keeps the newest valid reading of a port and drops older ones that were not fetched.
 
-    When more time than usual has passed between two looks at the port, nobody knows when its bytes came: they
-    are taken to be as old as the look before. So a reader that falls behind shows an old sample and never a
-    fresh one.
+    If more time than usual passes between two reads of the port, the arrival of its bytes is unknown, and
+    they are dated to the earlier read. So a reader that falls behind shows an old sample and never a fresh
+    one.
 
-    Many protocols have no checksum. So after damaged data the next two readings are discarded, and more of
-    them where that happens again; and a jump by more than 1 % of the capacity is accepted with the next
-    reading only, if that stays there or goes on the same way: a lost byte or a flipped bit shows once. Where
-    each reading has a checksum, none of this is needed.
+    Many protocols have no checksum. After damaged data the next two readings are discarded, and more of them
+    if damage recurs. A jump by more than 1 % of the capacity is accepted only with the next reading, if that
+    stays there or continues in the same direction: a lost byte or a flipped bit shows once. With a checksum
+    for each reading, none of this is needed.
 
-    The port must not block. The stream waits `held_back_s` for what confirms a reading [s]. A reading that is
-    late by the sensor's `own_time`, which the stream keeps, is dated back; one that a `poll` has asked for is
-    as old as its question.
+    The port must not block. The stream waits `held_back_s` [s] for the confirmation of a reading. A reading
+    that is late by the sensor's `own_time`, which the stream keeps, is dated back; a reading requested by a
+    `poll` is as old as its request.
 
     Attributes:
-        newest: the newest reading, None before the first.
-        failure: why nothing can be read any more, or None.
+        newest: the newest reading; None before the first.
+        failure: why the port can no longer be read, or None.
     """
 
     def __init__(
@@ -100,11 +100,11 @@ class SerialReader:
 
     @property
     def complaint(self) -> str:
-        """What the sensor says is wrong with it, or nothing."""
+        """Error that the sensor reports, or an empty string."""
         return self._stream.complaint
 
     def start(self) -> None:
-        """Look at the port until `stop`: in a thread, or, on a simulated clock, whenever that has moved on.
+        """Read the port until `stop`: in a thread, or, on a simulated clock, whenever time has advanced.
 
         Simulated time stands still meanwhile, so that runs are repeatable.
         """
@@ -122,7 +122,7 @@ class SerialReader:
             self._thread = None
 
     def look(self, wait_s: float = 0.0) -> None:
-        """Take in what has arrived, after waiting for it at most `wait_s` [s].
+        """Process received bytes after waiting for them at most `wait_s` [s].
 
         Args:
             wait_s: longest wait [s].
@@ -153,7 +153,7 @@ class SerialReader:
                 self.failure = f"the port failed ({error})"
 
     def _receive(self) -> list[bytes]:
-        """What has arrived, in the pieces that the stream is to be fed with. EOFError: there is no port."""
+        """Return received bytes in the portions for the stream. EOFError: the port is gone."""
         data = os.read(self._file_descriptor, 65536)
         if not data:
             raise EOFError
@@ -182,7 +182,7 @@ class SerialReader:
         if is_damaged:
             self._to_discard, self._good = self._discard_next, 0
             self._held_n = nan
-            if self.newest:  # what a device says of itself before its first reading is no damage
+            if self.newest:  # a greeting before the first reading is no damage
                 self._discard_next = min(_DISCARD_MORE * self._discard_next, _DISCARD_MOST)
             return []
         self._good += len(samples)
@@ -192,9 +192,9 @@ class SerialReader:
         return samples[discarded:]
 
     def _is_plausible(self, force_n: float) -> bool:
-        """Whether a reading is near the last one, or confirms a jump, or goes on with one that was confirmed.
+        """Return whether a reading is near the last one, confirms a jump, or continues a confirmed one.
 
-        The very first is a jump: it may be a line that was cut.
+        The very first reading counts as a jump, because its line may be incomplete.
         """
         last_n, held_n, jump_n = self._last_n, self._held_n, self._jump_n
         is_near = abs(force_n - last_n) <= jump_n
@@ -220,12 +220,14 @@ class SerialReader:
 
 Answer = TypeVar("Answer")
 
-_SILENT_SHARE = 0.5  # of the age limit; reported from then on, so that it is known when the limit is reached
+_SILENT_SHARE = (
+    0.5  # of the age limit; reported from then on, so that the cause is known when the limit is reached
+)
 _WRITE_S = 0.2  # more than any question takes
 
 
 class ForceLineSettings(FileModel):
-    """What the robot file says; a line adds its own."""
+    """Settings in the robot file, extended by each kind of line."""
 
     # From sampling in the sensor to arrival: filter, transmission, latency timer of the USB adapter [s].
     delay_s: Annotated[NotNegative, Field(le=1)] = 0.0
@@ -238,7 +240,7 @@ class Port(Protocol):
         """Its file."""
 
     def read(self, size: int, /) -> bytes:
-        """What has come, at most `size` bytes or one datagram.
+        """Return received bytes, at most `size` or one datagram.
 
         Args:
             size: most bytes.
@@ -307,13 +309,13 @@ class ForceLine(Bus):
     def ask(
         self, question: bytes, understand: Callable[[bytes], Answer | None], timeout_s: float
     ) -> Answer | None:
-        """Send `question`, then hand what comes to `understand` until it returns an answer, or time is up.
+        """Send `question` and pass received bytes to `understand` until it returns an answer, or time is up.
 
         Only before `listen`.
 
         Args:
             question: bytes for the sensor.
-            understand: makes an answer of all that has come, or None.
+            understand: parses all received bytes into an answer, or None.
             timeout_s: how long to wait [s].
 
         Returns:
@@ -345,17 +347,14 @@ class ForceLine(Bus):
         own_time: OwnTime | None = None,
         poll: Poll | None = None,
     ) -> None:
-        """From now on all bytes are readings, made by `stream`; from `capacity_n` on [N] they are saturated.
-
-        `held_back_s`, `has_checksums` and `own_time` are as for `SerialReader`; each reading is asked for by
-        `poll`, if there is one.
+        """Parse all bytes as readings with `stream`; readings from `capacity_n` [N] on are saturated.
 
         DeviceError: the port is not open.
 
         Args:
             stream: makes readings of bytes.
             capacity_n: where the range ends [N].
-            held_back_s: how long the stream waits for what confirms a reading [s].
+            held_back_s: how long the stream waits for the confirmation of a reading [s].
             has_checksums: whether each reading has one.
             own_time: dates readings by the sensor's time.
             poll: asks for each reading.
@@ -422,7 +421,7 @@ class ForceLine(Bus):
 
 
 class SerialLineSettings(ForceLineSettings):
-    """What the robot file says."""
+    """Settings in the robot file."""
 
     # Better /dev/serial/by-id/... than /dev/ttyUSB0.
     port: Annotated[str, Field(min_length=1, max_length=300)]
@@ -458,7 +457,7 @@ class SerialLine(ForceLine):
 
 
 class SerialForceSettings(FileModel):
-    """What the robot file says; a sensor adds its own."""
+    """Settings in the robot file, extended by each sensor."""
 
     reversed: StrictBool = False  # whether the sensor counts tension as positive
 
@@ -471,11 +470,11 @@ class AxisForceSettings(SerialForceSettings):
 
 
 class SerialForceSensor(ForceSensor):
-    """A force sensor on a line of its own; one that can be asked who it is, is `Examinable` as well."""
+    """A force sensor on its own line; also `Examinable` if it can identify itself."""
 
     Settings: ClassVar[type[SerialForceSettings]]
     line_type: ClassVar[type[ForceLine]] = SerialLine
-    end_of_stream: ClassVar[bytes] = b""  # what ends its stream, if it must be told
+    end_of_stream: ClassVar[bytes] = b""  # command that ends its stream, if it needs one
 
     _own: SerialForceSettings
 

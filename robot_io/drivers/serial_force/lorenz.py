@@ -56,7 +56,7 @@ class Telegram:
 
 @dataclass(frozen=True, slots=True)
 class SensorHeader:
-    """What the sensor says of itself (block "rotor header")."""
+    """Identity that the sensor reports (block "rotor header")."""
 
     dimension_code: int  # code of the unit
     load_code: int  # nominal load of channel A, as it is stored
@@ -208,11 +208,11 @@ def _signed(high: int, low: int) -> int:
 class LorenzStream:
     """Samples of the fast stream (mode 3): a counter, and 16 bits, signed, big-endian; no checksum.
 
-    Only the counters tell where a sample begins and ends: it counts once the counter after it has come and
-    goes on by one. Where that counter also stands within the sample, bytes may have been lost before it: the
-    sample is left out, unless it is near the last one and the force after such a loss would be far from it.
-    After a gap the stream is accepted again once five counters in a row fit. A flipped bit in a value does
-    not show here.
+    Only the counters determine where a sample begins and ends. A sample counts once the next counter has
+    arrived and is larger by one. If that counter value also occurs within the sample, bytes may have been
+    lost before it. The sample is then left out, unless it is near the last one and the force after such a
+    loss would be far from it. After a gap, the stream is accepted again once five consecutive counters fit. A
+    flipped bit in a value is not detected.
 
     Args:
         newtons_per_count: newtons in one count.
@@ -257,14 +257,14 @@ class LorenzStream:
         return abs(counts - self._last_counts) < _NEAR_COUNTS <= min(away)
 
     def _search(self, buffer: bytes, place: int) -> tuple[int, bool]:
-        """Where a row of fitting counters begins; or where to look on when there is more.
+        """Return where a row of fitting counters begins, or where to continue when more bytes arrive.
 
-        A ramp of the force counts on by one too, and a byte of the true row may be lost or damaged, which
-        leaves it two steps: a row is accepted only where no other one has as many.
+        A ramp of the force also counts up by one, and a lost or damaged byte of the true row leaves it two
+        steps. So a row is accepted only if no other row has as many steps.
         """
         while place + 3 * _SYNC_SAMPLES + 2 <= len(buffer):
             rows = (buffer[place + shift :: 3][:_SYNC_SAMPLES] for shift in range(3))
-            # How often each row goes on by one.
+            # How often each row increases by one.
             steps = [sum((after - before) & 0xFF == 1 for before, after in pairwise(row)) for row in rows]
             if max(steps) == _SYNC_SAMPLES - 1 and sorted(steps)[1] <= 1:
                 return place + steps.index(max(steps)), True
@@ -276,7 +276,7 @@ _ANSWER_S = 0.3
 
 
 class LorenzSettings(SerialForceSettings):
-    """What the robot file says: the data sheet's values, and the sensor's own codes, which must agree."""
+    """Settings in the robot file: data sheet values and the sensor's own codes, which must agree."""
 
     nominal_load: Annotated[Positive, Field(le=1e6)]  # nominal load, in `unit`
     unit: Annotated[str, AfterValidator(known_unit)]  # unit of the nominal load
@@ -312,13 +312,13 @@ class Lorenz(SerialForceSensor, Examinable):
     _own: LorenzSettings
 
     def configure(self) -> None:
-        """Check which sensor it is, and start the stream.
+        """Identify the sensor, and start the stream.
 
-        DeviceError: it does not answer, or is another one.
+        DeviceError: it does not answer, or is another sensor.
         """
         own = self._own
         self._bus.write(STOP_STREAM)
-        # Say hello, twice if need be: what ended a stream may have spoilt the first telegram after it.
+        # Ask up to twice: the end of a stream may have damaged the first telegram after it.
         try:
             self._ask(LorenzCommand.HELLO, b"", LorenzCommand.HELLO)
         except DeviceError:

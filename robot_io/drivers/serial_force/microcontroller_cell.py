@@ -31,13 +31,13 @@ LARGEST_COUNTS = (1 << 23) - 1  # of a 24 bit converter; there, and one below ze
 
 _SAMPLE = re.compile(r"([0-9]{1,3}) (-?[0-9]{1,7})")
 _ANSWER_S, _QUESTIONS = 0.3, 4  # a board that is reset by opening its port takes a second to start
-_COUNTERS, _AHEAD = 256, 128  # a counter farther ahead than this is one that is behind
-_OLD_SAMPLES = 5  # that go on from each other, without a new one: the cell has restarted
+_COUNTERS, _AHEAD = 256, 128  # a larger step of the counter is a step back
+_OLD_SAMPLES = 5  # consecutive old samples that continue from each other: the cell has restarted
 _RATE_ERROR = 0.1  # of the converters' own oscillators
 
 
 def checked(line: bytes) -> str:
-    """What a line says before its CRC.
+    """Return the text of a line before its CRC.
 
     Args:
         line: as it came.
@@ -77,7 +77,7 @@ def sample_of(line: bytes) -> tuple[int, int]:
 
 
 def fault_of(line: bytes) -> str:
-    """What a line says is wrong, such as "fault converter", or nothing.
+    """Return the error that a line reports, such as "fault converter", or an empty string.
 
     Args:
         line: as it came.
@@ -89,10 +89,10 @@ def fault_of(line: bytes) -> str:
 
 
 class CellStream:
-    """Forces from the lines; one whose counter stands still or goes back is an old one, and left out.
+    """Forces from the lines; a line whose counter repeats or goes back is old, and left out.
 
-    Where five go on from there, the cell has restarted. A converter at the end of its range shows
-    `capacity_n` [N] at least. `rate_hz` is the number of samples a second [Hz], by which `own_time` dates.
+    If five such lines continue from each other, the cell has restarted. A converter at the end of its range
+    shows at least `capacity_n` [N]. `rate_hz` is the sample rate [Hz], by which `own_time` dates samples.
     """
 
     def __init__(
@@ -104,7 +104,7 @@ class CellStream:
         self._lines.resynchronise()  # the first line may have lost its beginning
         self._counter: int | None = None
         self._old_counter: int | None = None  # of the last sample that was left out
-        self._old = 0  # such samples that go on from each other
+        self._old = 0  # such samples that continue from each other
         self.complaint = ""
         self._bad = 0
 
@@ -149,13 +149,13 @@ class CellStream:
 
 
 class MicrocontrollerCellSettings(SerialForceSettings):
-    """What the robot file says."""
+    """Settings in the robot file."""
 
     capacity_n: Capacity  # capacity of the load cell [N]
     # What one count is; from two known weights, or `palpate calibrate force` [N].
     newtons_per_count: Positive
-    zero_counts: Number = 0.0  # what it counts without a load
-    # Samples a second; the firmware must say so too.
+    zero_counts: Number = 0.0  # counts without a load
+    # Sample rate [Hz]; the firmware must report the same.
     rate_hz: Annotated[int, Field(ge=1, le=1000, strict=True)]
 
 
@@ -167,7 +167,7 @@ class MicrocontrollerCell(SerialForceSensor, Examinable):
     _own: MicrocontrollerCellSettings
 
     def configure(self) -> None:
-        """Ask who is there, and listen. DeviceError: no answer, another protocol or another rate."""
+        """Identify the cell, and listen. DeviceError: no answer, another protocol or another rate."""
         own = self._own
         for _ in range(_QUESTIONS):
             words = self._ask_line(WHO, _identity, _ANSWER_S)
@@ -189,7 +189,7 @@ class MicrocontrollerCell(SerialForceSensor, Examinable):
 
 
 def _identity(line: bytes) -> list[str] | None:
-    """Version, converter and rate, if a line says so."""
+    """Parse version, converter and rate from a line; None if it is no answer."""
     try:
         first, *words = checked(line).split()
     except (ProtocolError, ValueError):

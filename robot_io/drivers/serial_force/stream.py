@@ -1,4 +1,4 @@
-"""Readings out of a stream: a sensor's own time, questions to one that speaks when asked, lines and units."""
+"""Readings from a byte stream: the sensor's own time, requests, lines and units."""
 
 from collections import deque
 from collections.abc import Callable
@@ -8,21 +8,21 @@ from typing import Protocol
 
 from palpate.robot_io.errors import ProtocolError
 
-_CLOCKS_DIFFER = 1e-3  # by so much of the time: two crystals, and a rate that is stated in whole hertz
+_CLOCKS_DIFFER = 1e-3  # relative: two crystals, and a rate rounded to whole hertz
 _WINDOW_S, _WINDOWS = 0.25, 4  # in whose shortest delays an error of the rate shows
 _STEADY = 0.5  # share of the largest change between two windows by which changes may differ
 
 
 class OwnTime:
-    """Dates readings: none is younger than the shortest delay so far, from sampling to arrival, makes it.
+    """Dates readings: none is younger than the shortest delay so far, from sampling to arrival, allows.
 
-    What always delays a reading shows nowhere; what has begun to, does. A sensor whose clock is off by more
-    than 0.1 % seems to fall behind; one whose rate may be off by more is followed once its shortest delays
-    have changed steadily for a second, where a reading that is late changes them once.
+    A constant delay cannot be detected, but a change of the delay can. A sensor whose clock is off by more
+    than 0.1 % seems to fall behind. If the rate may be off by more, it is corrected once the shortest delays
+    have changed steadily for a second; a single late reading changes them once.
 
     Args:
         rate_error: Share by which the sensor's time may be off.
-        longest_gap_s: After a longer silence nobody knows how far the sensor's time has gone on [s].
+        longest_gap_s: Longest silence after which the advance of the sensor's time is still known [s].
     """
 
     def __init__(self, rate_error: float = 0.0, longest_gap_s: float = inf) -> None:
@@ -31,7 +31,7 @@ class OwnTime:
         self.restart()
 
     def restart(self) -> None:
-        """Begin anew: the sensor has restarted, and its time says nothing of earlier readings."""
+        """Restart: the sensor has restarted, and its time has no relation to earlier readings."""
         self._now_s = self._looked_s = 0.0  # on the sensor's clock
         self._arrived_s = inf
         self._delay_s = self._window_delay_s = inf  # the shortest; it holds how far the clocks are apart
@@ -89,12 +89,12 @@ _DEAF_S = 0.25  # after one that did not come: until nothing late can be taken f
 
 
 class Poll:
-    """One question, asked again once it is answered; an answer is as old as its question can make it.
+    """One request, repeated once it is answered; an answer is as old as its request can make it.
 
-    Where an answer is missing, the question is asked again behind a marker: a question whose answer is no
-    reading. Sensors answer in the order of the questions, so what comes after the marker's answer belongs to
-    the question behind it. Where nothing answers, nothing is asked or believed for a while, so that no late
-    answer belongs to a younger question.
+    If an answer is missing, the request is sent again behind a marker: a request whose answer is no reading.
+    Sensors answer in order, so everything after the marker's answer belongs to the request behind it. If
+    nothing answers, nothing is requested or accepted for a while, so that no late answer is assigned to a
+    newer request.
 
     Args:
         question: What asks for a reading.
@@ -104,7 +104,7 @@ class Poll:
     def __init__(self, question: bytes, marker: bytes) -> None:
         self._question, self._marker = question, marker
         self._asked_s: float | None = None  # while the answer is out
-        self._silent_since_s = 0.0  # when the first question was asked that has no answer
+        self._silent_since_s = 0.0  # time of the first unanswered request
         self._usual_s: float | None = None  # answering time, the longest of late
         self._awaits_marker = False
         self._deaf_until_s = -float("inf")
@@ -133,7 +133,7 @@ class Poll:
         self._awaits_marker = False
 
     def answered(self, arrived_s: float) -> float | None:
-        """When what arrived at `arrived_s` [s] was asked for [s]; None if it was not, or nobody knows.
+        """Return when the reading that arrived at `arrived_s` [s] was requested [s]; None if unknown.
 
         Args:
             arrived_s: robot's clock [s].
@@ -223,7 +223,7 @@ def text_of(line: bytes) -> str:
 class ReadingStream(Protocol):
     """Makes force samples out of bytes, in any portions. Damaged ones are counted and left out."""
 
-    complaint: str  # what the device itself says is wrong with it since its last sample, or nothing
+    complaint: str  # error that the device reports since its last sample, or an empty string
 
     @property
     def rejected(self) -> int:
@@ -265,7 +265,7 @@ class LineSplitter:
         return [line for line in lines if line and len(line) <= MAX_LINE]
 
     def resynchronise(self) -> None:
-        """Forget what is incomplete, and the rest of it that is still to come."""
+        """Discard an incomplete line, including its remaining bytes."""
         self._rest, self._skipping = b"", True
 
 
@@ -289,7 +289,7 @@ class LineStream:
         self._lines = LineSplitter()
         if not from_beginning:
             self._lines.resynchronise()
-        self._decimals, self._same = 0, 0  # in so many lines in a row
+        self._decimals, self._same = 0, 0  # and number of consecutive lines with it
         self._bad = 0
 
     @property
@@ -304,7 +304,7 @@ class LineStream:
         return samples
 
     def _take(self, line: bytes, samples: list[float]) -> None:
-        """Add what a line says to the samples."""
+        """Append the reading of a line to the samples."""
         try:
             samples.append(self._force_n(text_of(line)))
         except ProtocolError:
@@ -322,7 +322,7 @@ class LineStream:
         elif self._same < _FIXED_FORMAT:
             self._decimals, self._same = decimals, 0
         else:
-            self._same //= 2  # a format that really has changed is learnt anew
+            self._same //= 2  # a lasting change of format is learned
             raise ProtocolError(f"{decimals} decimals, where all lines had {self._decimals}")
         if not abs(force_n) <= self._largest_n:  # nor NaN
             raise ProtocolError(f"{force_n:g} N is beyond {self._largest_n:g} N")

@@ -1,1 +1,1 @@
-"""Servos on a half-duplex serial line: what is the same whoever made them."""
+"""Servos on a half-duplex serial line: code common to all makers."""

@@ -22,13 +22,13 @@ from palpate.robot_io.types import FloatArray, Reading, Status
 
 
 class ServoBus(JointBus, Examinable):
-    """Servos on one half-duplex line, one or two per joint; a maker's bus adds what is its own.
+    """Servos on one half-duplex line, one or two per joint; base of each maker's bus.
 
     Args:
-        settings: What the robot file says.
+        settings: Settings in the robot file.
         steps: What one count of each of the m servos that turn joints is along the joint axes, shape (3, m):
             position [rad], velocity [rad/s] and torque [N m].
-        context: What a driver is given.
+        context: Bus, clock and other context of the driver.
 
     Attributes:
         sample: What the last sync read brought that was answered by all, or None before the first.
@@ -48,24 +48,24 @@ class ServoBus(JointBus, Examinable):
         self._reader: FeedbackReader[Any] | None = None
         self._turns_known = False
         self._powered = False
-        self._may_hold = False  # until the servos have been told to let go, however often that fails
+        self._may_hold = False  # until the command for torque off was sent, however often that fails
         self._staged: bytes | None = None
         self.sample: ServoSample | None = None
         unknown = Reading(np.full(self.joint_count, np.nan), -np.inf, Status.STALE)
         self.position = self.velocity = self.torque = unknown
         self._goal_fields = [field for servo_id in self._ids for field in (servo_id, 0)]
 
-    # What a maker adds.
+    # Implemented by each maker.
 
     _line: ServoLine
 
     @abstractmethod
     def _examine_servo(self, servo_id: int, label: str) -> list[Finding]:
-        """What a servo that answers says of itself. DeviceError: it answers no more, or the port failed."""
+        """Read the identity of a servo. DeviceError: it no longer answers, or the port failed."""
 
     @abstractmethod
     def _prepare_feedback(self) -> FeedbackReader[Any]:
-        """See that the servos are those of the robot file, and make ready to read; their torque is off."""
+        """Check the servos against the robot file and prepare reading; their torque is off."""
 
     @abstractmethod
     def _counts(self, feedback: Sequence[Any]) -> Sequence[Sequence[int]]:
@@ -73,7 +73,7 @@ class ServoBus(JointBus, Examinable):
 
     @abstractmethod
     def _is_well(self, feedback: Sequence[Any]) -> bool:
-        """Whether all servos are as they were told to be, and without errors; decides in most ticks."""
+        """Whether all servos have their settings and no errors; decides in most ticks."""
 
     @abstractmethod
     def _problem(self, feedback: Sequence[Any]) -> str | None:
@@ -83,20 +83,20 @@ class ServoBus(JointBus, Examinable):
     def _goals(self, torque_nm: list[float]) -> tuple[list[int], FloatArray]:
         """Goals of the servos that turn joints (m) for joint torques (n) [N m], and what these become."""
 
-    # What is common.
+    # Common to all makers.
 
     @property
     def joint_count(self) -> int:
         return self._pairs.joint_count
 
     def configure(self) -> None:
-        """Open the port, see that the servos are those of the robot file, and switch their torque off."""
+        """Open the port, check the servos against the robot file, and switch their torque off."""
         self._port.open()
         self._reader = self._prepare_feedback()
         self._turns_known = False
 
     def activate(self) -> None:
-        """Set what a run needs, and read it back."""
+        """Write the settings for a run, and read them back."""
         self._line.prepare()
         self._turns_known = False
 
@@ -154,7 +154,7 @@ class ServoBus(JointBus, Examinable):
             raise DeviceError(complaint)
 
     def _complaints(self, feedback: Sequence[Any]) -> str:
-        """Which servos say that something is wrong with them; their positions are sound.
+        """Return errors that servos report with sound positions.
 
         DeviceError: the feedback cannot be trusted at all.
         """
@@ -194,7 +194,7 @@ class ServoBus(JointBus, Examinable):
         return self._line.dialect.sync_write_block(goal.address, goal.size, block)
 
     def flush(self, deadline_s: float) -> None:
-        """See `Bus.flush`; nobody answers, but the next poll shows whether the servos still obey."""
+        """See `Bus.flush`; servos do not answer, but the next poll shows whether they obeyed."""
         if self._staged is not None:
             staged, self._staged = self._staged, None
             self._port.write(staged)
@@ -223,7 +223,7 @@ class ServoBus(JointBus, Examinable):
 class ServoEncoderSettings(FileModel):
     """How the velocity is come by."""
 
-    # "servo" takes what the servo derives; "difference" differentiates the position, whose steps show, and
+    # "servo" takes the servo's own velocity; "difference" differentiates the position, whose steps show, and
     # smooths it.
     velocity: Literal["servo", "difference"] = "servo"
     bandwidth_hz: Positive = 60.0  # of the first-order low-pass on the difference [Hz]

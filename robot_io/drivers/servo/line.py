@@ -284,7 +284,7 @@ class ServoLine(ABC):
     """Sets servos up and switches them, which may take milliseconds. A maker's adds what is its own.
 
     Args:
-        settings: What the robot file says.
+        settings: Settings in the robot file.
         registers: Access to single servos on `port`.
         port: Port of the line; it may be opened later.
         clock: Clock of the deadlines.
@@ -382,7 +382,7 @@ def examine_line(
     """Find out who is on the line, and look at every servo of the robot file.
 
     Args:
-        settings: What the robot file says.
+        settings: Settings in the robot file.
         line: The line, whose port is open and stays so.
         examine_servo: Looks at one servo that answers, by its id and label.
 
