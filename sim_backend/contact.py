@@ -101,7 +101,9 @@ class ComplianceObject:
         """
         self._tell_engine(law, self._surface_height_m)
         self._law = law
-        self.is_engine_contact = isinstance(law, EngineContact)  # takes long: asked here, not at each step
+        self.is_engine_contact = isinstance(
+            law, EngineContact
+        )  # slow, so evaluated once and not at each step
 
     def move_surface(self, height_m: float) -> None:
         """Change the height of the surface from the next physics step on.

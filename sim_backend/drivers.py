@@ -26,11 +26,11 @@ class SimulatedBusSettings(FileModel):
 
 
 class SimulatedBus(JointBus):
-    """A simulated world in place of a wire.
+    """A simulated world in place of a bus.
 
-    On a simulated clock the world moves whenever the clock does; on any other it catches up at each poll and
-    flush. Until it is activated for the first time the arm stands on its rest instead of falling, and again
-    when it is deactivated there.
+    On a simulated clock the world advances with the clock; on any other it catches up at each poll and flush.
+    Before its first activation the arm stands on its rest instead of falling, and again after it is
+    deactivated there.
 
     Attributes:
         scenario: of the world; `use_scenario` changes it until the robot is configured.

@@ -24,11 +24,11 @@ from palpate.sim_backend.noise_scale import CONTACT, NoiseScale
 from palpate.sim_backend.scenario import Scenario
 
 WEAKEST, STRONGEST = 5.0, 50.0  # times the noise floor
-_STREAM = crc32(b"hidden")  # apart from the sensors' noise, which comes from the same seed
+_STREAM = crc32(b"hidden")  # separate from the sensors' noise, which uses the same seed
 
 
 def hidden_effects(imperfections: Sequence[Imperfection], joint_count: int) -> HiddenEffects:
-    """Make the effects of one world, with memories of their own.
+    """Make the effects of one world, each with its own memory.
 
     Args:
         imperfections: from the drives to the links, and from the object to the tip.
@@ -64,8 +64,8 @@ def draw_hidden(
 
     Args:
         seed: of the draw.
-        channel: where it is to show, such as "contact" or "joint_2"; None to draw it (the contact half the
-            time).
+        channel: channel that shows it, such as "contact" or "joint_2"; None to draw it (half the time the
+            contact).
         effect: name of the effect; None to draw it.
         scenario: the world; None for the default one.
 
@@ -112,9 +112,9 @@ class SealedAnswer:
     """Hidden effects of one session."""
 
     hidden: tuple[Imperfection, ...]  # the effects
-    seed: int | None  # that they were drawn from; None where a scenario named them
-    made_utc: str  # when the session was made, as it says itself
-    mark: str = ""  # random text that the session holds as well; tells answers of equal name apart
+    seed: int | None  # seed of the draw; None if a scenario named them
+    made_utc: str  # creation time of the session, from its metadata
+    mark: str = ""  # random text, also in the session; distinguishes answers of equal name
 
 
 def sealed_path(session: str | Path) -> Path:

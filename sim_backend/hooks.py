@@ -27,7 +27,7 @@ class JointStepState(NamedTuple):
     step_s: float  # length of a physics step [s]
     position_rad: Sequence[float]  # n positions [rad]
     velocity_rad_s: Sequence[float]  # n velocities [rad/s]
-    drive_torque_nm: Sequence[float]  # n torques that the drives were told to exert [N m]
+    drive_torque_nm: Sequence[float]  # n torques commanded to the drives [N m]
     mass_matrix: Callable[[], FloatArray]  # gives the joint-space inertia (n, n) [kg m^2] at these positions
     # Gives the torques (n) [N m] of a motion without acceleration, in free air.
     bias_torque_nm: Callable[[], FloatArray]
@@ -91,7 +91,7 @@ class ToolEffect(ABC):
 
         Args:
             state: motion of the tip.
-            surface_n: gives the object's force for a motion; the last motion asked for is the one that holds.
+            surface_n: gives the object's force for a motion; the last evaluated motion is the valid one.
 
         Returns:
             Force on the tip [N].
@@ -108,8 +108,8 @@ class JointEffect(ABC):
     def joint_torque_nm(self, state: JointStepState, torque_nm: Sequence[float]) -> Sequence[float]:
         """Compute the torques that reach the links; called once at each physics step.
 
-        The drive's torque sensor does not see the change, as one that measures motor current does not see
-        what the bearings take.
+        The drive's torque sensor does not see the change, just as a motor current does not show bearing
+        friction.
 
         Args:
             state: motion of the joints.

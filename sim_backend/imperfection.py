@@ -46,11 +46,11 @@ def parameter(unit: str, low: float, high: float, **limits: Any) -> Any:  # noqa
 class Imperfection(FileModel, ABC):
     """One entry of a scenario's `hidden` section; its fields say where it is and how strong.
 
-    The class docstring states physics, equation and source. `effects` makes the simulated effect anew for
+    The class docstring states physics, equation and source. `effects` creates the simulated effect for
     each world, with its own memory.
     """
 
-    name: ClassVar[str]  # what a scenario calls it
+    name: ClassVar[str]  # name in a scenario
     shows_in: ClassVar[Sequence[str]]  # channels in which a probing run of the shipped follower shows it
     needs_force_law: ClassVar[bool] = False  # whether it makes no sense with the engine's own contact
 
@@ -83,9 +83,9 @@ class Imperfection(FileModel, ABC):
 
         Args:
             strength: multiple of the noise floor.
-            channel: where it is to show.
+            channel: the channel that shows it.
             scale: noise floors and motion.
-            generator: for what the strength leaves open, such as a sign.
+            generator: draws properties that the strength does not determine, such as a sign.
 
         Returns:
             The effect.

@@ -169,12 +169,14 @@ class NoiseScale:
             In the unit of the channel per second.
         """
         if channel == CONTACT:
-            return 0.5 * self.force_n / self.depth_m * self.speed_m_s  # the other half passes for damping
+            return (
+                0.5 * self.force_n / self.depth_m * self.speed_m_s
+            )  # the other half is indistinguishable from damping
         return self.joint(channel).load_rate_nm_s
 
 
 def _floor(noise: float, resolution: float) -> float:
-    """Standard deviation of noise and rounding together; never nothing, so that strengths stay finite."""
+    """Standard deviation of noise and rounding together; never zero, so that strengths stay finite."""
     return max(hypot(noise, resolution / sqrt(12.0)), 1e-9)
 
 

@@ -30,7 +30,7 @@ class ObjectSettings(FileModel):
 
 
 class ArmSettings(FileModel):
-    """How the arm differs from its URDF, and what the URDF does not say."""
+    """Differences of the arm from its URDF, and properties that the URDF lacks."""
 
     mass_scale: Number = Field(default=1.0, gt=0, le=100)  # factor on all masses and inertias [-]
     # Radius of the sphere that touches the engine's own contact [m].
@@ -40,7 +40,7 @@ class ArmSettings(FileModel):
 class PhysicsSettings(FileModel):
     """How the physics is integrated."""
 
-    # What integrates it; by default PyBullet where it is installed.
+    # Physics engine; by default PyBullet if it is installed.
     engine: EngineName = Field(default_factory=default_engine)
     # Steps per second [Hz]; four in a tick of 1 kHz by default.
     rate_hz: Number = Field(default=4000.0, ge=100, le=1e6)
@@ -48,12 +48,12 @@ class PhysicsSettings(FileModel):
 
 
 class Scenario(FileModel):
-    """One simulated world; what a file leaves out is as in `scenarios/default.yaml`."""
+    """One simulated world; defaults are those of `scenarios/default.yaml`."""
 
     description: str = ""  # one line for people
     # Of all noise; equal seeds give equal measurements.
     seed: int = Field(default=1, ge=0, le=MOST_SEED, strict=True)
-    object: ObjectSettings = ObjectSettings()  # what is probed
+    object: ObjectSettings = ObjectSettings()  # the probed object
     arm: ArmSettings = ArmSettings()  # the arm's deviations
     sensors: ArmSensorSettings = ArmSensorSettings()  # how the robot perceives it
     physics: PhysicsSettings = Field(default_factory=PhysicsSettings)  # how it is integrated

@@ -33,7 +33,7 @@ class TorqueSettings(FileModel):
 
     noise_std_nm: NotNegative = 0.01  # white noise of a sample [N m]
     resolution_nm: NotNegative = 0.002  # one step of the measurement [N m]; 0 is none
-    # One step of the torque that a drive can be told [N m]; 0 is none.
+    # Resolution of a commanded torque [N m]; 0 for none.
     command_resolution_nm: NotNegative = 0.001
     rate_hz: Positive = Rate  # samples per second [Hz]
     delay_s: Delay = 0.0  # from the sampling instant until a sample can be read [s]
@@ -43,7 +43,7 @@ class TorqueSettings(FileModel):
 
 
 class VelocitySettings(FileModel):
-    """Where the velocity comes from."""
+    """Source of the velocity."""
 
     # "difference" is what a drive derives from its own encoder: the difference of two samples, low-passed; it
     # lags by half a sample and the filter's time. "tachometer" measures it, with noise.
@@ -57,7 +57,7 @@ class EncoderSettings(FileModel):
 
     # Steps in one revolution of the joint; 2^14 counts through a gear of 50:1.
     counts_per_revolution: Number = Field(default=819_200.0, gt=0, le=1e12)
-    velocity: VelocitySettings = VelocitySettings()  # where the velocity comes from
+    velocity: VelocitySettings = VelocitySettings()  # source of the velocity
     # Samples per second inside the drive [Hz]; the robot reads the newest one.
     rate_hz: Number = Field(default=2000.0, gt=0, le=1e6)
     delay_s: Delay = 0.0  # from the sampling instant until a sample can be read [s]

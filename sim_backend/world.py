@@ -43,7 +43,7 @@ class Truth:
     time_s: float  # time of the state [s]
     joint_position_rad: FloatArray  # shape (n,) [rad]
     joint_velocity_rad_s: FloatArray  # shape (n,), of the middle of the last step [rad/s]
-    drive_torque_nm: FloatArray  # what the drives exerted during the last step, shape (n,) [N m]
+    drive_torque_nm: FloatArray  # torques of the drives during the last step, shape (n,) [N m]
     tip_position_world_m: FloatArray  # shape (3,) [m]
     depth_m: float  # how far the tip is below the undeformed surface [m]; negative above it
     rate_m_s: float  # d(depth)/dt [m/s]
@@ -131,7 +131,10 @@ class World:
         self._contact = TipContact(self._engine, self.object, self._step_s, self._effects)
 
     def _noise_of(self, sensor: str) -> np.random.Generator:
-        """A stream for each sensor, so that the settings of one do not change the noise of another."""
+        """Make a random stream for each sensor.
+
+        The settings of one sensor then do not change the noise of others.
+        """
         return np.random.default_rng([self.scenario.seed, crc32(sensor.encode())])
 
     @property
@@ -223,7 +226,7 @@ class World:
         return torque
 
     def _joint_values(self) -> list[float]:
-        """Positions and velocities (2n) of the present state; the engine is asked once for it."""
+        """Positions and velocities (2n) of the present state, read once from the engine."""
         if self._joints is None:
             self._joints = self._engine.joint_state()
         return self._joints

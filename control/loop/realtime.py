@@ -94,7 +94,7 @@ def _locked_memory() -> Iterator[None]:
     Locked before their use, the gigabyte that Arrow's allocator only reserves would be filled at once.
     """
     _require_linux()
-    if _locked_kib():  # somebody else's lock is left alone
+    if _locked_kib():  # an existing lock is kept
         yield
         return
     libc = ctypes.CDLL(None, use_errno=True)
@@ -130,7 +130,7 @@ def _awake_processor() -> Iterator[None]:
 @contextmanager
 def _frozen_garbage() -> Iterator[None]:
     """Collect once, then leave all that exists now out of later collections, which so stay short."""
-    if gc.get_freeze_count():  # somebody else's freeze is left alone
+    if gc.get_freeze_count():  # an existing freeze is kept
         yield
         return
     gc.collect()

@@ -12,13 +12,13 @@ class Outcome(StrEnum):
     """Why the loop ended."""
 
     FINISHED = "finished"  # the task was done
-    STOPPED = "stopped"  # somebody asked for it
+    STOPPED = "stopped"  # stopped on request
     TRIPPED = "tripped"  # a limit, a device or an exception
 
 
 @dataclass(frozen=True, slots=True)
 class LoopResult:
-    """Result of a run of the loop. In every case the robot has been told to switch its torque off."""
+    """Result of a run of the loop. In every case torque off was commanded."""
 
     outcome: Outcome  # finished, stopped or tripped
     cause: str = ""  # why it was stopped or tripped; empty when the task was done

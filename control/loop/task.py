@@ -1,4 +1,4 @@
-"""What the loop runs: a task turns one measurement into one command, tick after tick."""
+"""Tasks of the loop: a task turns one measurement into one command, tick after tick."""
 
 import math
 from collections.abc import Mapping
@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 class Phase(IntEnum):
     """Phase of a task, as logged in every tick."""
 
-    IDLE = 0  # active, holding still, nothing asked
+    IDLE = 0  # active, holding still, no target
     MOVE = 1  # free motion between targets
     APPROACH = 2  # towards the object, not touching yet
     LOADING = 3  # in contact, moving in
@@ -53,7 +53,7 @@ class TaskOutput(NamedTuple):
     tip_velocity_world_m_s: FloatArray  # shape (3,), measured tip velocity [m/s]
     press_direction_world: FloatArray  # shape (3,), unit vector into the object
     desired_force_n: float  # contact force aimed at, positive in compression [N]; NaN when it is free
-    phase: Phase  # what the arm is doing
+    phase: Phase  # phase of the task
     run: int = NO_RUN  # number of the probing run from 0, or `NO_RUN` between runs
     done: bool = False  # the task has ended: this command is the last, and the torque may go off
     events: tuple[TaskEvent, ...] = ()  # what happened in this tick

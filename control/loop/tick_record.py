@@ -1,4 +1,4 @@
-"""What a session keeps of every tick: the stream "tick", its records, and the log that takes them."""
+"""Stream "tick" of a session: its records, and the log that takes them."""
 
 import math
 from collections.abc import Callable, Mapping

@@ -45,7 +45,7 @@ class ProbingPlan(FileModel):
     hold_law: Literal["admittance", "force_tracking_impedance", "constant_force"] = "admittance"
     excitation: Excitation | None = None  # profile that rides on the hold afterwards, or None
     approach_clearance_m: Positive = 0.03  # an approach starts this far before the target [m]
-    search_depth_m: Positive = 0.2  # way from there within which the surface must be touched [m]
+    search_depth_m: Positive = 0.2  # distance from there within which the surface must be touched [m]
     max_depth_m: Positive = 0.15  # deepest indentation [m]
     retract_m: Positive = 0.03  # way out of the object between runs [m]
     settle_s: NotNegative = 0.2  # standing still before the free-air record [s]

@@ -116,12 +116,12 @@ class Effects:
         self._rows.change({name: {"order": _rank(self._last.get(name, 1.0), chosen=True)} for name in chosen})
 
     async def weigh(self, idle: asyncio.Event) -> None:
-        """Compute what each effect would add to the selected model, while nobody waits for the page.
+        """Compute the change of the error by each effect while the page is idle.
 
-        A tick finds its fit made already.
+        The fit of the next tick is then already done.
 
         Args:
-            idle: set while nobody waits for the page.
+            idle: set while the page is idle.
         """
         channel, weighed = self._state.channel, None
         ahead = FitPrefetcher(self._state.study, channel)

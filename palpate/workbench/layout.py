@@ -222,8 +222,8 @@ def _once(text: str, work: Callable[[], Awaitable[None]]) -> ui.button:
 async def _permitted(force_n: float, arguments: list[str]) -> bool:
     """Ask before a real arm gets power, as `palpate probe` does.
 
-    The answer needs a number that only the terminal shows: whoever else reaches the page, a script in it or
-    another user of this machine, cannot give it.
+    The answer needs a number that only the terminal shows, so neither a script in the page nor another user
+    of this machine can give it.
     """
     code, command = f"{secrets.randbelow(10**_CODE_DIGITS):0{_CODE_DIGITS}}", shlex.join(arguments)
     console.stderr().print(

@@ -1,4 +1,4 @@
-"""Diagnosis and prefetched fits, each in a process of its own."""
+"""Diagnosis and prefetched fits, each in a separate process."""
 
 import asyncio
 import os

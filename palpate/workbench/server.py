@@ -66,7 +66,7 @@ class OwnPageOnly:
         headers, is_socket = Headers(scope=scope), scope["type"] == "websocket"
         origin = headers.get("origin")
         is_foreign = origin not in self._origins
-        if origin is None:  # nobody opens a socket without an origin
+        if origin is None:  # browsers always state an origin
             is_loaded = headers.get("sec-fetch-site") in _ELSEWHERE
             is_foreign = is_socket or (is_loaded and headers.get("sec-fetch-mode") != "navigate")
         if is_foreign:

@@ -421,11 +421,11 @@ async def run_command(arguments: Sequence[str], hear: Callable[[str], object]) -
     """Run a palpate command in a process; cancelling ends it as Ctrl-C would.
 
     Args:
-        arguments: of `palpate`; nobody is there to be asked.
-        hear: called with each line that it prints.
+        arguments: of `palpate`; it cannot ask questions.
+        hear: called with each printed line.
 
     Returns:
-        What it said wrong, in one line; empty if it did what it should.
+        Its error in one line; empty on success.
     """
     process = await asyncio.create_subprocess_exec(
         *[sys.executable, "-P", "-m", "palpate.main", *arguments],

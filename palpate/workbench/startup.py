@@ -50,7 +50,7 @@ class AppState:
         return f'<p class="quiet">{escape(self.reading or "opening")} …</p>{self.raw}'
 
     def serve_report(self, path: Path) -> str:
-        """Serve a report to the browser; return its address, which nobody can guess.
+        """Serve a report to the browser; return its address, which cannot be guessed.
 
         Args:
             path: of the report.
@@ -114,7 +114,7 @@ class EarlyServer(ThreadingTCPServer):
         port: 0 for any free one.
 
     Raises:
-        OSError: somebody has the port.
+        OSError: the port is in use.
     """
 
     allow_reuse_address = daemon_threads = True
@@ -246,7 +246,7 @@ def early_server(port: int) -> EarlyServer:
         port: on this machine; 0 takes any free one.
 
     Raises:
-        InputError: somebody has the port.
+        InputError: the port is in use.
     """
     try:
         return EarlyServer(LOOPBACK, port)

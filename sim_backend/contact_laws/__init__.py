@@ -13,7 +13,7 @@ class ObjectLaw(FileModel, ABC):
     Memory (relaxation, plastic set ...) is added by a `ContactEffect`.
     """
 
-    name: ClassVar[str]  # what a scenario calls it
+    name: ClassVar[str]  # name in a scenario
 
     @abstractmethod
     def material_force_n(self, depth_m: float, rate_m_s: float) -> float:

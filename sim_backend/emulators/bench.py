@@ -20,7 +20,7 @@ _REST_SHARE = 0.04  # of a joint's torque limit
 
 @dataclass(frozen=True, slots=True)
 class JointState:
-    """What a motor's own sensors show of its joint."""
+    """Readings of a joint by its motor's own sensors."""
 
     position_rad: float  # joint angle [rad]
     velocity_rad_s: float  # its rate [rad/s]
@@ -28,11 +28,11 @@ class JointState:
 
 
 class Plant:
-    """An arm in a simulated world, as its motors and its force sensor see it.
+    """An arm in a simulated world, with the interfaces of its motors and its force sensor.
 
-    It stands on its rest, and rubs there, until a motor first exerts 4 % of its limit in the robot file: what
-    a driver tries out at activation moves nothing. Its sensors are as good as those of the direct simulation.
-    It begins at `start_s` on the bench's clock [s]. Not safe for threads: one bench owns it.
+    It stands on its rest, with friction, until a motor first exerts 4 % of its limit in the robot file, so
+    that a driver's trial torque at activation moves nothing. Its sensors have the quality of the direct
+    simulation. It begins at `start_s` on the bench's clock [s]. Not thread-safe: a single bench owns it.
     """
 
     def __init__(
@@ -47,7 +47,7 @@ class Plant:
         self.force: tuple[float, Status] | None = None
 
     def set_torque(self, joint: int, torque_nm: float) -> None:
-        """What the motor of `joint` (from 0) exerts from now on [N m].
+        """Set the torque of the motor of `joint` (from 0) [N m].
 
         Args:
             joint: from 0.
@@ -92,12 +92,12 @@ class Plant:
 
 
 class Shaft:
-    """What a motor does to its joint, from 0, and what its own sensors see of it.
+    """Torque of a motor on its joint (from 0), and readings of its own sensors.
 
     Attributes:
-        beside: the other motor's end, where two turn the joint.
-        torque_nm: what the motor exerts [N m].
-        limp: whether the motor exerts nothing, whatever it is told.
+        beside: the other motor, if two turn the joint.
+        torque_nm: torque of the motor [N m].
+        limp: whether the motor exerts nothing, whatever its command.
         backwards: whether it exerts the opposite.
         slipped_rad: how far its horn has slipped on the joint [rad].
     """
@@ -109,7 +109,7 @@ class Shaft:
         self.limp = self.backwards = False
 
     def exert(self, torque_nm: float) -> None:
-        """What the motor is to exert from now on [N m]; with what a second one does, it moves the joint.
+        """Set the motor's torque [N m]; a second motor's torque adds to it.
 
         Args:
             torque_nm: of this motor at the joint [N m].
@@ -122,7 +122,7 @@ class Shaft:
         return self.torque_nm + (self.beside.torque_nm if self.beside else 0.0)
 
     def state(self) -> JointState:
-        """The newest sample; what is wrong with the torque's reading is shared by both motors."""
+        """Return the newest sample; both motors share the error of the torque reading."""
         state = self._plant.joint(self._joint)
         if self.beside:
             off_nm = 0.5 * (state.torque_nm - self._together_nm)
@@ -132,7 +132,7 @@ class Shaft:
         return state
 
 
-STEP_S = 0.5e-3  # devices look at their wire this often
+STEP_S = 0.5e-3  # period at which devices read their wire
 
 
 class EmulatedWire(ABC):
@@ -140,7 +140,7 @@ class EmulatedWire(ABC):
 
     @abstractmethod
     def receive(self, now_s: float) -> None:
-        """Take in what has come over the wire, and act on it.
+        """Process received bytes or frames.
 
         Args:
             now_s: bench's clock [s].
@@ -148,7 +148,7 @@ class EmulatedWire(ABC):
 
     @abstractmethod
     def send(self, now_s: float) -> None:
-        """Put on the wire what is due.
+        """Send due bytes or frames.
 
         Args:
             now_s: bench's clock [s].
@@ -168,10 +168,10 @@ class EmulatedWire(ABC):
 
 
 class Bench:
-    """Lets time pass for a plant and its wires, in steps of half a millisecond.
+    """Advances a plant and its wires in steps of half a millisecond.
 
-    On a simulated clock everything happens inside the clock's advance, so that runs are repeatable. On any
-    other, `start` lets a thread keep up with it; in a process of its own it disturbs no control loop.
+    On a simulated clock everything happens within the clock's advance, so runs are repeatable. On any other
+    clock, `start` runs a thread that keeps up with it; in a separate process it disturbs no control loop.
     """
 
     def __init__(self, plant: Plant, wires: Sequence[EmulatedWire], clock: Clock) -> None:
@@ -217,7 +217,7 @@ class Bench:
             now_s = self._clock.now_s()
             while self._now_s < now_s:
                 self._step_towards(now_s)
-            for wire in self._wires:  # what has come by now has come now, not a step ago
+            for wire in self._wires:  # received data are dated now, not a step ago
                 wire.receive(self._now_s)
 
     def close(self) -> None:
@@ -234,10 +234,10 @@ class Bench:
 
 
 def heard_at(master: int, baud_rate: int | None) -> bool:
-    """Whether what the host sends makes sense to a device at `baud_rate` [bit/s]; any does for None.
+    """Return whether a device at `baud_rate` [bit/s] understands the host; always for None.
 
-    The host has set the speed at the other end of `master`, the device's file. A rate that has no number in
-    termios cannot be told from others.
+    The host has set the speed at the other end of `master`, the device's file. Rates without a number in
+    termios cannot be distinguished.
 
     Args:
         master: file descriptor of the device's end.

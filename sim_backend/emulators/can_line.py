@@ -1,4 +1,4 @@
-"""A CAN bus with emulated motors on it, what they share, and what can go wrong with their frames."""
+"""A CAN bus with emulated motors: common parts, and faults of their frames."""
 
 import math
 import os
@@ -35,7 +35,7 @@ class CanNode(ABC):
 
     @abstractmethod
     def tell(self, now_s: float) -> list[can.Message]:
-        """What the node sends by itself at this time.
+        """Return the unsolicited frames of the node at this time.
 
         Args:
             now_s: bench's clock [s].
@@ -81,7 +81,7 @@ class CanWire(FrameWire[can.Message]):
         self._unplugged = unplugged
         if unplugged:
             for node in self._nodes:
-                node.tell(now_s)  # to nobody; its watchdog runs all the same
+                node.tell(now_s)  # discarded; the watchdog runs regardless
             return
         self._deliver_late(now_s)
         for node in self._nodes:
@@ -104,7 +104,7 @@ class CanWire(FrameWire[can.Message]):
             frame.data = frame.data[:3]
             frame.dlc = 3
         if self.faults.strikes(FaultKind.WRONG_ID, device, now_s):
-            if frame.is_extended_id:  # the sender stands in the id
+            if frame.is_extended_id:  # the id contains the sender
                 frame.arbitration_id = frame.arbitration_id & ~0xFF00 | 0xFE00
             else:
                 frame.arbitration_id = _STRANGER
@@ -144,7 +144,7 @@ def open_virtual_bus(*, in_lock_step: bool) -> tuple[can.BusABC, dict[str, Any]]
 
 
 class MotorPlace(FileModel, extra="ignore"):
-    """What a robot file says of how any motor moves its joint."""
+    """Settings in a robot file that any motor has for its joint."""
 
     gear_ratio: Positive = 1.0
     reversed: bool = False
@@ -160,10 +160,10 @@ class MotorPlace(FileModel, extra="ignore"):
 
 
 class EmulatedMotor(CanNode):
-    """One motor, by its id; it moves a joint of the plant, from 0.
+    """One motor, by its id, on a joint of the plant (from 0).
 
-    Its shaft turns `gear_ratio` times for one turn of the joint, negative if it is reversed, and is at zero
-    where the joint is at `zero_rad` [rad].
+    Its shaft turns `gear_ratio` times for one turn of the joint, negative if reversed, and is at zero when
+    the joint is at `zero_rad` [rad].
     """
 
     def __init__(
@@ -205,7 +205,7 @@ class EmulatedMotor(CanNode):
 
     @abstractmethod
     def _fail(self) -> None:
-        """Have an error of its own."""
+        """Raise a device error."""
 
     @abstractmethod
     def _start_up(self) -> None:
@@ -213,7 +213,7 @@ class EmulatedMotor(CanNode):
 
     @abstractmethod
     def _drive(self) -> None:
-        """Exert what it has been told, if it does."""
+        """Apply the commanded torque, if the motor is enabled."""
 
 
 def wire_of(
@@ -222,7 +222,7 @@ def wire_of(
     """A bus with a node for each of `motors`, made from its joint and its settings; see `WireMaker.make`.
 
     Args:
-        request: what the wire stands in for.
+        request: the bus to emulate.
         motors: settings of each, from base to tip.
         make: makes a node from joint (from 0) and settings.
     """

@@ -56,7 +56,7 @@ _QUOTIENTS = [_divide(byte) for byte in range(256)]
 
 
 class DynamixelReceiver(Receiver):
-    """Picks instructions out of what comes over the wire."""
+    """Parses instructions from received bytes."""
 
     def _next(self) -> Instruction | None:
         pending = self._pending
@@ -97,10 +97,10 @@ def status(servo_id: int, error: int, data: bytes = b"") -> bytes:
 
 
 def fast_status(parts: Sequence[tuple[int, int, bytes]], asked: int) -> bytes:
-    """What servos make together of a fast sync read.
+    """Make the joint answer of servos to a fast sync read.
 
-    The parts are id, error and data of those that answer; the chain ends where one is silent, but the head
-    promises the answer of all that were asked.
+    The parts are id, error and data of the answering servos. The chain ends at the first silent servo, but
+    the header announces the answers of all.
 
     Args:
         parts: id, error and data of each servo that answers.
@@ -221,7 +221,7 @@ class _DynamixelSettings(FileModel, extra="ignore"):
 
 
 class DynamixelWires(WireMaker):
-    """Servos that are set up as the robot file says, on a pseudo terminal."""
+    """Servos configured as in the robot file, on a pseudo terminal."""
 
     name = "dynamixel_bus"
 

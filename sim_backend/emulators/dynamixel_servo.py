@@ -43,7 +43,7 @@ class Item:
 
 @dataclass(frozen=True)
 class EmulatedModel:
-    """What is particular to a model."""
+    """Properties of a model."""
 
     number: int  # model number
     current_unit_a: float  # [A]
@@ -80,7 +80,7 @@ GOALS = range(100, 120)
 
 
 def items_of(model: EmulatedModel, servo_id: int, firmware: int) -> dict[int, Item]:
-    """The rows of a model's table by address; rows that nothing here depends on are left out.
+    """Return the rows of a model's control table by address, without rows that the emulator does not use.
 
     Args:
         model: of the servo.
@@ -184,9 +184,9 @@ class Memory:
         return bytes(self._bytes[self._meant(place)] for place in range(address, address + size))
 
     def write(self, address: int, data: bytes, allowed: Callable[[Item, int], Error]) -> Error:
-        """What an instruction writes at an address: whole items in a row.
+        """Write whole consecutive items at an address.
 
-        `allowed` says for an item and its new value whether the servo takes it now.
+        `allowed` decides for an item and its new value whether the servo accepts it now.
 
         Args:
             address: of the first byte.
@@ -227,8 +227,8 @@ class DynamixelMounting(EmulatedMounting):
 
     emulated: ClassVar[Collection[str]] = MODELS
 
-    homing_offset: int | None = None  # what a calibration has written into it
-    # Of this very servo; None is as its model's data sheet says [N m/A].
+    homing_offset: int | None = None  # written by a calibration
+    # Of this servo; None for the value in its model's data sheet [N m/A].
     torque_constant_nm_a: Positive | None = None
     firmware: int = 46  # version
 
@@ -261,7 +261,7 @@ class EmulatedServo(LineServo):
 
     @property
     def return_level(self) -> int:
-        """To what it answers beside a ping: 0 nothing, 1 reading, 2 everything."""
+        """Status return level: 0 answers only pings, 1 also reads, 2 everything."""
         return self.memory.get(STATUS_RETURN_LEVEL)
 
     @property
@@ -274,7 +274,7 @@ class EmulatedServo(LineServo):
         return self._model.number.to_bytes(2, "little") + bytes((firmware,))
 
     def read(self, address: int, size: int) -> bytes | Error:
-        """What it answers to a read.
+        """Answer a read.
 
         Args:
             address: of the first byte.
@@ -284,7 +284,7 @@ class EmulatedServo(LineServo):
         return self.memory.read(address, size)
 
     def write(self, address: int, data: bytes) -> Error:
-        """Take a write, and do what it says.
+        """Execute a write.
 
         Args:
             address: of the first byte.
@@ -316,7 +316,7 @@ class EmulatedServo(LineServo):
         return bool(self.memory.get(HARDWARE_ERROR) & self.memory.get(SHUTDOWN))
 
     def watch(self, now_s: float) -> None:
-        """See `LineServo.watch`: its bus watchdog looks at the time.
+        """See `LineServo.watch`: checks the bus watchdog.
 
         Args:
             now_s: bench's clock [s].
@@ -329,7 +329,7 @@ class EmulatedServo(LineServo):
             self._exert()
 
     def fail(self) -> None:
-        """See `LineServo.fail`; it lets go if Shutdown names the error."""
+        """See `LineServo.fail`; the torque goes off if Shutdown includes the error."""
         self.memory.put(HARDWARE_ERROR, self.memory.get(HARDWARE_ERROR) | OVERLOAD)
         if self._shut_down:
             self.memory.put(TORQUE_ENABLE, 0)
@@ -357,7 +357,7 @@ class EmulatedServo(LineServo):
         """Bring the present values up to date."""
         shown = self._shown()
         if shown is None:
-            return  # it still shows what it had
+            return  # it still shows the old value
         counts = round(shown.position_rad * COUNTS / (2 * pi))
         if self._turn_counts is None:
             self._turn_counts = floor(counts / COUNTS) * COUNTS

@@ -22,16 +22,16 @@ class FaultKind(StrEnum):
     LOSE = "lose"  # one of its bytes is lost; not on CAN, where no frame survives that
     DUPLICATE = "duplicate"  # it is sent twice
     REORDER = "reorder"  # it changes places with the one after it
-    WRONG_ID = "wrong_id"  # it carries the id of somebody else
-    ALERT = "alert"  # the device reports an error of its own
+    WRONG_ID = "wrong_id"  # it carries another device's id
+    ALERT = "alert"  # the device reports an error
     REBOOT = "reboot"  # the device restarts with its power-up settings, silent for `delay_s`
     UNPLUG = "unplug"  # the port or interface is gone
     STUCK = "stuck"  # the sensor's value stays as it is
     NOT_A_NUMBER = "not_a_number"  # the sensor sends something that is no number
     SATURATED = "saturated"  # the sensor sends the end of its range
     REVERSED = "reversed"  # the sensor's sign is wrong, or the motor's
-    LIMP = "limp"  # the motor exerts nothing, and all else of it goes on
-    DEAF = "deaf"  # a servo heeds no goals any more, and goes on with its last
+    LIMP = "limp"  # the motor exerts nothing, and otherwise works
+    DEAF = "deaf"  # a servo ignores new goals and keeps its last one
     SLIPPED = "slipped"  # the motor's horn slips on its joint, by 0.1 rad
 
 
@@ -59,9 +59,9 @@ class Fault(FileModel):
 
 
 class Faults:
-    """Says at each opportunity whether something goes wrong now. Equal seeds give equal misfortunes.
+    """Decides at each opportunity whether a fault occurs. Equal seeds give equal faults.
 
-    The emulator started at `start_s` on its own clock [s]. `generator` is for the details, such as which bit
+    The emulator started at `start_s` on its own clock [s]. `generator` draws the details, such as which bit
     is flipped.
     """
 
@@ -133,7 +133,7 @@ Device = str | int
 
 
 class FrameWire(EmulatedWire, Generic[Frame]):
-    """A wire whose frames go wrong one by one; a kind of wire says how they are sent and damaged.
+    """A wire with faults of single frames; a kind of wire defines how they are sent and damaged.
 
     Faults may be added at any time.
     """
@@ -145,7 +145,7 @@ class FrameWire(EmulatedWire, Generic[Frame]):
 
     @abstractmethod
     def _put(self, frame: Frame, now_s: float) -> None:
-        """Send a frame to the host, if it is there."""
+        """Send a frame to the host, if it is connected."""
 
     @abstractmethod
     def _damaged(self, device: Device, frame: Frame, now_s: float) -> Frame:
@@ -170,7 +170,7 @@ class FrameWire(EmulatedWire, Generic[Frame]):
             self._put(self._held_back.pop(device), now_s)
 
     def _deliver_late(self, now_s: float) -> None:
-        """Send what was held up until now."""
+        """Send frames that were delayed until now."""
         due = [frame for due_s, frame in self._late if due_s <= now_s]
         self._late = [late for late in self._late if late[0] > now_s]
         for frame in due:

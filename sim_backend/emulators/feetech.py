@@ -26,7 +26,7 @@ from palpate.sim_backend.emulators.wiring import WireMaker, WireRequest
 
 
 class FeetechReceiver(Receiver):
-    """Picks instructions out of what comes over the wire; servos say nothing to damaged ones."""
+    """Picks instructions out of what comes over the wire; damaged ones get no answer."""
 
     def _next(self) -> Instruction | None:
         pending = self._pending
@@ -47,7 +47,7 @@ class FeetechReceiver(Receiver):
 
 
 def inverted_sum(content: bytes | bytearray) -> int:
-    """The checksum of what is between header and itself.
+    """Compute the checksum of the bytes between header and checksum.
 
     Args:
         content: bytes between header and checksum.
@@ -112,11 +112,11 @@ class FeetechMounting(EmulatedMounting):
 
 
 class EmulatedSts(LineServo):
-    """A servo that turns one joint of a plant, or one that just holds.
+    """A servo that turns one joint of a plant, or only holds its position.
 
     Attributes:
         error: its error bits.
-        stall_nm: torque of its motor at full duty [N m]; no two are alike.
+        stall_nm: torque of its motor at full duty [N m]; differs from servo to servo.
         no_load_rad_s: speed without a load [rad/s].
         duty_per_rad: duty cycle for a position error and a P coefficient of 1 [1/rad].
     """
@@ -134,7 +134,7 @@ class EmulatedSts(LineServo):
         self._saved = bytes(self._memory[:EPROM_END])
         self.error = 0
         self.supply_v = self._voltage_v
-        self._watched: tuple[object, ...] = ()  # what it has seen and done with this memory
+        self._watched: tuple[object, ...] = ()  # state of its control
         self._look()
 
     def get(self, address: int, size: int = 2) -> int:
@@ -165,7 +165,7 @@ class EmulatedSts(LineServo):
         return 2e-6 * self.get(7, 1)
 
     def read(self, address: int, size: int) -> bytes:
-        """What it answers to a read.
+        """Answer a read.
 
         Args:
             address: of the first byte.
@@ -191,7 +191,7 @@ class EmulatedSts(LineServo):
         self._drive()
 
     def watch(self, now_s: float) -> None:
-        """Look at its position sensor, and control it; steps are shorter than samples of the joint.
+        """Read the position sensor and control the position; steps are shorter than samples of the joint.
 
         Args:
             now_s: bench's clock [s].
@@ -252,7 +252,7 @@ class EmulatedSts(LineServo):
 
 
 def _signed(value: int, bit: int) -> int:
-    """Sign and magnitude; one that does not fit is the largest."""
+    """Encode as sign and magnitude; clipped to the largest number."""
     return min(abs(value), (1 << bit) - 1) | (1 << bit if value < 0 else 0)
 
 
@@ -263,7 +263,8 @@ _PING, _READ, _WRITE, _SYNC_READ, _SYNC_WRITE = 0x01, 0x02, 0x03, 0x82, 0x83
 class EmulatedFeetechLine(ServoWire[EmulatedSts]):
     """Servos of one line, see `ServoWire`.
 
-    Each turns the joint at its place in the list, with its second one; those of the ids `hold` turn nothing.
+    Each turns the joint at its place in the list, with its second servo; those with the ids in `hold` turn
+    nothing.
     """
 
     _status = staticmethod(status)
@@ -319,7 +320,7 @@ class _FeetechSettings(FileModel, extra="ignore"):
 
 
 class FeetechWires(WireMaker):
-    """Servos that are set up as the robot file says, on a pseudo terminal."""
+    """Servos configured as in the robot file, on a pseudo terminal."""
 
     name = "feetech_bus"
 

@@ -54,9 +54,9 @@ def _to_float(number: int, low: float, high: float, bits: int) -> float:
 class EmulatedMitMotor(EmulatedMotor):
     """One motor, see `EmulatedMotor`.
 
-    Its limits are the ends of the ranges of position [rad], velocity [rad/s] and torque [N m], `host_id` the
-    arbitration id of its answers, and a `timeout_s` of None no CAN timeout [s]. Out of motor mode one that is
-    `deaf_when_off` answers nothing but the special codes.
+    Its limits are the ends of the ranges of position [rad], velocity [rad/s] and torque [N m]. `host_id` is
+    the arbitration id of its answers, and `timeout_s` its CAN timeout [s], None for none. Outside motor mode,
+    a motor that is `deaf_when_off` answers only the special codes.
     """
 
     def __init__(
@@ -118,14 +118,14 @@ class EmulatedMitMotor(EmulatedMotor):
         self._exert(torque_nm)
 
     def tell(self, now_s: float) -> list[can.Message]:
-        """See `CanNode.tell`: nothing unasked, but here its timeout runs."""
+        """See `CanNode.tell`: no unsolicited frames; the CAN timeout is checked here."""
         if self.enabled and self.timeout_s is not None and now_s - self._heard_s > self.timeout_s:
             self._time_out()
             self._drive()
         return []
 
     def _time_out(self) -> None:
-        """Let go after its CAN timeout."""
+        """Drop the command after its CAN timeout."""
         self._command = (0.0, 0.0, 0.0, 0.0, 0.0)
 
     def _fail(self) -> None:
@@ -175,7 +175,7 @@ DAMIAO_LIMITS = {
 
 
 class EmulatedDamiao(EmulatedMitMotor):
-    """One motor, see `EmulatedMitMotor`; `registers` is what it keeps, by number."""
+    """One motor, see `EmulatedMitMotor`; `registers` are its registers by number."""
 
     registers: dict[int, float]
 
@@ -241,10 +241,10 @@ ROBSTRIDE_LIMITS = {
 
 
 class EmulatedRobstride(EmulatedMitMotor):
-    """One motor, see `EmulatedMitMotor`; `parameters` is what can be written, by index."""
+    """One motor, see `EmulatedMitMotor`; `parameters` are the writable ones, by index."""
 
     parameters: dict[int, float]
-    _news: list[can.Message]  # to be told unasked
+    _news: list[can.Message]  # sent without a request
 
     def hear(self, message: can.Message, now_s: float) -> list[can.Message]:
         kind, middle, target = (
@@ -292,7 +292,7 @@ class EmulatedRobstride(EmulatedMitMotor):
             self.timeout_s = self.parameters.get(ROBSTRIDE_TIMEOUT, 0) / 20000 or None
 
     def tell(self, now_s: float) -> list[can.Message]:
-        """See `CanNode.tell`: faults, and here its timeout runs."""
+        """See `CanNode.tell`: faults; the CAN timeout is checked here."""
         super().tell(now_s)
         news, self._news = self._news, []
         return news
@@ -309,7 +309,7 @@ class EmulatedRobstride(EmulatedMitMotor):
         self.error, self.enabled = 0, False
 
     def tell_faults(self, faults: int) -> None:
-        """Report fault bits unasked with the next `tell`.
+        """Report fault bits without a request, with the next `tell`.
 
         Args:
             faults: bits.
@@ -364,7 +364,7 @@ class _MitSettings(FileModel, extra="ignore"):
 
 
 class MitWires(WireMaker):
-    """Motors that are set up as the robot file says."""
+    """Motors configured as in the robot file."""
 
     name = "mit_bus"
 

@@ -23,7 +23,7 @@ _FORMATS = ("b", "<h", "<i", "<f")
 _LENGTHS = (8, 12, 16, 20, 24, 32, 48, 64)  # that a CAN FD frame can have, from 8 on
 _KP_NM_REV, _KD_NMS_REV = 4.0, 0.05  # as delivered
 
-# What one step of a register is as int8, int16 and int32; 1 for those that are not here.
+# Size of one step of a register as int8, int16 and int32; 1 for other registers.
 _STEPS = {
     **dict.fromkeys((0x01, 0x20), (0.01, 1e-4, 1e-5)),
     **dict.fromkeys((0x02, 0x21), (0.1, 2.5e-4, 1e-5)),
@@ -56,7 +56,7 @@ class EmulatedMoteus(EmulatedMotor):
         if not message.is_fd or number & 0x7F != self.number or now_s < self._silent_until_s:
             return []
         written: dict[int, float] = {}
-        # Keep what is written, and return what is answered.
+        # Store written registers, and return the answer.
         data = bytes(message.data)
         place, answer = 0, b""
         while place < len(data):
@@ -131,7 +131,7 @@ class EmulatedMoteus(EmulatedMotor):
         self._exert(min(max(torque_nm, -limit_nm), limit_nm))
 
     def tell(self, now_s: float) -> list[can.Message]:
-        """See `CanNode.tell`: nothing unasked, but here its watchdog runs.
+        """See `CanNode.tell`: no unsolicited frames; the watchdog is checked here.
 
         Args:
             now_s: bench's clock [s].
@@ -159,7 +159,7 @@ class _MoteusSettings(FileModel, extra="ignore"):
 
 
 class MoteusWires(WireMaker):
-    """Controllers that are set up as the robot file says."""
+    """Controllers configured as in the robot file."""
 
     name = "moteus_bus"
 

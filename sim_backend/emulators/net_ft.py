@@ -34,13 +34,13 @@ def record(sequence: int, measurement: int, status: int, counts: list[int]) -> b
 
 
 class EmulatedNetFt(SerialSensor):
-    """One sensor, of whose axes one is pressed, from 0, up to a capacity [N].
+    """One force-torque sensor with a force on one axis (from 0), up to a capacity [N].
 
     Attributes:
         enabled: whether RDT is switched on.
         rate_hz: records a second.
         status: status bits beside those of its reading.
-        measures: whether it measures anew; else it repeats itself.
+        measures: whether it takes new measurements; otherwise it repeats the last one.
     """
 
     def __init__(self, axis: int, capacity_n: float, counts_per_force: float, unit: str) -> None:
@@ -78,7 +78,7 @@ class EmulatedNetFt(SerialSensor):
         return record(self._sequence, self._measurement, status, counts)
 
     def restart(self, now_s: float, silent_s: float) -> None:
-        """See `SerialSensor.restart`; nobody is sent anything until he asks again.
+        """See `SerialSensor.restart`; nothing is sent until the host requests it again.
 
         Args:
             now_s: bench's clock [s].
@@ -103,8 +103,8 @@ class EmulatedNetFt(SerialSensor):
 class EmulatedNetFtLine(SensorWire):
     """The network between a sensor and its host, here this machine's own; see `SensorWire`.
 
-    It hears requests at `rdt_port`, and its page is at `http_port`. A datagram that is corrupt on its way is
-    cut: none with a flipped bit gets past UDP's checksum.
+    It receives requests at `rdt_port` and serves its page at `http_port`. A corrupt datagram is truncated,
+    because UDP's checksum lets no flipped bit through.
     """
 
     _sensor: EmulatedNetFt
@@ -147,7 +147,7 @@ class EmulatedNetFtLine(SensorWire):
 def _pages(sensor: EmulatedNetFt) -> type[BaseHTTPRequestHandler]:
     class Pages(BaseHTTPRequestHandler):
         def do_GET(self) -> None:
-            """Answer with the one page that there is."""
+            """Answer with the only page."""
             page = sensor.page() if self.path == "/netftapi2.xml" else b""
             self.send_response(200 if page else 404)
             self.send_header("Content-Length", str(len(page)))
@@ -174,7 +174,7 @@ class NetFtWires(WireMaker):
         if request.force is None or request.force.driver != "net_ft":
             raise InputError("a net_ft_line is emulated with a force sensor of the driver 'net_ft' only")
         own = validate(_NetFtSettings, request.force.settings)
-        newtons_per(own.unit)  # refused before the wire is there
+        newtons_per(own.unit)  # refused before the wire exists
         sensor = EmulatedNetFt(own.axis_index, own.capacity_n, own.counts_per_force, own.unit)
         own.signed(sensor)
         line = EmulatedNetFtLine(sensor, request.plant, request.faults)

@@ -189,7 +189,7 @@ class _OdriveSettings(FileModel, extra="ignore"):
 
 
 class OdriveWires(WireMaker):
-    """ODrive axes that are set up as the robot file says."""
+    """ODrive axes configured as in the robot file."""
 
     name = "odrive_bus"
 

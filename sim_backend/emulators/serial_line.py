@@ -14,15 +14,15 @@ from palpate.sim_backend.emulators.bench import Plant, heard_at
 from palpate.sim_backend.emulators.faults import Device, FaultKind, Faults, FrameWire
 
 _HAND_ON_S = 0.02  # a full buffer never takes more
-_MOST_READABLE = 4095  # bytes that Linux keeps for a reader; what comes then waits until it reads
-_RANGE_N = 1e3  # what a reading of a saturated sensor shows, if it has no range of its own
+_MOST_READABLE = 4095  # bytes that Linux buffers for a reader; further bytes wait until it reads
+_RANGE_N = 1e3  # reading of a saturated sensor without its own range
 
 
 class StreamTimer:
-    """Counts the readings of a stream out at a steady rate; those that were missed are not made up for.
+    """Schedules the readings of a stream at a steady rate; missed readings are not made up for.
 
-    The first one comes a period after the start. Between the last two readings that were due, so many periods
-    have `passed`; more than one where some were missed.
+    The first one is due a period after the start. `passed` is the number of periods between the last two due
+    readings, more than one if some were missed.
     """
 
     def __init__(self, rate_hz: float) -> None:
@@ -79,7 +79,7 @@ class SerialSensor(ABC):
         """
 
     def due(self, now_s: float) -> bool:
-        """Whether a reading is to be sent now, of a stream that was asked for; each is due once.
+        """Whether a reading of a requested stream is due; each reading is due once.
 
         Args:
             now_s: bench's clock [s].
@@ -95,7 +95,7 @@ class SerialSensor(ABC):
         """
 
     def restart(self, now_s: float, silent_s: float) -> None:
-        """Power-up state, after a silence.
+        """Return to the power-up state, after a silence.
 
         Args:
             now_s: bench's clock [s].
@@ -105,7 +105,7 @@ class SerialSensor(ABC):
 
 
 class SensorWire(FrameWire[bytes]):
-    """A line with one sensor at its end, and what goes wrong there.
+    """A line with one sensor at its end, and its faults.
 
     Faults of the sensor: readings dropped, late, corrupt, doubled, reordered; reboot; unplugged; stuck; not a
     number; saturated; reversed.
@@ -158,7 +158,7 @@ class SensorWire(FrameWire[bytes]):
 class PtyLine(SensorWire):
     """A pseudo terminal, `path` for the driver, and its sensor; see `SensorWire`.
 
-    In lock-step what is sent is there for the driver before time goes on. A sensor without a baud rate
+    In lock-step, the driver receives sent bytes before time advances. A sensor without a baud rate
     understands any [bit/s].
     """
 
@@ -186,7 +186,7 @@ class PtyLine(SensorWire):
             data = os.read(self._master, 65536)
         except BlockingIOError:
             return
-        except OSError:  # nobody has the other end open
+        except OSError:  # the other end is not open
             return
         if data and heard_at(self._master, self._baud_rate):
             answer = self._sensor.hear(data, now_s)

@@ -21,7 +21,7 @@ from palpate.sim_backend.emulators.wiring import WireMaker, WireRequest
 
 
 class EmulatedGauge(SerialSensor):
-    """One gauge, up to a capacity [N]; it writes "-12.34 N", so many lines a second [Hz]."""
+    """One gauge, up to a capacity [N]; it writes lines such as "-12.34 N" at a rate [Hz]."""
 
     def __init__(self, capacity_n: float, rate_hz: float = 500.0) -> None:
         self.range_n = capacity_n
@@ -108,7 +108,7 @@ def _sums(content: bytes) -> bytes:
 
 
 def telegram(command: int, to: int, parameters: bytes = b"", sender: int = ADDRESS) -> bytes:
-    """What a sensor sends: STX, and what follows with every 02 doubled.
+    """Make a telegram of a sensor: STX, and the content with every 02 doubled.
 
     Args:
         command: number.
@@ -124,7 +124,7 @@ def telegram(command: int, to: int, parameters: bytes = b"", sender: int = ADDRE
 
 
 class EmulatedLorenz(SerialSensor):
-    """One sensor, with so many counts at its nominal load [N], and the codes of its unit and of that load."""
+    """One sensor with its counts at its nominal load [N], and the codes of its unit and of that load."""
 
     def __init__(
         self,
@@ -202,7 +202,7 @@ class EmulatedLorenz(SerialSensor):
         super().restart(now_s, silent_s)
 
 
-_UNITS = {  # command, what it writes behind a reading, and what that is [N], or [N m]
+_UNITS = {  # command, unit text behind a reading, and its size [N] or [N m]
     "N": ("N", 1.0),
     "LB": ("lbF", 4.4482216152605),
     "KG": ("kgF", 9.80665),
@@ -247,7 +247,7 @@ class EmulatedMark10(SerialSensor):
         return b""
 
     def due(self, now_s: float) -> bool:
-        """See `SerialSensor.due`: once for each time that it was asked."""
+        """See `SerialSensor.due`: once per request."""
         is_due = self._due_s <= now_s + 1e-9 and now_s >= self._silent_until_s
         self._due_s = math.inf if is_due else self._due_s
         return is_due
@@ -289,7 +289,7 @@ def cell_line(text: str) -> bytes:
 
 
 class EmulatedCell(SerialSensor):
-    """One cell, with so many newtons in a count, and so many samples a second [Hz]."""
+    """One cell with newtons per count and a sample rate [Hz]."""
 
     def __init__(self, newtons_per_count: float, zero_counts: float = 0.0, rate_hz: int = 320) -> None:
         self.range_n = math.inf
@@ -313,7 +313,7 @@ class EmulatedCell(SerialSensor):
         return cell_line(f"{self._counter} {round(min(max(counts, -_RAIL - 1), _RAIL))}")
 
     def restart(self, now_s: float, silent_s: float) -> None:
-        """See `SerialSensor.restart`; it streams again by itself."""
+        """See `SerialSensor.restart`; it streams again without a request."""
         self._counter = 0
         super().restart(now_s, silent_s)
 
@@ -351,14 +351,14 @@ def bota_frame(status: int, values: list[float], time_us: int, temperature_c: fl
 
 
 class EmulatedBota(SerialSensor):
-    """One sensor, of whose axes one is pressed, from 0, up to a capacity [N].
+    """One force-torque sensor with a force on one axis (from 0), up to a capacity [N].
 
-    The length of its filter, which makes its rate, is as it was saved in it.
+    The length of its filter, which determines its rate, is stored in the sensor.
 
     Attributes:
         status: status bits beside those of its reading.
-        refused: letters of commands that it does not do.
-        starts_until_s: when it has started and begins to hear [s].
+        refused: letters of commands that it refuses.
+        starts_until_s: end of its start, from which on it receives commands [s].
     """
 
     def __init__(self, axis: int, capacity_n: float, length: int = 512) -> None:
@@ -405,7 +405,7 @@ class EmulatedBota(SerialSensor):
         return bota_frame(status, values, round(self._time_us))
 
     def restart(self, now_s: float, silent_s: float) -> None:
-        """See `SerialSensor.restart`; it runs by itself again, as it was saved."""
+        """See `SerialSensor.restart`; it streams again with its stored settings."""
         super().restart(now_s, silent_s)
         self._length, self._time_us = self._saved, 0.0
         self._run(now_s)
@@ -432,7 +432,7 @@ def newtons_per(unit: str) -> float:
 
 
 class SensorSettings(FileModel, extra="ignore"):
-    """What a robot file says of any force sensor."""
+    """Settings in a robot file that any force sensor has."""
 
     reversed: bool = False
 
@@ -475,7 +475,7 @@ class _Lorenz(SensorSettings):
     load_code: int
 
 
-# By driver: what a robot file says, and the sensor that stands for it.
+# By driver: settings in the robot file, and the emulated sensor.
 _SENSORS: dict[str, tuple[type[SensorSettings], Callable[[Any], SerialSensor]]] = {
     "bota": (AxisSettings, lambda own: EmulatedBota(own.axis_index, own.capacity_n)),
     "force_lines": (_Ranged, lambda own: EmulatedGauge(own.capacity_n)),

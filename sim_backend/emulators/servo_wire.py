@@ -17,13 +17,13 @@ from palpate.sim_backend.emulators.bench import EmulatedWire, JointState, Plant,
 from palpate.sim_backend.emulators.faults import Fault, FaultKind, Faults
 
 BROADCAST = 0xFE
-REBOOT_S = 0.3  # how long a servo is away, unless a fault says otherwise
+REBOOT_S = 0.3  # default duration of a servo's absence
 _SLIP_RAD = 0.1
 _HELD = JointState(0.0, 0.0, 0.0)
 
 
 class EmulatedMounting(FileModel, extra="ignore"):
-    """One servo as it is bolted to the arm, which is not always what the robot file says."""
+    """One servo as mounted on the arm, which may differ from the robot file."""
 
     emulated: ClassVar[Collection[str]]  # models
 
@@ -31,7 +31,7 @@ class EmulatedMounting(FileModel, extra="ignore"):
     model: str  # by its maker's name
     reversed: bool = False  # whether a positive count turns the joint backwards
     zero_rad: Number = pi  # joint angle where the servo shows position 0, whole turns aside [rad]
-    second: Self | None = None  # the other servo of a joint that two turn; of the same model if it says none
+    second: Self | None = None  # the other servo of a joint with two; default: the same model
 
     @model_validator(mode="before")
     @classmethod
@@ -114,7 +114,7 @@ class LineServo(ABC):
     @property
     @abstractmethod
     def alert(self) -> int:
-        """The bits of an error of its own that all its answers carry."""
+        """Error bits that all its answers carry."""
 
     @property
     @abstractmethod
@@ -123,7 +123,7 @@ class LineServo(ABC):
 
     @abstractmethod
     def watch(self, now_s: float) -> None:
-        """Do what it does by itself, in each step.
+        """Advance the servo by one step.
 
         Args:
             now_s: bench's clock [s].
@@ -131,7 +131,7 @@ class LineServo(ABC):
 
     @abstractmethod
     def fail(self) -> None:
-        """Have an error of its own."""
+        """Raise a device error."""
 
     @abstractmethod
     def reboot(self, now_s: float, away_s: float) -> None:
@@ -158,7 +158,7 @@ class Instruction:
 
 
 class Receiver(ABC):
-    """Picks instructions out of what comes over the wire."""
+    """Parses instructions from received bytes."""
 
     def __init__(self) -> None:
         self._pending = bytearray()
@@ -175,11 +175,11 @@ class Receiver(ABC):
 
     @abstractmethod
     def _next(self) -> Instruction | None:
-        """Take the next instruction off what is pending; None if none is complete."""
+        """Remove and return the next complete instruction; None if none is complete."""
 
 
 class Answer(NamedTuple):
-    """What one servo wants to say."""
+    """Answer of one servo."""
 
     servo: LineServo
     data: bytes = b""
@@ -198,11 +198,11 @@ class ServoFrame:
 class ServoWire(EmulatedWire, Generic[ServoType]):
     """Servos, by id, on one line; `path` is its device file for the driver.
 
-    The baud rate is for the time on the wire [bit/s]; with None bytes take no time. The servos get power at
-    `start_s` [s]. Faults may be added at any time; devices are called by their ids.
+    The baud rate determines the time on the wire [bit/s]; with None, bytes take no time. The servos get power
+    at `start_s` [s]. Faults may be added at any time; devices are named by their ids.
 
     Attributes:
-        echoes: whether the adapter hears what it says, as some do.
+        echoes: whether the adapter receives its own bytes, as some do.
     """
 
     echoes = False
@@ -230,11 +230,11 @@ class ServoWire(EmulatedWire, Generic[ServoType]):
 
     @abstractmethod
     def _obey(self, instruction: Instruction, servo: ServoType, now_s: float) -> Answer | None:
-        """Do what one servo is told; return what it answers, or None."""
+        """Execute an instruction to one servo; return its answer, or None."""
 
     @abstractmethod
     def _obey_all(self, instruction: Instruction, awake: dict[int, ServoType], now_s: float) -> None:
-        """Do what all servos are told, those that are awake by id, and answer."""
+        """Execute an instruction to all servos, those that are awake by id, and answer."""
 
     @staticmethod
     @abstractmethod
@@ -242,7 +242,7 @@ class ServoWire(EmulatedWire, Generic[ServoType]):
         """The packet of an answer."""
 
     def fileno(self) -> int:
-        """See `EmulatedWire.fileno`; a port that nobody has opened would always be readable."""
+        """See `EmulatedWire.fileno`; a port that is not open would always be readable."""
         return self._master if self._in_use else -1
 
     def next_due_s(self) -> float:
@@ -251,7 +251,7 @@ class ServoWire(EmulatedWire, Generic[ServoType]):
     def receive(self, now_s: float) -> None:
         planned = self.faults.planned
         for servo in self.servos.values():
-            if planned or self._befell:  # once more after the last: what was stuck is free again
+            if planned or self._befell:  # once more after the last, to release stuck devices
                 self._befall(servo, now_s)
             servo.watch(now_s)
         self._befell = planned
@@ -294,7 +294,7 @@ class ServoWire(EmulatedWire, Generic[ServoType]):
         except OSError as error:
             if error.errno != errno.EIO:
                 raise
-            self._in_use = False  # nobody has opened the port
+            self._in_use = False  # the port is not open
             return b""
         self._in_use = True
         return data if data and heard_at(self._master, self._baud_rate) else b""
@@ -330,7 +330,7 @@ class ServoWire(EmulatedWire, Generic[ServoType]):
         self._outgoing += frames
 
     def _transmit(self, speaking: Sequence[LineServo], packet: bytes, now_s: float) -> ServoFrame:
-        """Put what some servos say on the line, after what is on it already."""
+        """Append answers of servos to the line."""
 
         def strikes(kind: FaultKind) -> list[Fault]:
             faults = (self.faults.strikes(kind, servo.id, now_s) for servo in speaking)

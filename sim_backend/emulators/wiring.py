@@ -1,4 +1,4 @@
-"""Puts emulated devices at the far end of every bus of a robot file: real drivers meet their bytes."""
+"""Connects emulated devices to every bus of a robot file, for tests of the real drivers."""
 
 from abc import ABC, abstractmethod
 from collections.abc import Mapping
@@ -20,10 +20,10 @@ from palpate.sim_backend.scenario import Scenario
 
 @dataclass(frozen=True)
 class WireRequest:
-    """What an emulated wire is to stand in for."""
+    """The bus that an emulated wire replaces."""
 
     section: BusSection  # the bus in the robot file
-    force: DeviceSection | None  # the force sensor in the robot file if it hangs on this bus, else None
+    force: DeviceSection | None  # the force sensor in the robot file if it is on this bus, else None
     plant: Plant  # the arm
     faults: Faults  # what goes wrong on this wire
     start_s: float  # time on the bench's clock [s]
@@ -31,16 +31,16 @@ class WireRequest:
 
 
 class WireMaker(ABC):
-    """Makes the emulated wire for one bus driver, whose name it bears; found by a registry, one file each."""
+    """Makes the emulated wire of the bus driver of the same name; found by a registry, one per file."""
 
     name: ClassVar[str]
 
     @abstractmethod
     def make(self, request: WireRequest) -> tuple[EmulatedWire, dict[str, Any]]:
-        """The wire, and the settings of the bus that let its driver find it.
+        """Make the wire, and the bus settings by which its driver finds it.
 
         Args:
-            request: what the wire stands in for.
+            request: the bus to emulate.
 
         Returns:
             Wire and settings.
@@ -71,9 +71,9 @@ def wire_up(
     faults: Mapping[str, Faults] | None = None,
     effects: HiddenEffects = NO_EFFECTS,
 ) -> WiredArm:
-    """Emulate every bus of a robot; on a simulated clock devices run in lock-step with it.
+    """Emulate every bus of a robot; on a simulated clock the devices run in lock-step with it.
 
-    Faults are given by bus name, and effects are what is hidden in plant and sensors.
+    Faults are given by bus name; effects are hidden in plant and sensors.
 
     Args:
         robot_file: of the real arm.

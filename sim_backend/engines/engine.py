@@ -118,7 +118,7 @@ class Engine(ABC):
         InputError: the engine cannot load the URDF, or it is not a serial arm that ends at the tip frame.
     """
 
-    name: ClassVar[str]  # what a scenario calls it
+    name: ClassVar[str]  # name in a scenario
 
     torque_limit_nm: list[float]  # largest torque of each drive, the URDF's effort limits (n) [N m]
 

@@ -14,7 +14,7 @@ _STEPS_TO_STOP = 2.0
 _HARD = [0.9999, 0.9999, 0.001, 0.5, 2.0]
 _FRAME = mujoco.mjtObj.mjOBJ_XBODY
 
-mujoco.set_mju_user_warning(lambda text: None)  # it would write MUJOCO_LOG.TXT where the user happens to be
+mujoco.set_mju_user_warning(lambda text: None)  # it would write MUJOCO_LOG.TXT into the working directory
 
 
 class MujocoEngine(Engine):
@@ -44,7 +44,7 @@ class MujocoEngine(Engine):
         self.torque_limit_nm = [float(limit) if limited else np.inf for limited, limit in effort]
         self._data = data = mujoco.MjData(model)
         self._aside = mujoco.MjData(model)  # for questions about other states
-        # Views of the engine's own memory; to ask for one takes as long as to read it.
+        # Views of the engine's own memory, kept because creating one takes as long as reading it.
         self._position, self._velocity, self._applied = data.qpos, data.qvel, data.qfrc_applied
         self._tip_position, self._tip_quaternion = data.xpos[self._tip], data.xquat[self._tip]
         self._tip_velocity = np.zeros(6)
@@ -85,7 +85,7 @@ class MujocoEngine(Engine):
 
     def brake(self, friction_nm: Sequence[float]) -> None:
         self._model.dof_frictionloss[:] = friction_nm
-        self._look()  # friction is a constraint, which the next step takes as it is found there
+        self._look()  # friction is a constraint that the next step reads from there
 
     def step(self) -> None:
         mujoco.mj_step2(self._model, self._data)

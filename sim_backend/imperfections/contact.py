@@ -63,9 +63,9 @@ class HiddenLayeredStiffness(_Material):
     """
 
     name = "layered_stiffness"
-    # k2, what the second layer adds [N/m].
+    # k2, stiffness of the second layer [N/m].
     stiffness_n_m: Number = parameter("N/m", 50.0, 5000.0, ge=0, le=1e6)
-    depth_m: NotNegative = parameter("m", 0.001, 0.05, le=1.0)  # d, where it is reached [m]
+    depth_m: NotNegative = parameter("m", 0.001, 0.05, le=1.0)  # d, depth of the second layer [m]
 
     def added_n(self, depth_m: float, rate_m_s: float) -> float:
         return self.stiffness_n_m * max(depth_m - self.depth_m, 0.0)
@@ -181,7 +181,7 @@ class HiddenAdhesion(ContactImperfection):
 
 
 class _Bond(_Memory[bool]):
-    """Remembers whether it holds."""
+    """Remembers whether the bond holds."""
 
     def __init__(self, surface: HiddenAdhesion) -> None:
         super().__init__(False)
@@ -338,7 +338,7 @@ class HiddenToolCompliance(ContactImperfection):
     """
 
     name = "tool_compliance"
-    shows_in = ()  # by itself it is a softer object
+    shows_in = ()  # alone it acts like a softer object
     needs_force_law = True
     # C, one over the tool's stiffness; zero is rigid [m/N].
     compliance_m_n: NotNegative = parameter("m/N", 1e-5, 1e-3, le=0.01)
@@ -383,7 +383,7 @@ class _SeriesSpring(ToolEffect):
         return stiffness * squeeze_m
 
     def _root(self, left_n: Callable[[float], float], rigid_n: float) -> float:
-        """Where the balance `left_n` is zero, given that of no squeeze; the last one asked for [m]."""
+        """Return the root of the balance `left_n`, given its value without compression [m]."""
         near_m, near_n = 0.0, rigid_n
         far_m = rigid_n / (self._stiffness_n_m - self._slope_n_m)
         far_n = left_n(far_m)

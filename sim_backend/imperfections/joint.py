@@ -85,7 +85,7 @@ class HiddenCoulombFriction(_Friction):
 
     @classmethod
     def at_strength(cls, strength: float, channel: str, scale: NoiseScale, generator: Generator) -> Self:
-        """See `Imperfection.at_strength`; at most what a controller masters that does not know it."""
+        """See `Imperfection.at_strength`; at most what a controller without its model can handle."""
         coulomb_nm = min(strength * scale.joint_noise_nm, scale.joint(channel).mastered_nm)
         return cls(joint=joint_of(channel), coulomb_nm=coulomb_nm)
 
@@ -111,7 +111,7 @@ class HiddenAsymmetricFriction(_Friction):
 
     @classmethod
     def at_strength(cls, strength: float, channel: str, scale: NoiseScale, generator: Generator) -> Self:
-        """See `Imperfection.at_strength`; at most what a controller masters that does not know it."""
+        """See `Imperfection.at_strength`; at most what a controller without its model can handle."""
         large_nm = min(1.3 * strength * scale.joint_noise_nm, scale.joint(channel).mastered_nm)
         small_nm = generator.uniform(0.1, 0.5) * large_nm
         positive_nm, negative_nm = generator.permutation([large_nm, small_nm]).tolist()
@@ -128,7 +128,7 @@ class HiddenStribeckFriction(_Friction):
     # s, how much more at rest than sliding [N m].
     stiction_nm: NotNegative = parameter("N m", 0.02, 2.0, le=100.0)
     speed_rad_s: Positive = parameter("rad/s", 0.01, 0.5, ge=1e-4, le=10.0)  # v_s [rad/s]
-    # f, what is left at speed [N m].
+    # f, friction at high speed [N m].
     coulomb_nm: NotNegative = parameter("N m", 0.0, 2.0, le=100.0, default=0.0)
 
     def resistance_nm(self, speed_rad_s: float, along_nm: float) -> float:
@@ -137,7 +137,7 @@ class HiddenStribeckFriction(_Friction):
 
     @classmethod
     def at_strength(cls, strength: float, channel: str, scale: NoiseScale, generator: Generator) -> Self:
-        """See `Imperfection.at_strength`; at most what a controller masters that does not know it."""
+        """See `Imperfection.at_strength`; at most what a controller without its model can handle."""
         joint = scale.joint(channel)
         return cls(
             joint=joint_of(channel),
@@ -155,7 +155,7 @@ class HiddenLoadDependentFriction(_Friction):
     """
 
     name = "load_dependent_friction"
-    shows_in = LOADED  # a tool that hangs straight down does not load its joint
+    shows_in = LOADED  # a vertical tool does not load its joint
     load_share: Number = parameter("-", 0.005, 0.3, ge=0, le=0.9)  # mu [-]
 
     def resistance_nm(self, speed_rad_s: float, along_nm: float) -> float:
@@ -249,7 +249,7 @@ class HiddenTorqueGain(_LinkTorque):
     """
 
     name = "torque_gain"
-    shows_in = LOADED  # a tool that hangs straight down does not load its joint
+    shows_in = LOADED  # a vertical tool does not load its joint
     # g, true over believed motor constant; one is right [-].
     gain: Number = parameter("-", 0.8, 1.2, ge=0.2, le=3.0)
 

@@ -238,7 +238,7 @@ class HiddenPayload(JointImperfection):
     """
 
     name = "payload"
-    shows_in = LOADED  # a tool that hangs straight down gives its joint no lever
+    shows_in = LOADED  # a vertical tool has no lever at its joint
     # M [kg]; scaled by the arm's mass_scale as the rest of it.
     mass_kg: NotNegative = parameter("kg", 0.005, 1.0, le=50.0)
 
