@@ -10,7 +10,7 @@ import numpy as np
 
 from palpate.estimation.channel import ChannelData, ChannelKind
 from palpate.estimation.data.assign_columns import Columns, assign_columns, in_blocks
-from palpate.estimation.data.choose_columns import units_meant
+from palpate.estimation.data.choose_columns import EFFORTS, units_meant
 from palpate.estimation.data.column_names import (
     QUANTITIES,
     TIME,
@@ -266,9 +266,7 @@ def _sources(columns: Columns) -> list[_Source]:
                 )
         raise InputError(
             f"{columns.table.path}: no channel can be made of columns {columns.table.listed_names}"
-            f"{_first_row(columns)}; "
-            "a contact needs time_s, displacement_m, force_N, a joint time_s, position_rad, torque_Nm "
-            f"(or position_m, force_N); say which is which, as in {_example(columns)}"
+            f"{_first_row(columns)}; {_remedy(columns)}"
         )
     return sources
 
@@ -304,16 +302,43 @@ def _first_row(columns: Columns) -> str:
     return f" (it names none; the first row is {cells}{' ...' if len(table.names) > _SHOWN_CELLS else ''})"
 
 
-def _example(columns: Columns) -> str:
-    """Options that make a joint of an angle, or a contact, if further columns hold numbers."""
+def _remedy(columns: Columns) -> str:
+    """Say what channels need, and which options make one, unless no column seems to hold an effort."""
     table = columns.table
     guesses = {guess.column: guess.quantity for guess in guess_columns(table.names)}
     said = {name: guesses.get(name) or quantity_in(name) for name in table.names}
+    needed = (
+        "a contact needs time_s, displacement_m, force_N, a joint time_s, position_rad, torque_Nm "
+        "(or position_m, force_N)"
+    )
+    efforts = {dimension for quantity in EFFORTS for dimension in QUANTITIES[quantity]}
+    has_effort = any(quantity in EFFORTS for quantity, _ in columns.assigned) or any(
+        said[name] in EFFORTS or (not said[name] and dimension_of(unit_in_name(name)) in efforts)
+        for name in table.names
+        if table.varies(name)
+    )
+    if has_effort or NAMELESS in table.words:
+        return f"{needed}; say which is which, as in {_example(columns, said)}"
+    return (
+        f"by names and units, no column seems to hold a force or torque; {needed}; if a column holds one, "
+        "say --column force_N=COLUMN or --column torque_Nm=COLUMN"
+    )
+
+
+def _example(columns: Columns, said: Mapping[str, str]) -> str:
+    """Options that make a joint of an angle, or a contact, if further columns hold numbers.
+
+    Args:
+        columns: columns of the file.
+        said: what the name of each column says that it holds, or empty.
+    """
+    table = columns.table
     numbers = [name for name in table.names if table.varies(name)]
     free = [name for name in numbers if name not in columns.used and said[name] not in _NO_EFFORT]
-    angle = next((name for name in numbers if guesses.get(name) == "position"), None)
+    angle = next((name for name in numbers if said[name] == "position"), None)
     if angle is not None and free and dimension_of(unit_in_name(angle)) == "angle":
-        return f"--column torque={shlex.quote(free[0])} --unit torque=1Nm"
+        effort = next((name for name in free if said[name] in EFFORTS), free[0])
+        return f"--column torque={shlex.quote(effort)} --unit torque=1Nm"
     options = []
     if TIME not in columns:
         rising = (name for name in free if (np.diff(table.numbers(name)) > 0.0).all())

@@ -266,6 +266,28 @@ def test_a_word_alone_is_no_joint_without_its_partner(tmp_path):
         import_table(table_of(pa.table(columns), tmp_path))
 
 
+@pytest.mark.parametrize(
+    "names",
+    [
+        "time_s,displacement_mm,temperature_C,sweep_index",
+        "timestamp,total_angle,samples",
+        "time_s,theta_deg,energy_J,subject",
+        "time,lc1,lc2,status",
+        "EnggStrain,TrueStrain",
+    ],
+)
+def test_no_column_is_proposed_as_a_force_that_is_none_by_its_name(tmp_path, names):
+    columns = np.cumsum(np.random.default_rng(0).random((50, len(names.split(",")))), axis=0)
+    path = tmp_path / "own.csv"
+    np.savetxt(path, columns, delimiter=",", header=names, comments="")
+    with pytest.raises(InputError, match="no column seems to hold a force or torque") as refused:
+        import_file(path)
+    said = str(refused.value)
+    assert names.replace(",", ", ") in said
+    assert not any(f"={name}" in said for name in names.split(","))
+    assert "\n" not in said
+
+
 def test_a_folder_of_a_data_set_is_its_episodes(episode):
     options = ImportOptions(units={"position": "deg", "torque": "Nm"})
     source = open_source(episode.parents[2], options)
