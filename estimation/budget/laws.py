@@ -132,17 +132,21 @@ def unseen_kinds(data: ChannelData) -> frozenset[Kind]:
     Path memory needs a run that returns. Any memory, and the curve of a sensor without a
     bias in free air, need several passes or speeds. Rate dependence needs
     more than one speed; otherwise it cannot be told from friction or from the base model's damping.
+    A drift needs several runs, or free air at both ends of the run: within one contact, slow relaxation
+    changes the effort in the same way.
 
     Args:
         data: the channel.
     """
     if data.kind is not ChannelKind.CONTACT:
         return frozenset()
+    zero = zero_in_free_air(data)
     unseen = {Kind.RATE_DEPENDENCE} if is_one_pace(data.velocity[data.engaged]) else set[Kind]()
+    if len(data.runs) == 1 and (zero is None or zero.rate is None):
+        unseen.add(Kind.DRIFT)
     if never_returns(data.position, data.run):
         one_pass = is_one_speed(data.time_s, data.position, data.run)
         unseen |= UNSEEN_IN_ONE_PASS if one_pass else {Kind.FRICTION}
-        zero = zero_in_free_air(data)
         if one_pass and zero is not None and not zero.is_zero:
             unseen.remove(Kind.SENSOR_STATICS)
     return frozenset(unseen)

@@ -303,18 +303,19 @@ def _with_sides(
             f"where the force begins; --unit displacement=1{way.unit} keeps it, `palpate add FILE "
             "contact_offset` fits it"
         )
-    if sides.two_sided and way.column not in options.columns.values():
-        quoted, contact = shlex.quote(way.column), "--column displacement={} makes a contact of it"
-        notes.append(f"'{way.column}' and '{force.column}' take both signs,")
-        if sides.springy or POSITION in assigned:
-            notes[-1] += " with the same sign at the same time: an element that pulls as well as pushes, "
-            notes[-1] += "without a surface; "
-            notes[-1] += f"{contact.format(quoted)}, --column position={quoted} a linear axis"
-            return result, True, "; ".join(notes)
-        notes[-1] += (
-            f" but not at the same time, as with a damper: taken for a linear axis; {contact.format(quoted)}"
-        )
-        result = {POSITION if key == DISPLACEMENT else key: source for key, source in result.items()}
+    is_named = way.column in options.columns.values()
+    if not sides.two_sided or (is_named and not sides.never_free):
+        return result, False, "; ".join(notes)
+    names, quoted = f"'{way.column}' and '{force.column}' take both signs", shlex.quote(way.column)
+    contact = f"--column displacement={quoted} makes a contact of it"
+    if sides.springy or is_named or POSITION in assigned:
+        names += ", with the same sign at the same time"
+        names = f"'{force.column}' rests at no displacement" if sides.never_free else names
+        notes.append(f"{names}: an element that pulls as well as pushes, without a surface")
+        notes += [] if sides.never_free else [f"{contact}, --column position={quoted} a linear axis"]
+        return result, True, "; ".join(notes)
+    notes.append(f"{names}, but not at the same time, as with a damper: taken for a linear axis; {contact}")
+    result = {POSITION if key == DISPLACEMENT else key: source for key, source in result.items()}
     return result, False, "; ".join(notes)
 
 

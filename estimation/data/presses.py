@@ -251,6 +251,7 @@ _MOVES = 0.3  # of the force's deviation on the one side, that it has far out on
 _FARTHER = 0.5  # of the range to the other side
 _FARTHEST = 0.9  # of the same
 _RESTS = 0.2  # of the force's deviation on that side, below which it rests
+_RESTLESS = 0.5  # of the force's deviation, above which it does not rest where it is farthest out
 _FEWEST = 20  # samples far out, or about a level of the force
 _SHALLOW = 0.02  # of the pressed samples: deeper than these no force begins
 _PULLS = 0.5  # of the larger force, that is to the other side
@@ -268,6 +269,7 @@ class PressSides:
     zero_m: float = 0.0  # where the force begins, if the displacement counts from far away, after turning [m]
     two_sided: bool = False  # whether the element pulls as well: a spring or damper held at both ends
     springy: bool = True  # whether the force follows the displacement
+    never_free: bool = False  # whether the force rests nowhere, so that no displacement is free air
 
 
 def press_sides(displacement: FloatArray, force: FloatArray) -> PressSides:
@@ -280,12 +282,24 @@ def press_sides(displacement: FloatArray, force: FloatArray) -> PressSides:
         displacement: shape (n,), in the order of time.
         force: shape (n,).
     """
-    alike = correlation_coefficient(displacement, force)
-    if _is_two_sided(displacement, force) or _pulls_deep_inside(displacement, force):
+    sides = _sides_of_object(displacement, force)
+    is_two_sided = _is_two_sided(displacement, force) or _pulls_deep_inside(displacement, force)
+    is_held = _is_never_free(sides.displacement * displacement - sides.zero_m, force)
+    if is_two_sided or is_held:
+        alike = correlation_coefficient(displacement, force)
+        if is_held and abs(np.mean(displacement)) > np.ptp(displacement):  # counted from the element's length
+            alike = np.sign(np.mean(displacement) * np.mean(force))
         if abs(alike) > _SPRINGY:
-            return PressSides(force=float(np.sign(alike)), two_sided=True)
+            return PressSides(force=float(np.sign(alike)), two_sided=True, never_free=is_held)
         against = correlation_coefficient(np.gradient(displacement), force) < _DRAGGED
-        return PressSides(force=-1.0 if against else 1.0, two_sided=True, springy=False)
+        way = -1.0 if against else 1.0
+        return PressSides(force=way, two_sided=True, springy=not is_two_sided, never_free=is_held)
+    return sides
+
+
+def _sides_of_object(displacement: FloatArray, force: FloatArray) -> PressSides:
+    """Find how displacement and force (n,) count, of an object that can only push."""
+    alike = correlation_coefficient(displacement, force)
     until = int(np.argmax(np.abs(force))) + 1  # then it may soften or tear
     before = correlation_coefficient(displacement[:until], force[:until]) if until >= _FEWEST else 0.0
     if abs(before) > _GOES_WITH > alike * np.sign(before):
@@ -336,6 +350,19 @@ def _zero(displacement: FloatArray, force: FloatArray) -> float:
     stiffness, _, offset = np.linalg.lstsq(columns[pressed], force[pressed] - levels.free, rcond=None)[0]
     begins = -offset / stiffness if stiffness > 0.0 else high
     return float(np.clip(begins, np.min(free), np.quantile(displacement[pressed], _SHALLOW)))
+
+
+def _is_never_free(depth: FloatArray, force: FloatArray) -> bool:
+    """Whether the force (n,) changes as much where it is farthest outside of the object as it does elsewhere.
+
+    In free air a force rests: its neighboring readings differ as much as any others. A force that changes
+    smoothly there belongs to an element that is held at both ends.
+    """
+    farthest = force[depth <= _FARTHEST * min(depth.min(), 0.0)]
+    if len(farthest) < _FEWEST:
+        return False
+    changes = np.std(farthest) > _RESTLESS * np.std(force)
+    return bool(changes) and correlation_coefficient(farthest[1:], farthest[:-1]) > _NOT_NOISE
 
 
 def _pulls_deep_inside(displacement: FloatArray, force: FloatArray) -> bool:

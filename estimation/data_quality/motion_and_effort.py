@@ -116,7 +116,7 @@ def no_contact(data: ChannelData) -> str | None:
     """
     if data.kind is not ChannelKind.CONTACT:
         return None
-    pressed = data.engaged
+    pressed, level = data.engaged, 0.0
     if pressed.mean() < _LEAST_PRESSED:
         return "no contact: the displacement is never positive; press the object"
     if not pressed.all():
@@ -127,7 +127,8 @@ def no_contact(data: ChannelData) -> str | None:
     depth, until = np.where(pressed, data.position, 0.0), int(np.argmax(np.abs(data.effort))) + 1
     falls = correlation_coefficient(depth, data.effort)
     tears = correlation_coefficient(depth[:until], data.effort[:until]) > -_FALLS  # it rises until then
-    if falls < _FALLS and not tears and misaligned(data) is None:
+    pulls = float(depth @ (data.effort - level)) < 0.0  # a spring from the surface on would be negative
+    if pulls and falls < _FALLS and not tears and misaligned(data) is None:
         return (
             f"force falls with depth (correlation {falls:.2f}); check the sign of force and displacement: "
             "--unit force=-1N turns the force"

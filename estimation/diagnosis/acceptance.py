@@ -38,8 +38,8 @@ _LEAST_SHARE = 0.02  # of the error that a kind must account for
 _LEAST_OF_UNEXPLAINED = 0.25  # of the unexplained mean square; an effect that explains less may be part of it
 _LITTLE_UNEXPLAINED = 0.1  # of what an effect explains; a larger unexplained part may belong to another kind
 _LEAST_RUNS = 5  # needed to accept a variation between runs in an incomplete model
-_READER_KINDS = frozenset({Kind.SENSOR_STATICS, Kind.SENSOR_DYNAMICS})
-_PHYSICAL_KINDS = frozenset(Kind) - _READER_KINDS - {Kind.RUN_DIFFERENCES, Kind.DRIFT, Kind.OTHER}
+READER_KINDS = frozenset({Kind.SENSOR_STATICS, Kind.SENSOR_DYNAMICS})
+_PHYSICAL_KINDS = frozenset(Kind) - READER_KINDS - {Kind.RUN_DIFFERENCES, Kind.DRIFT, Kind.OTHER}
 _SAME_CURVE = 1e-3  # energy of the difference of two curves, relative to what the effect adds
 
 
@@ -380,7 +380,7 @@ def _physical_alternatives(search: Search, fit: FitResult, name: str) -> Iterato
     Sensors are seldom at fault. A sensor effect is accepted only if no effect of what the sensor measures,
     with no more parameters, explains about as much.
     """
-    if fit.solution.model.effect(name).kind not in _READER_KINDS:
+    if fit.solution.model.effect(name).kind not in READER_KINDS:
         return
     limit, alternatives = _alternatives(search, fit, name)
     for candidate in alternatives:
@@ -436,7 +436,7 @@ def most_parsimonious(
                 continue
         candidates = list(_rivals(search, fit, name, measurement, most))
         physical = [one for one in candidates if one.effect.kind in _PHYSICAL_KINDS]
-        if effect.kind in _READER_KINDS and physical:
+        if effect.kind in READER_KINDS and physical:
             better = [search.with_candidate(candidate) for candidate in physical]
         else:
             rivals = map(search.with_candidate, candidates)

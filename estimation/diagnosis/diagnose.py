@@ -2,7 +2,7 @@
 
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from concurrent.futures import ProcessPoolExecutor
-from functools import cache, partial
+from functools import cache, partial, reduce
 from multiprocessing import get_context
 from zlib import crc32
 
@@ -12,6 +12,7 @@ from palpate.estimation.channel import ChannelData
 from palpate.estimation.data_quality import reject_reason, usable
 from palpate.estimation.design.next_experiment import FEW_READINGS
 from palpate.estimation.diagnosis.acceptance import (
+    READER_KINDS,
     accept_effects,
     accept_forms,
     acceptance_criteria,
@@ -153,6 +154,12 @@ def diagnose_channel(
         if end is search.start:  # several effects jointly may have failed where one alone is accepted
             for single in [candidate for candidate in search.screen(end) if candidate.possible][:1]:
                 end, tests = accept_forms(search, kinds(), search.with_candidate(single), checks.measurement)
+    # A sensor's fault follows its law exactly. If only noise is left and yet the law of its kind adds more
+    # than noise, the fault imitates something else.
+    imitations = [test.effect for test in tests if test.kind in READER_KINDS and not test.is_closed]
+    if imitations and checks.is_complete(end):
+        reduced = reduce(search.without, imitations, end)
+        end, tests = accept_forms(search, kinds(), reduced, checks.measurement)
     objection, complete = checks.objection(end), checks.is_complete(end)
     names = search.added_effects(end)
     may_be_rounding = "quantisation" not in names if names else not complete

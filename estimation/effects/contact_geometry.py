@@ -60,6 +60,11 @@ class Adhesion(AdditiveEffect):
         "dry_friction": "retract slowly beyond the surface: friction ends with the contact",
     }
 
+    def applies_to(self, data: ChannelData) -> bool:
+        """See `Effect.applies_to`: an element that is held at both ends has no surface to leave."""
+        is_held = data.touching is not None and bool(data.touching.all())
+        return super().applies_to(data) and not is_held
+
     def columns(self, data: ChannelData, inner: Inner) -> FloatArray:
         touched = running_max(data.engaged.astype(np.float64), data.run)
         neck = np.exp(np.minimum(data.position, 0.0) / inner["reach"])

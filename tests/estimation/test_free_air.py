@@ -130,3 +130,28 @@ def test_dependence_on_the_rate_is_seen_at_two_speeds_alone(speeds, seen):
     }
     assert tried == ({"hunt_crossley", "dry_friction"} if seen else {"dry_friction"})
     assert any("all motion is at one speed" in warning for warning in quality_warnings(data)) is not seen
+
+
+def pressed(runs, depth_m=0.0):
+    """Presses, from free air on, or always in contact, so that no reading tells the sensor's zero."""
+    data = session(1)
+    data = data.select(data.run < runs)
+    return replace(data, position=data.position + depth_m)
+
+
+@pytest.mark.parametrize(
+    ("data", "seen"),
+    [(pressed(1, 0.01), False), (pressed(2, 0.01), True), (pressed(1), True)],
+    ids=["held", "two runs", "free air"],
+)
+def test_a_drift_is_seen_by_a_second_run_or_by_free_air_at_both_ends(data, seen):
+    """Within one contact, slow relaxation changes the effort in the same way."""
+    names = {effect.name for effect in applicable_effects(data, MODEL, [EFFECTS["drift"]()])}
+    assert ("drift" in names) is seen
+
+
+def test_an_element_that_is_held_at_both_ends_has_no_adhesion():
+    data = session(1)
+    touching = np.ones(len(data), dtype=np.bool_)
+    assert EFFECTS["adhesion"]().applies_to(data)
+    assert not EFFECTS["adhesion"]().applies_to(replace(data, touching=touching))

@@ -248,3 +248,27 @@ def test_a_long_hold_says_nothing_of_where_a_force_begins():
     way = np.concatenate([np.linspace(-22e-3, -1e-3, 100), np.full(20_000, -1e-3)])
     force = np.concatenate([200.0 * np.linspace(0.0, 21e-3, 100), np.full(20_000, 3.4)])
     assert press_sides(way, force).zero_m == pytest.approx(-22e-3, abs=5e-4)
+
+
+HOLD_T = np.concatenate([np.arange(20) * 0.001, 0.02 + np.geomspace(0.01, 1000.0, 580)])
+GAP_M = np.round(
+    0.03133 + 2e-5 * -np.expm1(-HOLD_T), 7
+)  # a jaw that creeps after a step, as a machine prints it
+RELAXING = 20.0 + 18.0 * np.exp(-HOLD_T / 30.0) + np.random.default_rng(2).normal(0.0, 0.01, len(HOLD_T))
+
+
+@pytest.mark.parametrize("sign", [1.0, -1.0])
+def test_a_stretched_fibre_that_relaxes_is_held_at_both_ends(sign):
+    found = imported(
+        time_s=HOLD_T, displacement_m=GAP_M, force_N=sign * RELAXING, run=np.zeros(len(HOLD_T), int)
+    )
+    (channel,) = found.channels
+    assert channel.engaged.all()
+    assert "'force_N' rests at no displacement" in found.notes[0]
+    assert reject_reason(channel) is None
+    np.testing.assert_allclose(channel.effort, RELAXING)  # a spring from the gap's zero on has this sign
+
+
+def test_a_force_that_is_nothing_but_noise_is_not_held():
+    noise = np.random.default_rng(3).normal(0.0, 0.05, len(PRESS_X))
+    assert not press_sides(PRESS_X + 0.0035, noise).two_sided

@@ -8,6 +8,7 @@ import pytest
 
 from palpate.estimation.base_model import ModelContext
 from palpate.estimation.diagnosis import Verdict, diagnose
+from palpate.estimation.diagnosis.forms import form_tests
 from palpate.estimation.diagnosis.verdict import insufficient_diagnosis
 from palpate.estimation.effects import EFFECTS
 from palpate.estimation.models import MODELS
@@ -147,6 +148,20 @@ def test_a_gap_is_found_with_what_the_motor_keeps_of_inertia_and_friction():
     for name, truth in (("gap", 0.12), ("motor_inertia", 0.3), ("motor_friction", 0.8)):
         told = entry.parameters[name]
         assert abs(told.value - truth) < 3.0 * told.std_err < 0.2, name
+
+
+@pytest.mark.parametrize("added", [0.0, 1.0])
+def test_a_sensor_s_fault_follows_its_law_or_bears_no_name(monkeypatch, added):
+    """A delay to which the law of its kind adds as much as the delay explains imitates something else."""
+
+    def more_in_the_law(partial, end):
+        tests = form_tests(partial, end)
+        return [replace(test, added=added * test.taken) for test in tests]
+
+    monkeypatch.setattr(import_module("palpate.estimation.diagnosis.diagnose"), "form_tests", more_in_the_law)
+    found = decide_verdict(swings(4, rubbing, sensor=late), "delay", "coulomb_friction")
+    assert found.complete is (added == 0.0)
+    assert ("delay" in named(found)) is (added == 0.0)
 
 
 NOTHING = {
