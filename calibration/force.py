@@ -144,19 +144,24 @@ def read_reference_file(
     reference = _column(table, "reference", columns)
     settled = columns.get("settled") or next((name for name in table.names if name == "settled"), None)
     factors = _TO_N | {"kg": gravity_m_s2, "g": 1e-3 * gravity_m_s2, "lb": 0.45359237 * gravity_m_s2}
-    unit = reference.rpartition("_")[2].lower()
-    if unit not in factors:
+    reference_unit = reference.rpartition("_")[2].lower()
+    if reference_unit not in factors:
         raise InputError(
             f"{table.path}: column '{reference}' must end in the reference's unit, "
             f"one of {', '.join(factors)}"
         )
-    unit_n = factors[unit]
     plateaus = find_plateaus(
         table.numbers(reading),
-        table.numbers(reference) * unit_n,
+        table.numbers(reference) * factors[reference_unit],
         None if settled is None else np.asarray(table.numbers(settled) != 0.0),
     )
-    return plateaus, reading_unit or _reading_unit(table, reading)
+    unit = reading_unit or _READING_UNITS.get(reading.rpartition("_")[2].lower())
+    if unit is None:
+        raise InputError(
+            f"{table.path}: column '{reading}' does not end in the unit of the reading; "
+            "say it with --reading-unit"
+        )
+    return plateaus, unit
 
 
 def _column(table: Table, role: str, columns: Mapping[str, str]) -> str:
@@ -171,16 +176,6 @@ def _column(table: Table, role: str, columns: Mapping[str, str]) -> str:
             f"There are: {table.listed_names}"
         )
     return candidates[0]
-
-
-def _reading_unit(table: Table, name: str) -> str:
-    unit = _READING_UNITS.get(name.rpartition("_")[2].lower())
-    if unit is None:
-        raise InputError(
-            f"{table.path}: column '{name}' does not end in the unit of the reading; "
-            "say it with --reading-unit"
-        )
-    return unit
 
 
 EVENT = "reference_force"

@@ -132,7 +132,45 @@ class LimitChecks:
         Returns:
             The problem, or None.
         """
-        return self._sample_problem(measurement) or self._value_problem(measurement)
+        time_s = measurement.time_s
+        problem = (
+            _sample_problem(
+                "encoder", measurement.encoder_status, time_s - measurement.encoder_at_s, self._encoder_age_s
+            )
+            or _sample_problem(
+                "force sensor", measurement.force_status, time_s - measurement.force_at_s, self._force_age_s
+            )
+            # A drive at the end of its range is no reason to stop: what it may send is limited anyway.
+            or _sample_problem(
+                "drives",
+                Status.OK if measurement.torque_status is Status.SATURATED else measurement.torque_status,
+                time_s - measurement.torque_at_s,
+                self._torque_age_s,
+            )
+        )
+        if problem is not None:
+            return problem
+        for (joint, low, high, fastest), position, velocity in zip(
+            self._motion_limits,
+            measurement.joint_position_rad.tolist(),
+            measurement.joint_velocity_rad_s.tolist(),
+            strict=True,
+        ):
+            if not low <= position <= high:
+                return Problem(
+                    f"joint {joint} is at {position:.4g} rad, limits {low:.4g} to {high:.4g} rad", _OUTSIDE
+                )
+            if not -fastest <= velocity <= fastest:
+                return Problem(
+                    f"joint {joint} moves at {velocity:.4g} rad/s, limit {fastest:.4g} rad/s", _TOO_FAST
+                )
+        for torque in measurement.joint_torque_nm.tolist():
+            if not -inf < torque < inf:
+                return Problem(f"a measured torque is {torque} N m")
+        force_n = measurement.force_n
+        if not -self._force_n <= force_n <= self._force_n:
+            return Problem(f"the contact force is {force_n:.4g} N, limit {self._force_n:.4g} N", _TOO_STRONG)
+        return None
 
     def too_old(self, measurement: Measurement) -> tuple[str, ...]:
         """Describe each device without a young enough sample, whatever the sample holds.
@@ -188,47 +226,6 @@ class LimitChecks:
                 return Problem(
                     f"joint {joint} is {distance:.4g} rad from its reference, limit {limit:.4g} rad", _LAGS
                 )
-        return None
-
-    def _sample_problem(self, measurement: Measurement) -> Problem | None:
-        time_s = measurement.time_s
-        return (
-            _sample_problem(
-                "encoder", measurement.encoder_status, time_s - measurement.encoder_at_s, self._encoder_age_s
-            )
-            or _sample_problem(
-                "force sensor", measurement.force_status, time_s - measurement.force_at_s, self._force_age_s
-            )
-            # A drive at the end of its range is no reason to stop: what it may send is limited anyway.
-            or _sample_problem(
-                "drives",
-                Status.OK if measurement.torque_status is Status.SATURATED else measurement.torque_status,
-                time_s - measurement.torque_at_s,
-                self._torque_age_s,
-            )
-        )
-
-    def _value_problem(self, measurement: Measurement) -> Problem | None:
-        for (joint, low, high, fastest), position, velocity in zip(
-            self._motion_limits,
-            measurement.joint_position_rad.tolist(),
-            measurement.joint_velocity_rad_s.tolist(),
-            strict=True,
-        ):
-            if not low <= position <= high:
-                return Problem(
-                    f"joint {joint} is at {position:.4g} rad, limits {low:.4g} to {high:.4g} rad", _OUTSIDE
-                )
-            if not -fastest <= velocity <= fastest:
-                return Problem(
-                    f"joint {joint} moves at {velocity:.4g} rad/s, limit {fastest:.4g} rad/s", _TOO_FAST
-                )
-        for torque in measurement.joint_torque_nm.tolist():
-            if not -inf < torque < inf:
-                return Problem(f"a measured torque is {torque} N m")
-        force_n = measurement.force_n
-        if not -self._force_n <= force_n <= self._force_n:
-            return Problem(f"the contact force is {force_n:.4g} N, limit {self._force_n:.4g} N", _TOO_STRONG)
         return None
 
 
