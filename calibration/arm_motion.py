@@ -496,16 +496,16 @@ class PathTask:
         self._free.start(measurement)
         self._time_s = 0.0
         start_rad, centre_rad = measurement.joint_position_rad.copy(), self._path.centre_rad
-        self._there = JointMove(start_rad, centre_rad, self._travel_rad_s, ACCELERATION_RAD_S2)
+        self._move_to_start = JointMove(start_rad, centre_rad, self._travel_rad_s, ACCELERATION_RAD_S2)
         self._back = JointMove(centre_rad, start_rad, self._travel_rad_s, ACCELERATION_RAD_S2)
-        self._begin_s = self._there.duration_s + _SETTLE_S
+        self._begin_s = self._move_to_start.duration_s + _SETTLE_S
         self._end_s = self._begin_s + self._path.duration_s
         self.duration_s = self._end_s + self._back.duration_s + _SETTLE_S
 
     def step(self, measurement: Measurement, dt_s: float) -> TaskOutput:
         self._time_s += dt_s
         if self._time_s < self._begin_s:
-            motion, phase, run = self._there.at(self._time_s), Phase.MOVE, NO_RUN
+            motion, phase, run = self._move_to_start.at(self._time_s), Phase.MOVE, NO_RUN
         elif self._time_s < self._end_s:
             motion, phase, run = self._path.at(self._time_s - self._begin_s), Phase.FREE_AIR, 0
         else:

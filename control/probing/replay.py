@@ -81,15 +81,15 @@ class ReplayTask:
         self._torque.reset()
         begin_rad = self._references.position_rad[0]
         here_rad = measurement.joint_position_rad.copy()
-        self._there = JointMove(here_rad, begin_rad, SPEED_RAD_S, ACCELERATION_RAD_S2)
+        self._move_to_start = JointMove(here_rad, begin_rad, SPEED_RAD_S, ACCELERATION_RAD_S2)
         self._time_s, self._tick = 0.0, 0
 
     def step(self, measurement: Measurement, dt_s: float) -> TaskOutput:
         """See `Task.step`."""
         self._time_s += dt_s
-        since_s = self._time_s - self._there.duration_s - _SETTLE_S
+        since_s = self._time_s - self._move_to_start.duration_s - _SETTLE_S
         if since_s < 0.0:
-            return self._output(measurement, self._there.at(self._time_s), dt_s, Phase.MOVE, NO_RUN)
+            return self._output(measurement, self._move_to_start.at(self._time_s), dt_s, Phase.MOVE, NO_RUN)
         known = self._references
         while self._tick < len(known.time_s) - 1 and known.time_s[self._tick + 1] <= since_s:
             self._tick += 1

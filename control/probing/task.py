@@ -144,7 +144,7 @@ class ProbingTask:
         ):
             raise InputError(f"before the arm moves: {problem}")
         position_rad = measurement.joint_position_rad
-        self._start = self._here = Place(position_rad.copy())
+        self._start = self._place = Place(position_rad.copy())
         tip, _ = self._body.tip_pose(position_rad)
         self._sites = probing_sites(self._arm, self._plan, tip, position_rad, self._limits_rad)
         if self._fastest_rad_s is not None:
@@ -160,7 +160,7 @@ class ProbingTask:
         self.runs_done = 0
         self.failures, self.cancelled = (), False
         self._obstacle_share = _OBSTACLE_SHARE
-        self._begin_way()
+        self._begin_route()
 
     def step(self, measurement: Measurement, dt_s: float) -> TaskOutput:
         """Compute one tick; see `palpate.control.loop.task.Task.step`.
@@ -188,8 +188,8 @@ class ProbingTask:
                 else:
                     self.runs_done += 1
                 self._run = None
-                self._here = Place(self._control.reference_rad, self._sites[run.spec.target])
-                self._begin_way()
+                self._place = Place(self._control.reference_rad, self._sites[run.spec.target])
+                self._begin_route()
         else:
             output = self._move(measurement, dt_s)
             phase = self._phase
@@ -226,21 +226,21 @@ class ProbingTask:
             self._fail("cancelled", why)
             self._turn_back()
 
-    def _begin_way(self) -> None:
+    def _begin_route(self) -> None:
         """Move to the next run's approach start, or back to where the task started."""
         self._swings: deque[Swing] = deque()
         route = None
         while self._specs and route is None:
-            route = self._way_to(self._specs[0].target)
+            route = self._route_to(self._specs[0].target)
         if route is None:
-            route = self._routes.find(self._here, self._start)
+            route = self._routes.find(self._place, self._start)
         self._follow(route.points_rad)
 
-    def _way_to(self, target: int) -> Route | None:
+    def _route_to(self, target: int) -> Route | None:
         """Find the route to a target; a target without one is dropped."""
         site = self._sites[target]
-        place = Place(site.joint_position_rad(self._here.position_rad), site)
-        route = self._routes.find(self._here, place)
+        place = Place(site.joint_position_rad(self._place.position_rad), site)
+        route = self._routes.find(self._place, place)
         if route.too_low_m <= 0.0:
             self._swings.extend(self._routes.swings_at(site, place.position_rad))
             if self._plan.free_air_swing_m and not self._swings:
@@ -292,12 +292,12 @@ class ProbingTask:
             self._turn_back()
         elif self._brake:
             if self._move_s >= self._brake.duration_s:
-                home = self._routes.find(self._here, self._start).points_rad
+                home = self._routes.find(self._place, self._start).points_rad
                 self._follow((self._control.reference_rad, *self._passed_rad, *home[1:]))
         elif self._swings:
             if self._move_s >= self._way.duration_s:
                 swing = self._swings.popleft()
-                self._here = swing.start
+                self._place = swing.start
                 self._follow(swing.points_rad, swing.speed_rad_s)
         elif self._move_s >= self._way.duration_s + self._plan.settle_s:
             if self._specs:

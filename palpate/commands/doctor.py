@@ -77,7 +77,7 @@ def doctor_command(  # noqa: PLR0917, one parameter an option
         if not wire:
             _refuse({"--as-built": as_built}, "it is for emulated devices, with --wire")
             _refuse({"--yes": yes}, "a real arm gets power only if somebody at the arm confirms")
-        if move and not yes and not _somebody_is_there():
+        if move and not yes and not _has_terminal():
             remedy = "add --yes: its devices are emulated" if wire else "run it in a terminal at the arm"
             raise InputError(f"--move needs somebody to confirm; {remedy}")
         check = ArmCheck(
@@ -106,7 +106,7 @@ def doctor_command(  # noqa: PLR0917, one parameter an option
         raise typer.Exit(1)
 
 
-def _somebody_is_there() -> bool:
+def _has_terminal() -> bool:
     return sys.stdin.isatty()
 
 

@@ -59,7 +59,7 @@ def import_command(
     """
     tables = [file for path in files for file in _data_in(path)]
     if look:
-        _look(files, tables, options, out, as_json=as_json)
+        _print_preview(files, tables, options, out, as_json=as_json)
         return
     stem = files[0].name.removesuffix(".gz").rpartition(".")[0] or files[0].stem
     session = output_session(out or Path("sessions") / f"{stem}.mcap")
@@ -111,7 +111,7 @@ def _data_in(path: Path) -> list[Path]:
     return files
 
 
-def _look(
+def _print_preview(
     named: Sequence[Path], files: Sequence[Path], options: ReadOptions, out: Path | None, *, as_json: bool
 ) -> None:
     if out is not None:

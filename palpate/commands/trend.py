@@ -72,7 +72,7 @@ def trend_command(
         state = _state(data)
         if state != seen:
             seen = state
-            changed = _look(data, date, parameter or [], out, model, pattern, as_json)
+            changed = _update(data, date, parameter or [], out, model, pattern, as_json)
         if not follow:
             break
         time.sleep(every_s)
@@ -87,7 +87,7 @@ def _state(data: Path) -> object:
     return [(name, stat.st_size, stat.st_mtime_ns) for name, stat in known]
 
 
-def _look(  # noqa: PLR0917, what was typed
+def _update(  # noqa: PLR0917, what was typed
     data: Path,
     date: str | None,
     names: list[str],

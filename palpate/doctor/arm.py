@@ -190,18 +190,18 @@ def _examine(label: str, component: Component) -> Iterator[Finding]:
     try:
         component.configure()
     except Exception as error:  # a user's driver may raise any exception, which is a finding
-        problem = _in_words(error)
+        problem = _error_text(error)
     if isinstance(component, Examinable):
         try:
             seen = component.examine()
         except Exception as error:
-            problem = problem or _in_words(error)
+            problem = problem or _error_text(error)
     if problem and not any(finding.level is Level.FAIL for finding in seen):
         yield fail(label, problem, _WIRING)
     yield from seen
 
 
-def _in_words(error: Exception) -> str:
+def _error_text(error: Exception) -> str:
     return str(error) if isinstance(error, PalpateError) else f"its driver fails, {describe_error(error)}"
 
 

@@ -61,7 +61,7 @@ def candidates(before: ProbingPlan, robot_file: RobotFile, place_world_m: FloatA
         place_world_m: where the surface was touched, shape (3,) [m].
     """
     plans = []
-    for words, settings in (*_changes(before, robot_file), *_elsewhere(before, place_world_m)):
+    for words, settings in (*_changes(before, robot_file), *_other_places(before, place_world_m)):
         try:
             plans.append(CandidatePlan(words, settings, _plan(before, settings)))
         except InputError:  # such as an approach that is too short for the speed
@@ -123,7 +123,7 @@ def _changes(before: ProbingPlan, robot_file: RobotFile) -> Iterator[tuple[str, 
         yield words, {"speeds_m_s": [0.15, 0.06], **swing, "hold_s": 0.3}
 
 
-def _elsewhere(before: ProbingPlan, place_world_m: FloatArray) -> Iterator[tuple[str, Settings]]:
+def _other_places(before: ProbingPlan, place_world_m: FloatArray) -> Iterator[tuple[str, Settings]]:
     """Yield light presses in other postures or at other places of the object."""
     lightly = {"speeds_m_s": [0.05], "force_limit_n": before.force_limit_n / 3, "hold_s": 0.3, "repeats": 2}
     lightly |= {"travel_speed_m_s": 0.08}

@@ -101,7 +101,7 @@ def next_probe(
         return None
     sessions = filter(None, (study.source.session, *study.source.more))
     ran = [_plan_of(session) for session in sessions]  # what the arm did so far
-    stated = _stated(study, diagnoses) if longest_s >= LONGEST_S else None
+    stated = _stated_probe(study, diagnoses) if longest_s >= LONGEST_S else None
     if stated is not None and stated.plan not in ran:
         return stated
     open_questions = undecided(study, diagnoses)
@@ -135,7 +135,7 @@ def next_probe(
     return NextProbe(candidate.plan, proposal, choice.reason, channels)
 
 
-def _stated(study: ModelStudy, diagnoses: Sequence[ChannelDiagnosis]) -> NextProbe | None:
+def _stated_probe(study: ModelStudy, diagnoses: Sequence[ChannelDiagnosis]) -> NextProbe | None:
     """Return the probe stated by diagnoses; None unless it is one of this arm's own candidates.
 
     A diagnosis may come from a file of unknown origin, which must not control the arm.

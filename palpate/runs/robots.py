@@ -65,7 +65,7 @@ def importable(packages: list[str]) -> tuple[str, ...]:
     for package in packages:
         if package.endswith(".py"):
             raise InputError(f"--drivers {package}: give its name without .py (and its folder in PYTHONPATH)")
-        if not _is_there(package):
+        if not _exists(package):
             raise InputError(f"--drivers {package}: Python finds no such package (see PYTHONPATH)")
         with foreign_code(f"--drivers {package}"):
             own = _number_of_drivers(DriverCatalogue(package)) - _number_of_drivers(DriverCatalogue())
@@ -74,7 +74,7 @@ def importable(packages: list[str]) -> tuple[str, ...]:
     return tuple(packages)
 
 
-def _is_there(package: str) -> bool:
+def _exists(package: str) -> bool:
     """Return whether Python finds a package; packages around it are imported for that."""
     with foreign_code(f"--drivers {package}"):
         try:

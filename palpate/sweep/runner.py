@@ -235,10 +235,10 @@ def _run(cluster: Cluster, todo: dict[str, Case], store: ResultStore) -> Iterato
         mark = store.folder.absolute() / f".seen-by-all-{uuid4().hex}"
         mark.touch()
         try:
-            seen = client.run(_look, mark, sorted(modules))
+            seen = client.run(_worker_code, mark, sorted(modules))
         finally:
             mark.unlink()
-        ours = _look(mark, sorted(modules))[1]
+        ours = _worker_code(mark, sorted(modules))[1]
         for worker, (is_there, versions) in seen.items():
             if not is_there:
                 raise InputError(
@@ -273,5 +273,5 @@ def _run_on_dask(client: Any, todo: dict[str, Case], folder: Path) -> Iterator[s
             pending.add(submit(*arguments))
 
 
-def _look(mark: Path, modules: list[str]) -> tuple[bool, list[str]]:
+def _worker_code(mark: Path, modules: list[str]) -> tuple[bool, list[str]]:
     return mark.is_file(), [code_version(module) for module in modules]

@@ -178,7 +178,7 @@ class FollowerMessaging(threading.Thread):
         if problem := self._messaging.problem():
             self.notes.append(("link", problem, {}))
             self._say(problem)
-        self._think()
+        self._exchange_estimates()
         self._messaging.send(self._report())
         now_s = self._clock.now_s()
         if now_s >= self._resend_s:  # a lost estimate is sent until the leader confirms it
@@ -187,7 +187,7 @@ class FollowerMessaging(threading.Thread):
                 self._messaging.send(estimate)
         self._quiet = not self._estimator.busy  # set last, when all new estimates are stored
 
-    def _think(self) -> None:
+    def _exchange_estimates(self) -> None:
         """Give samples to the estimator, and collect its answers."""
         while self._work:
             self._quiet = False

@@ -159,7 +159,7 @@ class _Haptics:
         self._object = VirtualObject(
             force_law(terms_of(job.scene)), surface_m, -_DOWN, largest_jump_n=job.largest_jump_n
         )
-        self._revision, self._ticks, self._told, self._read = GUESS, 0, 0, 0
+        self._revision, self._ticks, self._sent, self._read = GUESS, 0, 0, 0
         self._selected: list[tuple[float, ...]] = []
         self._refused: list[str] = []
         self._was_selected = self._end = False
@@ -232,11 +232,11 @@ class _Haptics:
                 text = f"estimate {estimate.revision}, target {target}: {summary}"
                 self._log.event(now_s, FEEL, text, felt_data(estimate))
         self._ticks += 1
-        if self._ticks % _TELL_TICKS == 0 and self._told - self._read < _MOST_UNREAD:
+        if self._ticks % _TELL_TICKS == 0 and self._sent - self._read < _MOST_UNREAD:
             tip = tuple(hand.position_world_m.tolist())
             finished = getattr(self._device, "finished", False)
             chosen, refused = tuple(self._selected), tuple(self._refused)
             self._pipe.send(HapticReport(tip, touch.force_n, chosen, refused, finished))
-            self._told += 1
+            self._sent += 1
             self._selected.clear()
             self._refused.clear()

@@ -160,7 +160,7 @@ class TargetStates:
         self._revisions: dict[int, int] = {}  # newest by target, also of what cannot be felt
         self._law: ForceLaw = force_law(terms_of(scene))
         self._surface_m = np.array((0.0, 0.0, scene.object.surface_height_m))
-        self._mismatch, self._told = MismatchMonitor(), set[object]()
+        self._mismatch, self._reported = MismatchMonitor(), set[object]()
         self._report_s = -inf
 
     @property
@@ -202,7 +202,7 @@ class TargetStates:
             return None
         self.felt = nearest
         self._law, self._surface_m = force_law(nearest.model), np.array(nearest.surface_world_m)
-        self._mismatch, self._told = MismatchMonitor(max(nearest.noise_n, 0.0)), set()
+        self._mismatch, self._reported = MismatchMonitor(max(nearest.noise_n, 0.0)), set()
         return nearest
 
     def compare(self, report: Report, sent_s: float) -> list[str]:
@@ -225,9 +225,9 @@ class TargetStates:
         place = (short_number(report.target), Phase(report.phase).name.lower())
         self._mismatch.add(place, depth_m, report.force_n, predicted_n)
         mismatches = [
-            mismatch for mismatch in self._mismatch.mismatches() if mismatch.place not in self._told
+            mismatch for mismatch in self._mismatch.mismatches() if mismatch.place not in self._reported
         ]
-        self._told.update(mismatch.place for mismatch in mismatches)
+        self._reported.update(mismatch.place for mismatch in mismatches)
         return [f"target {place[0]}, {place[1]}: {mismatch.summary()}" for mismatch in mismatches]
 
     def summary(self, tip_world_m: tuple[float, ...], age_s: float) -> str:

@@ -128,13 +128,15 @@ class Effects:
         try:
             while not self._card.is_deleted and self._state.channel is channel:
                 chosen = self._state.choice.effects
-                if chosen != weighed and await self._weigh_beside(chosen, ahead, idle):
+                if chosen != weighed and await self._evaluate_beside(chosen, ahead, idle):
                     weighed = chosen
                 await asyncio.sleep(_PAUSE_S)
         finally:
             ahead.close()
 
-    async def _weigh_beside(self, chosen: tuple[str, ...], ahead: FitPrefetcher, idle: asyncio.Event) -> bool:
+    async def _evaluate_beside(
+        self, chosen: tuple[str, ...], ahead: FitPrefetcher, idle: asyncio.Event
+    ) -> bool:
         """Compute the evidence of all effects; return whether the selection stayed the same."""
         study, channel, weighed = self._state.study, self._state.channel, list[EffectEvidence]()
         # the strongest evidence so far first, then fast fits

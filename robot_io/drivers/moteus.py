@@ -223,7 +223,7 @@ class MoteusBus(AskedMotorBus[MoteusState]):
 
         DeviceError: the adapter cannot be opened, or a controller is silent or does not know its position.
         """
-        self._hear_all()
+        self._receive_all()
         self._refuse_lost()
 
     def _refuse_lost(self) -> None:
@@ -262,7 +262,7 @@ class MoteusBus(AskedMotorBus[MoteusState]):
     def power_on(self) -> None:
         self._unasked = [0] * self.joint_count
         self._arm()
-        self._refuse_twins()
+        self._refuse_duplicate_ids()
         self._refuse_lost()  # it may have restarted since it was configured
         self._outlast_watchdogs()
         self._answered(self._question_frames)
@@ -341,8 +341,8 @@ class MoteusBus(AskedMotorBus[MoteusState]):
     def _error_names(self, error: int) -> str:
         return FAULTS.get(error, f"unknown fault {error}")
 
-    def _doubt(self, joint: int) -> str:
-        """See `MotorBus._doubt`: a controller reports the cause of a reduced torque."""
+    def _hint(self, joint: int) -> str:
+        """See `MotorBus._hint`: a controller reports the cause of a reduced torque."""
         state = self._shown[joint]
         if state is None or state.error or state.fault < FIRST_LIMIT:
             return ""

@@ -363,6 +363,6 @@ class NetFt(SerialForceSensor, Examinable):
         if not any(self._bus.ask(START, lambda d: len(d) == RECORD_SIZE or None, _ANSWER_S) for _ in tries):
             raise self._error("sends no records; check rdt_port, firewall and other programs")
         device = f"{configuration.product}, {configuration.rate_hz} records/s"
-        self._found = f"{device}, {own.axis} axis, {own.capacity_n:.4g} N"
+        self._identified = f"{device}, {own.axis} axis, {own.capacity_n:.4g} N"
         stream = NetFtStream(newtons_per_count, own.axis, configuration.rate_hz)
         self._bus.listen(stream, own.capacity_n, has_checksums=True, own_time=stream.own_time)

@@ -365,7 +365,7 @@ class OdriveBus(MotorBus):
         sent_nm = float(np.float32(motor_nm)) * axis.signed_ratio
         return odrive.encode_input_torque(axis.node_id, motor_nm), sent_nm
 
-    def _doubt(self, joint: int) -> str:
+    def _hint(self, joint: int) -> str:
         if self._short_count[joint] < _SHORT_SAMPLES:
             return ""
         return (

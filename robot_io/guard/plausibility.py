@@ -302,9 +302,9 @@ class StuckForce:
         self._known += row + 1
         self._longest = max(self._longest, row)
         if self._known >= _LEAST_KNOWN:
-            self._enough = self._no_chance()
+            self._enough = self._improbable_count()
 
-    def _no_chance(self) -> float:
+    def _improbable_count(self) -> float:
         """The number of equal samples in a row that is none."""
         if not self._noise_n:
             return inf

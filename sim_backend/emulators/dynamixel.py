@@ -201,7 +201,7 @@ class EmulatedDynamixelLine(ServoWire[EmulatedServo]):
             if answer is None or self.faults.strikes(FaultKind.DROP, answer.servo.id, now_s):
                 break
             data = answer.data.ljust(size, b"\0")
-            parts.append((self._said_id(answer.servo.id, now_s), answer.error | answer.servo.alert, data))
+            parts.append((self._sent_id(answer.servo.id, now_s), answer.error | answer.servo.alert, data))
             speaking.append(answer.servo)
         if parts:
             for k in range(len(parts) - 1):

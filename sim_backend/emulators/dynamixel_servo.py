@@ -280,7 +280,7 @@ class EmulatedServo(LineServo):
             address: of the first byte.
             size: bytes.
         """
-        self._look()
+        self._sample_position()
         return self.memory.read(address, size)
 
     def write(self, address: int, data: bytes) -> Error:
@@ -353,7 +353,7 @@ class EmulatedServo(LineServo):
         goal = memory.get(GOAL_CURRENT) if drives else 0
         self.shaft.exert(goal * self._count_nm)
 
-    def _look(self) -> None:
+    def _sample_position(self) -> None:
         """Bring the present values up to date."""
         shown = self._shown()
         if shown is None:

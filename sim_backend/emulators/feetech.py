@@ -135,7 +135,7 @@ class EmulatedSts(LineServo):
         self.error = 0
         self.supply_v = self._voltage_v
         self._watched: tuple[object, ...] = ()  # state of its control
-        self._look()
+        self._sample_position()
 
     def get(self, address: int, size: int = 2) -> int:
         """A value of its memory, without a sign.
@@ -200,7 +200,7 @@ class EmulatedSts(LineServo):
         joint = (shaft.state(), shaft.limp, shaft.backwards) if shaft else None
         if (joint, self.stuck, self.error, self.supply_v, self._memory) == self._watched:
             return
-        self._look()
+        self._sample_position()
         self._drive()
         self._watched = (joint, self.stuck, self.error, self.supply_v, bytes(self._memory))
 
@@ -215,10 +215,10 @@ class EmulatedSts(LineServo):
         self.put(48, self.get(16))
         self.error = 0
         self._awake_s = now_s + away_s
-        self._look()
+        self._sample_position()
         self._drive()
 
-    def _look(self) -> None:
+    def _sample_position(self) -> None:
         shown = self._shown()
         if shown is None:
             return

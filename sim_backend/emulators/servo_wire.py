@@ -252,7 +252,7 @@ class ServoWire(EmulatedWire, Generic[ServoType]):
         planned = self.faults.planned
         for servo in self.servos.values():
             if planned or self._befell:  # once more after the last, to release stuck devices
-                self._befall(servo, now_s)
+                self._apply_faults(servo, now_s)
             servo.watch(now_s)
         self._befell = planned
         if self.faults.strikes(FaultKind.UNPLUG, "line", now_s):
@@ -299,7 +299,7 @@ class ServoWire(EmulatedWire, Generic[ServoType]):
         self._in_use = True
         return data if data and heard_at(self._master, self._baud_rate) else b""
 
-    def _befall(self, servo: LineServo, now_s: float) -> None:
+    def _apply_faults(self, servo: LineServo, now_s: float) -> None:
         """What happens to a servo itself."""
         strikes = self.faults.strikes
         if strikes(FaultKind.ALERT, servo.id, now_s):
@@ -319,7 +319,7 @@ class ServoWire(EmulatedWire, Generic[ServoType]):
         """One packet each, in turn, as the faults let them."""
         frames = []
         for servo, data, error in answers:
-            packet = self._status(self._said_id(servo.id, now_s), error | servo.alert, data)
+            packet = self._status(self._sent_id(servo.id, now_s), error | servo.alert, data)
             if not self.faults.strikes(FaultKind.DROP, servo.id, now_s):
                 frames.append(self._transmit([servo], packet, now_s))
         for k in range(len(frames) - 1):
@@ -347,6 +347,6 @@ class ServoWire(EmulatedWire, Generic[ServoType]):
         late_s = max((fault.delay_s for fault in strikes(FaultKind.DELAY)), default=0.0)
         return ServoFrame(speaking[0].id, packet, self._quiet_s + late_s)
 
-    def _said_id(self, servo_id: int, now_s: float) -> int:
+    def _sent_id(self, servo_id: int, now_s: float) -> int:
         wrong = self.faults.strikes(FaultKind.WRONG_ID, servo_id, now_s)
         return (servo_id + 100) % 253 if wrong else servo_id

@@ -50,13 +50,13 @@ class MujocoEngine(Engine):
         self._tip_velocity = np.zeros(6)
         self._force_world_n = np.zeros(3)
         self._no_torque = np.zeros(3)
-        self._look()
+        self._update_views()
 
     def place(self, position_rad: Sequence[float], velocity_rad_s: Sequence[float]) -> None:
         self._data.qpos[:] = position_rad
         self._data.qvel[:] = velocity_rad_s
         self._data.qacc_warmstart[:] = 0.0
-        self._look()
+        self._update_views()
 
     def joint_state(self) -> list[float]:
         positions: list[float] = self._position.tolist()
@@ -85,13 +85,13 @@ class MujocoEngine(Engine):
 
     def brake(self, friction_nm: Sequence[float]) -> None:
         self._model.dof_frictionloss[:] = friction_nm
-        self._look()  # friction is a constraint that the next step reads from there
+        self._update_views()  # friction is a constraint that the next step reads from there
 
     def step(self) -> None:
         mujoco.mj_step2(self._model, self._data)
-        self._look()
+        self._update_views()
 
-    def _look(self) -> None:
+    def _update_views(self) -> None:
         """Update links, inertia and constraints to the present positions and velocities.
 
         It is the first half of MuJoCo's step, called after the second half instead of before it: MuJoCo's own

@@ -518,7 +518,7 @@ def test_ctrl_c_in_the_small_motion_is_told_as_everywhere(monkeypatch):
 
 
 def test_a_no_to_power_is_not_called_well(monkeypatch):
-    monkeypatch.setattr("palpate.commands.doctor._somebody_is_there", lambda: True)
+    monkeypatch.setattr("palpate.commands.doctor._has_terminal", lambda: True)
     monkeypatch.setattr("typer.confirm", lambda question, **_: "Hands away" not in question)
     result = run("doctor", "--robot", ODRIVE, "--wire", "--move")
     assert "is not checked completely" in result.stdout

@@ -115,7 +115,7 @@ class MotorBus(JointBus, Examinable):
     def _fault(self, joint: int, now_s: float) -> str:
         """Return the error that the motor of `joint` reports, or an empty string."""
 
-    def _doubt(self, joint: int) -> str:
+    def _hint(self, joint: int) -> str:
         """Return a hint about the motor of `joint`, if any; it is not a fault."""
         return ""
 
@@ -165,7 +165,7 @@ class MotorBus(JointBus, Examinable):
         faults = [self._fault(joint, now_s) for joint in range(self.joint_count)]
         self._publish(faults)
         troubles = [
-            fault or self._silence(joint, now_s) or self._doubt(joint) for joint, fault in enumerate(faults)
+            fault or self._silence(joint, now_s) or self._hint(joint) for joint, fault in enumerate(faults)
         ]
         problems = [
             f"{self.motor_label(joint)}: {trouble}" for joint, trouble in enumerate(troubles) if trouble
@@ -330,7 +330,7 @@ class AskedMotorBus(MotorBus, Generic[StateType]):
     def motor_label(self, joint: int) -> str:
         return f"joint {joint + 1} (motor {self._motor_ids[joint]})"
 
-    def _hear_all(self) -> None:
+    def _receive_all(self) -> None:
         """Open the adapter and receive a state of every motor.
 
         DeviceError: it cannot be opened, a motor is silent, or two motors have the same id.
@@ -340,7 +340,7 @@ class AskedMotorBus(MotorBus, Generic[StateType]):
         self._ask()
         self._wait_for(lambda: -inf not in self._motion_at_s or any(self._unasked), ANSWER_S)
         self._wait_for(lambda: False, _TWICE_S)
-        self._refuse_twins()
+        self._refuse_duplicate_ids()
         silent = [joint for joint, at_s in enumerate(self._motion_at_s) if at_s == -inf]
         if silent:
             labels = ", ".join(map(self.motor_label, silent))
@@ -353,7 +353,7 @@ class AskedMotorBus(MotorBus, Generic[StateType]):
         """Ask all motors, whose torque is off, for their states."""
         self._send_all([frame for joint in range(self.joint_count) for frame in self._questions(joint)])
 
-    def _refuse_twins(self) -> None:
+    def _refuse_duplicate_ids(self) -> None:
         """Refuse motors that answer more often than they were asked, by a DeviceError."""
         if twins := self._twins():
             raise DeviceError(f"{self.line.label}: {twins}")

@@ -123,7 +123,7 @@ class MitBus(AskedMotorBus[MitState]):
 
         DeviceError: the adapter cannot be opened, or a motor is silent or differs from the robot file.
         """
-        self._hear_all()
+        self._receive_all()
         # That the numbers on the wire mean what the robot file says. DeviceError: they do not.
         for joint, ranges in enumerate(self._ranges):
             all_stated = (ranges.position_rad, ranges.velocity_rad_s, ranges.torque_nm)
@@ -178,7 +178,7 @@ class MitBus(AskedMotorBus[MitState]):
             self._set_up()
         frames = [*self._to_every_motor(Order.ENTER), *self._zero_torque()]
         self._send_confirmed(frames, "motor mode is not confirmed by", enabled=True)
-        self._refuse_twins()
+        self._refuse_duplicate_ids()
         self._refuse_errors()
         if self._is_proven:
             self._check_watchdogs()

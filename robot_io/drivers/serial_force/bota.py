@@ -217,7 +217,7 @@ class Bota(SerialForceSensor, Examinable):
             RUN,
         ):
             self._command(command)
-        self._found = (
+        self._identified = (
             f"Bota, {own.rate_hz} samples/s, {own.axis} axis, {own.capacity_n:.4g} N by the robot file"
         )
         stream = BotaStream(own.axis, own.capacity_n)

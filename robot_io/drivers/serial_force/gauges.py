@@ -231,7 +231,7 @@ class Loadstar(SerialForceSensor, Examinable):
                 f"the interface is set for a load cell of {capacity_n:.4g} N, "
                 f"the robot file says {self._own.capacity_n:.4g} N"
             )
-        self._found = f"{model}, counts in {unit.split()[-1]}, load cell of {capacity_n:.4g} N"
+        self._identified = f"{model}, counts in {unit.split()[-1]}, load cell of {capacity_n:.4g} N"
         if self._own.tare:
             self._ask(TARE, may_be_yes=True)
         self._bus.listen(loadstar_stream(newtons_per_unit, capacity_n), self._own.capacity_n)
@@ -293,7 +293,7 @@ class Mark10Stream(LineStream):
         super().__init__(self._in_unit, 2.0 * capacity_n, from_beginning=True)
         self._model, self._poll = model.encode("ascii"), poll
         self._unit, self._newtons = unit, newtons_per(unit)
-        self._other, self._others = "", 0  # consecutive readings in another unit
+        self._new_unit, self._new_unit_count = "", 0  # consecutive readings in another unit
         self.complaint = ""
 
     def _take(self, line: bytes, samples: list[float]) -> None:
@@ -308,12 +308,12 @@ class Mark10Stream(LineStream):
             self.complaint = f"the gauge says '{error_name(int(error[1]))}'"
         number, unit = reading_of(line)
         if unit != self._unit:
-            self._others = self._others + 1 if unit == self._other else 1
-            self._other = unit
-            if self._others >= _TWICE:  # no damaged letter
+            self._new_unit_count = self._new_unit_count + 1 if unit == self._new_unit else 1
+            self._new_unit = unit
+            if self._new_unit_count >= _TWICE:  # no damaged letter
                 self.complaint = f"the gauge reads in {unit}, and read in {self._unit} when it was configured"
             raise ProtocolError(f"in {unit} in place of {self._unit}")
-        self._others, self.complaint = 0, ""
+        self._new_unit_count, self.complaint = 0, ""
         return number, self._newtons
 
 
@@ -350,7 +350,7 @@ class Mark10(SerialForceSensor, Examinable):
             stream = Mark10Stream(unit, self._own.capacity_n, model, poll)
         except ProtocolError as error:
             raise self._error(str(error)) from error
-        self._found = f"{model}, reads in {unit}, {self._own.capacity_n:.4g} N by the robot file"
+        self._identified = f"{model}, reads in {unit}, {self._own.capacity_n:.4g} N by the robot file"
         self._bus.listen(stream, self._own.capacity_n, poll=poll)
 
     def _ask(self, commands: bytes, what: str, but: re.Pattern[str] | None = None) -> str:

@@ -481,7 +481,7 @@ class SerialForceSensor(ForceSensor):
     def __init__(self, settings: Mapping[str, object], context: DriverContext) -> None:
         self._own = context.settings_as(self.Settings, settings)
         self._bus = context.bus_as(self.line_type)
-        self._found = ""  # who answered
+        self._identified = ""  # who answered
 
     def _ask_line(
         self, question: bytes, take: Callable[[bytes], Answer | None], timeout_s: float
@@ -499,7 +499,7 @@ class SerialForceSensor(ForceSensor):
 
     def examine(self) -> tuple[Finding, ...]:
         """Who answered in `configure`."""
-        return (ok("force sensor", self._found),) if self._found else ()
+        return (ok("force sensor", self._identified),) if self._identified else ()
 
     def close(self) -> None:
         """End the stream."""

@@ -335,7 +335,9 @@ class Lorenz(SerialForceSensor, Examinable):
                 f"{header.dimension_code} and load_code {header.load_code}, the robot file says "
                 f"{own.dimension_code} and {own.load_code}"
             )
-        self._found = f"serial number {header.serial_number}, {own.nominal_n:.4g} N, {own.rate_hz} samples/s"
+        self._identified = (
+            f"serial number {header.serial_number}, {own.nominal_n:.4g} N, {own.rate_hz} samples/s"
+        )
         self._command(encode_start_stream(own.address, own.rate_hz), LorenzCommand.ACK, "the stream")
         stream = LorenzStream(own.nominal_n / own.counts_at_nominal)
         self._bus.listen(stream, own.nominal_n, held_back_s=1.0 / own.rate_hz)

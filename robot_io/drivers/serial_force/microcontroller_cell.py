@@ -183,7 +183,9 @@ class MicrocontrollerCell(SerialForceSensor, Examinable):
         rate_hz = int(rate)
         if rate_hz != own.rate_hz:
             raise self._error(f"the {chip} makes {rate_hz} samples/s, the robot file says {own.rate_hz}")
-        self._found = f"{chip}, {rate_hz} samples/s, load cell of {own.capacity_n:.4g} N by the robot file"
+        self._identified = (
+            f"{chip}, {rate_hz} samples/s, load cell of {own.capacity_n:.4g} N by the robot file"
+        )
         stream = CellStream(own.newtons_per_count, own.zero_counts, own.capacity_n, rate_hz)
         self._bus.listen(stream, own.capacity_n, has_checksums=True, own_time=stream.own_time)
 

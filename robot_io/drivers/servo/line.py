@@ -326,7 +326,7 @@ class ServoLine(ABC):
         for _ in range(_SWITCH_OFF_ATTEMPTS):
             told = dict.fromkeys(still_on, off)
             self.port.write(self.dialect.sync_write(self.torque_enable.address, told))
-            failures = [(servo_id, self._why_still_on(servo_id)) for servo_id in still_on]
+            failures = [(servo_id, self._switch_off_failure(servo_id)) for servo_id in still_on]
             still_on = [servo_id for servo_id, failure in failures if failure]
             problem = "; ".join(failure for _, failure in failures if failure)
             if not still_on:
@@ -363,7 +363,7 @@ class ServoLine(ABC):
             if answers[servo_id] > 1:
                 raise DeviceError(f"servo {servo_id} answers twice: {TWO_SERVOS}")
 
-    def _why_still_on(self, servo_id: int) -> str | None:
+    def _switch_off_failure(self, servo_id: int) -> str | None:
         try:
             on = self.registers.read(servo_id, self.torque_enable)
         except DeviceError as error:
@@ -389,9 +389,9 @@ def examine_line(
     Raises:
         DeviceError: The port failed.
     """
-    answers, damaged = _ask_everybody(line, line.port)
+    answers, damaged = _ping_all(line, line.port)
     if not any(answers[servo_id] for servo_id in line.ids) and not damaged:
-        return [_nobody(settings, line, answers)]
+        return [_silence_finding(settings, line, answers)]
     strangers = sorted(answers.keys() - set(line.ids))
     others = f", but {_ids(strangers)}, which the robot file does not have" if strangers else ""
     findings: list[Finding] = []
@@ -420,7 +420,7 @@ def examine_line(
     return findings
 
 
-def _ask_everybody(line: ServoLine, port: SerialPort) -> Survey:
+def _ping_all(line: ServoLine, port: SerialPort) -> Survey:
     """Ping all at once, and those of the robot file by themselves: some firmware answers only the latter."""
     port.read_all()
     request = line.dialect.ping_all()
@@ -433,25 +433,25 @@ def _ask_everybody(line: ServoLine, port: SerialPort) -> Survey:
     return Survey(answers | own.answers, own.damaged)  # the larger number of each
 
 
-def _nobody(settings: ServoBusSettings[Any], line: ServoLine, answers: Counter[int]) -> Finding:
+def _silence_finding(settings: ServoBusSettings[Any], line: ServoLine, answers: Counter[int]) -> Finding:
     """None of the servos answers: others may, or all of them at another baud rate."""
     if answers:
         value = f"{_ids(line.ids)} silent, on the line are {_ids(sorted(answers))}"
         return fail("servos", value, "correct the ids in the robot file or in the servos")
     for baud_rate in get_args(type(settings).model_fields["baud_rate"].annotation):
-        there = _heard_at(line, baud_rate) if baud_rate != settings.baud_rate else []
+        there = _ids_answering_at(line, baud_rate) if baud_rate != settings.baud_rate else []
         if there:
             value = f"silent at {settings.baud_rate} bit/s; at {baud_rate} bit/s: {_ids(there)}"
             return fail("servos", value, f"set baud_rate: {baud_rate}, or change it in the servos")
     return fail("servos", "nobody answers at any baud rate", "check power supply, cable and adapter")
 
 
-def _heard_at(line: ServoLine, baud_rate: int) -> list[int]:
+def _ids_answering_at(line: ServoLine, baud_rate: int) -> list[int]:
     line.port.close()
     port = SerialPort(line.port.path, baud_rate, line.clock)
     try:
         port.open()
-        return sorted(+_ask_everybody(line, port).answers)
+        return sorted(+_ping_all(line, port).answers)
     except DeviceError:  # the adapter does not know this rate
         return []
     finally:

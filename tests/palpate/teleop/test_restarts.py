@@ -131,7 +131,7 @@ def test_an_estimate_that_was_lost_is_sent_again_though_newer_ones_of_other_plac
     line.put(1, 0, intent())
     for place in (0, 1, 2):
         answers.append(estimate(target=place))
-        messaging._think()
+        messaging._exchange_estimates()
     line.put(1, 1, intent(seen=(0, 2)))  # revision 1 was lost
     messaging._exchange()
     assert sent_estimates(line) == [(1, 1)]
@@ -146,13 +146,13 @@ def test_another_leader_is_told_what_the_last_ones_targets_are_like(followed, li
     line.put(1, 0, intent(target(0)))
     messaging._exchange()
     answers.append(estimate(target=0, runs=6, verdict="adequate"))
-    messaging._think()
+    messaging._exchange_estimates()
     line.put(1, 1, intent(seen=(0,)))
     line.now += LATER_S
     line.put(2, 0, intent())
     messaging._exchange()
     answers.append(estimate(target=target_number(2, 0), runs=1, verdict=""))
-    messaging._think()
+    messaging._exchange_estimates()
     assert [one.runs for one in messaging._unseen()] == [6, 1]
     assert messaging.queue.states() == {}
 
@@ -184,7 +184,7 @@ def test_a_later_verdict_replaces_one_whatever_it_is_called(followed, line):
     messaging, answers = followed
     for verdict in ("incomplete", "adequate", ""):
         answers.append(estimate(runs=6, verdict=verdict))
-        messaging._think()
+        messaging._exchange_estimates()
     (kept,) = messaging._unseen()
     assert isinstance(kept, ObjectEstimate)
     assert kept.verdict == "adequate"

@@ -120,7 +120,7 @@ def test_negative_values_are_negative(way):
     with dynamixel_bench(**way) as bench:
         bench.start()
         memory = bench.line.servos[1].memory
-        bench.line.servos[1]._look = lambda: None
+        bench.line.servos[1]._sample_position = lambda: None
         for address, value in (
             (table.PRESENT_CURRENT, -1),
             (table.PRESENT_VELOCITY, -3),

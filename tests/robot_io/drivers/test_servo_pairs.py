@@ -74,7 +74,7 @@ def test_a_difference_within_the_tolerance_is_shared_and_makes_no_fight(make, fa
     for servo in servos(arm).values():
         if servo.shaft is second:
             servo.shaft.slipped_rad, step_rad = 0.03, 2 * pi / 4096
-    arm.arm.wires["motors"]._befall = lambda *_: None  # which would set the horn right
+    arm.arm.wires["motors"]._apply_faults = lambda *_: None  # which would set the horn right
     measurement = arm.ticks(5)
     assert measurement.encoder_status is Status.OK
     assert measurement.joint_position_rad[0] - before_rad == pytest.approx(0.015, abs=step_rad)
