@@ -38,7 +38,7 @@ class BaseModel(ABC):
         """Return the model for one channel.
 
         Args:
-            context: what the model may need to know beside the data.
+            context: further information that a model may need.
 
         Raises:
             InputError: the context lacks something that the model needs.
@@ -49,7 +49,7 @@ class BaseModel(ABC):
 
         Args:
             data: the channel as it was measured.
-            context: what the model may need to know beside the data.
+            context: further information that a model may need.
 
         Raises:
             InputError: the channel or the context lacks something that the model needs.
@@ -74,7 +74,7 @@ class Arm:
         """Return what a base model may need to know about a channel beside its data.
 
         Args:
-            channel: of a contact, or "joint_N" with N counted from 1.
+            channel: channel of a contact, or "joint_N" with N counted from 1.
         """
         joint = re.fullmatch(r"joint_(\d+)", channel.name)
         return ModelContext(

@@ -18,7 +18,7 @@ _ARRAYS = ("time_s", "position", "velocity", "acceleration", "effort", "run", "p
 
 # encoder steps that a press must cover: half a step at either end changes the slope by a quarter
 FEWEST_STEPS = 4.0
-_NO_DIRECTION = 1e-13  # of the largest eigenvalue: columns are linearly dependent
+_NO_DIRECTION = 1e-13  # eigenvalue relative to the largest below which columns are linearly dependent
 # Arrays that were checked, by what they are: a fit makes thousands of channels of the same ones.
 _checked: WeakValueDictionary[int, NDArray[Any]] = WeakValueDictionary()
 
@@ -52,8 +52,8 @@ class Tare:
         Args:
             run: number of each sample's run, shape (n,).
         """
-        taken: FloatArray = self.effort[self.index(run)]
-        return taken
+        offset: FloatArray = self.effort[self.index(run)]
+        return offset
 
     def index(self, run: IntArray) -> IntArray:
         """Place of each sample's run among the runs with a tare, shape (n,).
@@ -220,6 +220,26 @@ class ChannelData:
             pressed: BoolArray = self.position > 0.0
             return pressed if self.touching is None else pressed | self.touching
         return np.ones(len(self), dtype=np.bool_)
+
+    @property
+    def rms_speed(self) -> float:
+        """Root mean square of the velocity; 1 for a channel at rest."""
+        return float(np.sqrt(np.mean(self.velocity**2))) or 1.0
+
+    @property
+    def range_of_motion(self) -> float:
+        """Largest less smallest position; 1 for a channel at rest."""
+        return float(np.ptp(self.position)) or 1.0
+
+    @property
+    def deepest(self) -> float:
+        """Largest position, at least 1e-9: the deepest indentation of a contact."""
+        return max(float(np.max(self.position, initial=0.0)), 1e-9)
+
+    @property
+    def largest_effort(self) -> float:
+        """Largest absolute effort; 1 where there is none."""
+        return float(np.max(np.abs(self.effort))) or 1.0
 
     @property
     def runs(self) -> IntArray:

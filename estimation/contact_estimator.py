@@ -35,7 +35,7 @@ def check_samples(name: str, *columns: FloatArray) -> None:
     """Reject samples that a method cannot work on.
 
     Args:
-        name: of the method, for the message.
+        name: name of the method, for the message.
         columns: samples of equal shape (n,).
 
     Raises:
@@ -50,7 +50,7 @@ def check_samples(name: str, *columns: FloatArray) -> None:
 
 
 class ContactEstimator(ABC):
-    """A way to find a contact law.
+    """Method that estimates a contact law.
 
     It serves where the law is not linear in what is sought, or where the method is more than an estimate of
     gains; see `Estimator` for those that solve any linear problem.
@@ -69,7 +69,7 @@ class ContactEstimator(ABC):
             depth_m: indentation, positive into the object, shape (n,) [m].
             speed_m_s: its rate, shape (n,) [m/s].
             force_n: positive in compression, shape (n,) [N].
-            rng: for methods that draw samples.
+            rng: random generator for methods that draw samples.
 
         Raises:
             InputError: the method cannot work on these samples.
@@ -81,11 +81,11 @@ class OnlineContactLaw(ContactEstimator):
 
     @abstractmethod
     def start(self) -> None:
-        """Forget everything."""
+        """Reset to the state before any sample."""
 
     @abstractmethod
     def update(self, depth_m: float, speed_m_s: float, force_n: float) -> ContactLaw | None:
-        """Take in one sample in contact.
+        """Update the law by one sample in contact.
 
         Args:
             depth_m: tip beyond where the surface was felt [m].

@@ -1,4 +1,4 @@
-"""What an effect is: one physical cause, stated so that it can be fitted, named and confused with others.
+"""Effects: physical causes that can be fitted, named, and confused with others.
 
     effort(t) = sensor( sum_i effect_i(motion(t)) )
 
@@ -7,7 +7,7 @@ An `AdditiveEffect` adds effort, a `MotionEffect` changes the motion that the ef
 """
 
 from abc import ABC, abstractmethod
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
 from itertools import product
 from typing import ClassVar
@@ -59,7 +59,7 @@ class Parameter:
         """Return the unit in a channel of one kind, such as "N m/rad".
 
         Args:
-            kind: of the channel; it sets the units of effort, position and inertia.
+            kind: kind of the channel; it sets the units of effort, position and inertia.
         """
         return self.unit.format(
             effort=kind.effort_unit, position=kind.position_unit, inertia=kind.inertia_unit
@@ -69,7 +69,7 @@ class Parameter:
         """Return whether a search ended at a bound: then the data determine no value.
 
         Args:
-            value: of the parameter, in its unit.
+            value: value of the parameter, in its unit.
         """
         near = 1e-3 * abs(value) if self.log else 1e-6 * (self.upper - self.lower)
         return not self.lower + near < value < self.upper - near
@@ -85,6 +85,15 @@ class Parameter:
         """
         low, high = self.typical
         return np.geomspace(low, high, count) if self.log else np.linspace(low, high, count)
+
+
+def start_grid(**values: Iterable[float]) -> tuple[Inner, ...]:
+    """Return all combinations of start values by name, for `Effect.starts`; the last name varies fastest.
+
+    Args:
+        values: start values of each inner parameter, in its unit.
+    """
+    return tuple(dict(zip(values, map(float, row), strict=True)) for row in product(*values.values()))
 
 
 class Effect(ABC):
@@ -122,14 +131,13 @@ class Effect(ABC):
             At least one; `({},)` for an effect without inner parameters.
         """
         count = 9 if len(self.inner) == 1 else 5
-        values = product(*(p.spread(count) for p in self.inner))
-        return tuple({p.name: float(v) for p, v in zip(self.inner, row, strict=True)} for row in values)
+        return start_grid(**{p.name: p.spread(count) for p in self.inner})
 
     def simpler(self, columns: FloatArray) -> FloatArray:
-        """Columns of the simpler effect that is left if what is essential is nothing.
+        """Return the columns of the simpler effect that remains without the essential gains.
 
         Args:
-            columns: of all gains, shape (n, len(gains)).
+            columns: columns of all gains, shape (n, len(gains)).
 
         Returns:
             Shape (n, k), k below len(gains), or equal where nothing is essential.
@@ -139,13 +147,13 @@ class Effect(ABC):
     def is_misnamed(
         self, data: ChannelData, parameters: Mapping[str, float], errors: Errors, noise: float
     ) -> bool:
-        """Check whether these parameters, within their bounds, make the effect imitate something else.
+        """Return whether the effect imitates something else with these parameters within their bounds.
 
         A model with such an effect may fit well, and still says nothing for the effect.
 
         Args:
             data: the channel, with the motion that acts.
-            parameters: of the whole model, by "effect.parameter".
+            parameters: parameters of the whole model, by "effect.parameter".
             errors: gives their standard errors by the same names, NaN where unknown; asked only if needed.
             noise: root mean square of what the model leaves, in the unit of the effort.
         """
@@ -301,5 +309,5 @@ class SensorEffect(Effect):
         lengths = np.sqrt(np.mean(columns**2, axis=0))
         step = 0.01 * np.sqrt(np.mean(effort**2)) / np.where(lengths > 0, lengths, 1.0)
         step = np.where(step > 0, step, 1.0)
-        here = self.sense(effort, data, inner)[:, None]
-        return (self.sense(effort[:, None] + step * columns, data, inner) - here) / step
+        reading = self.sense(effort, data, inner)[:, None]
+        return (self.sense(effort[:, None] + step * columns, data, inner) - reading) / step

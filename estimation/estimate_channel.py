@@ -1,9 +1,10 @@
-"""From a channel to its parameters: the steps that every estimator shares."""
+"""Estimate the parameters of a channel: the steps that all estimators share."""
 
 from collections.abc import Iterable, Mapping
 from dataclasses import replace
 
 import numpy as np
+import scipy
 
 from palpate.estimation.channel import FEWEST_STEPS, ChannelData, ChannelKind
 from palpate.estimation.data.contact import contact_rows
@@ -32,7 +33,7 @@ _ROUNDING = 1e-9  # share of the effort below which a gain is a rounding error
 
 
 def fitting_rows(data: ChannelData) -> BoolArray:
-    """Samples that tell about the model, shape (n,).
+    """Return the samples that a model is fitted to, shape (n,).
 
     Of a contact: those surely in contact where the surface was found from the data, else those below the
     surface; of a joint: all.
@@ -63,11 +64,11 @@ def estimate_channel(
 
     Args:
         data: whole runs of a channel.
-        model: what to estimate.
+        model: model to estimate.
         estimator: how.
         rng: see `Estimator.fit`.
         rows: samples to use, shape (n,); None for `fitting_rows`.
-        searched: of other estimators of the same samples, see `fit_samples`.
+        searched: fits of other estimators to the same samples, see `fit_samples`.
 
     Returns:
         Gains, then inner parameters, called "effect.parameter"; its arrays hold the samples used.
@@ -88,9 +89,9 @@ def estimate_channel(
             if steps_spanned(data, used) < FEWEST_STEPS:
                 within[_OFFSET] = (-_NOWHERE_M, _NOWHERE_M)
         narrowed = replace(model, within=within)
-        begun = fit_samples(narrowed, data, used, estimator.loss, searched)
-        regression = model.regression(data, begun.parameters).select(used)
-        estimate = _combine(begun, data, used, estimator.fit(regression, rng=rng))
+        narrowed_fit = fit_samples(narrowed, data, used, estimator.loss, searched)
+        regression = model.regression(data, narrowed_fit.parameters).select(used)
+        estimate = _combine(narrowed_fit, data, used, estimator.fit(regression, rng=rng))
     else:
         regression = model.regression(data, {}).select(used)
         estimate = estimator.fit(regression, rng=rng)
@@ -110,7 +111,7 @@ def estimate_channel(
 
 
 def _check_samples(data: ChannelData, model: Model, used: BoolArray) -> None:
-    """Refuse too few samples, such without an effort, and such as small as no measurement is."""
+    """Reject too few samples, zero efforts, and signals too small for any measurement."""
     samples, parameters = np.count_nonzero(used), len(model.gains) + len(model.inner)
     if samples <= parameters:
         raise InputError(
@@ -131,7 +132,7 @@ def _check_samples(data: ChannelData, model: Model, used: BoolArray) -> None:
 
 
 def _combine(searched: SampleFit, data: ChannelData, rows: BoolArray, given: Estimate) -> Estimate:
-    """Gains as the estimator has them, inner parameters as the search has them, errors of both together.
+    """Combine an estimator's gains with searched inner parameters, and their errors.
 
     Given the inner parameters p, the gains g have the estimator's covariance; p is uncertain by C, also where
     it ended at a bound, which is no measurement. The gains follow it by G = dg/dp = -(X'X)^-1 X' df/dp.
@@ -155,9 +156,14 @@ def _combine(searched: SampleFit, data: ChannelData, rows: BoolArray, given: Est
             data.tare.index(data.run[rows])[given.inliers],
             data.tare.std_err,
         )
-    rounding = _of_rounding(searched, data, rows, given)
-    values -= rounding.mean(axis=1)
-    matrix += rounding @ rounding.T / rounding.shape[1]
+    used = rows.copy()
+    used[used] = given.inliers
+    gains = {parameter.name: parameter.value for parameter in given.parameters}
+    rounding = rounding_errors(searched.model, data, used, searched.parameters | gains)
+    if rounding.size and steps_spanned(data, rows) >= FEWEST_STEPS:
+        rounding[~free] = 0.0
+        values -= rounding.mean(axis=1)
+        matrix += rounding @ rounding.T / rounding.shape[1]
     return assemble(
         given.estimator,
         tuple(searched.parameters),
@@ -174,20 +180,8 @@ def _combine(searched: SampleFit, data: ChannelData, rows: BoolArray, given: Est
     )
 
 
-def _of_rounding(searched: SampleFit, data: ChannelData, rows: BoolArray, given: Estimate) -> FloatArray:
-    """Errors of all parameters at other places of the encoder's grid, (m, r); one of zeros where none is."""
-    used = rows.copy()
-    used[used] = given.inliers
-    gains = {parameter.name: parameter.value for parameter in given.parameters}
-    errors = rounding_errors(searched.model, data, used, searched.parameters | gains)
-    if not errors.size or steps_spanned(data, rows) < FEWEST_STEPS:
-        return np.zeros((len(errors), 1))
-    errors[~np.isfinite(searched.covariance.std_err)] = 0.0
-    return errors
-
-
 def mark_coarse(estimate: Estimate, data: ChannelData, rows: BoolArray) -> Estimate:
-    """Take the intervals away, and say why, where the motion spans too few steps to know any slope.
+    """Remove the intervals, and say why, if the motion spans too few encoder steps for a slope.
 
     Args:
         estimate: the estimate.
@@ -216,7 +210,7 @@ def mark_coarse(estimate: Estimate, data: ChannelData, rows: BoolArray) -> Estim
 
 
 def steps_spanned(data: ChannelData, rows: BoolArray) -> float:
-    """How many steps of its grid the position spans in these rows; infinite where it is on none.
+    """Return how many steps of its grid the position spans in these rows; infinite without a grid.
 
     Args:
         data: the channel.
@@ -228,7 +222,7 @@ def steps_spanned(data: ChannelData, rows: BoolArray) -> float:
 
 
 def in_steps(data: ChannelData, rows: BoolArray) -> str:
-    """The same in words.
+    """Describe the steps that the position spans.
 
     Args:
         data: the channel.
@@ -240,7 +234,7 @@ def in_steps(data: ChannelData, rows: BoolArray) -> str:
 
 
 def rounding_errors(model: Model, data: ChannelData, rows: BoolArray, parameters: Parameters) -> FloatArray:
-    """By how much other places of the grid would have moved the parameters, shape (m, r).
+    """Simulate the change of the parameters for other offsets of the encoder's grid, shape (m, r).
 
     The residuals do not show it: a hold lies within one step and has one error, steps make a derived velocity
     noisy, and least squares take either for a softer object (R. J. Carroll et al., Measurement Error in
@@ -249,10 +243,10 @@ def rounding_errors(model: Model, data: ChannelData, rows: BoolArray, parameters
     Gauss and Newton.
 
     Args:
-        model: what was fitted.
+        model: fitted model.
         data: the channel.
         rows: samples that count, shape (n,).
-        parameters: as found, by "effect.parameter".
+        parameters: parameters as found, by "effect.parameter".
 
     Returns:
         Errors of gains and inner parameters, a column a repetition; none where the grid is fine enough.
@@ -260,9 +254,13 @@ def rounding_errors(model: Model, data: ChannelData, rows: BoolArray, parameters
     if steps_spanned(data, rows) > _MANY_STEPS:
         return np.zeros((len(parameters), 0))
     rng = np.random.default_rng(_SEED)
-    smooth = replace(data, position=_smoothed(data))
-    effort = model.predict(smooth, parameters)
     pieces = number_pieces(data.time_s, data.run)
+    without_steps = np.empty(len(data))  # the integral of the velocity, piece by piece
+    for piece in blocks(pieces):
+        way = scipy.integrate.cumulative_trapezoid(data.velocity[piece], data.time_s[piece], initial=0.0)
+        without_steps[piece] = way + np.mean(data.position[piece] - way)
+    smooth = replace(data, position=without_steps)
+    effort = model.predict(smooth, parameters)
     half, errors = None, []
     for shift in (rng.random(_DRAWS) + np.arange(_DRAWS)) / _DRAWS:
         moved = smooth.position + shift * data.position_step
@@ -270,19 +268,9 @@ def rounding_errors(model: Model, data: ChannelData, rows: BoolArray, parameters
         motion = differentiate(data.time_s, position, pieces, half, rounding=data.position_step**2 / 12)
         half = motion.half_windows[0]
         again = replace(data, position=position, velocity=motion.velocity, effort=effort)
-        left = effort - model.predict(again, parameters)
-        errors.append(solve(slopes_of(model, again, parameters)[rows], left[rows]).gains)
+        residual = effort - model.predict(again, parameters)
+        errors.append(solve(slopes_of(model, again, parameters)[rows], residual[rows]).gains)
     return np.column_stack(errors)
-
-
-def _smoothed(data: ChannelData) -> FloatArray:
-    """The positions without their steps, shape (n,): the velocity summed up, run by run."""
-    position = np.empty(len(data))
-    for rows in blocks(number_pieces(data.time_s, data.run)):
-        moves = np.diff(data.time_s[rows]) * (data.velocity[rows][1:] + data.velocity[rows][:-1]) / 2
-        way = np.concatenate([[0.0], np.cumsum(moves)])
-        position[rows] = way + np.mean(data.position[rows] - way)
-    return position
 
 
 def unphysical(
@@ -291,7 +279,7 @@ def unphysical(
     columns: FloatArray,
     effort: FloatArray,
 ) -> dict[str, str]:
-    """Gains that lie outside what is physical with their whole intervals, each in words with its value.
+    """Describe the gains whose whole interval lies outside their physical bounds, by name.
 
     Args:
         gains: by "effect.parameter", in column order.

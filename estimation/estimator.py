@@ -1,4 +1,4 @@
-"""What an estimator is: it turns a linear problem into parameters with their uncertainty."""
+"""Interface of estimators, which solve a linear problem for parameters with their uncertainty."""
 
 from abc import ABC, abstractmethod
 from typing import ClassVar
@@ -13,7 +13,7 @@ from palpate.robot_io.types import BoolArray, FloatArray
 
 
 class Estimator(ABC):
-    """A way to solve effort = columns @ gains + noise."""
+    """Method that solves effort = columns @ gains + noise."""
 
     name: ClassVar[str]  # as on the command line
     # In the search for parameters that the effort is not linear in, which comes before.
@@ -41,7 +41,7 @@ class Estimator(ABC):
         history: FloatArray | None = None,
         details: dict[str, float] | None = None,
     ) -> Estimate:
-        """What was found, judged; see `assemble`."""
+        """Assemble the estimate with its diagnostics; see `assemble`."""
         return assemble(
             self.name,
             regression.names,
@@ -70,7 +70,7 @@ class OnlineEstimator(Estimator):
 
     @abstractmethod
     def update(self, row: FloatArray, effort: float) -> FloatArray:
-        """Take in one sample.
+        """Update the gains by one sample.
 
         Args:
             row: shape (p,), one row of the columns.

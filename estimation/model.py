@@ -81,7 +81,7 @@ class Model:
         """Return the model with one more effect, last.
 
         Args:
-            effect: in the form that suits the channel.
+            effect: effect in the form that suits the channel.
 
         Raises:
             InputError: the model has it already.
@@ -92,7 +92,7 @@ class Model:
         """Return the model with one more effect, first, such as a sensor's fault before its filter.
 
         Args:
-            effect: in the form that suits the channel.
+            effect: effect in the form that suits the channel.
 
         Raises:
             InputError: the model has it already.
@@ -103,7 +103,7 @@ class Model:
         """Return the effect of this name.
 
         Args:
-            name: of an effect of the model.
+            name: name of an effect of the model.
         """
         return next(effect for effect in self.effects if effect.name == name)
 
@@ -136,7 +136,7 @@ class Model:
 
         Args:
             name: "effect.parameter".
-            value: in the parameter's unit.
+            value: value in the parameter's unit.
         """
         return name in self.inner and self.inner[name].at_bound(value)
 
@@ -189,7 +189,7 @@ class Model:
         return tuple(p.unit_of(data.kind) for p in (*self.gains.values(), *self.inner.values()))
 
     def predict(self, data: ChannelData, parameters: Parameters) -> FloatArray:
-        """The effort that the model expects, shape (n,).
+        """Return the effort that the model expects, shape (n,).
 
         Args:
             data: the channel; its effort is used only by effects that need it (tool compliance).
@@ -203,7 +203,7 @@ class Model:
         Args:
             data: the channel.
             parameters: a value for every gain and inner parameter.
-            step: of the difference quotient, relative to a value or its typical range.
+            step: step of the difference quotient, relative to a value or its typical range.
         """
         slopes = []
         for name, parameter in self.inner.items():
@@ -224,7 +224,7 @@ class Model:
         Args:
             data: the channel.
             parameters: a value for every gain.
-            parts: from `parts` for the same data and inner parameters.
+            parts: result of `parts` for the same data and inner parameters.
 
         Returns:
             Rows, shape (k,); none for a joint.
@@ -242,13 +242,13 @@ class Model:
         parts: Parts | None = None,
         lifted: IntArray | None = None,
     ) -> tuple[FloatArray, FloatArray]:
-        """What the model expects, and how that changes with its gains.
+        """Return the prediction's derivatives by the gains, and the prediction.
 
         Args:
             data: the channel; its effort is used only by effects that need it (tool compliance).
             parameters: a value for every gain and inner parameter.
-            parts: from `parts` for the same data and inner parameters, where they are at hand.
-            lifted: from `lifted` for the same, where they are at hand.
+            parts: result of `parts` for the same data and inner parameters, if known.
+            lifted: result of `lifted` for the same arguments, if known.
 
         Returns:
             Slopes (n, p) of the effort by each gain, and the effort (n,).
@@ -266,7 +266,7 @@ class Model:
 
     @cached_property
     def is_sum(self) -> bool:
-        """Whether means over samples are all that is needed: motion as it is, readings at most scaled."""
+        """Whether means over samples can be fitted: unchanged motion, readings at most scaled."""
         pointwise = sum(sensor.pointwise for sensor in self.sensors)
         return len(self.additive) + pointwise == len(self.effects)
 
@@ -322,7 +322,7 @@ class Model:
         """Return an effect's columns after the model's memory effects have acted on the elastic ones.
 
         Args:
-            effect: whose columns they are.
+            effect: effect whose columns they are.
             columns: effort per unit of each of its gains, shape (n, k).
             data: the channel.
             parameters: a value for every inner parameter.

@@ -89,7 +89,7 @@ class OnlineContactEstimator:
         """Take in one sample.
 
         Args:
-            time_s: of the sample [s].
+            time_s: time of the sample [s].
             along_m: tip along the press direction [m].
             force_n: positive in compression [N].
 

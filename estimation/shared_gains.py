@@ -1,4 +1,4 @@
-"""Gains that joints of one arm share: what each joint says of them enters the fit of all others.
+"""Information on gains that joints of one arm share.
 
 What the motion does not show stays near the URDF, and is such that bodies can have it.
 The fit of one joint with what the others say added to its normal equations is the fit of all joints together,
@@ -26,10 +26,10 @@ from palpate.estimation.model import Model
 
 
 def with_shared_gains(channels: Sequence[ChannelData], models: Sequence[Model]) -> list[ChannelData]:
-    """The channels, those of one fitted arm with what the others say of its base parameters.
+    """Add to the channels of a fitted arm what the other joints tell of its base parameters.
 
     Args:
-        channels: of one robot.
+        channels: channels of one robot.
         models: the base model of each.
 
     Returns:
@@ -60,9 +60,9 @@ def with_shared_gains(channels: Sequence[ChannelData], models: Sequence[Model]) 
     ]
     said = [shared_information(joint) for joint in joints]
     pull = consistent_information(effect.arm, effect.urdf, reduce(add, said))
-    others = information_of_others(joints, pull)
+    information = information_of_others(joints, pull)
     prepared = list(channels)
-    for number, fit, others_say in zip(of_arm, alone, others, strict=True):
+    for number, fit, others_say in zip(of_arm, alone, information, strict=True):
         felt = [name for name in names if name in fit.solution.model.gains]
         kept = np.array([name in felt for name in names])
         shared = SharedGains(tuple(felt), others_say.about(kept).times(_noise(fit) ** 2))
@@ -75,5 +75,5 @@ def _body_of(model: Model) -> RigidBodyFitted | None:
 
 
 def _noise(fitted: FitResult) -> float:
-    """Root mean square of what a joint's own fit leaves on blocks."""
+    """Return the root mean squared residual of a joint's own fit on blocks."""
     return float(np.sqrt(np.mean(fitted.solution.residual[fitted.problem.used] ** 2)))

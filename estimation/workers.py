@@ -1,4 +1,4 @@
-"""Worker processes, which a signal ends at once, and linear algebra in a single thread."""
+"""Worker processes that a signal ends at once, and linear algebra in a single thread."""
 
 import os
 import signal
@@ -11,7 +11,7 @@ from typing import Any
 
 
 def end_workers(pool: ProcessPoolExecutor) -> None:
-    """End a pool and its processes at once; what they were computing is lost.
+    """End a pool and its processes at once; running computations are lost.
 
     Args:
         pool: the pool; it takes no further work.
@@ -24,22 +24,22 @@ def end_workers(pool: ProcessPoolExecutor) -> None:
 
 
 def end_when_told() -> None:
-    """Begin a worker: handlers of the process that forked are not its own, and a signal ends it at once."""
+    """Prepare a worker: restore default signal handlers, and end with the parent process."""
     end_with_parent()
     for number in (signal.SIGTERM, signal.SIGHUP):
         signal.signal(number, signal.SIG_DFL)
 
 
 def end_with_parent() -> None:
-    """Let this process end when the one that began it is gone, also where that was killed and ends nobody."""
-    Thread(target=_outlive_nobody, daemon=True).start()
+    """Let this process end with its parent, also if the parent is killed and cannot end it."""
 
+    def wait_for_parent() -> None:
+        parent = parent_process()
+        if parent is not None:
+            parent.join()
+            os._exit(1)
 
-def _outlive_nobody() -> None:
-    parent = parent_process()
-    if parent is not None:
-        parent.join()
-        os._exit(1)
+    Thread(target=wait_for_parent, daemon=True).start()
 
 
 @cache

@@ -27,16 +27,16 @@ def arranged(products: FloatArray, names: Sequence[str], shared: Sequence[str], 
 
     Args:
         products: shape (folds, q + 1, q + 1), the last of the torque.
-        names: of the q columns.
+        names: names of the q columns.
         shared: names of the shared columns in their common order; those that are not among `names`, the
             joint does not feel. All other columns are the joint's own, in the order of `names`.
         sigma: standard deviation of the joint's noise.
     """
     own = [name for name in names if name not in set(shared)]
     place = {name: index for index, name in enumerate([*shared, *own])}
-    there = np.array([*(place[name] for name in names), len(place)])
+    places = np.array([*(place[name] for name in names), len(place)])
     whole = np.zeros((len(products), len(place) + 1, len(place) + 1))
-    whole[:, there[:, None], there] = products
+    whole[:, places[:, None], places] = products
     return JointMoments(whole, len(shared), sigma)
 
 
@@ -71,7 +71,7 @@ def information_of_others(joints: Sequence[JointMoments], prior: Information) ->
 
     Args:
         joints: their moments, with the same folds.
-        prior: of the shared parameters, matrix (s, s) or (1 + folds, s, s), such as that of
+        prior: prior of the shared parameters, matrix (s, s) or (1 + folds, s, s), such as that of
             `palpate.estimation.arm.consistent_fit`.
 
     Returns:
@@ -141,7 +141,7 @@ def fit_bodies(information: Information, divergence: Divergence, precision: floa
 
     Args:
         information: A (10 links, 10 links) and b (10 links,): what the data say, see `Information`.
-        divergence: from the bodies that the parameters are drawn to.
+        divergence: divergence from the bodies that the parameters are drawn to.
         precision: weight of D, see `palpate.estimation.arm.consistent_fit`.
 
     Returns:
@@ -171,17 +171,19 @@ class _Problem:
             precision: weight of the divergence from the bodies of origin.
             close: squared decrement at which it ends, as a share of the precision.
         """
-        here = self._cost(inertial, precision)
+        current = self._cost(inertial, precision)
         for _ in range(_STEPS):
             step, decrement = self.newton(inertial, precision)
             if decrement <= close * precision:
                 break
             share = 1.0
-            while (there := self._cost(inertial - share * step, precision)) > here - 0.1 * share * decrement:
+            while (
+                proposed := self._cost(inertial - share * step, precision)
+            ) > current - 0.1 * share * decrement:
                 share *= 0.5
                 if share < 1e-10:  # rounding errors: it goes no lower
                     return inertial
-            inertial, here = inertial - share * step, there
+            inertial, current = inertial - share * step, proposed
         return inertial
 
     def newton(self, inertial: FloatArray, precision: float) -> tuple[FloatArray, float]:

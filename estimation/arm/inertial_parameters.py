@@ -75,7 +75,7 @@ def inertial_name(column: int) -> str:
     """Name the parameter of a column of the regressor, such as "link2_Izz".
 
     Args:
-        column: of the regressor, from 0.
+        column: column of the regressor, from 0.
     """
     return f"link{column // len(_NAMES) + 1}_{_NAMES[column % len(_NAMES)]}"
 
@@ -84,7 +84,7 @@ def inertial_unit(column: int) -> str:
     """Return the unit of the parameter of a column of the regressor.
 
     Args:
-        column: of the regressor, from 0.
+        column: column of the regressor, from 0.
     """
     return _UNITS[column % len(_NAMES)]
 
@@ -104,12 +104,12 @@ def base_parameters(body: "RigidBody") -> BaseParameters:
     least = _INDEPENDENT * np.maximum(lengths, 1e-3 * lengths.max())
     basis, chosen = np.zeros((len(rows), 0)), []
     for index, column in enumerate(rows.T):
-        left = column - basis @ (basis.T @ column)
-        left -= basis @ (basis.T @ left)
-        length = np.linalg.norm(left)
+        residual = column - basis @ (basis.T @ column)
+        residual -= basis @ (basis.T @ residual)
+        length = np.linalg.norm(residual)
         if length > least[index]:
             chosen.append(index)
-            basis = np.column_stack([basis, left / length])
+            basis = np.column_stack([basis, residual / length])
     columns = np.array(chosen, dtype=np.int64)
     grouping = np.linalg.lstsq(rows[:, columns], rows, rcond=None)[0]
     grouping[np.abs(grouping) < _INDEPENDENT] = 0.0

@@ -72,8 +72,8 @@ class HybridSprls(OnlineContactLaw):
     Args:
         switch_n_m: stiffness that Kelvin-Voigt finds, above which its law is the answer [N/m].
         beta: as for `Sprls`.
-        gamma: as for `Sprls`, per squared newton for Kelvin-Voigt; the logarithm of a force has no unit and
-            is perturbed by a change of the force by more than a factor of two alone.
+        gamma: as for `Sprls`, per squared newton for Kelvin-Voigt; the logarithm of a force has no unit, and
+            only a change of the force by more than a factor of two perturbs it.
     """
 
     name = "hybrid_sprls"
@@ -112,7 +112,7 @@ class IndirectAdaptive(OnlineContactLaw):
     Source: H. Seraji, R. Colbaugh, Force Tracking in Impedance Control, Int. J. Robotics Research 16 (1997).
 
     Args:
-        rate: of the adaptation, in (0, 2).
+        rate: rate of the adaptation, in (0, 2).
         noise_n: force at which a step is halved [N].
     """
 
@@ -199,7 +199,7 @@ class ModelReference(OnlineContactLaw):
     `palpate.control.laws.force_laws`.
 
     Args:
-        rate: of the adaptation, in (0, 1).
+        rate: rate of the adaptation, in (0, 1).
         pull: share of its error that the model makes up for per sample, in (0, 1).
     """
 
@@ -324,7 +324,7 @@ class RobustHuntCrossley(ContactEstimator):
             depth_m: indentation of each sample, shape (n,) [m].
             speed_m_s: its rate, shape (n,) [m/s].
             force_n: measured force, shape (n,) [N].
-            rng: for random subsets.
+            rng: random generator for random subsets.
         """
         check_samples(self.name, depth_m, speed_m_s, force_n)
         touching = depth_m > 0.0
@@ -346,8 +346,8 @@ class RobustHuntCrossley(ContactEstimator):
         springs = np.exp(_EXPONENTS[:, None] * log_depth)
         # At a given exponent F / d^n = k + b v: a line through two points.
         push = force / springs
-        apart = speed[two] - speed[first]
-        slopes = (push[:, two] - push[:, first]) / np.where(np.abs(apart) > 0.0, apart, np.inf)
+        difference = speed[two] - speed[first]
+        slopes = (push[:, two] - push[:, first]) / np.where(np.abs(difference) > 0.0, difference, np.inf)
         levels = push[:, first] - slopes * speed[first]
         left = np.abs(
             force[some] - springs[:, None, some] * (levels[..., None] + slopes[..., None] * speed[some])

@@ -1,4 +1,4 @@
-"""Files and tables of arrays: Parquet (LeRobot data sets among them), NPZ, and what is in memory."""
+"""Read Parquet (also LeRobot data sets), NPZ and MATLAB files, and arrays in memory, as columns."""
 
 from __future__ import annotations
 
@@ -25,16 +25,16 @@ else:
     pa = LazyModule("pyarrow")
     pc = LazyModule("pyarrow.compute")
 
-_MOST_PACKED = 50  # times its size, that a MATLAB file may hold whose variables cannot be listed
-_LEAST_CELL = 4  # bytes of a value, of whatever type
+_MOST_PACKED = 50  # unpacked over packed size of a MATLAB file whose variables cannot be listed
+_LEAST_CELL = 4  # least bytes of a value of any type
 _BATCH_ROWS = 256
 
 
 def read_parquet(path: Path) -> FileColumns:
-    """The columns of a Parquet file; arrays of a LeRobot data set element by element.
+    """Read the columns of a Parquet file; arrays of a LeRobot data set are split into elements.
 
     Args:
-        path: of the file.
+        path: path of the file.
 
     Raises:
         InputError: it holds too much.
@@ -51,15 +51,15 @@ def read_parquet(path: Path) -> FileColumns:
         table = pa.Table.from_batches(batches, file.schema_arrow)
     if not is_lerobot(table):
         return FileColumns(table)
-    flat, words = flat_table(table, path)
+    flat, words = flatten_arrays(table, path)
     return FileColumns(flat, words=words)
 
 
 def read_npz(path: Path) -> FileColumns:
-    """The arrays of an NPZ file that are columns; objects are not unpickled.
+    """Read the columns of an NPZ file without unpickling objects.
 
     Args:
-        path: of the file.
+        path: path of the file.
 
     Raises:
         InputError: it holds too much, or arrays of objects or of different lengths.
@@ -76,11 +76,11 @@ def read_npz(path: Path) -> FileColumns:
                 raise InputError(f"{path}: column '{name}' {reason}") from error
             if array.ndim == 1 or parse_role(name):  # others, such as a sampling rate, are no columns
                 arrays[name] = array
-    return FileColumns(arrow_of(arrays, path))
+    return FileColumns(arrow_table(arrays, path))
 
 
-def _stacked(cells: NDArray[Any]) -> NDArray[Any]:
-    """Cells that hold numbers of equal count, one below the other; other arrays as they are."""
+def _as_matrix(cells: NDArray[Any]) -> NDArray[Any]:
+    """Stack cells that hold equally many numbers as rows of a matrix; return other arrays unchanged."""
     if cells.ndim == 1 and cells.dtype == object and len(cells):
         shapes = {np.shape(cell) for cell in cells}
         if len(shapes) == 1 and len(next(iter(shapes))) == 1:
@@ -89,13 +89,13 @@ def _stacked(cells: NDArray[Any]) -> NDArray[Any]:
 
 
 def read_mat(path: Path) -> FileColumns:
-    """The vectors of a MATLAB file that are columns, those of structs too: the most of one length.
+    """Read the vectors of a MATLAB file and of its structs; of several lengths, the most frequent is kept.
 
     The lines of a matrix along its longer side are columns, "name 1", "name 2" and so on; cells that hold
     rows of equal length are a matrix.
 
     Args:
-        path: of the file.
+        path: path of the file.
 
     Raises:
         InputError: it holds too much or no vectors, or is of version 7.3.
@@ -123,7 +123,7 @@ def read_mat(path: Path) -> FileColumns:
                 (str(key) if str(key) not in vectors else f"{name}.{key}", v) for key, v in value.items()
             ]
         elif isinstance(value, np.ndarray):
-            array = _stacked(value)
+            array = _as_matrix(value)
             if array.dtype.kind not in "biuf":
                 continue
             if array.ndim == 1 and len(array) > 1:
@@ -135,11 +135,11 @@ def read_mat(path: Path) -> FileColumns:
         raise InputError(f"{path}: holds no vectors; a measurement needs time and two more")
     lengths = [len(vector) for vector in vectors.values()]
     length = max(lengths, key=lambda each: (lengths.count(each), each))
-    return FileColumns(arrow_of({n: v for n, v in vectors.items() if len(v) == length}, path))
+    return FileColumns(arrow_table({n: v for n, v in vectors.items() if len(v) == length}, path))
 
 
-def arrow_of(arrays: Mapping[str, NDArray[Any]], place: Path) -> pa.Table:
-    """Arrays of numbers or text, by the names of their columns, as Arrow holds them.
+def arrow_table(arrays: Mapping[str, NDArray[Any]], place: Path) -> pa.Table:
+    """Convert arrays of numbers or text to an Arrow table, by the names of their columns.
 
     Args:
         arrays: one a column, shape (n,) each.
@@ -196,28 +196,28 @@ _MOST_INFO_BYTES = 1 << 20
 
 
 def is_lerobot(table: pa.Table) -> bool:
-    """Whether a Parquet file is an episode of a LeRobot data set.
+    """Return whether a Parquet file is an episode of a LeRobot data set.
 
     Args:
-        table: of the file.
+        table: table of the file.
     """
     return {_TIME, _STATE} <= set(table.column_names)
 
 
-def flat_table(table: pa.Table, path: Path) -> tuple[pa.Table, tuple[str, ...]]:
-    """Each array's elements as columns of their own, time and run by palpate's names, and words on it.
+def flatten_arrays(table: pa.Table, path: Path) -> tuple[pa.Table, tuple[str, ...]]:
+    """Split arrays into one column per element, with palpate's names for time and run, and describe them.
 
     The data set says no units: of positions and torques the user does, except where the robot was
     `lerobot_robot_palpate`. Arrays whose length changes from row to row are left out.
 
     Args:
-        table: as the Parquet file holds it, n rows.
-        path: of the file, beside whose folders the data set's description lies.
+        table: table as the Parquet file holds it, n rows.
+        path: path of the file within the data set.
 
     Returns:
         A table of n rows, one number a cell; and words on it for people.
     """
-    info = _info(path)
+    info = _dataset_info(path)
     names = _element_names(info, _STATE)
     joints = [name.removesuffix(".pos") for name in names if name.endswith(".pos")] or names
     units = _PALPATE_UNITS if info.get("robot_type") == "palpate" else {}
@@ -234,27 +234,27 @@ def flat_table(table: pa.Table, path: Path) -> tuple[pa.Table, tuple[str, ...]]:
         if len(widths) != 1 or widths[0] is None or not 0 < widths[0] <= _MOST_JOINTS:
             continue
         values = np.asarray(rows.flatten()).reshape(-1, widths[0])
-        called = _column_names(_CALLED.get(array, array), _element_names(info, array), widths[0], units)
-        columns |= dict(zip(called, values.T, strict=True))
+        column_names = _column_names(_CALLED.get(array, array), _element_names(info, array), widths[0], units)
+        columns |= dict(zip(column_names, values.T, strict=True))
     words = ("LeRobot data set", *([f"joints {', '.join(joints)}"] if joints else []))
     return pa.table(columns), words
 
 
-def _info(path: Path) -> Mapping[str, Any]:
-    """The description of the data set around a file; empty where none is there or it says nothing."""
+def _dataset_info(path: Path) -> Mapping[str, Any]:
+    """Read the description (meta/info.json) of the data set around a file; empty if there is none."""
     for folder in path.absolute().parents[:4]:
         info = folder / "meta" / "info.json"
         if info.is_file() and info.stat().st_size < _MOST_INFO_BYTES:
             try:
-                said = json.loads(info.read_text(encoding="utf-8"))
+                content = json.loads(info.read_text(encoding="utf-8"))
             except (OSError, ValueError, RecursionError):
                 return {}
-            return said if isinstance(said, Mapping) else {}
+            return content if isinstance(content, Mapping) else {}
     return {}
 
 
 def _element_names(info: Mapping[str, Any], array: str) -> list[str]:
-    """What the data set calls an array's elements; empty where it says nothing."""
+    """Return the names of an array's elements in the data set's description; empty without any."""
     try:
         names = info["features"][array]["names"]
     except (KeyError, TypeError):
@@ -265,7 +265,7 @@ def _element_names(info: Mapping[str, Any], array: str) -> list[str]:
 
 
 def _column_names(array: str, names: list[str], width: int, units: Mapping[str, str]) -> list[str]:
-    """Columns for an array's elements: position_1 for the first joint, or what its element's name says.
+    """Name the columns of an array's elements, such as position_1 for the first joint.
 
     LeRobot 0.6 puts all numbers of an observation into one array, as in shoulder.pos, shoulder.vel,
     shoulder.torque, force; a joint is what has a position. What no joint has keeps its name.

@@ -1,4 +1,4 @@
-"""Decides which column holds which quantity, and in which unit."""
+"""Assign quantities and units to the columns of a table."""
 
 from __future__ import annotations
 
@@ -13,17 +13,10 @@ import numpy as np
 from palpate.estimation.data.choose_columns import (
     EFFORTS,
     POSITION,
-    Assigned,
-    assign_unit,
-    check_all_say_their_units,
-    check_force_of_angle,
-    check_units_are_used,
     choose_columns,
-    hold_the_same,
+    have_equal_values,
     is_pressed,
-    is_said_scaled,
     joint_shift,
-    unit_of,
 )
 from palpate.estimation.data.column_names import (
     DISPLACEMENT,
@@ -38,6 +31,7 @@ from palpate.estimation.data.column_names import (
     role_of_option,
     unit_in_name,
 )
+from palpate.estimation.data.column_units import Assigned, Chosen, ColumnUnits
 from palpate.estimation.data.import_options import ImportOptions
 from palpate.estimation.data.presses import FEWEST_ROWS, press_sides
 from palpate.estimation.data.table import Table
@@ -68,51 +62,51 @@ class Columns:
         return key in self.assigned
 
     def values(self, key: Key) -> FloatArray:
-        """A quantity in SI, shape (n,).
+        """Return a quantity in SI units, shape (n,).
 
         Args:
-            key: of the quantity, which must be among the columns.
+            key: key of the quantity, which must be among the columns.
         """
         source = self.assigned[key]
         return source.factor * self.table.numbers(source.column) - source.zero
 
     def name(self, key: Key) -> str:
-        """A quantity's column in the file.
+        """Return the name of a quantity's column in the file.
 
         Args:
-            key: of the quantity, which must be among the columns.
+            key: key of the quantity, which must be among the columns.
         """
         return self.assigned[key].column
 
     @property
     def used(self) -> frozenset[str | None]:
-        """Names of the columns that hold a quantity, or the number of the run or phase."""
+        """Names of the columns that hold a quantity, a run or a phase."""
         return frozenset({source.column for source in self.assigned.values()} | {self.run, self.phase})
 
     @cached_property
     def unused(self) -> tuple[str, ...]:
-        """Names of the columns of numbers that hold no quantity and do change."""
+        """Names of the numeric columns that are not used and not constant."""
         used = self.used
         return tuple(name for name in self.table.names if name not in used and self.table.varies(name))
 
     @cached_property
-    def like_runs(self) -> str:
-        """An unused column of whole numbers, each in one block of rows; empty if there is none, or a run."""
+    def run_candidate(self) -> str:
+        """An unused column that could number the runs; empty if there is none, or runs are known."""
         looked_at = () if self.run else self.unused
         return next((name for name in looked_at if in_blocks(self.table.numbers(name))), "")
 
     @property
     def notes(self) -> tuple[str, ...]:
-        """What the reader should know about the columns."""
+        """Notes on the columns for the user."""
         notes = [*self.said, *(source.note for source in self.assigned.values() if source.note)]
-        if self.like_runs:
-            looks = f"column '{self.like_runs}' looks like the number of a run"
-            notes.append(f"{looks}; if it is one, add --column run={shlex.quote(self.like_runs)}")
+        if self.run_candidate:
+            looks = f"column '{self.run_candidate}' looks like the number of a run"
+            notes.append(f"{looks}; if it is one, add --column run={shlex.quote(self.run_candidate)}")
         return tuple(notes)
 
     @property
     def roles(self) -> dict[str, str]:
-        """What each column in use holds, and in which unit, by its name."""
+        """Quantity and unit of each column in use, by the column's name."""
         roles = {
             source.column: f"{Role(*key, '', self.shift).numbered} in {source.unit.replace('_', '/')}"
             for key, source in self.assigned.items()
@@ -121,7 +115,7 @@ class Columns:
 
     @property
     def matched(self) -> str:
-        """Which column is what, in a few words; empty where all have palpate's own names."""
+        """Assignment of columns in a few words; empty if all have palpate's own names."""
         if all(_own_name(source.column) for source in self.assigned.values()):
             return ""
         words = [
@@ -133,7 +127,7 @@ class Columns:
 
 
 def in_blocks(values: FloatArray) -> bool:
-    """Whether whole numbers (n,) are each in one block of rows, as those of runs are.
+    """Return whether each whole number occupies one block of rows, as numbers of runs do.
 
     Args:
         values: shape (n,), in the order of the rows.
@@ -145,32 +139,32 @@ def in_blocks(values: FloatArray) -> bool:
 
 
 def assign_columns(table: Table, options: ImportOptions) -> Columns:
-    """Match columns to quantities: by the user's word first, by palpate's own names, then by common ones.
+    """Assign columns to quantities: by options first, then by palpate's own names, then by common names.
 
     Args:
         table: the rows of the file, with the names of their columns.
-        options: what the user says of columns, units and rows.
+        options: options for columns, units and rows.
 
     Raises:
         InputError: a column is missing or ambiguous, or a unit is unknown or does not fit.
     """
     shift = joint_shift(table, options.columns)
-    chosen: dict[Key, tuple[Role, str]] = {}
+    chosen: Chosen = {}
     for name, column in options.columns.items():
         if column not in table.names:
             raise InputError(f"--column {name}={column}: {table.path} has only {table.listed_names}")
         if name not in (RUN, PHASE):
             role = role_of_option(name, shift)
             chosen[role.key] = (role, column)
-    chosen, notes = _by_own_name(table, options, chosen, shift)
+    chosen, notes = _assign_own_names(table, options, chosen, shift)
     if any(quantity in EFFORTS for quantity, _ in chosen):  # a goal counts only where no effort is there
         chosen = {
             key: (role, name)
             for key, (role, name) in chosen.items()
             if role.quantity != "goal" or name in options.columns.values()
         }
-    taken = {*options.columns.values(), *options.context, *(column for _, column in chosen.values())}
-    chosen |= choose_columns(table, chosen, taken, options, shift)
+    reserved = {*options.columns.values(), *options.context, *(column for _, column in chosen.values())}
+    chosen |= choose_columns(ColumnUnits(table, options), chosen, reserved, shift)
     for _, column in chosen.values():
         again = f"{column} (2)"
         if (
@@ -182,7 +176,7 @@ def assign_columns(table: Table, options: ImportOptions) -> Columns:
                 f"{table.path}: column '{column}' is there twice, with different values; choose with "
                 f"--column NAME={shlex.quote(column)} or NAME={shlex.quote(again)}, or rename one"
             )
-    run = _special(table, options, RUN)
+    run = _special_column(table, options, RUN)
     if run is None:  # a column such as `trial` or `Cycle` whose numbers each fill one block of rows
         names = (guess.column for guess in guess_columns(table.names) if guess.quantity == RUN)
         run = next((n for n in names if table.is_numeric(n) and in_blocks(table.numbers(n))), None)
@@ -192,26 +186,29 @@ def assign_columns(table: Table, options: ImportOptions) -> Columns:
         table, note = with_one_rate(table, chosen[TIME][1], efforts, motions, run)
         notes += [note] if note else []
     elif chosen:
-        filled = np.logical_and.reduce([table.is_there(column) for _, column in chosen.values()])
+        filled = np.logical_and.reduce([table.filled_rows(column) for _, column in chosen.values()])
         if filled.any() and not filled.all():  # columns of other lengths, or gaps
             listed = ", ".join(f"'{column}'" for _, column in chosen.values())
             notes.append(f"{np.sum(~filled)} of {len(table)} rows left out: no value in one of {listed}")
             table = table.select(filled)
-    notes += _press_or_axis(table, options, chosen)
+    units = ColumnUnits(table, options)
+    notes += _displacement_or_axis(units, chosen)
     chosen = dict(sorted(chosen.items(), key=lambda item: table.names.index(item[1][1])))
-    check_force_of_angle(table, options, chosen)
-    check_all_say_their_units(table, options, chosen)
-    assigned = {key: assign_unit(table, options, role, name) for key, (role, name) in chosen.items()}
-    check_units_are_used(table, options, chosen)
-    assigned, two_sided, note = _with_sides(table, options, assigned, shift)
+    units.check_force_of_angle(chosen)
+    units.check_known(chosen)
+    assigned = {key: units.assign(role, name) for key, (role, name) in chosen.items()}
+    units.check_used(chosen)
+    assigned, two_sided, note = _orient_signs(units, assigned, shift)
     notes += [note] if note else []
-    return Columns(table, assigned, run, _special(table, options, PHASE), tuple(notes), two_sided, shift)
+    return Columns(
+        table, assigned, run, _special_column(table, options, PHASE), tuple(notes), two_sided, shift
+    )
 
 
-def _by_own_name(
-    table: Table, options: ImportOptions, chosen: dict[Key, tuple[Role, str]], shift: int
-) -> tuple[dict[Key, tuple[Role, str]], list[str]]:
-    """With the columns whose names say quantity and unit, such as force_N; and notes on what is there twice.
+def _assign_own_names(
+    table: Table, options: ImportOptions, chosen: Chosen, shift: int
+) -> tuple[Chosen, list[str]]:
+    """Add columns whose names state quantity and unit, such as force_N, and note duplicates.
 
     Raises:
         InputError: two of them are for the same quantity and hold different values.
@@ -223,7 +220,7 @@ def _by_own_name(
             earlier_role, earlier = chosen.setdefault(role.key, (role, name))
             if earlier == name or earlier in options.columns.values():
                 continue
-            if not hold_the_same(table, role.key, (earlier, earlier_role.unit), (name, role.unit)):
+            if not have_equal_values(table, role.key, (earlier, earlier_role.unit), (name, role.unit)):
                 raise InputError(
                     f"{table.path}: columns '{earlier}' and '{name}' both hold {role.numbered}, with "
                     f"different values; choose with --column {role.numbered}={shlex.quote(earlier)}"
@@ -232,25 +229,23 @@ def _by_own_name(
     return chosen, notes
 
 
-def _press_or_axis(
-    table: Table, options: ImportOptions, chosen: dict[Key, tuple[Role, str]]
-) -> Iterator[str]:
-    """Take the position of a press for the displacement, and say so; that of palpate's own name stays.
+def _displacement_or_axis(units: ColumnUnits, chosen: Chosen) -> Iterator[str]:
+    """Decide whether a position is the displacement of a press or that of a linear axis, and note it.
 
     Raises:
         InputError: a column whose name says no unit may be the position of either.
     """
     if DISPLACEMENT in chosen or not {POSITION, FORCE} <= set(chosen) or ("torque", 0) in chosen:
         return
-    role, column = chosen[POSITION]
-    if _own_name(column) or column in options.columns.values():
+    table, (role, column) = units.table, chosen[POSITION]
+    if _own_name(column) or column in units.options.columns.values():
         return
-    if dimension_of(unit_of(table, options, role, column)) != "length":
+    if dimension_of(units.unit_of(role, column)) != "length":
         return
     quoted = shlex.quote(column)
     if is_pressed(table.numbers(column), table.numbers(chosen[FORCE][1])):
         del chosen[POSITION]
-        chosen[DISPLACEMENT] = Role(*DISPLACEMENT, role.unit or unit_of(table, options, role, column)), column
+        chosen[DISPLACEMENT] = Role(*DISPLACEMENT, role.unit or units.unit_of(role, column)), column
         yield (
             f"'{column}' and '{chosen[FORCE][1]}' go together as those of a press; if it is a linear axis, "
             f"add --column position={quoted}"
@@ -267,10 +262,10 @@ def _press_or_axis(
         )
 
 
-def _with_sides(
-    table: Table, options: ImportOptions, assigned: dict[Key, Assigned], shift: int
+def _orient_signs(
+    units: ColumnUnits, assigned: dict[Key, Assigned], shift: int
 ) -> tuple[dict[Key, Assigned], bool, str]:
-    """Turn displacement and force so that compression is positive, and find whether the element pulls too.
+    """Reverse displacement and force if needed, so that compression is positive; detect elements that pull.
 
     Where the user says a number before the unit, such as 1N, nothing is turned; where --column names the
     displacement, it is that of a contact.
@@ -280,12 +275,12 @@ def _with_sides(
     """
     if DISPLACEMENT not in assigned or FORCE not in assigned:
         return assigned, False, ""
-    way, force = assigned[DISPLACEMENT], assigned[FORCE]
+    table, way, force = units.table, assigned[DISPLACEMENT], assigned[FORCE]
     sides = press_sides(way.factor * table.numbers(way.column), force.factor * table.numbers(force.column))
     kept = {
         key
         for key, source in ((DISPLACEMENT, way), (FORCE, force))
-        if is_said_scaled(table, options, Role(*key, "", shift), source.column)
+        if units.is_scaled_by_user(Role(*key, "", shift), source.column)
     }
     factors = {DISPLACEMENT: sides.displacement, FORCE: sides.force}
     turned = {key: assigned[key].column for key in factors if factors[key] < 0.0 and key not in kept}
@@ -303,7 +298,7 @@ def _with_sides(
             f"where the force begins; --unit displacement=1{way.unit} keeps it, `palpate add FILE "
             "contact_offset` fits it"
         )
-    is_named = way.column in options.columns.values()
+    is_named = way.column in units.options.columns.values()
     if not sides.two_sided or (is_named and not sides.never_free):
         return result, False, "; ".join(notes)
     names, quoted = f"'{way.column}' and '{force.column}' take both signs", shlex.quote(way.column)
@@ -324,19 +319,19 @@ def _own_name(column: str) -> bool:
     return role is not None and bool(role.unit)
 
 
-def _special(table: Table, options: ImportOptions, name: str) -> str | None:
+def _special_column(table: Table, options: ImportOptions, name: str) -> str | None:
     return options.columns.get(name, name if name in table.names else None)
 
 
-_SYSTEMATIC = 0.1  # of the cells: fewer that are empty are faults of the file
-_SLOW = 2.0  # times the slowest one's rate, up to which an effort counts as slow
-_SHARED = 0.5  # of the slowest column's values, that must stand beside values of all others
+_SYSTEMATIC = 0.1  # share of empty cells; fewer are faults of the file
+_SLOW = 2.0  # ratio to the slowest rate up to which an effort counts as slow
+_SHARED = 0.5  # share of the slowest column's values in complete rows
 
 
 def with_one_rate(
     table: Table, time: str, efforts: Sequence[str], motions: Sequence[str], run: str | None
 ) -> tuple[Table, str]:
-    """The rows in which all columns in use have a value, and a word on it; as it is where none is empty.
+    """Select or interpolate rows so that all columns in use have a value in each, and describe that.
 
     Where hardly any row has them all, since each sensor wrote rows of its own, the others are read between
     their own samples at the times of an effort, whose noise must stay as it is, or of the slowest.
@@ -352,25 +347,25 @@ def with_one_rate(
         InputError: that cannot be, since runs or times are not in order.
     """
     names = (*efforts, *motions)
-    there = {name: table.is_there(name) for name in (time, *names)}
-    share = {name: float(np.mean(mask)) for name, mask in there.items()}
+    filled_by_name = {name: table.filled_rows(name) for name in (time, *names)}
+    share = {name: float(np.mean(mask)) for name, mask in filled_by_name.items()}
     some = {name: share[name] for name in names if share[name] < 1.0 - _SYSTEMATIC}
     if not some:
-        filled = np.logical_and.reduce(list(there.values()))
+        filled = np.logical_and.reduce(list(filled_by_name.values()))
         if filled.all() or share[time] < 1.0 - _SYSTEMATIC:
             return table, ""
-        lacking = ", ".join(f"'{name}'" for name, mask in there.items() if not mask.all())
+        lacking = ", ".join(f"'{name}'" for name, mask in filled_by_name.items() if not mask.all())
         count = int(np.sum(~filled))
         return table.select(filled), (
             f"{count} of {len(table)} rows left out: no value in {lacking}, the first in {table.row_word} "
             f"{table.rows[np.argmin(filled)]}"
         )
     slowest = min(some, key=lambda name: some[name])
-    every = np.logical_and.reduce([there[name] for name in some])
-    said = f"'{slowest}' has a value in {100.0 * some[slowest]:.2g} % of the rows"
-    if np.sum(every) >= max(_SHARED * np.sum(there[slowest]), 1.0):
-        return table.select(every), f"{said}; only complete rows are used"
-    if not there[slowest].any():
+    every = np.logical_and.reduce([filled_by_name[name] for name in some])
+    note = f"'{slowest}' has a value in {100.0 * some[slowest]:.2g} % of the rows"
+    if np.sum(every) >= max(_SHARED * np.sum(filled_by_name[slowest]), 1.0):
+        return table.select(every), f"{note}; only complete rows are used"
+    if not filled_by_name[slowest].any():
         raise InputError(
             f"{table.path}: column '{slowest}' is empty; name another one with --column; if it holds "
             "formulas, save the file with their results"
@@ -381,12 +376,12 @@ def with_one_rate(
             f"{table.path}: no row has all of {listed}; give each run a file of its own, in order of time"
         )
     base = next((name for name in efforts if some.get(name, 1.0) <= _SLOW * some[slowest]), slowest)
-    columns, inside = table.columns, there[base].copy()
+    columns, inside = table.columns, filled_by_name[base].copy()
     for name in names:
-        met = np.flatnonzero(there[name])
-        inside[: met[0]] = inside[met[-1] + 1 :] = False
+        sampled = np.flatnonzero(filled_by_name[name])
+        inside[: sampled[0]] = inside[sampled[-1] + 1 :] = False
         if name != base:
-            values = np.interp(times, times[met], table.select(there[name]).numbers(name))
+            values = np.interp(times, times[sampled], table.select(filled_by_name[name]).numbers(name))
             columns = columns.set_column(columns.column_names.index(name), name, pa.array(values))
     way = f"all others are read between their samples at the times of '{base}'"
-    return replace(table, columns=columns).select(inside), f"{said}: {way}"
+    return replace(table, columns=columns).select(inside), f"{note}: {way}"

@@ -1,4 +1,4 @@
-"""The channels of sessions, probed or imported."""
+"""Channels of sessions, probed or imported, and the streams that store imported channels."""
 
 import json
 import re
@@ -11,7 +11,7 @@ from palpate.control.loop.tick_record import STREAM_NAME
 from palpate.estimation.channel import ChannelData, ChannelKind
 from palpate.estimation.data.import_file import Imported, with_arm
 from palpate.estimation.data.tick_channels import checked_ticks, contact_channels, joined, joint_channels
-from palpate.estimation.data.units import FINEST_S, fault_of, more_like_it, useless_rows
+from palpate.estimation.data.units import FINEST_S, fault_of, further_faults, invalid_rows
 from palpate.estimation.signals.runwise import sample_time
 from palpate.robot_io.errors import InputError, SessionError
 from palpate.robot_io.session import Column, Samples, Session, Stream
@@ -36,28 +36,48 @@ _DOCS = {
 
 
 def import_streams(imported: Imported) -> list[tuple[Stream, Mapping[str, ArrayLike]]]:
-    """One stream for each channel, called as the channel, with its columns; for `write_session`.
+    """Convert each imported channel to a stream of that name with its columns, for `write_session`.
 
     Args:
-        imported: what `import_file` made of a data file.
+        imported: data file as imported by `import_file`.
     """
-    return [_stream(channel) for channel in imported.channels]
+    streams = list[tuple[Stream, Mapping[str, ArrayLike]]]()
+    for channel in imported.channels:
+        position, rate = channel.kind.position_unit, f"{channel.kind.position_unit}/s"
+        units = (position, rate, f"{rate}^2", channel.kind.effort_unit)
+        motion = (channel.position, channel.velocity, channel.acceleration, channel.effort)
+        phase = Column("phase", "1", 1, "as in the stream of ticks; -1 where unknown", "int32")
+        columns: list[tuple[Column, ArrayLike]] = [
+            (Column("time_s", "s", 1, "increasing within a run"), channel.time_s),
+            (Column("run", "1", 1, "number of the run", "int64"), channel.run),
+            (phase, channel.phase.astype(np.int32)),
+        ]
+        for name, unit, values in zip(_COLUMNS[channel.kind], units, motion, strict=True):
+            columns.append((Column(name, unit, 1, _DOCS.get(name, "")), values))
+        if channel.touching is not None:
+            held = Column(_HELD, "1", 1, "1 where the object pulls as well as pushes", "int32")
+            columns.append((held, channel.touching.astype(np.int32)))
+        for name in sorted(channel.recorded):
+            columns.append((Column(_CONTEXT + name, "1", 1, "as in the data file"), channel.context[name]))
+        stream = Stream(channel.name, tuple(column for column, _ in columns))
+        streams.append((stream, {column.name: values for column, values in columns}))
+    return streams
 
 
 def import_extra(imported: Imported) -> dict[str, str]:
-    """What the session's metadata must keep beside the streams.
+    """Return the metadata that an imported session keeps beside its streams.
 
     Args:
-        imported: what `import_file` made of a data file.
+        imported: data file as imported by `import_file`.
     """
     return {RUN_LABELS: json.dumps(imported.run_labels)}
 
 
 def run_labels(session: Session) -> dict[str, int]:
-    """Number of each run by what the data file called it; none where the session does not say so in order.
+    """Return the number of each run by its label in the data file; empty if the session has no valid labels.
 
     Args:
-        session: of an import.
+        session: session of an import.
     """
     try:
         labels = json.loads(session.metadata.extra.get(RUN_LABELS, "{}"))
@@ -68,10 +88,10 @@ def run_labels(session: Session) -> dict[str, int]:
 
 
 def imported_channels(session: Session) -> tuple[ChannelData, ...]:
-    """The channels of an imported session, as they were imported; none if it was not imported.
+    """Return the channels of an imported session; empty if the session was not imported.
 
     Args:
-        session: of an import or a probing.
+        session: session of an import or a probing.
 
     Raises:
         InputError: a column is missing, or holds what cannot be worked with.
@@ -83,30 +103,6 @@ def imported_channels(session: Session) -> tuple[ChannelData, ...]:
         )
     except InputError as error:
         raise InputError(f"{session.path}, {error}") from error
-
-
-def _stream(channel: ChannelData) -> tuple[Stream, dict[str, ArrayLike]]:
-    """One channel's stream and the values of its columns."""
-    position, rate = channel.kind.position_unit, f"{channel.kind.position_unit}/s"
-    units = (position, rate, f"{rate}^2", channel.kind.effort_unit)
-    motion = (channel.position, channel.velocity, channel.acceleration, channel.effort)
-    columns: list[tuple[Column, ArrayLike]] = [
-        (Column("time_s", "s", 1, "increasing within a run"), channel.time_s),
-        (Column("run", "1", 1, "number of the run", "int64"), channel.run),
-        (
-            Column("phase", "1", 1, "as in the stream of ticks; -1 where unknown", "int32"),
-            channel.phase.astype(np.int32),
-        ),
-    ]
-    for name, unit, values in zip(_COLUMNS[channel.kind], units, motion, strict=True):
-        columns.append((Column(name, unit, 1, _DOCS.get(name, "")), values))
-    if channel.touching is not None:
-        held = Column(_HELD, "1", 1, "1 where the object pulls as well as pushes", "int32")
-        columns.append((held, channel.touching.astype(np.int32)))
-    for name in sorted(channel.recorded):
-        columns.append((Column(_CONTEXT + name, "1", 1, "as in the data file"), channel.context[name]))
-    stream = Stream(channel.name, tuple(column for column, _ in columns))
-    return stream, {column.name: values for column, values in columns}
 
 
 def _channel(name: str, samples: Samples) -> ChannelData:
@@ -141,25 +137,25 @@ def _channel(name: str, samples: Samples) -> ChannelData:
 
 
 def _check(name: str, samples: Samples, columns: tuple[str, ...]) -> None:
-    """Refuse columns that are missing, of another shape, or hold what cannot be worked with."""
+    """Reject columns that are missing, of another shape, or hold invalid values."""
     for column in columns:
         if column not in samples:
             raise SessionError(f"stream '{name}': no column '{column}'")
         values = samples[column]
         if values.ndim != 1 or values.dtype.kind not in "iuf":
             raise SessionError(f"stream '{name}', column '{column}': expected one number a row")
-        bad = useless_rows(values)
+        bad = invalid_rows(values)
         if len(bad):
             number = float(values[bad[0]])
-            fault = fault_of(number) + more_like_it(len(bad))
+            fault = fault_of(number) + further_faults(len(bad))
             raise InputError(f"stream '{name}', row {bad[0] + 1}, column '{column}': {number:g} is {fault}")
 
 
 def session_channels(session: Session, *more: Session, tared: bool = False) -> tuple[ChannelData, ...]:
-    """The channels of a session, or of several probings by one arm: contact first, then the joints.
+    """Return the channels of a session, or of several probings by one arm: contact first, then joints.
 
     Args:
-        session: of a probing or an import.
+        session: session of a probing or an import.
         more: further probings by the same arm, which go on with the numbers of the runs.
         tared: take the force in free air off a contact's force, which is what a stiffness needs; else it is
             as it was measured, which is what the search for a sensor's bias needs. Imported channels stay

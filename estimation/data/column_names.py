@@ -1,4 +1,4 @@
-"""What columns of data files are called, and what they seem to hold."""
+"""Quantities and units that the names of columns suggest."""
 
 import re
 import unicodedata
@@ -53,7 +53,7 @@ _AFTER = re.compile(r"\s*(?:/|,|:|\||\bin\b)\s*([^\s/,:|]+)\s*$")
 
 @dataclass(frozen=True)
 class Role:
-    """What a column is for."""
+    """Quantity, joint and unit of a column."""
 
     quantity: str  # key of `QUANTITIES`
     joint: int  # number of the joint from 1, or 0 where the name has none
@@ -62,21 +62,21 @@ class Role:
 
     @property
     def key(self) -> tuple[str, int]:
-        """Quantity and joint, which only one column may have."""
+        """Quantity and joint, unique among columns."""
         return self.quantity, self.joint
 
     @property
     def numbered(self) -> str:
-        """The quantity with the joint's number in the file, as options call it: position_2, force."""
+        """Quantity with the joint's number in the file, as in options: position_2, force."""
         return f"{self.quantity}_{self.joint - self.shift}" if self.joint else self.quantity
 
 
 def parse_role(name: str, shift: int = 0) -> Role | None:
-    """Read a name such as `position_2_rad`, `force_N` or `time`; None if it is no such name.
+    """Parse a name such as `position_2_rad`, `force_N` or `time`; None for other names.
 
     Args:
-        name: of a column, or in an option.
-        shift: to add to the number of a joint.
+        name: name of a column, or of an option's value.
+        shift: number to add to that of a joint.
     """
     match = _NAME.fullmatch(name.strip())
     if not match:
@@ -93,20 +93,20 @@ def parse_role(name: str, shift: int = 0) -> Role | None:
 
 
 def joint_number(name: str) -> int | None:
-    """The number in a name of palpate's own; None where it has none.
+    """Return the joint's number in one of palpate's own names; None without one.
 
     Args:
-        name: of a column.
+        name: name of a column.
     """
     match = _NAME.fullmatch(name.strip())
     return int(match.group(2)) if match and match.group(2) else None
 
 
 def role_of_option(name: str, shift: int) -> Role:
-    """The role that a user names in --column.
+    """Return the role that a user names in --column.
 
     Args:
-        name: as the user wrote it.
+        name: name as the user wrote it.
         shift: added to the number of a joint.
 
     Raises:
@@ -122,13 +122,13 @@ def role_of_option(name: str, shift: int) -> Role:
 
 
 def split_unit(name: str) -> tuple[str, str]:
-    """What any column's name says before its unit, and the unit, normalised; empty if it says none known.
+    """Split a column's name into the part before its unit and the normalised unit; empty if unknown.
 
     Units stand in brackets, after a slash, a comma or "in", or at the end: "Weg / mm", "load_mN", "Load N",
     "force..N." (as R writes brackets), "ForceN". A run may be numbered behind the brackets.
 
     Args:
-        name: of a column.
+        name: name of a column.
     """
     name = without_run(unicodedata.normalize("NFKC", name))  # brackets and units of full width too
     match = _BRACKETED.search(name)
@@ -154,16 +154,16 @@ def split_unit(name: str) -> tuple[str, str]:
 
 
 def without_run(name: str) -> str:
-    """A column's name without the number of a run behind its unit, as in "Force (N) Run #1".
+    """Remove the number of a run behind the unit, as in "Force (N) Run #1".
 
     Args:
-        name: of a column.
+        name: name of a column.
     """
     return _BEHIND_THE_UNIT.sub("", name)
 
 
 def _joined_unit(name: str) -> tuple[str, str] | None:
-    """A name and its unit without brackets or blanks between them, if it is one of "force..N.", "ForceN"."""
+    """Split names whose unit follows without brackets or blanks, such as "force..N." and "ForceN"."""
     if dotted := _DOTTED.fullmatch(name):
         for written in (dotted[2], dotted[2].replace(".", "/")):
             if dimension_of(unit := normalise(written)):
@@ -178,29 +178,29 @@ def _joined_unit(name: str) -> tuple[str, str] | None:
 
 
 def unknown_unit(name: str) -> str:
-    """What stands in brackets at the end of a name, if it is no unit that is known; else empty.
+    """Return the text in brackets at the end of a name if it is not a known unit; else empty.
 
     Args:
-        name: of a column.
+        name: name of a column.
     """
     match = _BRACKETED.search(unicodedata.normalize("NFKC", name))
     return match[1] if match and not dimension_of(normalise(match[1])) else ""
 
 
 def unit_in_name(name: str) -> str:
-    """The unit that any column's name says, normalised; empty if it says none that is known.
+    """Return the unit in a column's name, normalised; empty without a known unit.
 
     Args:
-        name: of a column.
+        name: name of a column.
     """
     return split_unit(name)[1]
 
 
 def si_unit(dimension: str) -> str:
-    """The SI unit of a dimension, as names spell it.
+    """Return the SI unit of a dimension, as names spell it.
 
     Args:
-        dimension: such as "force".
+        dimension: dimension, such as "force".
     """
     return next(unit for unit, factor in SI[dimension].items() if factor == 1.0)
 
@@ -230,7 +230,7 @@ _ARTICLE = re.compile(
 )
 _AGAIN = re.compile(r"(.+) \((\d+)\)")  # a name that is there more than once
 _UNNAMED = re.compile(r"column \d+")
-_JOINTLY = ("position", "velocity", "torque")  # what a file has for each of several joints
+_JOINTLY = ("position", "velocity", "torque")  # quantities that a file has for each joint
 _RADIANS = {"position": "rad", "velocity": "rad_s"}
 _INTERFACES = (  # whose names have units by their specifications: ROS (REP 103), RTDE, libfranka, Arduino
     (re.compile(r"joint_states\W"), _RADIANS | {"torque": "Nm"}),
@@ -243,7 +243,7 @@ _INTERFACES = (  # whose names have units by their specifications: ROS (REP 103)
 
 @dataclass(frozen=True)
 class Guess:
-    """What a column seems to hold."""
+    """Quantity that a column seems to hold."""
 
     column: str  # its name in the file
     quantity: str  # key of `QUANTITIES`, or "run"; empty for none
@@ -260,15 +260,15 @@ class Guess:
 
     @property
     def fit(self) -> tuple[bool, int, bool]:
-        """How well it suits its quantity, to compare columns; what stands for an effort comes last."""
+        """Sort key for columns of one quantity: units that stand for an effort come last."""
         return dimension_of(self.unit) not in STANDS_FOR, self.rank, bool(self.unit)
 
 
 def guess_columns(names: Sequence[str], clocks: Collection[str] = ()) -> list[Guess]:
-    """What each column seems to hold, with the number of the joint as the file has it.
+    """Guess the quantity of each column, with the joint's number as in the file.
 
     Args:
-        names: of the columns.
+        names: names of the columns.
         clocks: those that hold seconds of a clock, whatever unit the name says.
     """
     # Where the header holds units alone, they say what is measured: "mm", "kN", "s".
@@ -279,7 +279,7 @@ def guess_columns(names: Sequence[str], clocks: Collection[str] = ()) -> list[Gu
         if (again := _AGAIN.fullmatch(name)) and again[1] in names
         else replace(guess_column(f"{split_unit(name)[0]} [s]"), column=name)
         if name in clocks
-        else _by_unit(name, units.get(name, ""))
+        else _guess_by_unit(name, units.get(name, ""))
         if units_only
         else guess_column(name)
         for name in names
@@ -302,16 +302,16 @@ def guess_columns(names: Sequence[str], clocks: Collection[str] = ()) -> list[Gu
         guess.quantity == "torque" and guess.joint is None and guess.rank > _BY_PAIR for guess in guesses
     )
     # Where the names make no channel, the last word of a name without a unit counts too: "Standard force".
-    wanted = {"time"} - {guess.quantity for guess in guesses}
+    missing = {"time"} - {guess.quantity for guess in guesses}
     if not keys_of_channels({guess.key for guess in guesses if guess.quantity}):
-        wanted |= {"displacement", "force"} - {guess.quantity for guess in guesses}
+        missing |= {"displacement", "force"} - {guess.quantity for guess in guesses}
     paired = []
     for guess in guesses:
         if guess in loose and guess.of in number:
             paired.append(replace(guess, joint=number[guess.of]))
         elif guess.rank == _BY_PAIR and guess.joint is None and not (shared and guess.quantity == "position"):
             paired.append(Guess(guess.column, ""))
-        elif not guess.quantity and (quantity := _last_word(guess.column)) in wanted:
+        elif not guess.quantity and (quantity := _quantity_of_last_word(guess.column)) in missing:
             paired.append(Guess(guess.column, quantity, rank=_BY_PAIR, why="by the last word of its name"))
         else:
             paired.append(guess)
@@ -319,43 +319,45 @@ def guess_columns(names: Sequence[str], clocks: Collection[str] = ()) -> list[Gu
 
 
 def is_unnamed(name: str) -> bool:
-    """Whether a column is called by its place alone, since nothing names it.
+    """Return whether a column has no name but its place.
 
     Args:
-        name: of the column.
+        name: name of the column.
     """
     return _UNNAMED.fullmatch(name) is not None
 
 
-def keys_of_channels(there: Collection[Key]) -> list[Key]:
-    """The keys that make channels of what is there, and their time; empty where none can be made.
+def keys_of_channels(available: Collection[Key]) -> list[Key]:
+    """Return the keys that make channels of given quantities, and their time; empty if none can be made.
 
     Args:
-        there: quantities, each with the number of its joint.
+        available: quantities, each with the number of its joint.
     """
     keys: list[Key] = []
-    if DISPLACEMENT in there and FORCE in there:
+    if DISPLACEMENT in available and FORCE in available:
         keys += [DISPLACEMENT, FORCE]
-    joints = sorted({joint for quantity, joint in there if quantity == "position"})
+    joints = sorted({joint for quantity, joint in available if quantity == "position"})
     for joint in joints:
         for effort in (("torque", joint), ("force", joint)):
-            if effort in there and effort not in keys:
+            if effort in available and effort not in keys:
                 keys += [("position", joint), effort]
                 break
     if not keys:  # a servo, whose goal error stands for an effort that nobody measured
-        keys = [key for j in joints if ("goal", j) in there for key in (("position", j), ("goal", j))]
+        keys = [key for j in joints if ("goal", j) in available for key in (("position", j), ("goal", j))]
     if not keys and not joints:  # the position is then the integral of the velocity
-        moving = sorted({joint for quantity, joint in there if quantity == "velocity"})
-        efforts = {j: [(effort, j) for effort in ("torque", "force") if (effort, j) in there] for j in moving}
+        moving = sorted({joint for quantity, joint in available if quantity == "velocity"})
+        efforts = {
+            j: [(effort, j) for effort in ("torque", "force") if (effort, j) in available] for j in moving
+        }
         keys = [key for j in moving for key in [("velocity", j), *efforts[j][:1]] if efforts[j]]
     return [TIME, *keys] if keys else []
 
 
 def quantity_in(name: str) -> str:
-    """Quantity by any word of a name, whatever its unit; "none" where a word says that nothing was measured.
+    """Return the quantity of any word in a name, whatever its unit; "none" for words of unmeasured signals.
 
     Args:
-        name: of a column.
+        name: name of a column.
     """
     words = set(re.findall(r"[^\W\d_]+", plain(name)))
     if words & _NOT_MEASURED:
@@ -364,16 +366,16 @@ def quantity_in(name: str) -> str:
     return next((quantity for quantity, known in _KNOWN if known & long), "")
 
 
-def _last_word(name: str) -> str:
-    """Quantity that the last word of a name without a unit says, as in "log:timestamp"; empty for none."""
+def _quantity_of_last_word(name: str) -> str:
+    """Return the quantity of the last word of a name, as in "log:timestamp"; empty without one."""
     words = re.findall(r"[^\W\d_]+", plain(name))
     if not words or len(words[-1]) < 3 or _NOT_MEASURED & set(words):
         return ""
     return next((quantity for quantity, known in _KNOWN if words[-1] in known), "")
 
 
-def _by_unit(name: str, unit: str) -> Guess:
-    """A guess by nothing but the unit; what may stand for an effort is left out."""
+def _guess_by_unit(name: str, unit: str) -> Guess:
+    """Guess the quantity by the unit alone, except units that stand for an effort."""
     fits = {
         "time": "time",
         "length": "displacement",
@@ -386,10 +388,10 @@ def _by_unit(name: str, unit: str) -> Guess:
 
 
 def guess_column(name: str) -> Guess:
-    """What a column seems to hold by its own name alone.
+    """Guess the quantity of a column by its own name alone.
 
     Args:
-        name: of the column, as in the file.
+        name: name of the column, as in the file.
     """
     role = parse_role(name)
     if role is not None:
@@ -403,28 +405,30 @@ def guess_column(name: str) -> Guess:
     numbers = [int(word) for word in words if word.isdecimal() and len(word) < 4]
     letters = [plain(word) for word in words if not word.isdecimal()]
     joint = numbers[0] if len(numbers) == 1 else None
-    asked = _GOAL & set(letters) and not {*letters} - _GOAL - _SAYS_NOTHING - WORDS["position"]
-    if asked and dimension_of(unit) in {None, "angle"}:
+    is_goal = _GOAL & set(letters) and not {*letters} - _GOAL - _SAYS_NOTHING - WORDS["position"]
+    if is_goal and dimension_of(unit) in {None, "angle"}:
         return Guess(name, "goal", joint, unit, _BY_WORD, "by a word in its name")
     if _NOT_MEASURED & set(letters):
         return Guess(name, "")
     letters = [word for word in letters if word not in _SAYS_NOTHING]
     if not WORDS["torque"].isdisjoint(letters):
         unit = read_as(unit, QUANTITIES["torque"])
-    quantity, rank = _named("".join(letters), letters, unit) if letters else ("", 0)
+    quantity, rank = _match_words("".join(letters), letters, unit) if letters else ("", 0)
     if not quantity:
         return Guess(name, "")
     if quantity not in _JOINTLY:
         joint = None
-    said = WORDS.get(quantity, frozenset()) | _SAYS_NOTHING  # an acceleration has no words of its own
-    of = tuple(word.lower() for word in words if plain(word) not in said)
+    uninformative = (
+        WORDS.get(quantity, frozenset()) | _SAYS_NOTHING
+    )  # an acceleration has no words of its own
+    of = tuple(word.lower() for word in words if plain(word) not in uninformative)
     why = ("by its name and others'", "by its unit", "by a word in its name", "by its name")[rank]
-    specified = next((units.get(quantity, "") for called, units in _INTERFACES if called.search(name)), "")
+    specified = next((units.get(quantity, "") for pattern, units in _INTERFACES if pattern.search(name)), "")
     return Guess(name, quantity, joint, unit or specified, rank, why, of)
 
 
-def _named(whole: str, words: Sequence[str], unit: str) -> tuple[str, int]:
-    """Quantity and rank: by the whole name, by one of its words with a unit that fits, or by the unit."""
+def _match_words(whole: str, words: Sequence[str], unit: str) -> tuple[str, int]:
+    """Return quantity and rank: by the whole name, by a word with a matching unit, or by the unit."""
     dimension = dimension_of(unit)
     long = [word for word in words if len(word) > 2]
     for quantity, known in _KNOWN:

@@ -1,4 +1,4 @@
-"""Where a run touches the object, and where the surface lies."""
+"""Samples of each run in contact, and the position of the surface."""
 
 from dataclasses import dataclass, replace
 
@@ -19,7 +19,7 @@ _FREE = (Phase.FREE_AIR, Phase.APPROACH)  # the first of these that a run has te
 
 @dataclass(frozen=True)
 class Contact:
-    """One run's contact."""
+    """Contact of one run."""
 
     run: int  # its number
     rows: IntArray  # indices of the samples that are surely in contact, in order of time; may be empty
@@ -31,7 +31,7 @@ class Contact:
     noise_n: float  # standard deviation of the force in free air [N]
 
     def among(self, kept: BoolArray) -> "Contact":
-        """The same contact where only some samples are kept, its own among them; mask of shape (n,).
+        """Return the contact with indices among the kept samples, which include all its own.
 
         Args:
             kept: mask of all samples, shape (n,).
@@ -41,20 +41,43 @@ class Contact:
 
 
 def find_contacts(force_n: FloatArray, run: IntArray, phase: IntArray) -> tuple[Contact, ...]:
-    """The contact of each run, in order of run number.
+    """Find the contact of each run, in order of run number.
 
     Args:
         force_n: shape (n,), positive in compression [N].
         run: shape (n,).
         phase: shape (n,), numbers of `palpate.control.loop.task.Phase`.
     """
-    return tuple(
-        _contact_of(int(number), np.flatnonzero(run == number), force_n, phase) for number in np.unique(run)
-    )
+    contacts = []
+    for number in np.unique(run):
+        rows = np.flatnonzero(run == number)
+        force, phase_in_run = force_n[rows], phase[rows]
+        free = force[:_LASTING]
+        for before in _FREE:  # the first half of the approach, if nothing better is there
+            samples: FloatArray = force[phase_in_run == before]
+            if len(samples) > 2 * _LASTING:
+                free = samples if before is Phase.FREE_AIR else samples[: len(samples) // 2]
+                break
+        baseline_n, noise_n = float(np.mean(free)), float(np.std(free))
+        highest_n, retracted = baseline_n, force[phase_in_run == Phase.RETRACT]
+        if len(retracted) > 2 * _LASTING:  # the end of the retract is free air too
+            highest_n = max(baseline_n, float(np.mean(retracted[len(retracted) // 2 :])))
+        touching = _drop_short_stretches(force > highest_n + touch_force_n(noise_n))
+        inside = np.flatnonzero(touching)[1:-1]
+        beside = list[int]()
+        if len(inside):  # a bounce is no contact, a single low sample within it is noise
+            beside = [at for at in (inside[0] - 2, inside[-1] + 2) if 0 <= at < len(rows)]
+            lifted = _drop_short_stretches(~touching[inside[0] : inside[-1] + 1])
+            inside = inside[0] + np.flatnonzero(~lifted)
+        deviation = free - np.mean(free)
+        std_err_n = float(np.sqrt(sum_covariance(deviation[:, None]).matrix[0, 0])) / len(free)
+        around = rows[np.array(beside, dtype=np.int64)]
+        contacts.append(Contact(int(number), rows[inside], around, baseline_n, std_err_n, noise_n))
+    return tuple(contacts)
 
 
 def contact_rows(force_n: FloatArray, run: IntArray, phase: IntArray) -> BoolArray:
-    """Mask of all samples that are surely in contact, shape (n,).
+    """Return a mask of all samples that are surely in contact, shape (n,).
 
     Args:
         force_n: shape (n,), positive in compression [N].
@@ -67,33 +90,8 @@ def contact_rows(force_n: FloatArray, run: IntArray, phase: IntArray) -> BoolArr
     return mask
 
 
-def _contact_of(number: int, rows: IntArray, force_n: FloatArray, phase: IntArray) -> Contact:
-    free = force_n[rows][:_LASTING]
-    for before in _FREE:  # the first half of the approach, if nothing better is there
-        samples: FloatArray = force_n[rows][phase[rows] == before]
-        if len(samples) > 2 * _LASTING:
-            free = samples if before is Phase.FREE_AIR else samples[: len(samples) // 2]
-            break
-    baseline_n, noise_n = float(np.mean(free)), float(np.std(free))
-    highest_n, retracted = baseline_n, force_n[rows][phase[rows] == Phase.RETRACT]
-    if len(retracted) > 2 * _LASTING:  # the end of the retract is free air too
-        highest_n = max(baseline_n, float(np.mean(retracted[len(retracted) // 2 :])))
-    touching = _lasting(force_n[rows] > highest_n + touch_force_n(noise_n))
-    inside = np.flatnonzero(touching)[1:-1]
-    beside = np.zeros(0, dtype=np.int64)
-    if len(inside):  # a bounce is no contact, a single low sample within it is noise
-        beside = np.array(
-            [at for at in (inside[0] - 2, inside[-1] + 2) if 0 <= at < len(rows)], dtype=np.int64
-        )
-        lifted = _lasting(~touching[inside[0] : inside[-1] + 1])
-        inside = inside[0] + np.flatnonzero(~lifted)
-    away = free - np.mean(free)
-    baseline_std_err_n = float(np.sqrt(sum_covariance(away[:, None]).matrix[0, 0])) / len(free)
-    return Contact(number, rows[inside], rows[beside], baseline_n, baseline_std_err_n, noise_n)
-
-
-def _lasting(mask: BoolArray) -> BoolArray:
-    """Only those true samples that stand in a row of at least `_LASTING`."""
+def _drop_short_stretches(mask: BoolArray) -> BoolArray:
+    """Keep only true samples in stretches of at least `_LASTING`."""
     _, row = block_index(mask)
     return np.asarray(mask & (np.bincount(row)[row] >= _LASTING))
 
@@ -103,7 +101,7 @@ _SOFTEST_START = 3.0  # power of the depth with which the force of an object may
 
 @dataclass(frozen=True)
 class Touch:
-    """Where samples around the touches of one place allow the surface to be, along the press direction."""
+    """Range of positions in which the first contact at one place allows the surface to be."""
 
     highest_m: float  # no object begins above [m]; -inf where no free air was recorded
     # The shallowest of the last samples before, and the first after a
@@ -114,11 +112,11 @@ class Touch:
 
     @property
     def deepest_m(self) -> float:
-        """The surface is not deeper: below the reading of the shallowest sample by half a step [m]."""
+        """Deepest position of the surface: half a step below the shallowest sample in contact [m]."""
         return self.first_m + self.step_m / 2
 
     def alone(self) -> Surface:
-        """The surface, if nothing but the touch tells it: anywhere between free air and contact."""
+        """Surface by the touch alone: uniformly distributed between free air and contact."""
         width_m = self.first_m - self.air_m + self.step_m
         return Surface((self.air_m + self.first_m) / 2, width_m / np.sqrt(12), self.highest_m, self.deepest_m)
 
@@ -126,7 +124,7 @@ class Touch:
 def find_surface(  # noqa: PLR0917
     along_m: FloatArray, speed_m_s: FloatArray, force_n: FloatArray, run: IntArray, tare: Tare, touch: Touch
 ) -> Surface:
-    """The surface that the runs at one place share: where a spring and damper through them would begin.
+    """Estimate the surface that runs at one place share: where a spring and damper fit would begin.
 
     It does not lie deeper than the shallowest sample in contact, which is what counts for an object that does
     not begin like a spring, nor above what the touch allows. Where the press spans a few steps of an encoder,
@@ -137,8 +135,8 @@ def find_surface(  # noqa: PLR0917
         speed_m_s: its derivative, shape (n,) [m/s].
         force_n: force above that in free air, shape (n,) [N].
         run: shape (n,).
-        tare: what was taken off the force.
-        touch: from `touch_of`.
+        tare: offset subtracted from the force.
+        touch: result of `touch_of`.
     """
     if np.ptp(along_m) < FEWEST_STEPS * touch.step_m:
         return touch.alone()
@@ -157,7 +155,7 @@ def find_surface(  # noqa: PLR0917
 
 
 def touch_of(along_m: FloatArray, force_n: FloatArray, contacts: list[Contact], step_m: float) -> Touch:
-    """What the samples around the touches of one place say of its surface.
+    """Bound the surface by the samples around the touches of one place.
 
     Where the force of an object grows with a power p of the depth, the last sample of what counts as free
     air has the share (x_air / x_max)^p of the greatest force, and that is less than a touch.
@@ -166,7 +164,7 @@ def touch_of(along_m: FloatArray, force_n: FloatArray, contacts: list[Contact], 
         along_m: tip along the press direction, shape (n,), all samples [m].
         force_n: force above that in free air, shape (n,) [N].
         contacts: those at one place.
-        step_m: of the grid that the coordinates were read on; 0 if there is none [m].
+        step_m: step of the grid that the coordinates were read on; 0 if there is none [m].
     """
     rows = np.concatenate([contact.rows for contact in contacts])
     free = np.concatenate([contact.free for contact in contacts])

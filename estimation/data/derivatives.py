@@ -29,11 +29,11 @@ from palpate.robot_io.types import BoolArray, FloatArray, IntArray
 
 HALF_WINDOWS = (2, 3, 4, 5, 7, 10, 14, 20, 28, 40, 56, 80)
 _TOLERANCE = 1.1  # a wider window is taken if its error is at most 10 % more: it calms the derivatives
-_RISEN = 1.25  # times the least change so far: from there on, windows bend the motion
+_RISEN = 1.25  # ratio to the least change so far above which windows bias the motion
 _TRIALS = 4000  # samples on which windows are compared
-_ON_GRID = 0.01  # of a grid's step
+_ON_GRID = 0.01  # largest distance from a grid point, in steps
 _ARITHMETIC = 1e4  # spacings of floating-point numbers: smaller moves are rounding of the numbers themselves
-_STAIRCASE = 0.8  # of the slowest positions are those of a neighbour: an encoder waits at its steps
+_STAIRCASE = 0.8  # share of the slowest positions that repeat a neighbour's, as at an encoder's steps
 _SLOWEST, _REACH = 0.1, 10  # share of the samples; samples to either side by which their speed is told
 _BLOCK = 20_000  # samples that are even or uneven together
 _AT_ONCE = 4096  # samples fitted at once: sums of their windows stay in the processor's cache
@@ -61,7 +61,7 @@ def differentiate(
     wider: int = 0,
     tried: BoolArray | None = None,
 ) -> Motion:
-    """Velocity and acceleration of a sampled position.
+    """Estimate velocity and acceleration of a sampled position.
 
     Args:
         time_s: shape (n,), strictly increasing within a piece [s].
@@ -69,16 +69,16 @@ def differentiate(
         piece: shape (n,), the same number for samples that belong to one smooth motion; in one block each.
         half_window: samples on either side; None to find out.
         rounding: variance of the positions' rounding; None to see from their steps.
-        calm: of windows for the acceleration that err about as much, take the widest; else the narrowest,
-            which leaves more noise and bends less: right for what is averaged afterwards.
-        wider: by so many of `HALF_WINDOWS` more than those that are found out, for a signal whose errors are
-            already smooth: neighbours have them in common, and narrow windows follow them.
-        tried: shape (n,), the samples on which windows are compared; None for all.
+        calm: take the widest of the acceleration's windows with about equal error; else the narrowest, which
+            leaves more noise and less bias, as averages need.
+        wider: places in `HALF_WINDOWS` by which windows are widened, for a signal whose errors are smooth:
+            neighbours share them, and narrow windows follow them.
+        tried: mask of the samples on which windows are compared, shape (n,); None for all.
     """
     if rounding is None:
         rounding = rounding_variance(time_s, position, piece, grid_step(position))
     pieces = list(blocks(piece))
-    whole, position = position, _from_its_start(position, pieces)
+    whole, position = position, _relative_to_start(position, pieces)
     if half_window is None:
         rows = slice(None) if tried is None else np.flatnonzero(tried)
         halves = _best_half_windows(
@@ -105,7 +105,7 @@ def differentiate(
 
 
 def grid_step(position: FloatArray) -> float:
-    """Step of the grid on which all positions lie, such as an encoder's; 0 where there is none.
+    """Return the step of the grid on which all positions lie, such as an encoder's; 0 without a grid.
 
     At a speed of about one step a sample, rounding errors change so slowly that any narrow window follows
     them.
@@ -122,7 +122,7 @@ def grid_step(position: FloatArray) -> float:
 
 
 def rounding_variance(time_s: FloatArray, position: FloatArray, piece: IntArray, step: float) -> float:
-    """Variance of the positions' rounding.
+    """Estimate the variance of the positions' rounding.
 
     The tip of an arm lies on no grid: it makes steps of several sizes, each where one of the encoders does.
     Half way between two readings that differ, the tip is about half way between them.
@@ -131,7 +131,7 @@ def rounding_variance(time_s: FloatArray, position: FloatArray, piece: IntArray,
         time_s: shape (n,) [s].
         position: shape (n,).
         piece: shape (n,), the same number for samples that belong to one smooth motion.
-        step: of the grid on which the positions lie; 0 where they lie on none.
+        step: step of the grid on which the positions lie; 0 where they lie on none.
     """
     same = (np.diff(position) == 0.0) & (np.diff(piece) == 0)
     waits = np.append(False, same) | np.append(same, False)
@@ -160,7 +160,7 @@ def _middles(signal: FloatArray, before: IntArray) -> FloatArray:
 def position_error(
     time_s: FloatArray, position: FloatArray, run: IntArray, rounding: float
 ) -> tuple[FloatArray, int]:
-    """What each position differs by from the smooth motion, shape (n,), at the size of the reading's error.
+    """Estimate the reading error of each position, and the half window of the smooth motion.
 
     Also the half window that says what is smooth, in samples: slower errors were taken for motion.
 
@@ -170,15 +170,15 @@ def position_error(
     Args:
         time_s: shape (n,), strictly increasing within a run [s].
         position: shape (n,).
-        run: of each sample, shape (n,).
+        run: run of each sample, shape (n,).
         rounding: variance of the positions' rounding; 0 where they lie on no grid.
     """
     pieces = [rows for rows in blocks(run) if rows.stop - rows.start > 2 * HALF_WINDOWS[0] + 1]
     error = np.zeros(len(position))
     if not pieces:
         return error, HALF_WINDOWS[0]
-    moved = _from_its_start(position, pieces)
-    half = _pilot(_trials(time_s, moved, pieces, rounding)).half
+    moved = _relative_to_start(position, pieces)
+    half = _pilot_window(_fit_windows(time_s, moved, pieces, rounding)).half
     chosen = np.concatenate([np.arange(rows.start, rows.stop) for rows in pieces])
     fits = local_fits(time_s, moved, pieces, [np.arange(rows.stop - rows.start) for rows in pieces], half)
     free = np.sqrt(np.maximum(1.0 - fits.variance[:, 0], 1e-2))
@@ -186,8 +186,8 @@ def position_error(
     return error, half
 
 
-def _from_its_start(position: FloatArray, pieces: list[slice]) -> FloatArray:
-    """Position (n,) less each piece's first: what rests has a velocity of 0, not one of rounding errors."""
+def _relative_to_start(position: FloatArray, pieces: list[slice]) -> FloatArray:
+    """Subtract each piece's first position (n,), so that rest has exactly zero velocity."""
     moved = np.empty(len(position))
     for rows in pieces:
         moved[rows] = position[rows] - position[rows.start]
@@ -195,7 +195,7 @@ def _from_its_start(position: FloatArray, pieces: list[slice]) -> FloatArray:
 
 
 def centre_slope(half_window: int) -> FloatArray:
-    """What turns 2 h + 1 evenly spaced samples into the slope per step in their middle, shape (2 h + 1,).
+    """Return the weights of 2 h + 1 evenly spaced samples for the slope per step in their middle.
 
     Args:
         half_window: h, samples on either side.
@@ -205,23 +205,23 @@ def centre_slope(half_window: int) -> FloatArray:
 
 
 @dataclass(frozen=True)
-class _Trial:
-    """One window tried on n samples."""
+class _WindowFit:
+    """Fits with one window at n samples."""
 
     half: int  # samples on either side
     rounding: float  # variance of the positions' rounding
-    missed: FloatArray  # measured minus fitted position, shape (n,)
+    residual: FloatArray  # measured minus fitted position, shape (n,)
     fitted: FloatArray  # see `LocalFit`
     variance: FloatArray  # see `LocalFit`
 
     @property
     def noise(self) -> float:
-        """Variance of the positions' noise, if the window leaves no error of its own."""
-        others = np.maximum(1 - self.variance[:, 0], 1e-3)
-        return max(float(np.mean(self.missed**2 / others)), self.rounding)
+        """Variance of the positions' noise, if the window has no bias."""
+        unleveraged = np.maximum(1 - self.variance[:, 0], 1e-3)
+        return max(float(np.mean(self.residual**2 / unleveraged)), self.rounding)
 
-    def risk(self, pilot: "_Trial", order: int) -> float:
-        """Mean square error of a derivative, without bias where the pilot's error is noise alone.
+    def risk(self, pilot: "_WindowFit", order: int) -> float:
+        """Mean squared error of a derivative, unbiased if the pilot's residual is noise alone.
 
         A fit is the best linear one in its window, so its covariance with that of a narrower window within
         is its own variance, and that of the difference is what lies between the two variances (C. L. Mallows,
@@ -229,22 +229,24 @@ class _Trial:
 
         Args:
             pilot: the window that follows the motion.
-            order: of the derivative, 1 or 2.
+            order: order of the derivative, 1 or 2.
         """
-        apart = np.mean((self.fitted[:, order] - pilot.fitted[:, order]) ** 2)
-        return float(apart + pilot.noise * np.mean(2 * self.variance[:, order] - pilot.variance[:, order]))
+        squared_difference = np.mean((self.fitted[:, order] - pilot.fitted[:, order]) ** 2)
+        return float(
+            squared_difference + pilot.noise * np.mean(2 * self.variance[:, order] - pilot.variance[:, order])
+        )
 
 
 def _best_half_windows(
     time_s: FloatArray, position: FloatArray, pieces: list[slice], rounding: float, *, calm: bool
 ) -> tuple[int, int]:
-    """For velocity and acceleration each, a window whose error is nearly the least; see `differentiate`."""
+    """Choose the windows for velocity and acceleration whose error is nearly the least."""
     smallest = 2 * HALF_WINDOWS[0] + 1
     long_enough = [rows for rows in pieces if rows.stop - rows.start > smallest]
     if not long_enough:
         return HALF_WINDOWS[0], HALF_WINDOWS[0]
-    trials = _trials(time_s, position, long_enough, rounding)
-    pilot = _pilot(trials)
+    trials = _fit_windows(time_s, position, long_enough, rounding)
+    pilot = _pilot_window(trials)
     wider = [trial for trial in trials if trial.half >= pilot.half]
     best = []
     for order in (1, 2):
@@ -256,7 +258,7 @@ def _best_half_windows(
 
 
 def wider_window(half: int, by: int) -> int:
-    """The window that is so many of `HALF_WINDOWS` wider, at most the widest.
+    """Return the window that is `by` places wider in `HALF_WINDOWS`, at most the widest.
 
     Args:
         half: samples on either side, one of `HALF_WINDOWS`.
@@ -265,8 +267,10 @@ def wider_window(half: int, by: int) -> int:
     return HALF_WINDOWS[min(HALF_WINDOWS.index(half) + by, len(HALF_WINDOWS) - 1)]
 
 
-def _trials(time_s: FloatArray, position: FloatArray, pieces: list[slice], rounding: float) -> list[_Trial]:
-    """All windows that are shorter than the longest piece, the narrowest first."""
+def _fit_windows(
+    time_s: FloatArray, position: FloatArray, pieces: list[slice], rounding: float
+) -> list[_WindowFit]:
+    """Fit with all windows that are shorter than the longest piece, the narrowest first."""
     longest = max(rows.stop - rows.start for rows in pieces)
     halves = [half for half in HALF_WINDOWS if 2 * half + 1 < longest or half == HALF_WINDOWS[0]]
     stride = max(1, sum(rows.stop - rows.start for rows in pieces) // _TRIALS)
@@ -275,12 +279,12 @@ def _trials(time_s: FloatArray, position: FloatArray, pieces: list[slice], round
     trials = []
     for half in halves:
         fit = local_fits(time_s, position, pieces, centres, half)
-        trials.append(_Trial(half, rounding, measured - fit.fitted[:, 0], fit.fitted, fit.variance))
+        trials.append(_WindowFit(half, rounding, measured - fit.fitted[:, 0], fit.fitted, fit.variance))
     return trials
 
 
-def _pilot(trials: list[_Trial]) -> _Trial:
-    """The window before the two between which the velocity changes least.
+def _pilot_window(trials: list[_WindowFit]) -> _WindowFit:
+    """Return the window before the two between which the velocity changes least.
 
     Of several such places the first one: windows that are far too wide agree again, on nothing. But as long
     as they miss the positions by no more than these are rounded by, they are not: they follow steps.
@@ -302,7 +306,7 @@ _EVEN = 1e-4  # steps that differ by less, as a share of a step, count as even
 
 @dataclass(frozen=True)
 class LocalFit:
-    """Fits around n samples."""
+    """Local polynomial fits around n samples."""
 
     fitted: FloatArray  # position, velocity and acceleration, shape (n, 3)
     # Of each of them for noise of variance 1, shape (n, 3); that of a
@@ -325,13 +329,13 @@ def local_fit(time_s: FloatArray, position: FloatArray, centres: IntArray, half:
 def local_fits(
     time_s: FloatArray, position: FloatArray, pieces: Sequence[slice], centres: Sequence[IntArray], half: int
 ) -> LocalFit:
-    """The same for several pieces, one after the other; centres are counted from the start of each.
+    """Fit a polynomial around samples of several pieces; centres are counted from the start of each.
 
     Args:
         time_s: shape (n,), strictly increasing within a piece [s].
         position: shape (n,).
         pieces: rows of each smooth motion.
-        centres: of each piece, from its start.
+        centres: centres of each piece, from its start.
         half: samples on either side of each.
     """
     width, chosen = 2 * half + 1, list(zip(pieces, centres, strict=True))
@@ -348,7 +352,7 @@ def local_fits(
 def _fits_by_piece(
     time_s: FloatArray, position: FloatArray, pieces: Sequence[slice], centres: Sequence[IntArray], half: int
 ) -> LocalFit:
-    """The same, where each piece has steps of its own."""
+    """Fit pieces that have time steps of their own; see `local_fits`."""
     counts = [len(chosen) for chosen in centres]
     last = np.cumsum(counts)
     fitted, variance = np.zeros((2, last[-1], 3))
@@ -367,9 +371,9 @@ def _fits_by_piece(
     widths, terms = np.minimum(2 * half + 1, length), np.minimum(DEGREE, length - 1) + 1
     starts = first + np.clip(place - half, 0, length - widths)
     for count in np.unique(terms[uneven]):
-        alike = np.flatnonzero(uneven & (terms == count))
-        alike = alike[np.argsort(-widths[alike], kind="stable")]
-        for some in np.split(alike, np.arange(_AT_ONCE, len(alike), _AT_ONCE)):
+        rows_of_degree = np.flatnonzero(uneven & (terms == count))
+        rows_of_degree = rows_of_degree[np.argsort(-widths[rows_of_degree], kind="stable")]
+        for some in np.split(rows_of_degree, np.arange(_AT_ONCE, len(rows_of_degree), _AT_ONCE)):
             fitted[some], variance[some] = _uneven_fit(
                 time_s,
                 position,
@@ -392,19 +396,19 @@ def _uneven_fit(
     unit_s: FloatArray,
     terms: int,
 ) -> tuple[FloatArray, FloatArray]:
-    """Normal equations of each window, summed up sample by sample over all windows, the widest first."""
+    """Solve the normal equations of windows with uneven steps, accumulated offset by offset."""
     moments, products = np.zeros((2 * terms - 1, len(centres))), np.zeros((terms, len(centres)))
     at_s, at = time_s[centres], position[centres]
     for offset in range(width[0]):
         reach = int(np.searchsorted(-width, -offset))
         rows = starts[:reach] + offset
-        away, value = (time_s[rows] - at_s[:reach]) / unit_s[:reach], position[rows] - at[:reach]
+        scaled_time, value = (time_s[rows] - at_s[:reach]) / unit_s[:reach], position[rows] - at[:reach]
         power = np.ones(reach)
         for order in range(2 * terms - 1):
             moments[order, :reach] += power
             if order < terms:
                 products[order, :reach] += power * value
-            power *= away
+            power *= scaled_time
     matrix = moments[np.add.outer(np.arange(terms), np.arange(terms))].transpose(2, 0, 1)
     inverse = _inverse(matrix)
     fitted, variance = np.zeros((2, len(centres), 3))
@@ -416,7 +420,7 @@ def _uneven_fit(
 
 
 def local_derivative(time_s: FloatArray, signal: FloatArray, half: int, order: int) -> FloatArray:
-    """Derivative (n,) of a signal (n,) of one piece from such fits around all samples; see `local_fit`.
+    """Differentiate a signal (n,) of one piece by local fits around all samples; see `local_fit`.
 
     Args:
         time_s: shape (n,), strictly increasing [s].
@@ -427,7 +431,9 @@ def local_derivative(time_s: FloatArray, signal: FloatArray, half: int, order: i
     width, steps = 2 * half + 1, np.diff(time_s)
     if len(signal) < width or np.ptp(steps) > _EVEN * steps.max():
         return local_fit(time_s, signal, np.arange(len(signal)), half).fitted[:, order]
-    by_place = _at_each_place(width)[:, order] * factorial(order) / float(np.mean(steps)) ** order
+    by_place = (
+        _coefficients_at_each_place(width)[:, order] * factorial(order) / float(np.mean(steps)) ** order
+    )
     middle = np.correlate(signal, by_place[half])
     return np.concatenate([by_place[:half] @ signal[:width], middle, by_place[half + 1 :] @ signal[-width:]])
 
@@ -435,13 +441,13 @@ def local_derivative(time_s: FloatArray, signal: FloatArray, half: int, order: i
 def uneven_derivative_operator(
     time_s: FloatArray, pieces: Sequence[slice], half: int, order: int
 ) -> "scipy.sparse.csr_array":
-    """Matrix (n, n) that turns a signal into what `local_derivative` makes of it in each piece.
+    """Return the matrix (n, n) that applies `local_derivative` to each piece of a signal.
 
     Args:
         time_s: times [s], shape (n,), at any steps.
         pieces: rows of each smooth motion, which follow each other from the first to the last sample.
         half: samples to either side of each, that a polynomial is fitted to.
-        order: of the derivative, 0 to 2.
+        order: order of the derivative, 0 to 2.
     """
     count = len(time_s)
     first = np.array([rows.start for rows in pieces])
@@ -473,13 +479,13 @@ def uneven_derivative_operator(
 def _even_fit(
     step_s: float, position: FloatArray, centres: IntArray, starts: IntArray, width: int
 ) -> LocalFit:
-    """One set of coefficients for all samples in the middle of their window, one for each place at an end."""
+    """Fit windows with even steps: the same weights in the middle, and others for each place at an end."""
     place = centres - starts
     middle = even_coefficients(width, width // 2)
     fitted = np.array([np.correlate(position, weights)[starts] for weights in middle]).T
     variance = np.tile(np.sum(middle**2, axis=1), (len(centres), 1))
     ends = np.flatnonzero(place != width // 2)
-    coefficients = _at_each_place(width)[place[ends]]
+    coefficients = _coefficients_at_each_place(width)[place[ends]]
     windows = position[starts[ends, None] + np.arange(width)]
     fitted[ends] = np.einsum("nkw,nw->nk", coefficients, windows)
     variance[ends] = np.sum(coefficients**2, axis=2)
@@ -489,7 +495,7 @@ def _even_fit(
 
 @lru_cache(maxsize=4096)
 def even_coefficients(width: int, place: int) -> FloatArray:
-    """What turns a window into its polynomial's value, slope and half curvature at `place`, (3, width).
+    """Return the weights (3, width) of a polynomial's value, slope and half curvature at `place`.
 
     Args:
         width: number of evenly spaced samples.
@@ -504,13 +510,13 @@ def even_coefficients(width: int, place: int) -> FloatArray:
 
 
 @lru_cache(maxsize=64)
-def _at_each_place(width: int) -> FloatArray:
-    """The same for all places of a window, shape (width, 3, width)."""
+def _coefficients_at_each_place(width: int) -> FloatArray:
+    """Return the weights for all places of a window, shape (width, 3, width)."""
     return np.array([even_coefficients(width, place) for place in range(width)])
 
 
 def _inverse(matrix: FloatArray) -> FloatArray:
-    """Of each symmetric matrix (n, k, k); where times repeat, so that one has none, that of least norm."""
+    """Invert symmetric matrices (n, k, k); pseudo-inverses where repeated times make them singular."""
     try:
         return np.asarray(np.linalg.inv(matrix), dtype=np.float64)
     except np.linalg.LinAlgError:
@@ -519,7 +525,7 @@ def _inverse(matrix: FloatArray) -> FloatArray:
 
 @cache_by_channel_arrays("time_s", "position", "run", "position_step")
 def reading_error(data: ChannelData) -> FloatArray:
-    """What each position differs by from the smooth motion, shape (n,); see `position_error`.
+    """Estimate the reading error of each position of a channel, shape (n,); see `position_error`.
 
     Args:
         data: the channel, with the positions as they were read.

@@ -1,4 +1,4 @@
-"""An Excel workbook of measurements: the sheets that hold one table, one below the other."""
+"""Read an Excel workbook of measurements: its sheets hold one table each, or parts of one."""
 
 import re
 import zipfile
@@ -16,7 +16,7 @@ import pyarrow as pa
 from python_calamine import CalamineSheet, CalamineWorkbook
 
 from palpate.estimation.data.file_columns import FileColumns, check_size
-from palpate.estimation.data.table_layout import with_run
+from palpate.estimation.data.table_layout import matching_places, with_run
 from palpate.estimation.data.text_dialect import (
     FEWEST_NUMBERS,
     NAMELESS,
@@ -32,7 +32,7 @@ from palpate.estimation.data.text_dialect import (
 from palpate.robot_io.errors import InputError
 
 _LOOKED_AT = 200  # rows of a sheet, among which its table begins
-_MOST_CELLS = 30_000_000  # of a sheet, empty ones included: the reader keeps them all
+_MOST_CELLS = 30_000_000  # cells of a sheet with empty ones, since the reader keeps them all
 _CELL = re.compile(r"([A-Z]{1,3})(\d{1,7})")
 _BELOW = 8  # rows below one of words
 _MOST_SHEETS = 200
@@ -41,7 +41,7 @@ _BEGINNINGS = (b"PK", bytes.fromhex("D0CF11E0A1B11AE1"))  # of .xlsx, a ZIP arch
 
 @dataclass(frozen=True)
 class _Sheet:
-    """One sheet's table: names, rows below them, and the lines above them."""
+    """Table of one sheet: names, rows below them, and lines above them."""
 
     title: str
     names: tuple[str, ...]
@@ -53,10 +53,10 @@ class _Sheet:
 
 
 def read_excel_table(path: Path, selected: str = "") -> FileColumns:
-    """The table of a workbook (.xlsx, .xlsm, .xls); sheets with the same columns are runs of it.
+    """Read the table of a workbook (.xlsx, .xlsm, .xls); sheets with the same columns are its runs.
 
     Args:
-        path: of the workbook.
+        path: path of the workbook.
         selected: sheet of another table; empty for the longest one.
 
     Raises:
@@ -81,10 +81,15 @@ def read_excel_table(path: Path, selected: str = "") -> FileColumns:
     if not loaded:
         raise InputError(f"{path}: no sheet has names of columns above rows of numbers")
     blocks = [Block(table.title, table.names, len(table.rows)) for table in loaded]
-    taken, note = same_columns(blocks, selected, path)
-    alike = [loaded[place] for place in taken]
-    first = max(alike, key=lambda table: len(table.rows))
-    rows = [row for sheet in alike for row in _in_order(sheet, first.names)]
+    chosen, note = same_columns(blocks, selected, path)
+    same_tables = [loaded[place] for place in chosen]
+    first = max(same_tables, key=lambda table: len(table.rows))
+    orders = [matching_places(sheet.names, first.names) for sheet in same_tables]
+    rows = [
+        [row[n] for n in order]
+        for sheet, order in zip(same_tables, orders, strict=True)
+        for row in sheet.rows
+    ]
     columns = []
     for place in range(len(first.names)):
         cells = [row[place] for row in rows]
@@ -95,16 +100,16 @@ def read_excel_table(path: Path, selected: str = "") -> FileColumns:
             cells = [datetime(*cell.timetuple()[:3]) if type(cell) is date else cell for cell in cells]
         columns.append(pa.array([_text(cell, first.decimal) for cell in cells]))
     table = pa.table(columns, names=list(first.names))
-    titles = list(dict.fromkeys(sheet.title for sheet in alike))
-    if len(alike) > 1:  # the sheet is the run, or one of its tables
+    titles = list(dict.fromkeys(sheet.title for sheet in same_tables))
+    if len(same_tables) > 1:  # the sheet is the run, or one of its tables
         labels = [
-            sheet.title if len(titles) == len(alike) else f"{sheet.title} {number}"
-            for number, sheet in enumerate(alike, 1)
+            sheet.title if len(titles) == len(same_tables) else f"{sheet.title} {number}"
+            for number, sheet in enumerate(same_tables, 1)
         ]
-        ends = accumulate(len(sheet.rows) for sheet in alike)
+        ends = accumulate(len(sheet.rows) for sheet in same_tables)
         table = pa.concat_tables(
             with_run(table.slice(end - len(sheet.rows), len(sheet.rows)), label)
-            for sheet, end, label in zip(alike, ends, labels, strict=True)
+            for sheet, end, label in zip(same_tables, ends, labels, strict=True)
         )
     listed = ", ".join(map(repr, titles[:5])) + (" ..." if len(titles) > 5 else "")
     words = [
@@ -117,21 +122,12 @@ def read_excel_table(path: Path, selected: str = "") -> FileColumns:
         first.decimal,
         (*words, *preamble_words(first.skipped)),
         first.titles,
-        np.array([number for sheet in alike for number in sheet.numbers], dtype=np.int64),
+        np.array([number for sheet in same_tables for number in sheet.numbers], dtype=np.int64),
     )
 
 
-def _in_order(sheet: _Sheet, names: tuple[str, ...]) -> list[list[Any]]:
-    """A sheet's rows with the cells in the order of these names."""
-    if sheet.names == names:
-        return sheet.rows
-    ours, theirs = (sorted(range(len(names)), key=header.__getitem__) for header in (names, sheet.names))
-    place = dict(zip(ours, theirs, strict=True))  # names may repeat: sorting keeps their order
-    return [[row[place[column]] for column in range(len(names))] for row in sheet.rows]
-
-
 def _extent(sheet: bytes) -> tuple[int, int]:
-    """The last row and column that a sheet's XML names; 0 of what is none."""
+    """Return the largest row and column number in a sheet's XML; 0 for other XML."""
     last = [0, 0]
 
     def begin(name: str, attributes: dict[str, str]) -> None:
@@ -150,9 +146,9 @@ def _extent(sheet: bytes) -> tuple[int, int]:
 
 
 def _tables(sheet: CalamineSheet, *, nameless: bool = False) -> list[_Sheet]:
-    """The tables of a sheet, in their order; if nameless, a table of numbers from the first row on."""
+    """Return the tables of a sheet in order; if nameless, a table of numbers from the first row on."""
     rows: list[list[Any]] = sheet.to_python(skip_empty_area=True)
-    decimal = _mark_in(rows)
+    decimal = _decimal_mark(rows)
     looked_at = set(range(min(len(rows), _LOOKED_AT)))
     for place, row in enumerate(rows):  # rows of words, and those below them
         words = sum(isinstance(cell, str) and cell != "" for cell in row)
@@ -162,8 +158,12 @@ def _tables(sheet: CalamineSheet, *, nameless: bool = False) -> list[_Sheet]:
     head = [[_text(cell, decimal) for cell in rows[place]] for place in places]
     if nameless:
         above_numbers = [f"column {number}" for number in range(1, len(head[0]) + 1 if head else 1)]
-        found = next(find_layouts([above_numbers, *head], decimal), None)
-        layouts = [Layout(found.names, 0, 0)] if found and found.first == 1 else []
+        layout_of_numbers = next(find_layouts([above_numbers, *head], decimal), None)
+        layouts = (
+            [Layout(layout_of_numbers.names, 0, 0)]
+            if layout_of_numbers and layout_of_numbers.first == 1
+            else []
+        )
     else:
         layouts = list(find_layouts(head, decimal))
     if not layouts:
@@ -185,18 +185,20 @@ def _tables(sheet: CalamineSheet, *, nameless: bool = False) -> list[_Sheet]:
         body = [rows[place][:width] for place in filled]
         skipped = sum(any(row) for row in head[: layout.header]) if not tables else 0
         numbers = [above + place for place in filled]
-        tables.append(_Sheet(sheet.name, layout.names, body, skipped, layout.titles, _mark_in(body), numbers))
+        tables.append(
+            _Sheet(sheet.name, layout.names, body, skipped, layout.titles, _decimal_mark(body), numbers)
+        )
     return [table for table in tables if table.rows]
 
 
-def _mark_in(rows: Sequence[Sequence[Any]]) -> str:
-    """Decimal mark in the numbers that are text."""
+def _decimal_mark(rows: Sequence[Sequence[Any]]) -> str:
+    """Return the decimal mark of numbers that are stored as text."""
     text = [[cell for cell in row if isinstance(cell, str)] for row in rows[:_LOOKED_AT]]
     return "," if commas_decide(text) else "."
 
 
 def _text(cell: object, decimal: str) -> str:
-    """A cell as it would stand in a CSV with this decimal mark."""
+    """Write a cell as in a CSV file with this decimal mark."""
     if isinstance(cell, timedelta):
         minutes, seconds = divmod(cell, timedelta(minutes=1))
         return f"{minutes // 60}:{minutes % 60:02}:{seconds.seconds:02}.{seconds.microseconds:06}"

@@ -1,4 +1,4 @@
-"""Columns of one file, and the kind of file that they come from."""
+"""Columns of one file, its size limits, and how to tell kinds of files."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ MOST_BYTES = 2**30  # ten hours at 1 kHz; more is refused before the memory is f
 
 @dataclass(frozen=True)
 class FileColumns:
-    """The columns of a file."""
+    """Columns of a file."""
 
     columns: pa.Table  # by their names; those of a text file are text
     decimal: str = "."  # mark in numbers that are text
@@ -36,28 +36,28 @@ class FileColumns:
 
 
 def is_bag(path: Path) -> bool:
-    """Whether a folder is a recording of ROS 2, whose files are one.
+    """Return whether a folder is one ROS 2 recording.
 
     Args:
-        path: of the folder.
+        path: path of the folder.
     """
     return (path / "metadata.yaml").is_file() and any(part.suffix in BAGS for part in path.iterdir())
 
 
 def most_bytes(path: Path) -> int:
-    """What a file may hold.
+    """Return the largest size that a file may unpack to.
 
     Args:
-        path: of the file; a packed one may hold less.
+        path: path of the file; a packed one may hold less.
     """
     return min(MOST_BYTES, most_unpacked(path.stat().st_size))
 
 
 def check_size(path: Path, size: int) -> None:
-    """Refuse a file that holds more. InputError: `size` bytes are too many.
+    """Reject a file that holds too many bytes.
 
     Args:
-        path: of the file, for the error.
+        path: path of the file, for the error.
         size: bytes that it holds.
     """
     most = most_bytes(path)
@@ -65,11 +65,11 @@ def check_size(path: Path, size: int) -> None:
         raise InputError(f"{path}: holds more than {most // 2**20} MiB; cut it into pieces")
 
 
-def counted(path: Path) -> list[tuple[int, str]]:
-    """A key by which numbers within names are sorted as numbers.
+def natural_key(path: Path) -> list[tuple[int, str]]:
+    """Return a sort key by which numbers within names sort as numbers.
 
     Args:
-        path: whose name is sorted.
+        path: path to sort by its name.
     """
     words = "".join(char if char.isdecimal() else f" {char} " for char in path.name.lower()).split()
     return [(int(word), "") if word.isdecimal() else (-1, word) for word in words]
@@ -81,12 +81,12 @@ _HEAD_BYTES = 25
 
 
 def is_session(path: str | os.PathLike[str]) -> bool:
-    """Whether a file is or should be a session: by its ending, or by its first bytes.
+    """Return whether a file is or should be a session, by its ending or its first bytes.
 
     A recording of ROS 2 is an MCAP file too, but a data file like others.
 
     Args:
-        path: of the file, which need not exist.
+        path: path of the file, which need not exist.
     """
     place = Path(path)
     if not place.is_file():

@@ -1,4 +1,4 @@
-"""Makes channels from anybody's measurements."""
+"""Make channels from data files of other programs."""
 
 import os
 import re
@@ -7,10 +7,11 @@ from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
+import scipy
 
 from palpate.estimation.channel import ChannelData, ChannelKind
 from palpate.estimation.data.assign_columns import Columns, assign_columns, in_blocks
-from palpate.estimation.data.choose_columns import EFFORTS, units_meant
+from palpate.estimation.data.choose_columns import EFFORTS
 from palpate.estimation.data.column_names import (
     QUANTITIES,
     TIME,
@@ -20,6 +21,7 @@ from palpate.estimation.data.column_names import (
     quantity_in,
     unit_in_name,
 )
+from palpate.estimation.data.column_units import ColumnUnits
 from palpate.estimation.data.derivatives import differentiate
 from palpate.estimation.data.import_options import ImportOptions
 from palpate.estimation.data.import_rows import UNKNOWN_PHASE, Rows, arrange_rows
@@ -41,7 +43,7 @@ _TAKEN = frozenset({*OF_THE_ARM, *DERIVED})
 _QUICKEST_S = 1e-5  # time from sample to sample, below which its unit is asked about, as above `SLOWEST_S`
 # What else a column may hold, which is then no torque.
 _NO_EFFORT = {"time", "position", "velocity", "acceleration", "run", "phase", "goal", "none"}
-_SHOWN_CELLS = 12  # of a row, in an error
+_SHOWN_CELLS = 12  # cells of a row that an error shows
 _SPECIMEN = re.compile(
     r"specimen|sample|probek?(?!\w)|prüfling|éprouvette|échantillon|probeta|试样|試料", re.IGNORECASE
 )
@@ -55,7 +57,7 @@ _DEFAULT = ImportOptions()
 
 @dataclass(frozen=True)
 class Imported:
-    """A data file as channels."""
+    """Channels of a data file."""
 
     channels: tuple[ChannelData, ...]  # "contact", and "joint_1" ...
     run_labels: dict[int, str]  # what the file calls each run, by its number
@@ -69,7 +71,7 @@ class Imported:
     columns: Mapping[str, tuple[str, str]] = field(default_factory=dict)
 
     def title(self, channel: str) -> str:
-        """A channel's name, with the columns that a joint's is made of.
+        """Return a channel's name, with the columns of a joint's channel.
 
         Args:
             channel: its name.
@@ -79,7 +81,7 @@ class Imported:
 
 
 def import_file(path: str | os.PathLike[str], options: ImportOptions = _DEFAULT) -> Imported:
-    """Read a data file of any kind that `read_table` knows.
+    """Read a data file of any format that `read_table` supports.
 
     Contact: `time_s, displacement_m` (positive into the object), `force_N` (positive in compression). Joint:
     `time_s, position_rad, torque_Nm`, or `position_m, force_N` for a prismatic one; several joints number
@@ -88,7 +90,7 @@ def import_file(path: str | os.PathLike[str], options: ImportOptions = _DEFAULT)
 
     Args:
         path: the file.
-        options: what its columns are called, their units, which rows.
+        options: names and units of columns, and the rows to read.
 
     Raises:
         InputError: the file cannot be used; one line with row, column and remedy.
@@ -97,11 +99,11 @@ def import_file(path: str | os.PathLike[str], options: ImportOptions = _DEFAULT)
 
 
 def import_table(table: Table, options: ImportOptions = _DEFAULT) -> Imported:
-    """Make channels of a table that is in memory; see `import_file`.
+    """Make channels of a table in memory; see `import_file`.
 
     Args:
         table: rows and columns.
-        options: what its columns are called, their units, which rows.
+        options: names and units of columns, and the rows to read.
 
     Raises:
         InputError: the table cannot be used; one line with row, column and remedy.
@@ -111,14 +113,10 @@ def import_table(table: Table, options: ImportOptions = _DEFAULT) -> Imported:
         chosen = chosen_texts(name, given, texts, str(table.path))
         table = table.select(np.isin(index, [texts.index(text) for text in chosen]))
     columns = assign_columns(table, options)
-    sources = _sources(columns)
+    sources = _channel_sources(columns)
     _check_options_are_used(columns, sources, options)
     rows = arrange_rows(columns, fresh=options.fresh, count=options.runs)
-    # Refuse what the channels are made of: an error depends on its own effort, and that says nothing.
-    for column in options.context:
-        if column in columns.used:
-            there = ", ".join(columns.unused) or "none"
-            raise InputError(f"--context {column}: this column is already used. Unused columns: {there}")
+    signals = _signals(options.context, columns)
     notes = [*columns.notes, *([rows.note] if rows.note else [])]
     if any(source.kind is ChannelKind.SERVO for source in sources):
         notes.append(
@@ -132,12 +130,11 @@ def import_table(table: Table, options: ImportOptions = _DEFAULT) -> Imported:
             f"column '{time.column}': samples are {step_s:.3g} s apart; where one unit is called another, "
             f"say the right one, such as --unit time={likely_time_unit(step_s / time.factor)}"
         )
-    notes += _specimens(columns, rows, options)
-    channels = [_channel(source, columns, rows, notes) for source in sources]
-    signals = _signals(options.context)
+    notes += _note_specimens(columns, rows, options)
+    channels = [_make_channel(source, columns, rows, notes) for source in sources]
     context = {signal: columns.table.numbers(name)[rows.order] for signal, name in signals.items()}
     channels = [replace(channel, context=context, recorded=frozenset(context)) for channel in channels]
-    unused = tuple(n for n in columns.unused if n not in options.context and _name(n) not in _TAKEN)
+    unused = tuple(n for n in columns.unused if n not in options.context and _signal_name(n) not in _TAKEN)
     read = "; ".join(filter(None, [columns.matched, *columns.table.words]))
     named = {
         source.name: (columns.name(source.position), columns.name(source.effort))
@@ -147,11 +144,18 @@ def import_table(table: Table, options: ImportOptions = _DEFAULT) -> Imported:
     return Imported(with_arm(channels), rows.labels, tuple(notes), unused, read, columns.roles, named)
 
 
-def _signals(requests: Iterable[str]) -> dict[str, str]:
-    """The further columns by what they are called as signals."""
+def _signals(requests: Iterable[str], columns: Columns) -> dict[str, str]:
+    """Further columns by their names as signals.
+
+    Raises:
+        InputError: a name is taken, or a channel is made of the column, on which an error always depends.
+    """
     signals: dict[str, str] = {}
     for column in requests:
-        name = _name(column)
+        if column in columns.used:
+            unused = ", ".join(columns.unused) or "none"
+            raise InputError(f"--context {column}: this column is already used. Unused columns: {unused}")
+        name = _signal_name(column)
         if name in _TAKEN:
             raise InputError(f"--context {column}: a signal of the joints is called that; rename the column")
         earlier = signals.setdefault(name, column)
@@ -162,18 +166,18 @@ def _signals(requests: Iterable[str]) -> dict[str, str]:
     return signals
 
 
-def _name(column: str) -> str:
-    """What a further column is called as a signal: a name that a session can hold."""
+def _signal_name(column: str) -> str:
+    """Return the name of a further column as a signal, such as a session can hold."""
     return re.sub(r"\W+", "_", column, flags=re.ASCII)[:_LONGEST_SIGNAL]
 
 
 def chosen_texts(name: str, given: str, texts: Collection[str], place: str) -> list[str]:
-    """Which of the texts in a place `--where NAME=GIVEN` means: one, or several with commas between.
+    """Return the texts of a column that `--where NAME=GIVEN` selects: one, or several separated by commas.
 
     Args:
-        name: of the column.
+        name: name of the column.
         given: the user's text.
-        texts: that the column has.
+        texts: texts that the column has.
         place: where it stands, for errors.
 
     Raises:
@@ -189,7 +193,7 @@ def chosen_texts(name: str, given: str, texts: Collection[str], place: str) -> l
 
 @dataclass(frozen=True)
 class _Source:
-    """Where a channel comes from: its name, kind, and the columns of position and effort."""
+    """Origin of a channel: its name, kind, and the columns of position and effort."""
 
     name: str
     kind: ChannelKind
@@ -198,13 +202,13 @@ class _Source:
 
     @property
     def keys(self) -> tuple[Key, ...]:
-        """Everything that the channel takes, whether the file has it or not."""
+        """All columns that the channel would use, whether the file has them or not."""
         joint = self.position[1]
         return self.position, self.effort, ("velocity", joint), ("acceleration", joint)
 
 
 def _check_options_are_used(columns: Columns, sources: Collection[_Source], options: ImportOptions) -> None:
-    """Refuse a column or unit for a quantity that no channel has: it would be lost without a word.
+    """Reject options for a quantity that no channel uses, which would be ignored silently.
 
     Raises:
         InputError: the user named one.
@@ -221,7 +225,7 @@ def _check_options_are_used(columns: Columns, sources: Collection[_Source], opti
         ]
         texts += [
             f"--unit {name}={options.units[name]}"
-            for name in units_meant(columns.table, options, role, assigned.column)
+            for name in ColumnUnits(columns.table, options).option_names(role, assigned.column)
         ]
         if texts:
             channels = "; ".join(
@@ -235,18 +239,18 @@ def _check_options_are_used(columns: Columns, sources: Collection[_Source], opti
             )
 
 
-def _sources(columns: Columns) -> list[_Source]:
-    """The channels that a file's columns allow."""
+def _channel_sources(columns: Columns) -> list[_Source]:
+    """Return the channels that the columns allow."""
     sources = []
     if ("displacement", 0) in columns and ("force", 0) in columns:
         sources.append(_Source("contact", ChannelKind.CONTACT, ("displacement", 0), ("force", 0)))
-    taken = {source.effort for source in sources}
+    used_efforts = {source.effort for source in sources}
     for quantity, joint in sorted(columns.assigned):
         if quantity == "position" or (quantity == "velocity" and ("position", joint) not in columns):
             revolute = columns.assigned[quantity, joint].dimension in {"angle", "angle_rate"}
             kind = ChannelKind.REVOLUTE if revolute else ChannelKind.PRISMATIC
             effort = ("torque" if revolute else "force", joint)
-            if effort in columns and effort not in taken:
+            if effort in columns and effort not in used_efforts:
                 sources.append(_Source(f"joint_{max(joint, 1)}", kind, (quantity, joint), effort))
     if not sources:
         for quantity, joint in sorted(columns.assigned):
@@ -264,15 +268,20 @@ def _sources(columns: Columns) -> list[_Source]:
                     f"'{pushing.column}' in {pushing.unit}: a torque goes with an angle (rad, deg), a force "
                     "with a length (m, mm); correct one with --unit or --column"
                 )
+        table, first_row = columns.table, ""
+        if NAMELESS in table.words:
+            cells = ", ".join(table.labels(name)[0][0] for name in table.names[:_SHOWN_CELLS])
+            more = " ..." if len(table.names) > _SHOWN_CELLS else ""
+            first_row = f" (it names none; the first row is {cells}{more})"
         raise InputError(
-            f"{columns.table.path}: no channel can be made of columns {columns.table.listed_names}"
-            f"{_first_row(columns)}; {_remedy(columns)}"
+            f"{table.path}: no channel can be made of columns {table.listed_names}{first_row}; "
+            f"{_remedy(columns)}"
         )
     return sources
 
 
-def _specimens(columns: Columns, rows: Rows, options: ImportOptions) -> list[str]:
-    """A note where runs are of several specimens, by the labels of runs or by a column not in use."""
+def _note_specimens(columns: Columns, rows: Rows, options: ImportOptions) -> list[str]:
+    """Note that runs are of several specimens, by their labels or by an unused column."""
     if options.fresh or options.where or len(rows.labels) < _FEWEST_SPECIMENS:
         return []
     if columns.run is not None and all(map(_SPECIMEN.search, rows.labels.values())):
@@ -293,56 +302,48 @@ def _specimens(columns: Columns, rows: Rows, options: ImportOptions) -> list[str
     return []
 
 
-def _first_row(columns: Columns) -> str:
-    """What stands in the first row of a table without names, for the error; else nothing."""
-    table = columns.table
-    if NAMELESS not in table.words:
-        return ""
-    cells = ", ".join(table.labels(name)[0][0] for name in table.names[:_SHOWN_CELLS])
-    return f" (it names none; the first row is {cells}{' ...' if len(table.names) > _SHOWN_CELLS else ''})"
-
-
 def _remedy(columns: Columns) -> str:
     """Say what channels need, and which options make one, unless no column seems to hold an effort."""
     table = columns.table
     guesses = {guess.column: guess.quantity for guess in guess_columns(table.names)}
-    said = {name: guesses.get(name) or quantity_in(name) for name in table.names}
+    quantity_by_name = {name: guesses.get(name) or quantity_in(name) for name in table.names}
     needed = (
         "a contact needs time_s, displacement_m, force_N, a joint time_s, position_rad, torque_Nm "
         "(or position_m, force_N)"
     )
     efforts = {dimension for quantity in EFFORTS for dimension in QUANTITIES[quantity]}
     has_effort = any(quantity in EFFORTS for quantity, _ in columns.assigned) or any(
-        said[name] in EFFORTS or (not said[name] and dimension_of(unit_in_name(name)) in efforts)
+        quantity_by_name[name] in EFFORTS
+        or (not quantity_by_name[name] and dimension_of(unit_in_name(name)) in efforts)
         for name in table.names
         if table.varies(name)
     )
     if has_effort or NAMELESS in table.words:
-        return f"{needed}; say which is which, as in {_example(columns, said)}"
+        return f"{needed}; say which is which, as in {_example_options(columns, quantity_by_name)}"
     return (
         f"by names and units, no column seems to hold a force or torque; {needed}; if a column holds one, "
         "say --column force_N=COLUMN or --column torque_Nm=COLUMN"
     )
 
 
-def _example(columns: Columns, said: Mapping[str, str]) -> str:
-    """Options that make a joint of an angle, or a contact, if further columns hold numbers.
+def _example_options(columns: Columns, quantity_by_name: Mapping[str, str]) -> str:
+    """Return options that make a joint of an angle, or a contact, from unassigned columns.
 
     Args:
         columns: columns of the file.
-        said: what the name of each column says that it holds, or empty.
+        quantity_by_name: quantity that the name of each column suggests, or empty.
     """
     table = columns.table
     numbers = [name for name in table.names if table.varies(name)]
-    free = [name for name in numbers if name not in columns.used and said[name] not in _NO_EFFORT]
-    angle = next((name for name in numbers if said[name] == "position"), None)
+    free = [name for name in numbers if name not in columns.used and quantity_by_name[name] not in _NO_EFFORT]
+    angle = next((name for name in numbers if quantity_by_name[name] == "position"), None)
     if angle is not None and free and dimension_of(unit_in_name(angle)) == "angle":
-        effort = next((name for name in free if said[name] in EFFORTS), free[0])
+        effort = next((name for name in free if quantity_by_name[name] in EFFORTS), free[0])
         return f"--column torque={shlex.quote(effort)} --unit torque=1Nm"
     options = []
     if TIME not in columns:
         rising = (name for name in free if (np.diff(table.numbers(name)) > 0.0).all())
-        clock = next((name for name in numbers if said[name] == "time"), "")
+        clock = next((name for name in numbers if quantity_by_name[name] == "time"), "")
         clock = clock or (next(rising, "") if NAMELESS in table.words and len(free) > 2 else "")
         options += [f"--column time={shlex.quote(clock)}"] if clock else []
         free = [name for name in free if name != clock]
@@ -354,8 +355,8 @@ def _example(columns: Columns, said: Mapping[str, str]) -> str:
         if not free:
             return "--column displacement_mm=COLUMN --column force_N=COLUMN"
         fitting = [name for name in free if dimension_of(unit_in_name(name)) in QUANTITIES[quantity]]
-        named = [name for name in free if said[name] == quantity]
-        silent = [name for name in free if not said[name]]
+        named = [name for name in free if quantity_by_name[name] == quantity]
+        silent = [name for name in free if not quantity_by_name[name]]
         column = (fitting or named or silent or free)[0 if fitting or named else last]
         free.remove(column)
         options.append(f"--column {quantity}={shlex.quote(column)}")
@@ -363,14 +364,18 @@ def _example(columns: Columns, said: Mapping[str, str]) -> str:
     return " ".join(options)
 
 
-def _channel(source: _Source, columns: Columns, rows: Rows, notes: list[str]) -> ChannelData:
-    """One channel; what the reader should know of it is added to the notes."""
+def _make_channel(source: _Source, columns: Columns, rows: Rows, notes: list[str]) -> ChannelData:
+    """Make one channel and append its notes."""
     joint = source.position[1]
     motion = columns.values(source.position)[rows.order]
     piece = number_pieces(rows.time_s, rows.run)
     given: FloatArray | None
     if source.position[0] == "velocity":
-        position, given = _integrated(rows, motion), motion
+        position, given = np.empty(len(motion)), motion
+        for of_run in blocks(rows.run):
+            position[of_run] = scipy.integrate.cumulative_trapezoid(
+                motion[of_run], rows.time_s[of_run], initial=0.0
+            )
         notes.append(
             f"no column holds a position: it is the integral of '{columns.name(source.position)}', from 0 in "
             "each run; if one does, add --column position=COLUMN"
@@ -379,11 +384,11 @@ def _channel(source: _Source, columns: Columns, rows: Rows, notes: list[str]) ->
         position = motion
         derived = differentiate(rows.time_s, position, piece)
         velocity, acceleration = derived.velocity, derived.acceleration
-        given, note = _given(columns, ("velocity", joint), source, rows, position, velocity)
+        given, note = _file_derivative(columns, ("velocity", joint), source, rows, position, velocity)
         notes += [note] if note else []
     if given is not None:
         velocity, acceleration = given, differentiate(rows.time_s, given, piece).velocity
-    given, note = _given(columns, ("acceleration", joint), source, rows, velocity, acceleration)
+    given, note = _file_derivative(columns, ("acceleration", joint), source, rows, velocity, acceleration)
     notes += [note] if note else []
     if given is not None:
         acceleration = given
@@ -408,26 +413,17 @@ def _channel(source: _Source, columns: Columns, rows: Rows, notes: list[str]) ->
     )
 
 
-def _integrated(rows: Rows, velocity: FloatArray) -> FloatArray:
-    """The position that a velocity (n,) leads to from 0 on in each run, shape (n,)."""
-    position = np.empty(len(velocity))
-    for of_run in blocks(rows.run):
-        steps = 0.5 * (velocity[of_run][1:] + velocity[of_run][:-1]) * np.diff(rows.time_s[of_run])
-        position[of_run] = np.append(0.0, np.cumsum(steps))
-    return position
-
-
-def _given(  # noqa: PLR0917
+def _file_derivative(  # noqa: PLR0917
     columns: Columns, key: Key, source: _Source, rows: Rows, signal: FloatArray, derived: FloatArray
 ) -> tuple[FloatArray | None, str]:
-    """A derivative that the file brings along, if it is of use; and a note where it is not.
+    """Return a derivative in the file if it is usable; otherwise a note that says why not.
 
     Args:
-        columns: of the file.
-        key: of the derivative.
-        source: of the channel.
-        rows: of the table.
-        signal: what it is the derivative of, shape (n,).
+        columns: columns of the file.
+        key: key of the derivative.
+        source: source of the channel.
+        rows: rows of the table.
+        signal: integral of the derivative, shape (n,).
         derived: the derivative as that signal says it, shape (n,).
     """
     if key not in columns:
@@ -458,17 +454,17 @@ def _given(  # noqa: PLR0917
 _SAME_SHAPE = 0.7  # correlation, half of the variance: it is this position's velocity, whatever its scale
 _OTHER_SCALE = 1.5  # smoothing takes less than a third off a velocity; a mistaken unit is off by ten and more
 _WAYS = tuple(2**power for power in range(12))  # samples, that a way may take
-_PAUSE = 5.0  # times the usual step
-_LEAST_WAYS = 0.5  # of the samples, at which a way must begin
+_PAUSE = 5.0  # ratio to the usual step above which sampling paused
+_LEAST_WAYS = 0.5  # share of samples at which a way must begin
 _HALVES = (1, 2, 3, 4, 5, 8, 10, 16, 32)  # samples to either side of a central difference
 _REACHES = (*((half, half) for half in _HALVES), (1, 0), (0, 1))  # and the backward and forward ones
-_SAME = 0.5  # of the energy of a difference's noise, that the given velocity may differ from it by
+_SAME = 0.5  # difference from a finite difference, relative to its noise energy
 
 
 def mistaken_scale(
     time_s: FloatArray, position: FloatArray, velocity: FloatArray, run: IntArray
 ) -> float | None:
-    """How many times the slope of the position a given velocity is, where that is not one; else None.
+    """Return the ratio of a given velocity to the slope of the position if it is not one; else None.
 
     Compared are ways, as two positions have them and as the velocity leads in between, over the time that
     makes them most alike: long enough for steps and noise of a position to count little, and short enough for
@@ -478,8 +474,8 @@ def mistaken_scale(
     Args:
         time_s: shape (n,) [s].
         position: shape (n,).
-        velocity: as it is given, shape (n,).
-        run: of each sample, shape (n,).
+        velocity: given velocity, shape (n,).
+        run: run of each sample, shape (n,).
     """
     steps_s = np.diff(time_s)
     breaks = (np.diff(run) != 0) | (steps_s > _PAUSE * sample_time(time_s, run))
@@ -492,9 +488,9 @@ def mistaken_scale(
         if np.sum(same) < _LEAST_WAYS * len(position):
             break
         moved, by_velocity = ((x[samples:] - x[:-samples])[same] for x in (position, led))
-        alike = correlation_coefficient(moved, by_velocity)
-        if abs(alike) > best:
-            best, ratio = abs(alike), float(by_velocity @ by_velocity) / float(moved @ by_velocity)
+        correlation = correlation_coefficient(moved, by_velocity)
+        if abs(correlation) > best:
+            best, ratio = abs(correlation), float(by_velocity @ by_velocity) / float(moved @ by_velocity)
     is_mistaken = best > _SAME_SHAPE and not 1.0 / _OTHER_SCALE < ratio < _OTHER_SCALE
     return ratio if is_mistaken else None
 
@@ -502,7 +498,7 @@ def mistaken_scale(
 def is_difference(
     time_s: FloatArray, position: FloatArray, given: FloatArray, calm: FloatArray, run: IntArray
 ) -> bool:
-    """Whether a derivative has the very noise that a difference of the positions has.
+    """Return whether a derivative has the noise of a finite difference of the positions.
 
     Such a column measures nothing that the positions do not say, and is noisier than need be: a central
     difference (`numpy.gradient` and kin) passes on the errors of two readings.
@@ -512,7 +508,7 @@ def is_difference(
         position: shape (n,), or another signal.
         given: its derivative as the file has it, shape (n,).
         calm: its derivative by windows as wide as the motion allows, shape (n,).
-        run: of each sample, shape (n,).
+        run: run of each sample, shape (n,).
     """
     if not np.ptp(given) > 0.0:  # a joint that rests has no difference
         return False
@@ -531,10 +527,10 @@ def is_difference(
 
 
 def with_arm(channels: Sequence[ChannelData]) -> tuple[ChannelData, ...]:
-    """The channels, each joint's with the motion of all joints in its context, (n, joints) each.
+    """Add the motion of all joints, (n, joints) each, to the context of each joint's channel.
 
     Args:
-        channels: of one recording, all of equal length.
+        channels: channels of one recording, all of equal length.
     """
     joints = [channel for channel in channels if channel.kind is not ChannelKind.CONTACT]
     if not joints:

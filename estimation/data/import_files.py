@@ -1,4 +1,4 @@
-"""Several data files as one measurement: each is a run, or several."""
+"""Import several data files as one measurement; each holds one run or several."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import replace
@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 
 from palpate.estimation.channel import ChannelData
-from palpate.estimation.data.file_columns import counted, is_bag
+from palpate.estimation.data.file_columns import is_bag, natural_key
 from palpate.estimation.data.import_file import Imported, import_table
 from palpate.estimation.data.import_options import ImportOptions
 from palpate.estimation.data.table import ENDINGS, read_table
@@ -17,7 +17,7 @@ _MOST_FILES = 2000
 
 
 def data_files(folder: Path) -> list[Path]:
-    """The data files in a folder, by name as people count: run2 before run10.
+    """List the data files in a folder in natural order: run2 before run10.
 
     A folder that is one recording of ROS 2 is one of them; of a LeRobot data set, those of its episodes.
 
@@ -30,11 +30,11 @@ def data_files(folder: Path) -> list[Path]:
     if is_bag(folder):
         return [folder]
     lerobot = (folder / "meta" / "info.json").is_file()
-    there = folder.glob("data/**/*.parquet") if lerobot else folder.iterdir()
-    paths = [path for path in there if path.name.lower().removesuffix(".gz").endswith(ENDINGS)]
+    candidates = folder.glob("data/**/*.parquet") if lerobot else folder.iterdir()
+    paths = [path for path in candidates if path.name.lower().removesuffix(".gz").endswith(ENDINGS)]
     if len(paths) > _MOST_FILES:
         raise InputError(f"{folder}: {len(paths)} data files, at most {_MOST_FILES}; join some of them")
-    return sorted((path for path in paths if path.is_file()), key=counted)
+    return sorted((path for path in paths if path.is_file()), key=natural_key)
 
 
 def import_files(
@@ -42,10 +42,10 @@ def import_files(
     options: ImportOptions,
     progress: Callable[[str, float], None] = lambda what, share: None,
 ) -> Imported:
-    """Read files one by one, each as `import_file` does, and put their runs one after the other.
+    """Read files one by one with `import_file`, and concatenate their runs.
 
     Args:
-        paths: at least one.
+        paths: files, at least one.
         options: how to read each of them.
         progress: told what is being done, and the share of all that is done.
 
@@ -66,13 +66,13 @@ def import_files(
         return parts[0]
     channels = []
     for first in parts[0].channels:
-        alike = []
+        same_channel = []
         for path, part in zip(paths, parts, strict=True):
             channel = next((channel for channel in part.channels if channel.name == first.name), None)
             if channel is None or channel.kind is not first.kind:
                 raise InputError(f"{path}: has no channel '{first.name}' such as {paths[0]} has")
-            alike.append(channel)
-        channels.append(joined_channels(alike))
+            same_channel.append(channel)
+        channels.append(joined_channels(same_channel))
     labels, noted = list[str](), dict[str, str]()
     for path, part in zip(paths, parts, strict=True):
         own = part.run_labels.values()
@@ -88,7 +88,7 @@ def import_files(
 
 
 def joined_channels(parts: Sequence[ChannelData]) -> ChannelData:
-    """The same channel from several recordings; the numbers of the runs go on, clocks stay as they are.
+    """Concatenate one channel of several recordings; runs are renumbered, clocks stay as they are.
 
     Position counts from the same surface in all of them. Signals that one of them lacks are left out.
 

@@ -1,4 +1,4 @@
-"""What a user says about a data file."""
+"""Options for reading a data file."""
 
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
@@ -52,8 +52,8 @@ def parse_pairs(texts: Iterable[str], option: str) -> dict[str, str]:
     """Read options of the form NAME=VALUE.
 
     Args:
-        texts: as the user wrote them.
-        option: that they were given with, such as "--unit".
+        texts: texts as the user wrote them.
+        option: option by which they were given, such as "--unit".
 
     Raises:
         InputError: one of them has another form, or a name comes twice.

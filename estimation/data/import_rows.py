@@ -1,4 +1,4 @@
-"""Which run and phase each row of a data file belongs to, and in which order the rows come."""
+"""Assign rows of a data file to runs and phases, and put them in order."""
 
 import shlex
 from dataclasses import dataclass, replace
@@ -17,17 +17,17 @@ from palpate.robot_io.types import FloatArray, IntArray
 
 UNKNOWN_PHASE = -1
 _LONGEST_NUMBER = 18  # digits; what is longer is a name, as are serial numbers
-_MOST_REPEATED = 0.05  # of the rows, that may have the time of the row before
-_GAP, _QUICK = 1.5, 0.75  # of the usual step: a gap, and a stamp that was late
+_MOST_REPEATED = 0.05  # share of rows that may repeat the time of the row before
+_GAP, _QUICK = 1.5, 0.75  # ratio to the usual step of a gap, and of a late stamp
 _FEW_GAPS, _LONGEST_BURST = 0.05, 50  # gaps among all steps; steps of one gap and its burst
-_WHOLE = 0.3  # of the position's range, that a cycle goes through
-_MOST = 0.8  # of the stretches between a clock's beginnings, that are cycles
+_WHOLE = 0.3  # share of the position's range that a cycle covers
+_MOST = 0.8  # share of the stretches between restarts of a clock that must be cycles
 _FEWEST = 5  # samples of a run: fewer have no acceleration that means anything
 
 
 @dataclass(frozen=True)
 class Rows:
-    """The rows of a table, one block for each run."""
+    """Rows of a table, one block for each run."""
 
     order: IntArray  # index in the table of each row, shape (n,)
     time_s: FloatArray  # shape (n,), strictly increasing within a run [s]
@@ -41,16 +41,16 @@ def arrange_rows(columns: Columns, *, fresh: bool = False, count: int | None = N
     """Group the rows by run.
 
     Args:
-        columns: of the table.
+        columns: columns of the table.
         fresh: let the clock begin anew in each run, which is how one is told from an earlier one's sequel.
-        count: of presses in the recording, if the user says it.
+        count: number of presses in the recording; None if unknown.
 
     Raises:
         InputError: times do not increase in a run, a run is too short, a phase unknown.
     """
     table = columns.table
     if columns.run is None:
-        run, note = _found_runs(columns, _times(columns), count)
+        run, note = _detect_runs(columns, _times(columns), count)
         labels = {number: str(number) for number in np.unique(run).tolist()}
     else:
         if count is not None:
@@ -70,7 +70,7 @@ def arrange_rows(columns: Columns, *, fresh: bool = False, count: int | None = N
             "no column holds a time: rows count as 1 s apart, so speeds, damping, inertia and relaxation "
             "times are not in seconds; if a column does, add --column time=COLUMN"
         )
-        note = _joined(note, no_time)
+        note = _join_notes(note, no_time)
     same = np.abs(np.diff(time_s, prepend=-np.inf)) < FINEST_S
     same[1:] &= np.diff(run[order]) == 0
     if 0 < np.sum(same) < _MOST_REPEATED * len(order):
@@ -78,7 +78,7 @@ def arrange_rows(columns: Columns, *, fresh: bool = False, count: int | None = N
             f"{np.sum(same)} of {len(order)} rows left out: the time of the row before again, the first in "
             f"{table.row_word} {table.rows[order[np.argmax(same)]]}"
         )
-        note = _joined(note, repeated)
+        note = _join_notes(note, repeated)
         order, time_s = order[~same], time_s[~same]
     counts = np.bincount(run[order]) if columns.run is None else np.array([_FEWEST])
     if counts.min() < _FEWEST <= counts.max():  # nobody named these runs, so nobody misses them
@@ -87,11 +87,11 @@ def arrange_rows(columns: Columns, *, fresh: bool = False, count: int | None = N
             f"{np.sum(short)} of {len(order)} rows left out: a run of fewer than {_FEWEST}, the first in "
             f"{table.row_word} {table.rows[order[np.argmax(short)]]}"
         )
-        note = _joined(note, few)
+        note = _join_notes(note, few)
         order, time_s = order[~short], time_s[~short]
         labels = {number: labels[number] for number in np.unique(run[order]).tolist()}
     rows = Rows(order, time_s, run[order], _phases(table, columns.phase)[order], labels, note)
-    rows = _with_late_stamps_spread(columns, _with_spread_times(columns, rows))
+    rows = _spread_late_stamps(columns, _spread_repeated_times(columns, rows))
     _check_times(columns, rows)
     runs, counts = np.unique(rows.run, return_counts=True)
     if counts.min() < _FEWEST:
@@ -103,8 +103,8 @@ def arrange_rows(columns: Columns, *, fresh: bool = False, count: int | None = N
     return replace(rows, time_s=time_in_run(time_s, rows.run)) if fresh else rows
 
 
-def _joined(*notes: str) -> str:
-    """Notes as one, without empty ones."""
+def _join_notes(*notes: str) -> str:
+    """Join notes that are not empty."""
     return "; ".join(filter(None, notes))
 
 
@@ -112,8 +112,8 @@ def _times(columns: Columns) -> FloatArray:
     return columns.values(TIME) if TIME in columns else np.arange(len(columns.table), dtype=np.float64)
 
 
-def _found_runs(columns: Columns, time_s: FloatArray, count: int | None) -> tuple[IntArray, str]:
-    """Number of each row's run where no column says it, and a word on how they were found.
+def _detect_runs(columns: Columns, time_s: FloatArray, count: int | None) -> tuple[IntArray, str]:
+    """Detect the run of each row where no column states it, and describe how.
 
     A clock that begins anew begins a run; a contact's presses are cut apart in free air.
     """
@@ -146,7 +146,7 @@ def _found_runs(columns: Columns, time_s: FloatArray, count: int | None) -> tupl
 
 
 def _cycles(columns: Columns) -> tuple[IntArray, str]:
-    """Number of each row's cycle, shape (n,), by a further clock that begins anew in each; and its column.
+    """Number the cycles of a repeated test by a second clock that restarts, and return its column.
 
     Cycles that are very many or short are left in one run, and the column is empty. So are steps of a
     programme, which do not lead back to where they began.
@@ -167,8 +167,8 @@ def _cycles(columns: Columns) -> tuple[IntArray, str]:
     return np.zeros(len(columns.table), dtype=np.int64), ""
 
 
-def _with_spread_times(columns: Columns, rows: Rows) -> Rows:
-    """Rows of one time spread evenly up to the next time, where a clock counts in coarser steps than rows.
+def _spread_repeated_times(columns: Columns, rows: Rows) -> Rows:
+    """Spread rows with equal times evenly up to the next time, for clocks coarser than the row rate.
 
     A run whose clock stands still throughout, or ever goes back, stays as it is.
     """
@@ -190,11 +190,11 @@ def _with_spread_times(columns: Columns, rows: Rows) -> Rows:
         f"'{name}' repeats its times: {spread} of {len(time_s)} rows are spread evenly up to the next one; "
         f"if it is not the time of each row, leave it out with --context {shlex.quote(name)}"
     )
-    return replace(rows, time_s=time_s, note=_joined(rows.note, words))
+    return replace(rows, time_s=time_s, note=_join_notes(rows.note, words))
 
 
-def _with_late_stamps_spread(columns: Columns, rows: Rows) -> Rows:
-    """Rows stamped late, in a burst behind a gap, spread evenly over both where these make whole steps.
+def _spread_late_stamps(columns: Columns, rows: Rows) -> Rows:
+    """Spread rows with late time stamps, in a burst after a gap, evenly over both.
 
     A logger that was busy stamps what came meanwhile in quick succession. Derived from such times, a speed
     would be many times too large.
@@ -222,7 +222,7 @@ def _with_late_stamps_spread(columns: Columns, rows: Rows) -> Rows:
         f"'{columns.name(TIME)}' stamps {spread} of {len(time_s)} rows late, in bursts behind gaps: they are "
         "spread evenly over both"
     )
-    return replace(rows, time_s=time_s, note=_joined(rows.note, words))
+    return replace(rows, time_s=time_s, note=_join_notes(rows.note, words))
 
 
 def _phases(table: Table, column: str | None) -> IntArray:
@@ -260,8 +260,15 @@ def _check_times(columns: Columns, rows: Rows) -> None:
     name, in_run, word = columns.name(TIME), "", columns.table.row_word
     if len(rows.labels) > 1:
         in_run = f" of run '{rows.labels[int(rows.run[late[0]])]}'"
-    in_order = next((name for name in columns.table.names if _orders(columns, name)), "")
-    number = shlex.quote(in_order or columns.like_runs or "COLUMN")
+    in_order = ""  # a column not in use of texts, each in one block of rows, within which times increase
+    increases = np.diff(_times(columns)) > 0.0
+    for text_column in columns.table.names:
+        if text_column not in columns.used:
+            index = columns.table.labels(text_column)[1]
+            if in_blocks(index.astype(np.float64)) and ((np.diff(index) != 0) | increases).all():
+                in_order = text_column
+                break
+    number = shlex.quote(in_order or columns.run_candidate or "COLUMN")
     remedy = f"say with --column {RUN}={number} where a new run begins"
     if not in_order:
         remedy = f"sort the rows, or {remedy}"
@@ -270,12 +277,3 @@ def _check_times(columns: Columns, rows: Rows) -> None:
         f"come after {rows.time_s[late[0]]:.9g} s in {word} {before}{in_run}; times must increase within a "
         f"run: {remedy}"
     )
-
-
-def _orders(columns: Columns, name: str) -> bool:
-    """Whether a column not in use holds texts, each in one block, within which the times increase."""
-    if name in columns.used:
-        return False
-    index = columns.table.labels(name)[1]
-    anew = np.diff(index) != 0
-    return in_blocks(index.astype(np.float64)) and bool((anew | (np.diff(_times(columns)) > 0.0)).all())

@@ -1,4 +1,4 @@
-"""Tables in JSON: records, columns, or rows of numbers; the longest of a file."""
+"""Read tables in JSON: records, columns, or rows of numbers."""
 
 import json
 from collections.abc import Iterator, Mapping
@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from palpate.estimation.data.array_files import arrow_of
+from palpate.estimation.data.array_files import arrow_table
 from palpate.estimation.data.column_names import is_unnamed
 from palpate.estimation.data.file_columns import FileColumns, check_size
 from palpate.estimation.data.text_dialect import NAMELESS
@@ -18,13 +18,13 @@ _FEWEST = 3  # rows of a table
 
 
 def read_json(path: Path) -> FileColumns:
-    """The longest table of a JSON file, or the records of one that holds one in each line.
+    """Read the longest table of a JSON file, or the records of a file with one per line.
 
     A table is a list of records, whose nested values are called "joint.position"; a mapping of columns of
     equal length; or a list of rows, whose columns a list beside it may name.
 
     Args:
-        path: of the file.
+        path: path of the file.
 
     Raises:
         InputError: it is too large, is no JSON, or holds no table.
@@ -43,12 +43,12 @@ def read_json(path: Path) -> FileColumns:
         raise InputError(
             f"{path}: holds no table: a list of records, columns of equal length, or rows of numbers"
         )
-    columns, others = max(tables, key=lambda table: len(next(iter(table[0].values()))))
+    columns, other_lengths = max(tables, key=lambda table: len(next(iter(table[0].values()))))
     flat = {name: cells for name, cells in columns.items() if not any(map(_is_nested, cells))}
     words = [NAMELESS] if all(map(is_unnamed, flat)) else []
-    words += [f"columns of other lengths left out: {', '.join(others)}"] if others else []
+    words += [f"columns of other lengths left out: {', '.join(other_lengths)}"] if other_lengths else []
     return FileColumns(
-        arrow_of({name: np.array(cells) for name, cells in flat.items()}, path), words=tuple(words)
+        arrow_table({name: np.array(cells) for name, cells in flat.items()}, path), words=tuple(words)
     )
 
 
@@ -57,7 +57,7 @@ def _is_nested(value: object) -> bool:
 
 
 def _tables(content: object) -> Iterator[tuple[dict[str, list[Any]], list[str]]]:
-    """All tables in what a JSON file holds, each with the names of columns that are no part of it."""
+    """Yield all tables in a JSON document, each with the names of columns of other lengths."""
     pending = [content]
     while pending:
         value = pending.pop()
@@ -67,15 +67,15 @@ def _tables(content: object) -> Iterator[tuple[dict[str, list[Any]], list[str]]]
             lengths = [len(part) for part in flat.values() if len(part) >= _FEWEST]
             for length in set(lengths):
                 if lengths.count(length) > 1:
-                    others = [key for key, part in flat.items() if _FEWEST <= len(part) != length]
-                    yield {key: part for key, part in flat.items() if len(part) == length}, others
+                    other_lengths = [key for key, part in flat.items() if _FEWEST <= len(part) != length]
+                    yield {key: part for key, part in flat.items() if len(part) == length}, other_lengths
             for part in lists.values():
                 names = [words for words in flat.values() if isinstance(words[0], str)]
                 yield from ((table, []) for table in _rows(part, names))
             pending += [part for part in value.values() if isinstance(part, Mapping | list)]
         elif isinstance(value, list) and len(value) >= _FEWEST:
             if all(isinstance(record, Mapping) for record in value):
-                records = [_flat(record) for record in value]
+                records = [_flatten(record) for record in value]
                 columns = dict.fromkeys(name for record in records for name in record)
                 yield {name: [record.get(name) for record in records] for name in columns}, []
             else:
@@ -83,18 +83,18 @@ def _tables(content: object) -> Iterator[tuple[dict[str, list[Any]], list[str]]]
 
 
 def _rows(rows: list[Any], names: list[list[str]]) -> Iterator[dict[str, list[Any]]]:
-    """A list of rows of equal width as a table, called by the names of that number, or by its first row."""
+    """Convert a list of equally long rows to a table, named by a list of names or by its first row."""
     width = len(rows[0]) if rows and isinstance(rows[0], list) else 0
     if width > 1 and len(rows) >= _FEWEST and all(isinstance(r, list) and len(r) == width for r in rows):
         if all(isinstance(cell, str) for cell in rows[0]):
             names, rows = [rows[0], *names], rows[1:]
         places = [f"column {number}" for number in range(1, width + 1)]
-        called = next((some for some in names if len(set(some)) == width == len(some)), places)
-        yield dict(zip(called, map(list, zip(*rows, strict=True)), strict=True))
+        header = next((some for some in names if len(set(some)) == width == len(some)), places)
+        yield dict(zip(header, map(list, zip(*rows, strict=True)), strict=True))
 
 
-def _flat(record: Mapping[str, Any]) -> dict[str, Any]:
-    """A record with its nested values side by side."""
+def _flatten(record: Mapping[str, Any]) -> dict[str, Any]:
+    """Flatten nested values of a record."""
     flat: dict[str, Any] = {}
     pending: list[tuple[str, object]] = [("", record)]
     while pending:

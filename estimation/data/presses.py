@@ -1,4 +1,4 @@
-"""Presses in a recording: where each begins, its phases, and the side that it is pressed from."""
+"""Separate the presses in a recording, find their phases, and determine the sign of compression."""
 
 from dataclasses import dataclass
 from itertools import pairwise
@@ -12,19 +12,19 @@ from palpate.estimation.statistics.correlation import correlation_coefficient
 from palpate.robot_io.errors import InputError
 from palpate.robot_io.types import BoolArray, FloatArray, IntArray
 
-FEWEST_ROWS = 20  # of a run that nobody named: a press that is cut out, or a block of equal numbers
-MOST_RUNS = 500  # that presses are cut into: of more, several are one run
+FEWEST_ROWS = 20  # rows of a detected run: a press, or a block of equal numbers
+MOST_RUNS = 500  # runs that presses are cut into; of more, several form one run
 # of the usual range of the force: a press goes from below the one above the other
 _PRESSED, _RELEASED = 0.1, 0.05
-_SIGMAS = (8.0, 4.0)  # the same in deviations of the noise, whichever is more
-_TO_SIGMA = 1.4826 / np.sqrt(2.0)  # from the median step between neighbours, for normal noise
-_FEW = 0.02  # of the samples: fewer in free air tell no baseline
-_AIR = 0.1  # of the lower of two presses, that the force between them may be above its lowest
+_SIGMAS = (8.0, 4.0)  # thresholds in standard deviations of the noise, if larger
+_TO_SIGMA = 1.4826 / np.sqrt(2.0)  # converts the median step between neighbours to sigma of normal noise
+_FEW = 0.02  # share of samples in free air that determine a baseline
+_AIR = 0.1  # rise of the force in free air between two presses, relative to the lower press
 
 
 @dataclass(frozen=True)
 class Levels:
-    """Forces [N] that tell a press from free air."""
+    """Force levels [N] that separate a press from free air."""
 
     pressed: float  # above it something is pressed
     released: float  # below it nothing is
@@ -32,7 +32,7 @@ class Levels:
 
 
 def force_levels(force: FloatArray, displacement: FloatArray) -> Levels:
-    """The levels of a contact's force, shape (n,), beside its displacement, shape (n,).
+    """Estimate the force levels of a contact.
 
     Args:
         force: shape (n,), positive in compression.
@@ -51,7 +51,7 @@ def force_levels(force: FloatArray, displacement: FloatArray) -> Levels:
 
 
 def restarts(time_s: FloatArray) -> IntArray:
-    """Number of each row's recording, shape (n,), where a clock begins anew; else all 0.
+    """Number the recordings at restarts of a clock, shape (n,); all 0 without a restart.
 
     Args:
         time_s: shape (n,), in the order of the file [s].
@@ -67,7 +67,7 @@ def restarts(time_s: FloatArray) -> IntArray:
 
 
 def cut_presses(force: FloatArray, displacement: FloatArray, piece: IntArray) -> tuple[IntArray, int]:
-    """Number of each row's run, shape (n,), from the middle of one free air to another, and presses in each.
+    """Cut runs in the middle of the free air between presses; also return the presses per run.
 
     Args:
         force: shape (n,), positive in compression.
@@ -75,32 +75,26 @@ def cut_presses(force: FloatArray, displacement: FloatArray, piece: IntArray) ->
         piece: recordings that are apart already, shape (n,).
     """
     levels = force_levels(force, displacement)
-    tops = np.concatenate([_tops(force[rows], levels) + rows.start for rows in blocks(piece)])
-    tops = _after_returns(displacement, tops.astype(np.int64))
-    presses = max(1, -(-len(tops) // MOST_RUNS))
-    return _cut(force, piece, tops, FEWEST_ROWS, presses), presses
-
-
-def _after_returns(displacement: FloatArray, tops: IntArray) -> IntArray:
-    """The tops (k,) before which the displacement (n,) came back: a force may rise twice on one way too."""
-    kept = list(tops[:1])
-    for top in tops[1:]:
-        back = displacement[kept[-1]] - displacement[kept[-1] : top].min(initial=np.inf)
+    peaks = np.concatenate([_force_peaks(force[rows], levels) + rows.start for rows in blocks(piece)])
+    tops = list(peaks[:1])
+    for peak in peaks[1:]:  # only after the displacement came back: a force may rise twice in one press
+        back = displacement[tops[-1]] - displacement[tops[-1] : peak].min(initial=np.inf)
         if back > _RELEASED * np.ptp(displacement):
-            kept.append(top)
-    return np.array(kept, dtype=np.int64)
+            tops.append(peak)
+    presses = max(1, -(-len(tops) // MOST_RUNS))
+    return _cut_between(force, piece, np.array(tops, dtype=np.int64), FEWEST_ROWS, presses), presses
 
 
 def cut_into(
     force: FloatArray, displacement: FloatArray, piece: IntArray, count: int, where: str
 ) -> IntArray:
-    """Number of each row's run, shape (n,), if there are so many: the presses that come from furthest out.
+    """Cut a recording into a given number of presses: those that come from furthest out.
 
     Args:
         force: shape (n,), positive in compression.
         displacement: shape (n,), positive into the object.
         piece: recordings that are apart already, shape (n,).
-        count: of presses that the user says.
+        count: number of presses that the user states.
         where: file and option, for the error.
 
     Raises:
@@ -118,49 +112,46 @@ def cut_into(
     )
     is_press = pressed & (way > _RELEASED * np.ptp(depth))
     tops = np.sort(peaks[is_press][np.argsort(way[is_press])[::-1][:count]]) - 1
-    run = _cut(force, piece, tops, 1) if len(tops) else piece
+    run = _cut_between(force, piece, tops, 1) if len(tops) else piece
     if run[-1] + 1 != count:
         presses = f"{run[-1] + 1} press{'es' if run[-1] else ''}"
         raise InputError(f"{where}: {presses} can be told apart at most")
     return run
 
 
-def _tops(force: FloatArray, levels: Levels) -> IntArray:
-    """Row of the largest force of each press."""
+def _force_peaks(force: FloatArray, levels: Levels) -> IntArray:
+    """Return the row of the largest force of each press."""
     sides = np.where(force > levels.pressed, 1, np.where(force < levels.released, -1, 0))
-    met = np.flatnonzero(sides)
-    if not len(met):
+    decided = np.flatnonzero(sides)
+    if not len(decided):
         return np.zeros(0, dtype=np.int64)
-    begins = met[np.flatnonzero((sides[met] > 0) & np.append(True, sides[met][:-1] < 0))]
+    begins = decided[np.flatnonzero((sides[decided] > 0) & np.append(True, sides[decided][:-1] < 0))]
     ends = np.append(begins, len(force))[1:]
     return np.array(
         [a + int(np.argmax(force[a:b])) for a, b in zip(begins, ends, strict=True)], dtype=np.int64
     )
 
 
-def _cut(force: FloatArray, piece: IntArray, tops: IntArray, fewest: int, presses: int = 1) -> IntArray:
+def _cut_between(
+    force: FloatArray, piece: IntArray, tops: IntArray, fewest: int, presses: int = 1
+) -> IntArray:
     border = np.zeros(len(force), dtype=np.int64)
     border[1:] = np.diff(piece) != 0
     for first, second in list(pairwise(tops.tolist()))[presses - 1 :: presses]:
-        if piece[first] == piece[second]:
-            border[_between(force, first, second)] = 1
+        if piece[first] == piece[second]:  # cut in the middle of the free air between two presses
+            stretch = force[first:second]
+            low = float(stretch.min())
+            free = np.flatnonzero(stretch <= low + _AIR * max(min(force[first], force[second]) - low, 0.0))
+            border[first + int(free[0] + free[-1] + 1) // 2] = 1
     run = np.cumsum(border)
     counts = np.bincount(run)
     return run if counts.min() >= fewest else piece
 
 
-def _between(force: FloatArray, first: int, second: int) -> int:
-    """The middle of the free air between two presses."""
-    stretch = force[first:second]
-    low = float(stretch.min())
-    free = np.flatnonzero(stretch <= low + _AIR * max(min(force[first], force[second]) - low, 0.0))
-    return first + int(free[0] + free[-1] + 1) // 2
-
-
-_SLOW = 0.05  # of the usual speed, below which something is held
-_TURNS = 0.3  # of the speed beside a rest, that half of it goes beyond if the motion turns: 0.5 of a sine
+_SLOW = 0.05  # speed of a hold, relative to the usual speed
+_TURNS = 0.3  # median speed within a reversal, relative to the speed beside it: 0.5 for a sine
 _FEWEST_RESTING = 3  # samples: a turn of a saw tooth has less
-_EDGE = 0.5  # of the usual speed, which a smoothed velocity has where the motion begins
+_EDGE = 0.5  # smoothed velocity where the motion begins, relative to the usual speed
 _SPRINGY = 0.5  # correlation of position and force: above, the force follows it; in free air it does not
 _LASTING = 9  # samples that decide together, so that noise makes no phases
 _PHASES = np.array(  # of what is free and what is pressed, by the way it moves
@@ -179,7 +170,7 @@ def press_phases(
     run: IntArray,
     pressed: BoolArray | None = None,
 ) -> IntArray:
-    """Numbers of `palpate.control.loop.task.Phase`, shape (n,).
+    """Determine the phase of each sample, as numbers of `palpate.control.loop.task.Phase`, shape (n,).
 
     What is pressed is below the surface, if the displacement says where that is, or else has a force.
 
@@ -196,30 +187,30 @@ def press_phases(
         pressed = np.asarray(force > force_levels(force, position).released)
         if correlation_coefficient(position[~pressed], force[~pressed]) > _SPRINGY:
             pressed = np.ones(len(position), dtype=np.bool_)
-    usual = _usual(velocity)
+    usual = _typical_size(velocity)
     moves = np.abs(velocity) > _SLOW * usual
     # A velocity that was derived over many samples begins before the motion, and ends after it.
     change, half = np.empty(len(position)), _LASTING // 2
     for rows in blocks(run):  # how far it is from some samples before, and to some after each one, the less
-        there = position[rows]
-        padded = np.pad(there, half, mode="reflect", reflect_type="odd")  # as if the motion went on
-        before, after = there - padded[: -2 * half], padded[2 * half :] - there
+        displacement = position[rows]
+        padded = np.pad(displacement, half, mode="reflect", reflect_type="odd")  # as if the motion went on
+        before, after = displacement - padded[: -2 * half], padded[2 * half :] - displacement
         change[rows] = np.minimum(np.abs(before), np.abs(after))
-    moves &= (np.abs(velocity) > _EDGE * usual) | (change > _SLOW * _usual(change))
+    moves &= (np.abs(velocity) > _EDGE * usual) | (change > _SLOW * _typical_size(change))
     way = np.sign(velocity).astype(np.int8) * moves
     phase = np.empty(len(position), dtype=np.int64)
     for rows in blocks(run):
         of_run = np.asarray(
             scipy.ndimage.median_filter(way[rows], min(_LASTING, rows.stop - rows.start), mode="nearest")
         )
-        _pass_through_turns(of_run, velocity[rows])
+        _remove_rests_at_turns(of_run, velocity[rows])
         touching = np.asarray(scipy.ndimage.median_filter(pressed[rows].astype(np.int8), 3, mode="nearest"))
         phase[rows] = _PHASES[touching, of_run + 1]
     return phase
 
 
-def _pass_through_turns(way: IntArray, velocity: FloatArray) -> None:
-    """Let nothing rest where the motion only turns round, as a sine does: it slows down evenly.
+def _remove_rests_at_turns(way: IntArray, velocity: FloatArray) -> None:
+    """Remove rests where the motion only reverses: a sine decelerates evenly.
 
     Args:
         way: shape (n,): -1, 0 or 1; changed in place.
@@ -236,33 +227,33 @@ def _pass_through_turns(way: IntArray, velocity: FloatArray) -> None:
             way[rest] = np.sign(velocity[rest])
 
 
-def _usual(signal: FloatArray) -> float:
-    """Size of a signal (n,) where there is one."""
-    there = np.abs(signal[signal != 0.0])
-    return float(np.quantile(there, 0.9)) if len(there) else 0.0
+def _typical_size(signal: FloatArray) -> float:
+    """Return the 90 % quantile of the absolute nonzero values of a signal (n,)."""
+    sizes = np.abs(signal[signal != 0.0])
+    return float(np.quantile(sizes, 0.9)) if len(sizes) else 0.0
 
 
 _TAILS = (0.005, 0.995)  # quantiles, between which a signal has its range
-_FAR = 3.0  # times as far to the one side as to the other
+_FAR = 3.0  # ratio of the larger to the smaller side of a one-sided signal
 _GOES_WITH = 0.3  # correlation of displacement and force of a press, of which most may be free air
 _DRAGGED = -0.3  # correlation of velocity and force, below which the force is counted the other way
-_OTHER_SIDE = 0.2  # of the larger range, that both signals have on the other side too
-_MOVES = 0.3  # of the force's deviation on the one side, that it has far out on the other
-_FARTHER = 0.5  # of the range to the other side
-_FARTHEST = 0.9  # of the same
-_RESTS = 0.2  # of the force's deviation on that side, below which it rests
-_RESTLESS = 0.5  # of the force's deviation, above which it does not rest where it is farthest out
+_OTHER_SIDE = 0.2  # least range on the smaller side, relative to the larger
+_MOVES = 0.3  # least standard deviation of the force on one side, relative to the other
+_FARTHER = 0.5  # least displacement that counts as far out, relative to the extreme
+_FARTHEST = 0.9  # least displacement that counts as farthest out
+_RESTS = 0.2  # force at rest farthest out, relative to its deviation on that side
+_RESTLESS = 0.5  # least deviation of a force that does not rest farthest out, relative to its deviation
 _FEWEST = 20  # samples far out, or about a level of the force
-_SHALLOW = 0.02  # of the pressed samples: deeper than these no force begins
-_PULLS = 0.5  # of the larger force, that is to the other side
+_SHALLOW = 0.02  # quantile of pressed depths; no force begins deeper
+_PULLS = 0.5  # least force of the weaker sign, relative to the stronger
 _NOT_NOISE = 0.5  # correlation of neighboring readings, which noise in free air does not have
-_FINE, _MOSTLY_HELD = 1e-3, 0.5  # of the displacement's range: a step; share of samples that make one
-_OF_AIR = 0.1  # of the displacement's range, that free air must span
+_FINE, _MOSTLY_HELD = 1e-3, 0.5  # step relative to the range; share of samples below which most are held
+_OF_AIR = 0.1  # share of the displacement's range that free air must span
 
 
 @dataclass(frozen=True)
 class PressSides:
-    """How a displacement and its force count."""
+    """Signs and zero of a displacement and its force."""
 
     displacement: float = 1.0  # what turns it positive into the object: 1 or -1
     force: float = 1.0  # what turns it positive in compression: 1 or -1
@@ -273,7 +264,7 @@ class PressSides:
 
 
 def press_sides(displacement: FloatArray, force: FloatArray) -> PressSides:
-    """Find how displacement and force of a press, spring or damper count.
+    """Determine signs and zero of displacement and force of a press, spring or damper.
 
     Both may count compression negative, or one of them; of an object that can only push the force has one
     sign. An element that pulls as well moves to both sides with a force on both sides.
@@ -286,11 +277,11 @@ def press_sides(displacement: FloatArray, force: FloatArray) -> PressSides:
     is_two_sided = _is_two_sided(displacement, force) or _pulls_deep_inside(displacement, force)
     is_held = _is_never_free(sides.displacement * displacement - sides.zero_m, force)
     if is_two_sided or is_held:
-        alike = correlation_coefficient(displacement, force)
+        correlation = correlation_coefficient(displacement, force)
         if is_held and abs(np.mean(displacement)) > np.ptp(displacement):  # counted from the element's length
-            alike = np.sign(np.mean(displacement) * np.mean(force))
-        if abs(alike) > _SPRINGY:
-            return PressSides(force=float(np.sign(alike)), two_sided=True, never_free=is_held)
+            correlation = np.sign(np.mean(displacement) * np.mean(force))
+        if abs(correlation) > _SPRINGY:
+            return PressSides(force=float(np.sign(correlation)), two_sided=True, never_free=is_held)
         against = correlation_coefficient(np.gradient(displacement), force) < _DRAGGED
         way = -1.0 if against else 1.0
         return PressSides(force=way, two_sided=True, springy=not is_two_sided, never_free=is_held)
@@ -298,19 +289,19 @@ def press_sides(displacement: FloatArray, force: FloatArray) -> PressSides:
 
 
 def _sides_of_object(displacement: FloatArray, force: FloatArray) -> PressSides:
-    """Find how displacement and force (n,) count, of an object that can only push."""
-    alike = correlation_coefficient(displacement, force)
+    """Determine signs and zero of displacement and force (n,) of an object that can only push."""
+    correlation = correlation_coefficient(displacement, force)
     until = int(np.argmax(np.abs(force))) + 1  # then it may soften or tear
     before = correlation_coefficient(displacement[:until], force[:until]) if until >= _FEWEST else 0.0
-    if abs(before) > _GOES_WITH > alike * np.sign(before):
+    if abs(before) > _GOES_WITH > correlation * np.sign(before):
         displacement, force = displacement[:until], force[:until]
-        alike = before
+        correlation = before
     way, push = 1.0, 1.0
-    if alike > _GOES_WITH and _is_negative(force):  # the reader of the motion may count from anywhere
+    if correlation > _GOES_WITH and _is_negative(force):  # the reader of the motion may count from anywhere
         way = push = -1.0
-    elif alike < -_GOES_WITH:
+    elif correlation < -_GOES_WITH:
         way, push = (1.0, -1.0) if _is_negative(force) else (-1.0, 1.0)
-    zero_m = _zero(way * displacement, push * force)
+    zero_m = _find_zero(way * displacement, push * force)
     near = _SHALLOW * float(np.ptp(displacement))
     if way < 0.0 and max(displacement[0] - displacement.min(), abs(displacement.min())) <= near:
         return PressSides()  # a way from about zero on would hardly press if it were turned
@@ -318,13 +309,13 @@ def _sides_of_object(displacement: FloatArray, force: FloatArray) -> PressSides:
 
 
 def _is_negative(signal: FloatArray) -> bool:
-    """Whether a signal (n,) lies mostly below zero."""
+    """Return whether a signal (n,) is mostly below zero."""
     low, high = np.quantile(signal, _TAILS)
     return bool(-low > _FAR * max(high, 0.0) and low < high)
 
 
-def _zero(displacement: FloatArray, force: FloatArray) -> float:
-    """Where the force of a press begins [m], if the displacement counts from elsewhere; else 0.
+def _find_zero(displacement: FloatArray, force: FloatArray) -> float:
+    """Find where the force of a press begins [m], if the displacement counts from elsewhere; else 0.
 
     It does where it is never positive, or so far from zero that no press is as deep, and there is free air.
     The force begins where a spring and damper through what is pressed would. A hold counts as one place: it
@@ -353,7 +344,7 @@ def _zero(displacement: FloatArray, force: FloatArray) -> float:
 
 
 def _is_never_free(depth: FloatArray, force: FloatArray) -> bool:
-    """Whether the force (n,) changes as much where it is farthest outside of the object as it does elsewhere.
+    """Return whether the force (n,) changes as much farthest outside the object as elsewhere.
 
     In free air a force rests: its neighboring readings differ as much as any others. A force that changes
     smoothly there belongs to an element that is held at both ends.
@@ -366,7 +357,7 @@ def _is_never_free(depth: FloatArray, force: FloatArray) -> bool:
 
 
 def _pulls_deep_inside(displacement: FloatArray, force: FloatArray) -> bool:
-    """Whether the force (n,) takes both signs alike where the displacement (n,) is far from zero.
+    """Return whether the force (n,) takes both signs alike far from zero displacement.
 
     There an object that can only push still does, whichever way it moves; one that sticks pulls farther out.
     """
@@ -380,7 +371,7 @@ def _pulls_deep_inside(displacement: FloatArray, force: FloatArray) -> bool:
 
 
 def _is_two_sided(displacement: FloatArray, force: FloatArray) -> bool:
-    """Whether both signals (n,) go to both sides, the force also where the displacement is far out there.
+    """Return whether displacement and force (n,) both reach both signs, as for an element that pulls.
 
     In free air the force rests, but where an object sticks for a little while. An object that sticks longer
     pulls until it tears off: then the force rests farthest out, which that of an element held at both ends

@@ -1,4 +1,4 @@
-"""Joint states in bags of ROS 2: MCAP or SQLite, in one file or in the files of a folder."""
+"""Read joint states of ROS 2 bags: MCAP or SQLite, in one file or a folder."""
 
 import sqlite3
 import struct
@@ -17,7 +17,7 @@ from mcap.records import Channel, Chunk, Message, Schema
 from mcap.stream_reader import StreamReader, breakup_chunk
 from numpy.typing import NDArray
 
-from palpate.estimation.data.file_columns import BAGS, FileColumns, check_size, counted
+from palpate.estimation.data.file_columns import BAGS, FileColumns, check_size, natural_key
 from palpate.robot_io.errors import InputError
 from palpate.robot_io.types import FloatArray
 
@@ -25,22 +25,22 @@ _MOST_MESSAGE_BYTES = 1 << 20
 
 
 def messages_of(path: Path, kind: str) -> Iterator[tuple[str, bytes]]:
-    """Topic and bytes of each message of a type, from one file or the files of a folder.
+    """Yield topic and bytes of each message of a type, from one file or the files of a folder.
 
     Args:
-        path: of a file, or of the folder of a recording.
+        path: path of a file, or of the folder of a recording.
         kind: name of the type, such as "sensor_msgs/msg/JointState".
 
     Raises:
         InputError: it holds too much, or is no such recording.
     """
     parts = [part for part in path.iterdir() if part.suffix in BAGS] if path.is_dir() else [path]
-    for part in sorted(parts, key=counted):
-        yield from (_of_sqlite if part.suffix == ".db3" else _of_mcap)(part, kind)
+    for part in sorted(parts, key=natural_key):
+        yield from (_sqlite_messages if part.suffix == ".db3" else _mcap_messages)(part, kind)
 
 
-def _of_sqlite(path: Path, kind: str) -> Iterator[tuple[str, bytes]]:
-    """Those of a database. Only tables are read: a view of a stranger's may never end."""
+def _sqlite_messages(path: Path, kind: str) -> Iterator[tuple[str, bytes]]:
+    """Read messages of a SQLite file, from tables only: a view in an untrusted file may never end."""
     check_size(path, path.stat().st_size)
     beside = path.with_name(path.name + "-wal")
     if beside.is_file() and beside.stat().st_size > 0:  # reading the last messages there would write
@@ -61,7 +61,7 @@ def _of_sqlite(path: Path, kind: str) -> Iterator[tuple[str, bytes]]:
         )
 
 
-def _of_mcap(path: Path, kind: str) -> Iterator[tuple[str, bytes]]:
+def _mcap_messages(path: Path, kind: str) -> Iterator[tuple[str, bytes]]:
     schemas: dict[int, str] = {}
     topics: dict[int, str] = {}
     for record in _records(path):
@@ -74,7 +74,7 @@ def _of_mcap(path: Path, kind: str) -> Iterator[tuple[str, bytes]]:
 
 
 def _records(path: Path) -> Iterator[Any]:
-    """All records, with those in chunks that unpack to a bounded size."""
+    """Yield all records of an MCAP file; the unpacked size of its chunks is bounded."""
     size = 0
     with path.open("rb") as file:
         for record in StreamReader(file, emit_chunks=True).records:
@@ -104,8 +104,8 @@ _MOST_KINDS = 1000
 
 
 @dataclass(frozen=True)
-class _Alike:
-    """Messages of one topic that differ in nothing but numbers."""
+class _MessageGroup:
+    """Messages of one topic with the same layout."""
 
     topic: str
     joints: tuple[str, ...]
@@ -115,11 +115,11 @@ class _Alike:
     places: dict[str, int]  # byte at which each array begins that has a number for each joint
     messages: list[bytes] = field(default_factory=list)
 
-    def takes(self, message: bytes) -> bool:
-        """Whether a message is one of these.
+    def accepts(self, message: bytes) -> bool:
+        """Return whether a message has this layout.
 
         Args:
-            message: as it was recorded.
+            message: message as it was recorded.
         """
         first = _CDR_BYTES + _STAMP_BYTES
         return (
@@ -129,10 +129,10 @@ class _Alike:
         )
 
     def numbers(self, kind: str, place: int, count: int) -> NDArray[Any]:
-        """Numbers of each message from a byte on, shape (messages, count).
+        """Return numbers of each message from a byte on, shape (messages, count).
 
         Args:
-            kind: as NumPy calls it, without the order of bytes.
+            kind: kind as NumPy calls it, without the order of bytes.
             place: first byte.
             count: numbers in a row.
         """
@@ -143,7 +143,7 @@ class _Alike:
 
 
 def read_ros_table(path: Path) -> FileColumns:
-    """Position, velocity and effort of each joint as columns, in the order of the first message.
+    """Read position, velocity and effort of each joint as columns, in the order of the first message.
 
     The type's definition is ours, not the file's. Joints are taken as revolute: a message does not say.
 
@@ -163,21 +163,27 @@ def read_ros_table(path: Path) -> FileColumns:
             len(group.messages) for group in groups if group.topic == name and "torque" in group.places
         ),
     )
-    alike = [group for group in groups if group.topic == topic]
+    groups_of_topic = [group for group in groups if group.topic == topic]
     sets = Counter[frozenset[str]]()
-    for group in alike:  # those with the most usual joints: a gripper may speak on the same topic
+    for group in groups_of_topic:  # those with the most usual joints: a gripper may speak on the same topic
         sets[frozenset(group.joints)] += len(group.messages)
     usual = sets.most_common(1)[0][0]
-    alike = [group for group in alike if frozenset(group.joints) == usual]
-    joints = alike[0].joints
-    columns: dict[str, Any] = {"time_s": _times(alike)}
-    for what, called in _ARRAYS.items():
-        if all(what in group.places for group in alike):
-            values = np.concatenate([_in_order(group, what, joints) for group in alike])
+    groups_of_topic = [group for group in groups_of_topic if frozenset(group.joints) == usual]
+    joints = groups_of_topic[0].joints
+    stamps = []
+    for group in groups_of_topic:
+        seconds, nanos = group.numbers("i4", _CDR_BYTES, 1), group.numbers("u4", _CDR_BYTES + 4, 1)
+        stamps.append(seconds[:, 0].astype(np.int64) * _NANO + nanos[:, 0])
+    # Since the first stamp: nanoseconds since 1970 need more digits than a float has.
+    time_ns = np.concatenate(stamps)
+    columns: dict[str, Any] = {"time_s": (time_ns - time_ns.min()) / _NANO}
+    for what, pattern in _ARRAYS.items():
+        if all(what in group.places for group in groups_of_topic):
+            values = np.concatenate([_in_order(group, what, joints) for group in groups_of_topic])
             if np.isfinite(values).all():
-                columns |= {called.format(i + 1): values[:, i] for i in range(len(joints))}
+                columns |= {pattern.format(i + 1): values[:, i] for i in range(len(joints))}
     if "torque_1_Nm" not in columns:
-        raise InputError(f"{path}: topic '{topic}' {_why_no_effort(alike)}")
+        raise InputError(f"{path}: topic '{topic}' {_why_no_effort(groups_of_topic)}")
     if len(columns["time_s"]) > 1 and not np.any(columns["time_s"]):
         raise InputError(
             f"{path}: topic '{topic}': every message has the same header.stamp; let the driver set it"
@@ -190,26 +196,26 @@ def read_ros_table(path: Path) -> FileColumns:
     )
 
 
-def _why_no_effort(alike: Sequence[_Alike]) -> str:
-    """What is wrong with the effort: it lacks, or has numbers that are none."""
-    total = sum(len(group.messages) for group in alike)
-    lacking = sum(len(group.messages) for group in alike if "torque" not in group.places)
+def _why_no_effort(groups_of_topic: Sequence[_MessageGroup]) -> str:
+    """Say what is wrong with the effort: it is missing or not finite."""
+    total = sum(len(group.messages) for group in groups_of_topic)
+    lacking = sum(len(group.messages) for group in groups_of_topic if "torque" not in group.places)
     if lacking:
         share = f" in {lacking} of {total} messages" if lacking < total else ""
         return f"has no effort{share}, which is what a model explains"
-    joints = alike[0].joints
-    spoilt = ~np.isfinite(np.concatenate([_in_order(group, "torque", joints) for group in alike]))
+    joints = groups_of_topic[0].joints
+    spoilt = ~np.isfinite(np.concatenate([_in_order(group, "torque", joints) for group in groups_of_topic]))
     joint = int(np.argmax(spoilt.any(axis=0)))
     return f"has no finite effort of joint '{joints[joint]}' in {spoilt[:, joint].sum()} of {total} messages"
 
 
-def _joint_states(path: Path) -> list[_Alike]:
-    """The joint states of all topics. InputError: hardly any two of them are alike."""
-    groups: list[_Alike] = []
+def _joint_states(path: Path) -> list[_MessageGroup]:
+    """Group the joint states of all topics by layout."""
+    groups: list[_MessageGroup] = []
     for topic, message in messages_of(path, _TYPE):
         try:
-            group = next((group for group in groups if group.topic == topic and group.takes(message)), None)
-            group = group or _parsed(topic, message)
+            group = next((group for group in groups if group.topic == topic and group.accepts(message)), None)
+            group = group or _parse_layout(topic, message)
         except (struct.error, TypeError, IndexError) as error:
             raise InputError(f"{path}: a message of topic '{topic}' is cut off, or no {_TYPE}") from error
         if not group.messages:
@@ -220,8 +226,8 @@ def _joint_states(path: Path) -> list[_Alike]:
     return groups
 
 
-def _parsed(topic: str, message: bytes) -> _Alike:
-    """Where what stands in a message: CDR of the OMG, in which a number begins at a multiple of its size.
+def _parse_layout(topic: str, message: bytes) -> _MessageGroup:
+    """Locate the arrays in a message (OMG CDR: a number begins at a multiple of its size).
 
     Raises:
         struct.error: it ends too soon.
@@ -252,21 +258,11 @@ def _parsed(topic: str, message: bytes) -> _Alike:
             places[what] = place
         place += 8 * size
     head = message[_CDR_BYTES + _STAMP_BYTES : named]
-    return _Alike(topic, tuple(joints), message[:_CDR_BYTES], head, len(message), places)
+    return _MessageGroup(topic, tuple(joints), message[:_CDR_BYTES], head, len(message), places)
 
 
-def _times(alike: Sequence[_Alike]) -> FloatArray:
-    """Time since the first stamp [s]: nanoseconds since 1970 need more digits than a float has."""
-    stamps = []
-    for group in alike:
-        seconds, nanos = group.numbers("i4", _CDR_BYTES, 1), group.numbers("u4", _CDR_BYTES + 4, 1)
-        stamps.append(seconds[:, 0].astype(np.int64) * _NANO + nanos[:, 0])
-    whole = np.concatenate(stamps)
-    return np.asarray((whole - whole.min()) / _NANO)
-
-
-def _in_order(group: _Alike, what: str, joints: Sequence[str]) -> FloatArray:
-    """One of their arrays (messages, joints), joints in the order given."""
+def _in_order(group: _MessageGroup, what: str, joints: Sequence[str]) -> FloatArray:
+    """Return one array of a group (messages, joints), with joints in a given order."""
     places = [group.joints.index(name) for name in joints]
     numbers = group.numbers("f8", group.places[what], len(joints))
     return np.array(numbers[:, places], dtype=np.float64)

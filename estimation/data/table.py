@@ -1,4 +1,4 @@
-"""A file of measurements as named columns: text, Excel, Parquet, NPZ, MATLAB, JSON, or ROS 2 joint states."""
+"""Read a file of measurements as named columns: text, Excel, Parquet, NPZ, MATLAB, JSON or ROS 2."""
 
 from __future__ import annotations
 
@@ -16,15 +16,16 @@ import numpy as np
 
 from palpate.estimation.data.array_files import read_mat, read_npz, read_parquet
 from palpate.estimation.data.file_columns import BAGS, FileColumns, is_bag
+from palpate.estimation.data.json_table import read_json
 from palpate.estimation.data.table_layout import (
     find_tests,
     is_filled,
     is_text,
-    one_below_the_other,
+    stack_tests,
     with_seconds,
 )
 from palpate.estimation.data.text_table import as_utf8, number_of, read_text_table
-from palpate.estimation.data.units import fault_of, more_like_it, useless_rows
+from palpate.estimation.data.units import fault_of, further_faults, invalid_rows
 from palpate.robot_io.errors import InputError, UnknownNameError
 from palpate.robot_io.extras import LazyModule
 from palpate.robot_io.types import BoolArray, FloatArray, IntArray
@@ -38,7 +39,7 @@ else:
 
 _SHOWN = 60  # characters of a value in an error
 _LONGEST_LABEL = 1000  # characters of the name of a run or a phase
-_MOST_NAMES = 20  # that an error lists
+_MOST_NAMES = 20  # names that an error lists
 _HEAD_BYTES = 1 << 14
 _LOOKED_AT = 100  # rows that say whether a column holds numbers
 _GROUPED = {  # by the mark between thousands
@@ -52,7 +53,7 @@ _HAS_POINT_TOO = r",\d{3}\.\d+$"  # so that it is no decimal comma
 
 @dataclass(frozen=True)
 class Table:
-    """Columns of equal length."""
+    """Named columns of equal length."""
 
     path: Path  # where they come from, for errors
     columns: pa.Table  # as Arrow holds them; those of a text file are text
@@ -67,7 +68,7 @@ class Table:
 
     @property
     def listed_names(self) -> str:
-        """The names for an error; not all of them where there are very many."""
+        """Names for an error message, shortened if there are many."""
         more = f" and {len(self.names) - _MOST_NAMES} more" if len(self.names) > _MOST_NAMES else ""
         return ", ".join(self.names[:_MOST_NAMES]) + more
 
@@ -77,10 +78,10 @@ class Table:
         return tuple(self.columns.column_names)
 
     def numbers(self, name: str) -> FloatArray:
-        """A column of numbers, shape (n,), read-only: text is turned into numbers once.
+        """Return a column as numbers, shape (n,), read-only; text is converted once.
 
         Args:
-            name: of the column.
+            name: name of the column.
 
         Raises:
             InputError: there is no such column, or a value is missing or not a finite number.
@@ -93,29 +94,29 @@ class Table:
                     with suppress(pa.ArrowInvalid):  # as plain numbers, without a search for marks and blanks
                         numbers = pc.cast(column, pa.float64())
                 if numbers is None:
-                    trimmed = pc.utf8_trim_whitespace(_with_points(column, self.decimal))
+                    trimmed = pc.utf8_trim_whitespace(_with_decimal_points(column, self.decimal))
                     numbers = pc.cast(trimmed, pa.float64())
                 values = np.asarray(numbers.to_numpy(zero_copy_only=False), dtype=np.float64)
             except (pa.ArrowException, TypeError, ValueError):
-                column = _with_points(column, self.decimal)
+                column = _with_decimal_points(column, self.decimal)
                 values = np.array([number_of(text) for text in column.to_pylist()], dtype=np.float64)
-            bad = useless_rows(values)
+            bad = invalid_rows(values)
             if len(bad):
-                shown = str(column[int(bad[0])].as_py())[:_SHOWN]
-                fault = fault_of(number_of(shown)) + more_like_it(len(bad))
+                excerpt = str(column[int(bad[0])].as_py())[:_SHOWN]
+                fault = fault_of(number_of(excerpt)) + further_faults(len(bad))
                 place = f"{self.path}: {self.row_word} {self.rows[bad[0]]}, column '{name}'"
                 raise InputError(
-                    f"{place}: {shown!r} is {fault}; {_remedy(shown, whole=len(bad) == len(values))}"
+                    f"{place}: {excerpt!r} is {fault}; {_remedy(excerpt, whole=len(bad) == len(values))}"
                 )
             self._numbers[name] = values
             self._numbers[name].setflags(write=False)
         return self._numbers[name]
 
     def varies(self, name: str) -> bool:
-        """Whether a column holds numbers that are not all the same.
+        """Return whether a column holds numbers that are not all the same.
 
         Args:
-            name: of the column.
+            name: name of the column.
         """
         try:
             return bool(np.ptp(self.numbers(name)) > 0.0)
@@ -123,28 +124,28 @@ class Table:
             return False
 
     def roughness(self, name: str) -> float:
-        """Sum of a column's steps over its range: 1 where it only rises, and more where it goes to and fro.
+        """Return the sum of a column's absolute steps over its range: 1 for a monotonic column.
 
         Args:
-            name: of the column, whose numbers are not all the same.
+            name: name of the column, whose numbers are not all the same.
         """
         numbers = self.numbers(name)
         return float(np.sum(np.abs(np.diff(numbers))) / np.ptp(numbers))
 
     def is_same(self, name: str, other_name: str) -> bool:
-        """Whether two columns hold the same cells.
+        """Return whether two columns hold equal cells.
 
         Args:
-            name: of the column.
-            other_name: of the other column.
+            name: name of the column.
+            other_name: name of the other column.
         """
         return bool(self._column(name).equals(self._column(other_name)))
 
     def labels(self, name: str) -> tuple[tuple[str, ...], IntArray]:
-        """The texts of a column in order of appearance, each once, and which of them each row has, (n,).
+        """Return the distinct texts of a column in order of appearance, and the index of each row's text.
 
         Args:
-            name: of the column.
+            name: name of the column.
 
         Raises:
             InputError: there is no such column, or a text is too long to be a name.
@@ -180,35 +181,35 @@ class Table:
         """Return the table with only its first rows.
 
         Args:
-            rows: how many to keep.
+            rows: number of rows to keep.
         """
         return replace(self, columns=self.columns.slice(0, rows), rows=self.rows[:rows])
 
-    def is_there(self, name: str) -> BoolArray:
-        """In which rows a column holds something, shape (n,).
+    def filled_rows(self, name: str) -> BoolArray:
+        """Return the rows in which a column is not empty, shape (n,).
 
         Args:
-            name: of the column.
+            name: name of the column.
         """
         return is_filled(self._column(name))
 
     def is_mostly_numeric(self, name: str) -> bool:
-        """Whether most of a column's first cells that are not empty are numbers.
+        """Return whether most of a column's first filled cells are numbers.
 
         Args:
-            name: of the column.
+            name: name of the column.
         """
-        held = np.flatnonzero(self.is_there(name))[:_LOOKED_AT]
-        cells = _with_points(self._column(name).take(held), self.decimal).to_pylist()
+        held = np.flatnonzero(self.filled_rows(name))[:_LOOKED_AT]
+        cells = _with_decimal_points(self._column(name).take(held), self.decimal).to_pylist()
         return 2 * int(np.isfinite([number_of(str(cell)) for cell in cells]).sum()) > len(held)
 
     def is_numeric(self, name: str) -> bool:
-        """Whether a column holds numbers only, as far as the first of its cells that are not empty say.
+        """Return whether all of a column's first filled cells are numbers.
 
         Args:
-            name: of the column.
+            name: name of the column.
         """
-        held = np.flatnonzero(self.is_there(name))[:_LOOKED_AT]
+        held = np.flatnonzero(self.filled_rows(name))[:_LOOKED_AT]
         first = replace(self, columns=self.columns.select([name]).take(held), rows=self.rows[held])
         try:
             first.numbers(name)
@@ -228,10 +229,10 @@ class Table:
 
 
 def read_table(path: str | os.PathLike[str], selected: str = "") -> Table:
-    """Open a data file by the ending of its name.
+    """Read a data file by the ending of its name.
 
     Args:
-        path: of the file.
+        path: path of the file.
         selected: sheet, or line of the header, of another table than the longest one.
 
     Raises:
@@ -270,12 +271,12 @@ def table_of(
     decimal: str = ".",
     rows: IntArray | None = None,
 ) -> Table:
-    """A table as Arrow holds it, clock times as seconds; several side by side are runs of one.
+    """Build a table from Arrow columns: clock times become seconds, tests side by side become runs.
 
     Args:
         cells: columns.
         place: where they come from, for errors.
-        titles: what stands above each column's name.
+        titles: text above each column's name.
         decimal: mark in numbers that are text.
         rows: number of each row in the file, shape (n,); None to count from 1.
 
@@ -292,18 +293,18 @@ def table_of(
     names, words = columns.column_names, list[str]()
     rows = np.arange(1, columns.num_rows + 1) if rows is None else rows
     if tests := find_tests(names):
-        columns, places = one_below_the_other(columns, tests, titles, decimal)
+        columns, places = stack_tests(columns, tests, titles, decimal)
         rows = rows[places]
         names, words = columns.column_names, [f"{len(tests)} tests side by side, taken as runs"]
-    columns = columns.rename_columns(_numbered(names))
+    columns = columns.rename_columns(_unique_names(names))
     if columns.num_rows == 0:
         raise InputError(f"{place}: no rows of data")
     columns, clocks = with_seconds(columns, decimal)
     return Table(place, columns, rows, decimal, (*words, *clocks))
 
 
-def _numbered(names: Sequence[str]) -> list[str]:
-    """Names of which each is there once: the second "GPa" becomes "GPa (2)"."""
+def _unique_names(names: Sequence[str]) -> list[str]:
+    """Make names unique: the second "GPa" becomes "GPa (2)"."""
     numbered: list[str] = []
     for name in names:
         number = numbered.count(name) and 2
@@ -314,7 +315,7 @@ def _numbered(names: Sequence[str]) -> list[str]:
 
 
 def _is_text(path: Path) -> bool:
-    """Whether a file holds text, whatever its name ends in."""
+    """Return whether a file holds text, whatever its ending."""
     with path.open("rb") as file:
         head = file.read(_HEAD_BYTES)
     try:
@@ -337,30 +338,26 @@ def _read_ros(path: Path) -> FileColumns:
     return read_ros_table(path)
 
 
-def _read_json(path: Path) -> FileColumns:
-    from palpate.estimation.data.json_table import read_json  # noqa: PLC0415, seldom needed
-
-    return read_json(path)
-
-
-def _remedy(shown: str, *, whole: bool) -> str:
-    if shown.count(",") == 1 and not np.isnan(number_of(shown.replace(",", "."))):
+def _remedy(excerpt: str, *, whole: bool) -> str:
+    if excerpt.count(",") == 1 and not np.isnan(number_of(excerpt.replace(",", "."))):
         return "write numbers with a decimal point, not a comma"
-    if whole and re.fullmatch(r"[+-]?[\d.,]+ ?[^\d\s]{1,6}", shown.strip()):
+    if whole and re.fullmatch(r"[+-]?[\d.,]+ ?[^\d\s]{1,6}", excerpt.strip()):
         return "write the unit in the name of the column, and numbers alone below it"
     if whole:
         return "that column holds no numbers at all; name another one with --column"
     return "remove such rows, or choose others with --where"
 
 
-def _with_points(column: pa.ChunkedArray, decimal: str) -> pa.ChunkedArray:
-    """Text of numbers with a decimal point and without marks between thousands; all else as it is."""
+def _with_decimal_points(column: pa.ChunkedArray, decimal: str) -> pa.ChunkedArray:
+    """Write numbers in text with a decimal point and no thousands separators; other columns are unchanged."""
     if not is_text(column.type):
         return column
     trimmed, mark = pc.utf8_trim_whitespace(column), "." if decimal == "," else ","
-    apart = pc.match_substring_regex(trimmed, _BLANKS_GROUP)
-    if pc.any(apart).as_py():
-        column = trimmed = pc.if_else(apart, pc.replace_substring_regex(trimmed, _BLANKS, ""), trimmed)
+    grouped_by_blanks = pc.match_substring_regex(trimmed, _BLANKS_GROUP)
+    if pc.any(grouped_by_blanks).as_py():
+        column = trimmed = pc.if_else(
+            grouped_by_blanks, pc.replace_substring_regex(trimmed, _BLANKS, ""), trimmed
+        )
     grouped = pc.match_substring_regex(trimmed, _GROUPED[mark])
     if decimal == ",":
         separated = pc.any(pc.and_not(pc.match_substring(trimmed, mark), grouped)).as_py()
@@ -379,7 +376,7 @@ _READERS: tuple[tuple[tuple[str, ...], Callable[..., FileColumns]], ...] = (
     ((".npz",), read_npz),
     ((".mat",), read_mat),
     (BAGS, _read_ros),
-    (_JSON, _read_json),
+    (_JSON, read_json),
 )
 # Of the data files in a folder; JSON beside them describes them.
 ENDINGS = tuple(ending for endings, _ in _READERS for ending in endings if ending not in _JSON)

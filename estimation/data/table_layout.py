@@ -1,4 +1,4 @@
-"""Layout of a table's columns: clock times as seconds, and tests side by side as runs."""
+"""Convert clock times to seconds, and tests side by side to runs."""
 
 from __future__ import annotations
 
@@ -28,15 +28,15 @@ _OF_A_PRESS = {"time", "displacement", "force"}
 
 
 def find_tests(names: Sequence[str]) -> list[dict[str, int]]:
-    """Index of each column by its name, for each test; empty where the columns are those of one.
+    """Find tests side by side: the index of each column by its name, for each test; empty for a single test.
 
     A column that is there once belongs to all. Where names end in the test's number, "Force 2", joints are
     told from tests by what repeats: a press and its clock.
 
     Args:
-        names: of the columns, in their order.
+        names: names of the columns, in their order.
     """
-    if tests := _repeated([without_run(name) for name in names]):
+    if tests := _repeated_names([without_run(name) for name in names]):
         return tests
     plain = []
     for name in names:
@@ -44,18 +44,18 @@ def find_tests(names: Sequence[str]) -> list[dict[str, int]]:
         plain.append(_NUMBER.sub("", stem).strip() + (f" [{unit}]" if unit else ""))
     repeated = [name for name in dict.fromkeys(plain) if plain.count(name) > 1]
     of_presses = {guess.quantity for guess in guess_columns(repeated)} >= _OF_A_PRESS
-    return _repeated(plain) if of_presses else []
+    return _repeated_names(plain) if of_presses else []
 
 
-def one_below_the_other(
+def stack_tests(
     columns: pa.Table, tests: Sequence[Mapping[str, int]], titles: Sequence[str], decimal: str = "."
 ) -> tuple[pa.Table, IntArray]:
-    """The tests' rows, with a column of the run, and the index of each among the rows before.
+    """Stack the rows of tests, with a column of the run; also return the original index of each row.
 
     Args:
-        columns: of n rows.
-        tests: as `find_tests` gives them.
-        titles: what stands above each of the columns; the tests are called so if there is one for each.
+        columns: columns of n rows.
+        tests: result of `find_tests`.
+        titles: text above each column, which names the tests if there is one for each.
         decimal: mark in numbers that are text.
     """
     own = [name for name, place in tests[0].items() if tests[1][name] != place]
@@ -64,22 +64,33 @@ def one_below_the_other(
     parts, rows = [], []
     for test, label in zip(tests, labels, strict=True):
         cells = {name: columns.column(place) for name, place in test.items()}
-        there = np.logical_or.reduce([is_filled(cells[name]) for name in own])
+        filled = np.logical_or.reduce([is_filled(cells[name]) for name in own])
         for name, column in cells.items():  # text, since a shorter test may be real where another is integer
             if pa.types.is_floating(column.type) or pa.types.is_integer(column.type):
                 cells[name] = pc.replace_substring(column.cast(pa.string()), ".", decimal)
         part = pa.table(cells)
-        parts.append(with_run(part, str(label)).filter(pa.array(there)))
-        rows.append(np.flatnonzero(there))
+        parts.append(with_run(part, str(label)).filter(pa.array(filled)))
+        rows.append(np.flatnonzero(filled))
     return pa.concat_tables(parts, promote_options="permissive"), np.concatenate(rows)
 
 
-def with_run(columns: pa.Table, label: str) -> pa.Table:
-    """The columns with one that says the run; what says one already goes before the label.
+def matching_places(names: Sequence[str], reference: Sequence[str]) -> list[int]:
+    """Index in `names` of each of the reference names; names that repeat keep their order.
 
     Args:
-        columns: of one test.
-        label: what the test is called.
+        names: names of columns.
+        reference: the same names in another order.
+    """
+    ours, theirs = (sorted(range(len(header)), key=header.__getitem__) for header in (reference, names))
+    return [place for _, place in sorted(zip(ours, theirs, strict=True))]
+
+
+def with_run(columns: pa.Table, label: str) -> pa.Table:
+    """Add a column with the run's label, appended to the values of an existing run column.
+
+    Args:
+        columns: columns of one test.
+        label: name of the test.
     """
     places = [place for place, name in enumerate(columns.column_names) if name == RUN]
     for place in places:  # several where tests are side by side
@@ -89,10 +100,10 @@ def with_run(columns: pa.Table, label: str) -> pa.Table:
 
 
 def is_filled(column: pa.ChunkedArray) -> BoolArray:
-    """In which rows a column holds something, shape (n,).
+    """Return the rows in which a column is not empty, shape (n,).
 
     Args:
-        column: of n cells.
+        column: column of n cells.
     """
     held = pc.is_valid(column)
     if is_text(column.type):
@@ -104,7 +115,7 @@ def is_filled(column: pa.ChunkedArray) -> BoolArray:
 
 
 def is_text(kind: pa.DataType) -> bool:
-    """Whether a column of this type holds text.
+    """Return whether a column of this type holds text.
 
     Args:
         kind: type of the column.
@@ -112,7 +123,7 @@ def is_text(kind: pa.DataType) -> bool:
     return bool(pa.types.is_string(kind) or pa.types.is_large_string(kind))
 
 
-def _repeated(names: Sequence[str]) -> list[dict[str, int]]:
+def _repeated_names(names: Sequence[str]) -> list[dict[str, int]]:
     places: dict[str, list[int]] = {}
     for place, name in enumerate(names):
         places.setdefault(name, []).append(place)
@@ -137,10 +148,10 @@ _MARK = {b"clock": b"s"}  # beside the names of columns that hold seconds whatev
 
 
 def with_seconds(columns: pa.Table, decimal: str) -> tuple[pa.Table, tuple[str, ...]]:
-    """The columns with those of clock times as seconds, which `clocks_of` names, and a word on it.
+    """Convert columns of clock times to seconds, and describe it.
 
     Args:
-        columns: of a file.
+        columns: columns of a file.
         decimal: mark in its numbers.
     """
     done = []
@@ -167,10 +178,10 @@ def with_seconds(columns: pa.Table, decimal: str) -> tuple[pa.Table, tuple[str, 
 
 
 def clocks_of(columns: pa.Table) -> frozenset[str]:
-    """Names of the columns that held clock times and hold seconds now.
+    """Return the names of columns that were converted from clock times.
 
     Args:
-        columns: of a file, after `with_seconds`.
+        columns: columns of a file, after `with_seconds`.
     """
     return frozenset(
         field.name for field in columns.schema if (field.metadata or {}).items() >= _MARK.items()
@@ -178,28 +189,24 @@ def clocks_of(columns: pa.Table) -> frozenset[str]:
 
 
 def _seconds(parts: pa.ChunkedArray) -> tuple[pa.Array, str]:
-    """Since midnight of the first day, and the order in the dates; a clock alone goes on after midnight."""
+    """Return the seconds since midnight of the first day, and a note on the order of day and month."""
     texts = {name: pc.struct_field(parts, name) for name in ("day", "hour", "minute", "second", "half")}
-    hour, minute, second = (_number(texts[name]) for name in ("hour", "minute", "second"))
+    points = (pc.replace_substring_regex(texts[name], "[,:]", ".") for name in ("hour", "minute", "second"))
+    filled = (pc.cast(pc.if_else(pc.equal(text, ""), "0", text), pa.float64()) for text in points)
+    hour, minute, second = (np.asarray(numbers.to_numpy(zero_copy_only=False)) for numbers in filled)
     half = pc.utf8_upper(texts["half"]).to_numpy(zero_copy_only=False)
     hour = np.where(half == "PM", hour % 12 + 12, np.where(half == "AM", hour % 12, hour))
     days, order = _days(texts["day"])
     seconds = days * _DAY_S + 3600.0 * hour + 60.0 * minute + second
-    there = np.isfinite(seconds)
-    if texts["day"][0].as_py() in ("", None) and np.max(seconds[there]) < _DAY_S:
-        back = np.diff(seconds[there], prepend=0.0) < -_DAY_S / 2.0
-        seconds[there] += _DAY_S * np.cumsum(back)
+    known = np.isfinite(seconds)
+    if texts["day"][0].as_py() in ("", None) and np.max(seconds[known]) < _DAY_S:
+        back = np.diff(seconds[known], prepend=0.0) < -_DAY_S / 2.0
+        seconds[known] += _DAY_S * np.cumsum(back)
     return pa.array(seconds, from_pandas=True), order
 
 
-def _number(text: pa.ChunkedArray) -> FloatArray:
-    plain = pc.replace_substring_regex(text, "[,:]", ".")
-    filled = pc.if_else(pc.equal(plain, ""), "0", plain)
-    return np.array(pc.cast(filled, pa.float64()).to_numpy(zero_copy_only=False), dtype=np.float64)
-
-
 def _days(text: pa.ChunkedArray) -> tuple[FloatArray, str]:
-    """Since the first of the days, and a word on the order of month and day that was taken for all of them.
+    """Return the days since the first day, and a note on the order of day and month.
 
     Raises:
         ValueError: one of them is none, in either order.
@@ -216,12 +223,12 @@ def _days(text: pa.ChunkedArray) -> tuple[FloatArray, str]:
         read, key=lambda order: float(np.ptp(read[order]))
     )  # the shortest recording is the likely one
     values = read[order][coded.indices.fill_null(0).to_numpy(zero_copy_only=False)]
-    told = np.ptp(values) > 0.0 and any("/" in (day or "")[:3] for day in texts)
-    return np.asarray(values - values.min()), f" as {order}" if told else ""
+    order_matters = np.ptp(values) > 0.0 and any("/" in (day or "")[:3] for day in texts)
+    return np.asarray(values - values.min()), f" as {order}" if order_matters else ""
 
 
 def _ordinal(day: str, order: str) -> int:
-    """Number of a day. The order counts where a slash stands; before a point the day is first."""
+    """Return the ordinal of a day. `order` applies to slashes; with points, the day comes first."""
     if not day:
         return 0
     first, second, third = map(int, re.split(r"[-./]", day))

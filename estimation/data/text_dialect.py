@@ -1,4 +1,4 @@
-"""How text is written as a table: separator, decimal mark, and header rows."""
+"""Detect separator, decimal mark and header rows of a text table."""
 
 import csv
 import re
@@ -43,7 +43,7 @@ MISSING = frozenset(
 
 @dataclass(frozen=True)
 class Layout:
-    """Where what stands among rows of cells."""
+    """Position of names and numbers among rows of cells."""
 
     names: tuple[str, ...]  # of the columns, with the units of a row of units in brackets
     first: int  # index of the first row of numbers
@@ -52,22 +52,26 @@ class Layout:
 
 
 def find_layouts(rows: Sequence[Sequence[str]], decimal: str) -> Iterator[Layout]:
-    """Yield where each table begins: a row of names, and perhaps one of units, directly above numbers.
+    """Yield the layout of each table: a row of names, and perhaps one of units, directly above numbers.
 
     Args:
         rows: cells of rows of the file, as text.
         decimal: mark in numbers.
     """
     for first in range(1, len(rows)):
-        if sum(_numbers(rows[first], decimal)) < FEWEST_NUMBERS or not _goes_on(rows, decimal, first):
+        if sum(_numbers(rows[first], decimal)) < FEWEST_NUMBERS or not _has_consistent_columns(
+            rows, decimal, first
+        ):
             continue
         body = rows[first : first + _ALIKE]
-        width = max(len(_used(row)) for row in body)
-        if "columns" in (said := _said_above(rows, first, width, decimal)):
-            pairs = zip(said["columns"], said.get("units", [""] * width), strict=True)
+        width = max(len(_strip_empty(row)) for row in body)
+        if "columns" in (remarks := _remarks_above(rows, first, width, decimal)):
+            pairs = zip(remarks["columns"], remarks.get("units", [""] * width), strict=True)
             yield Layout(tuple(f"{n} [{unit}]" if unit else n for n, unit in pairs), first, first - 1)
             continue
-        labelled = _has_row_names(body, decimal)
+        labels = [row[0].strip().strip('"') for row in body if row]
+        counted = [[str(begin + place) for place in range(len(labels))] for begin in (0, 1)]
+        labelled = labels in counted or not any(name == "" or is_number(name, decimal) for name in labels)
         held = {place for row in body for place, cell in enumerate(row) if not is_missing(cell)}
         header: list[tuple[int, list[str]]] = []
         for place in range(first - 1, -1, -1):
@@ -86,7 +90,7 @@ def find_layouts(rows: Sequence[Sequence[str]], decimal: str) -> Iterator[Layout
                 and (is_remark or _is_setting(row, rows[first], decimal))
             ):
                 continue
-            if labelled and len(_used(row)) == width - 1:  # as R writes names of rows
+            if labelled and len(_strip_empty(row)) == width - 1:  # as R writes names of rows
                 row = ["", *row]
             if len(row) < width or filled < 2 or any(_numbers(row, decimal)):
                 break
@@ -101,44 +105,46 @@ def find_layouts(rows: Sequence[Sequence[str]], decimal: str) -> Iterator[Layout
         if len(header) == 2 and (units[0] is None) != (units[1] is None):
             of_names, top = units[0] or units[1], header[1][0]
             place, names = header[0 if units[0] is None else 1]
-        called = _names(rows, place, names, width)
+        full_names = _clean_names(rows, place, names, width)
         if of_names is not None:
-            pairs = zip(called, [*of_names, *[""] * len(called)], strict=False)
-            called = tuple(f"{name} [{unit}]" if unit else name for name, unit in pairs)
-        called = _units_above(rows[:top], called, decimal)
+            pairs = zip(full_names, [*of_names, *[""] * len(full_names)], strict=False)
+            full_names = tuple(f"{name} [{unit}]" if unit else name for name, unit in pairs)
+        full_names = _units_above(rows[:top], full_names, decimal)
         titles = tuple(" ".join(cell.split()) for cell in rows[top - 1]) if top else ()
-        yield Layout(called, first, top, titles)
+        yield Layout(full_names, first, top, titles)
 
 
-def _said_above(
+def _remarks_above(
     rows: Sequence[Sequence[str]], first: int, width: int, decimal: str
 ) -> dict[str, Sequence[str]]:
-    """What remarks since the table before say of each of so many columns, such as "# columns: a b c"."""
-    said: dict[str, Sequence[str]] = {}
+    """Return remarks above a table with one entry per column, such as "# columns: a b c"."""
+    remarks: dict[str, Sequence[str]] = {}
     for place in range(first - 1, -1, -1):
         row = rows[place]
         is_remark = bool(row) and row[0].endswith(":")
         if not is_remark and sum(_numbers(row, decimal)) >= FEWEST_NUMBERS:
             break  # another table
         if is_remark and len(row) == width + 1:
-            said.setdefault(row[0].rstrip(":").lower(), row[1:])
-    return said
+            remarks.setdefault(row[0].rstrip(":").lower(), row[1:])
+    return remarks
 
 
 def _units_above(rows: Sequence[Sequence[str]], names: Sequence[str], decimal: str) -> tuple[str, ...]:
-    """Names with the units that lines of a preamble say, such as "Force unit: N" or "# Units: s mm N"."""
+    """Add units in lines of a preamble to the names, such as "Force unit: N" or "# Units: s mm N"."""
     units: dict[str, str] = {}
     for row in reversed(rows):
         if sum(_numbers(row, decimal)) >= FEWEST_NUMBERS:
             break  # another table
         match = _UNITS_OF.fullmatch(" ".join(cell.strip() for cell in row if cell.strip()))
-        said = [normalise(word.strip(_BRACKETS)) for word in re.split(r"[\s,;]+", match[2])] if match else []
-        if not all(map(dimension_of, said)):
+        named_units = (
+            [normalise(word.strip(_BRACKETS)) for word in re.split(r"[\s,;]+", match[2])] if match else []
+        )
+        if not all(map(dimension_of, named_units)):
             continue
-        if match and match[1] and len(said) == 1:
-            units.setdefault(match[1].lower(), said[0])
-        elif match and not match[1] and len(said) == len(names) > 1:
-            units = dict(zip((name.lower() for name in names), said, strict=True)) | units
+        if match and match[1] and len(named_units) == 1:
+            units.setdefault(match[1].lower(), named_units[0])
+        elif match and not match[1] and len(named_units) == len(names) > 1:
+            units = dict(zip((name.lower() for name in names), named_units, strict=True)) | units
     return tuple(
         f"{name} [{units[name.lower()]}]" if name.lower() in units and not unit_in_name(name) else name
         for name in names
@@ -146,16 +152,16 @@ def _units_above(rows: Sequence[Sequence[str]], names: Sequence[str], decimal: s
 
 
 def preamble_words(lines: int) -> tuple[str, ...]:
-    """A word on the lines before the names, if there are any.
+    """Describe the lines before the names, if there are any.
 
     Args:
-        lines: how many there are.
+        lines: number of lines.
     """
     return (f"a preamble of {lines} line{'s' if lines > 1 else ''}",) if lines else ()
 
 
-def _goes_on(rows: Sequence[Sequence[str]], decimal: str, first: int) -> bool:
-    """Whether numbers stand in the same columns for some rows, or to the end; cells may be empty."""
+def _has_consistent_columns(rows: Sequence[Sequence[str]], decimal: str, first: int) -> bool:
+    """Return whether the next rows have numbers in the same columns; cells may be empty."""
     kinds: dict[int, bool] = {}
     for row in rows[first : first + _ALIKE]:
         if sum(map(bool, row)) > 0 and sum(_numbers(row, decimal)) < FEWEST_NUMBERS:
@@ -167,23 +173,16 @@ def _goes_on(rows: Sequence[Sequence[str]], decimal: str, first: int) -> bool:
     return True
 
 
-def _has_row_names(body: Sequence[Sequence[str]], decimal: str) -> bool:
-    """Whether the first column holds words, or counts the rows from 0 or 1."""
-    names = [row[0].strip().strip('"') for row in body if row]
-    counted = [[str(first + place) for place in range(len(names))] for first in (0, 1)]
-    return names in counted or not any(name == "" or is_number(name, decimal) for name in names)
-
-
 def _is_setting(row: Sequence[str], numbers: Sequence[str], decimal: str) -> bool:
-    """Whether a row between names and numbers says a setting of each column, such as "Range,10,50,100"."""
-    if len(_used(row)) > len(_used(numbers)) or not is_number(numbers[0], decimal):
+    """Return whether a row between names and numbers holds settings, such as "Range,10,50,100"."""
+    if len(_strip_empty(row)) > len(_strip_empty(numbers)) or not is_number(numbers[0], decimal):
         return False
-    first, *others = row
-    return bool(first.strip()) and not is_number(first, decimal) and any(_numbers(others, decimal))
+    first, *settings = row
+    return bool(first.strip()) and not is_number(first, decimal) and any(_numbers(settings, decimal))
 
 
 def is_number(cell: str, decimal: str) -> bool:
-    """Whether a cell holds a number with this decimal mark.
+    """Return whether a cell holds a number with this decimal mark.
 
     Args:
         cell: its text.
@@ -193,11 +192,11 @@ def is_number(cell: str, decimal: str) -> bool:
 
 
 def _numbers(row: Sequence[str], decimal: str) -> list[bool]:
-    return [is_number(cell, decimal) for cell in _used(row)]
+    return [is_number(cell, decimal) for cell in _strip_empty(row)]
 
 
-def _used(row: Sequence[str]) -> Sequence[str]:
-    """The cells without empty ones at the end."""
+def _strip_empty(row: Sequence[str]) -> Sequence[str]:
+    """Strip empty cells at the end."""
     width = len(row)
     while width and not row[width - 1].strip():
         width -= 1
@@ -205,7 +204,7 @@ def _used(row: Sequence[str]) -> Sequence[str]:
 
 
 def is_missing(cell: str) -> bool:
-    """Whether a cell says that there is no value: empty, "-", "#N/A" and the like.
+    """Return whether a cell marks a missing value: empty, "-", "#N/A" and the like.
 
     Args:
         cell: its text.
@@ -214,31 +213,28 @@ def is_missing(cell: str) -> bool:
 
 
 def _units(row: Sequence[str], width: int) -> list[str] | None:
-    """The units, if this row holds nothing else and at least two that are known; cells may be empty."""
+    """Return the units in a row that holds nothing else and at least two known ones; else None."""
     units = [cell.strip().strip(_BRACKETS).strip() for cell in row[:width]]
     units = [unit if any(char.isalnum() or char in "%°" for char in unit) else "" for unit in units]
     known, filled = sum(dimension_of(normalise(unit)) is not None for unit in units), sum(map(bool, units))
     bracketed = all(not cell.strip() or cell.strip()[0] in _BRACKETS for cell in row[:width])
-    alike = 2 * known >= filled and all(not unit or _LIKE_A_UNIT.fullmatch(unit) for unit in units)
-    return units if known >= 2 and (bracketed or alike) else None
+    like_units = 2 * known >= filled and all(not unit or _LIKE_A_UNIT.fullmatch(unit) for unit in units)
+    return units if known >= 2 and (bracketed or like_units) else None
 
 
-def _names(rows: Sequence[Sequence[str]], header: int, row: Sequence[str], width: int) -> tuple[str, ...]:
-    """The names; LabVIEW's units stand far above them."""
-    names = _clean(row, max(width, len(_used(row))))
+def _clean_names(
+    rows: Sequence[Sequence[str]], header: int, row: Sequence[str], width: int
+) -> tuple[str, ...]:
+    """Names without comment signs, or a column's number; LabVIEW's units stand far above them."""
+    cells = [" ".join(cell.split()) for cell in row[: max(width, len(_strip_empty(row)))]]
+    cells[0] = cells[0].lstrip(_COMMENT)
+    names = tuple(cell or f"column {number}" for number, cell in enumerate(cells, 1))
     if names[0] != _LABVIEW[0]:
         return names
-    said = {row[0]: row for row in rows[:header] if row}
-    of_x = "Time [s]" if "Time" in said.get(_LABVIEW[2], ()) else names[0]
-    units = [*said.get(_LABVIEW[1], ()), *[""] * len(names)][: len(names)]
+    rows_by_label = {row[0]: row for row in rows[:header] if row}
+    of_x = "Time [s]" if "Time" in rows_by_label.get(_LABVIEW[2], ()) else names[0]
+    units = [*rows_by_label.get(_LABVIEW[1], ()), *[""] * len(names)][: len(names)]
     return (of_x, *(f"{name} [{u}]" if u else name for name, u in zip(names[1:], units[1:], strict=True)))
-
-
-def _clean(row: Sequence[str], width: int) -> tuple[str, ...]:
-    """Names without marks of a comment; a column without a name is called by its number."""
-    cells = [" ".join(cell.split()) for cell in row[:width]]
-    cells[0] = cells[0].lstrip(_COMMENT)
-    return tuple(cell or f"column {number}" for number, cell in enumerate(cells, 1))
 
 
 NAMELESS = "no names of columns"
@@ -261,7 +257,7 @@ _ANY_BLANK, _ONLY_UNITS = re.compile(r"[ \t]+"), re.compile(r"([\[(][^])]*[])][ 
 
 @dataclass(frozen=True)
 class TextTable:
-    """Where one table of a text file begins."""
+    """Position of one table in a text file."""
 
     names: tuple[str, ...]  # of the columns
     head: int  # byte at which the header begins
@@ -272,7 +268,7 @@ class TextTable:
 
 @dataclass(frozen=True)
 class TextDialect:
-    """How a text file is written."""
+    """Delimiter, decimal mark and tables of a text file."""
 
     delimiter: str  # between cells
     decimal: str  # mark in numbers
@@ -280,7 +276,7 @@ class TextDialect:
 
     @property
     def words(self) -> tuple[str, ...]:
-        """What is not as in a plain CSV."""
+        """Differences from a plain CSV file, in words."""
         names = {";": "semicolons", "\t": "tabs", "|": "bars", BLANKS: "blanks"}
         parts = [f"cells between {names[self.delimiter]}"] if self.delimiter in names else []
         parts += [NAMELESS] if all(map(is_unnamed, self.tables[0].names)) else []
@@ -288,15 +284,15 @@ class TextDialect:
 
 
 def find_dialect(content: bytes) -> TextDialect | None:
-    """How a UTF-8 text is written; None where no names are followed by numbers.
+    """Detect how a UTF-8 text is written; None if no names are followed by numbers.
 
     A first line that holds one of palpate's own names is a header, whatever stands below it. Else every
     delimiter and decimal mark is tried, and that whose longest table is the widest wins.
 
     Args:
-        content: of the file.
+        content: content of the file.
     """
-    lines = _sample(content)
+    lines = _sample_lines(content)
     if not lines:
         return None
     first = max(DELIMITERS, key=lines[0][1].count)
@@ -315,11 +311,13 @@ def find_dialect(content: bytes) -> TextDialect | None:
         sizes = [end - table.start for end, table in zip(heads, dialect.tables, strict=True)]
         return len(dialect.tables[sizes.index(max(sizes))].names)
 
-    return max((dialect for dialect in dialects if dialect.tables), key=width, default=_nameless(lines))
+    return max(
+        (dialect for dialect in dialects if dialect.tables), key=width, default=_nameless_dialect(lines)
+    )
 
 
-def _nameless(lines: list[tuple[int, str]]) -> TextDialect | None:
-    """The dialect of rows of numbers that no row of names stands above; None where the first rows are not.
+def _nameless_dialect(lines: list[tuple[int, str]]) -> TextDialect | None:
+    """Return the dialect of rows of numbers without names; None if the first rows are not numbers.
 
     Of several delimiters it is the first of those that leave fewest cells that are no numbers.
     """
@@ -338,8 +336,8 @@ def _nameless(lines: list[tuple[int, str]]) -> TextDialect | None:
     return min(dialects, key=lambda option: option[0], default=(0, None))[1]
 
 
-def _sample(content: bytes) -> list[tuple[int, str]]:
-    """Byte and text of lines that decide how the file is written: the first ones, and each with words.
+def _sample_lines(content: bytes) -> list[tuple[int, str]]:
+    """Return position and text of the lines that decide on the dialect: the first ones, and lines of words.
 
     Lines below each of these are among them. A last line that is cut off is left out.
     """
@@ -365,23 +363,24 @@ def _sample(content: bytes) -> list[tuple[int, str]]:
 
 
 def blanks_as_tabs(content: bytes) -> bytes:
-    """The text with each stretch of blanks between cells made one tab.
+    """Replace each stretch of blanks between cells by one tab.
 
     Args:
-        content: of the rows, UTF-8.
+        content: content of the rows, UTF-8.
     """
     return re.sub(rb"(?m)^[ \t]+|[ \t]+(?=\r?$)", b"", re.sub(rb"[ \t]+", b"\t", content))
 
 
 def _dialect(lines: list[tuple[int, str]], delimiter: str) -> TextDialect:
-    """The dialect with this delimiter, and the tables that it makes of these lines, perhaps none."""
+    """Return the dialect with this delimiter, and the tables that it finds in these lines, perhaps none."""
     rows = list(_cells([text for _, text in lines], delimiter))
     decimal = "," if commas_decide(rows, in_doubt=delimiter != ",") else "."
     tables = []
     for layout in find_layouts(rows, decimal):
         # As many names as the rows have cells: both may end with the delimiter or a remark.
         width, names = max(len(row) for row in rows[layout.first :][:3]), list(layout.names)
-        if delimiter == BLANKS and _is_sentence(names[width:]) and not _is_measurement(names):
+        is_remark = any(not is_unnamed(word) for word in names[width:])  # words beyond the last column
+        if delimiter == BLANKS and is_remark and not _is_measurement(names):
             continue
         names += [f"column {number}" for number in range(len(names) + 1, width + 1)]
         head, start = (lines[row][0] for row in (layout.header, layout.first))
@@ -390,16 +389,11 @@ def _dialect(lines: list[tuple[int, str]], delimiter: str) -> TextDialect:
     return TextDialect(delimiter, decimal, tuple(tables))
 
 
-def _is_sentence(more: Sequence[str]) -> bool:
-    """Whether words beyond the columns of numbers make a remark of what seems to be a line of names."""
-    return any(not is_unnamed(word) for word in more)
-
-
 def is_footer(cells: Sequence[str], decimal: str, *, counts: bool) -> bool:
-    """Whether a row below others is none of them: empty, or words. A row that is cut off is one.
+    """Return whether a row below others is not part of the table: empty, or words.
 
     Args:
-        cells: of the row, as text.
+        cells: cells of the row, as text.
         decimal: mark in numbers.
         counts: whether the rows begin with a number.
     """
@@ -410,7 +404,7 @@ def is_footer(cells: Sequence[str], decimal: str, *, counts: bool) -> bool:
 
 
 def line_cells(line: str, delimiter: str) -> list[str]:
-    """The cells of one line.
+    """Split a line into cells.
 
     Args:
         line: without its end.
@@ -434,7 +428,7 @@ def _cells(lines: list[str], delimiter: str) -> Iterator[list[str]]:
 
 
 def commas_decide(rows: list[list[str]], *, in_doubt: bool = True) -> bool:
-    """Whether more numbers make sense with a decimal comma alone than with a decimal point alone.
+    """Return whether numbers have decimal commas rather than decimal points.
 
     "1,234" may be either. Between other delimiters than commas it is taken for a little more than one.
 
@@ -453,14 +447,14 @@ def commas_decide(rows: list[list[str]], *, in_doubt: bool = True) -> bool:
 
 
 def _is_measurement(names: Sequence[str]) -> bool:
-    """Whether these names alone say a time, a motion and an effort."""
-    there = {guess.key for guess in guess_columns(names) if guess.quantity}
-    return TIME in there and bool(keys_of_channels(there))
+    """Return whether these names alone make a channel: a time, a motion and an effort."""
+    available = {guess.key for guess in guess_columns(names) if guess.quantity}
+    return TIME in available and bool(keys_of_channels(available))
 
 
 @dataclass(frozen=True)
 class Block:
-    """One table of a file."""
+    """Names and length of one table of a file."""
 
     title: str  # its sheet, or the line at which it begins
     names: tuple[str, ...]  # of its columns
@@ -468,10 +462,10 @@ class Block:
 
 
 def same_columns(blocks: Sequence[Block], selected: str, place: Path) -> tuple[list[int], list[str]]:
-    """The longest table of which a channel can be made, or the selected one, with all of the same columns.
+    """Select the longest table that makes a channel, or the chosen one, and all with the same columns.
 
     Args:
-        blocks: at least one table.
+        blocks: tables, at least one.
         selected: title of one of them; empty for the longest, by names alone if none makes a channel.
         place: the file, for the error.
 
@@ -486,10 +480,10 @@ def same_columns(blocks: Sequence[Block], selected: str, place: Path) -> tuple[l
         titles = ", ".join(dict.fromkeys(block.title for block in blocks))
         raise InputError(f"--table {selected}: {place} has no such table. There are: {titles}")
     longest = max(titled, key=lambda block: (_is_measurement(block.names), block.rows))
-    taken = [n for n, block in enumerate(blocks) if sorted(block.names) == sorted(longest.names)]
-    others = [block for number, block in enumerate(blocks) if number not in taken]
-    if not others:
-        return taken, []
-    listed = ", ".join(f"'{block.title}'" for block in others[:5]) + (" ..." if len(others) > 5 else "")
-    option = f"--table {shlex.quote(others[0].title)}"
-    return taken, [f"not read, since their columns differ: {listed}; {option} selects one"]
+    chosen = [n for n, block in enumerate(blocks) if sorted(block.names) == sorted(longest.names)]
+    omitted = [block for number, block in enumerate(blocks) if number not in chosen]
+    if not omitted:
+        return chosen, []
+    listed = ", ".join(f"'{block.title}'" for block in omitted[:5]) + (" ..." if len(omitted) > 5 else "")
+    option = f"--table {shlex.quote(omitted[0].title)}"
+    return chosen, [f"not read, since their columns differ: {listed}; {option} selects one"]

@@ -1,4 +1,4 @@
-"""A text file of measurements: whatever delimiter, decimal mark, encoding and preamble, packed or not."""
+"""Read a text file of measurements with any delimiter, decimal mark, encoding and preamble, packed or not."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ import numpy as np
 from palpate.estimation.data.column_names import TIME, guess_columns
 from palpate.estimation.data.file_columns import FileColumns, check_size, most_bytes
 from palpate.estimation.data.quantity_words import FOREIGN_WORDS
-from palpate.estimation.data.table_layout import with_run
+from palpate.estimation.data.table_layout import matching_places, with_run
 from palpate.estimation.data.text_dialect import (
     BLANKS,
     DELIMITERS,
@@ -46,14 +46,14 @@ else:
 
 _LONGEST_LINE = 2**20 - 1  # bytes; the reader takes blocks of 1 MiB, and the line must end in one
 _SHOWN = 60  # characters of a line that is refused
-_SYSTEMATIC = 0.25  # of the rows: fewer that end before the last column are torn
+_SYSTEMATIC = 0.25  # share of rows that may end before the last column; fewer are damaged
 
 
 def read_text_table(path: Path, selected: str = "") -> FileColumns:
-    """The columns of a text file as text, by the names above the rows of its longest table.
+    """Read the columns of a text file as text, by the names above the rows of its longest table.
 
     Args:
-        path: of the file; packed if its name ends in .gz.
+        path: path of the file; packed if its name ends in .gz.
         selected: line at which another table's header begins; empty for the longest table.
 
     Raises:
@@ -67,12 +67,12 @@ def read_text_table(path: Path, selected: str = "") -> FileColumns:
     if not content.strip():
         raise InputError(f"{path}: no rows of data; the file is empty")
     content = _labels_as_header(content)
-    dialect = find_dialect(content) or _refused(content, path)
+    dialect = find_dialect(content) or _raise_no_table(content, path)
     if not content[dialect.tables[0].start :][:_LONGEST_LINE].strip():
         raise InputError(f"{path}: no rows of data")
     heads = [*(table.head for table in dialect.tables[1:]), len(content)]
     spans = [
-        (table, *_trimmed(content, table, end, dialect))
+        (table, table.start, _end_of_rows(content, table, end, dialect))
         for table, end in zip(dialect.tables, heads, strict=True)
     ]
     below = [line for line in content[spans[-1][2] :].splitlines() if line.strip()]
@@ -85,26 +85,22 @@ def read_text_table(path: Path, selected: str = "") -> FileColumns:
         )
         for table, begin, end in filled
     ]
-    taken, note = same_columns(blocks, selected, path)
-    tests = [filled[place] for place in taken]
+    chosen, note = same_columns(blocks, selected, path)
+    tests = [filled[place] for place in chosen]
     lead = sum(bool(line.strip()) for line in content[: tests[0][0].head].splitlines())
-    words = [*dialect.words, *(preamble_words(lead) if taken[0] == 0 else []), *note]
+    words = [*dialect.words, *(preamble_words(lead) if chosen[0] == 0 else []), *note]
     words += [f"a footer of {len(below)} line{'s' if len(below) > 1 else ''}"] if below else []
     words += [f"text in {encoding}"] if encoding else []
     places = [f"{path}, test {n}" if len(tests) > 1 else str(path) for n in range(1, len(tests) + 1)]
     read = [
-        _block(content, begin, end, replace(dialect, tables=(table,)), place)
+        _parse_rows(content, begin, end, replace(dialect, tables=(table,)), place)
         for (table, begin, end), place in zip(tests, places, strict=True)
     ]
     parts, lines = [part for part, _, _ in read], [numbers for _, numbers, _ in read]
     words += dict.fromkeys(word for _, _, remarks in read for word in remarks)
     if len(parts) == 1:
         return FileColumns(parts[0], dialect.decimal, tuple(words), tests[0][0].titles, lines[0], "line")
-    order = sorted(range(parts[0].num_columns), key=parts[0].column_names.__getitem__)
-    for number, part in enumerate(parts):  # names may repeat: sorting keeps their order
-        theirs = sorted(range(part.num_columns), key=part.column_names.__getitem__)
-        ordered = part.select([place for _, place in sorted(zip(order, theirs, strict=True))])
-        parts[number] = ordered
+    parts = [part.select(matching_places(part.column_names, parts[0].column_names)) for part in parts]
     if _is_one_recording(parts, dialect.decimal):
         words.append(f"{len(parts)} parts of one recording, whose time goes on")
     else:
@@ -115,7 +111,7 @@ def read_text_table(path: Path, selected: str = "") -> FileColumns:
 
 
 def _labels_as_header(content: bytes) -> bytes:
-    """Lines such as "Time: 12 ms, Force: 1.5 N" as a table; other text as it is.
+    """Convert lines such as "Time: 12 ms, Force: 1.5 N" to a table; other text is unchanged.
 
     Names and units of the first such line become the header in the line above it. Lines of other labels
     become empty, so that the numbers of lines stay, unless the first line already is a row.
@@ -128,10 +124,10 @@ def _labels_as_header(content: bytes) -> bytes:
     rows = list[bytes]()
     for line in lines[first:]:
         pairs = _PAIR.findall(line)
-        alike = [(label, unit) for label, _, unit in pairs] == labels and not _PAIR.sub(b"", line).strip(
-            b" ,;|\t"
-        )
-        rows.append(b",".join(number for _, number, _ in pairs) if alike else b"")
+        same_labels = [(label, unit) for label, _, unit in pairs] == labels and not _PAIR.sub(
+            b"", line
+        ).strip(b" ,;|\t")
+        rows.append(b",".join(number for _, number, _ in pairs) if same_labels else b"")
     if sum(map(bool, rows)) < max(_FEWEST_LABELLED, len(rows) / 2):
         return content
     names = b",".join(b"%b [%b]" % pair if pair[1] else pair[0] for pair in labels)
@@ -139,7 +135,7 @@ def _labels_as_header(content: bytes) -> bytes:
 
 
 def _is_one_recording(parts: Sequence[pa.Table], decimal: str) -> bool:
-    """Whether each part begins one step of the clock after the one before ended, as printed pages do.
+    """Return whether the clock continues from part to part, as on printed pages.
 
     Args:
         parts: columns of text with the same names.
@@ -159,19 +155,19 @@ def _is_one_recording(parts: Sequence[pa.Table], decimal: str) -> bool:
     )
 
 
-def _block(
+def _parse_rows(
     content: bytes, begin: int, end: int, dialect: TextDialect, place: str
 ) -> tuple[pa.Table, IntArray, list[str]]:
-    """The rows from one byte to another, the line of each, and remarks; not copied, for they may be many."""
+    """Parse the rows between two bytes without a copy; also return the line of each row, and remarks."""
     rows = pa.py_buffer(content).slice(begin, end - begin)
     if dialect.delimiter == BLANKS:
         rows = pa.py_buffer(blanks_as_tabs(content[begin:end]))
     try:
         part = _parse(rows, dialect)
-        return part, _lines(content, begin, end, len(part)), []
+        return part, _line_numbers(content, begin, end, len(part)), []
     except pa.ArrowInvalid as error:
-        lines = _lines(content, begin, end)
-        mended = _mended(rows.to_pybytes(), lines, dialect)
+        lines = _line_numbers(content, begin, end)
+        mended = _repair_rows(rows.to_pybytes(), lines, dialect)
         with suppress(pa.ArrowInvalid):
             if mended and len(part := _parse(pa.py_buffer(mended[0]), dialect)) == len(mended[1]):
                 return part, mended[1], mended[2]
@@ -179,13 +175,15 @@ def _block(
         raise InputError(f"{place}: {problem}") from error
 
 
-def _mended(rows: bytes, lines: IntArray, dialect: TextDialect) -> tuple[bytes, IntArray, list[str]] | None:
-    """The rows without lines of words among them, and filled up where many end before the last column.
+def _repair_rows(
+    rows: bytes, lines: IntArray, dialect: TextDialect
+) -> tuple[bytes, IntArray, list[str]] | None:
+    """Remove lines of words among the rows, and complete rows that end before the last column.
 
     Args:
         rows: text of the table.
         lines: number in the file of each line that is not empty, shape (n,).
-        dialect: how it is written.
+        dialect: dialect of the text.
 
     Returns:
         The text, the number of each row's line, and remarks; None where nothing can be mended.
@@ -223,11 +221,11 @@ def _mended(rows: bytes, lines: IntArray, dialect: TextDialect) -> tuple[bytes, 
     return "\n".join(filled).encode(), lines[kept], remarks
 
 
-def _lines(content: bytes, begin: int, end: int, count: int | None = None) -> IntArray:
-    """Numbers in the file, from 1, of the lines from one byte to another that are not empty.
+def _line_numbers(content: bytes, begin: int, end: int, count: int | None = None) -> IntArray:
+    """Return the line numbers, from 1, of the lines between two bytes that are not empty.
 
     Args:
-        content: of the file.
+        content: content of the file.
         begin: first byte.
         end: byte after the last.
         count: how many rows were read of them; None for as many as there are lines.
@@ -247,10 +245,10 @@ def _line_ends(content: bytes, begin: int, end: int) -> int:
 
 
 def number_of(text: object) -> float:
-    """The number that a cell says, NaN if it says none.
+    """Convert a cell to a number; NaN if it holds none.
 
     Args:
-        text: of a cell, with a decimal point.
+        text: text of a cell, with a decimal point.
     """
     written = str(text).strip()
     try:
@@ -259,8 +257,8 @@ def number_of(text: object) -> float:
         return math.nan
 
 
-def _refused(content: bytes, path: Path) -> TextDialect:
-    """Say why no table was found."""
+def _raise_no_table(content: bytes, path: Path) -> TextDialect:
+    """Raise the error that explains why no table was found."""
     line, *rest = content.lstrip().splitlines()
     if len(line) > _LONGEST_LINE:
         raise InputError(f"{path}: its first line is longer than 1 MiB; put the names of the columns there")
@@ -270,7 +268,9 @@ def _refused(content: bytes, path: Path) -> TextDialect:
     cells = header.split(max(DELIMITERS, key=header.count))
     below = (line.decode(errors="replace") for line in rest if line.strip())
     if len(cells) == 1 and not any(math.isnan(number_of(cell)) for cell in below):
-        raise InputError(f"{path}: holds one column, {_shown(header)}; a measurement needs time and two more")
+        raise InputError(
+            f"{path}: holds one column, {_excerpt(header)}; a measurement needs time and two more"
+        )
     first = next((line.decode(errors="replace") for line in rest if line.strip()), "")
     with_unit = _WITH_UNIT.search(first)
     remedy = (
@@ -280,16 +280,16 @@ def _refused(content: bytes, path: Path) -> TextDialect:
     )
     raise InputError(
         f"{path}: no line with the names of columns is followed by rows of numbers; it begins with "
-        f"{_shown(header)}; {remedy}"
+        f"{_excerpt(header)}; {remedy}"
     )
 
 
-def _shown(header: str) -> str:
+def _excerpt(header: str) -> str:
     return repr(" ".join(header.split())[:_SHOWN])
 
 
 class _Collector:
-    """Takes the rows with a wrong number of cells, so that reading goes on."""
+    """Collects rows with a wrong number of cells, so that reading continues."""
 
     def __init__(self) -> None:
         self.rows: list[arrow_csv.InvalidRow] = []
@@ -313,11 +313,11 @@ def _parse(rows: pa.Buffer, dialect: TextDialect, wrong: _Collector | None = Non
 
 
 def _first_bad_row(rows: pa.Buffer, dialect: TextDialect, lines: IntArray) -> str:
-    """Which line has a wrong number of cells; empty if none has.
+    """Describe the first line with a wrong number of cells; empty without one.
 
     Args:
         rows: text of the table.
-        dialect: how it is written.
+        dialect: dialect of the text.
         lines: number in the file of each line that is not empty, shape (n,).
     """
     wrong = _Collector()
@@ -340,8 +340,8 @@ _MOST_ABOVE, _FEWEST_LABELLED = 100, 5  # lines above such rows; rows
 _ENDS = (b"\n", b"\r")
 
 
-def _trimmed(content: bytes, table: TextTable, end: int, dialect: TextDialect) -> tuple[int, int]:
-    """A block without the lines at its end that are no rows."""
+def _end_of_rows(content: bytes, table: TextTable, end: int, dialect: TextDialect) -> int:
+    """Byte after the last row of a table, without the lines before `end` that are no rows."""
     begin = table.start
     ends = dict.fromkeys(_ENDS, end)  # where each was met last, so that every byte is looked at once
     while end > begin:
@@ -352,14 +352,14 @@ def _trimmed(content: bytes, table: TextTable, end: int, dialect: TextDialect) -
         if not is_footer(cells, dialect.decimal, counts=table.counts):
             break
         end = last
-    return begin, end
+    return end
 
 
 _MARKS = ((codecs.BOM_UTF16_LE, "utf-16"), (codecs.BOM_UTF16_BE, "utf-16"))
-_ENCODINGS = ("cp1252", "gb18030", "cp932", "cp949", "cp1250", "cp1251")  # beside UTF-8 and UTF-16
+_ENCODINGS = ("cp1252", "gb18030", "cp932", "cp949", "cp1250", "cp1251")  # after UTF-8 and UTF-16
 _ONE_STEP = 2.0  # steps of a clock from one part of a recording to the next, at most
 _WITH_UNIT = re.compile(r"(?<![\w.])[+-]?\d+(?:[.,]\d+)? ?[A-Za-zµ°%]{1,6}\b")  # a cell such as "0.5 mm"
-_FEW_ZEROS = 1e-3  # of the bytes of a text
+_FEW_ZEROS = 1e-3  # largest share of zero bytes in a text
 _CONTROLS = bytes(set(range(32)) - set(b"\t\n\r\f\x1a\x1b")) + b"\x7f\x81\x8d\x8f\x90\x9d"  # none in a text
 _LOOKED_AT = 1 << 16  # bytes
 _OTHERS = (  # how files begin that are called text by mistake, and what to do with them
@@ -373,7 +373,7 @@ _OTHERS = (  # how files begin that are called text by mistake, and what to do w
 
 
 def as_utf8(content: bytes, path: Path) -> tuple[bytes, str]:
-    """The text as UTF-8 without a mark, and the name of the encoding if it was another.
+    """Convert a text to UTF-8 without byte order mark, and name its encoding if it was another.
 
     UTF-16 is known by its mark or by the zeros between Latin letters. Text that is not UTF-8 has the encoding
     in which it holds a known word of a language, such as the Chinese word for force. Else, without control
@@ -381,8 +381,8 @@ def as_utf8(content: bytes, path: Path) -> tuple[bytes, str]:
     A few zeros are the ends of a program's strings, and are left out.
 
     Args:
-        content: of the file.
-        path: of the file, for errors.
+        content: content of the file.
+        path: path of the file, for errors.
 
     Raises:
         InputError: it is no text.
@@ -410,7 +410,7 @@ def as_utf8(content: bytes, path: Path) -> tuple[bytes, str]:
 
 
 def _has_known_word(content: bytes, encoding: str) -> bool:
-    """Whether the beginning of a text, read in an encoding, holds a foreign word for a quantity."""
+    """Return whether the beginning of a text in an encoding contains a foreign word for a quantity."""
     try:  # the last character may be cut off
         text = codecs.getincrementaldecoder(encoding)().decode(content[:_LOOKED_AT]).lower()
     except UnicodeDecodeError:
@@ -424,7 +424,7 @@ def _no_text(content: bytes, path: Path) -> InputError:
 
 
 def _encoding(content: bytes) -> str:
-    """UTF-16 of either order, or empty."""
+    """Detect UTF-16 of either byte order; empty otherwise."""
     for mark, encoding in _MARKS:
         if content.startswith(mark):
             return encoding

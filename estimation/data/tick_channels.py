@@ -1,4 +1,4 @@
-"""The channels of a probing session, from the checked records of its ticks."""
+"""Channels of a probing session, from the checked records of its ticks."""
 
 from collections.abc import Sequence
 from typing import Any
@@ -11,7 +11,7 @@ from palpate.control.loop.tick_record import STREAM_NAME, tick_stream
 from palpate.estimation.channel import ChannelData, ChannelKind, Tare
 from palpate.estimation.data.contact import Contact, find_contacts, find_surface, touch_of
 from palpate.estimation.data.derivatives import differentiate, grid_step
-from palpate.estimation.data.units import fault_of, more_like_it, useless_rows
+from palpate.estimation.data.units import fault_of, further_faults, invalid_rows
 from palpate.estimation.signals.blocks import blocks, number_pieces
 from palpate.estimation.signals.runwise import sample_time
 from palpate.robot_io.errors import InputError, SessionError
@@ -36,14 +36,14 @@ _OF_A_RUN = ("tip_position_world_m", "press_direction_world")
 
 
 def checked_ticks(session: Session) -> Samples:
-    """The stream "tick", if it can be worked with.
+    """Return the stream "tick" after checking it.
 
     All columns that something is worked out from are there, of the form that `tick_stream` has, and hold
     finite numbers of a reasonable size wherever their device says that the sample is good; the time always,
     and it runs back only between the runs of two sessions.
 
     Args:
-        session: of a probing.
+        session: session of a probing.
 
     Raises:
         InputError: one of this is not so, or the session has no such stream.
@@ -60,13 +60,21 @@ def checked_ticks(session: Session) -> Samples:
             continue
         if column.name not in ticks:
             raise SessionError(f"{place}: no column '{column.name}'")
-        values, said = ticks.vector(column.name), f"{place}, column '{column.name}'"
+        values, column_place = ticks.vector(column.name), f"{place}, column '{column.name}'"
         if values.shape[1] != column.width:
-            raise SessionError(f"{said}: {values.shape[1]} values a tick, expected {column.width}")
+            raise SessionError(f"{column_place}: {values.shape[1]} values a tick, expected {column.width}")
         if values.dtype.kind != np.dtype(column.dtype).kind:
-            raise SessionError(f"{said}: is {values.dtype}, expected {column.dtype}")
+            raise SessionError(f"{column_place}: is {values.dtype}, expected {column.dtype}")
     _check_values(session, ticks, "time_s", np.ones(len(ticks), dtype=np.bool_))
-    _check_order(session, ticks)
+    # Where sessions were merged, a clock may begin anew; else ticks are in order of time.
+    run, late_s = ticks["run"].astype(np.int64), np.diff(ticks["time_s"])
+    to_come = np.minimum.accumulate(np.where(run == NO_RUN, np.iinfo(np.int64).max, run)[::-1])[::-1]
+    late = np.flatnonzero((late_s < 0.0) & (np.maximum.accumulate(run)[:-1] >= to_come[1:]))
+    if len(late):
+        raise InputError(
+            f"{session.path}: tick {late[0] + 2}, column 'time_s': is {-late_s[late[0]]:.3g} s before the "
+            "tick before it; what wrote this file put its messages into another order"
+        )
     good = {status: ticks[status] == Status.OK for status in _BY_DEVICE}
     for status, names in _BY_DEVICE.items():
         for name in names:
@@ -85,28 +93,16 @@ def checked_ticks(session: Session) -> Samples:
     return ticks
 
 
-def _check_order(session: Session, ticks: Samples) -> None:
-    """Refuse ticks in another order than time; where sessions were merged, a clock may begin anew."""
-    run, late_s = ticks["run"].astype(np.int64), np.diff(ticks["time_s"])
-    to_come = np.minimum.accumulate(np.where(run == NO_RUN, np.iinfo(np.int64).max, run)[::-1])[::-1]
-    late = np.flatnonzero((late_s < 0.0) & (np.maximum.accumulate(run)[:-1] >= to_come[1:]))
-    if len(late):
-        raise InputError(
-            f"{session.path}: tick {late[0] + 2}, column 'time_s': is {-late_s[late[0]]:.3g} s before the "
-            "tick before it; what wrote this file put its messages into another order"
-        )
-
-
 def _check_values(session: Session, ticks: Samples, name: str, rows: BoolArray) -> None:
     chosen = np.flatnonzero(rows)
     values = ticks.vector(name)[chosen]
-    bad = useless_rows(values)
+    bad = invalid_rows(values)
     if len(bad):
         row = values[bad[0]]
-        number = float(row[useless_rows(row)[0]])
+        number = float(row[invalid_rows(row)[0]])
         raise InputError(
             f"{session.path}: tick {chosen[bad[0]] + 1}, column '{name}': {number:g} is {fault_of(number)}"
-            f"{more_like_it(len(bad))}, in a sample that counts as good"
+            f"{further_faults(len(bad))}, in a sample that counts as good"
         )
 
 
@@ -118,7 +114,7 @@ _FEWEST = 20  # samples in contact without which there is nothing to estimate
 
 
 def joined(ticks: Sequence[Samples]) -> Samples:
-    """The ticks of several sessions of one arm, as if of one; the numbers of the runs go on.
+    """Concatenate the ticks of several sessions of one arm; runs are renumbered.
 
     Clocks stay as they are. Where one goes on through all sessions, an object or sensor remembers what was
     before; where it begins anew, as in a simulated world, each session begins with nothing behind it: see
@@ -144,7 +140,7 @@ def joined(ticks: Sequence[Samples]) -> Samples:
 
 
 def contact_channels(ticks: Samples, *, tared: bool) -> tuple[ChannelData, ...]:
-    """The contact force at each place that was probed.
+    """Return the contact force at each probed place as a channel.
 
     Position is the depth below the surface as `find_surface` has it, along the press direction, at the time
     when the force was sampled.
@@ -157,9 +153,9 @@ def contact_channels(ticks: Samples, *, tared: bool) -> tuple[ChannelData, ...]:
         One channel called "contact", or "contact_1", "contact_2" ... in the order in which the places were
         probed; none if nothing was touched.
     """
-    chosen = ticks.select(_good(ticks, "encoder_status", "force_status") & (ticks["run"] != NO_RUN))
+    chosen = ticks.select(_valid_ticks(ticks, "encoder_status", "force_status") & (ticks["run"] != NO_RUN))
     contacts = find_contacts(chosen["force_n"], chosen["run"], chosen["phase"])
-    places = _places(chosen, [contact for contact in contacts if len(contact.rows) >= _FEWEST])
+    places = _group_by_place(chosen, [contact for contact in contacts if len(contact.rows) >= _FEWEST])
     names = ["contact"] if len(places) == 1 else [f"contact_{number}" for number in range(1, len(places) + 1)]
     return tuple(
         _contact_channel(name, chosen, place, tared=tared) for name, place in zip(names, places, strict=True)
@@ -167,7 +163,7 @@ def contact_channels(ticks: Samples, *, tared: bool) -> tuple[ChannelData, ...]:
 
 
 def joint_channels(ticks: Samples, known: FloatArray | None = None) -> tuple[ChannelData, ...]:
-    """The torque of each joint, called "joint_1", "joint_2" ...
+    """Return the torque of each joint as channels "joint_1", "joint_2" ...
 
     A move between two runs belongs to the run after it. The context holds the whole arm's motion as
     `joint_position`, `joint_velocity`, `joint_acceleration` (n, joints), its torques as `joint_torque`
@@ -179,11 +175,11 @@ def joint_channels(ticks: Samples, known: FloatArray | None = None) -> tuple[Cha
     answers along its normal, so that of two directions one at least is not that of the force.
 
     Args:
-        ticks: of one or several probings.
+        ticks: ticks of one or several probings.
         known: direction in which the object was pressed first (3,); None for that of these ticks.
     """
     useful = ~np.isin(ticks["phase"], USELESS)
-    chosen = ticks.select(_good(ticks, "encoder_status", "torque_status") & useful)
+    chosen = ticks.select(_valid_ticks(ticks, "encoder_status", "torque_status") & useful)
     if len(chosen) == 0:
         return ()
     time_s, in_run = chosen["torque_at_s"], chosen["run"] != NO_RUN
@@ -196,11 +192,11 @@ def joint_channels(ticks: Samples, known: FloatArray | None = None) -> tuple[Cha
     # windows are compared on runs alone where moves are most of all.
     tried = np.asarray(in_run) if in_run.any() and np.mean(in_run) < 0.5 else None
     motions = [
-        _motion(time_s, chosen["encoder_at_s"], joint, run, calm=False, tried=tried)
+        _motion_at(time_s, chosen["encoder_at_s"], joint, run, calm=False, tried=tried)
         for joint in chosen.vector("joint_position_rad").T
     ]
-    good = _good(chosen, "force_status")  # of none, the force is zero
-    force_n = _by_clock(time_s, chosen["force_at_s"], chosen["force_n"], good)
+    good = _valid_ticks(chosen, "force_status")  # of none, the force is zero
+    force_n = _interpolate_per_clock(time_s, chosen["force_at_s"], chosen["force_n"], good)
     torque = chosen.vector("torque_measured_nm")
     contacts = list(find_contacts(force_n, run, chosen["phase"]))
     touching = np.zeros(len(chosen))
@@ -238,12 +234,12 @@ def joint_channels(ticks: Samples, known: FloatArray | None = None) -> tuple[Cha
     return tuple(channel if kept.all() else channel.select(kept) for channel in channels)
 
 
-def _good(ticks: Samples, *status_columns: str) -> BoolArray:
-    """Ticks in which all these devices brought a new and trustworthy sample."""
+def _valid_ticks(ticks: Samples, *status_columns: str) -> BoolArray:
+    """Return the ticks in which all these devices delivered a new and valid sample."""
     return np.asarray(np.all([ticks[name] == Status.OK for name in status_columns], axis=0))
 
 
-def _motion(
+def _motion_at(
     time_s: FloatArray,
     sampled_at_s: FloatArray,
     position: FloatArray,
@@ -253,7 +249,7 @@ def _motion(
     calm: bool = True,
     tried: BoolArray | None = None,
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Position, velocity and acceleration at the times wanted.
+    """Return position, velocity and acceleration at given times.
 
     The derivatives are taken at the times of the samples: interpolated positions share their errors with
     their neighbours, which `differentiate` would take for motion.
@@ -269,16 +265,16 @@ def _motion(
         return position, motion.velocity, motion.acceleration
     every = np.ones(len(position), dtype=np.bool_)
     position, velocity, acceleration = (
-        _by_clock(time_s, sampled_at_s, values, every)
+        _interpolate_per_clock(time_s, sampled_at_s, values, every)
         for values in (position, motion.velocity, motion.acceleration)
     )
     return position, velocity, acceleration
 
 
-def _by_clock(
+def _interpolate_per_clock(
     time_s: FloatArray, sampled_at_s: FloatArray, values: FloatArray, good: BoolArray
 ) -> FloatArray:
-    """Good values at the times wanted, all of shape (n,); each clock by itself, where sessions are joined."""
+    """Interpolate valid values at given times, (n,); separately for each clock of joined sessions."""
     clock = np.concatenate([[0], np.cumsum(np.diff(time_s) < 0.0)])
     runs = np.zeros(len(time_s))
     for rows in blocks(clock):
@@ -288,8 +284,8 @@ def _by_clock(
     return runs
 
 
-def _places(ticks: Samples, contacts: list[Contact]) -> list[list[Contact]]:
-    """The contacts, grouped by where they touched."""
+def _group_by_place(ticks: Samples, contacts: list[Contact]) -> list[list[Contact]]:
+    """Group the contacts by the place that they touched."""
     places: list[list[Contact]] = []
     centres: list[FloatArray] = []
     for contact in contacts:
@@ -319,7 +315,7 @@ def _contact_channel(name: str, ticks: Samples, contacts: list[Contact], *, tare
     moves_rad = np.diff(joint_position_rad, axis=0)
     lever_m = np.linalg.lstsq(moves_rad, np.diff(travel_m), rcond=None)[0]
     rounding_m2 = float(np.sum((lever_m * steps_rad) ** 2) / 12)
-    along_m, speed_m_s, acceleration_m_s2 = _motion(
+    along_m, speed_m_s, acceleration_m_s2 = _motion_at(
         time_s, chosen["encoder_at_s"], travel_m, run, rounding_m2
     )
     tare = _tare(contacts)
@@ -346,7 +342,7 @@ def _contact_channel(name: str, ticks: Samples, contacts: list[Contact], *, tare
 
 
 def _tare(contacts: list[Contact]) -> Tare:
-    """The force in free air of these runs, which are in order of their numbers."""
+    """Return the force in free air of these runs, in order of their numbers."""
     return Tare(
         np.array([contact.run for contact in contacts]),
         np.array([contact.baseline_n for contact in contacts]),

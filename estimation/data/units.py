@@ -1,4 +1,4 @@
-"""Units of measured quantities, and the numbers that can be worked with."""
+"""Units of measured quantities, and limits of usable numbers."""
 
 import math
 import re
@@ -20,7 +20,7 @@ SHORTEST_S = 1.0  # a recording, of mechanics at this scale
 
 
 def _with_prefixes(unit: str, prefixes: str) -> dict[str, float]:
-    """A unit of SI, and its multiples."""
+    """Return a unit of SI and its multiples."""
     return {unit: 1.0} | {prefix + unit: _PREFIXES[prefix] for prefix in prefixes}
 
 
@@ -50,7 +50,7 @@ _PRESSURE = _with_prefixes("Pa", "mkM") | {"mbar": 1e2, "bar": 1e5, "psi": _POUN
 
 
 def _rates(units: Mapping[str, float], order: int) -> dict[str, float]:
-    """Units per second, or per second squared, as `mm_s` and `mm_s2`."""
+    """Return units per second and per second squared, such as `mm_s` and `mm_s2`."""
     ending = "_s" if order == 1 else "_s2"
     return {unit + ending: factor for unit, factor in units.items()}
 
@@ -125,13 +125,13 @@ _SPELT: Mapping[str, str] = MappingProxyType(
 )
 
 
-def _small(unit: str) -> str:
-    """In lower case but for an M that begins a unit: it is mega, and m is milli, in any surrounding."""
+def _lower_case(unit: str) -> str:
+    """Convert to lower case, except an initial M: M is mega, m is milli."""
     return "M" + unit[1:].lower() if unit.startswith("M") else unit.lower()
 
 
 # "KN" is kN, and "NM" is Nm.
-_BY_LETTERS = {_small(unit): unit for unit in _FACTORS if unit != "nm"} | {"Min": "min"}
+_BY_LETTERS = {_lower_case(unit): unit for unit in _FACTORS if unit != "nm"} | {"Min": "min"}
 
 _SCALED = re.compile(r"([-+]?(?:\d+\.?\d*|\.\d+)(?:e[-+]?\d+)?)(.+)")
 _CLOCK = re.compile(
@@ -140,12 +140,12 @@ _CLOCK = re.compile(
 
 
 def normalise(unit: str) -> str:
-    """Spell a unit as here: "mm/s^2" becomes "mm_s2", "N m" and "N*m" become "Nm", "sec" becomes "s".
+    """Spell a unit in standard form: "mm/s^2" becomes "mm_s2", "N m" and "N*m" become "Nm".
 
     A capital M is mega and a small one milli: "MN" is no millinewton. What is not known stays as it is.
 
     Args:
-        unit: as it is written, such as "mm/s^2".
+        unit: unit as written, such as "mm/s^2".
     """
     plain = unit.strip().replace("²", "2").replace("^", "").replace("/", "_")
     plain = re.sub("[ *·⋅∙×]", "", re.sub("[µμ]", "u", plain)).rstrip(".")
@@ -155,7 +155,7 @@ def normalise(unit: str) -> str:
         return plain
     upright, _, per = plain.partition("_")
     for whole, rest in ((plain, ""), (upright, f"_{per.lower()}")):
-        spelt = _SPELT.get(whole.lower()) or _BY_LETTERS.get(_small(whole), "")
+        spelt = _SPELT.get(whole.lower()) or _BY_LETTERS.get(_lower_case(whole), "")
         if dimension_of(spelt + rest):
             return spelt + rest
     if "." in plain:  # "rad.s" is rad/s, as R writes names, and "kN.m" a product
@@ -166,32 +166,32 @@ def normalise(unit: str) -> str:
 
 
 def read_as(unit: str, dimensions: Collection[str]) -> str:
-    """A unit as a quantity of these dimensions has it: "nm" is a nanometre, of a torque a newton metre.
+    """Resolve a unit by the quantity's dimensions: "nm" of a torque is a newton metre.
 
     Args:
-        unit: as it is written.
-        dimensions: that the quantity may have.
+        unit: unit as written.
+        dimensions: dimensions that the quantity may have.
     """
     return "Nm" if unit == "nm" and "torque" in dimensions else unit
 
 
 def dimension_of(unit: str) -> str | None:
-    """The dimension that a unit measures, or None if it is not known.
+    """Return the dimension that a unit measures, or None for an unknown unit.
 
     Args:
-        unit: as it is written, such as "mm/s^2".
+        unit: unit as written, such as "mm/s^2".
     """
     return _FACTORS[unit][0] if unit in _FACTORS else None
 
 
 def likely_time_unit(step: float, span: float = math.inf) -> str:
-    """The largest unit of time in which samples that are this far apart are less than `SLOWEST_S` apart.
+    """Return the largest unit of time in which samples are less than `SLOWEST_S` apart.
 
     Where the whole recording would be shorter than `SHORTEST_S` in it, the next larger unit is likelier.
 
     Args:
         step: between samples, in the unknown unit of time.
-        span: from the first to the last sample, in the same unit.
+        span: span from the first to the last sample, in the same unit.
     """
     units = ("s", "ms", "us", "ns")
     number = next((n for n, unit in enumerate(units[:3]) if step * _TIME[unit] <= SLOWEST_S), 3)
@@ -200,12 +200,12 @@ def likely_time_unit(step: float, span: float = math.inf) -> str:
 
 
 def factor_to_si(unit: str, dimension: str, where: str) -> float:
-    """What to multiply by.
+    """Return the factor from a unit to SI.
 
     Args:
-        unit: in any spelling.
+        unit: unit in any spelling.
         dimension: key of `SI`.
-        where: for the error, such as "--unit force_N".
+        where: place named in the error, such as "--unit force_N".
 
     Raises:
         InputError: the unit does not measure this.
@@ -218,23 +218,23 @@ def factor_to_si(unit: str, dimension: str, where: str) -> float:
 
 
 def is_scaled(unit: str) -> bool:
-    """Whether a unit begins with a number, such as "-1N".
+    """Return whether a unit begins with a number, such as "-1N".
 
     Args:
-        unit: as it is written, such as "mm/s^2".
+        unit: unit as written, such as "mm/s^2".
     """
     return _SCALED.fullmatch(unit.strip()) is not None
 
 
 def scaled_unit(unit: str, own: str) -> tuple[float, str]:
-    """Split a unit into the number before it and the unit, and turn a column's own unit into what it is per.
+    """Split a unit into the number before it and the unit, and resolve a unit per column unit.
 
     Such as "-1N" where a sensor counts the other way, "0.5Nm/A" for a current in mA, "20N/V" for a voltage,
     or "5e-4N/Pa" for a pressure.
 
     Args:
-        unit: as the user says it, normalised.
-        own: of the column's name, normalised; empty for none, which is then what the unit is per.
+        unit: unit as the user says it, normalised.
+        own: unit in the column's name, normalised; empty for none.
 
     Returns:
         What to multiply by, and the unit that this leads to.
@@ -257,8 +257,8 @@ SMALLEST = 1.0 / LARGEST  # of a signal's largest number; squares of what is sma
 FINEST_S = 1e-12  # from sample to sample, far below any clock's step; what is finer does not increase
 
 
-def useless_rows(values: FloatArray) -> NDArray[np.int64]:
-    """Indices of the rows of an array (n,) or (n, k) with a value that is not finite or too large.
+def invalid_rows(values: FloatArray) -> NDArray[np.int64]:
+    """Return indices of the rows of an array (n,) or (n, k) with a value that is not finite or too large.
 
     Args:
         values: shape (n,) or (n, k).
@@ -268,18 +268,18 @@ def useless_rows(values: FloatArray) -> NDArray[np.int64]:
 
 
 def fault_of(number: float) -> str:
-    """What is wrong with such a value.
+    """Say what is wrong with an invalid number.
 
     Args:
-        number: that `useless_rows` found.
+        number: number that `invalid_rows` found.
     """
     return "too large a number" if np.isfinite(number) else "not a finite number"
 
 
-def more_like_it(count: int) -> str:
-    """How many faults there are beside the one that is named.
+def further_faults(count: int) -> str:
+    """Count further faults, in words.
 
     Args:
-        count: of all faults.
+        count: number of all faults.
     """
     return f" ({count - 1} more like it)" if count > 1 else ""

@@ -1,4 +1,4 @@
-"""Checks before fitting: whether a recording can be judged, and what in it is implausible."""
+"""Checks before fitting: reject recordings that cannot be judged, warn of what is implausible."""
 
 from palpate.estimation.data_quality.checks import (
     SINGLE_RUN,

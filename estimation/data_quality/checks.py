@@ -1,4 +1,4 @@
-"""Checks before fitting: what cannot be judged is rejected, what is implausible is reported and judged.
+"""Checks before fitting: reject data that cannot be judged, and warn of what is implausible.
 
 Data are rejected only where nothing can be computed, or where signals contradict each other. Each sentence
 has the figure and the remedy, such as the option that overrides what was taken.
@@ -46,7 +46,7 @@ _MOST_BLOCKS = 300_000  # 25 minutes of blocks of 5 ms: memory grows with them
 _GLITCH = 25.0  # ratio to the usual distance between neighboring readings
 _MOST_GLITCHES = 0.01
 _LITTLE_SHARED = 0.1  # share of a run's depths that another run must reach for a prediction
-_SPIKE = 0.2  # of the effort's range; smaller outliers are harmless
+_SPIKE = 0.2  # size relative to the effort's range below which outliers are harmless
 # Ranges of all other readings, that a code for a missing value or a wrong digit stands off by; and those at
 # which a single one is too large for the precision of a fit that excludes it (measured: 1e8).
 _CODE, _HUGE = 20.0, 1e6
@@ -86,7 +86,7 @@ def reject_reason(data: ChannelData) -> str | None:
     if reason := _corrupted(data):
         return reason
     good = usable(data)
-    return _first((check for _, check in _REJECTED), data.select(good)) or _blocks(data, good)
+    return _first_reason((check for _, check in _REJECTED), data.select(good)) or _check_blocks(data, good)
 
 
 def quality_warnings(data: ChannelData, model: Model | None = None) -> list[str]:
@@ -104,7 +104,7 @@ def quality_warnings(data: ChannelData, model: Model | None = None) -> list[str]
 
 
 def contaminated(data: ChannelData, model: Model) -> str | None:
-    """Say what is wrong with readings or motion, whatever is asked of them.
+    """Say what is wrong with readings or motion, apart from the number of runs.
 
     Unlike `reject_reason`, it does not ask whether runs are left to be held out. Warnings of readings and
     times count too; those of units do not.
@@ -123,11 +123,11 @@ def contaminated(data: ChannelData, model: Model) -> str | None:
     affected = (
         warning for kind, warning in _warnings(data, model) if kind in {"sync", "readings", "saturation"}
     )
-    return _first(checks, good) or next(affected, None)
+    return _first_reason(checks, good) or next(affected, None)
 
 
 def checklist(data: ChannelData, model: Model | None = None) -> dict[str, str]:
-    """Say for each kind of check what speaks against a channel, be it a reason or a warning.
+    """Return for each kind of check the reason or warning against a channel.
 
     Args:
         data: the channel.
@@ -144,22 +144,22 @@ def checklist(data: ChannelData, model: Model | None = None) -> dict[str, str]:
     good, result = usable(data), dict[str, str]()
     selected = data.select(good)
     for kind in kinds:
-        result[kind] = _first((check for group, check in _REJECTED if group == kind), selected) or ""
+        result[kind] = _first_reason((check for group, check in _REJECTED if group == kind), selected) or ""
         if kind in {"enough", "units"} and result[kind]:
             return result
-    result["excitation"] = result["excitation"] or _blocks(data, good) or ""
+    result["excitation"] = result["excitation"] or _check_blocks(data, good) or ""
     for kind, warning in _warnings(data, model):
         result[kind] = result[kind] or warning
     return result
 
 
 def _warnings(data: ChannelData, model: Model | None) -> Iterator[tuple[str, str]]:
-    """Warnings with the kind of check that each belongs to."""
+    """Yield warnings with the kind of check that each belongs to."""
     if len(data) < LEAST_SAMPLES or _corrupted(data):
         return
     if copies := copied_runs(data):
         yield "enough", copied(copies)
-    yield from _isolated(data)
+    yield from _warn_of_outliers(data)
     for kind, warning in (("readings", folded(data)), ("saturation", stuck_in_air(data))):
         if warning:
             yield kind, warning
@@ -178,16 +178,16 @@ def _warnings(data: ChannelData, model: Model | None) -> Iterator[tuple[str, str
 
 
 def _distance(signal: FloatArray, run: IntArray) -> tuple[FloatArray, float]:
-    """Distances (n,) of readings from the median of their neighbors, and the range of these medians."""
+    """Return distances (n,) of readings from the median of their neighbors, and these medians' range."""
     smooth = apply_per_run(lambda values: np.asarray(scipy.ndimage.median_filter(values, 5)), signal, run)
     return np.abs(signal - smooth), float(np.ptp(smooth))
 
 
 def _glitches(signal: FloatArray, run: IntArray) -> BoolArray:
     """Select single readings of a signal (n,) that are far off both neighbors."""
-    off, extent = _distance(signal, run)
-    usual = float(np.median(off[off > 0.0])) if (off > 0.0).any() else 0.0
-    return np.asarray(off > max(_GLITCH * usual, _SPIKE * extent))
+    distance, extent = _distance(signal, run)
+    usual = float(np.median(distance[distance > 0.0])) if (distance > 0.0).any() else 0.0
+    return np.asarray(distance > max(_GLITCH * usual, _SPIKE * extent))
 
 
 def _corrupted(data: ChannelData) -> str | None:
@@ -195,10 +195,10 @@ def _corrupted(data: ChannelData) -> str | None:
     if len(data) < LEAST_SAMPLES:
         return None
     for what, signal in (("position", data.position), ("effort", data.effort)):
-        off, extent = _distance(signal, data.run)
-        codes = off > _CODE * extent
+        distance, extent = _distance(signal, data.run)
+        codes = distance > _CODE * extent
         spoils = codes.any() if what == "position" else np.mean(codes) > _MOST_GLITCHES
-        if extent > 0.0 and (spoils or (off > _HUGE * extent).any()):
+        if extent > 0.0 and (spoils or (distance > _HUGE * extent).any()):
             return f"{_far_off(data, what, codes)}; remove such rows, or leave their cells empty"
     return None
 
@@ -214,17 +214,17 @@ def _far_off(data: ChannelData, what: str, rows: BoolArray) -> str:
     return f"{count} far off {'its' if number == 1 else 'their'} neighbors, such as {example}"
 
 
-def _isolated(data: ChannelData) -> Iterator[tuple[str, str]]:
-    """Warn of readings far off both neighbors: of many, which are judged, and of huge ones, left out."""
+def _warn_of_outliers(data: ChannelData) -> Iterator[tuple[str, str]]:
+    """Warn of isolated readings: of many, which are scored, and of huge ones, which are left out."""
     for what, signal in (("position", data.position), ("effort", data.effort)):
         far_off = _glitches(signal, data.run)
         if np.mean(far_off) > _MOST_GLITCHES:
             yield "readings", f"{_far_off(data, what, far_off)}; if they are lost readings, remove such rows"
     glitches = _glitches(data.effort, data.run)
     if glitches.any() and np.mean(glitches) <= _MOST_GLITCHES:
-        size, others = np.abs(data.effort), data.effort[~glitches]
+        size, regular = np.abs(data.effort), data.effort[~glitches]
         # A sensor that starts from zero, or drops to it, is nothing to report.
-        beyond = glitches & (size > np.abs(others).max() + np.ptp(others))
+        beyond = glitches & (size > np.abs(regular).max() + np.ptp(regular))
         if beyond.any():
             yield (
                 "enough",
@@ -232,8 +232,8 @@ def _isolated(data: ChannelData) -> Iterator[tuple[str, str]]:
             )
 
 
-def _size(data: ChannelData) -> str | None:
-    """Refuse too few samples, and too many before anything takes time and memory."""
+def _check_size(data: ChannelData) -> str | None:
+    """Reject too few samples, and too many before anything takes time and memory."""
     if len(data) < LEAST_SAMPLES:
         return f"only {len(data)} samples; record at least {LEAST_SAMPLES}"
     lengths = np.unique(data.run, return_counts=True)[1]
@@ -248,7 +248,7 @@ def _size(data: ChannelData) -> str | None:
     return None
 
 
-def _runs(data: ChannelData) -> str | None:
+def _check_runs(data: ChannelData) -> str | None:
     """Require two runs with a contact of similar depth, so that one can be held out."""
     if data.kind is not ChannelKind.CONTACT or len(data.runs) == 1:
         return None
@@ -266,7 +266,7 @@ def _runs(data: ChannelData) -> str | None:
     return None
 
 
-def _motion_once(data: ChannelData) -> str | None:
+def _check_repetition(data: ChannelData) -> str | None:
     """Report kinds that monotonic motion cannot tell apart; pieces of a single run are held out elsewhere."""
     if len(data.runs) > 1:
         if data.kind is not ChannelKind.CONTACT or not never_returns(data.position, data.run):
@@ -286,7 +286,7 @@ def _motion_once(data: ChannelData) -> str | None:
     )
 
 
-def _one_pace(data: ChannelData) -> str | None:
+def _check_speeds(data: ChannelData) -> str | None:
     """Say that only one speed was measured, where runs return."""
     is_contact = data.kind is ChannelKind.CONTACT
     if (
@@ -301,7 +301,7 @@ def _one_pace(data: ChannelData) -> str | None:
     )
 
 
-def _blocks(data: ChannelData, good: BoolArray) -> str | None:
+def _check_blocks(data: ChannelData, good: BoolArray) -> str | None:
     """Require blocks to fit to, and blocks in another run to hold out, as the fit itself forms them.
 
     Each must have as many blocks before it in its run as the noise model looks back.
@@ -329,24 +329,24 @@ def _blocks(data: ChannelData, good: BoolArray) -> str | None:
 
 _Check = Callable[[ChannelData], str | None]
 _REJECTED: tuple[tuple[str, _Check], ...] = (  # by kind, in the order of `reject_reason`
-    ("enough", _size),
+    ("enough", _check_size),
     ("excitation", unchanging),
-    ("enough", _runs),
+    ("enough", _check_runs),
     ("units", mistaken_times),
     ("excitation", no_contact),
     ("readings", too_coarse),
     ("readings", rectified),
 )
 _IMPLAUSIBLE: tuple[tuple[str, _Check], ...] = (
-    ("enough", _motion_once),
+    ("enough", _check_repetition),
     ("units", mistaken_units),
     ("sync", misaligned),
     ("sync", lost_rows),
-    ("excitation", _one_pace),
+    ("excitation", _check_speeds),
     ("excitation", unrelated),
     ("excitation", late_touch),
 )
 
 
-def _first(checks: Iterable[_Check], data: ChannelData) -> str | None:
+def _first_reason(checks: Iterable[_Check], data: ChannelData) -> str | None:
     return next(filter(None, (check(data) for check in checks)), None)

@@ -14,20 +14,20 @@ _LONGEST_CONTACT_M = 0.2  # a deeper indentation means a wrong unit
 _STIFFEST_N_M = 1e7
 _SOFTEST_N_M = 1e-2
 _FASTEST_RAD_S = 300.0
-_LEAST_PRESSED = 0.01  # of the samples
+_LEAST_PRESSED = 0.01  # least share of samples that press
 # Standard deviations of free air, that one in twenty pressed samples is above: of noise, 1 in 16 000 is.
 _ABOVE_AIR, _ONE_IN_TWENTY = 4.0, 0.95
-_SLICES = 20  # of the deepest indentation, to locate where the force begins
+_SLICES = 20  # slices of the depth in which the start of the force is located
 _LATE, _STANDS_OUT = 0.2, 0.25  # shares of the deepest indentation, and of a spring's force there
 _TO_SIGMA = 1.4826  # ratio of standard deviation to median deviation of normal noise
-_SHIFTS_S = (-2.0, -1.0, -0.5, 0.5, 1.0, 2.0)  # as between clocks that were started by hand
+_SHIFTS_S = (-2.0, -1.0, -0.5, 0.5, 1.0, 2.0)  # offsets of clocks that were started by hand
 # correlations of depth and force: springs lie above the first, unrelated signals below the second
 _JOINED, _APART = 0.9, 0.5
 _FALLS = -0.5  # correlation of depth and force below which one of them has the wrong sign
 _LEAST_EXPLAINED = 0.1  # share of the force's variance that depth and velocity explain for any object
-_SAME = 1e-9  # of the force's range: rounding of two identical columns
+_SAME = 1e-9  # rounding of two identical columns, relative to the force's range
 _SEVERAL = 2.0  # turns; over fewer, a spring and a weight can be told apart by shape alone
-_SLOWLY = 0.1  # of the effort's variance, a third of its amplitude, that varies slowly with the angle
+_SLOWLY = 0.1  # least share of the effort's variance that varies slowly with the angle
 # Of what the motion leaves, that the sine in degrees leaves: what is hidden at ten times the noise stays,
 # which was up to 0.1 of a pendulum in degrees; the rest has to be slow.
 _NEARLY_ALL = 0.2
@@ -69,7 +69,7 @@ def mistaken_units(data: ChannelData) -> str | None:
 
 
 def mistaken_times(data: ChannelData) -> str | None:
-    """Say by how much the velocity contradicts the position: times, or units of one of them, are off.
+    """Say by how much the velocity contradicts the position: wrong times, or a wrong unit.
 
     A file's velocity that does so is not used; this is of other sources.
 
@@ -83,7 +83,7 @@ def mistaken_times(data: ChannelData) -> str | None:
 
 
 def misaligned(data: ChannelData) -> str | None:
-    """Say by which shift of time effort and motion go together far better; None if by none.
+    """Say by which time shift effort and motion agree far better; None without one.
 
     A damper's force goes with the velocity, which in a periodic motion is the position of another moment.
 
@@ -137,7 +137,7 @@ def no_contact(data: ChannelData) -> str | None:
 
 
 def late_touch(data: ChannelData) -> str | None:
-    """Down to which depth the force is still that of free air; None where it begins with the depth.
+    """Say down to which depth the force is still that of free air; None if it begins with the depth.
 
     A force that stays in its noise for a fifth of the way and more, where a spring from zero on would stand
     out of it.
@@ -167,14 +167,14 @@ def late_touch(data: ChannelData) -> str | None:
 
 
 def _of_air(data: ChannelData) -> tuple[float, float]:
-    """Level of the effort in free air, and how far from it one that presses must be, in the effort's unit."""
+    """Return the level of the effort in free air, and the smallest distance of a press from it [effort]."""
     air = data.effort[~data.engaged]
     level = float(np.median(air))
     return level, _ABOVE_AIR * _TO_SIGMA * float(np.median(np.abs(air - level)))
 
 
 def unrelated(data: ChannelData) -> str | None:
-    """Say that a force has next to nothing to do with the motion, or is the same column; None otherwise.
+    """Say that a force hardly depends on the motion, or is the same column; None otherwise.
 
     Args:
         data: the channel.
@@ -198,19 +198,19 @@ def unrelated(data: ChannelData) -> str | None:
 
 
 def _share_explained(data: ChannelData) -> float:
-    """Share of the variance of a force that depth and velocity explain while pressed, 0 to 1."""
+    """Return the share of a force's variance that depth and velocity explain while pressed, 0 to 1."""
     pressed = data.select(data.engaged)
     if np.ptp(pressed.effort) == 0.0:
         return 0.0
     motion = np.column_stack([pressed.position, pressed.velocity, np.ones(len(pressed))])
     size = np.linalg.norm(motion, axis=0)
     motion = motion / np.where(size > 0.0, size, 1.0)
-    left = pressed.effort - motion @ np.linalg.lstsq(motion, pressed.effort, rcond=1e-9)[0]
-    return 1.0 - float(np.var(left) / np.var(pressed.effort))
+    residual = pressed.effort - motion @ np.linalg.lstsq(motion, pressed.effort, rcond=1e-9)[0]
+    return 1.0 - float(np.var(residual) / np.var(pressed.effort))
 
 
 def angle_in_degrees(data: ChannelData, model: Model | None) -> str | None:
-    """Why the angle of a joint with weight is hardly in radians; None if nothing says so.
+    """Say that the angle of a joint with weight is probably in degrees; None otherwise.
 
     Over several turns an arm's weight comes back with each. An effort in which nothing does, and that goes
     slowly with the angle from one end to the other, is that of an angle in degrees, or of a motor ahead of
@@ -227,53 +227,34 @@ def angle_in_degrees(data: ChannelData, model: Model | None) -> str | None:
     turns = float(np.ptp(data.position)) / (2.0 * np.pi)
     if turns < _SEVERAL:
         return None
-    if not _goes_in_degrees(data):
+    radians = [np.sin(data.position), np.cos(data.position)]
+    degrees = [np.sin(np.radians(data.position)), np.cos(np.radians(data.position))]
+    none, slow, both = (_mean_squared_residual(data, law) for law in ([], degrees, [*degrees, *radians]))
+    is_explained = none - slow >= _SLOWLY * float(np.var(data.effort)) and slow <= _NEARLY_ALL * none
+    if not is_explained or slow > _AS_WELL * both:
         return None
-    if not any(effect.name in HEAVY for effect in model.effects) and not _bends_in_degrees(data):
-        return None
+    if not any(effect.name in HEAVY for effect in model.effects):  # as well as a cubic, not as a quadratic
+        x = (data.position - data.position.mean()) / float(np.std(data.position))
+        quadratic, cubic = (_mean_squared_residual(data, law) for law in ([x, x**2], [x, x**2, x**3]))
+        if slow > _AS_WELL * cubic or quadratic < _CLEARLY * slow:
+            return None
     return (
         f"the joint turns {turns:.0f} times, and its effort does not repeat with each turn as gravity does; "
         "if the angle is in degrees, use --unit position=deg; divide the angle of a motor by the gear ratio"
     )
 
 
-def _goes_in_degrees(data: ChannelData) -> bool:
-    """Check whether the sine of an angle in degrees explains the effort, and in radians does not."""
-    radians, degrees = _sines(data.position), _sines(np.radians(data.position))
-    moved, slow, both = (_left(data, law) for law in ([], degrees, [*degrees, *radians]))
-    if moved - slow < _SLOWLY * float(np.var(data.effort)):
-        return False
-    return slow <= _NEARLY_ALL * moved and slow <= _AS_WELL * both
-
-
-def _bends_in_degrees(data: ChannelData) -> bool:
-    """Check whether the sine of an angle in degrees fits as well as a cubic, and a quadratic does not."""
-    sine, two, three = (
-        _left(data, law) for law in (_sines(np.radians(data.position)), _powers(data)[:2], _powers(data))
-    )
-    return sine <= _AS_WELL * three and two >= _CLEARLY * sine
-
-
-def _sines(angle_rad: FloatArray) -> list[FloatArray]:
-    return [np.sin(angle_rad), np.cos(angle_rad)]
-
-
-def _powers(data: ChannelData) -> list[FloatArray]:
-    x = (data.position - data.position.mean()) / float(np.std(data.position))
-    return [x, x**2, x**3]
-
-
-def _left(data: ChannelData, law: list[FloatArray]) -> float:
-    """Mean square that a law, columns (n,), leaves of the effort beside frictions, a drift and an inertia."""
+def _mean_squared_residual(data: ChannelData, law: list[FloatArray]) -> float:
+    """Return the mean squared residual of a law (columns) beside frictions, a drift and an inertia."""
     v = data.velocity
     columns = [np.ones(len(data)), data.time_s - data.time_s[0], v, np.sign(v), v * np.abs(v), *law]
-    left, inertia = _fitted(data.effort, [*columns, data.acceleration])
+    mean_square, inertia = _fit_columns(data.effort, [*columns, data.acceleration])
     # a swing's acceleration goes with its angle, but no mass is below nothing
-    return left if inertia >= 0.0 else _fitted(data.effort, columns)[0]
+    return mean_square if inertia >= 0.0 else _fit_columns(data.effort, columns)[0]
 
 
-def _fitted(effort: FloatArray, columns: list[FloatArray]) -> tuple[float, float]:
-    """Mean square that columns (n,) leave of an effort (n,), and the gain of the last one."""
+def _fit_columns(effort: FloatArray, columns: list[FloatArray]) -> tuple[float, float]:
+    """Return the mean squared residual of an effort (n,) after a fit of columns, and the last gain."""
     size = [float(np.sqrt(np.mean(column**2))) or 1.0 for column in columns]
     matrix = np.column_stack(columns) / size
     gains = np.linalg.lstsq(matrix, effort, rcond=1e-9)[0]

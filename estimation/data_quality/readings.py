@@ -10,8 +10,8 @@ from palpate.estimation.signals.cache_by_array import cache_by_channel_arrays
 from palpate.estimation.signals.runwise import apply_per_run
 from palpate.robot_io.types import BoolArray, FloatArray, IntArray
 
-_STUCK_SHARE = 0.3  # of the loaded samples at one extreme value: the sensor is saturated
-_STILL = 1e-3  # of the range of positions; a held position stays within it
+_STUCK_SHARE = 0.3  # share of loaded samples at one extreme value of a saturated sensor
+_STILL = 1e-3  # range of a held position, relative to all positions
 # Free air at a sensor's lower end: how much of it, how far from zero (of all readings' range), and how many
 # of the readings above are distinct.
 _MOST_OF_AIR, _OFF_ZERO, _FINE = 0.7, 0.01, 0.5
@@ -19,17 +19,17 @@ _MOST_OF_AIR, _OFF_ZERO, _FINE = 0.7, 0.01, 0.5
 # point of the curve: a straight one, bent by a damper, needs four to be seen to be right or wrong.
 # A joint meets each edge in many states of motion, but a single edge gives no scale.
 _TOO_FEW_LEVELS, _TOO_FEW_OF_A_JOINT, _FEW_LEVELS = 5, 3, 50
-_LOADED = 0.3  # of the largest effort
+_LOADED = 0.3  # least effort of a loaded sample, relative to the largest
 # Correlation of two runs' noise: by chance 5 / sqrt(n) at most. Of a copy to which noise was added, half as
 # large as its own, 0.9.
 _COPY, _EQUAL = 0.8, 1.0 - 1e-9
-_SAME_PLACE = 0.05  # of the range of positions: largest difference between copies of a run
+_SAME_PLACE = 0.05  # largest difference between copies of a run, relative to the range of positions
 _FEWEST_TOLD = 40  # samples needed to compare the noise of two runs
 _FEWEST_BENDS = 100  # second differences needed to tell noise from a lower limit of the sensor
 # Share of second differences that turn against the one before: 0.73 in white noise, 0.67 in noise as slow as
 # a random walk, and next to none in a formula's curves.
 _TURNING = 0.6
-_DIGITS = 1e-7  # of the effort; smaller noise is rounding of numbers
+_DIGITS = 1e-7  # relative noise below which it is rounding of numbers
 # Times the usual second difference: what is larger is a corner of the motion, the same in each run that
 # repeats it, and no noise.
 _CORNER = 4.0
@@ -39,7 +39,7 @@ _STEPS = 2.0
 
 
 def unchanging(data: ChannelData) -> str | None:
-    """Which signal never changes; None if both do.
+    """Say which signal never changes; None if both do.
 
     Args:
         data: the channel.
@@ -51,7 +51,7 @@ def unchanging(data: ChannelData) -> str | None:
 
 
 def too_coarse(data: ChannelData) -> str | None:
-    """Why the readings are too few different ones; None if they are not.
+    """Say that the readings take too few values; None otherwise.
 
     Args:
         data: the channel.
@@ -63,7 +63,7 @@ def too_coarse(data: ChannelData) -> str | None:
 
 
 def saturated(data: ChannelData) -> str | None:
-    """Say where the sensor's range ended before the effort did; None if it did not.
+    """Say where the effort exceeds the sensor's range; None if it does not.
 
     Args:
         data: the channel.
@@ -129,7 +129,7 @@ def stuck_in_air(data: ChannelData) -> str | None:
 
 @cache_by_channel_arrays("position", "effort", "run")
 def copied_runs(data: ChannelData) -> dict[int, tuple[int, float]]:
-    """Find runs that are copies of others, number for number or but for less than their noise.
+    """Find runs that are copies of others, exactly or except for a small part of their noise.
 
     Held out, a copy tells nothing that is not known already, and fitted it makes intervals too narrow. Times
     may differ. No sensor with noise reads the same twice over a whole run: second differences of two runs are
@@ -157,8 +157,8 @@ def copied_runs(data: ChannelData) -> dict[int, tuple[int, float]]:
         for number, rows in enumerate(runs):
             likeness = bends[:number] @ bends[number]
             for first in np.flatnonzero(likeness > least):
-                apart = np.max(np.abs(data.position[rows] - data.position[runs[first]]))
-                if apart < _SAME_PLACE * range_of_all:
+                largest_difference = np.max(np.abs(data.position[rows] - data.position[runs[first]]))
+                if largest_difference < _SAME_PLACE * range_of_all:
                     copies[int(data.run[rows[0]])] = int(data.run[runs[first][0]]), float(likeness[first])
                     break
     return copies
@@ -168,12 +168,12 @@ def copied(copies: Mapping[int, tuple[int, float]]) -> str:
     """Say which runs are left out as copies; see `copied_runs`.
 
     Args:
-        copies: for each copy the run that it is a copy of, and the correlation of their noise.
+        copies: original run and correlation of the noise, by the number of the copy.
     """
     (run, (first, likeness)), more = next(iter(copies.items())), len(copies) - 1
-    others = f" (and {more} more)" if more else ""
+    further = f" (and {more} more)" if more else ""
     return (
-        f"run {run} is a copy of run {first}{others}: {100.0 * likeness:.0f} % of its noise is the same, so "
+        f"run {run} is a copy of run {first}{further}: {100.0 * likeness:.0f} % of its noise is the same, so "
         "it adds no information and is left out; record it again"
     )
 
@@ -219,7 +219,7 @@ _TO_SIGMA = 1.4826 / np.sqrt(6.0)
 
 
 def rectified(data: ChannelData) -> str | None:
-    """Say why the readings of a joint are those of a rectified signal: half of the law is lost then.
+    """Say that a joint's readings are those of a rectified signal, which loses half of the law.
 
     Where an effort comes within its noise of zero, half of the readings lie below. If none does, and they are
     as dense just above zero as a little farther up, they were folded there. A reading whose least was set to
@@ -233,7 +233,7 @@ def rectified(data: ChannelData) -> str | None:
     """
     if data.kind is ChannelKind.CONTACT:
         return None
-    effort = _as_read(data)
+    effort = _untared(data)
     if len(effort) == 0 or effort.min() < 0.0:
         return None
     if _is_cut_off(data, effort):
@@ -243,12 +243,12 @@ def rectified(data: ChannelData) -> str | None:
             "cut off? record the signal with its sign"
         )
     count, noise = _folded(effort, data.run)
-    said = _FOLDED.format(count=count, noise=noise, unit=data.kind.effort_unit)
-    return f"{said}; record it with its sign" if count else None
+    reason = _FOLDED.format(count=count, noise=noise, unit=data.kind.effort_unit)
+    return f"{reason}; record it with its sign" if count else None
 
 
 def folded_in_contact(data: ChannelData) -> BoolArray:
-    """Select readings of a contact so near to zero that the sensor folded their noise there.
+    """Select readings of a contact near zero whose noise the sensor rectified.
 
     An object can only push, so that what a converter cuts off below zero is but free air's noise. What is
     folded has a mean above zero, which would pass for a bias.
@@ -259,7 +259,7 @@ def folded_in_contact(data: ChannelData) -> BoolArray:
     Returns:
         Mask of shape (n,).
     """
-    effort = _as_read(data)
+    effort = _untared(data)
     if data.kind is not ChannelKind.CONTACT or len(effort) == 0 or effort.min() < 0.0:
         return np.zeros(len(data), dtype=np.bool_)
     count, noise = _folded(effort, data.run)
@@ -275,20 +275,21 @@ def folded(data: ChannelData) -> str | None:
     near = folded_in_contact(data)
     if not near.any():
         return None
-    count, noise = _folded(_as_read(data), data.run)
-    said = _FOLDED.format(count=count, noise=noise, unit=data.kind.effort_unit)
+    count, noise = _folded(_untared(data), data.run)
+    reason = _FOLDED.format(count=count, noise=noise, unit=data.kind.effort_unit)
     share = f"{100 * np.mean(near):.0f} % of the samples, up to {_CLEAR:.0f} times that, are left out"
-    return f"{said}, and {share}; record it with its sign"
+    return f"{reason}, and {share}; record it with its sign"
 
 
-def _as_read(data: ChannelData) -> FloatArray:
+def _untared(data: ChannelData) -> FloatArray:
     """The effort (n,) before the tare was subtracted."""
     return data.effort if data.tare is None else data.effort + data.tare.of(data.run)
 
 
 def _folded(effort: FloatArray, run: IntArray) -> tuple[int, float]:
     """Number of readings (n,) within the noise of zero, and the noise; 0 if they are not rectified."""
-    noise = _TO_SIGMA * float(np.median(np.abs(apply_per_run(_bends, effort, run))))
+    bends = apply_per_run(lambda values: np.pad(np.diff(values, 2), 1)[: len(values)], effort, run)
+    noise = _TO_SIGMA * float(np.median(np.abs(bends)))
     near = effort[(effort > 0.0) & (effort <= noise)]
     if len(near) == 0 or noise < 2.0 * near.min():
         return 0, noise  # steps too coarse to say how dense they lie
@@ -302,7 +303,7 @@ def _folded(effort: FloatArray, run: IntArray) -> tuple[int, float]:
 
 
 def _is_cut_off(data: ChannelData, effort: FloatArray) -> bool:
-    """Whether a joint's readings (n,) lost what was below zero, and nothing of what is above it.
+    """Return whether a joint's readings (n,) were cut off below zero and are complete above it.
 
     A dead band that a torque of one sign goes into and out of shows zeros as well, but what it swallows is
     then missing everywhere. Laws are a weight at any tilt, and one with springs that rest where it hangs.
@@ -314,20 +315,14 @@ def _is_cut_off(data: ChannelData, effort: FloatArray) -> bool:
     motion, constant = [np.sin(q), v, np.sign(v), data.acceleration], np.ones(len(q))
     laws = ([*motion, np.cos(q)], [*motion, q, q**3])
     return any(
-        _left(effort, law, ~zero) <= _WITHOUT_CONSTANT * _left(effort, [*law, constant], ~zero)
+        _mean_squared_residual(effort, law, ~zero)
+        <= _WITHOUT_CONSTANT * _mean_squared_residual(effort, [*law, constant], ~zero)
         for law in laws
     )
 
 
-def _left(effort: FloatArray, columns: list[FloatArray], rows: BoolArray) -> float:
-    """Mean square that columns (n,) leave of an effort (n,) in some rows."""
+def _mean_squared_residual(effort: FloatArray, columns: list[FloatArray], rows: BoolArray) -> float:
+    """Return the mean squared residual of columns (n,) fitted to an effort (n,) in some rows."""
     matrix, target = np.column_stack(columns)[rows], effort[rows]
     gains = np.linalg.lstsq(matrix, target, rcond=1e-9)[0]
     return float(np.mean((target - matrix @ gains) ** 2))
-
-
-def _bends(effort: FloatArray) -> FloatArray:
-    """Second differences (n,) of a run's effort (n,), zero at its ends."""
-    bends = np.zeros(len(effort))
-    bends[1:-1] = np.diff(effort, 2)
-    return bends

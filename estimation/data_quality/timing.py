@@ -1,7 +1,5 @@
 """Check whether effort and motion share a clock, and whether rows were lost between samples."""
 
-from collections.abc import Callable
-
 import numpy as np
 import scipy
 from numpy.lib.stride_tricks import sliding_window_view
@@ -22,16 +20,16 @@ _CLEARLY = 50.0  # chi-square of one degree of freedom: seven standard deviation
 _MOST_SAMPLES = 6_000  # samples that are used: the first whole runs
 _LEAST_SAMPLES = 200
 _NEIGHBOURS = 5  # steps on either side that determine the local speed
-_FAST = 0.3  # of the usual largest step; slower motion does not tell a jump from noise
-_REGULAR = 0.15  # of a step: largest median difference between neighboring steps
+_FAST = 0.3  # least step, relative to the usual largest, at which a jump stands out from noise
+_REGULAR = 0.15  # largest median difference between neighboring steps, relative to a step
 _JUMPS = 1.7  # ratio to neighboring steps from which a step is a jump
-_MOST_JUMPS = 0.1  # of the steps; more belong to the motion
+_MOST_JUMPS = 0.1  # share of steps; more jumps belong to the motion
 _FEWEST_JUMPS = 3
 _WHOLE, _MOSTLY = 0.25, 0.8  # deviation of a jump from whole steps, and share of the jumps within it
 
 
 def time_offset(data: ChannelData, model: Model | None) -> str | None:
-    """Say by how much effort and motion are apart in time, where that alone explains what a model leaves.
+    """Say by how much effort and motion are shifted in time, if that alone explains the model's error.
 
     The model is fitted to the effort with its motion shifted. Hardly anything is said of a model that lacks
     an effect: no shift takes what it leaves down to the noise.
@@ -64,7 +62,16 @@ def time_offset(data: ChannelData, model: Model | None) -> str | None:
     recorded, noise = left(0.0)
     if recorded < _BETTER * noise.noise:
         return None
-    best_s = _best_shift(lambda delay_s: left(delay_s)[0], farthest_s, 0.1 * step_s)
+    tried = np.linspace(-farthest_s, farthest_s, _COARSE)
+    rough_s, width_s = tried[np.argmin([left(delay_s)[0] for delay_s in tried.tolist()])], tried[1] - tried[0]
+    best_s = float(
+        scipy.optimize.minimize_scalar(
+            lambda delay_s: left(delay_s)[0],
+            bounds=(rough_s - width_s, rough_s + width_s),
+            method="bounded",
+            options={"xatol": 0.1 * step_s},
+        ).x
+    )
     error, noise = left(best_s)
     is_noise = 0.0 < error < _NOISE * noise.noise and recorded > _BETTER * error
     if not is_noise or np.sum(rows) * ((recorded / error) ** 2 - 1.0) < _CLEARLY:
@@ -77,20 +84,8 @@ def time_offset(data: ChannelData, model: Model | None) -> str | None:
     )
 
 
-def _best_shift(left: Callable[[float], float], farthest_s: float, tolerance_s: float) -> float:
-    """Minimize the error over time shifts within a range, to a tolerance [s]."""
-    tried = np.linspace(-farthest_s, farthest_s, _COARSE)
-    rough_s = float(tried[np.argmin([left(float(delay_s)) for delay_s in tried])])
-    width_s = float(tried[1] - tried[0])
-    ends = rough_s - width_s, rough_s + width_s
-    optimum = scipy.optimize.minimize_scalar(
-        left, bounds=ends, method="bounded", options={"xatol": tolerance_s}
-    )
-    return float(optimum.x)
-
-
 def lost_rows(data: ChannelData) -> str | None:
-    """Say where rows are missing though the times are even: the motion jumps there by several of its steps.
+    """Say where rows are missing though the times are even: the motion jumps by several steps.
 
     Whoever leaves out rows and numbers the others anew makes the motion quicker than it was.
 
@@ -127,7 +122,7 @@ def lost_rows(data: ChannelData) -> str | None:
 
 
 def _well_inside(data: ChannelData, farthest_s: float) -> BoolArray:
-    """Samples whose motion is known for so long before and after, of a contact pressed all along, (n,)."""
+    """Select samples whose motion is known for a time before and after; of a contact, pressed throughout."""
     inside = np.ones(len(data), dtype=np.bool_)
     for rows in blocks(data.run):
         time_s = data.time_s[rows]

@@ -1,4 +1,4 @@
-"""Which experiment would tell explanations apart that the data so far do not."""
+"""Choose the experiment that separates explanations which the data so far do not."""
 
 from palpate.estimation.design.discrimination import Choice, Experiment, Rivals, choose
 

@@ -11,14 +11,13 @@ experiments for discriminating between two rival models, Biometrika 62 (1975) 57
 matter of milliseconds. `Rivals.expected` draws the noise and fits all models again, inner parameters too.
 """
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 
 from palpate.estimation.channel import ChannelData
 from palpate.estimation.data.import_files import joined_channels
-from palpate.estimation.effect import Effect
 from palpate.estimation.fit.blocks import block_average, decimate, with_load
 from palpate.estimation.fit.fit_result import FitResult, fit_model
 from palpate.estimation.fit.inner_search import refine_inner, search_inner
@@ -34,7 +33,7 @@ _STEP = 1e-3  # step of finite differences of an inner parameter
 
 @dataclass(frozen=True)
 class Rivals:
-    """Models of one channel among which the data do not decide, on one sample a block."""
+    """Models of one channel that the data do not separate, on one sample per block."""
 
     data: ChannelData  # the channel as it was recorded
     good: BoolArray  # samples that count, shape (n,)
@@ -55,7 +54,7 @@ class Rivals:
         return cls(data, blocked.trusted, tuple(rough))
 
     def promised(self, planned: ChannelData) -> FloatArray:
-        """Leads (r, r) to first order in the parameters, of an experiment that moves the channel so.
+        """Return leads (r, r) to first order in the parameters, for an experiment with the planned motion.
 
         Rows are what is true, columns what it is compared with; the effort of `planned` does not count.
 
@@ -68,43 +67,46 @@ class Rivals:
         is_new = (np.arange(len(both)) >= len(self.data))[kept]
         expected = [_expected(fit, both)[kept] for fit in self.fits]
         tangents = [np.linalg.qr(_slopes(fit, both)[kept])[0] for fit in self.fits]
-        left = np.empty((len(self.fits),) * 2)
+        squared_errors = np.empty((len(self.fits),) * 2)
         for true, effort in enumerate(expected):
             measured = np.where(is_new, effort, both.effort[kept])
             for rival, (mine, tangent) in enumerate(zip(expected, tangents, strict=True)):
-                apart = measured - mine
-                left[true, rival] = float(apart @ apart - np.sum((tangent.T @ apart) ** 2))
-        left += good.sum() * float(np.mean(self._noise**2))
-        leads = 1.0 - np.sqrt(np.diag(left)[:, None] / left)
+                difference = measured - mine
+                squared_errors[true, rival] = float(
+                    difference @ difference - np.sum((tangent.T @ difference) ** 2)
+                )
+        squared_errors += good.sum() * float(np.mean(self._noise**2))
+        leads = 1.0 - np.sqrt(np.diag(squared_errors)[:, None] / squared_errors)
         return self._beyond_now(leads, [fit.solution.sse for fit in self.fits])
 
     def expected(self, planned: ChannelData, rng: np.random.Generator) -> FloatArray:
-        """Leads (r, r) in held-out runs, all models refitted to data simulated from each; see `promised`.
+        """Return leads (r, r) in held-out runs, with models refitted to data simulated from each.
 
         Args:
             planned: the channel with the planned motion; its effort is ignored.
-            rng: for the noise of the simulated data.
+            rng: random generator for the noise of the simulated data.
         """
         motion, good = _coarse(planned)
         kept = np.concatenate([self.good, good])
         noise = np.resize(self._noise, len(motion))
+        shared = set.intersection(*({e.name for e in fit.solution.model.effects} for fit in self.fits))
         leads = np.zeros((len(self.fits),) * 2)
         for true, rival in enumerate(self.fits):
             effort = _expected(rival, motion) + shuffle_noise(noise, motion.run, rng)
             data, cache = joined_channels((self.data, replace(motion, effort=effort))), FitCache()
-            again = (_fitted_anywhere(data, fit, self._own(fit), kept, cache) for fit in self.fits)
-            left = np.array([fit.solution.held_out for fit in again])
-            leads[true] = 1.0 - np.sqrt(left[true] / np.maximum(left, 1e-300))
+            again = (_refit_globally(data, fit, shared, kept, cache) for fit in self.fits)
+            squared_errors = np.array([fit.solution.held_out for fit in again])
+            leads[true] = 1.0 - np.sqrt(squared_errors[true] / np.maximum(squared_errors, 1e-300))
         return self._beyond_now(leads, [fit.solution.held_out for fit in self.fits])
 
-    def _beyond_now(self, leads: FloatArray, left: Sequence[float]) -> FloatArray:
-        """Leads less those that there are already: for these alone, nothing need be done."""
-        now = 1.0 - np.sqrt(np.array(left)[:, None] / np.maximum(left, 1e-300))
+    def _beyond_now(self, leads: FloatArray, squared_errors: Sequence[float]) -> FloatArray:
+        """Subtract the leads that the data so far give."""
+        now = 1.0 - np.sqrt(np.array(squared_errors)[:, None] / np.maximum(squared_errors, 1e-300))
         beyond: FloatArray = leads - np.maximum(now, 0.0)
         return beyond
 
     def evidence(self, leads: FloatArray, planned: ChannelData) -> float:
-        """What leads weigh, as a log likelihood ratio: they are ratios of errors, and data add up.
+        """Convert leads, which are ratios of errors, to a log likelihood ratio.
 
         Args:
             leads: ratios of errors, shape (r, r).
@@ -112,11 +114,6 @@ class Rivals:
         """
         count = len(self.data) + len(_coarse(planned)[0])
         return -count * float(np.sum(np.log1p(-np.clip(leads, 0.0, 0.999))))
-
-    def _own(self, rival: FitResult) -> list[Effect]:
-        """Effects of a rival that not all rivals share."""
-        shared = set.intersection(*({e.name for e in fit.solution.model.effects} for fit in self.fits))
-        return [effect for effect in rival.solution.model.effects if effect.name not in shared]
 
     @property
     def _noise(self) -> FloatArray:
@@ -130,24 +127,24 @@ def _coarse(planned: ChannelData) -> tuple[ChannelData, BoolArray]:
     return decimate(blocked), blocked.trusted
 
 
-def _fitted_anywhere(
-    data: ChannelData, rival: FitResult, own: Iterable[Effect], good: BoolArray, cache: FitCache
+def _refit_globally(
+    data: ChannelData, rival: FitResult, shared: Collection[str], good: BoolArray, cache: FitCache
 ) -> FitResult:
-    """Refit a rival from its parameters and from other start values of its own effects.
+    """Refit a rival from its parameters and from other start values of effects that not all rivals share.
 
-    A diagnosis looks for inner parameters everywhere. A law that contains what is true is no worse then,
-    however far from that the data so far have put it.
+    A diagnosis searches the whole range of inner parameters. A law that contains the true law is then no
+    worse than that, however far from it the data so far have placed its parameters.
     """
     model = rival.solution.model
     best = fit_model(data, model, rival.solution.parameters, good, cache)
-    for effect in own:
-        if effect.inner:
-            looked = search_inner(
+    for effect in model.effects:
+        if effect.inner and effect.name not in shared:
+            searched = search_inner(
                 best.problem, model, effect, best.solution.parameters, effect.starts(best.data)
             )
-            solution = refine_inner(best.problem, model, effect, looked).best
-            there = fit_model(data, model, solution.parameters, good, cache)
-            best = min(best, there, key=lambda fit: fit.solution.sse)
+            solution = refine_inner(best.problem, model, effect, searched).best
+            refitted = fit_model(data, model, solution.parameters, good, cache)
+            best = min(best, refitted, key=lambda fit: fit.solution.sse)
     return best
 
 
@@ -161,22 +158,24 @@ def _slopes(rival: FitResult, motion: ChannelData) -> FloatArray:
     """Sensitivity of that prediction to each parameter, shape (n, p)."""
     model, known = rival.solution.model, rival.solution.parameters
     loaded = with_load(motion, model, known)
-    gains, here = model.linearise(loaded, known)
+    gains, predicted = model.linearise(loaded, known)
     columns = [gains]
     for name, inner in model.inner.items():
         step = _STEP * (abs(known[name]) or inner.typical[1])
-        columns.append(((model.predict(loaded, {**known, name: known[name] + step}) - here) / step)[:, None])
+        columns.append(
+            ((model.predict(loaded, {**known, name: known[name] + step}) - predicted) / step)[:, None]
+        )
     slopes = np.hstack(columns)
     scaled: FloatArray = slopes / np.maximum(np.linalg.norm(slopes, axis=0), 1e-300)
     return scaled
 
 
-NEARLY = 0.9  # of the best experiment's expected lead, from which another one counts as equivalent
+NEARLY = 0.9  # ratio to the best experiment's lead above which experiments are equivalent
 
 
 @dataclass(frozen=True)
 class Experiment:
-    """A possible experiment, with how far it is expected to separate rival models."""
+    """A possible experiment, with its expected separation of rival models."""
 
     words: str  # what an experimenter does
     duration_s: float  # how long that takes [s]
@@ -187,27 +186,38 @@ class Experiment:
 
     @property
     def tells(self) -> float:
-        """Share of what is undecided that it is expected to decide: mean over the undecided channels."""
-        return sum(map(_share_told, self.leads)) / max(len(self.leads), 1)
+        """Share of pairs of rivals that it is expected to separate, as the mean over undecided channels.
+
+        A lead that is not clear counts in part.
+        """
+        pairs = [lead[~np.eye(len(lead), dtype=bool)] for lead in self.leads if len(lead) > 1]
+        shares = [float(np.mean(np.clip(lead / CLEAR, 0.0, 1.0))) for lead in pairs]
+        return sum(shares) / max(len(self.leads), 1)
 
     @property
     def separates(self) -> bool:
-        """Whether any rival, wherever it is wrong, is expected to fall behind by more than a small share."""
+        """Whether any wrong rival is expected to fall behind by more than a small share."""
         return any(bool(np.any(lead > SMALL)) for lead in self.leads)
 
     def along_with(self, other: "Experiment") -> "Experiment":
-        """Combine two experiments, one after the other: the leads of a wrong model add up.
+        """Combine two experiments, one after the other: squared errors of a wrong model add up.
 
         Args:
             other: the experiment that follows.
         """
-        leads = tuple(_together(*both) for both in zip(self.leads, other.leads, strict=True))
-        return Experiment(f"{self.words}, and {other.words}", self.duration_s + other.duration_s, leads)
+        leads = []
+        for first, second in zip(self.leads, other.leads, strict=True):
+            squared_error = (
+                (1.0 - first) ** -2.0 + (1.0 - second) ** -2.0 - 1.0
+            )  # beside those of the true model
+            leads.append(1.0 - np.maximum(squared_error, 1e-3) ** -0.5)
+        words, duration_s = f"{self.words}, and {other.words}", self.duration_s + other.duration_s
+        return Experiment(words, duration_s, tuple(leads))
 
 
 @dataclass(frozen=True)
 class Choice:
-    """The chosen experiment, with the reason."""
+    """The chosen experiment and the reason."""
 
     index: int  # of the experiment among those offered
     experiment: Experiment  # what is done
@@ -239,15 +249,3 @@ def choose(offered: Sequence[Experiment]) -> Choice | None:
         "% of the remaining explanations"
     )
     return Choice(index, chosen, reason)
-
-
-def _together(leads: FloatArray, others: FloatArray) -> FloatArray:
-    """Leads (r, r) where squared errors, beside those of what is true, add up."""
-    left: FloatArray = (1.0 - leads) ** -2.0 + (1.0 - others) ** -2.0 - 1.0
-    return 1.0 - np.maximum(left, 1e-3) ** -0.5
-
-
-def _share_told(leads: FloatArray) -> float:
-    """Share of pairs of rivals that are expected to be separated; a lead that is not clear counts in part."""
-    pairs = leads[~np.eye(len(leads), dtype=bool)]
-    return float(np.mean(np.clip(pairs / CLEAR, 0.0, 1.0))) if len(pairs) else 0.0

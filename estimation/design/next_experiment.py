@@ -1,4 +1,4 @@
-"""What to record next, so that the data can say more: in words, for whoever made the motion.
+"""Propose the next experiment in words.
 
 A probing arm can do more than repeat a motion in another way: its plan comes from
 `palpate.planning.next_probe`.
@@ -122,7 +122,7 @@ def separating(effect: Effect, fits: Mapping[str, FitResult], data: ChannelData)
     """Choose the experiment that separates an effect from those it is confused with.
 
     Args:
-        effect: that was accepted.
+        effect: effect that was accepted.
         fits: the model with it, and with each rival in its place, by name.
         data: the channel as it was recorded.
     """
@@ -174,7 +174,7 @@ def sufficient(reason: str, kind: ChannelKind) -> NextExperiment:
 
     Args:
         reason: why the channel cannot be judged.
-        kind: of the channel.
+        kind: kind of the channel.
     """
     remedy = reason.partition("; ")[2]
     words = remedy or (_FREE if kind is ChannelKind.CONTACT else _WIDER)

@@ -1,12 +1,11 @@
 """Contact geometry: where the surface lies, and what holds on to it."""
 
 from dataclasses import replace
-from itertools import product
 
 import numpy as np
 
 from palpate.estimation.channel import ChannelData, ChannelKind
-from palpate.estimation.effect import AdditiveEffect, Inner, MotionEffect, Parameter
+from palpate.estimation.effect import AdditiveEffect, Inner, MotionEffect, Parameter, start_grid
 from palpate.estimation.kinds import Kind
 from palpate.estimation.signals.blocks import runs_by_time
 from palpate.estimation.signals.runwise import running_max
@@ -35,9 +34,8 @@ class ContactOffset(MotionEffect):
 
     def starts(self, data: ChannelData) -> tuple[Inner, ...]:
         """See `Effect.starts`: shares of the deepest indentation, either way."""
-        deepest = max(float(np.max(data.position, initial=0.0)), 1e-9)
         shares = (-0.5, -0.2, -0.08, -0.03, -0.01, 0.01, 0.03, 0.08, 0.2, 0.5)
-        return tuple({"offset": share * deepest} for share in shares)
+        return start_grid(offset=np.array(shares) * data.deepest)
 
 
 class Adhesion(AdditiveEffect):
@@ -119,16 +117,15 @@ class PlasticSet(MotionEffect):
     def starts(self, data: ChannelData) -> tuple[Inner, ...]:
         """See `Effect.starts`: dents that are gone by the next run, and dents that stay."""
         share, kept = self.inner
-        values = product(share.spread(10), kept.spread(2))
-        return tuple({"share": float(part), "kept": float(rest)} for part, rest in values)
+        return start_grid(share=share.spread(10), kept=kept.spread(2))
 
 
 class _AtTheTool(PlasticSet):
     form = 1
 
     def move(self, data: ChannelData, inner: Inner) -> ChannelData:
-        left = data.position - inner["share"] * _deepest(data, inner["kept"])
-        return replace(data, position=np.where(data.engaged, np.maximum(left, _TOUCHING), left))
+        depth = data.position - inner["share"] * _deepest(data, inner["kept"])
+        return replace(data, position=np.where(data.engaged, np.maximum(depth, _TOUCHING), depth))
 
 
 def _deepest(data: ChannelData, kept: float) -> FloatArray:
@@ -136,10 +133,10 @@ def _deepest(data: ChannelData, kept: float) -> FloatArray:
 
     A run that begins before the last one's end was recorded by itself, and met no dent.
     """
-    deepest, left, ended_s = np.zeros(len(data)), 0.0, np.inf
+    deepest, remaining, ended_s = np.zeros(len(data)), 0.0, np.inf
     for rows in runs_by_time(data.time_s, data.run):
         if data.time_s[rows.start] < ended_s:
-            left = 0.0
-        deepest[rows] = np.maximum(np.maximum.accumulate(data.position[rows]), left)
-        left, ended_s = kept * float(deepest[rows][-1]), float(data.time_s[rows.stop - 1])
+            remaining = 0.0
+        deepest[rows] = np.maximum(np.maximum.accumulate(data.position[rows]), remaining)
+        remaining, ended_s = kept * float(deepest[rows][-1]), float(data.time_s[rows.stop - 1])
     return deepest

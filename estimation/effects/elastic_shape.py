@@ -8,16 +8,16 @@ import numpy as np
 
 from palpate.estimation.channel import JOINTS, ChannelData, ChannelKind
 from palpate.estimation.data.derivatives import Motion, differentiate
-from palpate.estimation.effect import AdditiveEffect, Errors, Inner, MotionEffect, Parameter
+from palpate.estimation.effect import AdditiveEffect, Errors, Inner, MotionEffect, Parameter, start_grid
 from palpate.estimation.kinds import Kind
 from palpate.estimation.signals.blocks import number_stretches
 from palpate.estimation.signals.cache_by_array import cache_by_channel_arrays
 from palpate.estimation.signals.runwise import shifted_motion
 from palpate.robot_io.types import FloatArray
 
-_STRAIGHT = 0.1  # from a power of one, within which the law is a straight line
+_STRAIGHT = 0.1  # distance from a power of one within which the law is a straight line
 _CLEARLY = 2.0  # standard errors
-_SHOWN = 0.03  # of the press of the upper layer, that a sensor must show
+_SHOWN = 0.03  # share of the upper layer's force that a sensor must show
 _OTHER_SPRINGS = {"hunt_crossley.k", "stress_relaxation.k1"}
 _STEEPEST = 50.0  # b |x| beyond which nothing is computed
 _STARTS = (0.5, 1.0, 2.0, 4.0, 7.0, 12.0)  # b times the largest |x|
@@ -144,8 +144,7 @@ class LayeredStiffness(AdditiveEffect):
 
     def starts(self, data: ChannelData) -> tuple[Inner, ...]:
         """See `Effect.starts`: fractions of the deepest indentation."""
-        deepest = max(float(np.max(data.position, initial=0.0)), 1e-9)
-        return tuple({"depth": float(part * deepest)} for part in np.linspace(0.1, 0.85, 11))
+        return start_grid(depth=np.linspace(0.1, 0.85, 11) * data.deepest)
 
     def is_misnamed(
         self, data: ChannelData, parameters: Mapping[str, float], errors: Errors, noise: float
@@ -163,8 +162,8 @@ class LayeredStiffness(AdditiveEffect):
         k3, deepest = parameters.get("cubic_stiffness.k3", 0.0), float(np.max(data.position))
         upper = k * kink + k3 * kink**3
         lower = (k + k2) * (deepest - kink) + k3 * (deepest**3 - kink**3)
-        shown = upper - parameters.get("deadband.width", 0.0)
-        if min(shown, lower) < noise or shown < _SHOWN * upper:
+        visible = upper - parameters.get("deadband.width", 0.0)
+        if min(visible, lower) < noise or visible < _SHOWN * upper:
             return True
         if k3 != 0.0:
             return False  # no single slope then tells what a layer carries
@@ -241,7 +240,7 @@ class JointElasticity(MotionEffect):
         """See `Effect.starts`: winding up by from a thousandth to a third of the range of motion."""
         load = float(np.std(data.context["load"])) or 1.0
         span = float(np.std(data.position)) or 1.0
-        return tuple({"compliance": float(part * span / load)} for part in np.geomspace(3e-4, 0.3, 10))
+        return start_grid(compliance=np.geomspace(3e-4, 0.3, 10) * span / load)
 
 
 def _changes(data: ChannelData, wider: int) -> Motion:
@@ -284,7 +283,7 @@ class ToolCompliance(MotionEffect):
     def starts(self, data: ChannelData) -> tuple[Inner, ...]:
         """See `Effect.starts`: yielding by from a thousandth of the depth to as much as that."""
         yielding = float(np.ptp(data.position) / (np.ptp(data.effort) or 1.0))
-        return tuple({"compliance": float(part * yielding)} for part in np.geomspace(1e-3, 1.0, 7))
+        return start_grid(compliance=np.geomspace(1e-3, 1.0, 7) * yielding)
 
 
 @cache_by_channel_arrays("time_s", "run", "effort", "position", "touching")
@@ -326,4 +325,4 @@ class ExponentialStiffness(AdditiveEffect):
     def starts(self, data: ChannelData) -> tuple[Inner, ...]:
         """See `Effect.starts`: from hardly bent to steep within the range of motion."""
         deepest = float(np.max(np.abs(data.position), initial=0.0)) or 1.0
-        return tuple({"b": float(np.clip(steep / deepest, 1e-3, 1e9))} for steep in _STARTS)
+        return start_grid(b=np.clip(np.array(_STARTS) / deepest, 1e-3, 1e9))

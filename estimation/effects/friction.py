@@ -1,13 +1,12 @@
 """Dry friction as a function of the present motion."""
 
 from collections.abc import Mapping
-from itertools import product
 from typing import ClassVar
 
 import numpy as np
 
 from palpate.estimation.channel import JOINTS, ChannelData
-from palpate.estimation.effect import AdditiveEffect, Errors, Inner, Parameter
+from palpate.estimation.effect import AdditiveEffect, Errors, Inner, Parameter, start_grid
 from palpate.estimation.kinds import Kind
 from palpate.robot_io.types import FloatArray
 
@@ -45,8 +44,7 @@ class CoulombFriction(AdditiveEffect):
 
     def starts(self, data: ChannelData) -> tuple[Inner, ...]:
         """See `Effect.starts`: smoothing at a small share of the usual speed."""
-        speed = float(np.sqrt(np.mean(data.velocity**2))) or 1.0
-        return tuple({"transition": part * speed} for part in (0.003, 0.01, 0.03, 0.08))
+        return start_grid(transition=np.array((0.003, 0.01, 0.03, 0.08)) * data.rms_speed)
 
 
 class AsymmetricFriction(CoulombFriction):
@@ -173,13 +171,9 @@ class PositionDependentFriction(AdditiveEffect):
 
     def starts(self, data: ChannelData) -> tuple[Inner, ...]:
         """See `Effect.starts`: from half a wave to ten within the range of motion."""
-        span = float(np.ptp(data.position)) or 1.0
-        speed = float(np.sqrt(np.mean(data.velocity**2))) or 1.0
-        waves = product((0.5, 1.0, 1.5, 2.0, 2.5, 3.0, 4.0, 5.0, 6.0, 7.0, 8.0, 9.0, 10.0), (0.01, 0.05))
-        return tuple(
-            {"cycles": float(2.0 * np.pi * count / span), "transition": float(share * speed)}
-            for count, share in waves
-        )
+        waves = np.array((0.5, 1.0, 1.5, 2.0, 2.5, 3.0, 4.0, 5.0, 6.0, 7.0, 8.0, 9.0, 10.0))
+        cycles = 2.0 * np.pi * waves / data.range_of_motion
+        return start_grid(cycles=cycles, transition=np.array((0.01, 0.05)) * data.rms_speed)
 
 
 # Of the rise, that friction must really exceed its level at speed by. By the equation that takes a speed of
@@ -222,12 +216,8 @@ class StribeckFriction(AdditiveEffect):
 
     def starts(self, data: ChannelData) -> tuple[Inner, ...]:
         """See `Effect.starts`: shares of the usual speed."""
-        usual = float(np.sqrt(np.mean(data.velocity**2))) or 1.0
-        return tuple(
-            {"speed": float(part * usual), "transition": float(share * usual)}
-            for part in np.geomspace(0.04, 1.2, 6)
-            for share in (0.003, 0.01, 0.03)
-        )
+        speed = np.geomspace(0.04, 1.2, 6) * data.rms_speed
+        return start_grid(speed=speed, transition=np.array((0.003, 0.01, 0.03)) * data.rms_speed)
 
     def is_misnamed(
         self, data: ChannelData, parameters: Mapping[str, float], errors: Errors, noise: float

@@ -1,12 +1,11 @@
 """Inertia of a joint, its rotor and a coupled neighbour."""
 
 from collections.abc import Mapping
-from itertools import product
 
 import numpy as np
 
 from palpate.estimation.channel import JOINTS, ChannelData, ChannelKind
-from palpate.estimation.effect import AdditiveEffect, Errors, Inner, Parameter
+from palpate.estimation.effect import AdditiveEffect, Errors, Inner, Parameter, start_grid
 from palpate.estimation.kinds import Kind
 from palpate.robot_io.types import FloatArray
 
@@ -55,7 +54,7 @@ class Armature(AdditiveEffect):
         return data.acceleration[:, None]
 
 
-_FELT = 0.2  # of the joint's own speed, that its neighbour must add
+_FELT = 0.2  # least speed that the neighbour adds, relative to the joint's own
 
 
 class JointCoupling(AdditiveEffect):
@@ -129,9 +128,8 @@ class JointCoupling(AdditiveEffect):
 
     def starts(self, data: ChannelData) -> tuple[Inner, ...]:
         """See `Effect.starts`: turning with the neighbour or against it."""
-        speed = float(np.sqrt(np.mean(data.velocity**2))) or 1.0
-        values = product((1.0, -1.0, 0.4, -0.4), (0.01, 0.05))
-        return tuple({"ratio": ratio, "transition": min(share * speed, 1.0)} for ratio, share in values)
+        transition = np.minimum(np.array((0.01, 0.05)) * data.rms_speed, 1.0)
+        return start_grid(ratio=(1.0, -1.0, 0.4, -0.4), transition=transition)
 
 
 def _left(data: ChannelData, own: int, neighbour: int) -> float:

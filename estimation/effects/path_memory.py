@@ -1,19 +1,18 @@
 """Dry friction and play that depend on the past path."""
 
 from collections.abc import Mapping
-from itertools import product
 from typing import ClassVar
 
 import numpy as np
 
 from palpate.estimation.channel import JOINTS, ChannelData, ChannelKind
-from palpate.estimation.effect import AdditiveEffect, Errors, Inner, MotionEffect, Parameter
+from palpate.estimation.effect import AdditiveEffect, Errors, Inner, MotionEffect, Parameter, start_grid
 from palpate.estimation.kinds import Kind
 from palpate.estimation.signals.blocks import number_stretches
 from palpate.estimation.signals.runwise import bouc_wen, direction, play, shifted_motion, smooth_jitter
 from palpate.robot_io.types import FloatArray
 
-_PLAIN = 1e-3  # of its energy, that plain friction leaves where the path is too short to be seen
+_PLAIN = 1e-3  # energy that plain friction leaves if the path is too short to be seen
 
 
 class PreslidingFriction(AdditiveEffect):
@@ -55,8 +54,7 @@ class PreslidingFriction(AdditiveEffect):
 
     def starts(self, data: ChannelData) -> tuple[Inner, ...]:
         """See `Effect.starts`: from a thousandth to a third of the range of motion."""
-        span = float(np.ptp(data.position)) or 1.0
-        return tuple({"presliding": float(part * span)} for part in np.geomspace(1e-3, 0.3, 9))
+        return start_grid(presliding=np.geomspace(1e-3, 0.3, 9) * data.range_of_motion)
 
 
 class LoadDependentPresliding(PreslidingFriction):
@@ -130,13 +128,12 @@ class DryFriction(AdditiveEffect):
 
     def starts(self, data: ChannelData) -> tuple[Inner, ...]:
         """See `Effect.starts`: a path up to a tenth of the depth, or a small share of the usual speed."""
-        depth = max(float(np.max(data.position, initial=0.0)), 1e-9)
         speed = float(np.sqrt(np.mean(data.velocity[data.engaged] ** 2))) if data.engaged.any() else 1.0
         paths = [(part, 1e-3) for part in np.geomspace(1e-3, 1e-1, 5)]
         speeds = [(0.0, part) for part in (0.003, 0.01, 0.03, 0.1)]
         return tuple(
             {
-                "presliding": max(float(path * depth), self.inner[0].lower),
+                "presliding": max(float(path * data.deepest), self.inner[0].lower),
                 "transition": float(share * speed) or 1e-7,
             }
             for path, share in (*paths, *speeds)
@@ -193,9 +190,8 @@ class BoucWenHysteresis(AdditiveEffect):
 
     def starts(self, data: ChannelData) -> tuple[Inner, ...]:
         """See `Effect.starts`: from a hundredth to half of the range of motion."""
-        span = float(np.ptp(data.position)) or 1.0
-        values = product(np.geomspace(0.01, 0.5, 5) * span, (1.0, 3.0), (0.0, 1.0))
-        return tuple({"path": float(path), "sharpness": n, "unloading": back} for path, n, back in values)
+        path = np.geomspace(0.01, 0.5, 5) * data.range_of_motion
+        return start_grid(path=path, sharpness=(1.0, 3.0), unloading=(0.0, 1.0))
 
 
 class Backlash(MotionEffect):
@@ -241,7 +237,7 @@ class Backlash(MotionEffect):
 
     def starts(self, data: ChannelData) -> tuple[Inner, ...]:
         """See `Effect.starts`: from a thousandth to a third of the range; with and without a motor."""
-        span = float(np.ptp(data.position)) or 1.0
+        span = data.range_of_motion
         return tuple(
             {"gap": float(part * span), "motor_inertia": 0.5 * motor, "motor_friction": motor}
             for part in np.geomspace(1e-3, 0.35, 10)
@@ -285,10 +281,6 @@ class LoadedBacklash(MotionEffect):
 
     def starts(self, data: ChannelData) -> tuple[Inner, ...]:
         """See `Effect.starts`: shares of the range of motion and of the largest load."""
-        span = float(np.ptp(data.position)) or 1.0
         most = float(np.max(np.abs(data.context["load"]))) or 1.0
-        return tuple(
-            {"gap": float(part * span), "threshold": share * most}
-            for part in np.geomspace(1e-3, 2.0, 10)
-            for share in (0.003, 0.03, 0.1, 0.3)
-        )
+        gap = np.geomspace(1e-3, 2.0, 10) * data.range_of_motion
+        return start_grid(gap=gap, threshold=np.array((0.003, 0.03, 0.1, 0.3)) * most)

@@ -6,16 +6,16 @@ from typing import ClassVar
 import numpy as np
 
 from palpate.estimation.channel import JOINTS, ChannelData, ChannelKind
-from palpate.estimation.effect import Inner, Parameter, SensorEffect
+from palpate.estimation.effect import Inner, Parameter, SensorEffect, start_grid
 from palpate.estimation.effects.torque_ripple import TorqueRipple
 from palpate.estimation.kinds import Kind
 from palpate.estimation.signals.blocks import block_index
 from palpate.robot_io.types import BoolArray, FloatArray, IntArray
 
-_TELLING = 0.25  # of a run's samples, from its start, that tell the run's own value
+_TELLING = 0.25  # share of a run's samples, from its start, that determine the run's own value
 _FEWEST_RUNS = 3
-_COMMON = 2.0  # times the standard deviation of runs: their mean, which is by chance less than that
-_JUMPS = 0.5  # of the differences between successive runs, that lie at the border of runs
+_COMMON = 2.0  # ratio of mean to standard deviation of runs that chance does not reach
+_JUMPS = 0.5  # least share of the change between runs that occurs at their borders
 _SINGULAR = 1e-10
 
 
@@ -59,7 +59,7 @@ class RunVariation(SensorEffect):
         """Samples that tell their run's own values, shape (n,).
 
         Args:
-            data: with the readings.
+            data: channel with the readings.
         """
         starts, piece = block_index(data.run)
         count = np.diff(np.append(starts, len(data)))[piece]
@@ -71,14 +71,14 @@ class RunVariation(SensorEffect):
         """Each run's own values b, by least squares over its first part, shape (runs, k).
 
         Args:
-            effort: that the model expects without variation, shape (n,).
-            data: with the readings.
+            effort: effort that the model expects without variation, shape (n,).
+            data: channel with the readings.
             inner: inner parameters.
             rows: samples to use instead, shape (n,), such as all of them.
         """
         chosen = self.first_part(data) if rows is None else rows
-        left = (data.effort - effort)[:, None]
-        return _least_squares(self.basis(data, inner), chosen, left, block_index(data.run)[0])[:, :, 0]
+        residual = (data.effort - effort)[:, None]
+        return _least_squares(self.basis(data, inner), chosen, residual, block_index(data.run)[0])[:, :, 0]
 
     def spread(self, effort: FloatArray, data: ChannelData, inner: Inner) -> FloatArray:
         """Standard deviation of the values between runs, shape (k,), without the noise of the first parts.
@@ -86,8 +86,8 @@ class RunVariation(SensorEffect):
         About their mean: what all runs have in common, the model lacks.
 
         Args:
-            effort: that the model expects without variation, shape (n,).
-            data: with the readings.
+            effort: effort that the model expects without variation, shape (n,).
+            data: channel with the readings.
             inner: inner parameters.
         """
         own = self.values(effort, data, inner)
@@ -97,8 +97,8 @@ class RunVariation(SensorEffect):
         """Whether the runs have more in common than they differ by: then the model lacks a constant.
 
         Args:
-            effort: that the model expects without variation, shape (n,).
-            data: with the readings.
+            effort: effort that the model expects without variation, shape (n,).
+            data: channel with the readings.
             inner: inner parameters.
         """
         own = self.values(effort, data, inner)
@@ -111,17 +111,17 @@ class RunVariation(SensorEffect):
         They do where all runs change by more than they differ, or where a run begins as the last one ended.
 
         Args:
-            effort: that the model expects without variation, shape (n,).
-            data: with the readings.
+            effort: effort that the model expects without variation, shape (n,).
+            data: channel with the readings.
             inner: inner parameters.
         """
         last = self.first_part(data.select(np.arange(len(data))[::-1]))[::-1]
         first, at_end = self.values(effort, data, inner), self.values(effort, data, inner, last)
-        apart = np.linalg.norm(np.diff(first, axis=0), axis=1)
+        differences = np.linalg.norm(np.diff(first, axis=0), axis=1)
         jumps = np.linalg.norm(first[1:] - at_end[:-1], axis=1)
         within = np.linalg.norm(np.mean(at_end - first, axis=0))
         spread = np.linalg.norm(np.std(first, axis=0, ddof=1))
-        return bool(within > spread or np.sum(jumps) < _JUMPS * np.sum(apart))
+        return bool(within > spread or np.sum(jumps) < _JUMPS * np.sum(differences))
 
     def sense(self, effort: FloatArray, data: ChannelData, inner: Inner) -> FloatArray:
         columns = effort.reshape(len(data), -1)
@@ -138,15 +138,15 @@ class RunVariation(SensorEffect):
         """See `SensorEffect.slope`."""
         return self.follow(effort, columns, data, inner)[0]
 
-    def _of_runs(self, left: FloatArray, data: ChannelData, inner: Inner) -> FloatArray:
+    def _of_runs(self, residual: FloatArray, data: ChannelData, inner: Inner) -> FloatArray:
         """What runs' own values make of what was left of their first parts, (n, m) both."""
         basis = self.basis(data, inner)
         starts, piece = block_index(data.run)
-        own = _least_squares(basis, self.first_part(data), left, starts)
+        own = _least_squares(basis, self.first_part(data), residual, starts)
         return np.asarray(inner["share"] * np.einsum("nk,nkm->nm", basis, own[piece]))
 
     def starts(self, data: ChannelData) -> tuple[Inner, ...]:
-        return tuple({"share": share} for share in (0.3, 0.7, 0.95))
+        return start_grid(share=(0.3, 0.7, 0.95))
 
 
 def _least_squares(basis: FloatArray, rows: BoolArray, target: FloatArray, starts: IntArray) -> FloatArray:
@@ -179,7 +179,7 @@ class RunOffset(RunVariation):
         return np.ones((len(data), 1))
 
 
-_TELLING_EFFORT = 0.25  # of a run's squared effort
+_TELLING_EFFORT = 0.25  # share of a run's squared effort that its first part contains
 
 
 class RunGain(RunVariation):

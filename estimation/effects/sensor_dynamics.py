@@ -5,7 +5,7 @@ from collections.abc import Mapping
 import numpy as np
 
 from palpate.estimation.channel import ChannelData, ChannelKind
-from palpate.estimation.effect import AdditiveEffect, Errors, Inner, Parameter, SensorEffect
+from palpate.estimation.effect import AdditiveEffect, Errors, Inner, Parameter, SensorEffect, start_grid
 from palpate.estimation.kinds import Kind
 from palpate.estimation.signals.exponential_memory import low_pass
 from palpate.estimation.signals.free_air import zero_in_free_air
@@ -49,7 +49,7 @@ class Delay(SensorEffect):
         """See `Effect.starts`: from a quarter of a sample to 150 samples, and to one the other way."""
         step = sample_time(data.time_s, data.run)
         late = np.geomspace(0.25, 150.0, 13)
-        return tuple({"time": float(step * n)} for n in (*-late[late < 1.0][::-1], 0.0, *late))
+        return start_grid(time=step * np.array((*-late[late < 1.0][::-1], 0.0, *late)))
 
 
 class Lag(SensorEffect):
@@ -76,12 +76,11 @@ class Lag(SensorEffect):
 
     def starts(self, data: ChannelData) -> tuple[Inner, ...]:
         """See `Effect.starts`: from a fraction of a sample to 400 samples."""
-        step = sample_time(data.time_s, data.run)
-        return tuple({"tau": float(step * n)} for n in np.geomspace(0.2, 400.0, 14))
+        return start_grid(tau=sample_time(data.time_s, data.run) * np.geomspace(0.2, 400.0, 14))
 
 
-_OFF = 0.5  # of the rate, by which readings in free air may differ from it
-_SIGMAS = 3.0  # the same in standard errors
+_OFF = 0.5  # largest difference of the rate in free air, relative to the rate
+_SIGMAS = 3.0  # largest difference in standard errors
 
 
 class Drift(AdditiveEffect):

@@ -6,7 +6,7 @@ import numpy as np
 import scipy
 
 from palpate.estimation.channel import ChannelData, ChannelKind
-from palpate.estimation.effect import AdditiveEffect, Errors, Inner, Parameter, SensorEffect
+from palpate.estimation.effect import AdditiveEffect, Errors, Inner, Parameter, SensorEffect, start_grid
 from palpate.estimation.kinds import Kind
 from palpate.estimation.signals.blocks import block_index
 from palpate.estimation.signals.free_air import zero_in_free_air
@@ -71,8 +71,8 @@ class TorqueGain(SensorEffect):
 
     def starts(self, data: ChannelData) -> tuple[Inner, ...]:
         """See `Effect.starts`: closer and closer to one, since few constants are far off."""
-        off = np.array([0.003, 0.01, 0.03, 0.1, 0.25, 0.5])
-        return tuple({"gain": float(gain)} for gain in np.exp([*-off[::-1], *off]))
+        deviations = np.array([0.003, 0.01, 0.03, 0.1, 0.25, 0.5])
+        return tuple({"gain": float(gain)} for gain in np.exp([*-deviations[::-1], *deviations]))
 
     def sense(self, effort: FloatArray, data: ChannelData, inner: Inner) -> FloatArray:
         return inner["gain"] * effort
@@ -133,8 +133,7 @@ class Deadband(SensorEffect):
 
     def starts(self, data: ChannelData) -> tuple[Inner, ...]:
         """See `Effect.starts`: shares of the largest reading."""
-        peak = float(np.max(np.abs(data.effort))) or 1.0
-        return tuple({"width": float(part * peak)} for part in np.geomspace(0.01, 0.4, 8))
+        return start_grid(width=np.geomspace(0.01, 0.4, 8) * data.largest_effort)
 
 
 class ForceDeadband(AdditiveEffect):
@@ -166,14 +165,14 @@ class ForceDeadband(AdditiveEffect):
         return (data.context["contact_torque_per_newton"] * data.context["touching"])[:, None]
 
 
-_NOISE, _OF_THOSE = 4.0, 0.05  # times the noise, and share of the readings beyond the limit
-_ORDER = 6  # of the polynomial that such readings are compared with
-_FEWEST_OF_CURVE = 10 * _ORDER  # of them in a run
+_NOISE, _OF_THOSE = 4.0, 0.05  # multiple of the noise, and largest share of readings beyond the limit by more
+_ORDER = 6  # order of the polynomial that such readings are compared with
+_FEWEST_OF_CURVE = 10 * _ORDER  # readings needed in a run
 # Of their variance beyond that of white noise, that it leaves: of a random walk, the slowest noise, it leaves
 # 2 % or more in 99 of 100 cases.
 _OF_CURVE = 0.02
-_OF_WHITE = 20.0  # times its variance: that of third differences of white noise
-_ABOVE_NOISE = 2.0  # times the variance of white noise, below which readings are one value
+_OF_WHITE = 20.0  # variance of third differences of white noise of variance 1
+_ABOVE_NOISE = 2.0  # ratio to the variance of white noise below which readings are one value
 
 
 class Saturation(SensorEffect):
@@ -218,8 +217,8 @@ class Saturation(SensorEffect):
 
     def starts(self, data: ChannelData) -> tuple[Inner, ...]:
         """See `Effect.starts`: shares of the largest reading."""
-        peak = float(np.max(np.abs(data.effort))) or 1.0
-        return tuple({"limit": float(part * peak)} for part in (0.55, 0.7, 0.8, 0.88, 0.94, 0.97, 0.99))
+        shares = (0.55, 0.7, 0.8, 0.88, 0.94, 0.97, 0.99)
+        return start_grid(limit=np.array(shares) * data.largest_effort)
 
 
 def _follows_a_curve(readings: FloatArray, signals: FloatArray, run: IntArray) -> bool:
@@ -232,20 +231,20 @@ def _follows_a_curve(readings: FloatArray, signals: FloatArray, run: IntArray) -
         signals: a polynomial of the first is fitted, and the others as they are; shape (m, k).
         run: shape (m,).
     """
-    total, left, white = 0.0, 0.0, 0.0
+    total, sse, white = 0.0, 0.0, 0.0
     for number in np.unique(run):
         own, (at, *others) = readings[run == number], signals[run == number].T
         if len(own) >= _FEWEST_OF_CURVE:
             place = (at - at.min()) / (float(np.ptp(at)) or 1.0)
             columns = np.column_stack([np.polynomial.legendre.legvander(2.0 * place - 1.0, _ORDER), *others])
-            off = own - columns @ np.linalg.lstsq(columns, own, rcond=1e-9)[0]
+            residual = own - columns @ np.linalg.lstsq(columns, own, rcond=1e-9)[0]
             total += float(np.sum((own - own.mean()) ** 2))
-            left += float(off @ off)
+            sse += float(residual @ residual)
             white += len(own) * float(np.mean(np.diff(own, 3) ** 2)) / _OF_WHITE
-    return total > _ABOVE_NOISE * white and left - white < _OF_CURVE * (total - white)
+    return total > _ABOVE_NOISE * white and sse - white < _OF_CURVE * (total - white)
 
 
-_STILL = 0.1  # of the width, within which an effort has not moved
+_STILL = 0.1  # change relative to the width below which an effort has not moved
 
 
 class Hysteresis(SensorEffect):
@@ -304,8 +303,7 @@ class Hysteresis(SensorEffect):
 
     def starts(self, data: ChannelData) -> tuple[Inner, ...]:
         """See `Effect.starts`: shares of the largest reading."""
-        peak = float(np.max(np.abs(data.effort))) or 1.0
-        return tuple({"width": float(part * peak)} for part in np.geomspace(0.01, 0.3, 7))
+        return start_grid(width=np.geomspace(0.01, 0.3, 7) * data.largest_effort)
 
 
 def _first_readings(effort: FloatArray, data: ChannelData, width: float) -> FloatArray:
@@ -325,12 +323,12 @@ def _first_readings(effort: FloatArray, data: ChannelData, width: float) -> Floa
     return sums / np.add.reduceat(still.astype(np.float64), starts)
 
 
-_EDGES = (0.5, 1.5)  # that are near enough for noise to reach, in steps
+_EDGES = (0.5, 1.5)  # edges that noise can reach, in steps
 _FURTHEST = 8.5  # standard deviations that noise carries anything; beyond, it is less than rounding
 _SMOOTH = 0.5  # noise in steps, from which on the treads are gone
 _REACH, _TREAD = 0.2, 0.1  # in steps, about an edge where it is steep; slope elsewhere, so that none is free
 _REPEATED = 0.5  # distinct readings of all
-_SHARES = (0.01, 0.05, 0.2)  # of a step, of noise
+_SHARES = (0.01, 0.05, 0.2)  # start values of the noise, in steps
 
 
 class Quantisation(SensorEffect):
@@ -377,8 +375,8 @@ class Quantisation(SensorEffect):
         levels = np.unique(data.effort)
         if len(levels) < 2:
             return ({"step": 1.0, "noise": _SHARES[0]},)
-        apart = np.diff(levels)
-        count = np.sum(np.round(apart / np.median(apart)))
+        distances = np.diff(levels)
+        count = np.sum(np.round(distances / np.median(distances)))
         step = max(float(np.ptp(levels) / max(count, 1.0)), 1e-9)
         return tuple({"step": step, "noise": share * step} for share in _SHARES)
 

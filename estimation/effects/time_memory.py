@@ -5,7 +5,7 @@ from itertools import combinations
 import numpy as np
 
 from palpate.estimation.channel import ChannelData, ChannelKind
-from palpate.estimation.effect import AdditiveEffect, Inner, MemoryEffect, Parameter
+from palpate.estimation.effect import AdditiveEffect, Inner, MemoryEffect, Parameter, start_grid
 from palpate.estimation.kinds import Kind
 from palpate.estimation.signals.exponential_memory import fading_memory, relax, springpot
 from palpate.estimation.signals.runwise import finest_step
@@ -43,10 +43,6 @@ class StressRelaxation(AdditiveEffect):
     def columns(self, data: ChannelData, inner: Inner) -> FloatArray:
         pressed = np.where(data.engaged, data.position, 0.0)
         return relax(pressed, data.time_s, data.run, inner["tau"])[:, None]
-
-
-_SHARES = (0.2, 0.5, 0.9)
-_ALPHAS = (0.08, 0.2, 0.4, 0.7)
 
 
 class PowerLawRelaxation(MemoryEffect):
@@ -88,7 +84,7 @@ class PowerLawRelaxation(MemoryEffect):
 
     def starts(self, data: ChannelData) -> tuple[Inner, ...]:
         """See `Effect.starts`: from a spring that fades a little to what is nearly a dashpot."""
-        return tuple({"share": share, "alpha": alpha} for share in _SHARES for alpha in _ALPHAS)
+        return start_grid(share=(0.2, 0.5, 0.9), alpha=(0.08, 0.2, 0.4, 0.7))
 
 
 _BRANCH_SHARES = (0.15, 0.4)

@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from palpate.estimation.channel import JOINTS, ChannelData
-from palpate.estimation.effect import AdditiveEffect, Inner, Parameter
+from palpate.estimation.effect import AdditiveEffect, Inner, Parameter, start_grid
 from palpate.estimation.kinds import Kind
 from palpate.estimation.signals.periodicity import harmonics
 from palpate.robot_io.types import FloatArray
@@ -78,13 +78,13 @@ class TorqueRipple(AdditiveEffect):
 
     def starts(self, data: ChannelData) -> tuple[Inner, ...]:
         """See `Effect.starts`: about what was found; for one wave, so close that none is missed."""
-        span = float(np.ptp(data.position)) or 1.0
-        off = np.pi / (span * self._multiples.max())  # half a wave of the shortest from end to end
-        starts = [] if self._cycles is None else [self._cycles + part * off for part in (-0.5, 0.0, 0.5)]
-        waves = np.arange(2.0, 40.0, 0.4) if self._multiples.tolist() == [1.0] else ()
-        return tuple(
-            {"cycles": float(n)} for n in (*starts, *(2.0 * np.pi / span * count for count in waves))
+        span = data.range_of_motion
+        half_wave = np.pi / (span * self._multiples.max())  # half a wave of the shortest from end to end
+        starts = (
+            [] if self._cycles is None else [self._cycles + part * half_wave for part in (-0.5, 0.0, 0.5)]
         )
+        waves = np.arange(2.0, 40.0, 0.4) if self._multiples.tolist() == [1.0] else ()
+        return start_grid(cycles=(*starts, *(2.0 * np.pi / span * count for count in waves)))
 
 
 def _power(powers: dict[int, NDArray[np.complex128]], exponent: int) -> NDArray[np.complex128]:

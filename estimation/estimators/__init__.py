@@ -1,4 +1,4 @@
-"""Estimators by family; a new one is one new class here."""
+"""Estimators by family; a new one is a new class in this folder."""
 
 from palpate.estimation.estimator import Estimator
 from palpate.robot_io.registry import Registry

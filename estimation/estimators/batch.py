@@ -95,9 +95,9 @@ class Robust(Estimator):
             share = np.ones(len(regression.effort))
             for _ in range(_ABSOLUTE_ROUNDS):
                 gains = solve(regression.columns, regression.effort, np.sqrt(share)).gains
-                left = regression.effort - regression.columns @ gains
-                share = absolute_share(left)
-            least_absolute = gains, NoiseLevel(max(robust_sigma(left), float(np.finfo(float).tiny)), 0.0)
+                residual = regression.effort - regression.columns @ gains
+                share = absolute_share(residual)
+            least_absolute = gains, NoiseLevel(max(robust_sigma(residual), float(np.finfo(float).tiny)), 0.0)
             settled = _settle(regression, *least_absolute)
         (psi, slope), sigma = settled.influence, settled.sigma
         covariance = sandwich(regression.columns, psi / sigma, slope / sigma**2, regression.run)

@@ -22,7 +22,7 @@ _FAR_BELOW = 0.45  # ratio of threshold to noise below which refinement does not
 _BLOCK = 1 << 16  # residuals held at once, so that they stay in the processor's cache
 _CUT = 2.5  # standard deviations of the noise within which a sample is an inlier
 _PILOT_SAMPLES = 400  # samples on which the subsets' quantiles are compared
-_QUANTILE = 0.4  # of the absolute residuals: up to 60 % of the samples may be outliers
+_QUANTILE = 0.4  # quantile of the absolute residuals: up to 60 % of the samples may be outliers
 _ROUNDING = 1e-9  # share of the effort below which residuals are rounding errors
 
 
@@ -93,8 +93,8 @@ class Ransac(Estimator):
         best = int(np.argmin(quantiles))
         pilot, sigma = candidates[best], float(quantiles[best] / scipy.special.ndtri((1.0 + _QUANTILE) / 2.0))
         gains, inliers = self._refine(regression, pilot, max(_CUT * sigma, least))
-        left = (effort - columns @ gains)[inliers]
-        sigma = float(np.sqrt(np.sum(left**2) / max(1, len(left) - columns.shape[1])))
+        residual = (effort - columns @ gains)[inliers]
+        sigma = float(np.sqrt(np.sum(residual**2) / max(1, len(residual) - columns.shape[1])))
         return max(_CUT * sigma, least)
 
     def _refine(
@@ -170,7 +170,7 @@ class PreemptiveRansac(Rls):
     Args:
         threshold: largest error of an inlier, in the effort's unit; None for four times the noise, which is
             taken from the running median.
-        variance: of each gain at the start.
+        variance: variance of each gain at the start.
     """
 
     name = "preemptive_ransac"
@@ -207,7 +207,7 @@ class PreemptiveRansac(Rls):
         if starting or float(distance[0]) <= limit:
             self._pool[0] = super().update(row, effort)
         else:
-            self._pull = np.zeros(len(row))
+            self._kalman_gain = np.zeros(len(row))
         return self._gains
 
     def _compete(self) -> None:

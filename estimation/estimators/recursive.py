@@ -1,6 +1,4 @@
-"""Recursive least squares and its relatives."""
-
-from abc import abstractmethod
+"""Recursive least squares and related online estimators."""
 
 import numpy as np
 
@@ -12,7 +10,7 @@ from palpate.estimation.statistics.uncertainty import Covariance
 from palpate.robot_io.errors import InputError
 from palpate.robot_io.types import FloatArray
 
-INITIAL_VARIANCE = 1e8  # of a gain before the first sample; allows a stiffness of 10 000 N/m
+INITIAL_VARIANCE = 1e8  # variance of a gain before the first sample; allows a stiffness of 10 000 N/m
 _INITIAL_EFFORT = (
     1e3  # what any one gain may contribute to the effort, where all samples are known beforehand
 )
@@ -20,15 +18,15 @@ _FORGOTTEN = 1e-9  # weight of a sample below which earlier samples are ignored
 
 
 class RecursiveEstimator(OnlineEstimator):
-    """Kalman-like update of the gains; a subclass says what becomes of the covariance after each sample.
+    """Kalman-like update of the gains; a subclass may change the covariance after each sample.
 
     With row h, effort y, gains g, and covariance P (in units in which the noise has variance 1):
 
         error = y - h g;  K = P h / (forgetting + h P h);  g += K error;  P = next(P - K h P)
 
     Args:
-        variance: of each gain at the start, relative to that of the noise; `fit`, which knows all samples,
-            begins with more where a gain of that size would hardly show in the effort.
+        variance: initial variance of each gain over that of the noise; `fit`, which knows all samples, begins
+            with more where a gain of that size would hardly show in the effort.
     """
 
     forgetting = 1.0
@@ -39,25 +37,25 @@ class RecursiveEstimator(OnlineEstimator):
         self.variance = variance
         self.start(0)
 
-    @abstractmethod
     def _next_covariance(self, reduced: FloatArray, error: float) -> FloatArray:
-        """Covariance for the next sample, (p, p), from what is left after this one and its error."""
+        """Covariance for the next sample, (p, p), from the covariance after this sample and its error."""
+        return reduced
 
     def start(self, gain_count: int) -> None:
         self._begin(np.full(gain_count, self.variance))
 
     def _begin(self, variance: FloatArray) -> None:
         self._gains = np.zeros(len(variance))
-        self._pull = np.zeros(len(variance))
+        self._kalman_gain = np.zeros(len(variance))
         self._initial_variance = variance
         self._covariance = np.diag(variance)
 
     def update(self, row: FloatArray, effort: float) -> FloatArray:
         spread = self._covariance.dot(row)
         error = effort - float(row.dot(self._gains))
-        self._pull = spread / (self.forgetting + float(row.dot(spread)))
-        self._gains = self._gains + self._pull * error
-        reduced = self._covariance - self._pull[:, None] * spread
+        self._kalman_gain = spread / (self.forgetting + float(row.dot(spread)))
+        self._gains = self._gains + self._kalman_gain * error
+        reduced = self._covariance - self._kalman_gain[:, None] * spread
         self._covariance = self._next_covariance(reduced, error)
         return self._gains
 
@@ -67,28 +65,28 @@ class RecursiveEstimator(OnlineEstimator):
         count, gain_count = rows.shape
         level = np.sqrt(np.mean(rows**2, axis=0))
         self._begin(np.maximum(self.variance, (_INITIAL_EFFORT / np.where(level > 0, level, 1.0)) ** 2))
-        history, pulls = np.empty((count, gain_count)), np.empty((count, gain_count))
+        history, kalman_gains = np.empty((count, gain_count)), np.empty((count, gain_count))
         for index in range(count):
             history[index] = self.update(rows[index], efforts[index])
-            pulls[index] = self._pull
+            kalman_gains[index] = self._kalman_gain
         gains = history[-1]
         residuals = regression.effort - regression.columns @ gains
-        terms = _pull_on_last(rows, pulls) * residuals[:, None]
+        terms = _noise_sensitivity(rows, kalman_gains) * residuals[:, None]
         summed = sum_covariance(terms, regression.run)
         covariance = Covariance(summed.matrix, max(1.0, summed.effective_count - gain_count))
         return self._estimate(regression, gains, covariance, history=history)
 
 
-def _pull_on_last(rows: FloatArray, pulls: FloatArray) -> FloatArray:
-    """How far one unit of noise in each sample moves the last gains, shape (n, p).
+def _noise_sensitivity(rows: FloatArray, kalman_gains: FloatArray) -> FloatArray:
+    """Return the derivative of the last gains by each sample's noise, shape (n, p).
 
     Each later sample t takes part of it back: the gains' error goes through (I - K_t h_t).
     """
     carried = np.eye(rows.shape[1])
-    effect = np.zeros_like(pulls)
-    scale = np.abs(pulls[-1]).max()
+    effect = np.zeros_like(kalman_gains)
+    scale = np.abs(kalman_gains[-1]).max()
     for index in range(len(rows) - 1, -1, -1):
-        moved = carried @ pulls[index]
+        moved = carried @ kalman_gains[index]
         effect[index] = moved
         carried = carried - moved[:, None] * rows[index]
         if np.abs(moved).max() < _FORGOTTEN * scale and np.abs(carried).max() < _FORGOTTEN:
@@ -104,9 +102,6 @@ class Rls(RecursiveEstimator):
 
     name = "rls"
 
-    def _next_covariance(self, reduced: FloatArray, error: float) -> FloatArray:
-        return reduced
-
 
 class Ewrls(RecursiveEstimator):
     """Exponentially weighted: a sample t steps back counts forgetting^t.
@@ -119,7 +114,7 @@ class Ewrls(RecursiveEstimator):
 
     Args:
         forgetting: weight kept by each sample per step, in (0, 1]; 0.999 at 1 kHz remembers about a second.
-        variance: of each gain at the start.
+        variance: variance of each gain at the start.
     """
 
     name = "ewrls"
@@ -149,7 +144,7 @@ class Sprls(RecursiveEstimator):
     Args:
         beta: design constant, at least 0; 20 in the paper.
         gamma: sensitivity gain, at least 0, per squared effort; 1 in the paper.
-        variance: of each gain at the start.
+        variance: variance of each gain at the start.
     """
 
     name = "sprls"
@@ -170,7 +165,7 @@ _ALLOWANCE = 1.0  # standard deviations of a mean error that CUSUM ignores
 _MEMORY = 0.998  # forgetting factor of noise and column norms, per sample
 _WARM_UP = 20  # samples after a start that are not tested
 _FAR = 4.0  # standard deviations at which an error is clipped
-_ROUNDING2 = 1e-18  # of the squared effort
+_ROUNDING2 = 1e-18  # rounding relative to the squared effort
 
 
 class _Noise:
@@ -181,7 +176,7 @@ class _Noise:
         self._floor = self._share = 0.0
 
     def variance(self, effort: float) -> float:
-        """At this effort.
+        """Return the variance of the noise at an effort.
 
         Args:
             effort: measured.
@@ -190,11 +185,11 @@ class _Noise:
 
     @property
     def mean_variance(self) -> float:
-        """Over the samples that it was learnt from."""
+        """Mean variance of the samples seen so far."""
         return self._errors / self._count if self._count else 0.0
 
     def learn(self, error: float, effort: float, *, cut: bool) -> None:
-        """Take in one error, at most `_FAR` deviations of it if `cut`.
+        """Update the noise by one error, clipped at `_FAR` deviations if `cut`.
 
         Args:
             error: measured less predicted effort.
@@ -230,8 +225,8 @@ class CusumRls(Rls):
     and Change Detection (2000), ch. 5.
 
     Args:
-        limit: of the sums, in standard deviations; more alarms below, later ones above.
-        variance: of each gain at the start.
+        limit: limit of the sums, in standard deviations; more alarms below, later ones above.
+        variance: variance of each gain at the start.
     """
 
     name = "cusum_rls"
@@ -247,9 +242,9 @@ class CusumRls(Rls):
         self._size2 = [0.0] * len(variance)
         self._noise = _Noise()
         self.changes = 0  # found since the start
-        self._listen()
+        self._restart()
 
-    def _listen(self) -> None:
+    def _restart(self) -> None:
         self._samples = 0
         self._up = [0.0] * len(self._size2)
         self._down = self._up.copy()
@@ -268,12 +263,12 @@ class CusumRls(Rls):
             if learnt:
                 unsure = self._noise.mean_variance * float(row.dot(self._covariance.dot(row)))
                 variance = self._noise.variance(effort - error) + unsure  # rounding may take it below zero
-                self._sum_up(columns, error, max(variance, 0.0) ** 0.5)
+                self._update_sums(columns, error, max(variance, 0.0) ** 0.5)
             self._noise.learn(error, effort - error, cut=learnt)
         return super().update(row, effort)
 
-    def _sum_up(self, columns: list[float], error: float, noise: float) -> None:
-        """Add one error to the sums, and begin again where one is beyond the limit."""
+    def _update_sums(self, columns: list[float], error: float, noise: float) -> None:
+        """Update the sums by one error, and restart where one exceeds the limit."""
         standardised = min(max(error / noise, -_FAR), _FAR) if noise > 0.0 else 0.0
         for index, (column, size2) in enumerate(zip(columns, self._size2, strict=True)):
             push = standardised * column / size2**0.5 if size2 > 0.0 else 0.0
@@ -282,4 +277,4 @@ class CusumRls(Rls):
         if max(*self._up, *self._down) > self.limit:
             self._covariance = np.diag(self._initial_variance)
             self.changes += 1
-            self._listen()
+            self._restart()

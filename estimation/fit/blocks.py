@@ -21,20 +21,20 @@ from palpate.robot_io.types import BoolArray, FloatArray, IntArray
 CONTACT_RATE_HZ, JOINT_RATE_HZ = 200.0, 100.0
 FOLDS = 6
 PIECES, _PIECE_FOLDS = 15, 5  # pieces of a single run, and pieces for each fold
-_CORNER = 0.06  # of a run's range of velocities: a change between readings above it is a corner of the motion
+_CORNER = 0.06  # change between readings at a corner, relative to a run's range of velocities
 _SLOW_S = 0.011  # step between samples above which corners are not excluded
 _CORNER_REACH = 3  # samples to either side of a corner in which a derived velocity is wrong
-_MOST_CORNERS = 0.2  # of the blocks; more are not corners but a coarsely sampled motion
+_MOST_CORNERS = 0.2  # share of blocks; more are not corners but a coarsely sampled motion
 _BORDER = 3.0  # standard deviations of the position around a contact boundary
 _SETTLING_S = 0.25  # after the first sample, while filters settle
 _UNKNOWN_S = 0.1  # at the start of a run, where delays and lags depend on the unknown past
-_UNKNOWN = 0.05  # the same as the largest share of a run
-_WITHIN = 0.05  # of the effort's variance that block averages may lose
+_UNKNOWN = 0.05  # largest share of a run that it takes
+_WITHIN = 0.05  # share of the effort's variance that block averages may lose
 _SMOOTH = 0.75  # ratio to the step variance of white noise below which variation in a block is smooth
 _AGAIN = (
     0.9  # of the contact of a run that begins pressed: with more in its first touch, it hardly presses again
 )
-_REST = 0.05  # of the joint's usual highest speed; a slower joint is at rest
+_REST = 0.05  # speed below which a joint rests, relative to its usual highest speed
 LOAD = "load"
 LUMPED = "lumped_inertia_effort"  # part of the load that the drive's rotor may carry before the gear
 # Effects in which weight acts, and all whose effort is a load;
@@ -46,7 +46,7 @@ _LUMPED = {"inertia": "m", "pendulum": "inertia"}  # the gain that contains link
 
 @dataclass(frozen=True)
 class BlockedData:
-    """Blocks of a channel; columns are computed at the full rate and then averaged, which bends no model."""
+    """Blocks of a channel. Columns are computed at the full rate and then averaged, which biases no model."""
 
     data: ChannelData  # the channel at its full rate
     rows: IntArray  # shape (m, block), the samples of each of the m blocks
@@ -72,7 +72,7 @@ class BlockedData:
         return len(np.unique(self.fold[self.trusted])) > 1
 
     def reduce(self, signal: FloatArray) -> FloatArray:
-        """Means over blocks of a signal (n,) or (n, k): shape (m,) or (m, k).
+        """Return the means of a signal (n,) or (n, k) over blocks, shape (m,) or (m, k).
 
         Args:
             signal: a value or k values a sample, shape (n,) or (n, k).
@@ -89,7 +89,7 @@ class BlockedData:
         return self.cache.get_or_compute("effort", lambda: self.reduce(self.data.effort))
 
     def columns(self, effect: AdditiveEffect, inner: Inner) -> FloatArray:
-        """Columns of an effect on blocks, shape (m, k), on the motion as measured.
+        """Return the columns of an effect on blocks, shape (m, k), on the motion as measured.
 
         Args:
             effect: the effect.
@@ -98,7 +98,7 @@ class BlockedData:
         return self._cached("columns", effect, inner, effect.columns)
 
     def known(self, effect: AdditiveEffect, inner: Inner) -> FloatArray:
-        """Effort on blocks that an effect adds without any gain, shape (m,).
+        """Return the effort on blocks that an effect adds without any gain, shape (m,).
 
         Args:
             effect: the effect.
@@ -128,7 +128,7 @@ class BlockedData:
 
 
 def block_length(data: ChannelData) -> int:
-    """Samples in a block; half as many as long as a joint's effort swings within the block.
+    """Return the samples in a block; halved as long as a joint's effort swings within the block.
 
     Args:
         data: the channel.
@@ -162,7 +162,7 @@ def block_average(
     Args:
         data: the channel.
         good: samples that are fit for use, shape (n,); None for all.
-        cache: of another frame of this channel, with any load.
+        cache: cache of other blocks of this channel, with any load.
     """
     block = block_length(data)
     rows, folds = [], []
@@ -183,7 +183,7 @@ def block_average(
 
 
 def merge_blocks(blocked: BlockedData, most: int) -> BlockedData:
-    """Join neighbouring blocks of a run until at most so many are left, or the effort swings within them.
+    """Join neighbouring blocks of a run until at most `most` are left, or the effort swings within them.
 
     Args:
         blocked: the channel on blocks.
@@ -208,13 +208,23 @@ def merge_blocks(blocked: BlockedData, most: int) -> BlockedData:
 
 
 def exclude_boundaries(blocked: BlockedData, moved: ChannelData) -> BlockedData:
-    """Exclude blocks in which, by a given motion, a contact begins or ends.
+    """Exclude blocks of a contact within a sample, or the position's error, of its beginning or end.
 
     Args:
         blocked: the channel on blocks.
         moved: the same channel with the motion that acts on the object.
     """
-    return replace(blocked, trusted=blocked.trusted & ~_mixed(moved, blocked))
+    if moved.kind is not ChannelKind.CONTACT:
+        return blocked
+    engaged = moved.engaged[blocked.rows]
+    mixed = np.array(engaged.any(axis=1) & ~engaged.all(axis=1))
+    borders = engaged[1:, 0] != engaged[:-1, -1]
+    mixed[1:] |= borders
+    if moved.averaged > 1:  # the surface may lie among the readings that either sample averages
+        mixed[:-1] |= borders
+    error = reading_error(blocked.data)
+    mixed |= np.abs(moved.position[blocked.rows]).min(axis=1) < _BORDER * float(np.std(error))
+    return replace(blocked, trusted=blocked.trusted & ~mixed)
 
 
 def decimate(blocked: BlockedData) -> ChannelData:
@@ -240,21 +250,6 @@ def decimate(blocked: BlockedData) -> ChannelData:
     )
 
 
-def _mixed(data: ChannelData, blocked: BlockedData) -> BoolArray:
-    """Blocks within a sample or the position's error of the border of a contact, shape (m,)."""
-    if data.kind is not ChannelKind.CONTACT:
-        return np.zeros(len(blocked), dtype=np.bool_)
-    engaged = data.engaged[blocked.rows]
-    mixed = np.array(engaged.any(axis=1) & ~engaged.all(axis=1))
-    borders = engaged[1:, 0] != engaged[:-1, -1]
-    mixed[1:] |= borders
-    if data.averaged > 1:  # the surface may lie among the readings that either sample is the mean of
-        mixed[:-1] |= borders
-    error = reading_error(blocked.data)
-    near: BoolArray = np.abs(data.position[blocked.rows]).min(axis=1) < _BORDER * float(np.std(error))
-    return mixed | near
-
-
 def _at_corners(data: ChannelData, rows: IntArray) -> BoolArray:
     """Blocks of a contact in which the velocity jumps faster than it was sampled, shape (m,).
 
@@ -274,7 +269,7 @@ def _at_corners(data: ChannelData, rows: IntArray) -> BoolArray:
 
 
 def _at_starts(data: ChannelData, rows: IntArray) -> BoolArray:
-    """Blocks at the start of a run, shape (m,): what is remembered there was not recorded.
+    """Blocks at the start of a run, shape (m,), where the memory of the object is unknown.
 
     A run that begins pressed remembers how it came there until it lets go; where it hardly presses
     again, it is taken as if the press began with it.
@@ -291,7 +286,7 @@ def _at_starts(data: ChannelData, rows: IntArray) -> BoolArray:
 
 
 def _at_rest(data: ChannelData, rows: IntArray) -> BoolArray:
-    """Blocks in which a joint of a probing arm stands still or has just got its torque, shape (m,).
+    """Blocks in which a joint of a probing arm is at rest or its sensor still settles, shape (m,).
 
     What friction holds there depends on how the joint came to rest, and the sign of a velocity that is noise
     says nothing. A sensor that follows slowly begins with what it read before. Other recordings are taken as

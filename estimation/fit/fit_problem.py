@@ -1,4 +1,4 @@
-"""One model tried at given inner parameters."""
+"""Linear gains of a model at given inner parameters: the fit problem and its solution."""
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -48,14 +48,14 @@ class FitProblem:
 
     @cached_property
     def _by_fold(self) -> tuple[IntArray, list[slice]]:
-        """Blocks that count, in the order of the folds that hold them out, and where in it each fold is."""
+        """Blocks that count, sorted by the fold that holds them out, and the rows of each fold."""
         fold = np.where(self.used, self.blocked.fold, -1)
         order = np.argsort(fold, kind="stable")[np.sum(~self.used) :]
         borders = np.searchsorted(fold[order], np.arange(self.blocked.folds + 1)).tolist()
         return order, [slice(*ends) for ends in pairwise(borders)]
 
     def whiten(self, blocks: FloatArray) -> FloatArray:
-        """Blocks (m,) or (m, k) with the colour taken out, shape (w,) or (w, k).
+        """Prewhiten blocks (m,) or (m, k), shape (w,) or (w, k).
 
         Args:
             blocks: shape (m,) or (m, k).
@@ -82,16 +82,16 @@ class FitProblem:
         Args:
             columns: shape (m, q).
             target: shape (m,).
-            names: of the first gains.
+            names: names of the first gains.
             held: gains that are fixed, by name.
-            bounds: of gains, by name.
+            bounds: bounds of gains, by name.
         """
         count = columns.shape[1]
         gains, free = np.zeros(count), np.ones(count, dtype=np.bool_)
         gains[: len(names)] = [held.get(name, 0.0) for name in names]
         free[: len(names)] = [name not in held for name in names]
-        left = target if not held else target - columns @ gains
-        equations = self.normal_equations(columns[:, free], left, [n for n in names if n not in held])
+        remaining = target if not held else target - columns @ gains
+        equations = self.normal_equations(columns[:, free], remaining, [n for n in names if n not in held])
         fit = solve_normal_equations(equations, dof=len(self._by_fold[0]))
         limits = np.array(
             [bounds.get(name, _NO_BOUND) for name in names] + [_NO_BOUND] * (count - len(names))
@@ -113,12 +113,12 @@ class FitProblem:
     def normal_equations(
         self, columns: FloatArray, target: FloatArray, names: Sequence[str] = ()
     ) -> NormalEquations:
-        """Cross products of blocks (m, q) and a target (m,) with the colour taken out, by fold.
+        """Return the cross products of prewhitened blocks (m, q) and a target (m,), by fold.
 
         Args:
             columns: shape (m, q).
             target: shape (m,).
-            names: of the gains of the first columns, by which others of the arm may know them.
+            names: names of the gains of the first columns, which an arm's channels may share.
         """
         order, folds = self._by_fold
         if self.noise_model is WHITE and self.weights is None and self.nuisance is None:
@@ -127,21 +127,16 @@ class FitProblem:
             target.take(order, out=white[-1], mode="clip")
         else:
             white = self._white(np.concatenate([columns.T, target[None]]).T).T.take(order, axis=1)
-        return NormalEquations(
-            gram_matrices(white[:, rows].T for rows in folds).products, self._known(names, columns.shape[1])
-        )
-
-    def _known(self, names: Sequence[str], count: int) -> Information | None:
-        """Prior information on gains from other channels; None if there is none."""
-        shared = self.blocked.data.shared
+        equations = gram_matrices(white[:, rows].T for rows in folds)
+        shared = self.blocked.data.shared  # prior information on gains from other channels
         if shared is None or self.noise_model is not WHITE or not set(shared.names) <= set(names):
-            return None
+            return equations
         place = [list(names).index(name) for name in shared.names]
-        size = len(shared.information.matrix)
+        size, count = len(shared.information.matrix), columns.shape[1]
         matrix, vector = np.zeros((size, count, count)), np.zeros((size, count))
         matrix[:, np.array(place)[:, None], place] = shared.information.matrix
         vector[:, place] = shared.information.vector
-        return Information(matrix, vector)
+        return NormalEquations(equations.products, Information(matrix, vector))
 
 
 @dataclass(frozen=True)
@@ -174,8 +169,8 @@ class Solution:
     def residual(self) -> FloatArray:
         """Effort less prediction on blocks, shape (m,)."""
         gains = np.array([self.parameters[name] for name in self.model.gains])
-        left: FloatArray = self.target - self.columns @ gains
-        return left
+        residual: FloatArray = self.target - self.columns @ gains
+        return residual
 
     @property
     def held_out(self) -> float:
@@ -230,12 +225,12 @@ def solve_gains(
 
     Args:
         problem: where to try.
-        model: what to try.
+        model: model to try.
         parameters: inner parameters and known gains.
         rounds: Gauss-Newton steps at least; by default one, or two where the model is bent by its own effort.
             Where a sensor bends it, more are made until one leads where the last was expected to.
         arrived: times the energy that a step promised to leave, that is taken as kept.
-        parts: from `Model.parts` at these inner parameters, where they are at hand.
+        parts: result of `Model.parts` at these inner parameters, if known.
     """
     data = problem.blocked.data
     if is_linear_on_blocks(data, model):
@@ -245,10 +240,10 @@ def solve_gains(
         linear_fit = problem.solve(columns, target, list(model.gains), model.held, model.gain_bounds)
         fitted = dict(zip(model.gains, linear_fit.gains.tolist(), strict=True))
         return Solution(model, {**fitted, **inner}, columns, target, linear_fit)
-    bent = not model.is_linear_in_gains or data.kind is ChannelKind.CONTACT
+    is_nonlinear = not model.is_linear_in_gains or data.kind is ChannelKind.CONTACT
     now = {name: parameters.get(name, 0.0) for name in (*model.gains, *model.inner)}
     names = list(model.gains)
-    least = rounds or (2 if bent else 1)
+    least = rounds or (2 if is_nonlinear else 1)
     most = least if model.is_linear_in_gains else max(_MOST_ROUNDS, least)
     expected, before = np.inf, np.empty(0, dtype=np.int64)
     parts = parts or model.parts(data, now)
@@ -264,8 +259,8 @@ def solve_gains(
             break  # the last step led nowhere near the data, and the next would overflow
         target, columns = remaining, by_gain
         if number >= least:
-            left = problem.whiten(target - columns @ gains)
-            if float(left @ left) <= arrived * expected:
+            residual = problem.whiten(target - columns @ gains)
+            if float(residual @ residual) <= arrived * expected:
                 break
         linear_fit = problem.solve(columns, target, names, model.held, model.gain_bounds)
         expected = float(linear_fit.sse.sum())
@@ -317,19 +312,19 @@ def residual_slopes(problem: FitProblem, solution: Solution, ahead: Mapping[str,
     Returns:
         Shape (w, k), not divided by the step.
     """
-    data, model, here = problem.blocked.data, solution.model, solution.parameters
-    gains = np.array([here[name] for name in model.gains])
+    data, model, parameters = problem.blocked.data, solution.model, solution.parameters
+    gains = np.array([parameters[name] for name in model.gains])
     changes = []
     if is_linear_on_blocks(data, model):
         for name, value in ahead.items():
-            columns, target = _on_blocks(problem, model, {**here, name: value})
+            columns, target = _on_blocks(problem, model, {**parameters, name: value})
             changes.append(target - columns @ gains - solution.residual)
     else:
-        parts = model.parts(data, here)
-        effort = model.linearise(data, here, parts)[1]
+        parts = model.parts(data, parameters)
+        effort = model.linearise(data, parameters, parts)[1]
         of_sensors = {f"{sensor.name}.{p.name}" for sensor in model.sensors for p in sensor.inner}
         for name, value in ahead.items():
-            moved = {**here, name: value}
+            moved = {**parameters, name: value}
             same = parts if name in of_sensors else None  # what comes before a sensor does not depend on it
             changes.append(problem.blocked.reduce(effort - model.linearise(data, moved, same)[1]))
     change = problem.whiten(np.stack(changes, axis=1))

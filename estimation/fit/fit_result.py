@@ -1,4 +1,4 @@
-"""Fit a model to a channel by bounded variable projection, and keep what follows from the fit."""
+"""Fit a model to a channel by bounded variable projection; results of the fit."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
@@ -28,7 +28,7 @@ from palpate.robot_io.types import BoolArray, FloatArray, IntArray
 
 _ROUNDING = 1e-7  # share of the effort below which a residual is rounding: single precision resolves 6e-8
 _NAMED_SHARE = 0.4  # a signal is named if it explains this share of what the strongest signal explains
-_LEAST_SHARE = 0.01  # of the squared error that a named signal must explain
+_LEAST_SHARE = 0.01  # share of the squared error that a named signal must explain
 _BETTER = 0.9  # ratio of squared held-out errors below which a correction of smoothing bias is used
 _PULLED = 5.0  # standard errors by which a gain must exceed its bound to be reported
 _NOISE_ALONE = 1.05  # ratio to the noise level up to which an error is noise
@@ -202,7 +202,7 @@ class FitResult(TableDisplay):
 
     @property
     def is_exact(self) -> bool:
-        """Whether the error is mere rounding of numbers, as in simulated data without noise.
+        """Whether the error is only numerical rounding, as in simulated data without noise.
 
         Such an error has structure, since rounding and ridge penalties depend on the signals, but no physical
         cause.
@@ -223,7 +223,7 @@ class FitResult(TableDisplay):
 
     @cached_property
     def smooth_law_error(self) -> float:
-        """Error in the runs that judge that a flexible regression leaves beside the model [effort]."""
+        """Error in the scored runs that a flexible regression leaves beside the model [effort]."""
         with single_threaded():
             if self.validation is None:
                 return self.floor()
@@ -244,10 +244,10 @@ class FitResult(TableDisplay):
         """
         blocked = self.problem.blocked
         chosen = blocked.trusted & np.isin(blocked.run, runs)
-        left = held_out_residual(blocked, self.solution)[blocked.rows[chosen]]
+        residual = held_out_residual(blocked, self.solution)[blocked.rows[chosen]]
         without, beside = self.flexible.residual_before, self.flexible.residual
         explainable = float(np.mean(without[chosen] ** 2 - beside[chosen] ** 2))
-        return float(np.sqrt(max(float(np.mean(left**2)) - max(explainable, 0.0), 0.0)))
+        return float(np.sqrt(max(float(np.mean(residual**2)) - max(explainable, 0.0), 0.0)))
 
     def explainable_share(self) -> float:
         """Share of the held-out error on blocks that the flexible regression explains."""
@@ -272,7 +272,7 @@ def fit_model(
 
     Args:
         data: the channel, without a derived `load`.
-        model: what to fit.
+        model: model to fit.
         parameters: inner parameters, and gains where they are known, by "effect.parameter".
         good: samples that are fit for use, shape (n,); None for all.
         cache: columns that other fits to this channel computed.
@@ -334,25 +334,25 @@ def final_solution(fit: FitResult) -> tuple[FitProblem, Solution]:
     plain, whitened = (float(np.sum(solved.residual[used] ** 2)) for solved in (fit.solution, solution))
     if whitened > _NOISE_ALONE**2 * plain:
         return fit.problem, fit.solution
-    return whitened_problem, _beside_smoothing(whitened_problem, solution, fit.filters)
+    return whitened_problem, _correct_smoothing_bias(whitened_problem, solution, fit.filters)
 
 
-def _beside_smoothing(problem: FitProblem, solution: Solution, filters: DifferentiationFilter) -> Solution:
-    """Correct a joint's gains for smoothing bias of its motion.
+def _correct_smoothing_bias(
+    problem: FitProblem, solution: Solution, filters: DifferentiationFilter
+) -> Solution:
+    """Correct a joint's gains for the smoothing bias of its motion.
 
     Without the correction, a mass compensates for flattened peaks of the acceleration, and a weight for the
     mass.
     """
     if problem.blocked.data.kind is ChannelKind.CONTACT or filters == ((), ()):
         return solution
-    taken = smoothing_bias(problem.blocked, problem.blocked.effort - solution.residual, filters)
+    bias = smoothing_bias(problem.blocked, problem.blocked.effort - solution.residual, filters)
     names = list(solution.model.gains)
-    every = [*names, *(f"taken off {number}" for number in range(taken.shape[1]))]
-    fitted = problem.solve(np.hstack([solution.columns, taken]), solution.target, every, solution.model.held)
+    every = [*names, *(f"taken off {number}" for number in range(bias.shape[1]))]
+    fitted = problem.solve(np.hstack([solution.columns, bias]), solution.target, every, solution.model.held)
     own = len(names)
-    if fitted.held_out.sum() > _BETTER * solution.held_out or not is_plausible_bias(
-        taken, fitted.gains[own:]
-    ):
+    if fitted.held_out.sum() > _BETTER * solution.held_out or not is_plausible_bias(bias, fitted.gains[own:]):
         return solution
     gains = dict(zip(names, fitted.gains.tolist(), strict=False))
     return replace(solution, parameters={**solution.parameters, **gains})

@@ -47,23 +47,23 @@ class FlexibleRegression:
 
     @property
     def explained(self) -> float:
-        """Squared whitened residuals that the smooth law takes away in held-out runs."""
+        """Squared whitened held-out residuals that the flexible regression explains."""
         return float(np.sum(self.before - self.held_out))
 
     def share_of(self, solution: Solution, least: float = 0.0) -> float:
-        """Share of a model's error, or of `least` if that is more, that the smooth law takes away.
+        """Return the share of a model's error, or of `least` if larger, that the regression explains.
 
         Args:
             solution: the model.
             least: smallest squared error that counts as whole.
         """
         whole = max(solution.held_out, least)
-        left = max(1.0 - self.explained / whole, 0.0) if whole > 0.0 else 1.0
-        return float(1.0 - np.sqrt(left))
+        unexplained = max(1.0 - self.explained / whole, 0.0) if whole > 0.0 else 1.0
+        return float(1.0 - np.sqrt(unexplained))
 
 
 def model_features(problem: FitProblem, solution: Solution) -> dict[str, FloatArray]:
-    """Columns (m, k) by signal, as of a model that was tried.
+    """Return columns (m, k) by signal, for the motion and effort of a fitted model.
 
     What acts before a sensor changes it is a signal, too: of what was cut off or came late, the reading says
     less than what a law beside the model without that sensor would know.
@@ -84,7 +84,7 @@ def model_features(problem: FitProblem, solution: Solution) -> dict[str, FloatAr
 def fit_flexible(
     problem: FitProblem, solution: Solution, filters: DifferentiationFilter, without: Collection[str] = ()
 ) -> FlexibleRegression:
-    """Fit the flexible regression beside the model's own gains, and judge it on the folds held out.
+    """Fit the flexible regression beside the model's own gains, with cross-validation.
 
     Args:
         problem: blocks, whose noise is taken for white.
@@ -107,35 +107,40 @@ def fit_flexible(
     columns = np.column_stack(parts)
     equations = problem.normal_equations(columns, target, names)
     # Is the model better with a correction of smoothing bias, and is the correction plausible?
-    taken = columns[:, owner == -1]
+    bias = columns[:, owner == -1]
     biased, plain = (solve_normal_equations(equations.only(which)) for which in (owner < 0, owner == -2))
-    is_smoothing = taken.size > 0 and biased.held_out.sum() <= plain.held_out.sum()
-    if not is_smoothing or not is_plausible_bias(taken, biased.gains[-taken.shape[1] :]):
+    is_smoothing = bias.size > 0 and biased.held_out.sum() <= plain.held_out.sum()
+    if not is_smoothing or not is_plausible_bias(bias, biased.gains[-bias.shape[1] :]):
         equations, columns, owner = equations.only(owner != -1), columns[:, owner != -1], owner[owner != -1]
-    plainly = _shrunken(equations, owner, ())
-    alone = [_shrunken(equations, owner, (number,)) for number in range(len(blocks))]
-    best = _best(equations, owner, alone, plainly.energy)
+    without_signals = _fit_ridge(equations, owner, ())
+    alone = [_fit_ridge(equations, owner, (number,)) for number in range(len(blocks))]
+    best = _select_signals(equations, owner, alone, without_signals.energy)
     by_signal = {
-        name: 1.0 - shrunken.energy / plainly.energy if plainly.energy > 0.0 else 0.0
-        for name, shrunken in zip(blocks, alone, strict=True)
+        name: 1.0 - fit.energy / without_signals.energy if without_signals.energy > 0.0 else 0.0
+        for name, fit in zip(blocks, alone, strict=True)
     }
-    residual, before = (
-        _held_out_residual(columns, target, blocked, equations, shrunken) for shrunken in (best, plainly)
-    )
-    return FlexibleRegression(plainly.held_out, best.held_out, residual, before, by_signal)
+    residuals = []
+    for fit in (best, without_signals):
+        residual = np.empty_like(target)
+        for fold, gains in enumerate(held_out_gains(equations.only(fit.kept), fit.ridge)):
+            test = blocked.fold == fold
+            residual[test] = target[test] - columns[test][:, fit.kept] @ gains
+        residuals.append(residual)
+    after, before = residuals
+    return FlexibleRegression(without_signals.held_out, best.held_out, after, before, by_signal)
 
 
-def is_plausible_bias(taken: FloatArray, gains: FloatArray) -> bool:
+def is_plausible_bias(bias: FloatArray, gains: FloatArray) -> bool:
     """Check that fitted smoothing bias is no larger than a few times the bias that is expected.
 
     Columns of smoothing bias with arbitrary gains could imitate a missing law, such as a spring.
 
     Args:
-        taken: columns of smoothing bias, shape (m, k) [effort].
+        bias: columns of smoothing bias, shape (m, k) [effort].
         gains: fitted gains of the columns, shape (k,).
     """
-    expected = taken[:, -_POWERS:].sum(axis=1)  # of the effort, by the widest window
-    return bool(np.sum((taken @ gains) ** 2) <= _MOST_TIMES**2 * np.sum(expected**2))
+    expected = bias[:, -_POWERS:].sum(axis=1)  # of the effort, by the widest window
+    return bool(np.sum((bias @ gains) ** 2) <= _MOST_TIMES**2 * np.sum(expected**2))
 
 
 def smoothing_bias(blocked: BlockedData, effort: FloatArray, filters: DifferentiationFilter) -> FloatArray:
@@ -149,13 +154,13 @@ def smoothing_bias(blocked: BlockedData, effort: FloatArray, filters: Differenti
     data, block = blocked.data, blocked.rows.shape[1]
     derived = (blocked.reduce(signal * data.engaged) for signal in (data.velocity, data.acceleration))
     every = tuple(sorted({*filters[0], *filters[1]}))
-    bent = zip((*derived, effort), (*filters, every), strict=True)
-    wide = [(signal, round(half / block)) for signal, halves in bent for half in halves]
-    taken = [_less_smooth(signal, half, blocked.run) for signal, half in wide if half > 0]
-    return np.hstack([np.empty((len(effort), 0)), *taken])
+    signals = zip((*derived, effort), (*filters, every), strict=True)
+    wide = [(signal, round(half / block)) for signal, halves in signals for half in halves]
+    columns = [_smoothing_residues(signal, half, blocked.run) for signal, half in wide if half > 0]
+    return np.hstack([np.empty((len(effort), 0)), *columns])
 
 
-def _less_smooth(signal: FloatArray, half: int, run: IntArray) -> FloatArray:
+def _smoothing_residues(signal: FloatArray, half: int, run: IntArray) -> FloatArray:
     """Apply the high-pass complement of a smoothing window to a signal (m,) repeatedly, shape (m, powers).
 
     A local quadratic fit yields the derivative of the signal averaged with parabolic weights. A sum of the
@@ -174,7 +179,7 @@ def _less_smooth(signal: FloatArray, half: int, run: IntArray) -> FloatArray:
 
 
 @dataclass(frozen=True)
-class _Tried:
+class _RidgeFit:
     """Ridge regression on some of the signals."""
 
     signals: tuple[int, ...]  # their numbers
@@ -187,38 +192,30 @@ class _Tried:
         return float(self.held_out.sum())
 
 
-def _shrunken(equations: NormalEquations, owner: IntArray, signals: tuple[int, ...]) -> _Tried:
+def _fit_ridge(equations: NormalEquations, owner: IntArray, signals: tuple[int, ...]) -> _RidgeFit:
     """Fit these signals with the ridge penalty that predicts held-out folds best."""
     kept = (owner < 0) | np.isin(owner, signals)
     some, free = equations.only(kept), owner[kept] >= 0
     tried = np.where(free, np.array(_RIDGES)[:, None], 1e-9)
     energy = held_out_sse(some, tried)
     best = int(np.argmin(energy.sum(axis=1)))
-    return _Tried(signals, kept, tried[best], energy[best])
+    return _RidgeFit(signals, kept, tried[best], energy[best])
 
 
-def _best(equations: NormalEquations, owner: IntArray, alone: list[_Tried], before: float) -> _Tried:
-    """All signals, or only those that help: what time or load say in other runs may mislead in this one."""
-    best = _shrunken(equations, owner, ())
+def _select_signals(
+    equations: NormalEquations, owner: IntArray, alone: list[_RidgeFit], before: float
+) -> _RidgeFit:
+    """Select the signals that reduce the held-out error: all of them, or those of a forward selection."""
+    best = _fit_ridge(equations, owner, ())
     while len(best.signals) < _MOST_SIGNALS:
         more = [
-            _shrunken(equations, owner, (*best.signals, n)) if best.signals else alone[n]
+            _fit_ridge(equations, owner, (*best.signals, n)) if best.signals else alone[n]
             for n in range(len(alone))
             if n not in best.signals
         ]
-        further = min(more, key=lambda shrunken: shrunken.energy)
+        further = min(more, key=lambda fit: fit.energy)
         if further.energy > best.energy - _WORTH * before:
             break
         best = further
-    every = _shrunken(equations, owner, tuple(range(len(alone))))
-    return min(best, every, key=lambda shrunken: shrunken.energy)
-
-
-def _held_out_residual(
-    columns: FloatArray, target: FloatArray, blocked: BlockedData, equations: NormalEquations, best: _Tried
-) -> FloatArray:
-    residual = np.empty_like(target)
-    for fold, gains in enumerate(held_out_gains(equations.only(best.kept), best.ridge)):
-        test = blocked.fold == fold
-        residual[test] = target[test] - columns[test][:, best.kept] @ gains
-    return residual
+    every = _fit_ridge(equations, owner, tuple(range(len(alone))))
+    return min(best, every, key=lambda fit: fit.energy)

@@ -1,4 +1,4 @@
-"""Inner parameters: those of one effect searched over a grid, then all of a model fitted together."""
+"""Search the inner parameters of one effect over a grid, then optimize all inner parameters together."""
 
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, replace
@@ -26,12 +26,12 @@ _EVALUATIONS = 40
 _SETTLED = 1e-5
 _MOVED = 1e-4  # smallest step, relative to the distance covered
 _ARRIVED = 1.0001  # ratio to the predicted squared error within which a step has converged
-_STEP = 2e-3  # of a finite difference
+_STEP = 2e-3  # step of a finite difference
 
 
 @dataclass(frozen=True)
 class GridSearch:
-    """All trials of one candidate."""
+    """All trials of one candidate effect."""
 
     # At all inner parameters that were tried; the first are those at the starts. Only the best has its
     # blocks: those of all would fill the memory.
@@ -68,7 +68,7 @@ def search_inner(
     parameters: Mapping[str, float],
     starts: Iterable[Mapping[str, float]],
 ) -> GridSearch:
-    """Try `effect`, which is part of `model`, at its starts.
+    """Fit `effect`, which is part of `model`, at each of its start values.
 
     Args:
         problem: data, noise weights and folds of the fit.
@@ -79,12 +79,12 @@ def search_inner(
     """
     along = linearise_along(problem.blocked.data, model, effect, parameters)
     places = list(starts)
-    solutions = (_at(problem, model, effect, parameters, inner, along=along) for inner in places)
+    solutions = (_solve_at(problem, model, effect, parameters, inner, along=along) for inner in places)
     return grid_search(solutions, len(places))
 
 
 def grid_search(solutions: Iterable[Solution], start_count: int) -> GridSearch:
-    """All trials of a candidate, of which the best keeps its blocks.
+    """Collect all trials of a candidate; only the best keeps its blocks.
 
     Args:
         solutions: the trials.
@@ -101,16 +101,16 @@ def grid_search(solutions: Iterable[Solution], start_count: int) -> GridSearch:
     return GridSearch(tuple(kept), start_count)
 
 
-def refine_inner(problem: FitProblem, model: Model, effect: Effect, looked: GridSearch) -> GridSearch:
-    """Try an effect closer and closer around the best of what was tried.
+def refine_inner(problem: FitProblem, model: Model, effect: Effect, searched: GridSearch) -> GridSearch:
+    """Refine the grid of an effect's inner parameters around the best trial.
 
     Args:
         problem: data, noise weights and folds of the fit.
         model: the model.
         effect: the effect.
-        looked: what was tried before.
+        searched: earlier search.
     """
-    solutions = list(looked.solutions)
+    solutions = list(searched.solutions)
     along = linearise_along(problem.blocked.data, model, effect, solutions[0].parameters)
     grid = [
         {p.name: solution.parameters[f"{effect.name}.{p.name}"] for p in effect.inner}
@@ -120,19 +120,21 @@ def refine_inner(problem: FitProblem, model: Model, effect: Effect, looked: Grid
         for number in range(_HALVINGS + _PARABOLAS):
             best = min(range(len(solutions)), key=lambda i: solutions[i].sse)
             # Points that differ from the best in one inner parameter only, in its order.
-            here = {name: value for name, value in grid[best].items() if name != inner.name}
-            same = [i for i, point in enumerate(grid) if point.items() >= here.items()]
+            other_values = {name: value for name, value in grid[best].items() if name != inner.name}
+            same = [i for i, point in enumerate(grid) if point.items() >= other_values.items()]
             line = sorted(same, key=lambda i: grid[i][inner.name])
-            closer = _between(grid, best, inner, line)
+            closer = _midpoints(grid, best, inner, line)
             if number >= _HALVINGS:
-                closer = _vertex(grid, solutions, line, best, inner) or closer
+                closer = _parabola_minimum(grid, solutions, line, best, inner) or closer
             for point in closer:
                 grid.append(point)
-                solutions.append(_at(problem, model, effect, solutions[best].parameters, point, along=along))
-    return grid_search(solutions, looked.start_count)
+                solutions.append(
+                    _solve_at(problem, model, effect, solutions[best].parameters, point, along=along)
+                )
+    return grid_search(solutions, searched.start_count)
 
 
-def _at(
+def _solve_at(
     problem: FitProblem,
     model: Model,
     effect: Effect,
@@ -141,45 +143,45 @@ def _at(
     *,
     along: LinearisedParts,
 ) -> Solution:
-    there = {f"{effect.name}.{name}": value for name, value in inner.items()}
+    own_parameters = {f"{effect.name}.{name}": value for name, value in inner.items()}
     # One step from gains that are fitted already ranks candidates; the promising ones are fitted in full.
-    return solve_gains(problem, model, {**parameters, **there}, rounds=1, parts=along(inner))
+    return solve_gains(problem, model, {**parameters, **own_parameters}, rounds=1, parts=along(inner))
 
 
-def _between(
+def _midpoints(
     grid: list[dict[str, float]], best: int, inner: Parameter, line: list[int]
 ) -> list[dict[str, float]]:
-    """Points half-way between the best point and its neighbors, or beyond it at the end of a line."""
-    here = grid[best]
+    """Return points half-way between the best point and its neighbors, or beyond it at the end of a line."""
+    best_point = grid[best]
     values = [grid[i][inner.name] for i in line]
     at = line.index(best)
-    value = here[inner.name]
+    value = best_point[inner.name]
     low = values[at - 1] if at > 0 else _outside(values, inner, upwards=False)
     high = values[at + 1] if at + 1 < len(line) else _outside(values, inner, upwards=True)
     closer = []
     for bound, outside in ((low, at == 0), (high, at + 1 == len(line))):
         middle = np.sqrt(value * bound) if inner.log and value * bound > 0.0 else 0.5 * (value + bound)
         number = bound if outside else middle
-        closer.append({**here, inner.name: float(np.clip(number, inner.lower, inner.upper))})
+        closer.append({**best_point, inner.name: float(np.clip(number, inner.lower, inner.upper))})
     return [point for point in closer if point[inner.name] != value]
 
 
-def _vertex(
+def _parabola_minimum(
     grid: list[dict[str, float]], solutions: list[Solution], line: list[int], best: int, inner: Parameter
 ) -> list[dict[str, float]]:
-    """Minimum of the parabola through the best point of a line and its neighbors, if it has one."""
+    """Return the minimum of the parabola through the best point of a line and its neighbors, if any."""
     at = line.index(best)
     if not 0 < at < len(line) - 1:
         return []
     three = line[at - 1 : at + 2]
     values = np.array([grid[i][inner.name] for i in three])
     along = np.log(values) if inner.log and values[0] > 0.0 else values
-    low, here, high = (solutions[i].sse for i in three)
+    low, middle, high = (solutions[i].sse for i in three)
     left, right = along[1] - along[0], along[2] - along[1]
-    bend = (low - here) * right + (high - here) * left
+    bend = (low - middle) * right + (high - middle) * left
     if not bend > 0.0:
         return []
-    lowest = along[1] + 0.5 * ((low - here) * right**2 - (high - here) * left**2) / bend
+    lowest = along[1] + 0.5 * ((low - middle) * right**2 - (high - middle) * left**2) / bend
     value = float(np.exp(lowest) if inner.log and values[0] > 0.0 else lowest)
     return [{**grid[best], inner.name: value}]
 
@@ -214,7 +216,7 @@ class Scale:
         """Map a value to the search scale.
 
         Args:
-            value: of the inner parameter, in its unit.
+            value: value of the inner parameter, in its unit.
         """
         if self.by_ratio:
             return float(np.log(max(value, 1e-300) / self.start))
@@ -237,7 +239,7 @@ class Scale:
 def optimize_inner(
     problem: FitProblem, solution: Solution, settled: float = _SETTLED, step: float = _STEP
 ) -> Solution:
-    """Fit all inner parameters of a trial together, the gains by variable projection.
+    """Optimize all inner parameters of a trial jointly; gains follow by variable projection.
 
     Where that leads far, the gains may not have followed yet: then it is done again from there.
 
@@ -245,17 +247,17 @@ def optimize_inner(
         problem: where to fit.
         solution: where to begin.
         settled: share of the energy that a step must take away for another to be worth it.
-        step: of the difference quotient, relative to a parameter's scale.
+        step: step of the difference quotient, relative to a parameter's scale.
     """
     for _ in range(_TIMES):
-        before, solution = solution, _polished(problem, solution, settled, step)
+        before, solution = solution, _optimize_once(problem, solution, settled, step)
         if solution.sse > _FAR * before.sse:
             break
     return replace(solution, parameters=solution.model.in_order(solution.parameters))
 
 
-def _polished(problem: FitProblem, solution: Solution, settled: float, step: float) -> Solution:
-    """One search; what is at an end of its range stays there: it would cut short every step of the others."""
+def _optimize_once(problem: FitProblem, solution: Solution, settled: float, step: float) -> Solution:
+    """Optimize once; parameters at a bound stay there, since they would shorten every step of the others."""
     scales = {
         name: Scale(parameter, solution.parameters[name])
         for name, parameter in solution.model.inner.items()

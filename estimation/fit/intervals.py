@@ -1,4 +1,4 @@
-"""Honest intervals: from the slopes by all parameters, with the correlation of what is left.
+"""Parameter intervals: sandwich estimate from the slopes by all parameters and the correlated residual.
 
 Errors of the motion's readings turn parameters and leave next to nothing in the residual (W. A. Fuller,
 Measurement Error Models (1987)): they are added, from readings drawn again.
@@ -31,7 +31,7 @@ _JUMP, _MOST = 20.0, 0.95
 
 
 def estimate_parameters(problem: FitProblem, solution: Solution) -> dict[str, ParameterEstimate]:
-    """Parameters of a trial with 95 % intervals, by "effect.parameter".
+    """Estimate the parameters of a solution with 95 % intervals, by "effect.parameter".
 
     The sandwich of slopes by gains and inner parameters, around the covariance of residuals times slopes with
     the noise's colour taken out first (Andrews and Monahan 1992). What another reading of the motion
@@ -46,13 +46,13 @@ def estimate_parameters(problem: FitProblem, solution: Solution) -> dict[str, Pa
     residual = problem.whiten(solution.residual)
     errors = _errors(slopes, residual, problem.blocked.run[problem.used])
     measurement = identify_measurement_model(problem.blocked.data)
-    errors = np.hypot(errors, _by_readings(problem, solution, measurement))
+    errors = np.hypot(errors, _reading_errors(problem, solution, measurement))
     if measurement.filters[1] is None:
         # Change of the prediction with the acceleration that positions speak for, shape (m,).
         blocked = problem.blocked
         inflated = solution.model.predict(inflate_acceleration_noise(blocked.data), solution.parameters)
         by_positions = blocked.reduce(inflated - solution.model.predict(blocked.data, solution.parameters))
-        errors = np.hypot(errors, _turned(slopes, problem.whiten(by_positions)))
+        errors = np.hypot(errors, _compensation(slopes, problem.whiten(by_positions)))
     known = {**solution.model.gains, **solution.model.inner}
     units = {name: parameter.unit_of(problem.blocked.data.kind) for name, parameter in known.items()}
     most = np.array([_widest(known[name], solution.parameters[name]) for name in names])
@@ -81,7 +81,7 @@ def _free_slopes(problem: FitProblem, solution: Solution) -> FloatArray:
 
 
 def inner_slopes(problem: FitProblem, solution: Solution) -> list[FloatArray]:
-    """Slope of the prediction by each inner parameter at fixed gains, each of shape (m,).
+    """Return the slope of the prediction by each inner parameter at fixed gains, each of shape (m,).
 
     Args:
         problem: data, noise weights and folds of the fit.
@@ -99,8 +99,8 @@ def _without_jumps(slope: FloatArray) -> FloatArray:
     return np.where(size > _JUMP * np.quantile(size[size > 0.0], _MOST), 0.0, slope)
 
 
-def _by_readings(problem: FitProblem, solution: Solution, measurement: MeasurementModel) -> FloatArray:
-    """Standard errors (q,) that errors of the measured motion cause, by simulation.
+def _reading_errors(problem: FitProblem, solution: Solution, measurement: MeasurementModel) -> FloatArray:
+    """Standard errors (q,) due to reading errors of the motion, by simulation.
 
     The model's prediction for the smoothed motion is refitted with simulated motions, by one Gauss-Newton
     step.
@@ -120,15 +120,15 @@ def _by_readings(problem: FitProblem, solution: Solution, measurement: Measureme
             solution, columns=blocked.reduce(solution.model.linearise(blocked.data, solution.parameters)[0])
         )
         slopes = again.whiten(_free_slopes(again, read))
-        left = again.whiten(
+        residual = again.whiten(
             blocked.reduce(expected - solution.model.predict(blocked.data, solution.parameters))
         )
-        turned.append(_turned(slopes, left))
+        turned.append(_compensation(slopes, residual))
     return np.asarray(np.sqrt(np.mean(np.square(turned), axis=0)))
 
 
-def _turned(slopes: FloatArray, change: FloatArray) -> FloatArray:
-    """How far parameters make up for a change (w,) of the prediction, shape (q,)."""
+def _compensation(slopes: FloatArray, change: FloatArray) -> FloatArray:
+    """Change of the parameters that compensates a change (w,) of the prediction, shape (q,)."""
     width = np.sqrt(np.sum(slopes**2, axis=0))
     width = np.where(width > 0.0, width, np.inf)
     turned: FloatArray = np.linalg.lstsq(slopes / width, change, rcond=1e-5)[0] / width
@@ -136,7 +136,7 @@ def _turned(slopes: FloatArray, change: FloatArray) -> FloatArray:
 
 
 def _errors(slopes: FloatArray, residual: FloatArray, run: IntArray) -> FloatArray:
-    """Standard errors (q,); NaN for parameters that make up for each other, or change nothing."""
+    """Sandwich standard errors (q,); NaN for parameters that the data do not determine."""
     width = np.sqrt(np.sum(slopes**2, axis=0))
     scaled = slopes / np.where(width > 0.0, width, 1.0)
     size, ways = np.linalg.eigh(scaled.T @ scaled)

@@ -1,4 +1,4 @@
-"""Fits that stand outliers: what a residual costs, and steps to the efficient M-estimate, linear or not.
+"""Robust fits: loss functions, and iteratively reweighted least squares for linear and nonlinear models.
 
 Biweight psi and the noise of each sample are found again from the samples inside after each step or two. From
 a start that is near, as many steps as here are as efficient as the fully iterated estimate (D. G. Simpson,
@@ -16,15 +16,15 @@ from palpate.estimation.statistics.least_squares import solve
 from palpate.estimation.statistics.noise import NoiseLevel, fit_noise_level, robust_sigma
 from palpate.robot_io.types import BoolArray, FloatArray
 
-CUT = 5.5  # of the biweight, in sigmas: 97.5 % efficient at Gaussian noise
+CUT = 5.5  # cut of the biweight in sigmas: 97.5 % efficient at Gaussian noise
 _CAUCHY_CUT = 2.385  # in sigmas: 95 % efficient at Gaussian noise
 _SMALLEST_RESIDUAL = 0.05  # in sigmas: keeps 1 / |residual| finite
 _NO_NOISE = 1e-100  # in any unit; the inverse of its square is still a number
 _INSIDE = 4.0  # sigmas; larger residuals are not used to estimate the noise
 _LEVELS = 3  # estimates of the noise level
 _STEPS = 2  # reweighted fits for each noise level
-_SETTLED = 1e-4  # of a standard error: smaller changes end the iteration
-_FEWEST_SHARE = 0.05  # of the samples, needed to estimate the noise
+_SETTLED = 1e-4  # change in standard errors that ends the iteration
+_FEWEST_SHARE = 0.05  # share of samples needed to estimate the noise
 
 Evaluate = Callable[[FloatArray], tuple[FloatArray, FloatArray]]
 """From parameters (p,) to the predicted effort (n,) and its slopes by them (n, p)."""
@@ -39,7 +39,7 @@ class Loss(StrEnum):
 
 
 def cauchy_influence(standardised: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Cauchy's weight psi(u) / u in an equivalent least squares, and the slope of psi, each (n,).
+    """Return Cauchy's weight psi(u) / u and the slope of psi, each of shape (n,).
 
     Args:
         standardised: residuals u divided by their scale, shape (n,).
@@ -49,7 +49,7 @@ def cauchy_influence(standardised: FloatArray) -> tuple[FloatArray, FloatArray]:
 
 
 def absolute_share(residuals: FloatArray) -> FloatArray:
-    """Squared weights with which least squares, repeated, minimises absolute residuals, shape (n,).
+    """Return squared weights of the least-squares step that minimises absolute residuals, shape (n,).
 
     Args:
         residuals: shape (n,).
@@ -84,7 +84,7 @@ class IrlsResult:
 def irls(
     evaluate: Evaluate, effort: FloatArray, start: FloatArray, known: NoiseLevel | None = None
 ) -> IrlsResult:
-    """Step from `start` to the M-estimate.
+    """Iterate from `start` to the M-estimate.
 
     Args:
         evaluate: the model.

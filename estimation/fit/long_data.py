@@ -1,4 +1,4 @@
-"""Averages recordings that are too long to be searched in seconds, where that loses nothing."""
+"""Average recordings that are too long to be searched in seconds, if that loses nothing."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -23,19 +23,19 @@ _FEWEST_IN_BLOCK = 4  # samples needed to tell noise from a signal, as a third d
 _FEWEST_IN_RUN = 50  # means
 _FEWEST_RUNS = 6  # runs that must remain, so that some can be held out
 _STRETCHES = 40  # pieces into which a joint's runs are cut, or more
-_COVERED = 0.3  # of the range of positions that each piece covers
+_COVERED = 0.3  # share of the range of positions that each piece covers
 _STILL = (
     0.002  # of the range of positions; a joint that stays within it for `_NEAR_S` on both sides is at rest
 )
 _NEAR_S = 0.5  # before and after a motion that belong to it
-_MOSTLY = 0.5  # of the samples; with fewer near a motion, the joint is mostly at rest
+_MOSTLY = 0.5  # share of samples near a motion below which a joint is mostly at rest
 _BEARABLE = 2  # multiple of `_MOST` above which some loss of information is accepted
 _THIRD = 20.0  # sum of the squares of (1, -3, 3, -1), the weights of a third difference
 
 
 @dataclass(frozen=True)
 class Within:
-    """Variation of an effort within blocks of samples."""
+    """Variation of an effort within blocks."""
 
     # Root mean square of its departure from a straight line, freedom of the line accounted for.
     departure: float
@@ -43,7 +43,7 @@ class Within:
     count: int  # samples that this was seen in
 
     def is_noise(self, block: int) -> bool:
-        """Check that the variation is noise, or so little above it that averaging loses nothing relevant.
+        """Return whether the variation is noise, or so little more that averaging loses nothing relevant.
 
         Args:
             block: samples in a block.
@@ -53,7 +53,7 @@ class Within:
 
 
 def shortened(data: ChannelData, held_out: Sequence[int] = ()) -> tuple[ChannelData, str, Mapping[int, int]]:
-    """Average a long recording over blocks of neighboring samples, and describe it; else return it unchanged.
+    """Average a long recording over blocks of neighboring samples, and describe it.
 
     Blocks of 5 ms (10 ms of a joint's effort) are what a diagnosis works on in any case. They are made twice
     as long again and again, as long as the effort within them departs from a straight line by no more than
@@ -87,12 +87,12 @@ def shortened(data: ChannelData, held_out: Sequence[int] = ()) -> tuple[ChannelD
             break
         block, seen = 2 * block, moving_blocks
     short = _means(moving, block)
-    said = _sentence(data, short, block, seen, motions)
-    for fewer in (_fewer_runs, _fewer_stretches, _coarser):
+    note = _sentence(data, short, block, seen, motions)
+    for fewer in (_fewer_runs, _fewer_stretches, _average_further):
         if _times_too_long(short, held) > 1:
             short, more, cut = fewer(short, held)
-            said, run_of = said + more, run_of | {new: run_of.get(old, old) for new, old in cut.items()}
-    return short, said, run_of
+            note, run_of = note + more, run_of | {new: run_of.get(old, old) for new, old in cut.items()}
+    return short, note, run_of
 
 
 def _from_rest_to_rest(data: ChannelData, held: IntArray) -> tuple[ChannelData, str, dict[int, int]]:
@@ -127,10 +127,12 @@ def within_blocks(data: ChannelData, block: int) -> Within:
     """
     effort = data.effort[_rows(data, block)]
     place = np.arange(block) - 0.5 * (block - 1)
-    left = effort - effort.mean(axis=1, keepdims=True)
-    left -= np.outer(left @ place / (place @ place), place)
+    residual = effort - effort.mean(axis=1, keepdims=True)
+    residual -= np.outer(residual @ place / (place @ place), place)
     noise = float(np.mean(np.diff(effort, 3, axis=1) ** 2)) / _THIRD
-    return Within(float(np.sqrt(np.mean(left**2) * block / (block - 2))), float(np.sqrt(noise)), effort.size)
+    return Within(
+        float(np.sqrt(np.mean(residual**2) * block / (block - 2))), float(np.sqrt(noise)), effort.size
+    )
 
 
 def _rows(data: ChannelData, block: int) -> IntArray:
@@ -149,7 +151,7 @@ def _means(data: ChannelData, block: int) -> ChannelData:
 
 
 def _fewer_runs(data: ChannelData, held: IntArray) -> tuple[ChannelData, str, dict[int, int]]:
-    """Every second, third ... run, so that the others are few enough to be searched."""
+    """Take every second, third ... run, so that the rest can be searched."""
     runs = np.setdiff1d(data.runs, held)
     every = min(_times_too_long(data, held), len(runs) // _FEWEST_RUNS)
     if every < 2:
@@ -159,53 +161,53 @@ def _fewer_runs(data: ChannelData, held: IntArray) -> tuple[ChannelData, str, di
 
 
 def _fewer_stretches(data: ChannelData, held: IntArray) -> tuple[ChannelData, str, dict[int, int]]:
-    """Some of the stretches of a joint's runs that go through a fair part of the motion, as runs.
+    """Take stretches of a joint's runs that cover a fair part of the motion, as runs.
 
     Where it rests, or moves little, nothing is learnt of its friction; a contact remembers what came before.
     """
     if data.kind is ChannelKind.CONTACT:
         return data, "", {}
     length = _fitted(data, held) // max(_STRETCHES, _FEWEST_RUNS * _times_too_long(data, held))
-    whole, run_of = _in_stretches(data, max(length, _FEWEST_IN_RUN), held)
+    length = max(length, _FEWEST_IN_RUN)
+    run, run_of, number = data.run.copy(), dict[int, int](), int(data.run.max())
+    for rows in blocks(data.run):  # cut all but held-out runs into stretches of at least this length
+        count, old = rows.stop - rows.start, int(data.run[rows.start])
+        for part in [] if old in held else np.array_split(np.arange(count), max(count // length, 1)):
+            number += 1
+            run[rows.start + part], run_of[number] = number, old
+    whole = replace(data, run=run)
     wide = _COVERED * float(np.ptp(data.position))
     parts = [rows for rows in blocks(whole.run) if whole.run[rows.start] in run_of]
     moving = np.array([whole.run[rows.start] for rows in parts if np.ptp(whole.position[rows]) >= wide])
     if len(moving) < _FEWEST_RUNS:
         return data, "", {}
-    there = whole.of_runs(np.concatenate([moving, held]))
-    every = max(1, min(_times_too_long(there, held), len(moving) // _FEWEST_RUNS))
-    some, where = there.of_runs(np.concatenate([moving[::every], held])), ""
+    moving_stretches = whole.of_runs(np.concatenate([moving, held]))
+    every = max(1, min(_times_too_long(moving_stretches, held), len(moving) // _FEWEST_RUNS))
+    some, where = moving_stretches.of_runs(np.concatenate([moving[::every], held])), ""
     if len(moving) < len(parts):
         where = f" {len(moving)} go through {100 * _COVERED:.0f} % of the motion or more, and of these"
-    return some, f"; of {_its(held)} {len(parts)} stretches{where} {_taken(there, some, held)}", run_of
+    return (
+        some,
+        f"; of {_its(held)} {len(parts)} stretches{where} {_taken(moving_stretches, some, held)}",
+        run_of,
+    )
 
 
-def _in_stretches(data: ChannelData, length: int, held: IntArray) -> tuple[ChannelData, dict[int, int]]:
-    """Cut all but held-out runs into pieces of at least this length; return the original runs too."""
-    run, run_of, number = data.run.copy(), dict[int, int](), int(data.run.max())
-    for rows in blocks(data.run):
-        count, old = rows.stop - rows.start, int(data.run[rows.start])
-        for part in [] if old in held else np.array_split(np.arange(count), max(count // length, 1)):
-            number += 1
-            run[rows.start + part], run_of[number] = number, old
-    return replace(data, run=run), run_of
-
-
-def _coarser(data: ChannelData, held: IntArray) -> tuple[ChannelData, str, dict[int, int]]:
-    """Means over so many samples that the search ends, although something is lost."""
+def _average_further(data: ChannelData, held: IntArray) -> tuple[ChannelData, str, dict[int, int]]:
+    """Average over enough samples for the search to end, although information is lost."""
     times = _times_too_long(data, held)
     if times <= _BEARABLE:
         return data, "", {}
     rate_hz = 1.0 / (sample_time(data.time_s, data.run) * times)
-    said = (
+    note = (
         f"; that is more than can be searched: averaged further by {times} to {rate_hz:.4g} Hz, which loses "
         "faster changes; choose a part with --where to keep them"
     )
-    return _means(data, times), said, {}
+    return _means(data, times), note, {}
 
 
 def _fitted(data: ChannelData, held: IntArray) -> int:
-    """Samples that models are fitted to."""
+    """Number of samples that models are fitted to."""
     return len(data) - int(np.isin(data.run, held).sum())
 
 
@@ -220,20 +222,22 @@ def _its(held: IntArray) -> str:
 def _taken(data: ChannelData, some: ChannelData, held: IntArray) -> str:
     before, after = _fitted(data, held), _fitted(some, held)
     wider = f", which makes intervals {np.sqrt(before / after):.2g} times as wide"
-    taken = f"{len(np.setdiff1d(some.runs, held))} are taken"
-    return taken + (f", evenly spread{wider}" if after < before else "")
+    description = f"{len(np.setdiff1d(some.runs, held))} are taken"
+    return description + (f", evenly spread{wider}" if after < before else "")
 
 
 def _sentence(data: ChannelData, short: ChannelData, block: int, seen: Within | None, motions: str) -> str:
     rate_hz = 1.0 / sample_time(data.time_s, data.run)
-    said = f"{data.name}: {len(data):,} samples at {rate_hz:.4g} Hz{motions}"
+    sentence = f"{data.name}: {len(data):,} samples at {rate_hz:.4g} Hz{motions}"
     if block == 1:
-        return f"{said} are taken as they are"
+        return f"{sentence} are taken as they are"
     length_ms, unit = 1e3 * block / rate_hz, data.kind.effort_unit
-    said += f" are averaged by {block} to {len(short):,} at {rate_hz / block:.4g} Hz; "
+    sentence += f" are averaged by {block} to {len(short):,} at {rate_hz / block:.4g} Hz; "
     if seen is None:
-        return f"{said}nothing is lost, since a diagnosis works on means over {length_ms:.3g} ms in any case"
+        return (
+            f"{sentence}nothing is lost, since a diagnosis works on means over {length_ms:.3g} ms in any case"
+        )
     return (
-        f"{said}nothing is lost: within {length_ms:.3g} ms the effort departs from a straight line by "
+        f"{sentence}nothing is lost: within {length_ms:.3g} ms the effort departs from a straight line by "
         f"{seen.departure:.4g} {unit}, and the noise between readings is {seen.noise:.4g} {unit}"
     )

@@ -31,8 +31,8 @@ from palpate.robot_io.types import FloatArray, IntArray
 _MOST_WEIGHTS = 4_000_000  # largest size of an operator that is kept in memory
 _PASSED_ON = 0.5  # tolerance on a derivative, relative to the reading error that the filter passes on
 _TRIED = 4000  # samples used to recognise the filter that derived a velocity
-_ALIKE = 1e-6  # of a derivative's mean square: tolerance on a derivative that another formula computed
-_REACH_S = 0.03  # to either side, over which positions are compared; encoder noise is negligible there
+_ALIKE = 1e-6  # relative tolerance on a derivative that another formula computed
+_REACH_S = 0.03  # time to either side at which positions are compared; encoder noise is negligible there
 _LEAST = 3  # samples
 _pieces = cache_by_array(number_pieces)  # derivatives know nothing across a gap in time
 
@@ -66,7 +66,7 @@ class MeasurementModel:
         Args:
             rng: source of random numbers.
         """
-        error, data = self._another_error(rng), self.data
+        error, data = self._simulate_error(rng), self.data
         if self.filters[0] is not None:
             noise = channel_derivative(data, error, self.filters[0], 1)
         else:
@@ -84,7 +84,7 @@ class MeasurementModel:
     def _pieces(self) -> IntArray:
         return np.asarray(_pieces(self.data.time_s, self.data.run))
 
-    def _another_error(self, rng: np.random.Generator) -> FloatArray:
+    def _simulate_error(self, rng: np.random.Generator) -> FloatArray:
         if self.step > 0.0:
             smooth = self.data.position - self.error
             extra = max(float(np.mean(self.error**2)) - self.step**2 / 12.0, 0.0)
@@ -107,46 +107,49 @@ class MeasurementModel:
 
 
 def identify_measurement_model(data: ChannelData) -> MeasurementModel:
-    """Tell the errors of a channel's positions, and how its derivatives came about.
+    """Identify the errors of a channel's positions and the filters that derived its derivatives.
 
     What is found is remembered for the same motion under another load.
 
     Args:
         data: the channel.
     """
-    return replace(_readings_of(data), data=data)
+    return replace(_identify(data), data=data)
 
 
 @cache_by_channel_arrays("time_s", "run", "position", "velocity", "acceleration", "position_step")
-def _readings_of(data: ChannelData) -> MeasurementModel:
+def _identify(data: ChannelData) -> MeasurementModel:
     step = data.position_step or grid_step(data.position)
     piece = _pieces(data.time_s, data.run)
     rounding = rounding_variance(data.time_s, data.position, piece, step)
     error, half = position_error(data.time_s, data.position, piece, rounding)
     few = data.select(np.arange(min(len(data), _TRIED)))
-    velocity, _ = _window(few, few.position, error, few.velocity, 1)
+    velocity, _ = _identify_window(few, few.position, error, few.velocity, 1)
     of_velocity, half_of_velocity = np.zeros(len(data)), half
-    acceleration, apart = _window(few, few.position, error, few.acceleration, 2)
+    acceleration, difference = _identify_window(few, few.position, error, few.acceleration, 2)
     if velocity is None:
         of_velocity, half_of_velocity = position_error(data.time_s, data.velocity, piece, 0.0)
     noise = of_velocity if velocity is None else channel_derivative(data, error, velocity, 1)
-    of_it, apart_from_it = _window(few, few.velocity, noise, few.acceleration, 1)
-    is_of_velocity = of_it is not None and apart_from_it < apart
+    of_it, difference_of_velocity = _identify_window(few, few.velocity, noise, few.acceleration, 1)
+    is_of_velocity = of_it is not None and difference_of_velocity < difference
     acceleration = of_it if is_of_velocity else acceleration
     filters = velocity, acceleration
     is_staircase = step == 0.0 < rounding
     halves, orders = (half, half_of_velocity), (1, 1 if is_of_velocity else 2)
     exact = (
-        _unbent(data, data.velocity - of_velocity, filters[0], orders[0]),
-        _unbent(data, data.acceleration, filters[1], orders[1]),
+        _invert_filter(data, data.velocity - of_velocity, filters[0], orders[0]),
+        _invert_filter(data, data.acceleration, filters[1], orders[1]),
     )
-    bent = _bent(data, exact[0], filters[0], orders[0]), _bent(data, exact[1], filters[1], orders[1])
+    filtered = (
+        _apply_filter(data, exact[0], filters[0], orders[0]),
+        _apply_filter(data, exact[1], filters[1], orders[1]),
+    )
     how = halves, step, is_staircase, filters, is_of_velocity
-    return MeasurementModel(data, error, of_velocity, *how, exact, bent)
+    return MeasurementModel(data, error, of_velocity, *how, exact, filtered)
 
 
 def shuffle_noise(noise: FloatArray, run: IntArray, rng: np.random.Generator) -> FloatArray:
-    """Noise (n,) like the one given, without its tie to the motion: shifted in time, of either sign.
+    """Return noise (n,) with the same spectrum but independent of the motion: shifted in time, random sign.
 
     Args:
         noise: shape (n,).
@@ -169,7 +172,7 @@ def low_frequency_noise(error: FloatArray, run: IntArray, half: int, rng: np.ran
     Schafer, IEEE Signal Processing Magazine 28 (2011).
 
     Args:
-        error: of the readings, shape (n,).
+        error: error of the readings, shape (n,).
         run: number of each sample's run, shape (n,).
         half: samples to either side in a window.
         rng: source of random numbers.
@@ -192,13 +195,13 @@ def low_frequency_noise(error: FloatArray, run: IntArray, half: int, rng: np.ran
 
 
 def channel_derivative(data: ChannelData, signal: FloatArray, window: int, order: int) -> FloatArray:
-    """Derivative (n,) of a signal (n,) by the window that derived the channel's own.
+    """Differentiate a signal (n,) with the window that derived the channel's own derivatives.
 
     Args:
         data: the channel.
         signal: shape (n,).
         window: samples to either side in a window.
-        order: of the derivative.
+        order: order of the derivative.
     """
     piece = _pieces(data.time_s, data.run)
     if len(signal) * (2 * window + 1) < _MOST_WEIGHTS and not is_even(data.time_s, piece):
@@ -218,14 +221,19 @@ def _derivative_operator(
     return uneven_derivative_operator(time_s.thing, list(blocks(piece.thing)), window, order)
 
 
-def _bent(data: ChannelData, exact: FloatArray, window: int | None, order: int) -> FloatArray:
+def _apply_filter(data: ChannelData, exact: FloatArray, window: int | None, order: int) -> FloatArray:
     """Apply the differentiation filter to an exact derivative of this order, (n,)."""
-    return (
-        exact if window is None else channel_derivative(data, _integrated(exact, data, order), window, order)
-    )
+    if window is None:
+        return exact
+    signal = exact
+    for _ in range(order):  # integrate over each piece without a gap
+        signal = signal.copy()
+        for rows in equal_length_blocks(_pieces(data.time_s, data.run)):
+            signal[rows] = scipy.integrate.cumulative_simpson(signal[rows], x=data.time_s[rows], initial=0.0)
+    return channel_derivative(data, signal, window, order)
 
 
-def _unbent(data: ChannelData, derivative: FloatArray, window: int | None, order: int) -> FloatArray:
+def _invert_filter(data: ChannelData, derivative: FloatArray, window: int | None, order: int) -> FloatArray:
     """Estimate the exact derivative (n,) from a smoothed one by adding back the smoothing error (twicing).
 
     J. W. Tukey, Exploratory Data Analysis (1977), ch. 16. Noise of the derivative is removed first with the
@@ -234,20 +242,10 @@ def _unbent(data: ChannelData, derivative: FloatArray, window: int | None, order
     if window is None:
         return derivative
     smooth = channel_derivative(data, derivative, wider_window(window, 1), 0)
-    return 2.0 * smooth - _bent(data, smooth, window, order)
+    return 2.0 * smooth - _apply_filter(data, smooth, window, order)
 
 
-def _integrated(signal: FloatArray, data: ChannelData, times: int) -> FloatArray:
-    """Integrate a signal (n,) a number of times over each piece without a gap."""
-    whole = signal
-    for _ in range(times):
-        whole = whole.copy()
-        for rows in equal_length_blocks(_pieces(data.time_s, data.run)):
-            whole[rows] = scipy.integrate.cumulative_simpson(whole[rows], x=data.time_s[rows], initial=0.0)
-    return whole
-
-
-def _window(
+def _identify_window(
     data: ChannelData, signal: FloatArray, error: FloatArray, given: FloatArray, order: int
 ) -> tuple[int | None, float]:
     """Identify the window that derived a derivative (n,) from a signal (n,) with a reading error.
@@ -255,17 +253,17 @@ def _window(
     Returns the half width of the window, None if no window fits, and the median squared difference during
     motion. The median ignores differences at the ends of pieces.
     """
-    alike: list[tuple[float, int]] = []
+    matches: list[tuple[float, int]] = []
     moving = given != 0.0
     if not moving.any():
         return None, np.inf
     for window in HALF_WINDOWS:
         passed_on = channel_derivative(data, error[: len(data)], window, order)
-        apart = float(np.median((channel_derivative(data, signal, window, order) - given)[moving] ** 2))
+        difference = float(np.median((channel_derivative(data, signal, window, order) - given)[moving] ** 2))
         limit = max(_PASSED_ON * float(np.median(passed_on**2)), _ALIKE * float(np.mean(given**2)))
-        if apart <= limit:
-            alike.append((apart, window))
-    least, best = min(alike, default=(np.inf, None))
+        if difference <= limit:
+            matches.append((difference, window))
+    least, best = min(matches, default=(np.inf, None))
     return best, least
 
 
@@ -279,32 +277,21 @@ def inflate_acceleration_noise(data: ChannelData, reach_s: float = _REACH_S) -> 
         data: the channel.
         reach_s: time to either side over which positions are compared [s].
     """
+    integrate = scipy.integrate.cumulative_trapezoid
     missing = np.zeros(len(data))
     for rows in blocks(_pieces(data.time_s, data.run)):
-        missing[rows] = _missing(
-            data.time_s[rows], data.position[rows], data.velocity[rows], data.acceleration[rows], reach_s
-        )
+        time_s = data.time_s[rows]
+        if len(time_s) < 2:
+            continue
+        reach = max(int(reach_s / float(np.median(np.diff(time_s))) + 0.5), _LEAST)
+        if len(time_s) <= 2 * reach:
+            continue
+        velocity = data.velocity[rows.start] + integrate(data.acceleration[rows], time_s, initial=0.0)
+        deviation = data.position[rows] - integrate(velocity, time_s, initial=0.0)
+        before, middle, after = deviation[: -2 * reach], deviation[reach:-reach], deviation[2 * reach :]
+        back = time_s[reach:-reach] - time_s[: -2 * reach]
+        ahead = time_s[2 * reach :] - time_s[reach:-reach]
+        second = 2.0 * ((after - middle) / ahead - (middle - before) / back) / (ahead + back)
+        missing[rows.start + reach : rows.stop - reach] = second
     still = np.zeros(len(data))
     return shifted_motion(data, still, still, missing)
-
-
-def _missing(time_s: FloatArray, x: FloatArray, v: FloatArray, a: FloatArray, reach_s: float) -> FloatArray:
-    """Second difference of positions (n,) less those that an acceleration (n,) leads along."""
-    missing = np.zeros(len(x))
-    if len(x) < 2:
-        return missing
-    steps = np.diff(time_s)
-    reach = max(int(reach_s / float(np.median(steps)) + 0.5), _LEAST)
-    if len(x) <= 2 * reach:
-        return missing
-    off = x - _integral(v[0] + _integral(a, steps), steps)
-    before, here, after = off[: -2 * reach], off[reach:-reach], off[2 * reach :]
-    back = time_s[reach:-reach] - time_s[: -2 * reach]
-    ahead = time_s[2 * reach :] - time_s[reach:-reach]
-    missing[reach:-reach] = 2.0 * ((after - here) / ahead - (here - before) / back) / (ahead + back)
-    return missing
-
-
-def _integral(signal: FloatArray, steps: FloatArray) -> FloatArray:
-    """Trapezoidal integral (n,) of a signal (n,), from zero."""
-    return np.concatenate([[0.0], np.cumsum(0.5 * (signal[1:] + signal[:-1]) * steps)])

@@ -1,4 +1,4 @@
-"""Noise of a channel: the error that a complete model would leave, whatever model is tried.
+"""Noise of a channel: the error that a complete model would leave.
 
 The effort has noise of its own, which free air shows, or the part of its spectrum that no motion reaches. The
 motion's readings have errors too, which a model passes on to the effort that it predicts. Both are found
@@ -20,7 +20,7 @@ from palpate.estimation.fit.run_heterogeneity import run_heterogeneity
 from palpate.estimation.signals.blocks import rows_of_runs
 from palpate.robot_io.types import FloatArray
 
-_FREE = 0.9  # of the samples before a touch; the last of them may already be in contact
+_FREE = 0.9  # share of the samples before a touch; the last of them may be in contact
 _LEAST = 50  # samples needed for an estimate
 _DIFFERENCES = (1.0, -3.0, 3.0, -1.0)  # third difference of neighboring readings, which removes smooth motion
 _USUAL, _OF_USUAL = (
@@ -31,7 +31,7 @@ _STEP = 5.0  # ratio to the mean distance between readings above which the motio
 _WHITE = 1.2  # ratio of differences at twice the distance up to which they contain no motion
 _REPEATED = 0.01  # of the range of positions: largest difference between runs that repeat one motion
 _SLOWER = 1.5  # ratio of noise by repeats to noise by neighbors above which a part of the noise is slow
-_SEED = 0  # of simulated readings: a channel always has the same noise
+_SEED = 0  # seed of simulated readings: a channel always has the same noise
 
 
 class NoiseSource(StrEnum):
@@ -66,7 +66,7 @@ class MeasurementNoise:
         """Return the noise in words, such as "0.031 N: upper bound, from repeated runs".
 
         Args:
-            unit: of the effort.
+            unit: unit of the effort.
         """
         size = f"{self.value:.3g} {unit}"
         return f"{size}{': upper bound' if self.is_bound else ''}, from {self.source.value}"
@@ -87,7 +87,7 @@ def measurement_noise(base: FitResult) -> MeasurementNoise:
     alone = run_heterogeneity(base.problem.blocked, base.solution, least=0.0)
     if base.validation is None and alone is not None and alone.alone < bound:
         bound, source = alone.alone, NoiseSource.EACH_RUN
-    motion, air, fast = _of_motion(base), free_air_noise(data), fast_noise(data)
+    motion, air, fast = _motion_noise(base), free_air_noise(data), fast_noise(data)
     if air and air <= bound:  # a reader that shows zero in free air says nothing of its noise
         return MeasurementNoise(min(float(np.hypot(air, motion)), bound), NoiseSource.FREE_AIR, air, motion)
     is_slower = source is NoiseSource.REPEATS and fast and bound > _SLOWER * np.hypot(fast, motion)
@@ -98,7 +98,7 @@ def measurement_noise(base: FitResult) -> MeasurementNoise:
 
 
 def free_air_noise(data: ChannelData) -> float | None:
-    """Standard deviation of the effort before the first touch of each run, about that run's mean.
+    """Estimate the noise before the first touch of each run, about that run's mean.
 
     Args:
         data: the channel.
@@ -116,7 +116,7 @@ def free_air_noise(data: ChannelData) -> float | None:
 
 
 def fast_noise(data: ChannelData) -> float | None:
-    """Standard deviation of white noise, from third differences; None where slower signals pass too.
+    """Estimate white noise from third differences; None if the differences contain slower signals.
 
     The largest differences are left out: where something snaps the effort jumps, and its noise does not.
     P. Hall, J. W. Kay, D. M. Titterington, Biometrika 77 (1990).
@@ -124,20 +124,16 @@ def fast_noise(data: ChannelData) -> float | None:
     Args:
         data: the channel.
     """
-    near, far = (size_of_differences(list(_efforts_in_motion(data)), distance) for distance in (1, 2))
+    efforts = []  # of each stretch of smooth motion: not where it goes by single steps between holds
+    for rows in rows_of_runs(data.run):
+        moved = np.abs(np.diff(data.position[rows], prepend=data.position[rows[0]]))
+        efforts += np.split(data.effort[rows], np.flatnonzero(moved > _STEP * moved.mean()))
+    near, far = (size_of_differences(efforts, distance) for distance in (1, 2))
     return near if near and far and 0.0 < far <= _WHITE * near else None
 
 
-def _efforts_in_motion(data: ChannelData) -> Iterator[FloatArray]:
-    """Efforts of each stretch that moves on smoothly: not where it goes by single steps between holds."""
-    for rows in rows_of_runs(data.run):
-        moved = np.abs(np.diff(data.position[rows], prepend=data.position[rows[0]]))
-        steps = np.flatnonzero(moved > _STEP * moved.mean())
-        yield from np.split(data.effort[rows], steps)
-
-
 def size_of_differences(signals: Sequence[FloatArray], distance: int) -> float | None:
-    """Root mean square of third differences of readings so far apart, of unit gain for white noise.
+    """Root mean square of third differences at a distance, of unit gain for white noise.
 
     The largest of them are left out, and so are those of readings that are not finite.
 
@@ -161,8 +157,8 @@ def size_of_differences(signals: Sequence[FloatArray], distance: int) -> float |
 
 
 def _differences(base: FitResult) -> Iterator[FloatArray]:
-    """Differences between the base model's residuals of runs that repeat one motion."""
-    data, left = base.data, base.data.effort - base.predict(base.solution.parameters)
+    """Yield differences between the base model's residuals in runs that repeat one motion."""
+    data, residual = base.data, base.data.effort - base.predict(base.solution.parameters)
     reach = _REPEATED * float(np.ptp(data.position))
     for first, second in pairwise(rows_of_runs(data.run)):
         count = min(len(first), len(second))
@@ -170,11 +166,11 @@ def _differences(base: FitResult) -> Iterator[FloatArray]:
         if count >= _LEAST and rmse(data.position[earlier] - data.position[later]) <= reach:
             judged = base.judged[earlier] & base.judged[later]
             if judged.any():
-                yield (left[earlier] - left[later])[judged]
+                yield (residual[earlier] - residual[later])[judged]
 
 
-def _of_motion(base: FitResult) -> float:
-    """Error that the base model makes of another reading of the same motion."""
+def _motion_noise(base: FitResult) -> float:
+    """Error of the base model's prediction due to reading errors of the motion, by simulation."""
     measurement = identify_measurement_model(base.data)
     motions = (measurement.smoothed_motion, measurement.simulate(np.random.default_rng(_SEED)))
     smooth, read = (

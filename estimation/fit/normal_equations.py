@@ -1,4 +1,4 @@
-"""Everything that a linear fit and its held-out errors need, in one small matrix per fold."""
+"""Normal equations by cross-validation fold, their solution, and autoregressive noise."""
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
@@ -24,7 +24,7 @@ class NormalEquations:
     known: Information | None = None
 
     def only(self, columns: BoolArray) -> "NormalEquations":
-        """With only these columns, a mask of shape (q,), and the target.
+        """Keep only some columns and the target.
 
         Args:
             columns: mask, shape (q,).
@@ -36,11 +36,11 @@ class NormalEquations:
         return NormalEquations(self.products[:, kept[:, None], kept[None, :]], known)
 
     def with_fixed(self, columns: BoolArray, gains: FloatArray) -> "NormalEquations":
-        """Without some columns (a mask, shape (q,)), whose effort at these gains (q,) the target loses.
+        """Remove columns with fixed gains, whose effort is subtracted from the target.
 
         Args:
             columns: mask, shape (q,).
-            gains: of all columns; those of the mask count, shape (q,).
+            gains: gains of all columns; those of the mask count, shape (q,).
         """
         shift = np.eye(len(gains) + 1)
         shift[:-1, -1] = np.where(columns, -gains, 0.0)
@@ -50,7 +50,7 @@ class NormalEquations:
         return NormalEquations(shift.T @ self.products @ shift, known).only(~columns)
 
     def training(self, scale: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """What gains solve, of all folds and of all but each, for columns that are `scale` (q,) times these.
+        """Return the systems for all folds and for all but each, with columns scaled by `scale` (q,).
 
         Args:
             scale: factor of each column, shape (q,).
@@ -67,7 +67,7 @@ class NormalEquations:
 
 
 def gram_matrices(parts: Iterable[FloatArray]) -> NormalEquations:
-    """Cross products of columns and target side by side, one array (rows, q + 1) for each fold.
+    """Compute the cross products of columns and target, one array (rows, q + 1) for each fold.
 
     Args:
         parts: columns and target of each fold, (rows, q + 1).
@@ -112,30 +112,30 @@ class LinearFit:
 
 
 def solve_normal_equations(equations: NormalEquations, ridge: float = 1e-9, dof: int = 0) -> LinearFit:
-    """Fit to all and to all but each fold.
+    """Fit to all folds and to all but each fold.
 
     Args:
-        equations: of columns and target.
+        equations: equations of columns and target.
         ridge: shrinkage on columns of unit mean square; the default only keeps collinear columns finite.
         dof: samples, for the standard errors; 0 if they are not wanted.
     """
     scaled, scale = _scaled(equations)
-    others = scaled.sum(axis=0) - scaled
+    training = scaled.sum(axis=0) - scaled
     system, target = equations.training(scale)
     system = system + ridge * np.eye(len(scale))
     gains = np.linalg.solve(system, target[..., None])[..., 0]
     used = np.concatenate([np.repeat(gains[:1], len(scaled), axis=0), gains[1:], gains[1:]])
-    sse, held_out, train = _sse(np.concatenate([scaled, scaled, others]), used).reshape(3, -1)
+    sse, held_out, train = _sse(np.concatenate([scaled, scaled, training]), used).reshape(3, -1)
     return LinearFit(gains[0] * scale, gains[1:] * scale, sse, train, held_out, system[0], scale, dof)
 
 
 def held_out_sse(equations: NormalEquations, ridges: FloatArray) -> FloatArray:
-    """Sum of squared residuals in each fold, of the fit to the others, (r, folds), for each shrinkage (r, q).
+    """Return held-out squared residuals by fold, shape (r, folds), for each ridge penalty (r, q).
 
     See `solve_normal_equations`, which does one of them and more.
 
     Args:
-        equations: of all folds.
+        equations: equations of all folds.
         ridges: shrinkages to try, on columns of unit size, shape (r, q).
     """
     scaled, scale = _scaled(equations)
@@ -143,10 +143,10 @@ def held_out_sse(equations: NormalEquations, ridges: FloatArray) -> FloatArray:
 
 
 def held_out_gains(equations: NormalEquations, ridge: FloatArray) -> FloatArray:
-    """Gains (folds, q) from the folds other than each, with a shrinkage (q,).
+    """Return the gains (folds, q) fitted to all but each fold, with a ridge penalty (q,).
 
     Args:
-        equations: of all folds.
+        equations: equations of all folds.
         ridge: shrinkage of each gain, on columns of unit size, shape (q,).
     """
     _, scale = _scaled(equations)
@@ -160,7 +160,7 @@ def _shrunken(equations: NormalEquations, scale: FloatArray, ridge: FloatArray) 
 
 
 def _scaled(equations: NormalEquations) -> tuple[FloatArray, FloatArray]:
-    """Products of columns of unit length over all folds, and the factors (q,) that made them so.
+    """Scale columns to unit length over all folds; also return the factors (q,).
 
     What is known counts as rows: a column that this data does not move is not blown up to unit length.
     """
@@ -175,7 +175,7 @@ def _scaled(equations: NormalEquations) -> tuple[FloatArray, FloatArray]:
 
 
 def _sse(products: FloatArray, gains: FloatArray) -> FloatArray:
-    """Squared residuals of `gains` (q,) or (..., folds, q) on each fold's products."""
+    """Return squared residuals of `gains` (q,) or (..., folds, q) on each fold's products."""
     signed = np.concatenate([-gains, np.ones((*gains.shape[:-1], 1))], axis=-1)
     sse: FloatArray = np.sum((products @ signed[..., None])[..., 0] * signed, axis=-1)
     return np.maximum(sse, 0.0)
@@ -221,12 +221,12 @@ WHITE = ArNoise(np.empty(0))
 
 
 def estimate_ar_noise(residual: FloatArray, run: IntArray, trusted: BoolArray) -> ArNoise:
-    """Fit the noise colour to residuals (Yule-Walker, pooled over runs; the mean is part of the noise).
+    """Estimate the autoregressive noise model of residuals (Yule-Walker, pooled over runs).
 
     Args:
         residual: shape (m,).
         run: number of the run of each, shape (m,).
-        trusted: which of them count, shape (m,).
+        trusted: mask of the residuals that count, shape (m,).
     """
     clean = np.where(trusted, residual, 0.0)
     products = np.empty(ORDER + 1)
@@ -253,12 +253,12 @@ class Nuisance:
         Args:
             blocks: shape (m,) or (m, k).
         """
-        left = _without_runs(blocks, self.by_run, self.run)
-        return np.asarray(left - self.basis @ (self.basis.T @ left))
+        residual = _without_runs(blocks, self.by_run, self.run)
+        return np.asarray(residual - self.basis @ (self.basis.T @ residual))
 
 
 def nuisance_of(columns: FloatArray, by_run: FloatArray, run: IntArray, used: BoolArray) -> Nuisance:
-    """Prepare the projection.
+    """Orthonormalise nuisance columns.
 
     Args:
         columns: flexible laws of all runs together, shape (m, q).
@@ -277,11 +277,11 @@ def nuisance_of(columns: FloatArray, by_run: FloatArray, run: IntArray, used: Bo
 def _without_runs(blocks: FloatArray, by_run: FloatArray, run: IntArray) -> FloatArray:
     if by_run.shape[1] == 0:
         return blocks
-    left = blocks.astype(np.float64, copy=True)
+    residual = blocks.astype(np.float64, copy=True)
     for rows in rows_of_runs(run):
         own = by_run[rows]
-        left[rows] -= own @ (own.T @ left[rows])
-    return left
+        residual[rows] -= own @ (own.T @ residual[rows])
+    return residual
 
 
 def _orthonormal(columns: FloatArray, *, drop: bool = False) -> FloatArray:

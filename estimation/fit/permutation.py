@@ -32,19 +32,19 @@ def null_improvements(
 
     Args:
         noise: residuals (w,) of the best model, in order of time within each run.
-        run: of each, shape (w,).
+        run: run of each, shape (w,).
         base: columns (w, q) of the model without a candidate.
         candidates: columns of the model with one, each of shape (w, q').
-        rng: for the surrogates.
+        rng: random generator for the surrogates.
         observed: share of the error that the best candidate takes from the recording.
         most: surrogates that may reach it.
     """
     drawn = surrogate_residuals(noise, run, rng).astype(np.float32, order="C")
     explained = _explained(drawn, base)
-    left = np.sum(drawn**2, axis=0) - explained
+    residual = np.sum(drawn**2, axis=0) - explained
     best = np.zeros(drawn.shape[1])
     for columns in candidates:
-        best = np.maximum(best, (_explained(drawn, columns) - explained) / left)
+        best = np.maximum(best, (_explained(drawn, columns) - explained) / residual)
         if np.sum(best >= observed) > most:
             break
     return best
@@ -55,8 +55,8 @@ def surrogate_residuals(noise: FloatArray, run: IntArray, rng: np.random.Generat
 
     Args:
         noise: residuals, shape (w,).
-        run: of each, shape (w,).
-        rng: for the surrogates.
+        run: run of each, shape (w,).
+        rng: random generator for the surrogates.
     """
     made = np.empty((COUNT, len(noise)))
     for number in np.unique(run):

@@ -52,7 +52,7 @@ def fit_samples(
     """Fit all parameters of a model together.
 
     Args:
-        model: what to fit.
+        model: model to fit.
         data: whole runs of the channel; effects with memory see all of it.
         rows: samples whose residuals count, shape (n,); None for all.
         loss: `Loss.CAUCHY` or `Loss.BIWEIGHT` where some samples may be wrong.
@@ -67,7 +67,7 @@ def fit_samples(
     if robust not in searched:
         # The best of the starts that each effect proposes, one effect after the other.
         inner = {name: float(parameter.spread(3)[1]) for name, parameter in model.inner.items()}
-        begun = solve_gains(problem, model, _inside(model, inner))
+        start_solution = solve_gains(problem, model, _inside(model, inner))
         for effect in model.effects:
             if effect.inner:
                 proposals = [
@@ -75,9 +75,11 @@ def fit_samples(
                     for start in effect.starts(problem.blocked.data)
                 ]
                 solutions = [solve_gains(problem, model, _inside(model, proposal)) for proposal in proposals]
-                begun = min(solutions, key=lambda solution: _cost(problem, solution, loss))
-                inner = {name: begun.parameters[name] for name in model.inner}
-        searched[robust] = _reweighted(problem, begun) if robust else _finely(problem, begun)
+                start_solution = min(solutions, key=lambda solution: _cost(problem, solution, loss))
+                inner = {name: start_solution.parameters[name] for name in model.inner}
+        searched[robust] = (
+            _reweighted(problem, start_solution) if robust else _finely(problem, start_solution)
+        )
     return _described(searched[robust], problem, loss)
 
 
@@ -122,9 +124,9 @@ def _reweighted(problem: FitProblem, solution: Solution) -> Solution:
     """Repeat the search with Cauchy's weights from the residuals of the one before."""
     for number in range(_ROUNDS):
         absolute = number < _ABSOLUTE_ROUNDS
-        left = solution.residual[problem.used]
+        residual = solution.residual[problem.used]
         weighted = _weighted(
-            problem, absolute_share(left) if absolute else cauchy_influence(left / _core(left))[0]
+            problem, absolute_share(residual) if absolute else cauchy_influence(residual / _core(residual))[0]
         )
         search = optimize_inner if absolute else _finely
         before, solution = (

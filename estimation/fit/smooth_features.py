@@ -1,4 +1,4 @@
-"""Signals that a smooth law may depend on, each as columns that bend where the samples are."""
+"""Smooth features of signals: piecewise linear columns with knots at the samples' quantiles."""
 
 from collections.abc import Sequence
 
@@ -22,7 +22,7 @@ _CONTEXT = frozenset({"joint_position", "joint_velocity", "load"})
 
 
 def smooth_features(blocked: BlockedData, efforts: Sequence[FloatArray]) -> dict[str, FloatArray]:
-    """Columns (m, k) by the signal that they are functions of.
+    """Return columns (m, k) by the signal that they are functions of.
 
     Args:
         blocked: the channel on its blocks.
@@ -67,7 +67,7 @@ def smooth_features(blocked: BlockedData, efforts: Sequence[FloatArray]) -> dict
 
 
 def _position(blocked: BlockedData) -> FloatArray:
-    """Curves over the present position, over the furthest so far, and a joint's waves over its range."""
+    """Return features of the position, of its running maximum, and waves over a joint's range."""
     x = blocked.reduce(blocked.data.position)
     touching = blocked.reduce(blocked.data.engaged.astype(np.float64))
     columns = [curves(x), touching[:, None], hats(running_max(x, blocked.run))]
@@ -79,7 +79,7 @@ def _position(blocked: BlockedData) -> FloatArray:
 
 
 def _past(blocked: BlockedData) -> FloatArray:
-    """Memory of the position, fading over time or until the motion reverses."""
+    """Return features of the past motion: memory that fades over time or until a reversal."""
     data, run = blocked.data, blocked.run
     x, time_s, touching = (
         blocked.reduce(s) for s in (data.position, data.time_s, data.engaged.astype(np.float64))
@@ -90,9 +90,9 @@ def _past(blocked: BlockedData) -> FloatArray:
     else:
         fading = [pressed - low_pass(pressed, time_s, run, tau) for tau in _MEMORIES_S]
     turns = [reversal_memory(pressed, run, share) for share in _TURNS]
-    bent = [f * np.abs(f) for f in fading]
+    squared = [f * np.abs(f) for f in fading]
     bent_back = [np.abs(turn) * signal for turn in turns for signal in (pressed, a)]
-    past = np.column_stack([*fading, *bent, *turns, *bent_back])
+    past = np.column_stack([*fading, *squared, *turns, *bent_back])
     past *= touching[:, None]
     if blocked.data.kind is not ChannelKind.CONTACT:
         return past
@@ -103,7 +103,7 @@ def _past(blocked: BlockedData) -> FloatArray:
 
 
 def _past_effort(effort: FloatArray, time_s: FloatArray, run: IntArray) -> FloatArray:
-    """Memory of the effort, as of a sensor with delay, lag or hysteresis."""
+    """Return features of the past effort, as of a sensor with delay, lag or hysteresis."""
     slope, step = derivative(effort, time_s, run), sample_time(time_s, run)
     late = [effort - low_pass(effort, time_s, run, lag * step) for lag in _LAGS]
     late += [effort - shift(effort, time_s, run, lag * step) for lag in _LAGS[:-1]]
@@ -117,13 +117,13 @@ def reversal_memory(signal: FloatArray, run: IntArray, share: float) -> FloatArr
     Args:
         signal: shape (n,).
         run: number of each sample's run, shape (n,).
-        share: of the signal's range, length of the path.
+        share: length of the path as a share of the signal's range.
     """
     return signal - play(signal, run, share * float(np.ptp(signal)))
 
 
 def curves(signal: FloatArray) -> FloatArray:
-    """Bumps, and powers that go on where another run went further.
+    """Return piecewise linear columns and powers, which extrapolate to runs with a wider range.
 
     Args:
         signal: shape (n,).
@@ -133,7 +133,7 @@ def curves(signal: FloatArray) -> FloatArray:
 
 
 def hats(signal: FloatArray, even: int = _EVEN_KNOTS) -> FloatArray:
-    """Piecewise linear bumps without the one at zero: a constant is not theirs.
+    """Return piecewise linear columns without the one at zero, so that no constant is included.
 
     Knots lie at quantiles and `even` more over the range; of two that nearly coincide, one is left out.
 

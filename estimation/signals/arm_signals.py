@@ -65,7 +65,11 @@ def with_rigid_body(
         )
     context = dict(data.context)
     if regressor:
-        context |= _with_slopes(REGRESSOR, partial(_regressor, body, joint), (q, v, a), joint)
+
+        def rows(*motion: FloatArray) -> FloatArray:
+            return np.array([body.regressor(*row)[joint] for row in zip(*motion, strict=True)])
+
+        context |= _with_slopes(REGRESSOR, rows, (q, v, a), joint)
     context |= _with_slopes(TORQUE, partial(_torque, body, joint), (q, v, a), joint)
     context[PAYLOAD] = _torque(body.with_load(1.0), joint, q, v, a) - context[TORQUE]
     if "contact_force" in data.context:
@@ -112,12 +116,7 @@ def _torque(body: "RigidBody", joint: int, q: FloatArray, v: FloatArray, a: Floa
     return body.inverse_dynamics_along(q, v, a)[:, joint]
 
 
-def _regressor(body: "RigidBody", joint: int, q: FloatArray, v: FloatArray, a: FloatArray) -> FloatArray:
-    """One joint's rows of the regressor, shape (n, 10 joints)."""
-    return np.array([body.regressor(*rows)[joint] for rows in zip(q, v, a, strict=True)])
-
-
-def _beyond_reading(data: ChannelData, levers: FloatArray, left: FloatArray) -> FloatArray:
+def _beyond_reading(data: ChannelData, levers: FloatArray, unexplained: FloatArray) -> FloatArray:
     """Estimate the force at the tip beyond its reading from the torques that no link accounts for.
 
     Joints are weighted by their levers and their noise, estimated from neighbouring samples. A normal prior
@@ -127,14 +126,14 @@ def _beyond_reading(data: ChannelData, levers: FloatArray, left: FloatArray) -> 
     Args:
         data: any joint's channel.
         levers: torques per newton at the tip, shape (n, joints) [m].
-        left: torques less those of the links, shape (n, joints) [N m].
+        unexplained: torques less those of the links, shape (n, joints) [N m].
 
     Returns:
         Force, shape (n,) [N].
     """
     touching, force = data.context["touching"], data.context["contact_force"]
-    left = left - levers * force[:, None]
-    weights = levers / np.maximum(np.var(np.diff(left, axis=0), axis=0), 1e-300)
+    unexplained = unexplained - levers * force[:, None]
+    weights = levers / np.maximum(np.var(np.diff(unexplained, axis=0), axis=0), 1e-300)
     prior = 1.0 / np.maximum(np.max(force**2), 1e-300)
-    beyond = np.sum(weights * left, axis=1) / (np.sum(weights * levers, axis=1) + prior)
+    beyond = np.sum(weights * unexplained, axis=1) / (np.sum(weights * levers, axis=1) + prior)
     return smooth_jitter(np.where(touching, beyond, -force), data.time_s, data.run)

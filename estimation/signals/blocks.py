@@ -15,7 +15,7 @@ def blocks(number: IntArray | BoolArray) -> Iterator[slice]:
     """Iterate over the rows of each block of equal numbers, in order; empty blocks are left out.
 
     Args:
-        number: of the run, piece or phase that each sample belongs to, or a mask, shape (n,).
+        number: number of the run, piece or phase that each sample belongs to, or a mask, shape (n,).
     """
     borders = [0, *(np.flatnonzero(number[1:] != number[:-1]) + 1).tolist(), len(number)]
     for start, stop in pairwise(borders):
@@ -28,7 +28,7 @@ def block_index(number: IntArray | BoolArray) -> tuple[IntArray, IntArray]:
     """Find the blocks of equal numbers.
 
     Args:
-        number: of the run, piece or phase that each sample belongs to, or a mask, shape (n,).
+        number: number of the run, piece or phase that each sample belongs to, or a mask, shape (n,).
 
     Returns:
         First row of each block, shape (blocks,), and the block of each row, shape (n,).
@@ -68,7 +68,7 @@ def equal_length_blocks(number: IntArray) -> Iterator[IntArray]:
     """Iterate over the rows of all blocks of equal length, the shortest first.
 
     Args:
-        number: of the run, piece or phase that each sample belongs to, shape (n,).
+        number: number of the run, piece or phase that each sample belongs to, shape (n,).
 
     Yields:
         Rows, shape (blocks, length).
@@ -125,7 +125,7 @@ def number_stretches(mask: BoolArray, number: IntArray) -> IntArray:
     """Number the blocks in which neither a mask nor the run changes.
 
     Args:
-        mask: such as whether there is contact, shape (n,).
+        mask: mask, such as contact, shape (n,).
         number: run of each sample, shape (n,).
 
     Returns:

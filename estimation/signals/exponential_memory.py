@@ -44,9 +44,9 @@ def low_pass(
         from_rest: start from zero; else from the run's first sample.
     """
     starts, piece = block_index(run)
-    left = signal if from_rest else signal - signal[starts][piece]
+    deviation = signal if from_rest else signal - signal[starts][piece]
     rate = np.array([1.0 / max(tau_s, 1e-300)])
-    return signal - fading_memory(left, time_s, run, rate, np.ones(1), alone=True)
+    return signal - fading_memory(deviation, time_s, run, rate, np.ones(1), alone=True)
 
 
 def fading_memory(
@@ -69,7 +69,7 @@ def fading_memory(
         time_s: times [s].
         run: run of each sample.
         rates: shape (r,), above zero [1/s].
-        weights: of each rate, shape (r,).
+        weights: weights of each rate, shape (r,).
         alone: take each run as recorded independently, whatever its times.
 
     Returns:
@@ -83,18 +83,18 @@ def fading_memory(
     strain = signal.reshape(len(signal), -1).T
     step_s = sample_time(time_s, run)
     if is_even(time_s, run):
-        return _evenly(strain, runs, step_s, rates, weights).T.reshape(signal.shape)
+        return _even_memory(strain, runs, step_s, rates, weights).T.reshape(signal.shape)
     steps_s = np.diff(time_s, prepend=time_s[:1])
     steps_s[runs.start] = step_s
-    # Memory of strains (k, n) at any steps (n,) [s], the first of each run the usual one; see `_evenly`.
+    # Memory of strains (k, n) at any steps (n,) [s], the first of each run the usual one; see `_even_memory`.
     later, wait_s, change = runs.start[1:], steps_s.copy(), _changes(strain, runs)
     wait_s[runs.start[:1]], wait_s[later] = np.inf, runs.pause_s[:-1]
-    left, rows = np.zeros(strain.shape), runs.rows if np.any(np.diff(runs.start) < 0) else slice(None)
+    memory, rows = np.zeros(strain.shape), runs.rows if np.any(np.diff(runs.start) < 0) else slice(None)
     for rate, weight in zip(rates.tolist(), weights.tolist(), strict=True):
-        over, added = np.exp(-wait_s * rate), _taken(steps_s * rate) * change
+        over, added = np.exp(-wait_s * rate), _remaining_share(steps_s * rate) * change
         added[:, later] -= over[later] * strain[:, runs.end[:-1]]
-        left[:, rows] += weight * linear_recursion(over[rows], added.T[rows]).T
-    return left.T.reshape(signal.shape)
+        memory[:, rows] += weight * linear_recursion(over[rows], added.T[rows]).T
+    return memory.T.reshape(signal.shape)
 
 
 def springpot(signal: FloatArray, time_s: FloatArray, run: IntArray, alpha: float) -> FloatArray:
@@ -147,9 +147,9 @@ def _runs(time_s: FloatArray, run: IntArray) -> _Runs:
     pause_s = np.append(time_s[start[1:]] - time_s[stop[:-1] - 1], np.inf)
     pieces = np.cumsum(-(-(stop - start) // _LENGTH))
     rows = np.concatenate([np.arange(part.start, part.stop) for part in parts])
-    begun = np.append(0, pieces[:-1]) * _LENGTH - start
+    offset = np.append(0, pieces[:-1]) * _LENGTH - start
     place = np.empty(len(run), dtype=np.int64)
-    place[rows] = rows + np.repeat(begun, stop - start)
+    place[rows] = rows + np.repeat(offset, stop - start)
     pause_s[pause_s < 0.0] = np.inf
     return _Runs(rows, start, stop - 1, pause_s, place, pieces - 1, (stop - start - 1) % _LENGTH + 1)
 
@@ -162,27 +162,30 @@ def _changes(strain: FloatArray, runs: _Runs) -> FloatArray:
     return change
 
 
-def _taken(ratio: FloatArray) -> FloatArray:
-    """Share of a step's change that is left at its end, for a step of this many time constants."""
+def _remaining_share(ratio: FloatArray) -> FloatArray:
+    """Return the share of a step's change that remains at its end, for a step in time constants."""
     return np.asarray(-np.expm1(-ratio) / ratio)
 
 
-def _evenly(
+def _even_memory(
     strain: FloatArray, runs: _Runs, step_s: float, rates: FloatArray, weights: FloatArray
 ) -> FloatArray:
-    """Memory of strains (k, n) that are sampled evenly; see `fading_memory`.
+    """Compute the memory of evenly sampled strains (k, n); see `fading_memory`.
 
     Within a piece of samples, the memory of its own changes is one product of matrices for all rates. The
     memory of earlier pieces is added, which passes from piece to piece for each rate separately.
     """
-    powers, taken = np.exp(-step_s * np.outer(rates, np.arange(_LENGTH))), _taken(step_s * rates)
+    powers, remaining = (
+        np.exp(-step_s * np.outer(rates, np.arange(_LENGTH))),
+        _remaining_share(step_s * rates),
+    )
     count, last, columns = runs.last[-1] + 1, runs.last, len(strain)
     padded = np.zeros((columns, count * _LENGTH))
     padded[:, runs.place] = _changes(strain, runs)
     new = padded.reshape(-1, _LENGTH)
-    gained = (new @ (powers[:, ::-1] * taken[:, None]).T).reshape(columns, count, -1)
+    gained = (new @ (powers[:, ::-1] * remaining[:, None]).T).reshape(columns, count, -1)
     lags = runs.filled[:, None] - 1 - np.arange(_LENGTH)
-    ways = np.where(lags >= 0, powers[:, lags], 0.0) * taken[:, None, None]
+    ways = np.where(lags >= 0, powers[:, lags], 0.0) * remaining[:, None, None]
     of_last = new.reshape(columns, count, -1)[:, last]
     gained[:, last] = np.einsum("kql,rql->kqr", of_last, ways) - strain[:, runs.end, None]
     wait_s = np.full(count, step_s)  # to the first sample of the next piece
@@ -191,13 +194,13 @@ def _evenly(
     over = after * powers[:, -1]
     over[last] = after[last] * powers[:, runs.filled - 1].T
     # memory of the pieces before at the first sample of each, and its rest in all others
-    begun = np.zeros((columns, count, len(rates)))
+    initial = np.zeros((columns, count, len(rates)))
     passed = (gained * after).swapaxes(0, 1)[:-1]
     for number in range(len(rates)):
-        begun[:, 1:, number] = linear_recursion(over[:-1, number], passed[:, :, number]).T
-    left = new @ np.where(_LAGS >= 0, ((weights * taken) @ powers)[_LAGS], 0.0)
-    left += begun.reshape(-1, len(rates)) @ (weights[:, None] * powers)
-    return left.reshape(columns, -1).take(runs.place, axis=1)
+        initial[:, 1:, number] = linear_recursion(over[:-1, number], passed[:, :, number]).T
+    memory = new @ np.where(_LAGS >= 0, ((weights * remaining) @ powers)[_LAGS], 0.0)
+    memory += initial.reshape(-1, len(rates)) @ (weights[:, None] * powers)
+    return memory.reshape(columns, -1).take(runs.place, axis=1)
 
 
 def linear_recursion(decay: FloatArray, added: FloatArray) -> FloatArray:

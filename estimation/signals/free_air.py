@@ -7,10 +7,10 @@ import numpy as np
 from palpate.estimation.channel import ChannelData, ChannelKind
 from palpate.estimation.signals.blocks import rows_of_runs
 
-_FREE = 0.9  # of the samples before a touch; the last of them may already be in contact
+_FREE = 0.9  # share of the samples before a touch; the last of them may be in contact
 _WINDOW = 50  # most readings used at the end of a run
 _FEWEST = 5  # readings needed at each end
-_HIDDEN = 0.5  # of the noise; a smaller zero cannot be seen
+_HIDDEN = 0.5  # least zero that is visible, relative to the noise
 _SIGMAS = 3.0  # standard errors; a smaller rate may be zero
 
 

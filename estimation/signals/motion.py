@@ -5,10 +5,10 @@ import numpy as np
 from palpate.estimation.signals.blocks import rows_of_runs
 from palpate.robot_io.types import FloatArray, IntArray
 
-_RETURNS = 0.02  # of the range; a position that moves back by less does not return
-_UNEVEN = 0.1  # of a run's duration: largest deviation from motion at constant speed
+_RETURNS = 0.02  # least way back of a returning position, relative to its range
+_UNEVEN = 0.1  # largest deviation from constant speed, relative to a run's duration
 _SAME_SPEED = 0.2  # relative difference between the speeds of runs
-_MOVING = 0.3  # of the largest speed; below it the motion rests or reverses
+_MOVING = 0.3  # speed relative to the largest below which the motion rests or reverses
 
 
 def is_one_way(position: FloatArray, run: IntArray) -> bool:
@@ -18,7 +18,7 @@ def is_one_way(position: FloatArray, run: IntArray) -> bool:
 
     Args:
         position: shape (n,).
-        run: of each sample, shape (n,).
+        run: run of each sample, shape (n,).
     """
     return all(
         min(_way_back(position[rows]), _way_back(-position[rows])) < _RETURNS * np.ptp(position[rows])
@@ -31,7 +31,7 @@ def never_returns(position: FloatArray, run: IntArray) -> bool:
 
     Args:
         position: shape (n,).
-        run: of each sample, shape (n,).
+        run: run of each sample, shape (n,).
     """
     ways = {float(np.sign(position[rows[-1]] - position[rows[0]])) for rows in rows_of_runs(run)}
     return len(ways) == 1 and is_one_way(position, run)
@@ -43,7 +43,7 @@ def is_one_speed(time_s: FloatArray, position: FloatArray, run: IntArray) -> boo
     Args:
         time_s: shape (n,) [s].
         position: shape (n,).
-        run: of each sample, shape (n,).
+        run: run of each sample, shape (n,).
     """
     if not never_returns(position, run):
         return False

@@ -13,7 +13,7 @@ _SLOWEST = 3.0  # least number of periods in the longest piece
 _FASTEST = 0.4  # largest number of periods in a step
 _FINENESS = 10  # frequencies per resolvable one
 _SHORTEST, _LONGEST = 10, 16384  # steps in a piece; longer pieces are split, to bound memory
-_SHORT = 0.1  # of the longest piece; shorter pieces add work and little information
+_SHORT = 0.1  # least length of a piece, relative to the longest
 _AROUND = 20 * _FINENESS  # frequencies on either side of a peak that it is compared with
 _Piece = tuple[FloatArray, FloatArray]  # number of samples at each step, and their sum
 
@@ -29,7 +29,7 @@ def strongest_frequency(
 
     Args:
         time_s: increasing within a run [s], shape (n,).
-        run: of each sample, shape (n,).
+        run: run of each sample, shape (n,).
         signal: shape (n,), NaN where it is unknown.
         step_s: time between neighbours [s].
 
@@ -57,7 +57,7 @@ def strongest_frequency(
 
 
 def _pieces(time_s: FloatArray, run: IntArray, signal: FloatArray, step_s: float) -> list[_Piece]:
-    """Gapless pieces from the first to the last known sample, each on its grid of steps."""
+    """Return the gapless pieces from the first to the last known sample, on a grid of steps."""
     known = np.isfinite(signal)
     pieces: list[_Piece] = []
     for rows in blocks(number_pieces(time_s, run)):
@@ -87,16 +87,16 @@ def _explained(piece: _Piece, number: IntArray, size: int) -> FloatArray:
 
 _MOST_WAVES = 12  # wave numbers tried
 _LEAST_WAVES = 1.5  # within the range of motion; a longer wave could be any curve
-_LEAST_SHARE = 0.02  # of the remaining energy that one more wave must explain
-_APART_IN_HALVES = 0.8  # of its amplitude: largest difference of a wave between two halves of the data
+_LEAST_SHARE = 0.02  # share of the remaining energy that one more wave must explain
+_APART_IN_HALVES = 0.8  # largest difference of a wave between halves of the data, relative to its amplitude
 _MOST_SAMPLES = 30_000  # longer data are decimated
 _BINS = 16384
 _PER_BIN = 4  # bins of the shortest wave
 _APART = 1.3  # least difference of two waves, in periods within the range
-_FINER = 8  # of the spacing of independent waves
-_NEARLY_ALL = 0.98  # of the energy of all waves, explained by the multiples of one wave number
-_WHOLE_TURN = 0.75  # of a turn; an axis that covers more shows waves that repeat each turn
-_LEAST_PERIODS = 2.0  # of the pattern within the range; fewer may be any smooth law
+_FINER = 8  # points of the spectrum per independent wave
+_NEARLY_ALL = 0.98  # share of all waves' energy in the multiples of one wave number
+_WHOLE_TURN = 0.75  # share of a turn above which waves repeat with each turn
+_LEAST_PERIODS = 2.0  # least periods of the pattern within the range; fewer may be any smooth law
 
 
 @cache_by_channel_arrays("run", "position", "velocity", "acceleration", "effort")
@@ -128,29 +128,29 @@ def harmonics(data: ChannelData) -> tuple[float, tuple[int, ...]]:
     columns = np.column_stack(parts)
     motion = np.asarray(columns / np.maximum(np.linalg.norm(columns, axis=0), 1e-300))
     waves, tried, sizes = list[float](), list[float](), np.empty(0)
-    left, _ = _fitted(data, motion, waves)
+    residual, _ = _fit_waves(data, motion, waves)
     for _ in range(_MOST_WAVES):
-        tried.append(_strongest(data.position, left, span, tried))
-        after, energy = _fitted(data, motion, [*waves, tried[-1]])
-        if np.sum(after**2) > (1.0 - _LEAST_SHARE) * np.sum(left**2):
+        tried.append(_strongest_wave(data.position, residual, span, tried))
+        after, energy = _fit_waves(data, motion, [*waves, tried[-1]])
+        if np.sum(after**2) > (1.0 - _LEAST_SHARE) * np.sum(residual**2):
             break
-        if _is_in_both_halves(data, left, tried[-1]):
+        if _is_in_both_halves(data, residual, tried[-1]):
             waves.append(tried[-1])
-            left, sizes = after, energy
+            residual, sizes = after, energy
     if whole_turn:
         whole = sorted(
             {round(wave) for wave in waves if (round(wave) > 0 and abs(wave - round(wave)) * span < np.pi)}
         )
         shared = gcd(*whole) or 1
         return float(shared), tuple(wave // shared for wave in whole)
-    return _common(np.array(waves), sizes, 2.0 * np.pi / span)
+    return _common_wave_number(np.array(waves), sizes, 2.0 * np.pi / span)
 
 
-def _strongest(position: FloatArray, left: FloatArray, span: float, known: list[float]) -> float:
-    """Wave number of the largest peak of the spectrum over position, other than known peaks."""
+def _strongest_wave(position: FloatArray, residual: FloatArray, span: float, known: list[float]) -> float:
+    """Return the wave number of the largest peak of the spectrum over position, except known peaks."""
     place = ((position - position.min()) / span * (_BINS - 1)).astype(np.int64)
     count = np.bincount(place, minlength=_BINS)
-    total = np.bincount(place, weights=left, minlength=_BINS)
+    total = np.bincount(place, weights=residual, minlength=_BINS)
     mean = np.where(count > 0, total / np.maximum(count, 1), 0.0)
     height = np.abs(np.fft.rfft(mean, _FINER * _BINS))
     waves = np.arange(len(height)) / _FINER * (_BINS - 1) / _BINS  # within the span
@@ -158,13 +158,13 @@ def _strongest(position: FloatArray, left: FloatArray, span: float, known: list[
     for wave in known:
         height[np.abs(waves - wave * span / (2.0 * np.pi)) < _APART] = 0.0
     top = int(np.argmax(height))
-    low, here, high = height[[max(top - 1, 0), top, min(top + 1, len(height) - 1)]]
-    bend = 2.0 * here - low - high  # of the parabola through the three
+    low, middle, high = height[[max(top - 1, 0), top, min(top + 1, len(height) - 1)]]
+    bend = 2.0 * middle - low - high  # of the parabola through the three
     between = 0.5 * (high - low) / bend if low > 0.0 and high > 0.0 and bend > 0.0 else 0.0
     return float((waves[top] + between * waves[1]) * 2.0 * np.pi / span)
 
 
-def _fitted(data: ChannelData, motion: FloatArray, waves: list[float]) -> tuple[FloatArray, FloatArray]:
+def _fit_waves(data: ChannelData, motion: FloatArray, waves: list[float]) -> tuple[FloatArray, FloatArray]:
     """Residual (n,) of the effort beside motion and waves, and the energy of each wave."""
     angle = np.multiply.outer(data.position, np.array(waves))
     columns = np.hstack([motion, np.sin(angle), np.cos(angle)])
@@ -173,28 +173,30 @@ def _fitted(data: ChannelData, motion: FloatArray, waves: list[float]) -> tuple[
     return data.effort - columns @ gains, energy
 
 
-def _is_in_both_halves(data: ChannelData, left: FloatArray, wave: float) -> bool:
+def _is_in_both_halves(data: ChannelData, residual: FloatArray, wave: float) -> bool:
     """Check whether odd and even runs, or the halves of a single run, have the same wave."""
     starts, piece = block_index(data.run)
-    half = piece % 2 if len(starts) > 1 else np.arange(len(left)) * 2 // len(left)
+    half = piece % 2 if len(starts) > 1 else np.arange(len(residual)) * 2 // len(residual)
     columns = np.column_stack([np.sin(wave * data.position), np.cos(wave * data.position)])
     first, second = (
-        np.linalg.lstsq(columns[half == side], left[half == side], rcond=None)[0] for side in (0, 1)
+        np.linalg.lstsq(columns[half == side], residual[half == side], rcond=None)[0] for side in (0, 1)
     )
     difference, mean = np.linalg.norm(first - second), 0.5 * np.linalg.norm(first + second)
     return bool(difference <= _APART_IN_HALVES * mean)
 
 
-def _common(waves: FloatArray, energy: FloatArray, apart: float) -> tuple[float, tuple[int, ...]]:
-    """Largest wave number of which nearly all waves are multiples, and the multiples; others are left out.
+def _common_wave_number(
+    waves: FloatArray, energy: FloatArray, resolution: float
+) -> tuple[float, tuple[int, ...]]:
+    """Return the largest wave number of which nearly all waves are multiples, and the multiples.
 
     Multiples are exact within a fifth of the resolution. Waves outside the pattern stem from slow changes
     along the way.
     """
-    most = int(waves[0] / (_LEAST_PERIODS * apart)) if len(waves) else 0
+    most = int(waves[0] / (_LEAST_PERIODS * resolution)) if len(waves) else 0
     for parts in range(1, most + 1):
         multiples = np.round(waves * parts / waves[0])
-        fits = (np.abs(waves - multiples * waves[0] / parts) < apart / 5.0) & (multiples > 0)
+        fits = (np.abs(waves - multiples * waves[0] / parts) < resolution / 5.0) & (multiples > 0)
         if np.sum(energy[fits]) >= _NEARLY_ALL * np.sum(energy):
             return float(waves[0] / parts), tuple(sorted({int(m) for m in multiples[fits]}))
     return 0.0, ()

@@ -15,7 +15,7 @@ from palpate.estimation.signals.cache_by_array import cache_by_array
 from palpate.robot_io.types import FloatArray, IntArray
 
 _WINDOW = 5  # samples over which a derivative is smoothed
-_EVEN = 0.01  # of the median step; larger differences of steps are uneven sampling
+_EVEN = 0.01  # largest relative difference of steps in even sampling
 _ALL = slice(None)
 _STEADY_S = 0.025  # in which a probing tip reverses at most once
 _MOST_CLAMPS = 32  # operations that are composed into one, and applied one after the other
@@ -55,7 +55,7 @@ def apply_per_run(
     """Apply an operator to each run's rows of a signal.
 
     Args:
-        operator: from the rows of a run to as many rows.
+        operator: function from the rows of a run to as many rows.
         signal: shape (n,) or (n, k).
         run: run of each sample, shape (n,).
     """
@@ -344,12 +344,12 @@ def bouc_wen(
 
 def _interpolate_one(at: float, points: list[float], values: list[float]) -> float:
     """Do the work of `np.interp` for a single number, without the cost of calling NumPy."""
-    right = bisect_right(points, at)
-    if right == 0 or right == len(points):
-        return values[min(right, len(points) - 1)]
-    left = right - 1
-    share = (at - points[left]) / (points[right] - points[left])
-    return values[left] + share * (values[right] - values[left])
+    upper = bisect_right(points, at)
+    if upper == 0 or upper == len(points):
+        return values[min(upper, len(points) - 1)]
+    lower = upper - 1
+    share = (at - points[lower]) / (points[upper] - points[lower])
+    return values[lower] + share * (values[upper] - values[lower])
 
 
 @dataclass(frozen=True)

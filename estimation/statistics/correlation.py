@@ -14,8 +14,8 @@ from palpate.estimation.signals.blocks import rows_of_runs
 from palpate.robot_io.types import BoolArray, FloatArray, IntArray
 
 SIGMAS_99 = NormalDist().inv_cdf(0.995)
-_SHARE = 0.9  # of the residuals; the largest, at kinks of the motion, are not representative of the model
-_SIGMAS = 1.6448536269514722  # that quantile of the magnitude of Gaussian noise
+_SHARE = 0.9  # share of the residuals without the largest, which occur at kinks of the motion
+_SIGMAS = 1.6448536269514722  # 90 % quantile of the magnitude of Gaussian noise
 
 
 @dataclass(frozen=True)
@@ -41,7 +41,7 @@ def autocorrelation(residual: FloatArray, run: IntArray, most: int) -> Correlati
 
     Args:
         residual: shape (n,); NaN where there is none. Its mean is subtracted.
-        run: of each sample, shape (n,).
+        run: run of each sample, shape (n,).
         most: largest lag in samples.
     """
     products, pairs = _products(residual, residual, run, most)
@@ -61,7 +61,7 @@ def cross_correlation(residual: FloatArray, motion: FloatArray, run: IntArray, m
     Args:
         residual: e, shape (n,); NaN where there is none. Its mean is subtracted.
         motion: u, shape (n,); likewise.
-        run: of each sample, shape (n,).
+        run: run of each sample, shape (n,).
         most: largest lag in samples.
     """
     u = np.where(np.isfinite(residual), motion, np.nan)
@@ -137,7 +137,7 @@ def misfit(residuals: FloatArray, run: IntArray, inliers: BoolArray) -> Misfit:
 
     Args:
         residuals: effort minus prediction, in order of time within each run, shape (n,).
-        run: of each sample, shape (n,).
+        run: run of each sample, shape (n,).
         inliers: samples that a robust method kept, shape (n,).
 
     Returns:

@@ -10,7 +10,7 @@ from palpate.robot_io.types import FloatArray, IntArray
 
 # Above this condition number the normal equations lose half of the digits; an orthogonal solution is used.
 _SAFE_CONDITION = 1e6
-_AT_REST = 1e-10  # of the largest moment; a smaller slope at a bound is rounding
+_AT_REST = 1e-10  # slope at a bound, relative to the largest moment, below which it is rounding
 _PATIENCE = 3  # unsuccessful block exchanges before single exchanges
 _MOST_EXCHANGES = 20  # for each gain
 _DEGENERATE = 1e-12  # least ratio of the smallest to the largest eigenvalue of a subset's scaled X'X
@@ -111,8 +111,8 @@ def solve_within_bounds(
         free = ~(low | high)
         if len(places := np.flatnonzero(free)):
             rows = system[places]
-            left = moment[places] - rows @ solution if solution.any() else moment[places]
-            solution[places] = solve_definite(rows[:, places], left)
+            gradient = moment[places] - rows @ solution if solution.any() else moment[places]
+            solution[places] = solve_definite(rows[:, places], gradient)
         slope = system @ solution - moment
         below, above = free & (solution < lower), free & (solution > upper)
         wrong = below | above | (low & (slope < -rest)) | (high & (slope > rest))

@@ -14,7 +14,7 @@ MAD_TO_SIGMA = 1.0 / NormalDist().inv_cdf(0.75)
 _BIN_COUNT = 20
 _LEAST_PER_BIN = 25
 _NO_NOISE = 1e-100  # in any unit; its inverse square is still finite
-_FLOOR_SHARE = 1e-3  # of the overall level; keeps weights finite where the predicted noise is zero
+_FLOOR_SHARE = 1e-3  # least noise relative to its overall level, which keeps weights finite
 
 
 def robust_sigma(residuals: FloatArray) -> float:
@@ -93,8 +93,10 @@ def sum_covariance(terms: FloatArray, run: IntArray | None = None) -> SumCovaria
     rests = [piece[1:] - ar1 * piece[:-1] for piece in pieces]
     whitened = [np.concatenate(both) for both in zip(firsts, rests, strict=True)]
     # The number of lags that balances bias and variance (Andrews 1991, eq. 6.2 and 6.4).
-    left = _ar1(whitened)
-    alpha = float((4 * left**2 / ((1 - left) ** 2 * (1 + left) ** 2)).max(initial=0.0))
+    remaining_ar1 = _ar1(whitened)
+    alpha = float(
+        (4 * remaining_ar1**2 / ((1 - remaining_ar1) ** 2 * (1 + remaining_ar1) ** 2)).max(initial=0.0)
+    )
     lags = np.ceil(1.1447 * (alpha * len(terms)) ** (1 / 3))
     lag_count = int(np.clip(lags, 1, max(1, max(map(len, pieces)) // 2)))
     matrix = sum(_bartlett(piece, lag_count) for piece in whitened) / np.outer(1 - ar1, 1 - ar1)

@@ -131,7 +131,7 @@ def assess_parameters(
         values: shape (m,).
         jacobian: shape (n, m).
         effort: shape (n,).
-        covariance: of the values.
+        covariance: covariance of the values.
         gain_count: how many of the first parameters are gains, in which the effort is linear.
 
     Returns:
@@ -229,7 +229,7 @@ def assemble(
         jacobian: shape (n, m), of the prediction with respect to the parameters.
         effort: shape (n,).
         residuals: shape (n,).
-        covariance: of the values.
+        covariance: covariance of the values.
         gain_count: how many of the first parameters are gains; None for all.
         inliers: samples used, shape (n,); None for all.
         history: see `Estimate`.

@@ -46,7 +46,7 @@ class StudyChannel:
 
     @cached_property
     def data(self) -> ChannelData:
-        """With the signals that the model needs; a joint's take long to work out, and only when asked for.
+        """Channel with the signals that the model needs, computed on first use.
 
         Raises:
             InputError: the channel lacks something that the model needs.
@@ -55,7 +55,7 @@ class StudyChannel:
 
     @cached_property
     def to_fit(self) -> ChannelData:
-        """The runs of `data` that models are fitted to."""
+        """Runs of `data` that models are fitted to."""
         return self.data.of_runs(np.setdiff1d(self.data.runs, self.held_out)) if self.held_out else self.data
 
     @property
@@ -158,12 +158,12 @@ def described_by(source: Source, model: str) -> tuple[ChannelData, ...]:
     if channels:
         return channels
     expected = " or ".join(_IN_WORDS[kind] for kind in sorted(kinds))
-    there = ", ".join(f"{channel.name} ({channel.kind})" for channel in source.channels)
+    listed = ", ".join(f"{channel.name} ({channel.kind})" for channel in source.channels)
     hint = "." if source.session is None or ChannelKind.CONTACT not in kinds else "; was anything touched?"
     valid = [n for n in MODELS if MODELS[n].channels & {channel.kind for channel in source.channels}]
     raise InputError(
         f"{source.path or source.name}: model '{model}' describes a {expected}, its channels are: "
-        f"{there}{hint} Choose with --model: {', '.join(valid)}"
+        f"{listed}{hint} Choose with --model: {', '.join(valid)}"
     )
 
 
@@ -222,7 +222,7 @@ def data_sha256(data: ChannelData, arm: Arm) -> str:
 
 
 def _feed(digest: "hashlib._Hash", value: object) -> None:
-    """Each value with its type and size, so that no two different ones are fed the same bytes."""
+    """Yield each value with its type and size, so that different values give different bytes."""
     match value:
         case np.ndarray():
             digest.update(f"{value.dtype.str}{value.shape}".encode())

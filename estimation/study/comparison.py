@@ -1,4 +1,4 @@
-"""Model against measurement: how large the held-out error is, and in which part of the data."""
+"""Compare a model with a measurement: size of the held-out error, and where it is large."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -16,11 +16,11 @@ from palpate.estimation.fit.measurement_noise import MeasurementNoise
 from palpate.estimation.study.patterns import Part, Pattern, patterns, splits
 from palpate.estimation.workers import single_threaded
 from palpate.robot_io.errors import InputError, UnknownNameError
-from palpate.robot_io.types import BoolArray, FloatArray
+from palpate.robot_io.types import BoolArray
 
-AT_NOISE = 1.1  # times the noise, below which an error is within the noise
-_MOST_SPLITS = 3  # that are put into words
-_SEEN_MEAN = 0.1  # of a part's error, below which its mean is not put into words
+AT_NOISE = 1.1  # ratio to the noise below which an error is within the noise
+_MOST_SPLITS = 3  # splits that are described
+_SEEN_MEAN = 0.1  # mean relative to a part's error below which it is not described
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -61,7 +61,7 @@ class Comparison(TableDisplay):
 
     @property
     def not_judged(self) -> str:
-        """How many samples the error says nothing of, in a sentence; empty where it is about all."""
+        """Sentence on the samples excluded from the error; empty if there are none."""
         count, whole = int(np.count_nonzero(~self.judged)), len(self.judged)
         if not count:
             return ""
@@ -116,23 +116,27 @@ class Comparisons(TableDisplay):
 
 
 def compare(fitted: FitResult, model: str, noise: MeasurementNoise) -> Comparison:
-    """Put a fitted model beside the measurement, and split the error.
+    """Compare a fitted model with the measurement, and split the error.
 
     Args:
         fitted: the model.
         model: its name, with the effects that were added.
-        noise: of the channel.
+        noise: noise of the channel.
     """
     data, unit = fitted.data, fitted.data.kind.effort_unit
     # The error by each way of splitting that leaves more than one part with samples.
     parts = {}
     for by, masks in splits(fitted.data).items():
-        every = (
-            _part(label, fitted.residual, mask & fitted.judged, noise.value) for label, mask in masks.items()
-        )
-        occupied = tuple(part for part in every if part is not None)
+        occupied = list[Part]()
+        for label, mask in masks.items():
+            own = fitted.residual[mask & fitted.judged]
+            if len(own):
+                size = float(np.sqrt(np.mean(own**2)))
+                energy = float(np.sum(own**2) / np.nansum(fitted.residual**2))
+                excess = size / noise.value if noise.value > 0.0 else float("inf")
+                occupied.append(Part(label, len(own), size, float(own.mean()), energy, excess))
         if len(occupied) > 1:
-            parts[by] = occupied
+            parts[by] = tuple(occupied)
     is_noise = fitted.rmse < AT_NOISE * noise.value
     seen = () if is_noise else patterns(parts, fitted.rmse)
     kinds: tuple[BudgetEntry, ...] = ()
@@ -149,30 +153,20 @@ def compare(fitted: FitResult, model: str, noise: MeasurementNoise) -> Compariso
     return Comparison(data.name, unit, model, fitted, noise, parts, tuple(words), seen, kinds)
 
 
-def _part(label: str, residual: FloatArray, mask: BoolArray, noise: float) -> Part | None:
-    own = residual[mask]
-    if not len(own):
-        return None
-    size = float(np.sqrt(np.mean(own**2)))
-    energy = float(np.sum(own**2) / np.nansum(residual**2))
-    excess = size / noise if noise > 0.0 else float("inf")
-    return Part(label, len(own), size, float(own.mean()), energy, excess)
-
-
 def _words(
     error: float, noise: MeasurementNoise, parts: Mapping[str, tuple[Part, ...]], unit: str
 ) -> tuple[str, ...]:
-    """The overall judgement, then the splits in which the error is most uneven."""
+    """Describe the overall error, then the splits in which it is most uneven."""
     level = noise.describe(unit)
     if error < AT_NOISE * noise.value:
         return (f"The error of {error:.3g} {unit} is within the noise ({level}).",)
     times = error / noise.value if noise.value > 0.0 else float("inf")
-    said = [f"The error of {error:.3g} {unit} is {times:.1f} times the noise ({level})."]
+    sentences = [f"The error of {error:.3g} {unit} is {times:.1f} times the noise ({level})."]
     for by in sorted(parts, key=lambda by: -_contrast(parts[by]))[:_MOST_SPLITS]:
         worst, least = (pick(parts[by], key=lambda part: part.rmse) for pick in (max, min))
         if worst.rmse <= (1.0 + SMALL) * least.rmse:  # all as large: they differ in their means
             high, low = (pick(parts[by], key=lambda part: part.mean) for pick in (max, min))
-            said.append(
+            sentences.append(
                 f"By {by}, it has the same size everywhere; measured minus modelled is on average "
                 f"{high.mean:+.3g} {unit} ({high.label}), {low.mean:+.3g} {unit} ({low.label})."
             )
@@ -181,12 +175,12 @@ def _words(
         if abs(worst.mean) > _SEEN_MEAN * worst.rmse:
             side = "above" if worst.mean > 0.0 else "below"
             largest += f"; the measurement is {abs(worst.mean):.3g} {unit} {side} the model on average"
-        said.append(f"{largest}.")
-    return tuple(said)
+        sentences.append(f"{largest}.")
+    return tuple(sentences)
 
 
 def _contrast(parts: tuple[Part, ...]) -> float:
-    """How unevenly the error is spread over the parts."""
+    """Return how unevenly the error is distributed over the parts."""
     sizes = np.array([part.rmse for part in parts])
     means = np.array([part.mean for part in parts])
     whole = float(np.sqrt(np.mean(sizes**2))) or 1.0

@@ -20,10 +20,10 @@ from palpate.robot_io.errors import InputError
 from palpate.robot_io.types import BoolArray, FloatArray
 
 BEST = ("robust", "weighted", "lsq")  # estimators of which the first available one is shown if only one fits
-MOST = 0.8  # of the samples
+MOST = 0.8  # share of samples that the best estimate must use
 ALL = "all"
 USUAL = ("lsq", "robust", "ransac")  # default estimators
-SEED = 1  # of RANSAC's random subsets
+SEED = 1  # seed of RANSAC's random subsets
 OFFSET = "contact_offset.offset"
 
 
@@ -64,7 +64,7 @@ class ChannelEstimates(TableDisplay):
         """Position of the surface by this estimate, not below the touch; None if depth was given.
 
         Args:
-            estimate: of one estimator.
+            estimate: estimate of one estimator.
         """
         surface = self.channel.surface
         if surface is None:
@@ -129,9 +129,9 @@ def only_runs(channel: ChannelData, runs: Sequence[int], source: Source) -> Chan
         raise InputError(f"runs {runs!r}: a run is there twice")
     recorded = sorted(set(source.recorded(channel)))
     if missing := sorted(set(runs).difference(recorded)):
-        there = ", ".join(map(str, recorded[:20]))
+        listed = ", ".join(map(str, recorded[:20]))
         raise InputError(
-            f"runs {runs!r}: channel '{channel.name}' has no run {missing[0]}. There are: {there}"
+            f"runs {runs!r}: channel '{channel.name}' has no run {missing[0]}. There are: {listed}"
         )
     return channel.of_runs(np.array(source.runs_of(channel, runs)))
 
@@ -142,7 +142,7 @@ def estimate_with(
     """Fit one model to one channel with several estimators.
 
     Args:
-        channel: of a kind that the model describes.
+        channel: channel of a kind that the model describes.
         model_name: a base model.
         estimators: names.
         arm: what the channel belongs to, for models that need it.

@@ -107,30 +107,30 @@ class StudyFits(TableDisplay):
         """
         chosen = self.chosen(name)
         if len(chosen) > 1:
-            there = ", ".join(channel.name for channel in chosen)
-            raise InputError(f"several channels: {there}; choose one with --channel")
+            listed = ", ".join(channel.name for channel in chosen)
+            raise InputError(f"several channels: {listed}; choose one with --channel")
         return chosen[0]
 
     def chosen(self, name: str | None) -> tuple[StudyChannel, ...]:
         """Select channels.
 
         Args:
-            name: of one channel; None or "all" for all of them.
+            name: name of one channel; None or "all" for all of them.
 
         Raises:
             InputError: there is no such channel.
         """
         chosen = tuple(channel for channel in self.channels if name in {None, ALL_CHANNELS, channel.name})
         if not chosen:
-            there = ", ".join(channel.name for channel in self.channels)
-            raise InputError(f"--channel {name}: no such channel. There are: {there}")
+            listed = ", ".join(channel.name for channel in self.channels)
+            raise InputError(f"--channel {name}: no such channel. There are: {listed}")
         return chosen
 
     def with_model(self, name: str, model: str) -> StudyChannel:
         """Select a channel with another base model than the study's.
 
         Args:
-            name: of the channel.
+            name: name of the channel.
             model: base model.
 
         Raises:
@@ -138,8 +138,8 @@ class StudyFits(TableDisplay):
         """
         data = next((channel for channel in self.source.channels if channel.name == name), None)
         if data is None:
-            there = ", ".join(channel.name for channel in self.source.channels)
-            raise InputError(f"channel '{name}' is not there. There are: {there}")
+            listed = ", ".join(channel.name for channel in self.source.channels)
+            raise InputError(f"channel '{name}' is not there. There are: {listed}")
         return self._channel(data, model)
 
     def refusal(self, channel: StudyChannel) -> str:

@@ -23,7 +23,7 @@ from palpate.estimation.model import Model
 from palpate.estimation.workers import single_threaded
 from palpate.robot_io.errors import InputError
 
-SEED = 1  # of all random numbers of a diagnosis
+SEED = 1  # seed of all random numbers of a diagnosis
 _PREVIEW_STARTS = 6  # approximate number of start values of a preview
 _PREVIEW_TOLERANCE = 0.01  # least relative decrease of the squared error in a step of a preview
 Progress = Callable[[str, float], None]  # called with the current step and the share of it that is done

@@ -57,7 +57,7 @@ class StudyRevisions(StudyFits):
         """Return a revision by its number.
 
         Args:
-            number: of the revision.
+            number: number of the revision.
 
         Raises:
             InputError: there is none, or it has an effect of the user's own that this study was not given.
@@ -70,7 +70,7 @@ class StudyRevisions(StudyFits):
         """Return the channel of a revision, with its base model.
 
         Args:
-            revision: of this study's folder.
+            revision: revision of this study's folder.
 
         Raises:
             InputError: the channel is not there.
@@ -81,7 +81,7 @@ class StudyRevisions(StudyFits):
         """Reject a revision of other data, or with other numbers than this study's fit.
 
         Args:
-            revision: of this study's folder.
+            revision: revision of this study's folder.
 
         Raises:
             InputError: it is such a one, or its channel is not there.
@@ -105,7 +105,7 @@ class StudyRevisions(StudyFits):
         return channel if newest is None else self.channel_of(newest)
 
     def _check_own(self, revision: Revision) -> None:
-        """Reject a revision with an effect of the user's own whose code the user did not name now."""
+        """Reject a revision with a user-defined effect whose code was not given."""
         for place in revision.user_effects:
             if place not in self._own.values():
                 raise InputError(
@@ -119,7 +119,7 @@ class StudyRevisions(StudyFits):
         rmse: float,
         parameters: Mapping[str, ParameterValue],
     ) -> str:
-        """Say which saved number of a model is not that of its fit, in a few words; empty if none.
+        """Describe the first saved number that differs from the fit; empty if all agree.
 
         Nothing can be said of a model with an effect of the user's own whose code was not named.
         """

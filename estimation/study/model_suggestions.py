@@ -20,13 +20,13 @@ _NO_WORSE = 1.02  # ratio to the error of a complete model
 def better_model(
     study: ModelStudy, channel: StudyChannel, most: float, parameters: int | None = None
 ) -> tuple[str, float] | None:
-    """The base model that fits a channel best, with its error in held-out runs; None if it is above the most.
+    """Return the base model that fits a channel best and its held-out error; None if above the limit.
 
     Args:
-        study: what was measured.
+        study: study of the measurement.
         channel: with the model that was taken, for nobody named one.
         most: error that it may leave.
-        parameters: that it may have; None for any number.
+        parameters: largest number of parameters; None for any number.
     """
     good = []
     for name in MODELS:
@@ -46,7 +46,7 @@ def better_model(
 def better_explanation(
     study: ModelStudy, channel: StudyChannel, diagnosis: ChannelDiagnosis
 ) -> tuple[str, float] | None:
-    """The base model that does far better than the usual one with what was found missing, and its error.
+    """Return a base model that does far better than the usual one with accepted effects, and its error.
 
     Where the effects found complete the usual model, no other can fit far better: then it must fit as well
     with no more parameters than both together have.
@@ -97,7 +97,7 @@ def explained_by_fresh_runs(study: ModelStudy, diagnosis: ChannelDiagnosis) -> b
 
     Args:
         study: the measurement and its fits.
-        diagnosis: of one of its channels.
+        diagnosis: diagnosis of one of its channels.
     """
     named = [entry.effect for entry in diagnosis.accepted]
     unexplained = diagnosis.verdict is Verdict.UNEXPLAINED or diagnosis.complete is False

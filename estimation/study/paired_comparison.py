@@ -1,4 +1,4 @@
-"""Two measurements side by side, or two models of one: how far each describes the other, what differs."""
+"""Compare two measurements, or two models of one: mutual predictions and differences."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -60,18 +60,18 @@ class Side:
 
     @property
     def residual(self) -> FloatArray:
-        """Measured less predicted from other runs, shape (n,); NaN where it is not judged."""
+        """Measured less predicted from other runs, shape (n,); NaN where not scored."""
         return np.full(len(self.data), np.nan) if self.compared is None else self.compared.fitted.residual
 
     @cached_property
     def lags(self) -> int:
-        """Largest lag of its correlations, in samples."""
+        """Largest lag of the correlations, in samples."""
         length = float(np.median([len(rows) for rows in rows_of_runs(self.data.run)]))
         return int(np.clip(_LONGEST * length, _FEWEST, _MOST))
 
     @property
     def step_s(self) -> float:
-        """Time from sample to sample [s]: the unit of its lags."""
+        """Time from sample to sample, the unit of the lags [s]."""
         return sample_time(self.data.time_s, self.data.run)
 
     @cached_property
@@ -85,7 +85,7 @@ class Side:
         return cross_correlation(self.residual, self.data.velocity, self.data.run, self.lags)
 
     def floors_of(self, other: "Side") -> float:
-        """Error of this side's model on the other's measurement in noise floors of that, or NaN.
+        """Return the error of this side's model on the other's measurement in its noise levels, or NaN.
 
         Args:
             other: the side whose measurement is described.
@@ -98,7 +98,7 @@ class Side:
         return error / floor if floor > 0.0 else float("inf")
 
     def _prediction_of(self, other: "Side") -> FloatArray | None:
-        """Effort (n,) by this side's model for the other's motion, its own in held-out runs; or None."""
+        """Predict the effort (n,) for the other's motion; held-out runs for its own; None if impossible."""
         if self.compared is None or other.compared is None:
             return None
         if other is self:
@@ -109,7 +109,7 @@ class Side:
             return None
 
     def fit_of(self, other: "Side") -> float:
-        """Variance that this side's model explains in the other's measurement; in its own held-out runs [%].
+        """Return the share of the other's effort that this model explains; of its own, in held-out runs [%].
 
         Args:
             other: the side whose measurement is described.
@@ -195,7 +195,7 @@ class Sides(TableDisplay):
 
     @cached_property
     def _paired_errors(self) -> Mapping[str, float]:
-        """Standard errors of the differences where one measurement repeats the other; else none.
+        """Return standard errors of the differences if one measurement repeats the other; else none.
 
         With the same motion on both sides, of slopes X, what the model leaves alike in both, such as what it
         lacks, cancels: the difference of least squares is (X'X)^-1 X'(eB - eA).
@@ -208,15 +208,15 @@ class Sides(TableDisplay):
             np.where(b.fitted.judged, b.fitted.data.effort - b.fitted.predicted, np.nan)
         )
         assert left_b is not None  # noqa: S101, as the position
-        left = left_b - (a.fitted.data.effort - a.fitted.predicted)
-        rows = a.fitted.judged & np.isfinite(left)
-        apart = np.nanstd(position - self.first.data.position)
-        if not rows.any() or apart > _SAME_MOTION * np.std(self.first.data.position):
+        residual = left_b - (a.fitted.data.effort - a.fitted.predicted)
+        rows = a.fitted.judged & np.isfinite(residual)
+        distance = np.nanstd(position - self.first.data.position)
+        if not rows.any() or distance > _SAME_MOTION * np.std(self.first.data.position):
             return {}
         slopes = self._slopes[rows]
         free = slopes.any(axis=0)
         covariance = sandwich(
-            slopes[:, free], left[rows], np.ones(np.count_nonzero(rows)), a.fitted.data.run[rows]
+            slopes[:, free], residual[rows], np.ones(np.count_nonzero(rows)), a.fitted.data.run[rows]
         )
         names = np.array([*a.fitted.model.gains, *a.fitted.model.inner])[free].tolist()
         errors = dict(zip(names, covariance.std_err.tolist(), strict=True))
@@ -255,11 +255,11 @@ class Sides(TableDisplay):
             return None
         matched = np.full(len(a), np.nan)
         for run, run_of_b in zip(a.runs, b.runs, strict=True):
-            rows, there = a.run == run, b.run == run_of_b
-            t, u = a.time_s[rows] - a.time_s[rows][0], b.time_s[there] - b.time_s[there][0]
+            rows, rows_of_b = a.run == run, b.run == run_of_b
+            t, u = a.time_s[rows] - a.time_s[rows][0], b.time_s[rows_of_b] - b.time_s[rows_of_b][0]
             if min(t[-1], u[-1]) < _ALIKE * max(t[-1], u[-1]):
                 return None
-            matched[rows] = np.interp(t, u, values[there], right=np.nan)
+            matched[rows] = np.interp(t, u, values[rows_of_b], right=np.nan)
         return matched
 
     @property
@@ -302,13 +302,13 @@ class Sides(TableDisplay):
 def side_by_side(
     first: ModelStudy, second: ModelStudy, names: tuple[str, str], grown: tuple[Grown, Grown] | None = None
 ) -> tuple[Sides, ...]:
-    """The channels that two studies share, with their base models or what these have grown to.
+    """Pair the channels that two studies share, with their base models or newest revisions.
 
     Args:
-        first: what is compared with.
-        second: what is compared.
+        first: study to compare with.
+        second: study to compare.
         names: labels of the two studies.
-        grown: of each study, channels with effects that were added; None for all with their base models.
+        grown: channels of each study with their added effects; None for all base models.
 
     Raises:
         InputError: they share no channel.
@@ -321,8 +321,8 @@ def side_by_side(
         if second_channel.name == first_channel.name and second_channel.kind is first_channel.kind
     )
     if not comparisons:
-        there = [", ".join(channel.name for channel, _ in side) for side in chosen]
-        raise InputError(f"{names[0]} and {names[1]} share no channel: {there[0]}; {there[1]}")
+        listed = [", ".join(channel.name for channel, _ in side) for side in chosen]
+        raise InputError(f"{names[0]} and {names[1]} share no channel: {listed[0]}; {listed[1]}")
     return comparisons
 
 

@@ -1,4 +1,4 @@
-"""Find patterns in an error: where it is large, and what it depends on."""
+"""Patterns in an error: where it is large, and what it depends on."""
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -11,7 +11,7 @@ from palpate.estimation.channel import ChannelData
 from palpate.robot_io.types import BoolArray, FloatArray
 
 _TOLD = 0.5  # least share of the error in the means of the parts, to report a pattern
-_TURNS = 0.3  # the same if the error only depends on the direction
+_TURNS = 0.3  # least share for a dependence on the direction alone
 _GROWS = 2.0  # ratio of the errors in the last and first parts
 _ONE_SIGN = 0.7  # share of the error in its mean if it has one sign
 _OTHER = 1.2  # least ratio by which another split must explain more
@@ -51,7 +51,7 @@ class Pattern:
 
 
 def patterns(parts: Mapping[str, Sequence[Part]], rmse: float) -> tuple[Pattern, ...]:
-    """What the parts of an error have in common, the plainest first; empty where nothing stands out.
+    """Describe patterns in the parts of an error, the strongest first; empty without any.
 
     Args:
         parts: the error by way of splitting, see `palpate.estimation.study.comparison`.
@@ -62,22 +62,29 @@ def patterns(parts: Mapping[str, Sequence[Part]], rmse: float) -> tuple[Pattern,
     whole = sum(part.samples * part.mean for part in widest)
     samples = sum(part.samples for part in widest)
     one_sided = abs(whole) / (rmse * samples) if widest and rmse > 0.0 else 0.0
-    left = rmse * float(np.sqrt(1.0 - min(one_sided, 1.0) ** 2))  # about the mean, which hides no pattern
-    varying = {by: _about_their_mean(own) for by, own in parts.items()}
-    means = {by: _share_of_means(own, left) for by, own in varying.items()}
+    centred_rmse = rmse * float(
+        np.sqrt(1.0 - min(one_sided, 1.0) ** 2)
+    )  # about the mean, which hides no pattern
+    varying = {}  # the parts after the overall mean was subtracted from the error
+    for by, own in parts.items():
+        mean = float(np.average([part.mean for part in own], weights=[part.samples for part in own]))
+        sizes = [float(np.sqrt(max(part.rmse**2 + mean**2 - 2.0 * mean * part.mean, 0.0))) for part in own]
+        centred = zip(own, sizes, strict=True)
+        varying[by] = [replace(part, mean=part.mean - mean, rmse=size) for part, size in centred]
+    means = {by: _share_of_means(own, centred_rmse) for by, own in varying.items()}
     patterns = [
         Pattern(by, words, share)
         for by, own in varying.items()
         if means[by] > _OTHER * max((means.get(name, 0.0) for name in _FOLLOWS.get(by, ())), default=-1.0)
-        for words, share in _of_split(by, own, means[by])
+        for words, share in _pattern_of_split(by, own, means[by])
     ]
     if one_sided > _ONE_SIGN:
         patterns.append(Pattern("all", "has one sign throughout", one_sided))
     return tuple(sorted(patterns, key=lambda pattern: -pattern.share)[:_MOST])
 
 
-def _of_split(by: str, parts: Sequence[Part], share: float) -> Iterator[tuple[str, float]]:
-    """Words and strength of the pattern that one way of splitting shows, if any."""
+def _pattern_of_split(by: str, parts: Sequence[Part], share: float) -> Iterator[tuple[str, float]]:
+    """Yield words and strength of the pattern in one way of splitting, if any."""
     match by:
         case "direction":
             moving = [part.mean for part in parts if part.label.startswith("moving")]
@@ -93,13 +100,6 @@ def _of_split(by: str, parts: Sequence[Part], share: float) -> Iterator[tuple[st
         case _ if share > _TOLD:
             known = by in {"depth", "position", "phase", "effort", "load"}
             yield f"varies with {'the ' if known else ''}{by}", share
-
-
-def _about_their_mean(parts: Sequence[Part]) -> list[Part]:
-    """The parts after the overall mean was subtracted from the error."""
-    mean = float(np.average([part.mean for part in parts], weights=[part.samples for part in parts]))
-    sizes = [float(np.sqrt(max(part.rmse**2 + mean**2 - 2.0 * mean * part.mean, 0.0))) for part in parts]
-    return [replace(part, mean=part.mean - mean, rmse=size) for part, size in zip(parts, sizes, strict=True)]
 
 
 def _share_of_means(parts: Sequence[Part], rmse: float) -> float:

@@ -1,4 +1,4 @@
-"""Stages of models, kept so that one can go back to any of them: in files, or in memory."""
+"""Saved stages of models, in files or in memory."""
 
 import json
 from collections.abc import Callable, Iterator, Sequence
@@ -60,7 +60,7 @@ class Revision(BaseModel):
 
 
 class Revisions:
-    """All revisions of a study; several programs may keep some in one folder, and none is lost.
+    """Revisions of a study; several programs may save into one folder without losing any.
 
     Args:
         folder: where the folder of revisions is or will be; None to keep them in memory.
@@ -76,33 +76,42 @@ class Revisions:
         return self._folder is not None and self._folder.is_dir()
 
     def all(self) -> tuple[Revision, ...]:
-        """Every revision, oldest first. InputError: a file is not a revision."""
+        """All revisions, oldest first. InputError: a file is not a revision."""
         if self._folder is None:
             return tuple(self._in_memory)
         files = self._folder.glob("[0-9]*.json") if self._folder.is_dir() else ()
         own = [file for file in files if file.stem.isdecimal() and file.name == _name(int(file.stem))]
-        return tuple(_read(file) for file in sorted(own, key=lambda file: int(file.stem)))
+        revisions = []
+        for file in sorted(own, key=lambda file: int(file.stem)):
+            try:
+                revision = read_kept(file, Revision)
+            except ValueError as error:
+                raise _damaged(file, str(error)) from error
+            if flaw := next(_flaws(revision, int(file.stem)), None):
+                raise _damaged(file, flaw)
+            revisions.append(revision)
+        return tuple(revisions)
 
     def get(self, number: int) -> Revision:
-        """One revision.
+        """Return one revision.
 
         Args:
-            number: of the revision.
+            number: number of the revision.
 
         Raises:
             InputError: there is no such revision.
         """
         known = {revision.number: revision for revision in self.all()}
         if number not in known:
-            there = (
+            listed = (
                 ", ".join(str(n) for n in known)
                 or "none yet; leave out the start to begin with the base model"
             )
-            raise InputError(f"no revision {number} in {self._folder or 'memory'}. There are: {there}")
+            raise InputError(f"no revision {number} in {self._folder or 'memory'}. There are: {listed}")
         return known[number]
 
     def keep(self, make: Callable[[int], Revision]) -> Revision:
-        """Keep one more revision, by the next number that no other program has taken.
+        """Save a revision under the next number that no other program has taken.
 
         Args:
             make: builds the revision from its number.
@@ -131,7 +140,7 @@ class Revisions:
             raise InputError(f"cannot write {self._folder}: {error.strerror or error}") from error
 
     def drop(self, revisions: Sequence[Revision]) -> None:
-        """Remove revisions that were just saved: a set that could not be saved in full.
+        """Remove revisions that were just saved, if the set could not be saved in full.
 
         Args:
             revisions: just saved, the newest last.
@@ -144,26 +153,16 @@ class Revisions:
 
 
 def own_effects(revisions: Sequence[Revision]) -> list[str]:
-    """All effects of the user's own in these, as FILE.py:Class, each once.
+    """Return the user-defined effects in these revisions, as FILE.py:Class, each once.
 
     Args:
-        revisions: to search.
+        revisions: revisions to search.
     """
     return list(dict.fromkeys(text for revision in revisions for text in revision.user_effects))
 
 
 def _name(number: int) -> str:
     return f"{number:04d}.json"
-
-
-def _read(file: Path) -> Revision:
-    try:
-        revision = read_kept(file, Revision)
-    except ValueError as error:
-        raise _damaged(file, str(error)) from error
-    if wrong := next(_flaws(revision, int(file.stem)), None):
-        raise _damaged(file, wrong)
-    return revision
 
 
 def _damaged(file: Path, why: str) -> InputError:

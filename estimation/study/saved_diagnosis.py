@@ -48,7 +48,7 @@ def read_diagnosis(folder: Path | None) -> dict[tuple[str, str, str], ChannelDia
     """Read the saved diagnosis of a folder.
 
     Args:
-        folder: of the study; None for none.
+        folder: folder of the study; None for none.
 
     Returns:
         Diagnoses by channel, base model and SHA-256 of the data; empty without a file.
@@ -108,7 +108,7 @@ def read_kept(file: Path, model: type[Kept]) -> Kept:
         if file.stat().st_size > MOST_BYTES:
             raise ValueError(f"it has more than {MOST_BYTES // 10**6} MB")
         content = json.loads(file.read_bytes())
-        told = content.pop(_CHECKSUM, None) if isinstance(content, dict) else None
+        checksum = content.pop(_CHECKSUM, None) if isinstance(content, dict) else None
         kept = model.model_validate_json(json.dumps(content), strict=True)
     except (json.JSONDecodeError, UnicodeDecodeError) as error:
         raise ValueError("Invalid JSON") from error
@@ -125,9 +125,9 @@ def read_kept(file: Path, model: type[Kept]) -> Kept:
             raise ValueError(f"a text has {len(text)} characters, at most {MOST_TEXT}")
         if text != clean_text(text):
             raise ValueError(f"the text {text!a:.60} has characters that cannot be printed")
-    if told is None:
+    if checksum is None:
         raise ValueError(f"{_CHECKSUM}: is missing, as in files of earlier versions")
-    if told != _checksum(content):
+    if checksum != _checksum(content):
         raise ValueError(f"{_CHECKSUM}: is not that of the content, which was changed after palpate wrote it")
     return kept
 
@@ -163,7 +163,7 @@ def clean_text(text: str) -> str:
     """Replace each character that cannot be printed by a question mark.
 
     Args:
-        text: to clean.
+        text: text to clean.
     """
     return "".join(char if char.isprintable() else "?" for char in text)
 

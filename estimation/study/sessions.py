@@ -20,7 +20,7 @@ def read_session(path: Path, runs: str = "") -> tuple[Session, tuple[ChannelData
     """Read the channels of one session.
 
     Args:
-        path: of the session.
+        path: path of the session.
         runs: only these, by number or by label in the imported data file, with commas between; "" for all.
 
     Raises:
@@ -32,13 +32,13 @@ def read_session(path: Path, runs: str = "") -> tuple[Session, tuple[ChannelData
         return session, channels
     # Number of each run by its label in the imported data file, and by its number. A number that is
     # another run's label is ambiguous and left out.
-    there = sorted(set(chain(*(channel.runs.tolist() for channel in channels))))
-    called = {label: run for label, run in run_labels(session).items() if run in there}
-    unnamed = {str(run): run for run in there}
+    recorded = sorted(set(chain(*(channel.runs.tolist() for channel in channels))))
+    runs_by_label = {label: run for label, run in run_labels(session).items() if run in recorded}
+    unnamed = {str(run): run for run in recorded}
     known = {
         name: run
-        for name, run in (unnamed | called).items()
-        if unnamed.get(name, run) == called.get(name, run)
+        for name, run in (unnamed | runs_by_label).items()
+        if unnamed.get(name, run) == runs_by_label.get(name, run)
     }
     numbers = np.array([known[text] for text in chosen_texts(RUN, runs, known, str(path))])
     chosen = (channel.of_runs(numbers) for channel in channels)
@@ -49,7 +49,7 @@ def read_folder(folder: Path) -> tuple[list[Session], tuple[ChannelData, ...]]:
     """Read the probings in a folder as one measurement.
 
     Args:
-        folder: of sessions by one arm.
+        folder: folder of sessions by one arm.
 
     Raises:
         InputError: there is none, or they do not belong together.
@@ -64,7 +64,7 @@ def arm_of(session: Session) -> Arm:
     """Return the arm as a session describes it.
 
     Args:
-        session: of a probing or recording.
+        session: session of a probing or recording.
 
     Raises:
         InputError: the session's copy of the robot file or calibration is not valid.

@@ -1,4 +1,4 @@
-"""The measurement of a study: a session, a data file, or arrays in memory."""
+"""Read the measurement of a study: a session, a data file, or arrays in memory."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ import numpy as np
 
 from palpate.estimation.base_model import NO_ARM, Arm
 from palpate.estimation.channel import ChannelData
-from palpate.estimation.data.array_files import arrow_of
+from palpate.estimation.data.array_files import arrow_table
 from palpate.estimation.data.column_names import RUN
 from palpate.estimation.data.file_columns import is_session
 from palpate.estimation.data.import_file import Imported, import_file, import_table
@@ -66,19 +66,19 @@ class Source:
         return tuple(sorted({run for channel in self.channels for run in self.recorded(channel)}))
 
     def recorded(self, channel: ChannelData) -> list[int]:
-        """For each of a channel's runs the one that was recorded: another where it is a stretch of that.
+        """Return the recorded run of each of a channel's runs, which may be stretches of recorded runs.
 
         Args:
-            channel: of this source.
+            channel: channel of this source.
         """
         run_of = self.stretches.get(channel.name, {})
         return [run_of.get(run, run) for run in channel.runs.tolist()]
 
     def runs_of(self, channel: ChannelData, recorded: Sequence[int]) -> tuple[int, ...]:
-        """Numbers of a channel's runs, or stretches of runs, that were recorded as these.
+        """Return the numbers of a channel's runs, or stretches, that belong to recorded runs.
 
         Args:
-            channel: of this source.
+            channel: channel of this source.
             recorded: numbers of recorded runs.
         """
         return tuple(channel.runs[np.isin(self.recorded(channel), recorded)].tolist())
@@ -89,11 +89,11 @@ class Source:
         Args:
             runs: numbers of recorded runs to leave out.
         """
-        left = (
+        remaining = (
             channel.of_runs(np.setdiff1d(channel.runs, self.runs_of(channel, runs)))
             for channel in self.channels
         )
-        return replace(self, channels=tuple(left))
+        return replace(self, channels=tuple(remaining))
 
     def tared(self) -> tuple[ChannelData, ...]:
         """The channels with the force in free air subtracted, which a stiffness needs."""
@@ -107,7 +107,7 @@ class Source:
 
 
 def open_source(data: Any, options: ImportOptions = NO_OPTIONS, arm: Arm | None = None) -> Source:  # noqa: ANN401
-    """Read whatever a user has.
+    """Read a measurement from any supported source.
 
     Args:
         data: path of a session, of a folder of sessions of one arm, of a data file or of a folder of them,
@@ -119,15 +119,15 @@ def open_source(data: Any, options: ImportOptions = NO_OPTIONS, arm: Arm | None 
     Raises:
         InputError: it cannot be used.
     """
-    source = _read(data, options)
+    source = _source_of(data, options)
     return source if arm is None else replace(source, arm=arm, notes=(*source.notes, *arm.notes))
 
 
 def limit_length(source: Source, held_out: Sequence[int] = ()) -> Source:
-    """The source with long recordings averaged where that loses nothing, and a note on each.
+    """Average long recordings if that loses nothing, and add a note on each.
 
     Args:
-        source: what was measured.
+        source: measurement.
         held_out: runs that no model is fitted to.
 
     Raises:
@@ -137,28 +137,28 @@ def limit_length(source: Source, held_out: Sequence[int] = ()) -> Source:
         named = ", ".join(map(str, source.runs))
         raise InputError(f"runs to hold out: there is no run {unknown[0]}. There are: {named}")
     short = [shortened(channel, source.runs_of(channel, held_out)) for channel in source.channels]
-    said = {channel.name: words for channel, words, _ in short if words}
+    notes = {channel.name: words for channel, words, _ in short if words}
     return replace(
         source,
         channels=tuple(channel for channel, _, _ in short),
-        averaged={**source.averaged, **said},
-        notes=(*source.notes, *said.values()),
+        averaged={**source.averaged, **notes},
+        notes=(*source.notes, *notes.values()),
         stretches={**source.stretches, **{channel.name: cut for channel, _, cut in short if cut}},
     )
 
 
 def joined(first: Source, second: Source) -> Source:
-    """Two measurements of one thing as one, the runs of the second after those of the first; in memory.
+    """Join two measurements in memory, the runs of the second after those of the first.
 
     Args:
-        first: whose runs come first.
-        second: whose runs follow.
+        first: measurement whose runs come first.
+        second: measurement whose runs follow.
 
     Raises:
         InputError: they share no channel.
     """
-    others = {(channel.name, channel.kind): channel for channel in second.channels}
-    pairs = [(channel, others.get((channel.name, channel.kind))) for channel in first.channels]
+    channels_of_second = {(channel.name, channel.kind): channel for channel in second.channels}
+    pairs = [(channel, channels_of_second.get((channel.name, channel.kind))) for channel in first.channels]
     channels = tuple(
         joined_channels((first_channel, second_channel))
         for first_channel, second_channel in pairs
@@ -169,26 +169,26 @@ def joined(first: Source, second: Source) -> Source:
     return Source(f"{first.name} and {second.name}", channels, first.arm)
 
 
-def _read(data: Any, options: ImportOptions) -> Source:  # noqa: ANN401
+def _source_of(data: Any, options: ImportOptions) -> Source:  # noqa: ANN401
     match data:
         case Source():
             return data
         case str() | os.PathLike():
-            return _of_file(Path(data), options)
+            return _source_of_file(Path(data), options)
         case ChannelData():
             return Source(IN_MEMORY, (data,))
         case list() | tuple() if data and all(isinstance(item, str | os.PathLike) for item in data):
-            return _of_import(IN_MEMORY, import_files([Path(path) for path in data], options))
+            return _source_of_import(IN_MEMORY, import_files([Path(path) for path in data], options))
         case list() | tuple() if data and all(isinstance(item, ChannelData) for item in data):
             names = [channel.name for channel in data]
             if twice := sorted({name for name in names if names.count(name) > 1}):
                 raise InputError(f"{IN_MEMORY}: several channels are called {', '.join(twice)}; rename them")
             return Source(IN_MEMORY, tuple(data))
-    imported = import_table(table_of(_arrow(data), Path(IN_MEMORY)), options)
-    return _of_import(IN_MEMORY, imported)
+    imported = import_table(table_of(_as_arrow(data), Path(IN_MEMORY)), options)
+    return _source_of_import(IN_MEMORY, imported)
 
 
-def _of_import(name: str, imported: Imported, path: Path | None = None) -> Source:
+def _source_of_import(name: str, imported: Imported, path: Path | None = None) -> Source:
     return Source(
         name,
         imported.channels,
@@ -199,7 +199,7 @@ def _of_import(name: str, imported: Imported, path: Path | None = None) -> Sourc
     )
 
 
-def _of_file(path: Path, options: ImportOptions) -> Source:
+def _source_of_file(path: Path, options: ImportOptions) -> Source:
     if path.is_dir() and (any(map(is_session, path.glob("*.mcap"))) or not (files := data_files(path))):
         if options != NO_OPTIONS:
             raise InputError(f"{path}: is a folder of sessions; such options apply at import")
@@ -208,9 +208,9 @@ def _of_file(path: Path, options: ImportOptions) -> Source:
         (first, *more), channels = sessions.read_folder(path)
         return Source(path.name, channels, sessions.arm_of(first), path, first, more=tuple(more))
     if path.is_dir():
-        return _of_import(path.name, import_files(files, options), path)
+        return _source_of_import(path.name, import_files(files, options), path)
     if not is_session(path):
-        return _of_import(path.name, import_file(path, options), path)
+        return _source_of_import(path.name, import_file(path, options), path)
     if options != ImportOptions(where={RUN: runs} if (runs := options.where.get(RUN)) else {}):
         raise InputError(
             f"{path}: is a session, which takes --where run=0,2; "
@@ -224,7 +224,7 @@ def _of_file(path: Path, options: ImportOptions) -> Source:
     return Source(path.name, channels, sessions.arm_of(session), path, session, notes=notes)
 
 
-def _arrow(data: Any) -> pa.Table:  # noqa: ANN401
+def _as_arrow(data: Any) -> pa.Table:  # noqa: ANN401
     """Convert a table of any library, through Arrow's interface or column by column."""
     names = list(data) if isinstance(data, Mapping) else list(getattr(data, "columns", ()))
     if isinstance(data, pa.Table):
@@ -234,16 +234,15 @@ def _arrow(data: Any) -> pa.Table:  # noqa: ANN401
             return pa.table(data)
         except (pa.ArrowException, TypeError, ValueError, OverflowError) as error:
             raise InputError(f"{IN_MEMORY}: is not a table: {' '.join(str(error).split())[:200]}") from error
-    if names:
-        return arrow_of({str(name): _plain(data[name]) for name in names}, Path(IN_MEMORY))
+    columns = {}
+    for name in names:
+        values = data[name]
+        if isinstance(values, np.ma.MaskedArray):  # masked values become NaN
+            values = np.ma.filled(values.astype(np.float64), np.nan)
+        columns[str(name)] = np.asarray(values)
+    if columns:
+        return arrow_table(columns, Path(IN_MEMORY))
     raise InputError(
         f"data of type {type(data).__name__}{' without columns' if isinstance(data, Mapping) else ''}: give "
         "the path of a session or data file, a table (pandas, pyarrow, or a dict of arrays), or channels"
     )
-
-
-def _plain(values: Any) -> np.ndarray[Any, Any]:  # noqa: ANN401
-    """Convert a column to an array; masked values become NaN."""
-    if isinstance(values, np.ma.MaskedArray):
-        return np.asarray(np.ma.filled(values.astype(np.float64), np.nan))
-    return np.asarray(values)

@@ -1,6 +1,7 @@
 """A study: data, models, revisions and results of one measurement, each computed once."""
 
 from collections.abc import Callable, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import replace
 from datetime import UTC, datetime
 from pathlib import Path
@@ -185,7 +186,7 @@ class ModelStudy(StudyRevisions):
         """Return a diagnosis as plain data, with the data and models that it is about; keys are stable.
 
         Args:
-            diagnosis: of channels of this study.
+            diagnosis: diagnosis of channels of this study.
         """
         return diagnosis_data(diagnosis, self.channels)
 
@@ -288,10 +289,10 @@ class ModelStudy(StudyRevisions):
             before = [] if parent is None else parent.effects
             if parent is not None:
                 self._check_own(parent)
-                if there := [name for name in effects if name in before]:
+                if repeated := [name for name in effects if name in before]:
                     raise InputError(
-                        f"revision {parent.number} has {', '.join(there)} already: continue from one without "
-                        "it (--from, see palpate revisions), or start again (--fresh)"
+                        f"revision {parent.number} has {', '.join(repeated)} already: continue from one "
+                        "without it (--from, see palpate revisions), or start again (--fresh)"
                     )
             added = [*before, *effects]
             new = self._keep(base, added, parent)
@@ -315,13 +316,13 @@ class ModelStudy(StudyRevisions):
                 known = "; ".join(added) or "Nothing was added yet"
                 raise InputError(f"remove {effect!r}: was not added to any model. {known}")
             if len(having) > 1:
-                there = ", ".join(revision.channel for revision in having)
-                raise InputError(f"remove {effect!r}: was added to {there}; choose one with --channel")
+                listed = ", ".join(revision.channel for revision in having)
+                raise InputError(f"remove {effect!r}: was added to {listed}; choose one with --channel")
             (parent,) = having
             self._check_own(parent)
-            base, left = self.channel_of(parent), [name for name in parent.effects if name != effect]
-            revision = self._keep_one(base, left, parent, removed=effect)
-            return Change(self.result(base, left, self.known_diagnosis(base)), (revision,), parent)
+            base, remaining = self.channel_of(parent), [name for name in parent.effects if name != effect]
+            revision = self._keep_one(base, remaining, parent, removed=effect)
+            return Change(self.result(base, remaining, self.known_diagnosis(base)), (revision,), parent)
 
     def results(self) -> tuple[ChannelResult, ...]:
         """Return everything known of each channel, with the newest revision of this data.
@@ -372,29 +373,26 @@ class ModelStudy(StudyRevisions):
     def _suited_channel(self, effects: Sequence[Effect], name: str | None, *, fresh: bool) -> StudyChannel:
         """Return the one channel to which these effects apply; the contact, if they apply to that too."""
         chosen = self.chosen(name)
-        begun = chosen if fresh else tuple(map(self._current, chosen))
-        fitting_channels = [
-            base for base in begun if not any(unapplicable(effect, self._loaded(base)) for effect in effects)
-        ]
+        current = chosen if fresh else tuple(map(self._current, chosen))
+        fitting_channels = []
+        for base in current:
+            data = base.data
+            with suppress(InputError):  # of a channel that cannot be judged; reported when it is selected
+                data = self.fit(base).data  # with the signals that a fit derives, such as a joint's load
+            if not any(unapplicable(effect, data) for effect in effects):
+                fitting_channels.append(base)
         names = " and ".join(effect.name for effect in effects)
         if not fitting_channels:
-            there = ", ".join(f"{base.name} ({base.kind})" for base in begun)
-            known = suited_names(effects[0].name, self.effects, [base.data for base in begun])
+            listed = ", ".join(f"{base.name} ({base.kind})" for base in current)
+            known = suited_names(effects[0].name, self.effects, [base.data for base in current])
             raise InputError(
-                f"{names} {'do' if len(effects) > 1 else 'does'} not apply to any channel: {there}. {known}"
+                f"{names} {'do' if len(effects) > 1 else 'does'} not apply to any channel: {listed}. {known}"
             )
         contacts = [base for base in fitting_channels if base.kind is ChannelKind.CONTACT]
         if len(fitting_channels) > 1 and len(contacts) != 1:
-            there = ", ".join(base.name for base in fitting_channels)
-            raise InputError(f"{names} can be in {there}: choose one with --channel")
+            listed = ", ".join(base.name for base in fitting_channels)
+            raise InputError(f"{names} can be in {listed}: choose one with --channel")
         return (contacts or fitting_channels)[0]
-
-    def _loaded(self, channel: StudyChannel) -> ChannelData:
-        """Return the channel with the signals that a fit derives, such as the load of a joint."""
-        try:
-            return self.fit(channel).data
-        except InputError:  # the channel cannot be judged; the reason is reported when it is selected
-            return channel.data
 
     def _newest_result(self, channel: StudyChannel) -> ChannelResult:
         newest, diagnosis = self.latest(channel), self.known_diagnosis(channel)

@@ -1,6 +1,7 @@
-"""The models among which a diagnosis has not decided, and the simplest of those that nothing sets apart."""
+"""Models that a diagnosis does not separate, and the simplest of those that are indistinguishable."""
 
 from collections.abc import Iterable, Sequence
+from contextlib import suppress
 from dataclasses import replace
 from itertools import pairwise
 
@@ -25,7 +26,7 @@ _UNSEEN = (1.0 + SMALL) ** 2 - 1.0  # relative to the noise energy: a smaller di
 
 
 def is_undecided(diagnosis: ChannelDiagnosis) -> bool:
-    """Return whether several explanations are left, or none that explains everything.
+    """Return whether several explanations remain, or none explains everything.
 
     Args:
         diagnosis: the diagnosis.
@@ -36,7 +37,7 @@ def is_undecided(diagnosis: ChannelDiagnosis) -> bool:
 
 
 def rival_effects(diagnosis: ChannelDiagnosis, effects: Iterable[Effect]) -> list[list[list[str]]]:
-    """The questions that are left, each as the effects of all models that may be right, the best first.
+    """Return, for each open question, the effects of all models that may be right, the best first.
 
     Where an effect is not told from others, each in its place, which is a question of its own for each such
     effect. Where something is left: what is established (the base model, where nothing is), and each of the
@@ -48,30 +49,30 @@ def rival_effects(diagnosis: ChannelDiagnosis, effects: Iterable[Effect]) -> lis
     """
     names = [entry.effect for entry in diagnosis.accepted]
     parts = {effect.name: effect.parts for effect in effects}
-    asked = [
-        [_with(names, entry.effect, rival, parts.get(rival, ())) for rival in _group(entry)]
+    questions = [
+        [_replace_effect(names, entry.effect, rival, parts.get(rival, ())) for rival in _candidates(entry)]
         for entry in diagnosis.accepted
         if entry.confused_with
     ]
     alone = [
         [ranked.effect] for ranked in diagnosis.ranking if ranked.score > 0.0 and ranked.effect not in names
     ]
-    return [models[:MOST] for models in asked] or [[names, *alone][:_ALONE]]
+    return [models[:MOST] for models in questions] or [[names, *alone][:_ALONE]]
 
 
-def _group(entry: Accepted) -> list[str]:
+def _candidates(entry: Accepted) -> list[str]:
     return [entry.effect, *entry.confused_with]
 
 
-def _with(names: Sequence[str], place: str, rival: str, parts: Sequence[str]) -> list[str]:
-    """Effects, another in the place of one and of all its own parts, and last."""
+def _replace_effect(names: Sequence[str], place: str, rival: str, parts: Sequence[str]) -> list[str]:
+    """Replace one effect and all parts of the rival by the rival, as the last effect."""
     return [*(name for name in names if name != place and name not in parts), rival]
 
 
 def rivals_of(
     study: ModelStudy, channel: StudyChannel, diagnosis: ChannelDiagnosis
 ) -> list[dict[str, FitResult]]:
-    """For each question, these models by their effects in words, fitted, and the best first.
+    """Fit the rival models of each open question; the best first, by their effects in words.
 
     One that cannot be fitted is left out. Where something is left and no candidate is any good, those that
     take most away are compared, good or not: an experiment that would show them is one in which there is more
@@ -84,28 +85,28 @@ def rivals_of(
     """
     if not is_undecided(diagnosis):
         return []
-    asked = rival_effects(diagnosis, study.effects)
-    if len(asked[0]) == 1:
+    effects_of_questions = rival_effects(diagnosis, study.effects)
+    if len(effects_of_questions[0]) == 1:
         base = study.fit(channel).training_fit
         tried = screen_effects(base, applicable_effects(base.data, base.model, study.effects))  # best first
-        asked = [[*asked[0], *([candidate.effect.name] for candidate in tried[: _ALONE - 1])]]
-    return [fitted for models in asked if len(fitted := _fitted(study, channel, models)) > 1]
-
-
-def _fitted(study: ModelStudy, channel: StudyChannel, models: Iterable[list[str]]) -> dict[str, FitResult]:
-    fitted = {}
-    for effects in models:
-        try:
-            fitted[" + ".join(effects) or channel.model.name] = study.fit(channel, effects).training_fit
-        except InputError:
-            continue
-    return dict(sorted(fitted.items(), key=lambda item: item[1].rmse))
+        effects_of_questions = [
+            [*effects_of_questions[0], *([candidate.effect.name] for candidate in tried[: _ALONE - 1])]
+        ]
+    questions = []
+    for models in effects_of_questions:
+        fitted = {}
+        for effects in models:
+            with suppress(InputError):
+                fitted[" + ".join(effects) or channel.model.name] = study.fit(channel, effects).training_fit
+        if len(fitted) > 1:
+            questions.append(dict(sorted(fitted.items(), key=lambda item: item[1].rmse)))
+    return questions
 
 
 def with_the_simplest(
     study: ModelStudy, channel: StudyChannel, diagnosis: ChannelDiagnosis
 ) -> ChannelDiagnosis:
-    """The diagnosis without rivals that are less simple than another and contain it.
+    """Remove rivals that contain a simpler one.
 
     To be asked where no experiment that can be made tells them apart: what a law has beyond a simpler one is
     then nothing that anybody could see. What remains undecided stays so. Of two laws the simpler has fewer
@@ -119,39 +120,43 @@ def with_the_simplest(
     """
     for place, entry in enumerate(diagnosis.accepted):
         if entry.confused_with:
-            diagnosis = _with_the_simplest_in(study, channel, diagnosis, place)
+            diagnosis = _keep_simplest(study, channel, diagnosis, place)
     return diagnosis
 
 
-def _with_the_simplest_in(
+def _keep_simplest(
     study: ModelStudy, channel: StudyChannel, diagnosis: ChannelDiagnosis, place: int
 ) -> ChannelDiagnosis:
-    accepted, names = (
-        list(diagnosis.accepted),
-        [accepted_effect.effect for accepted_effect in diagnosis.accepted],
-    )
+    """Keep the simplest rivals of one accepted effect; see `with_the_simplest`."""
+    accepted, names = list(diagnosis.accepted), [entry.effect for entry in diagnosis.accepted]
     entry, known = accepted[place], {effect.name: effect for effect in study.effects}
     models = {
-        rival: study.fit(channel, _with(names, entry.effect, rival, known[rival].parts)).training_fit
-        for rival in _group(entry)
+        rival: study.fit(
+            channel, _replace_effect(names, entry.effect, rival, known[rival].parts)
+        ).training_fit
+        for rival in _candidates(entry)
     }
     kept: list[str] = []
     for name in sorted(
         models, key=lambda name: (_size(models[name].solution.model), len(known[name].signals))
     ):
-        if not _contains_another(models[name], [models[rival] for rival in kept]):
+        larger = models[name]
+        simpler = [models[rival] for rival in kept if _is_simpler(models[rival], larger)]
+        last = larger.solution.model.effects[-1]
+        is_other = bool(simpler) and is_misnamed(last, larger.solution, larger.problem)
+        if not is_other and not any(_contains(larger, smaller) for smaller in simpler):
             kept.append(name)
     first, *rest = [name for name in models if name in kept]
     effect = known[first]
     about = {"physics": effect.physics, "equation": effect.equation, "signature": effect.signature}
     accepted[place] = entry.model_copy(update={"effect": first, "confused_with": rest, **about})
-    return _with_numbers(study, channel, diagnosis, accepted)
+    return _with_accepted(study, channel, diagnosis, accepted)
 
 
-def _with_numbers(
+def _with_accepted(
     study: ModelStudy, channel: StudyChannel, diagnosis: ChannelDiagnosis, accepted: Sequence[Accepted]
 ) -> ChannelDiagnosis:
-    """The diagnosis with other accepted effects and the numbers of their fits."""
+    """Replace the accepted effects, and update the numbers of their fits."""
     changed = diagnosis.model_copy(update={"accepted": list(accepted)})
     if diagnosis.baseline is None or diagnosis.final is None or diagnosis.noise_floor is None:
         return changed
@@ -164,27 +169,21 @@ def _with_numbers(
         for entry, (before, after) in zip(accepted, pairwise(stages), strict=True)
     ]
     base, last, unit = diagnosis.baseline.rmse, stages[-1].rmse, diagnosis.effort_unit
-    left = diagnosis.reason.removeprefix(error_decrease(diagnosis.accepted, base, diagnosis.final.rmse, unit))
+    other_reasons = diagnosis.reason.removeprefix(
+        error_decrease(diagnosis.accepted, base, diagnosis.final.rmse, unit)
+    )
     times = last / diagnosis.noise_floor if diagnosis.noise_floor > 0.0 else 1.0
     remaining = diagnosis.remaining and diagnosis.remaining.model_copy(
         update={"rmse": last, "times_floor": times}
     )
     return changed.model_copy(
         update={
-            "reason": error_decrease(entries, base, last, unit) + left,
+            "reason": error_decrease(entries, base, last, unit) + other_reasons,
             "remaining": remaining,
             "final": Fitted.of(stages[-1]),
             "accepted": entries,
         }
     )
-
-
-def _contains_another(larger: FitResult, others: Iterable[FitResult]) -> bool:
-    """Check whether a model is equivalent to a simpler one, or an effect is no longer what its name says."""
-    simpler = [smaller for smaller in others if _is_simpler(smaller, larger)]
-    if simpler and is_misnamed(larger.solution.model.effects[-1], larger.solution, larger.problem):
-        return True
-    return any(_contains(larger, smaller) for smaller in simpler)
 
 
 def _is_simpler(smaller: FitResult, larger: FitResult) -> bool:

@@ -15,7 +15,7 @@ import numpy as np
 from palpate.batches.works.measuring import measure
 from palpate.common.failures import command_line_wording
 from palpate.common.files import existing_file
-from palpate.estimation.data.file_columns import counted, is_bag
+from palpate.estimation.data.file_columns import is_bag, natural_key
 from palpate.estimation.data.table import ENDINGS, read_table
 from palpate.robot_io.errors import InputError, PalpateError
 from palpate.robot_io.files.file_model import read_text
@@ -175,7 +175,7 @@ def _files(place: str) -> list[Path]:
         files = [Path(file) for file in glob.glob(place, recursive=True)]
         if not files:
             raise InputError(f"{place}: no file has such a name")
-    return sorted(files, key=counted)
+    return sorted(files, key=natural_key)
 
 
 def _is_data_set(folder: Path) -> bool:

@@ -5,8 +5,8 @@ from hypothesis import strategies as st
 from scipy.signal import savgol_filter
 
 from palpate.estimation.data.derivatives import (
-    _pilot,
-    _Trial,
+    _pilot_window,
+    _WindowFit,
     centre_slope,
     differentiate,
     grid_step,
@@ -160,10 +160,10 @@ def test_windows_that_miss_less_than_the_rounding_follow_steps_and_do_not_bend_t
     velocity = np.cumsum([0.0, 12.0, 7.0, 3.8, 4.8, 3.2, 1.9, 1.1, 1.5])
     windows = zip((2, 3, 4, 5, 7, 10, 14, 20, 28), velocity, strict=True)
     trials = [
-        _Trial(one, 1.0, np.full(8, missed), np.full((8, 3), found), np.zeros((8, 3)))
+        _WindowFit(one, 1.0, np.full(8, missed), np.full((8, 3), found), np.zeros((8, 3)))
         for one, found in windows
     ]
-    assert _pilot(trials).half == half
+    assert _pilot_window(trials).half == half
 
 
 @pytest.mark.parametrize("count", [1, 2, 3, 4, 5])

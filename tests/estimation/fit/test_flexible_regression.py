@@ -10,8 +10,8 @@ from palpate.estimation.effects import EFFECTS
 from palpate.estimation.fit.blocks import block_average
 from palpate.estimation.fit.fit_result import fit_model
 from palpate.estimation.fit.flexible_regression import (
-    _best,
-    _shrunken,
+    _fit_ridge,
+    _select_signals,
     fit_flexible,
     is_plausible_bias,
     model_features,
@@ -267,8 +267,8 @@ def test_signals_are_taken_one_by_one_where_another_would_mislead(weights, taken
         x /= np.sqrt(np.mean(x**2, axis=0))
         parts.append(np.column_stack([x, x @ [*weights, 3.0 * sign] + 0.1 * rng.normal(size=2000)]))
     equations, owner = gram_matrices(parts), np.arange(6)
-    alone = [_shrunken(equations, owner, (number,)) for number in range(6)]
-    assert _best(equations, owner, alone, _shrunken(equations, owner, ()).energy).signals == taken
+    alone = [_fit_ridge(equations, owner, (number,)) for number in range(6)]
+    assert _select_signals(equations, owner, alone, _fit_ridge(equations, owner, ()).energy).signals == taken
 
 
 @pytest.mark.parametrize(

@@ -8,7 +8,7 @@ from scipy.signal import freqz, savgol_coeffs
 
 from palpate.estimation.data.derivatives import differentiate
 from palpate.estimation.fit.measurement_model import (
-    _window,
+    _identify_window,
     channel_derivative,
     identify_measurement_model,
     low_frequency_noise,
@@ -175,7 +175,7 @@ def test_a_derivative_may_be_off_its_window_s_by_a_thousandth_or_half_of_the_noi
     given = channel_derivative(SMOOTH, position, 10, 1)
     unit = np.sqrt(np.median(channel_derivative(SMOOTH, error, 10, 1) ** 2) if noise else np.mean(given**2))
     given = given + off * unit * np.resize([1.0, -1.0], len(given))
-    assert (_window(SMOOTH, position, error, given, 1)[0] is not None) is known
+    assert (_identify_window(SMOOTH, position, error, given, 1)[0] is not None) is known
 
 
 def test_where_an_arm_hardly_moves_its_steps_are_drawn_as_large_as_elsewhere():

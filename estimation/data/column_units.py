@@ -1,0 +1,222 @@
+"""Units of columns: what the user, a column's name or its numbers say."""
+
+import math
+import shlex
+from dataclasses import dataclass
+
+import numpy as np
+
+from palpate.estimation.data.column_names import (
+    DISPLACEMENT,
+    QUANTITIES,
+    STANDS_FOR,
+    Key,
+    Role,
+    parse_role,
+    si_unit,
+    unit_in_name,
+    unknown_unit,
+)
+from palpate.estimation.data.import_options import ImportOptions
+from palpate.estimation.data.table import Table
+from palpate.estimation.data.table_layout import clocks_of
+from palpate.estimation.data.units import (
+    SI,
+    dimension_of,
+    factor_to_si,
+    is_scaled,
+    likely_time_unit,
+    normalise,
+    read_as,
+    scaled_unit,
+)
+from palpate.robot_io.errors import InputError
+
+Chosen = dict[Key, tuple[Role, str]]  # role and column of each quantity
+
+_LARGE = {  # the unit that is likely where the numbers span more
+    "displacement": (0.2, "mm"),
+    "position": (4.0 * np.pi, "deg"),
+    "goal": (4.0 * np.pi, "deg"),
+}
+
+
+@dataclass(frozen=True)
+class Assigned:
+    """One quantity's column."""
+
+    column: str  # its name in the file
+    dimension: str  # what it measures
+    unit: str  # of its numbers
+    factor: float  # turns its numbers into SI
+    note: str = ""  # what the reader should know, or empty
+    zero: float = 0.0  # what its numbers count from, in SI
+
+
+@dataclass(frozen=True)
+class ColumnUnits:
+    """Finds the units of a table's columns.
+
+    In all methods `role` says what a column is for, `column` is its name in the file, and `chosen` are the
+    columns in use.
+    """
+
+    table: Table
+    options: ImportOptions
+
+    def option_names(self, role: Role, column: str) -> list[str]:
+        """Names in --unit that refer to a column: its own, its quantity, or its quantity and joint.
+
+        The name of another column refers to that column alone, unless --column gives it another meaning.
+        """
+        columns = self.options.columns
+        exact = {name for name in self.table.names if name not in columns or name in columns.values()}
+        parsed = {name: parse_role(name, role.shift) for name in self.options.units if name not in exact}
+        of_role = {
+            name
+            for name, parsed_role in parsed.items()
+            if parsed_role is not None and parsed_role.key == role.key
+        }
+        if role.quantity in parsed:
+            of_role.add(role.quantity)
+        return [name for name in self.options.units if name == column or name in of_role]
+
+    def unit_of(self, role: Role, column: str) -> str:
+        """The unit by --unit, the column's name, or the role's name, in this order; empty if unknown."""
+        own = read_as(self._named_unit(column), QUANTITIES[role.quantity])
+        fits = dimension_of(own) in QUANTITIES[role.quantity]
+        return self._user_unit(role, column) or (own if fits else "") or role.unit
+
+    def is_scaled_by_user(self, role: Role, column: str) -> bool:
+        """Whether --unit gives a number before the unit, which also fixes the sign."""
+        return any(is_scaled(self.options.units[name]) for name in self.option_names(role, column))
+
+    def assign(self, role: Role, column: str) -> Assigned:
+        """Find the unit of a column and its factor to SI.
+
+        Raises:
+            InputError: the unit does not measure the quantity, or the column holds clock times.
+        """
+        dimensions, place = QUANTITIES[role.quantity], f"{self.table.path}: column '{column}'"
+        if role.quantity != "time" and column in clocks_of(self.table.columns):
+            raise InputError(
+                f"{place} holds clock times, expected {role.quantity}; name another one with --column"
+            )
+        user_unit, named_unit = self._user_unit(role, column), self._named_unit(column)
+        unit = self.unit_of(role, column)
+        note = ""
+        if not unit and role.quantity == "time" and (unknown := unknown_unit(column)):
+            raise InputError(
+                f"{place}: '{unknown}' is no unit of time that is known; use --unit time=s, or ms, us, min, h"
+            )
+        if not unit and role.quantity == "time":
+            unit = self._likely_unit(role, column)
+            note = (
+                f"column '{column}' does not say its unit: its steps are taken for {unit}; else add "
+                f"--unit time={'ms' if unit == 's' else 's'}"
+            )
+        scale, unit = scaled_unit(unit, named_unit)
+        dimension = dimension_of(unit)
+        if dimension not in dimensions:
+            valid = ", ".join(unit for name in dimensions for unit in SI[name])
+            raise InputError(f"{place}: '{unit}' measures no {role.quantity}. Valid: {valid}")
+        if not 0.0 < abs(scale) < math.inf:
+            raise InputError(f"{place}: unit '{user_unit}' cannot be converted")
+        if not user_unit and named_unit and dimension_of(named_unit) not in dimensions:
+            note = f"column '{column}' is taken as {role.quantity} in {unit}, whatever its name says"
+        if dimension in STANDS_FOR:
+            effort, constant, example = STANDS_FOR[dimension]
+            note = (
+                f"column '{column}' is a {dimension} that stands for the {role.quantity}: "
+                f"1 {si_unit(dimension)} counts as 1 {effort}; say the {constant}, as in "
+                f"--unit {role.numbered}={example}"
+            )
+        factor = scale * factor_to_si(unit, dimension, f"column '{column}'")
+        return Assigned(column, dimension, user_unit if scale != 1.0 else unit, factor, note)
+
+    def missing(self, chosen: Chosen) -> list[tuple[str, str]]:
+        """The columns of unknown unit, each with the option that gives the likely one."""
+        missing = []
+        for role, column in chosen.values():
+            if role.quantity != "time" and not self.unit_of(role, column):
+                linear = ("force", role.joint) in chosen and ("torque", role.joint) not in chosen
+                unit = self._likely_unit(role, column, linear=linear)
+                missing.append((column, f"--unit {role.quantity}={unit}"))
+        return missing
+
+    def check_known(self, chosen: Chosen) -> None:
+        """Ask for the units that nothing says, and suggest likely ones.
+
+        Raises:
+            InputError: a unit is unknown.
+        """
+        if missing := self.missing(chosen):
+            columns = ", ".join(f"'{column}'" for column, _ in missing)
+            unknown = next(filter(None, (unknown_unit(column) for column, _ in missing)), "")
+            single = len(missing) == 1
+            reason = f"{'does' if single else 'do'} not say {'its unit' if single else 'their units'}"
+            reason += f" in a way that is known ('{unknown}')" if unknown else ""
+            raise InputError(
+                f"{self.table.path}: column{'' if single else 's'} {columns} {reason}; say "
+                f"{'it' if single else 'them'}, as in {' '.join(dict.fromkeys(unit for _, unit in missing))}"
+            )
+
+    def check_force_of_angle(self, chosen: Chosen) -> None:
+        """Ask for the lever arm where a joint has an angle and a force, and no other channel can be made.
+
+        Raises:
+            InputError: the lever arm is needed.
+        """
+        if DISPLACEMENT in chosen or any(quantity in {"torque", "goal"} for quantity, _ in chosen):
+            return
+        for (quantity, joint), (role, column) in chosen.items():
+            if quantity != "position" or ("force", joint) not in chosen:
+                continue
+            force_role, force = chosen["force", joint]
+            unit = self.unit_of(force_role, force)
+            in_n = SI["force"].get(unit)
+            if dimension_of(self.unit_of(role, column)) == "angle" and (in_n or not unit):
+                torque = Role("torque", joint, "", role.shift).numbered
+                raise InputError(
+                    f"{self.table.path}: column '{column}' is an angle and '{force}' a force, not a torque; "
+                    f"if the force acts on a lever arm of 0.1 m, say --column {torque}={shlex.quote(force)} "
+                    f"--unit {torque}={0.1 * (in_n or 1.0):g}Nm"
+                )
+
+    def check_used(self, chosen: Chosen) -> None:
+        """Refuse a --unit that applies to no column in use: it would be lost without a word.
+
+        Raises:
+            InputError: there is such a unit.
+        """
+        used = {name for role, column in chosen.values() for name in self.option_names(role, column)}
+        for name in self.options.units:
+            if name not in used:
+                in_use = ", ".join(column for _, column in chosen.values()) or "none"
+                raise InputError(
+                    f"{self.table.path}: --unit {name}={self.options.units[name]}: no such quantity or "
+                    f"column is in use. In use: {in_use}"
+                )
+
+    def _user_unit(self, role: Role, column: str) -> str:
+        return normalise(next((self.options.units[name] for name in self.option_names(role, column)), ""))
+
+    def _named_unit(self, column: str) -> str:
+        """The unit in a column's name, but seconds where it held clock times."""
+        return "s" if column in clocks_of(self.table.columns) else unit_in_name(column)
+
+    def _likely_unit(self, role: Role, column: str, *, linear: bool = False) -> str:
+        """The SI unit, or the usual unit of laboratories where the numbers are too large for SI.
+
+        `linear`: the position is of a linear axis, whose effort is a force.
+        """
+        values = self.table.numbers(column) if self.table.is_numeric(column) else np.zeros(1)
+        span = float(np.ptp(values))
+        if role.quantity == "time":
+            step = float(np.median(np.diff(values))) if len(values) > 1 else 0.0
+            return likely_time_unit(step, span if step > 0.0 else np.inf)
+        if linear and role.quantity == "position":
+            most, otherwise = _LARGE["displacement"]
+            return otherwise if span > most else "m"
+        most, otherwise = _LARGE.get(role.quantity, (np.inf, ""))
+        return otherwise if span > most else si_unit(QUANTITIES[role.quantity][0])
