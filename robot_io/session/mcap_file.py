@@ -8,9 +8,9 @@ import struct
 import zlib
 from array import array
 from collections import defaultdict
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
-from io import BytesIO
+from io import SEEK_END, BytesIO
 from typing import IO, Any
 
 import numpy as np
@@ -31,13 +31,14 @@ from palpate.robot_io.session.event import (
     event_descriptor_set,
 )
 from palpate.robot_io.session.stream import TIME_COLUMN, RecordArray, Stream, streams_to_json
-from palpate.robot_io.session.wire import PACKAGE, WireFormat
+from palpate.robot_io.session.wire import PACKAGE, Decoder, WireFormat
 
 MAX_CHUNK_BYTES = 4 * 1024 * 1024  # ours are 64 KiB or less
 MAX_DATA_BYTES = 8 * 1024**3
 
 _RECORD = struct.Struct("<BQ")  # opcode, length
 _MESSAGE = struct.Struct("<HIQQ")  # channel, sequence number, two times
+_CHUNK_SIZES = struct.Struct("<QQQ")  # two times, unpacked size
 
 
 @dataclass
@@ -45,18 +46,24 @@ class Scan:
     """Content of a file."""
 
     metadata: dict[str, dict[str, str]] = field(default_factory=dict)  # the metadata records by their names
-    # The messages of each topic, one after the other.
+    # The messages of each topic that is not decoded, one after the other.
     messages: dict[str, list[bytes]] = field(default_factory=lambda: defaultdict(list))
+    decoded: dict[str, Decoder] = field(default_factory=dict)  # the others
     # The sequence numbers of each topic's messages, in the order of the messages.
     sequence: "dict[str, array[int]]" = field(default_factory=lambda: defaultdict(lambda: array("L")))
     complete: bool = False  # whether the file was finished; else it was read up to the last whole chunk
 
 
-def scan(data: bytes) -> Scan:
+Formats = Callable[[Mapping[str, str]], Mapping[str, WireFormat]]
+"""Formats of the topics that are to be decoded, by the metadata of the session's header."""
+
+
+def scan(file: IO[bytes], formats: Formats | None = None) -> Scan:
     """Read an MCAP file's metadata and messages.
 
     Args:
-        data: the file.
+        file: the file, which can be read again from its start.
+        formats: which topics are decoded on the way, if their messages are in order; None for no topic.
 
     Returns:
         The content.
@@ -64,9 +71,10 @@ def scan(data: bytes) -> Scan:
     Raises:
         SessionError: it is no MCAP file, or one that was finished and then damaged.
     """
-    if not data.startswith(MCAP0_MAGIC):
+    file.seek(0)
+    if file.read(len(MCAP0_MAGIC)) != MCAP0_MAGIC:
         raise SessionError("no session of palpate: the file is not MCAP")
-    scanner = _Scanner(data)
+    scanner = _Scanner(file, formats)
     try:
         scanner.run()
     except (struct.error, UnicodeDecodeError, McapError, RuntimeError) as error:
@@ -79,11 +87,14 @@ def scan(data: bytes) -> Scan:
         raise SessionError("damaged: its end is there, but not all that comes before")
     # Put messages into the order in which they were logged: chunks of a file may lie in any.
     content = scanner.content
-    for topic, numbers in content.sequence.items():
-        order, messages = np.argsort(np.asarray(numbers), kind="stable"), content.messages[topic]
+    numbers = (np.asarray(content.sequence[topic]) for topic in content.decoded)
+    if any((of_topic[1:] < of_topic[:-1]).any() for of_topic in numbers):
+        return scan(file)
+    for topic, messages in content.messages.items():
+        order = np.argsort(np.asarray(content.sequence[topic]), kind="stable")
         content.messages[topic] = [messages[index] for index in order.tolist()]
-        content.sequence[topic] = array("L", sorted(numbers))
-    return scanner.content
+        content.sequence[topic] = array("L", sorted(content.sequence[topic]))
+    return content
 
 
 def _damaged(error: Exception) -> SessionError:
@@ -104,7 +115,7 @@ class Growing:
     """
 
     def __init__(self) -> None:
-        self._scanner = _Scanner(b"")
+        self._scanner = _Scanner(BytesIO(), None)
         self.read_bytes = len(MCAP0_MAGIC)  # from the beginning, that need not be given again
 
     def more(self, data: bytes) -> Scan:
@@ -133,28 +144,56 @@ class Growing:
 
 
 class _Scanner:
-    def __init__(self, data: bytes) -> None:
+    def __init__(self, file: IO[bytes], formats: Formats | None) -> None:
         self.content = Scan()
-        self.closed = len(data) > len(MCAP0_MAGIC) and data.endswith(MCAP0_MAGIC)
-        self._data = data
+        self._file, self._formats = file, formats
         self._topics: dict[int, str] = {}
-        self._bytes_left = min(MAX_DATA_BYTES, most_unpacked(len(data))) if data else MAX_DATA_BYTES
+        self._size = file.seek(0, SEEK_END)
+        file.seek(max(self._size - len(MCAP0_MAGIC), 0))
+        self.closed = self._size > len(MCAP0_MAGIC) and file.read() == MCAP0_MAGIC
+        self._bytes_left = min(MAX_DATA_BYTES, most_unpacked(self._size)) if self._size else MAX_DATA_BYTES
 
     def run(self) -> None:
-        for opcode, start, end in _records(self._data, len(MCAP0_MAGIC)):
+        file = self._file
+        file.seek(len(MCAP0_MAGIC))
+        checksum = zlib.crc32(MCAP0_MAGIC)
+        while file.tell() + _RECORD.size <= self._size:
+            head = file.read(_RECORD.size)
+            opcode, length = _RECORD.unpack(head)
+            if opcode == 0 or file.tell() + length > self._size:
+                return
+            record = file.read(length)
             if opcode == Opcode.DATA_END:
-                checksum = DataEnd.read(_stream(self._data[start:end])).data_section_crc
-                if checksum not in {0, zlib.crc32(memoryview(self._data)[: start - _RECORD.size])}:
+                if DataEnd.read(_stream(record)).data_section_crc not in {0, checksum}:
                     raise SessionError("damaged: the checksum of its data does not fit")
                 self.content.complete = self.closed
                 return
-            self.take(opcode, self._data[start:end])
+            checksum = zlib.crc32(record, zlib.crc32(head, checksum))
+            self.take(opcode, record)
+
+    def _choose_decoders(self, formats: Formats) -> None:
+        """Choose the topics that are decoded, with room for all messages of the file."""
+        here = place = self._file.tell()
+        unpacked = MAX_CHUNK_BYTES  # of this chunk
+        while place + _RECORD.size <= self._size:
+            self._file.seek(place)
+            opcode, length = _RECORD.unpack(self._file.read(_RECORD.size))
+            if opcode == Opcode.CHUNK and length >= _CHUNK_SIZES.size:
+                *_, size = _CHUNK_SIZES.unpack(self._file.read(_CHUNK_SIZES.size))
+                unpacked += min(size, MAX_CHUNK_BYTES)
+            place += _RECORD.size + length
+        self._file.seek(here)
+        chosen, most = formats(self.content.metadata.get(HEADER_RECORD, {})), min(unpacked, self._bytes_left)
+        self.content.decoded = {topic: Decoder(wire, most) for topic, wire in chosen.items()}
 
     def take(self, opcode: int, record: bytes) -> None:
         if opcode == Opcode.METADATA:
             metadata = Metadata.read(_stream(record))
             self.content.metadata[metadata.name] = metadata.metadata
         elif opcode == Opcode.CHUNK:
+            if self._formats is not None:
+                self._choose_decoders(self._formats)
+                self._formats = None
             chunk = Chunk.read(_stream(record))
             size = chunk.uncompressed_size
             if size > MAX_CHUNK_BYTES:
@@ -181,7 +220,11 @@ class _Scanner:
                 topic = self._topics.get(channel)
                 if topic is None:
                     raise SessionError(f"damaged: a message belongs to no channel ({channel})")
-                self.content.messages[topic].append(chunk[start + _MESSAGE.size : end])
+                message = chunk[start + _MESSAGE.size : end]
+                if decoder := self.content.decoded.get(topic):
+                    decoder.add(message)
+                else:
+                    self.content.messages[topic].append(message)
                 self.content.sequence[topic].append(sequence)
             elif opcode == Opcode.CHANNEL:
                 record = Channel.read(_stream(chunk[start:end]))

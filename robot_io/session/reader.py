@@ -5,6 +5,7 @@ from collections import deque
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
+from typing import IO
 
 from palpate.robot_io.errors import InputError, SessionError, UnknownNameError
 from palpate.robot_io.session.event import EVENT_STREAM, Event, SessionMetadata, decode_event, says_unclosed
@@ -57,9 +58,12 @@ class Session:
         """
         place = Path(path)
         try:
-            return cls._from_scan(place, scan(_read(place)))
+            with _open(place) as file:
+                return cls._from_scan(place, scan(file, _formats))
         except SessionError as error:
             raise SessionError(f"{place}: {error}") from error
+        except OSError as error:
+            raise SessionError(f"{place}: cannot be read: {error.strerror}") from error
 
     @classmethod
     def _from_scan(cls, path: Path, content: Scan) -> "Session":
@@ -69,10 +73,7 @@ class Session:
         if header.get("format_version") not in FORMAT_VERSIONS:
             version = header.get("format_version", "")[:20]
             raise SessionError(f"format version '{version}'; this palpate reads {', '.join(FORMAT_VERSIONS)}")
-        samples = {
-            stream.name: _samples(stream, content.messages.get(stream.name, []))
-            for stream in _streams(header)
-        }
+        samples = {stream.name: _samples(stream, content) for stream in _streams(header)}
         dropped = sum(
             _dropped(content, name, len(sample), sample.stream.batch) for name, sample in samples.items()
         )
@@ -158,16 +159,21 @@ class Follower:
         return Samples.of(self._wire.stream, self._wire.decode(b"".join(self._records)))
 
 
-def _read(path: Path) -> bytes:
+def _open(path: Path) -> IO[bytes]:
+    size = path.stat().st_size
+    if not path.is_file():
+        raise SessionError("no session: it is not a file")
+    if size > MAX_FILE_BYTES:
+        raise SessionError(f"{size} bytes; at most {MAX_FILE_BYTES}")
+    return path.open("rb")
+
+
+def _formats(header: Mapping[str, str]) -> dict[str, WireFormat]:
+    """Formats of the streams in a header; none where it is not valid, which is said once all was read."""
     try:
-        size = path.stat().st_size
-        if not path.is_file():
-            raise SessionError("no session: it is not a file")
-        if size > MAX_FILE_BYTES:
-            raise SessionError(f"{size} bytes; at most {MAX_FILE_BYTES}")
-        return path.read_bytes()
-    except OSError as error:
-        raise SessionError(f"cannot be read: {error.strerror}") from error
+        return {stream.name: WireFormat(stream) for stream in _streams(header)}
+    except SessionError:
+        return {}
 
 
 def _streams(header: Mapping[str, str]) -> tuple[Stream, ...]:
@@ -179,8 +185,10 @@ def _streams(header: Mapping[str, str]) -> tuple[Stream, ...]:
     return streams
 
 
-def _samples(stream: Stream, messages: list[bytes]) -> Samples:
-    return Samples.of(stream, WireFormat(stream).decode(b"".join(messages)))
+def _samples(stream: Stream, content: Scan) -> Samples:
+    if stream.name in content.decoded:
+        return Samples.of(stream, content.decoded[stream.name].columns())
+    return Samples.of(stream, WireFormat(stream).decode(b"".join(content.messages.get(stream.name, []))))
 
 
 def _dropped(content: Scan, stream_name: str, count: int, batch: int = 1) -> int:

@@ -22,6 +22,7 @@ from palpate.robot_io.session.stream import Column, RecordArray, Stream
 
 PACKAGE = "palpate"
 
+_DECODED_BYTES = 4 * 1024 * 1024  # messages that are decoded at once
 _VARINT, _FIXED64, _LENGTH, _FIXED32 = 0, 1, 2, 5
 _FIELD = descriptor_pb2.FieldDescriptorProto
 _PROTOBUF_TYPE = {
@@ -162,6 +163,57 @@ class WireFormat:
                 label=_FIELD.LABEL_REPEATED if self._is_packed(column) else _FIELD.LABEL_OPTIONAL,
             )
         return file_descriptor_set(message)
+
+
+class Decoder:
+    """Decodes the messages of one stream while they arrive, so that they need not be held beside the columns.
+
+    Args:
+        wire: format of the stream.
+        most_bytes: sum of the lengths of all messages at most; memory is taken as it is filled.
+    """
+
+    def __init__(self, wire: WireFormat, most_bytes: int) -> None:
+        self._wire, self._waiting, self._rows = wire, bytearray(), 0
+        self._error: SessionError | None = None  # raised once the whole file has been read
+        most = (most_bytes // wire.dtype.itemsize + 1) * wire.stream.batch
+        self._columns: dict[str, NDArray[Any]] = {
+            c.name: np.empty((most, *c.shape), c.scalar_dtype) for c in wire.stream.columns
+        }
+
+    def add(self, message: bytes) -> None:
+        """Take the next message.
+
+        Args:
+            message: made by `WireFormat.encode`.
+        """
+        self._waiting += message
+        if len(self._waiting) >= _DECODED_BYTES:
+            end = len(self._waiting) // self._wire.dtype.itemsize * self._wire.dtype.itemsize
+            self._decode(bytes(self._waiting[:end]))
+            del self._waiting[:end]
+
+    def columns(self) -> dict[str, NDArray[Any]]:
+        """Return the columns of all messages, of shape (n,) or (n, width).
+
+        Raises:
+            SessionError: messages are not of this form.
+        """
+        self._decode(bytes(self._waiting))
+        self._waiting.clear()
+        if self._error is not None:
+            raise self._error
+        return {name: column[: self._rows] for name, column in self._columns.items()}
+
+    def _decode(self, messages: bytes) -> None:
+        try:
+            columns, rows = self._wire.decode(messages), self._rows
+        except SessionError as error:
+            self._error = self._error or error
+            return
+        for name, values in columns.items():
+            self._rows = rows + len(values)
+            self._columns[name][rows : self._rows] = values
 
 
 def file_descriptor_set(message: descriptor_pb2.DescriptorProto) -> bytes:
