@@ -153,6 +153,23 @@ def test_a_file_that_cannot_be_read_is_a_row_with_its_reason_and_may_be_tried_ag
     assert len(rows(out)) == 2
 
 
+def test_only_a_retry_computes_a_failed_row_again(specimens, tmp_path):
+    """The stored rows are marked, so that a row computed again differs from one that was kept."""
+    out, files = tmp_path / "out", (specimens / "broken.csv", specimens / "s0_soft.csv")
+    done("batch", *files, "--out", out, "--workers", 1)
+    for path in (out / "results").rglob("*.parquet"):
+        table = pq.read_table(path)
+        marked = [text and f"marked: {text}" for text in table["error"].to_pylist()]
+        place = table.column_names.index("error")
+        pq.write_table(table.set_column(place, table.field("error"), pa.array(marked)), path)
+    done("batch", *files, "--out", out, "--workers", 1)
+    (kept,) = (row["error"] for row in rows(out) if row["error"])
+    assert kept.startswith("marked: ")
+    done("batch", *files, "--out", out, "--workers", 1, "--retry")
+    (again,) = (row["error"] for row in rows(out) if row["error"])
+    assert again == kept.removeprefix("marked: ")
+
+
 def test_a_diagnosis_names_what_is_missing_and_an_added_effect_has_a_size_in_every_row(hardening, tmp_path):
     plain = write_presses(tmp_path / "plain.csv", cubic=0.0)
     said = palpate.batch([hardening, plain], out=tmp_path / "out", diagnose=True, workers=2)
