@@ -21,7 +21,7 @@ from palpate.robot_io.types import BoolArray, FloatArray, IntArray, Status
 USELESS = (Phase.IDLE, Phase.STOPPED)
 _MOST_JOINTS = 100
 _FAR_S = 60.0  # between a tick and a sample in it, which no age limit allows
-_MAY_LACK = {  # what nothing is worked out from
+MAY_LACK = {  # what nothing is worked out from
     "tick",
     "guard_tripped",
     *("joint_velocity_rad_s", "reference_velocity_rad_s", "tip_velocity_world_m_s", "torque_commanded_nm"),
@@ -56,7 +56,7 @@ def checked_ticks(session: Session) -> Samples:
     if joints > _MOST_JOINTS:
         raise SessionError(f"{place}, column 'joint_position_rad': {joints} joints, at most {_MOST_JOINTS}")
     for column in tick_stream(joints).columns:
-        if column.name not in ticks and column.name in _MAY_LACK:
+        if column.name not in ticks and column.name in MAY_LACK:
             continue
         if column.name not in ticks:
             raise SessionError(f"{place}: no column '{column.name}'")
@@ -107,6 +107,10 @@ def _check_values(session: Session, ticks: Samples, name: str, rows: BoolArray) 
 
 
 DIRECTION = "press_direction_world"
+# Columns that the channels are made of; a long session has several times as many.
+_OF_BOTH = {"run", "phase", "joint_position_rad", "encoder_at_s", "force_n", "force_at_s", DIRECTION}
+_OF_CONTACTS = {*_OF_BOTH, "tip_position_world_m"}
+_OF_JOINTS = {*_OF_BOTH, "torque_measured_nm", "torque_at_s", "force_status"}
 _SAME_PLACE_M = 0.005  # touches nearer to each other than this, across the press direction, probe one place
 _SAME_DIRECTION = np.cos(np.radians(2.0))
 _BESIDE_S = 0.05  # before and after a contact is surely one
@@ -153,7 +157,8 @@ def contact_channels(ticks: Samples, *, tared: bool) -> tuple[ChannelData, ...]:
         One channel called "contact", or "contact_1", "contact_2" ... in the order in which the places were
         probed; none if nothing was touched.
     """
-    chosen = ticks.select(_valid_ticks(ticks, "encoder_status", "force_status") & (ticks["run"] != NO_RUN))
+    good = _valid_ticks(ticks, "encoder_status", "force_status") & (ticks["run"] != NO_RUN)
+    chosen = ticks.select(good, _OF_CONTACTS)
     contacts = find_contacts(chosen["force_n"], chosen["run"], chosen["phase"])
     places = _group_by_place(chosen, [contact for contact in contacts if len(contact.rows) >= _FEWEST])
     names = ["contact"] if len(places) == 1 else [f"contact_{number}" for number in range(1, len(places) + 1)]
@@ -179,7 +184,7 @@ def joint_channels(ticks: Samples, known: FloatArray | None = None) -> tuple[Cha
         known: direction in which the object was pressed first (3,); None for that of these ticks.
     """
     useful = ~np.isin(ticks["phase"], USELESS)
-    chosen = ticks.select(_valid_ticks(ticks, "encoder_status", "torque_status") & useful)
+    chosen = ticks.select(_valid_ticks(ticks, "encoder_status", "torque_status") & useful, _OF_JOINTS)
     if len(chosen) == 0:
         return ()
     time_s, in_run = chosen["torque_at_s"], chosen["run"] != NO_RUN

@@ -5,11 +5,13 @@ from pathlib import Path
 
 import numpy as np
 
+from palpate.control.loop.tick_record import STREAM_NAME
 from palpate.estimation.base_model import Arm
 from palpate.estimation.channel import ChannelData
 from palpate.estimation.data.channels import run_labels, session_channels
 from palpate.estimation.data.column_names import RUN
 from palpate.estimation.data.import_file import chosen_texts
+from palpate.estimation.data.tick_channels import MAY_LACK
 from palpate.robot_io.calibration.applied import parse_calibrations
 from palpate.robot_io.errors import InputError
 from palpate.robot_io.robot_file import parse_robot_file
@@ -26,7 +28,7 @@ def read_session(path: Path, runs: str = "") -> tuple[Session, tuple[ChannelData
     Raises:
         InputError: it cannot be read, or has no such run.
     """
-    session = Session.open(path)
+    session = _open(path)
     channels = session_channels(session)
     if not runs:
         return session, channels
@@ -54,10 +56,15 @@ def read_folder(folder: Path) -> tuple[list[Session], tuple[ChannelData, ...]]:
     Raises:
         InputError: there is none, or they do not belong together.
     """
-    sessions = [Session.open(path) for path in sorted(folder.glob("*.mcap"))]
+    sessions = [_open(path) for path in sorted(folder.glob("*.mcap"))]
     if not sessions:
         raise InputError(f"{folder}: is a folder without a session (.mcap) or a data file")
     return sessions, session_channels(*sessions)
+
+
+def _open(path: Path) -> Session:
+    """Open a session without the columns of ticks that no study needs, a third of a long session."""
+    return Session.open(path).without_columns(STREAM_NAME, MAY_LACK)
 
 
 def arm_of(session: Session) -> Arm:

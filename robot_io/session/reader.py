@@ -2,8 +2,8 @@
 
 import os
 from collections import deque
-from collections.abc import Mapping
-from dataclasses import dataclass
+from collections.abc import Collection, Mapping
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import IO
 
@@ -107,6 +107,19 @@ class Session:
             valid = ", ".join(self._samples) or "none"
             raise UnknownNameError(f"{self.path} has no stream '{stream_name}'. Valid: {valid}")
         return self._samples[stream_name]
+
+    def without_columns(self, stream_name: str, names: Collection[str]) -> "Session":
+        """Return the session without some columns of a stream, whose memory is then free.
+
+        Args:
+            stream_name: name of the stream; a session without it is returned as it is.
+            names: columns to leave out, whether they are there or not.
+        """
+        if stream_name not in self._samples:
+            return self
+        samples = self._samples[stream_name]
+        kept = samples.select(slice(None), [name for name in samples if name not in names])
+        return replace(self, _samples={**self._samples, stream_name: kept})
 
     @property
     def derived_dir(self) -> Path:

@@ -2,7 +2,7 @@
 
 import json
 import re
-from collections.abc import Iterator, Mapping
+from collections.abc import Collection, Iterator, Mapping
 from dataclasses import asdict, dataclass, field
 from difflib import get_close_matches
 from functools import cached_property
@@ -253,17 +253,19 @@ class Samples:
         array = self[name]
         return array[:, np.newaxis] if array.ndim == 1 else array
 
-    def select(self, chosen: ArrayLike) -> "Samples":
+    def select(self, chosen: ArrayLike | slice, names: Collection[str] | None = None) -> "Samples":
         """Select some of the samples.
 
         Args:
-            chosen: mask of shape (n,), or indices.
+            chosen: mask of shape (n,), indices, or a slice, which copies nothing.
+            names: columns to keep, of those that are there; None for all.
 
         Returns:
             The selected samples.
         """
-        index = np.asarray(chosen)
-        return Samples(self.stream, _read_only({name: array[index] for name, array in self.columns.items()}))
+        index = chosen if isinstance(chosen, slice) else np.asarray(chosen)
+        kept = [name for name in self.columns if names is None or name in names]
+        return Samples(self.stream, _read_only({name: self.columns[name][index] for name in kept}))
 
 
 def _read_only(columns: dict[str, NDArray[Any]]) -> Mapping[str, NDArray[Any]]:

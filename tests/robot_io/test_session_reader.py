@@ -1,5 +1,6 @@
 import os
 import stat
+import tracemalloc
 import zipfile
 from dataclasses import replace
 from io import BytesIO
@@ -475,3 +476,28 @@ def test_messages_in_chunks_of_any_order_are_read_in_the_order_of_logging(tmp_pa
     session = Session.open(tmp_path / "s.mcap")
     assert session.samples("slow")["time_s"].tolist() == [0.0, 1.0, 2.0, 3.0, 4.0, 5.0]
     assert session.dropped == 0
+
+
+def test_a_long_session_takes_little_more_memory_to_open_than_its_columns(tmp_path):
+    """Neither the file nor its messages are held beside the columns."""
+    count = 100_000
+    stream = Stream("wide", (Column("time_s", "s"), Column("x", "m", 20)))
+    values = np.random.default_rng(0).normal(size=(count, 20))
+    path = write_session(
+        tmp_path / "s", [(stream, {"time_s": np.arange(count) / 1e3, "x": values})], METADATA
+    )
+    tracemalloc.start()
+    session = Session.open(path)
+    peak = tracemalloc.get_traced_memory()[1]
+    tracemalloc.stop()
+    np.testing.assert_array_equal(session.samples("wide")["x"], values)
+    assert peak < 2.5 * values.nbytes  # with them, it would be four times as much
+
+
+def test_columns_that_are_left_out_are_gone_and_the_others_as_they_were(tmp_path):
+    path = write_session(tmp_path / "s", [(SLOW, {"time_s": [0.0, 1.0], "x": [2.0, 3.0]})], METADATA)
+    session = Session.open(path)
+    less = session.without_columns("slow", {"x", "unknown"})
+    assert list(less.samples("slow")) == ["time_s"]
+    assert less.samples("slow")["time_s"].tolist() == [0.0, 1.0]
+    assert session.without_columns("other", {"x"}) is session
