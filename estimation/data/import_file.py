@@ -24,7 +24,7 @@ from palpate.estimation.data.column_names import (
 from palpate.estimation.data.column_units import ColumnUnits
 from palpate.estimation.data.derivatives import differentiate
 from palpate.estimation.data.import_options import ImportOptions
-from palpate.estimation.data.import_rows import UNKNOWN_PHASE, Rows, arrange_rows
+from palpate.estimation.data.import_rows import UNKNOWN_PHASE, Rows, arrange_rows, new_rows
 from palpate.estimation.data.presses import press_phases
 from palpate.estimation.data.table import Table, read_table
 from palpate.estimation.data.text_dialect import NAMELESS
@@ -113,6 +113,10 @@ def import_table(table: Table, options: ImportOptions = _DEFAULT) -> Imported:
         chosen = chosen_texts(name, given, texts, str(table.path))
         table = table.select(np.isin(index, [texts.index(text) for text in chosen]))
     columns = assign_columns(table, options)
+    if (new := new_rows(columns)) is not None:
+        note = f"{np.sum(~new)} of {len(new)} rows left out: each repeats an earlier row, the first in "
+        note += f"{table.row_word} {table.rows[np.argmin(new)]}"
+        columns = replace(columns, table=table.select(new), said=(*columns.said, note))
     sources = _channel_sources(columns)
     _check_options_are_used(columns, sources, options)
     rows = arrange_rows(columns, fresh=options.fresh, count=options.runs)

@@ -13,7 +13,7 @@ from palpate.estimation.data.table import Table
 from palpate.estimation.data.units import FINEST_S
 from palpate.estimation.signals.blocks import blocks, time_in_run
 from palpate.robot_io.errors import InputError
-from palpate.robot_io.types import FloatArray, IntArray
+from palpate.robot_io.types import BoolArray, FloatArray, IntArray
 
 UNKNOWN_PHASE = -1
 _LONGEST_NUMBER = 18  # digits; what is longer is a name, as are serial numbers
@@ -101,6 +101,23 @@ def arrange_rows(columns: Columns, *, fresh: bool = False, count: int | None = N
             f"{_FEWEST} are needed; leave it out with --where, or check the column that names the runs"
         )
     return replace(rows, time_s=time_in_run(time_s, rows.run)) if fresh else rows
+
+
+def new_rows(columns: Columns) -> BoolArray | None:
+    """Mask the rows (n,) that repeat no earlier row, if such repeats alone make the clock go back; else None.
+
+    A logger that writes its buffer twice makes them: the same samples again, with the same times.
+
+    Args:
+        columns: of the table.
+    """
+    if TIME not in columns or columns.run is not None or not np.any(np.diff(columns.values(TIME)) < 0.0):
+        return None
+    values = np.column_stack([columns.values(key) for key in columns.assigned])
+    new = np.zeros(len(values), dtype=np.bool_)
+    new[np.unique(values, axis=0, return_index=True)[1]] = True
+    goes_on = bool(np.all(np.diff(columns.values(TIME)[new]) >= 0.0))
+    return new if goes_on and not new.all() else None
 
 
 def _join_notes(*notes: str) -> str:

@@ -447,6 +447,17 @@ def test_rows_that_repeat_a_time_are_left_out_and_counted(contact):
     assert "1 of 50 rows left out: the time of the row before again, the first in line 22" in imported.notes
 
 
+def test_rows_that_a_logger_wrote_twice_are_left_out_and_counted(contact):
+    again = np.append(np.arange(50), np.arange(36, 44))
+    columns = {"time_s": T[again], "displacement_m": X[again], "force_N": F[again]}
+    imported = import_file(contact(**columns))
+    np.testing.assert_array_equal(only(imported).effort, F)
+    assert "8 of 58 rows left out: each repeats an earlier row, the first in line 52" in imported.notes
+    columns["force_N"] = np.append(F, F[36:44] + 1.0)  # another sample of these times
+    with pytest.raises(InputError, match="times must increase"):
+        import_file(contact(**columns))
+
+
 @pytest.mark.parametrize(
     ("changed", "words"),
     [
