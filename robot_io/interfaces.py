@@ -189,10 +189,10 @@ def start_all(
 
 
 def undo_all(components: Sequence[Labelled], step: Literal["close", "deactivate"]) -> None:
-    """Take every component through a step, last one first, whatever happens on the way.
+    """Apply a step to every component, last one first, even after failures.
 
-    After a Ctrl-C the interrupted step is taken again, the others follow, and then the interrupt is passed
-    on.
+    After a Ctrl-C, the interrupted step is repeated, the others follow, and then the interrupt is raised
+    again.
 
     Args:
         components: with their names for messages.

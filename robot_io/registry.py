@@ -49,7 +49,7 @@ class Registry(Mapping[str, type[T]], Generic[T]):
         """Describe an unknown name, with the closest and all valid ones.
 
         Args:
-            name: that is not here.
+            name: the unknown name.
 
         Returns:
             One line.

@@ -88,7 +88,7 @@ class Robot(Opened):
         self.sample_errors: dict[str, str] = {}
         self._state = RobotState.NEW
         self._newest_s = {"encoder": -inf, "torque": -inf, "force": -inf}
-        # Started in this order and stopped in the other: the torque is the last on and the first off.
+        # Started in this order and stopped in reverse: the torque is the last on and the first off.
         self._components: tuple[Labelled, ...] = (
             *((f"bus '{bus_name}'", bus) for bus_name, bus in self.buses.items()),
             ("encoder", encoder),
@@ -233,7 +233,7 @@ class Robot(Opened):
         for name, bus in self.buses.items():
             try:
                 bus.poll(deadline_s)
-            except DeviceTimeoutError as error:  # the devices keep their old samples, and their age tells
+            except DeviceTimeoutError as error:  # the devices keep their old samples with their age
                 self.bus_delays[name] = str(error)
             except DeviceError as error:
                 self.bus_errors[name] = str(error)

@@ -48,7 +48,7 @@ class BusSection(FileModel):
 
 
 class DeviceSection(BusSection):
-    """A device: its driver, the bus that it hangs on (None: none), and the driver's own settings."""
+    """A device: its driver, its bus (None: none), and the driver's own settings."""
 
     bus: str | None = None
 
@@ -79,7 +79,7 @@ class RobotFile(FileModel):
     # Inertia of the drives' rotors times the square of the gear ratio, which a URDF cannot hold; with gears
     # of some hundred to one, most of a joint's inertia [kg m^2].
     rotor_inertia_kg_m2: tuple[NotNegative, ...] | None = None
-    # Pose in which the arm can rest, tool down; nothing drives it there. Shape (n,) [rad].
+    # Pose in which the arm can rest, tool down; it is never driven there. Shape (n,) [rad].
     home_rad: Annotated[tuple[Number, ...], Field(min_length=1)]
     limits: Limits  # of the guard
     safe_state: SafeState  # how the guard stops the arm

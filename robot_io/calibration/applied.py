@@ -187,13 +187,13 @@ _CLOCK_MAY_DIFFER = timedelta(days=1)
 
 @dataclass(frozen=True)
 class Calibrations:
-    """Calibrations of one robot; None where a device is used uncalibrated."""
+    """Calibrations of one robot; None for a device without calibration."""
 
     force: ForceCalibration | None = None  # of the force sensor
     encoder: EncoderCalibration | None = None  # of the joints' zeros
     torque: TorqueCalibration | None = None  # of the drives
     gravity: GravityCalibration | None = None  # of the base
-    text: str = ""  # all of them in one YAML text, as a session keeps it; empty if there are none
+    text: str = ""  # all of them in one YAML text, as in a session; empty if there are none
 
     @property
     def kinds(self) -> tuple[str, ...]:
@@ -297,7 +297,7 @@ def _reject_reason(
     again = f"make a new one: palpate calibrate {calibration.kind}"
     unit = getattr(calibration, "reading_unit", "N")
     difference = first_difference(calibration.device, device_identity(robot_file, calibration.kind))
-    # Simulated devices have drivers of their own.
+    # Simulated devices have their own drivers.
     is_emulated = not emulated and calibration.source == "emulated"
     made, until = calibration.made_utc, calibration.valid_until_utc
     reasons = (

@@ -86,7 +86,7 @@ class Calibration(FileModel):
     palpate_calibration: Literal[1]  # version of this format
     kind: str  # which of the four
     robot: _Text  # name of the robot in its robot file
-    device: dict[str, object]  # driver and settings of what was calibrated, see `device_identity`
+    device: dict[str, object]  # driver and settings of the calibrated device, see `device_identity`
     # Devices that were read: real ones, a simulated robot's, or emulated ones behind real drivers. With None
     # (not stated) no robot may use the calibration.
     source: Literal["measured", "simulated", "emulated"] | None = None
@@ -107,7 +107,7 @@ class Calibration(FileModel):
     def to_yaml(self) -> str:
         """Write the file, as `parse_calibration` reads it."""
         data = self.model_dump(mode="json", exclude_none=True)
-        data["findings"] = data.pop("findings")  # last: what is applied comes first
+        data["findings"] = data.pop("findings")  # last, after the applied values
         text: str = yaml.safe_dump(data, sort_keys=False, width=110, allow_unicode=True)
         return text
 
@@ -147,7 +147,7 @@ class ForceCalibration(Calibration):
     """
 
     kind: Literal["force"]
-    reading_unit: _Unit = "N"  # of what was read; a robot's driver reads N
+    reading_unit: _Unit = "N"  # unit of the readings; a robot's driver reads N
     values: ForceValues
 
     @model_validator(mode="after")

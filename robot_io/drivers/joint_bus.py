@@ -16,9 +16,9 @@ def check_one_per_joint(context: DriverContext, count: int, devices: str) -> Non
     """Check that a bus has as many drives as the arm has joints.
 
     Args:
-        context: What the bus was given.
+        context: Context of the bus.
         count: Number of its drives.
-        devices: What to call them, such as "motors".
+        devices: Name for messages, such as "motors".
 
     Raises:
         InputError: There are more or fewer.
@@ -53,9 +53,9 @@ class JointBus(Bus):
 
     @abstractmethod
     def power_off(self) -> None:
-        """Take the torque off all drives, whatever state they are in, and drop a staged command.
+        """Switch the torque of all drives off, whatever their state, and drop a staged command.
 
-        DeviceError: one did not confirm; all were told.
+        DeviceError: a drive did not confirm; all were commanded.
         """
 
     @abstractmethod
@@ -66,7 +66,7 @@ class JointBus(Bus):
             torque_nm: torques of all joints, shape (n,) [N m].
 
         Returns:
-            The torques that the drives will be told, shape (n,) [N m].
+            The torques that will be sent to the drives, shape (n,) [N m].
 
         Raises:
             LifecycleError: the torque is off.
@@ -119,12 +119,12 @@ _ADAPTATION = 0.05  # how far the usual delay follows a shorter one
 class RequestQueue:
     """Requests to one device that have no answer yet; an answer belongs to the oldest of them.
 
-    A lost answer would leave all later ones dated too early by one request. So where an answer took longer
-    than usual and further requests are open, one request is to be left out (`skip`). If the delay is real,
-    the answers to those before it go on coming at the same pace. Each that stays out stands for a loss.
+    A lost answer would date all later ones too early by one request. So if an answer took longer than usual
+    while further requests are open, one request is omitted (`skip`). If the delay is real, the answers to the
+    earlier requests keep coming at the same pace. Each answer that stays out indicates a loss.
 
     Args:
-        margin_s: By how much delays vary [s]; less than the time between two requests.
+        margin_s: Variation of the delays [s]; less than the time between two requests.
         latest_s: No answer comes later than this after its request [s].
         usual_s: Usual delay before the first answer [s].
 

@@ -170,7 +170,7 @@ class Guard:
         self._trip: Trip | None = None
         self._stopping_s = 0.0  # sum of the time steps since the trip
         self._finished = False
-        self._previous_nm: list[float] = []  # what was sent,
+        self._previous_nm: list[float] = []  # sent torques,
         self._previous_s = -inf  # and when
         self.torque_clips = 0
         self.rate_clips = 0
@@ -336,7 +336,7 @@ class Guard:
 
     def _stop(self, measurement: Measurement, dt_s: float) -> Command:
         self._stopping_s += dt_s if dt_s > 0 else inf
-        # Two clocks end the stop, whichever is first, and so does NaN: time itself may be what has failed.
+        # The first of two clocks ends the stop, and so does NaN, because the time itself may be wrong.
         if not (self._stopping_s < self._safe_stop.duration_s and self._clock_says_stopping(measurement)):
             self._finished = True
         if self._finished or not self._checks.motion_is_known(measurement):

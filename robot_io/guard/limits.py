@@ -74,7 +74,7 @@ class SafeState(FileModel):
 
     Braking is torque = -damping * velocity, with the arm's weight held up. Keep damping * (tick + age of the
     velocity) below the smallest inertia that the joint moves; from twice that on, the brake itself would
-    shake the arm. For an arm with brakes of its own `lower_time_s` can be 0.
+    shake the arm. For an arm with brakes `lower_time_s` can be 0.
     """
 
     # One value per joint [N m s/rad]; 0 lets a joint go at once.
@@ -140,7 +140,7 @@ class LimitChecks:
             or _sample_problem(
                 "force sensor", measurement.force_status, time_s - measurement.force_at_s, self._force_age_s
             )
-            # A drive at the end of its range is no reason to stop: what it may send is limited anyway.
+            # A drive at the end of its range is no reason to stop, because its commands are limited anyway.
             or _sample_problem(
                 "drives",
                 Status.OK if measurement.torque_status is Status.SATURATED else measurement.torque_status,

@@ -36,7 +36,7 @@ from math import inf, isfinite, log, nan
 from palpate.robot_io.guard.limits import Limits, Problem
 from palpate.robot_io.types import FloatArray, Measurement, Status, clip
 
-_SAMPLES = 5  # new ones in that time; fewer are a drive that measures slower than it is asked
+_SAMPLES = 5  # new ones in that time; a drive with fewer measures more slowly than it is read
 _STEPS = 4  # of the encoder, that the reference must have moved, and
 _TRACKING_SHARE = 0.01  # this share of the tracking limit; or
 _UNKNOWN_SHARE = 0.05  # this one, as long as no step has been seen that would tell their size
@@ -127,7 +127,7 @@ class _Joint:
 
 
 class StuckEncoders:
-    """Tracks for each joint since when its reading has stood still, and what has happened since.
+    """Tracks, for each joint, since when its reading has stood still, and the events since then.
 
     Args:
         limits: `stuck_encoder_s` is how long a joint must stand still; shares of the other limits are
@@ -184,7 +184,7 @@ class StuckEncoders:
         references_rad = reference_position_rad.tolist()
         torques_nm = measurement.joint_torque_nm.tolist()
         if time_s - self._marked_at_s >= self._still_s:
-            # Remember where joints and references are; where nobody looked, the way since says nothing.
+            # Store joint positions and references; motion before this says nothing.
             missed = time_s - self._marked_at_s > 2.0 * self._still_s
             self._marked_at_s = time_s
             for joint, position_rad, reference_rad in zip(
@@ -295,7 +295,7 @@ class StuckForce:
         if jump_n * self._jump_n < 0.0:
             self._noise_n += min(abs(jump_n), _MOST_STEPS * self._step_n) - self._step_n
         row, self._row = self._row, 0
-        if was_long:  # a long row of a standing arm says nothing about a moving one
+        if was_long:  # a long run of equal samples at rest says nothing about motion
             self._rests |= self._has_moved(measurement)
             return
         self._equal += row
@@ -319,14 +319,14 @@ _STEADY = 1.5  # times the least is the most torque of late, where one was shown
 _SMALLER = 0.8  # times the smallest torque so shown: must be shown as well,
 _LARGE_SHARE = 0.1  # and so must this share of the torque limit, whatever was shown
 _FLOOR_SHARE = 0.01  # this share of the torque limit, and
-_JUMPS = 2.0  # so many of the reading's mean jumps
+_JUMPS = 2.0  # in mean jumps of the reading
 _JUMP_SHARE = 0.02  # of a new jump in that mean
 _DISOBEYED_SAMPLES = 5  # in a row before it counts, however slowly they come
 _HABIT_S = 1.0  # how far a reading is off becomes usual within this time,
 _FIRST_S = 0.05  # but after the first command, for so long,
 _FIRST_HABIT_S = 0.01  # within this one
-_LATE_S = 0.1  # by so much a reading may be late
-_PAUSE_S = 0.1  # without a command: what comes then is a first command again
+_LATE_S = 0.1  # largest delay of a reading
+_PAUSE_S = 0.1  # without a command, after which the next one counts as the first
 
 _DRIVE_REMEDY = (
     "check its supply and connectors, and restart it; palpate doctor says whether it is well; if it obeys "
@@ -335,7 +335,7 @@ _DRIVE_REMEDY = (
 
 
 class _Drive:
-    """One drive: what was sent to it of late, and what it usually shows."""
+    """One drive: its recent commands, and its usual readings."""
 
     __slots__ = (
         *("before_nm", "clear_nm", "count", "floor_nm", "high_nm", "jump_nm", "jumps"),
@@ -393,7 +393,7 @@ class _Drive:
         return min(self.low_nm, self.high_nm, key=abs)
 
     def is_missing(self) -> bool:
-        """Whether the reading says that torque is missing."""
+        """Whether the reading indicates a missing torque."""
         low_nm, high_nm = self.low_nm, self.high_nm
         sign, least_nm, most_nm = (1.0, low_nm, high_nm) if low_nm > 0.0 else (-1.0, -high_nm, -low_nm)
         if not least_nm > 2.0 * self.floor_nm:
@@ -407,7 +407,7 @@ class _Drive:
         return missing_nm > may_be_nm and least_nm >= _SMALLER * self.clear_nm[sign]
 
     def get_used_to(self, share: float) -> None:
-        """Take how far the reading is off now for a part of what is usual.
+        """Include the present deviation of the reading in its usual deviation.
 
         Args:
             share: of the difference, 0 to 1.
@@ -417,7 +417,7 @@ class _Drive:
 
 
 class UnresponsiveDrives:
-    """Tracks for each drive what was sent to it, and since when it shows something else.
+    """Tracks the commands of each drive, and since when its readings contradict them.
 
     Args:
         limits: `deaf_drive_s` is the time; shares of the arm's torques are thresholds.

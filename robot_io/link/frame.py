@@ -30,7 +30,7 @@ class Seal(NamedTuple):
 
     size: int  # of the mark [bytes]
     of: Callable[[bytes | memoryview], bytes]  # the mark of a frame
-    broken: str  # what is said of a frame whose mark is another
+    broken: str  # message for a frame with another mark
 
 
 CHECKSUM = Seal(

@@ -138,7 +138,7 @@ class Line:
         sender: random number in every frame of this end.
         malformed: number of received frames that were invalid, or of another version or key.
         refused: why the newest of these was refused; empty before the first.
-        is_open_here: whether any program of this machine may say where to probe, with neither key nor
+        is_open_here: whether any program of this machine may send targets, with neither key nor
             certificates.
 
     Raises:
@@ -220,7 +220,7 @@ class Line:
 
     @property
     def advice(self) -> str:
-        """What to check if the other side is not heard."""
+        """Checks to suggest if nothing is received from the other side."""
         same = "--port" if self._settings.config is None else "a --link that meets this one"
         words = f"does a {_OTHER[self.role]} run with the same --name and --key, and {same}?"
         if not self._over_udp:

@@ -74,7 +74,7 @@ class WireType(Generic[T]):
 
 
 class _Codec:
-    """One class and its message type; what is nested has a codec of its own."""
+    """One class and its message type; a nested class has its own codec."""
 
     def __init__(self, kind: type, descriptor: Any) -> None:  # noqa: ANN401, built at run time
         members = _members(kind)
@@ -147,7 +147,7 @@ MOST_TARGETS = 64
 MOST_PARAMETERS = 64
 MOST_TEXT = 500  # characters
 _UNIT = 1e-6  # how far a direction may be from a unit vector
-_LEADERS, _NUMBERS = 2**31, 2**16  # leaders that are told apart; targets that each may give
+_LEADERS, _NUMBERS = 2**31, 2**16  # distinct leaders; targets that each may give
 _MOST_COUNT = _LEADERS * _NUMBERS  # a double holds all of them
 
 
@@ -218,7 +218,7 @@ class Intent:
     targets: tuple[Target, ...]  # in the order in which they are to be probed
     cancelled: tuple[int, ...]  # numbers of targets that are not wanted any more
     seen: tuple[int, ...]  # revision of the newest estimate that has arrived, of each target
-    ended: bool  # the operator is done: finish what is queued, then end
+    ended: bool  # the operator is done: finish the queue, then end
 
     def __post_init__(self) -> None:
         _need_few("targets", self.targets, MOST_TARGETS)
@@ -238,10 +238,10 @@ class Report:
     tip_world_m: tuple[float, ...]  # shape (3,) [m]
     speed_m_s: float  # of the tip along the press direction [m/s]
     direction_world: tuple[float, ...]  # shape (3,), press direction
-    force_n: float  # measured, less what the sensor shows in free air, positive in compression [N]
+    force_n: float  # measured minus the reading in free air, positive in compression [N]
     targets: tuple[int, ...]  # numbers of all targets that are known
     states: tuple[int, ...]  # `TargetState` of each of them
-    remark: str  # why the newest refusal, failure or stop; empty if there was none
+    remark: str  # reason of the newest refusal, failure or stop; empty if there was none
     ended: bool  # the follower is at rest without torque, and ends
 
     def __post_init__(self) -> None:
@@ -298,14 +298,14 @@ class ObjectEstimate:
 
     revision: int  # counts up with every estimate
     target: int  # number of the target
-    surface_world_m: tuple[float, ...]  # shape (3,), where the undeformed surface is [m]
+    surface_world_m: tuple[float, ...]  # shape (3,), position of the undeformed surface [m]
     direction_world: tuple[float, ...]  # shape (3,), unit vector into the object
     model: tuple[ContactModel, ...]  # the contact law, then established effects
     parameters: tuple[EstimatedParameter, ...]  # with intervals, for people
     verdict: str  # of the diagnosis; empty before there is one
-    words: str  # what the verdict rests on, one line
+    words: str  # reason of the verdict, one line
     rmse_n: float  # of the model on the measured runs [N]
-    noise_n: float  # what the sensor's noise alone would leave [N]; NaN if not known
+    noise_n: float  # error by the sensor's noise alone [N]; NaN if not known
     runs: int  # how many runs it rests on
     measured_s: float  # time of the last sample that went into it, on the follower's clock [s]
 

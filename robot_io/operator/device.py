@@ -44,7 +44,7 @@ class OperatorDevice(Opened):
     """
 
     name: ClassVar[str]  # how files and options call it
-    Settings: ClassVar[type[FileModel]]  # what a file may set; every key but the necessary has a default
+    Settings: ClassVar[type[FileModel]]  # settings of a file; all optional keys have a default
 
     def __init__(self, settings: Any, clock: Clock) -> None:  # noqa: ANN401 (each device's own Settings)
         self.settings = settings
@@ -137,7 +137,7 @@ class OperatorDevice(Opened):
 
     @abstractmethod
     def _push(self, force_world_n: FloatArray) -> FloatArray:
-        """Render a force of three finite values, and return what is really rendered."""
+        """Render a force of three finite values, and return the rendered force."""
 
     @abstractmethod
     def _release(self) -> None:
@@ -221,7 +221,7 @@ class ScriptedSettings(HandSettings):
 class ScriptedOperator(ModelledHand):
     """Moves between waypoints with the least jerk, as hands do (Flash and Hogan, J. Neurosci. 5, 1985).
 
-    The script's time begins when the device is opened, and anew when it is activated.
+    The script's time begins when the device is opened, and restarts when it is activated.
     """
 
     name = "scripted"

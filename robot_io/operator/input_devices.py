@@ -79,7 +79,7 @@ class RecordFile:
 
 
 class RecordSettings(HandSettings):
-    """Where the hand begins."""
+    """Initial position of the hand."""
 
     start_world_m: tuple[Number, Number, Number] = (0.4, 0.0, 0.15)
 
@@ -258,7 +258,7 @@ class TouchSettings(FileModel):
     origin_world_m: tuple[Number, Number, Number] = (0.4, 0.0, 0.15)  # of the device's own origin
     scale: Positive = 1.0  # world metres for each metre of the stylus
     watchdog_s: Positive = 0.02
-    oldest_s: Positive = 0.1  # no sample for so long: the device is gone
+    oldest_s: Positive = 0.1  # longest time without a sample, after which the device is gone
     select_button: Annotated[int, Field(ge=1, le=4)] = 1
 
 

@@ -110,7 +110,7 @@ def unclosed(time_s: float) -> Event:
 
 
 def says_unclosed(event: Event) -> bool:
-    """Whether an event is that of `unclosed`.
+    """Whether an event is the one made by `unclosed`.
 
     Args:
         event: of a session.

@@ -1,4 +1,4 @@
-"""What a program shares with its writer process: a ring per stream, a few words of state, and the job."""
+"""Memory shared with the writer process: a ring per stream, a few words of state, and the job."""
 
 import fcntl
 import json
@@ -21,7 +21,7 @@ from palpate.robot_io.errors import InputError, SessionError
 from palpate.robot_io.session.event import EVENT_STREAM, MAX_EVENT_BYTES
 from palpate.robot_io.session.stream import Record, RecordArray, Stream
 
-_WAIT_S, _POLL_S = 1.0, 0.01  # for a program that only looks whether there is a lock
+_WAIT_S, _POLL_S = 1.0, 0.01  # for a program that only checks for a lock
 
 
 def lock(file: BinaryIO) -> None:
@@ -38,17 +38,17 @@ def lock(file: BinaryIO) -> None:
             if time.monotonic() > give_up_s:
                 raise SessionError("another program holds it") from None
             time.sleep(_POLL_S)
-        except OSError:  # a file system without locks; that the file was made anew keeps others away there
+        except OSError:  # a file system without locks, on which exclusive creation keeps others away
             return
         else:
             return
 
 
 def is_locked(path: Path) -> bool:
-    """Whether a program is writing a file at this moment, as far as the file system can tell.
+    """Whether a program is writing a file at this moment, if the file system shows it.
 
     Args:
-        path: of a file that is there.
+        path: of an existing file.
     """
     with suppress(OSError):
         descriptor = os.open(path, os.O_RDONLY | os.O_NONBLOCK)  # a pipe is not waited for

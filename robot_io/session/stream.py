@@ -193,7 +193,7 @@ class Samples:
 
     @classmethod
     def of(cls, stream: Stream, columns: dict[str, NDArray[Any]]) -> "Samples":
-        """Make samples of columns that nobody else changes.
+        """Make samples of columns that no other code changes.
 
         Args:
             stream: of the columns.

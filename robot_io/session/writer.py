@@ -95,7 +95,7 @@ class SessionWriter:
         if self.failure is not None:
             self._closed = True
             self._process.wait()
-            if isinstance(self._log.system_error, FileExistsError):  # somebody was quicker
+            if isinstance(self._log.system_error, FileExistsError):  # another program was faster
                 raise _exists(self.path)
             raise SessionError(f"{self.path} cannot be written: {self.failure}") from self._log.system_error
 
@@ -123,7 +123,7 @@ class SessionWriter:
             give_up_s = time.monotonic() + STALL_LIMIT_S
             while ring.full and self._process.poll() is None:
                 if time.monotonic() > give_up_s:
-                    self._wait_for_room = False  # from here on records are dropped, and counted
+                    self._wait_for_room = False  # from now on, records are dropped and counted
                     self._patience_s = _KILL_LIMIT_S  # it has been waited for once
                     raise UnloggedError(f"{self.path}: {_STALLED}")
                 time.sleep(_POLL_S)

@@ -39,14 +39,14 @@ def main() -> None:
     try:
         _write_session(job, streams, log)
         log.state = FINISHED
-    except Exception as error:  # whatever it is, the program hears of it
+    except Exception as error:  # any error is reported to the program
         text, number = (error.strerror, error.errno) if isinstance(error, OSError) else (None, None)
         log.fail(text or str(error) or repr(error), number)
 
 
 def _write_session(job: Job, streams: tuple[Stream, ...], log: SharedLog) -> None:
     path = Path(job.path)
-    with held_name(path):  # which this program alone begins, and holds; another one may have been quicker
+    with held_name(path):  # exclusive creation; another program may have been faster
         file = path.open("xb")
     with file:
         lock(file)
@@ -60,7 +60,7 @@ def _write_session(job: Job, streams: tuple[Stream, ...], log: SharedLog) -> Non
 
 
 class _Drain:
-    """Takes what is in the rings into the file."""
+    """Writes the contents of the rings to the file."""
 
     def __init__(self, log: SharedLog, mcap: McapFile) -> None:
         self._log = log
@@ -68,14 +68,14 @@ class _Drain:
         self._last_time_s = 0.0
 
     def run(self, parent_pid: int) -> None:
-        """Empty the rings again and again, until the program wants the end or is gone.
+        """Empty the rings repeatedly, until the program requests the end or has ended.
 
         Args:
             parent_pid: process id of the program that logs.
         """
         chunk_end_s = time.monotonic() + CHUNK_PERIOD_S
         while True:
-            # Asked before the rings are emptied: what came before the wish is then in the file.
+            # Read before the rings are emptied, so that the file contains all records before the request.
             over = self._log.stop_requested or os.getppid() != parent_pid
             count = sum(self._take(name) for name in self._log.rings)
             self._mcap.flush()

@@ -92,7 +92,7 @@ def hardware_error_names(value: int) -> str:
 COUNTS_PER_REVOLUTION: Final = 4096
 POSITION_STEP_RAD: Final = 2.0 * pi / COUNTS_PER_REVOLUTION
 VELOCITY_STEP_RAD_S: Final = 0.229 * 2.0 * pi / 60.0
-WATCHDOG_FIRMWARE: Final = 38  # the bus watchdog exists from here on
+WATCHDOG_FIRMWARE: Final = 38  # first firmware with a bus watchdog
 
 
 @dataclass(frozen=True, slots=True)
@@ -128,10 +128,10 @@ MODELS: Final = {
 
 
 def model_name(number: int) -> str:
-    """What a model number means, for messages.
+    """Return the name of a model number, for messages.
 
     Args:
-        number: that the servo answers with.
+        number: in the answer of the servo.
     """
     return next((model.name for model in MODELS.values() if model.number == number), f"model number {number}")
 
@@ -159,7 +159,7 @@ class DynamixelSettings(ServoBusSettings[ServoSettings]):
     baud_rate: Literal[57_600, 115_200, 1_000_000, 2_000_000, 3_000_000, 4_000_000, 4_500_000] = 4_000_000
     # How long a servo waits before it answers, in steps of 2 us [s].
     return_delay_s: Annotated[NotNegative, Field(le=LARGEST_RETURN_DELAY * RETURN_DELAY_STEP_S)] = 0.0
-    # A servo that hears nothing for so long lets go, in steps of 20 ms [s].
+    # Silence after which a servo switches its torque off, in steps of 20 ms [s].
     watchdog_s: Annotated[Positive, Field(ge=WATCHDOG_STEP_S, le=LARGEST_WATCHDOG * WATCHDOG_STEP_S)] = 0.06
     fast_sync_read: bool = True  # use it if the firmware of all servos knows it
 

@@ -1,9 +1,9 @@
-"""A bus of Feetech servos, whose own position control makes the torques.
+"""A bus of Feetech servos, whose own position control generates the torques.
 
-These servos have no torque mode, and no watchdog: in their mode without position control they would run on
-when the program has died. So a torque is commanded as a goal beside where the joint is, by the servo's own
-law (`tables`): however long nobody says anything, the joint stays near that goal. Torques are those of the
-motor by its duty cycle and speed; what the gears' friction takes is in none of them.
+These servos have no torque mode and no watchdog: in their mode without position control they would run on
+after the program has died. So a torque is commanded as a goal beside the joint's present position, by the
+servo's own law (`tables`). Without further commands, the joint stays near that goal. Torques are those of the
+motor, from its duty cycle and speed; they do not include the friction of the gears.
 """
 
 import struct
@@ -45,10 +45,10 @@ FEEDBACK_SIZE: Final = _FORMAT.size
 PADDING: Final = 7  # bytes before the block, by which the answers to different requests differ
 
 
-_POSITION_SIGN = _SPEED_SIGN = 1 << 15  # from here on a value is negative; see `tables`
+_POSITION_SIGN = _SPEED_SIGN = 1 << 15  # a larger value is negative; see `tables`
 _LOAD_SIGN = 1 << 10
 _GOALS = 32  # more than are sent while an answer is late
-_NEAR_COUNTS = 16  # beside what a joint can have turned
+_NEAR_COUNTS = 16  # beyond the largest possible motion of a joint
 
 _SETTINGS = ("acceleration", "goal time", "goal speed", "torque limit", "lock")
 Settings = tuple[int, int, int, int, int]  # the values of these
@@ -105,7 +105,7 @@ def feedback_reader(
         port: An open port.
         clock: Clock of the deadlines.
         servo_ids: Servos that are asked, in this order.
-        decode: Makes feedback of an answer; ProtocolError: it is not to be believed.
+        decode: Converts an answer to feedback; ProtocolError: the answer is implausible.
     """
     sizes = range(FEEDBACK_SIZE, FEEDBACK_SIZE + PADDING + 1)
     end = TORQUE_ENABLE.address + FEEDBACK_SIZE
@@ -121,11 +121,11 @@ def feedback_reader(
 
 
 class Plausibility:
-    """Refuses feedback that cannot be what a servo of this bus says now.
+    """Refuses implausible feedback of the servos of this bus.
 
     Args:
         clock: The robot's clock.
-        settings: What each servo was told, as in `FeetechFeedback.settings`, by its id.
+        settings: Settings sent to each servo, as in `FeetechFeedback.settings`, by its id.
         fastest_counts_s: No joint is faster [counts/s].
     """
 
@@ -135,7 +135,7 @@ class Plausibility:
         self._last: dict[int, tuple[float, int]] = {}
 
     def restart(self) -> None:
-        """Forget where the joints were, and what was sent."""
+        """Forget the last positions and commands."""
         for goals in self._goals.values():
             goals.clear()
         self._last.clear()

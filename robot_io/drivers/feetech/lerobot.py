@@ -1,9 +1,9 @@
-"""Reads a calibration file of LeRobot's, and prints what a robot file says of the same servos.
+"""Read a calibration file of LeRobot, and print the settings of the same servos for a robot file.
 
 Run: python -m palpate.robot_io.drivers.feetech.lerobot my_follower.json
 
-LeRobot writes the homing offsets into the servos, and keeps them in a JSON file with the ends of each joint's
-range; zero degrees is the middle of that range. Source: huggingface/lerobot, `MotorCalibration` and
+LeRobot writes the homing offsets into the servos, and stores them in a JSON file with the ends of each
+joint's range; zero degrees is the middle of that range. Source: huggingface/lerobot, `MotorCalibration` and
 `MotorNormMode.DEGREES`.
 """
 
@@ -38,7 +38,7 @@ class LerobotMotor(FileModel):
 
     @property
     def zero_rad(self) -> float:
-        """The joint angle where the servo shows 0 [rad]."""
+        """Joint angle at the servo's position 0 [rad]."""
         middle_rad = 0.5 * (self.range_min + self.range_max) * POSITION_STEP_RAD
         return middle_rad if self.drive_mode else -middle_rad
 

@@ -54,12 +54,12 @@ class FeetechStatus(NamedTuple):
 
     @property
     def alert(self) -> bool:
-        """Whether the servo has an error of its own."""
+        """Whether the servo reports an error."""
         return self.error != 0
 
     @property
     def refusal(self) -> str | None:
-        """Nothing: these servos do not say that they refuse."""
+        """Always empty: these servos do not report refusals."""
         return None
 
 

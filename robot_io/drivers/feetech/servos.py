@@ -18,7 +18,7 @@ from palpate.robot_io.errors import DeviceError
 from palpate.robot_io.examination import Finding, Level, graded
 from palpate.robot_io.serial_port import SerialPort
 
-_VOLTAGE_SHARE = 0.25  # of the model's voltage; 7.4 and 12 V are told apart
+_VOLTAGE_SHARE = 0.25  # of the model's voltage; distinguishes 7.4 and 12 V
 
 # What makes the servo's own law the plain one of `tables`, beside the P coefficient; held until it restarts,
 # for the lock is set first. A goal beyond limits that its calibration left would be another torque.
@@ -40,7 +40,7 @@ _PLAIN_LAW = (
 
 @dataclass(frozen=True, slots=True)
 class ServoIdentity:
-    """What a servo said of itself when it was looked at."""
+    """Identity and state of a servo at its examination."""
 
     model: str  # name of its model
     firmware: str  # version
@@ -48,7 +48,7 @@ class ServoIdentity:
     voltage_limits_v: tuple[float, float]  # lowest and highest that it takes [V]
     temperature_c: int  # inside it [degrees Celsius]
     temperature_limit_c: int  # from which on it protects itself [degrees Celsius]
-    homing_offset: int  # what is taken off its position [counts]
+    homing_offset: int  # subtracted from its position [counts]
 
 
 class FeetechLine(ServoLine):
@@ -77,9 +77,9 @@ class FeetechLine(ServoLine):
         self.torque_limits = torque_limits
 
     def identify(self) -> None:
-        """Look who is there, and compare with the settings.
+        """Ping the servos and compare them with the settings.
 
-        DeviceError: a servo is missing, is another model, or does not fit as it is set up.
+        DeviceError: a servo is missing, is another model, or has a wrong setup.
         """
         self._check_all_there()
         for servo_id in self.ids:
@@ -92,7 +92,7 @@ class FeetechLine(ServoLine):
                 raise DeviceError(f"servo {servo.id}: {trouble}")
 
     def identify_servo(self, servo: FeetechServo) -> ServoIdentity:
-        """Ask a servo for its identity.
+        """Read the identity of a servo.
 
         Args:
             servo: Its settings in the robot file.
@@ -130,7 +130,7 @@ class FeetechLine(ServoLine):
             settle(servo_id, tables.TORQUE_LIMIT, self.torque_limits[servo_id])
 
     def switch_on(self) -> dict[int, int]:
-        """Torque on, each servo where it stands; returns these goals by id.
+        """Switch the torque on, each servo at its present position; return these goals by id.
 
         DeviceError: a servo refused, or has an error.
         """
@@ -144,11 +144,11 @@ class FeetechLine(ServoLine):
 
 
 def identity_trouble(servo: FeetechServo, identity: ServoIdentity) -> str | None:
-    """Say why a servo does not fit the robot file, or None.
+    """Return why a servo does not fit the robot file, or None.
 
     Args:
         servo: Its settings in the robot file.
-        identity: What it says of itself.
+        identity: Identity that it reports.
     """
     nominal_v, voltage_v = servo.servo_model.voltage_v, identity.voltage_v
     low_v, high_v = identity.voltage_limits_v
@@ -162,7 +162,7 @@ def identity_trouble(servo: FeetechServo, identity: ServoIdentity) -> str | None
 
 
 def examine_servo(line: FeetechLine, servo: FeetechServo, label: str) -> Finding:
-    """Look at model, supply, temperature, errors and setup of one servo.
+    """Examine model, supply, temperature, errors and setup of one servo.
 
     Args:
         line: Its line.

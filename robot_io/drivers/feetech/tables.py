@@ -31,7 +31,7 @@ MAX_POSITION: Final = Register("max position limit", 11, 2)
 MAX_TEMPERATURE: Final = Register("max temperature limit", 13, 1)  # degrees Celsius
 MAX_VOLTAGE: Final = Register("max voltage limit", 14, 1)  # 0.1 V
 MIN_VOLTAGE: Final = Register("min voltage limit", 15, 1)  # 0.1 V
-PHASE: Final = Register("phase", 18, 1)  # bits that say how it counts; 12 as delivered
+PHASE: Final = Register("phase", 18, 1)  # bits that define its counting; 12 as delivered
 P_GAIN: Final = Register("P coefficient", 21, 1)
 D_GAIN: Final = Register("D coefficient", 22, 1)
 I_GAIN: Final = Register("I coefficient", 23, 1)
@@ -61,7 +61,7 @@ ANSWER_EVERYTHING: Final = 1
 RESTARTED_LIMIT: Final = 1000  # torque limit after a restart, as delivered: what shows a restart
 LARGEST_LIMIT: Final = 999  # that is set
 
-# Bits of the phase, what each must be, and what it does otherwise.
+# Bits of the phase, required value, and effect of the other value.
 _PHASE_BITS = (
     (2, 1, "shows speeds in steps of 50 counts/s"),
     (3, 1, "stands still at a goal speed of 0, which is to mean any speed"),
@@ -75,7 +75,7 @@ DUTY_PER_RAD: Final = 0.166  # times the P coefficient
 
 
 def phase_trouble(value: int) -> str | None:
-    """Say why a servo with this phase cannot be used, or None if it can.
+    """Return why a servo with this phase cannot be used, or None.
 
     Args:
         value: content of the register.
@@ -92,7 +92,7 @@ class FeetechModel:
 
     name: str  # as sold
     number: int  # model number
-    voltage_v: float  # which the other two are stated for [V]
+    voltage_v: float  # voltage for which the other two are stated [V]
     stall_torque_nm: float  # at the horn [N m]
     no_load_rad_s: float  # [rad/s]
 
@@ -109,10 +109,10 @@ MODELS: Final = {
 
 
 def model_name(number: int) -> str:
-    """Say what a model number means, for messages.
+    """Return the name of a model number, for messages.
 
     Args:
-        number: that the servo answers with.
+        number: in the answer of the servo.
     """
     names = [model.name for model in MODELS.values() if model.number == number]
     return " or ".join(names) or f"model number {number}"
@@ -141,7 +141,7 @@ class FeetechSettings(ServoBusSettings[FeetechServo]):
     # P coefficient of the servos' own position control: a torque is commanded as a distance from where the
     # joint is, so that with more of it torque steps are coarser, and a joint is held more stiffly.
     p_gain: Annotated[int, Field(ge=1, le=100, strict=True)] = 16
-    # Ids of servos that are no joints here: they hold where they stand while the torque is on.
+    # Ids of servos that are no joints: they hold their positions while the torque is on.
     hold: tuple[Annotated[int, Field(ge=0, le=LARGEST_ID, strict=True)], ...] = ()
 
     @property

@@ -105,7 +105,7 @@ class MitBus(AskedMotorBus[MitState]):
         return [self._frames.order(motor.motor_id, order) for motor in self._motors]
 
     def _register(self, joint: int, register: MotorRegister, value: float | None = None) -> float:
-        """A register's value, after it was set to `value` if there is one. DeviceError: no answer."""
+        """Return a register's value, after setting it to `value` if given. DeviceError: no answer."""
         motor_id = self._motors[joint].motor_id
         write = [] if value is None else [self._frames.write_register(motor_id, register, value)]
         self._register_asked, self._register_values = (joint, register), []
@@ -124,7 +124,7 @@ class MitBus(AskedMotorBus[MitState]):
         DeviceError: the adapter cannot be opened, or a motor is silent or differs from the robot file.
         """
         self._receive_all()
-        # That the numbers on the wire mean what the robot file says. DeviceError: they do not.
+        # Compare the ranges of the numbers on the wire with the robot file.
         for joint, ranges in enumerate(self._ranges):
             all_stated = (ranges.position_rad, ranges.velocity_rad_s, ranges.torque_nm)
             for register, stated in zip(self._dialect.range_registers, all_stated, strict=False):
@@ -133,7 +133,7 @@ class MitBus(AskedMotorBus[MitState]):
                     problem = f"its {register.name} is {reported:g}, the robot file says {stated:g}"
                     raise self._about(joint, f"{problem}: state its 'ranges', or set the motor")
             if self._dialect.position_register:
-                # It must stand where its states say, on the same turn.
+                # Its position must agree with its states, on the same turn.
                 register = self._dialect.position_register
                 reported_rad = self._motors[joint].joint_angle_rad(self._register(joint, register))
                 stated_rad = self._position_rad[joint]
@@ -256,7 +256,7 @@ class MitBus(AskedMotorBus[MitState]):
         leave = self._frames.order(motor_id, Order.LEAVE)
         if self._own.ask_with == "exit":
             return [leave]
-        # Asked this way a motor has power, at zero torque, until the frame after the next is there.
+        # A motor asked in this way has power, at zero torque, until the frame after the next arrives.
         return [self._frames.order(motor_id, Order.ENTER), self._encode_torque(joint, 0.0)[0], leave]
 
 

@@ -49,7 +49,7 @@ _ONLY_TORQUE = 0x8000 << 48 | 0x800 << 36  # position and velocity about zero, a
 
 @dataclass(frozen=True, slots=True)
 class MitState:
-    """What a motor answers."""
+    """State of a motor."""
 
     motor_id: int  # which motor
     position_rad: float  # of the output shaft [rad]
@@ -63,7 +63,7 @@ class MitState:
 
 
 def encode_torque(motor_id: int, torque_nm: float, ranges: MitRanges) -> tuple[CanFrame, float]:
-    """The frame for a torque at the output shaft, cut at the range, and what it says, after rounding [N m].
+    """Make the frame for a torque at the output shaft, clipped to the range; return the sent torque too.
 
     Zero torque is half a step off, for 4095 is odd.
 
@@ -73,7 +73,7 @@ def encode_torque(motor_id: int, torque_nm: float, ranges: MitRanges) -> tuple[C
         ranges: of the motor's model.
 
     Returns:
-        Frame, and the torque that it says [N m].
+        Frame, and its torque after rounding [N m].
 
     Raises:
         InputError: the torque is not a number.
@@ -84,13 +84,13 @@ def encode_torque(motor_id: int, torque_nm: float, ranges: MitRanges) -> tuple[C
 
 
 def decode_state(frame: CanFrame, ranges: MitRanges, *, status_beside_id: bool = False) -> MitState:
-    """What a motor answers: id, position 16 bits, velocity 12, torque 12, and then temperature and error.
+    """Parse an answer: id, position 16 bits, velocity 12, torque 12, and then temperature and error.
 
     With `status_beside_id` the id has four bits, with four of a status above it: 0 is off, 1 on, more an
     error; the last two bytes are temperatures then.
 
     Args:
-        frame: as it came.
+        frame: the received frame.
         ranges: of the motor's model.
         status_beside_id: whether a status stands above the id.
 
@@ -208,7 +208,7 @@ class MitFrames:
         return CanFrame(motor_id, self._ORDERS[order])
 
     def torque(self, motor_id: int, torque_nm: float, ranges: MitRanges) -> tuple[CanFrame, float]:
-        """The frame for a torque at the output shaft [N m], and what it says, after rounding [N m].
+        """Make the frame for a torque at the output shaft [N m]; return the torque after rounding too.
 
         Args:
             motor_id: id of the receiver.
@@ -229,7 +229,7 @@ class MitFrames:
         """Which motor a frame comes from; None if it is no answer of one of ours.
 
         Args:
-            frame: as it came.
+            frame: the received frame.
         """
         if frame.extended or frame.remote or not frame.data:
             return None
@@ -237,10 +237,10 @@ class MitFrames:
         return motor_id if frame.can_id in self._answer_ids.get(motor_id, ()) else None
 
     def state(self, frame: CanFrame, ranges: MitRanges) -> MitState:
-        """What a motor answers.
+        """Parse the answer of a motor.
 
         Args:
-            frame: as it came.
+            frame: the received frame.
             ranges: of the motor's model.
 
         Raises:
@@ -252,7 +252,7 @@ class MitFrames:
         """Whether an answer is about a register, and no state.
 
         Args:
-            frame: as it came.
+            frame: the received frame.
             motor_id: of its sender.
         """
         return False
@@ -261,12 +261,12 @@ class MitFrames:
         """Errors that a motor reports without a request; None if the frame reports none.
 
         Args:
-            frame: as it came.
+            frame: the received frame.
         """
         return None
 
     def read_register(self, motor_id: int, register: MotorRegister) -> CanFrame:
-        """Ask for a register's value.
+        """Request a register's value.
 
         Args:
             motor_id: id of the receiver.
@@ -287,12 +287,12 @@ class MitFrames:
         return _registers(motor_id, data)
 
     def register_value(self, frame: CanFrame, motor_id: int, register: MotorRegister) -> float:
-        """The value in an answer.
+        """Parse the value in an answer.
 
         Args:
-            frame: as it came.
+            frame: the received frame.
             motor_id: of its sender.
-            register: that was asked for.
+            register: the requested one.
 
         Returns:
             The value in the register's own unit.
@@ -340,7 +340,7 @@ _ORDERS = {
     Order.LEAVE: (_STOP, bytes(8)),
     Order.CLEAR: (_STOP, b"\x01" + bytes(7)),
 }
-_RUNNING, _MODES = 2, 3  # and how many modes there are
+_RUNNING, _MODES = 2, 3  # and number of modes
 _IDLE_GAINS = bytes((0x80, 0, 0x80, 0, 0, 0, 0, 0))  # as `_ONLY_TORQUE`
 _FOUR_WORDS = struct.Struct(">4H")  # position, velocity, torque, temperature
 FAULT_FRAME_BITS: Final = 8  # offset of faults from fault frames above those of a state

@@ -26,12 +26,12 @@ class ServoBus(JointBus, Examinable):
 
     Args:
         settings: Settings in the robot file.
-        steps: What one count of each of the m servos that turn joints is along the joint axes, shape (3, m):
+        steps: Size of one count of each of the m joint servos along the joint axes, shape (3, m):
             position [rad], velocity [rad/s] and torque [N m].
         context: Bus, clock and other context of the driver.
 
     Attributes:
-        sample: What the last sync read brought that was answered by all, or None before the first.
+        sample: Result of the last sync read that all servos answered, or None before the first.
     """
 
     def __init__(self, settings: ServoBusSettings[Any], steps: FloatArray, context: DriverContext) -> None:

@@ -18,21 +18,21 @@ _LATEST_S = 0.1  # no answer comes later than this after its request: USB adapte
 
 @dataclass(slots=True, eq=False)
 class Request:
-    """A way to ask all servos. `asked_at_s` is when it was sent [s], minus infinity once it is answered."""
+    """One request to all servos. `asked_at_s` is its time [s], minus infinity once it is answered."""
 
-    packet: bytes  # what is sent
-    size: int  # bytes asked of each servo
+    packet: bytes  # bytes of the request
+    size: int  # number of bytes requested from each servo
     asked_at_s: float = -inf
     answers: dict[int, Packet] = field(default_factory=dict)  # by servo id
 
 
 class FeedbackReader(Generic[FeedbackType]):
-    """Asks for the feedback of all servos at once, and dates each answer by the request that it belongs to.
+    """Requests the feedback of all servos at once, and dates each answer by its request.
 
-    The protocols have no sequence numbers, but answers differ in length by the number of padding bytes asked
-    for. So the next request differs in length from all that are not answered yet: an answer that comes ticks
-    late is as old as its request, and never passes for the newest. When every length is taken, nothing is
-    asked until an answer comes or the oldest request is 0.1 s old.
+    The protocols have no sequence numbers, but answers differ in length by the number of requested padding
+    bytes. So the next request differs in length from all unanswered ones: an answer that comes ticks late is
+    as old as its request, and never passes for the newest. When every length is taken, nothing is requested
+    until an answer comes or the oldest request is 0.1 s old.
 
     Args:
         port: An open port.
@@ -76,7 +76,7 @@ class FeedbackReader(Generic[FeedbackType]):
         """Ask all servos, and wait for their answers.
 
         Args:
-            deadline_s: When to give up on the robot's clock [s].
+            deadline_s: End of the wait, on the robot's clock [s].
 
         Returns:
             The newest feedback of all servos in their order, and when they were asked for it [s]. They sample
@@ -91,7 +91,7 @@ class FeedbackReader(Generic[FeedbackType]):
             raise DeviceTimeoutError("no time left to ask the servos")
         newest = None
         came = self._port.read_all()
-        if came:  # unasked, or late: what is asked now must differ from it
+        if came:  # unexpected or late: the next request must differ from it
             newest = self._newest(came)
             self._in_turn.append(self._in_turn.pop(0))
         self._problem = ""
@@ -123,7 +123,7 @@ class FeedbackReader(Generic[FeedbackType]):
         return -inf
 
     def _newest(self, data: bytes) -> tuple[list[FeedbackType], float] | None:
-        """The last complete answer that ends in `data`, and when it was asked for [s]."""
+        """Return the last complete answer that ends in `data`, and the time of its request [s]."""
         newest = None
         for request, packets in self._answers(data):
             if request.asked_at_s == -inf:
@@ -139,9 +139,9 @@ class FeedbackReader(Generic[FeedbackType]):
         return newest
 
     def _oldest_open(self, servo_id: int | None = None) -> Request | None:
-        """The first request that is not answered, by this servo if one is given.
+        """Return the first unanswered request, of this servo if given.
 
-        An answer whose length says nothing, damaged or a refusal, belongs to this one or a later one.
+        An answer without a usable length, damaged or a refusal, belongs to this request or a later one.
         """
         still_open = [
             (request.asked_at_s, size)

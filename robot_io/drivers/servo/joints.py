@@ -1,9 +1,9 @@
-"""Settings of servos, and their counts as joint angles, speeds and torques, also where two turn a joint.
+"""Settings of servos, and conversion of their counts to joint angles, speeds and torques, also for pairs.
 
-The two must stand alike and pull alike, and their torques add. Each servo of a pair is sent half of the
-joint's torque. Where they stand apart, a horn has slipped, a position sensor is wrong, or the robot file is;
-nobody knows then where the joint is. Where what they exert differs for as long as a deaf drive is borne, one
-of them has lost its torque or works against the other: their sum would not always tell.
+Two servos of a joint must have equal angles, and their torques add. Each servo of a pair gets half of the
+joint's torque. If their angles differ, a horn has slipped, a position sensor is wrong, or the robot file is;
+the joint's position is then unknown. If their torques differ for the tolerated time of an unresponsive drive,
+one of them has lost its torque or works against the other, which their sum would not always show.
 """
 
 from collections.abc import Collection, Mapping, Sequence
@@ -69,7 +69,7 @@ class ServoMounting(FileModel):
         return -1.0 if self.reversed else 1.0
 
     def homing_trouble(self, found: int) -> str | None:
-        """Say why a servo is not the one of the robot file, or None if it may be.
+        """Return why a servo is not the servo of the robot file, or None if it may be.
 
         Args:
             found: homing offset that the servo has [counts].
@@ -86,7 +86,7 @@ ServoType = TypeVar("ServoType", bound=ServoMounting)
 
 
 class ServoBusSettings(FileModel, Generic[ServoType]):
-    """A line of servos; a maker's adds what is its own."""
+    """Settings of a line of servos; base of each maker's settings."""
 
     # Device file; /dev/serial/by-id/... stays the same when plugs are changed.
     port: Annotated[str, Field(min_length=1)]
@@ -108,7 +108,7 @@ class ServoBusSettings(FileModel, Generic[ServoType]):
 
     @property
     def ids(self) -> tuple[int, ...]:
-        """Everybody on the line; those of `turning` first."""
+        """All servos on the line; those of `turning` first."""
         return tuple(servo.id for servo in self.turning)
 
     @property
@@ -184,10 +184,10 @@ class ServoPairs:
         """Limit both servos of a pair to what the weaker one can exert.
 
         Args:
-            largest_nm: What each servo can exert (m) [N m].
+            largest_nm: Largest torque of each servo (m) [N m].
 
         Returns:
-            What each servo may exert (m) [N m].
+            Permitted torque of each servo (m) [N m].
         """
         weaker_nm = list(largest_nm[: self.joint_count])
         for joint, second_nm in zip(self.joints, largest_nm[self.joint_count :], strict=True):
@@ -242,7 +242,7 @@ class ServoPairs:
         return findings
 
     def disagreement(self, position_rad: FloatArray) -> str | None:
-        """Name a pair that does not stand alike, or None.
+        """Name a pair with different angles, or None.
 
         Args:
             position_rad: Positions of all servos (m) [rad].
@@ -284,7 +284,7 @@ _TURN_RAD = 2.0 * np.pi
 class ServoSample(NamedTuple):
     """What one sync read brought; positive along the joint axes."""
 
-    sampled_at_s: float  # when the servos were asked [s]
+    sampled_at_s: float  # time of the request [s]
     position_rad: FloatArray  # shape (n,) [rad]
     velocity_rad_s: FloatArray  # as the servos derive it, shape (n,) [rad/s]
     torque_nm: FloatArray  # as the servos show it, shape (n,) [N m]
@@ -293,11 +293,11 @@ class ServoSample(NamedTuple):
 
 
 class ServoJoints:
-    """Converts what servos say.
+    """Converts counts of servos to joint values.
 
-    A servo may count over several turns, but starts within one after power-up. `choose_turns` settles which
-    turn of the joint that is; from then on the angle is continuous. Positions more than half a turn away from
-    the middle of a joint's range are not told apart.
+    A servo may count over several turns, but starts within one after power-up. `choose_turns` determines the
+    joint's turn; from then on the angle is continuous. Positions more than half a turn from the middle of a
+    joint's range are ambiguous.
 
     Args:
         mountings: How the servos that turn joints sit on them (m).
@@ -349,7 +349,7 @@ class ServoJoints:
 
     @property
     def offset_rad(self) -> FloatArray:
-        """Joint angles where the servos show 0, whole turns included (m) [rad]."""
+        """Joint angles at the servos' position 0, including whole turns (m) [rad]."""
         offset: FloatArray = self._offsets[0]
         return offset
 

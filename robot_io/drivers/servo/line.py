@@ -22,7 +22,7 @@ class Register:
     address: int  # of its first byte
     size: int  # bytes
     signed: bool = False  # whether it can be negative, in two's complement
-    sign_bit: int | None = None  # the bit that says negative where the others are the magnitude
+    sign_bit: int | None = None  # sign bit, if the other bits are the magnitude
 
     def encode(self, value: int) -> bytes:
         """The bytes of a value. ProtocolError: it does not fit.
@@ -53,10 +53,10 @@ class Register:
         return self.signed_value(int.from_bytes(data, "little", signed=self.signed))
 
     def signed_value(self, number: int) -> int:
-        """The value of a number whose sign bit, if there is one, stands for minus.
+        """Convert a number with an optional sign bit.
 
         Args:
-            number: as it was read, without a sign.
+            number: the raw number.
         """
         if self.sign_bit is None:
             return number
@@ -65,7 +65,7 @@ class Register:
 
 
 class Packet(Protocol):
-    """What a servo answers."""
+    """Answer of a servo."""
 
     @property
     def servo_id(self) -> int:
@@ -73,11 +73,11 @@ class Packet(Protocol):
 
     @property
     def data(self) -> bytes:
-        """What it was asked for."""
+        """The requested data."""
 
     @property
     def alert(self) -> bool:
-        """Whether the servo has an error of its own."""
+        """Whether the servo reports an error."""
 
     @property
     def refusal(self) -> str | None:
@@ -103,14 +103,14 @@ class RegisterAccess:
         self._alert = False  # of the last value that was read
 
     def ping(self, servo_id: int, size: int = 0) -> bytes:
-        """Ask a servo who it is.
+        """Request the identity of a servo.
 
         Args:
             servo_id: Which servo.
             size: Number of bytes of its answer.
 
         Raises:
-            DeviceTimeoutError: Nobody answers.
+            DeviceTimeoutError: No answer.
             DeviceError: The port failed, or the servo refused.
         """
         packet = self._ask(servo_id, self._dialect.ping(servo_id), size)
@@ -160,7 +160,7 @@ class RegisterAccess:
         return register.decode(packet.data)
 
     def write(self, servo_id: int, register: Register, value: int) -> None:
-        """Set a register, and wait until the servo says that it has.
+        """Set a register, and wait for the confirmation.
 
         Args:
             servo_id: Which servo.
@@ -215,7 +215,7 @@ class RegisterAccess:
         self._confirm(servo_id, register, value)
 
     def why_alert(self, servo_id: int) -> str:
-        """Say what is behind the alert bit of a servo's answers; for the end of a message.
+        """Return the cause of the alert bit in a servo's answers, for the end of a message.
 
         Args:
             servo_id: which servo.
@@ -281,7 +281,7 @@ def listed(ids: Iterable[int]) -> str:
 
 
 class ServoLine(ABC):
-    """Sets servos up and switches them, which may take milliseconds. A maker's adds what is its own.
+    """Configures servos and switches their torque, which may take milliseconds; base of each maker's line.
 
     Args:
         settings: Settings in the robot file.
@@ -293,8 +293,8 @@ class ServoLine(ABC):
     dialect: ClassVar[ServoDialect]
     torque_enable: ClassVar[Register]  # 0 is off
     present_position: ClassVar[Register]
-    goal: ClassVar[Register]  # what is written in each tick
-    ping_size: ClassVar[int]  # bytes of what a servo says to a ping
+    goal: ClassVar[Register]  # register written in each tick
+    ping_size: ClassVar[int]  # bytes of a servo's answer to a ping
     ping_all_s: ClassVar[float]  # until all ids have answered to a ping of all [s]
 
     def __init__(
@@ -306,13 +306,13 @@ class ServoLine(ABC):
     @property
     @abstractmethod
     def last_resort(self) -> str:
-        """What happens where a servo cannot be told anything."""
+        """Consequence of a servo that cannot be reached, for messages."""
 
     @abstractmethod
     def prepare(self) -> None:
-        """Set what a run needs, and read it back; the torque is off from here on.
+        """Write the settings for a run, and read them back; the torque is off from here on.
 
-        DeviceError: a servo did not do what it was told.
+        DeviceError: a servo did not accept a setting.
         """
 
     @abstractmethod
@@ -320,7 +320,7 @@ class ServoLine(ABC):
         """Torque on, at zero. DeviceError: a servo refused."""
 
     def switch_off(self) -> None:
-        """Torque off, asked of every servo until it says so. DeviceError: some did not say so, by id."""
+        """Switch the torque off, and ask every servo until it confirms. DeviceError: some did not, by id."""
         still_on, problem = list(self.ids), ""
         off = self.torque_enable.encode(0)
         for _ in range(_SWITCH_OFF_ATTEMPTS):
@@ -334,7 +334,7 @@ class ServoLine(ABC):
         raise DeviceError(f"the torque may still be on: {problem}; {self.last_resort}")
 
     def survey(self, registers: RegisterAccess) -> Survey:
-        """Ping each servo of the settings by itself.
+        """Ping each servo of the settings separately.
 
         Args:
             registers: Access to the line, perhaps at another baud rate than that of the settings.
@@ -347,7 +347,7 @@ class ServoLine(ABC):
         return Survey(Counter({servo_id: answers for servo_id, (answers, _) in counts.items()}), damaged)
 
     def _check_all_there(self) -> None:
-        """Ping everybody. DeviceError: somebody does not answer, or answers twice; with all who do not."""
+        """Ping all servos. DeviceError: some do not answer, or answer twice; names all of them."""
         answers, damaged = self.survey(self.registers)
         missing = [servo_id for servo_id in self.ids if not answers[servo_id]]
         if missing:
@@ -379,12 +379,12 @@ TOO_HOT = "let it cool down; see what it pushes against, and lower its load"
 def examine_line(
     settings: ServoBusSettings[Any], line: ServoLine, examine_servo: Callable[[int, str], Iterable[Finding]]
 ) -> list[Finding]:
-    """Find out who is on the line, and look at every servo of the robot file.
+    """Find the servos on the line, and examine every servo of the robot file.
 
     Args:
         settings: Settings in the robot file.
-        line: The line, whose port is open and stays so.
-        examine_servo: Looks at one servo that answers, by its id and label.
+        line: The line, whose port stays open.
+        examine_servo: Examines one servo that answers, by its id and label.
 
     Raises:
         DeviceError: The port failed.
@@ -421,7 +421,7 @@ def examine_line(
 
 
 def _ping_all(line: ServoLine, port: SerialPort) -> Survey:
-    """Ping all at once, and those of the robot file by themselves: some firmware answers only the latter."""
+    """Ping all at once, then those of the robot file one by one: some firmware answers only the latter."""
     port.read_all()
     request = line.dialect.ping_all()
     reader, answers = line.dialect.packet_reader(request), Counter[int]()

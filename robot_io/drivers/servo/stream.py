@@ -10,7 +10,7 @@ PacketType = TypeVar("PacketType")
 
 
 class PacketStream(ABC, Generic[PacketType]):
-    """Cuts a stream at headers and lengths; a protocol says where these are.
+    """Splits a stream at headers and lengths, which each protocol defines.
 
     Args:
         largest: Size of the largest expected packet [bytes]; a damaged length beyond it is not waited for.
@@ -33,7 +33,7 @@ class PacketStream(ABC, Generic[PacketType]):
 
     @abstractmethod
     def _decode(self, packet: bytes) -> PacketType | None:
-        """Decode a packet; None for one that is to be left out. ProtocolError: it is none."""
+        """Decode a packet; None if it is to be ignored. ProtocolError: it is invalid."""
 
     def _is_suspect(self, packet: bytes) -> bool:
         """Whether to count a sequence that is no packet as rejected."""
@@ -92,7 +92,7 @@ class ServoDialect(ABC):
 
     @abstractmethod
     def sync_write_block(self, address: int, size: int, block: bytes) -> bytes:
-        """Write at the same address of several servos; nobody answers.
+        """Write at the same address of several servos, without answers.
 
         Args:
             address: Of the first byte.
@@ -128,7 +128,7 @@ class ServoDialect(ABC):
         return b"".join(value.to_bytes(self.word, "little") for value in values)
 
     def ping(self, servo_id: int) -> bytes:
-        """Ask one servo who it is.
+        """Ping one servo.
 
         Args:
             servo_id: of the servo.
@@ -136,7 +136,7 @@ class ServoDialect(ABC):
         return self.encode_packet(servo_id, _PING)
 
     def ping_all(self) -> bytes:
-        """Ask who is on the line; each servo answers after those with smaller ids."""
+        """Ping all servos; each answers after those with smaller ids."""
         return self.encode_packet(BROADCAST_ID, _PING)
 
     def read(self, servo_id: int, address: int, size: int) -> bytes:
@@ -160,7 +160,7 @@ class ServoDialect(ABC):
         return self.encode_packet(servo_id, _WRITE, self.words(address) + data)
 
     def sync_read(self, address: int, size: int, servo_ids: Sequence[int]) -> bytes:
-        """Read the same bytes of several servos; each answers with a packet of its own, in this order.
+        """Read the same bytes of several servos; each answers with its own packet, in this order.
 
         Args:
             address: of the first byte.
@@ -170,7 +170,7 @@ class ServoDialect(ABC):
         return self.encode_packet(BROADCAST_ID, _SYNC_READ, self.words(address, size) + bytes(servo_ids))
 
     def sync_write(self, address: int, data: Mapping[int, bytes]) -> bytes:
-        """Write at the same address of several servos, each its own bytes; nobody answers.
+        """Write at the same address of several servos, different bytes to each, without answers.
 
         Args:
             address: Of the first byte.
@@ -191,7 +191,7 @@ def bit_names(value: int, names: Mapping[int, str]) -> str:
 
     Args:
         value: Bits of a device's status.
-        names: What each bit means, by its value.
+        names: Name of each bit, by its value.
     """
     known = [name for bit, name in names.items() if value & bit]
     unknown = value & ~sum(names)
