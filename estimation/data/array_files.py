@@ -91,8 +91,8 @@ def _as_matrix(cells: NDArray[Any]) -> NDArray[Any]:
 def read_mat(path: Path) -> FileColumns:
     """Read the vectors of a MATLAB file and of its structs; of several lengths, the most frequent is kept.
 
-    The lines of a matrix along its longer side are columns, "name 1", "name 2" and so on; cells that hold
-    rows of equal length are a matrix.
+    Each line of a matrix along its longer side is a column, "name 1", "name 2" and so on. Cells that hold
+    rows of equal length count as a matrix.
 
     Args:
         path: path of the file.
@@ -207,7 +207,7 @@ def is_lerobot(table: pa.Table) -> bool:
 def flatten_arrays(table: pa.Table, path: Path) -> tuple[pa.Table, tuple[str, ...]]:
     """Split arrays into one column per element, with palpate's names for time and run, and describe them.
 
-    The data set says no units: of positions and torques the user does, except where the robot was
+    The data set states no units. The user states those of positions and torques, except for robots of type
     `lerobot_robot_palpate`. Arrays whose length changes from row to row are left out.
 
     Args:
@@ -267,8 +267,8 @@ def _element_names(info: Mapping[str, Any], array: str) -> list[str]:
 def _column_names(array: str, names: list[str], width: int, units: Mapping[str, str]) -> list[str]:
     """Name the columns of an array's elements, such as position_1 for the first joint.
 
-    LeRobot 0.6 puts all numbers of an observation into one array, as in shoulder.pos, shoulder.vel,
-    shoulder.torque, force; a joint is what has a position. What no joint has keeps its name.
+    LeRobot 0.6 puts all numbers of an observation into one array, such as shoulder.pos, shoulder.vel,
+    shoulder.torque and force. A name with a position is a joint; other names are kept.
     """
     joints = [name.removesuffix(".pos") for name in names if name.endswith(".pos")]
     if len(names) != width or not joints:

@@ -267,8 +267,8 @@ def _orient_signs(
 ) -> tuple[dict[Key, Assigned], bool, str]:
     """Reverse displacement and force if needed, so that compression is positive; detect elements that pull.
 
-    Where the user says a number before the unit, such as 1N, nothing is turned; where --column names the
-    displacement, it is that of a contact.
+    A unit with a number, such as 1N, prevents the reversal. A displacement that --column names belongs to a
+    contact.
 
     Returns:
         The columns, whether the element is held at both ends, and a note or nothing.
@@ -333,8 +333,8 @@ def with_one_rate(
 ) -> tuple[Table, str]:
     """Select or interpolate rows so that all columns in use have a value in each, and describe that.
 
-    Where hardly any row has them all, since each sensor wrote rows of its own, the others are read between
-    their own samples at the times of an effort, whose noise must stay as it is, or of the slowest.
+    If each sensor wrote rows of its own, hardly any row is complete. Then the other columns are interpolated
+    at the times of an effort, whose noise must not change, or of the slowest column.
 
     Args:
         table: the rows.

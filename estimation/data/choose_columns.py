@@ -37,7 +37,7 @@ def choose_columns(
 ) -> Chosen:
     """Choose the columns that make channels together with known ones.
 
-    Columns that say no unit are asked about only where nothing else makes a channel.
+    Columns without a unit are considered only if no other columns make a channel.
 
     Args:
         units: units of the table's columns.
@@ -108,8 +108,8 @@ def choose_columns(
 def is_pressed(position: FloatArray, force: FloatArray) -> bool:
     """Return whether a position and a force look like those of a press rather than of a linear axis.
 
-    A press's force has one sign, and grows with the position or is not there when the motion begins. What
-    moves an axis has both signs, or is there from the first movement on, as friction is.
+    The force of a press has one sign; it grows with the position, or is zero when the motion begins. The
+    force of an axis has both signs, or begins with the first movement, as friction does.
 
     Args:
         position: shape (n,), in any unit.

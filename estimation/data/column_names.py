@@ -124,8 +124,8 @@ def role_of_option(name: str, shift: int) -> Role:
 def split_unit(name: str) -> tuple[str, str]:
     """Split a column's name into the part before its unit and the normalised unit; empty if unknown.
 
-    Units stand in brackets, after a slash, a comma or "in", or at the end: "Weg / mm", "load_mN", "Load N",
-    "force..N." (as R writes brackets), "ForceN". A run may be numbered behind the brackets.
+    Units are in brackets, after a slash, a comma or "in", or at the end: "Weg / mm", "load_mN", "Load N",
+    "force..N." (R replaces brackets), "ForceN". The number of a run may follow the brackets.
 
     Args:
         name: name of a column.

@@ -126,9 +126,9 @@ def find_surface(  # noqa: PLR0917
 ) -> Surface:
     """Estimate the surface that runs at one place share: where a spring and damper fit would begin.
 
-    It does not lie deeper than the shallowest sample in contact, which is what counts for an object that does
-    not begin like a spring, nor above what the touch allows. Where the press spans a few steps of an encoder,
-    the touch alone says where it is.
+    The surface is not deeper than the shallowest sample in contact, which bounds objects that do not begin
+    like a spring, nor above the bound by the touch. If the press spans only a few encoder steps, the touch
+    alone determines the surface.
 
     Args:
         along_m: tip along the press direction, shape (n,), samples in contact only [m].
@@ -157,8 +157,8 @@ def find_surface(  # noqa: PLR0917
 def touch_of(along_m: FloatArray, force_n: FloatArray, contacts: list[Contact], step_m: float) -> Touch:
     """Bound the surface by the samples around the touches of one place.
 
-    Where the force of an object grows with a power p of the depth, the last sample of what counts as free
-    air has the share (x_air / x_max)^p of the greatest force, and that is less than a touch.
+    If the force of an object grows with a power p of the depth, the last sample of free air has the share
+    (x_air / x_max)^p of the largest force, which is less than the threshold of a touch.
 
     Args:
         along_m: tip along the press direction, shape (n,), all samples [m].

@@ -1,16 +1,16 @@
 """Velocity and acceleration from positions, without phase error.
 
-A cubic is fitted to the samples around each sample, see `local_fit`. Each piece of the motion is taken by
-itself, so that nothing is smoothed from one run into the next.
+A cubic is fitted to the samples around each sample, see `local_fit`. Each piece of the motion is fitted
+separately, so that nothing is smoothed from one run into the next.
 
-How many samples go into a fit is found for each derivative by itself, since noise and curvature weigh
-differently in each. While windows are too narrow for the noise, the velocity changes with every wider one,
-and again once they are too wide for the motion: where it changes least, a pilot window follows the motion
-(in the manner of O. V. Lepskii, Theory Probab. Appl. 35 (1991)). Cross-validation would follow the errors of
-neighbours that are alike, as those of several encoders' steps are (J. D. Hart, JRSS B 53 (1991)). From the
-noise that the pilot leaves, an unbiased estimate of risk says how far wider windows would be off in velocity
-and in acceleration (J. Fan, I. Gijbels, Local Polynomial Modelling and Its Applications (1996), ch. 4).
-No window is believed to know a position better than its grid allows.
+The window is chosen for each derivative separately, since noise and curvature have different weight in each.
+While windows are too narrow for the noise, each wider window changes the velocity; windows that are too wide
+for the motion change it again. The pilot window lies where the velocity changes least (in the manner of O. V.
+Lepskii, Theory Probab. Appl. 35 (1991)). Cross-validation would follow correlated errors of neighbours, such
+as those of several encoders' steps (J. D. Hart, JRSS B 53 (1991)). From the noise estimated with the pilot
+window, an unbiased risk estimate gives the error of wider windows in velocity and in acceleration (J. Fan, I.
+Gijbels, Local Polynomial Modelling and Its Applications (1996), ch. 4). The noise estimate is at least the
+rounding error of the positions' grid.
 """
 
 from collections.abc import Sequence
@@ -107,7 +107,7 @@ def differentiate(
 def grid_step(position: FloatArray) -> float:
     """Return the step of the grid on which all positions lie, such as an encoder's; 0 without a grid.
 
-    At a speed of about one step a sample, rounding errors change so slowly that any narrow window follows
+    At a speed of about one step per sample, rounding errors change so slowly that any narrow window follows
     them.
 
     Args:
@@ -124,8 +124,8 @@ def grid_step(position: FloatArray) -> float:
 def rounding_variance(time_s: FloatArray, position: FloatArray, piece: IntArray, step: float) -> float:
     """Estimate the variance of the positions' rounding.
 
-    The tip of an arm lies on no grid: it makes steps of several sizes, each where one of the encoders does.
-    Half way between two readings that differ, the tip is about half way between them.
+    The tip of an arm is on no grid: it makes steps of several sizes, one for each encoder. Halfway in time
+    between two different readings, the tip is about halfway between them.
 
     Args:
         time_s: shape (n,) [s].
@@ -162,10 +162,10 @@ def position_error(
 ) -> tuple[FloatArray, int]:
     """Estimate the reading error of each position, and the half window of the smooth motion.
 
-    Also the half window that says what is smooth, in samples: slower errors were taken for motion.
+    Errors that are slower than the half window count as motion.
 
-    The smooth motion is that of the window which best predicts a sample from its neighbours; what a sample
-    has in common with its own fit is put back by the fit's leverage.
+    The smooth motion is a fit with the pilot window. Each error is divided by the square root of one less its
+    leverage, since the fit follows part of it.
 
     Args:
         time_s: shape (n,), strictly increasing within a run [s].
@@ -223,9 +223,9 @@ class _WindowFit:
     def risk(self, pilot: "_WindowFit", order: int) -> float:
         """Mean squared error of a derivative, unbiased if the pilot's residual is noise alone.
 
-        A fit is the best linear one in its window, so its covariance with that of a narrower window within
-        is its own variance, and that of the difference is what lies between the two variances (C. L. Mallows,
-        Some Comments on C_p, Technometrics 15 (1973), for a derivative).
+        A fit is the best linear estimate in its window. Its covariance with a narrower window's fit is
+        therefore its own variance, and the variance of their difference is the difference of the variances
+        (C. L. Mallows, Some Comments on C_p, Technometrics 15 (1973), for a derivative).
 
         Args:
             pilot: the window that follows the motion.
@@ -286,8 +286,8 @@ def _fit_windows(
 def _pilot_window(trials: list[_WindowFit]) -> _WindowFit:
     """Return the window before the two between which the velocity changes least.
 
-    Of several such places the first one: windows that are far too wide agree again, on nothing. But as long
-    as they miss the positions by no more than these are rounded by, they are not: they follow steps.
+    The first such place is taken, since windows that are far too wide agree again. Places where the residual
+    is no larger than the rounding error do not count: such windows follow the steps.
     """
     velocity = [trial.fitted[:, 1] for trial in trials]
     changes = [float(np.mean((wider - narrow) ** 2)) for narrow, wider in pairwise(velocity)]

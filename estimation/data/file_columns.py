@@ -83,7 +83,7 @@ _HEAD_BYTES = 25
 def is_session(path: str | os.PathLike[str]) -> bool:
     """Return whether a file is or should be a session, by its ending or its first bytes.
 
-    A recording of ROS 2 is an MCAP file too, but a data file like others.
+    A recording of ROS 2 is an MCAP file too, but counts as a data file.
 
     Args:
         path: path of the file, which need not exist.

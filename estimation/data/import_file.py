@@ -470,10 +470,10 @@ def mistaken_scale(
 ) -> float | None:
     """Return the ratio of a given velocity to the slope of the position if it is not one; else None.
 
-    Compared are ways, as two positions have them and as the velocity leads in between, over the time that
-    makes them most alike: long enough for steps and noise of a position to count little, and short enough for
-    what integration adds up of a velocity's error. A joint at rest says nothing, and neither does a way over
-    a pause in which nothing was sampled.
+    The function compares displacements of the position with integrals of the velocity, over the time span at
+    which they are most correlated: long enough that steps and noise of the position matter little, and short
+    enough that the integrated error of the velocity does too. A joint at rest gives no answer. Spans over a
+    pause without samples do not count.
 
     Args:
         time_s: shape (n,) [s].
@@ -504,8 +504,8 @@ def is_difference(
 ) -> bool:
     """Return whether a derivative has the noise of a finite difference of the positions.
 
-    Such a column measures nothing that the positions do not say, and is noisier than need be: a central
-    difference (`numpy.gradient` and kin) passes on the errors of two readings.
+    Such a column contains no information beyond the positions and is noisier than necessary: a central
+    difference (such as `numpy.gradient`) passes on the errors of two readings.
 
     Args:
         time_s: shape (n,) [s].

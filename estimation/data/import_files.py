@@ -19,7 +19,8 @@ _MOST_FILES = 2000
 def data_files(folder: Path) -> list[Path]:
     """List the data files in a folder in natural order: run2 before run10.
 
-    A folder that is one recording of ROS 2 is one of them; of a LeRobot data set, those of its episodes.
+    A folder that is one ROS 2 recording is itself the file; of a LeRobot data set, the files of its episodes
+    are listed.
 
     Args:
         folder: with the files.
@@ -90,7 +91,7 @@ def import_files(
 def joined_channels(parts: Sequence[ChannelData]) -> ChannelData:
     """Concatenate one channel of several recordings; runs are renumbered, clocks stay as they are.
 
-    Position counts from the same surface in all of them. Signals that one of them lacks are left out.
+    All parts must count positions from the same surface. Signals that a part lacks are left out.
 
     Args:
         parts: at least one, in order of time.

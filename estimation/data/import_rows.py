@@ -132,7 +132,7 @@ def _times(columns: Columns) -> FloatArray:
 def _detect_runs(columns: Columns, time_s: FloatArray, count: int | None) -> tuple[IntArray, str]:
     """Detect the run of each row where no column states it, and describe how.
 
-    A clock that begins anew begins a run; a contact's presses are cut apart in free air.
+    A restart of the clock begins a run; presses of a contact are separated in free air.
     """
     place = columns.table.path
     contact = DISPLACEMENT in columns and FORCE in columns and not columns.two_sided
@@ -165,8 +165,8 @@ def _detect_runs(columns: Columns, time_s: FloatArray, count: int | None) -> tup
 def _cycles(columns: Columns) -> tuple[IntArray, str]:
     """Number the cycles of a repeated test by a second clock that restarts, and return its column.
 
-    Cycles that are very many or short are left in one run, and the column is empty. So are steps of a
-    programme, which do not lead back to where they began.
+    Very many or very short cycles remain one run, and the column is empty. So do steps of a programme, which
+    do not return to where they began.
     """
     moved = next((key for key in columns.assigned if key[0] in {"displacement", "position"}), None)
     for guess in guess_columns(columns.unused):
@@ -187,7 +187,7 @@ def _cycles(columns: Columns) -> tuple[IntArray, str]:
 def _spread_repeated_times(columns: Columns, rows: Rows) -> Rows:
     """Spread rows with equal times evenly up to the next time, for clocks coarser than the row rate.
 
-    A run whose clock stands still throughout, or ever goes back, stays as it is.
+    A run whose clock never advances, or decreases, is unchanged.
     """
     time_s = rows.time_s.copy()
     for of_run in blocks(rows.run):
@@ -213,8 +213,8 @@ def _spread_repeated_times(columns: Columns, rows: Rows) -> Rows:
 def _spread_late_stamps(columns: Columns, rows: Rows) -> Rows:
     """Spread rows with late time stamps, in a burst after a gap, evenly over both.
 
-    A logger that was busy stamps what came meanwhile in quick succession. Derived from such times, a speed
-    would be many times too large.
+    A busy logger stamps delayed samples in quick succession. A speed derived from such times would be many
+    times too large.
     """
     time_s = rows.time_s.copy()
     for of_run in blocks(rows.run):

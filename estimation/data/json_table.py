@@ -20,8 +20,8 @@ _FEWEST = 3  # rows of a table
 def read_json(path: Path) -> FileColumns:
     """Read the longest table of a JSON file, or the records of a file with one per line.
 
-    A table is a list of records, whose nested values are called "joint.position"; a mapping of columns of
-    equal length; or a list of rows, whose columns a list beside it may name.
+    A table is a list of records, whose nested values are named "joint.position"; a mapping of columns of
+    equal length; or a list of rows, whose columns an adjacent list may name.
 
     Args:
         path: path of the file.

@@ -172,7 +172,7 @@ def press_phases(
 ) -> IntArray:
     """Determine the phase of each sample, as numbers of `palpate.control.loop.task.Phase`, shape (n,).
 
-    What is pressed is below the surface, if the displacement says where that is, or else has a force.
+    A sample presses if it is below the surface, or has a force if the displacement does not show the surface.
 
     Args:
         position: displacement, shape (n,), positive into the object.
@@ -266,8 +266,8 @@ class PressSides:
 def press_sides(displacement: FloatArray, force: FloatArray) -> PressSides:
     """Determine signs and zero of displacement and force of a press, spring or damper.
 
-    Both may count compression negative, or one of them; of an object that can only push the force has one
-    sign. An element that pulls as well moves to both sides with a force on both sides.
+    Displacement, force, or both may count compression negative. The force of an object that can only push has
+    one sign. An element that also pulls has displacements and forces of both signs.
 
     Args:
         displacement: shape (n,), in the order of time.
@@ -317,9 +317,9 @@ def _is_negative(signal: FloatArray) -> bool:
 def _find_zero(displacement: FloatArray, force: FloatArray) -> float:
     """Find where the force of a press begins [m], if the displacement counts from elsewhere; else 0.
 
-    It does where it is never positive, or so far from zero that no press is as deep, and there is free air.
-    The force begins where a spring and damper through what is pressed would. A hold counts as one place: it
-    says nothing of the way, and may last longer than all motion.
+    The displacement counts from elsewhere if it is never positive, or so far from zero that no press is as
+    deep and there is free air. The force begins where a fit of a spring and damper to pressed samples crosses
+    zero. A hold counts as one sample, since it may last longer than all motion.
     """
     moved = (
         np.diff(np.floor(displacement / (_FINE * float(np.ptp(displacement)) or 1.0)), prepend=np.inf) != 0
@@ -359,7 +359,8 @@ def _is_never_free(depth: FloatArray, force: FloatArray) -> bool:
 def _pulls_deep_inside(displacement: FloatArray, force: FloatArray) -> bool:
     """Return whether the force (n,) takes both signs alike far from zero displacement.
 
-    There an object that can only push still does, whichever way it moves; one that sticks pulls farther out.
+    An object that can only push does so there in any direction of motion; an object that sticks pulls farther
+    out.
     """
     neighbors = correlation_coefficient(force[1:], force[:-1]) if len(force) > 1 else 0.0
     if neighbors < _NOT_NOISE:
@@ -373,9 +374,8 @@ def _pulls_deep_inside(displacement: FloatArray, force: FloatArray) -> bool:
 def _is_two_sided(displacement: FloatArray, force: FloatArray) -> bool:
     """Return whether displacement and force (n,) both reach both signs, as for an element that pulls.
 
-    In free air the force rests, but where an object sticks for a little while. An object that sticks longer
-    pulls until it tears off: then the force rests farthest out, which that of an element held at both ends
-    does not.
+    In free air the force rests, except while an object sticks. An object that sticks longer pulls until it
+    tears off, and the force rests farthest out; the force of an element held at both ends does not.
     """
     ends = [np.quantile(signal, _TAILS) for signal in (displacement, force)]
     if any(min(-low, high) <= _OTHER_SIDE * max(-low, high) for low, high in ends):

@@ -145,7 +145,8 @@ class _MessageGroup:
 def read_ros_table(path: Path) -> FileColumns:
     """Read position, velocity and effort of each joint as columns, in the order of the first message.
 
-    The type's definition is ours, not the file's. Joints are taken as revolute: a message does not say.
+    The layout of the type is built in, not taken from the file. Joints count as revolute, since a message
+    does not state it.
 
     Args:
         path: MCAP or SQLite file, or the folder of a recording that lies in several.

@@ -30,8 +30,8 @@ _OF_A_PRESS = {"time", "displacement", "force"}
 def find_tests(names: Sequence[str]) -> list[dict[str, int]]:
     """Find tests side by side: the index of each column by its name, for each test; empty for a single test.
 
-    A column that is there once belongs to all. Where names end in the test's number, "Force 2", joints are
-    told from tests by what repeats: a press and its clock.
+    A column that occurs once belongs to all tests. If names end in the number of the test, "Force 2", tests
+    are distinguished from joints by what repeats: a press and its clock.
 
     Args:
         names: names of the columns, in their order.

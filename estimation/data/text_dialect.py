@@ -286,8 +286,9 @@ class TextDialect:
 def find_dialect(content: bytes) -> TextDialect | None:
     """Detect how a UTF-8 text is written; None if no names are followed by numbers.
 
-    A first line that holds one of palpate's own names is a header, whatever stands below it. Else every
-    delimiter and decimal mark is tried, and that whose longest table is the widest wins.
+    A first line that contains one of palpate's own names is a header, whatever follows. Otherwise each
+    combination of delimiter and decimal mark is tried, and the combination whose longest table is widest is
+    returned.
 
     Args:
         content: content of the file.
@@ -319,7 +320,7 @@ def find_dialect(content: bytes) -> TextDialect | None:
 def _nameless_dialect(lines: list[tuple[int, str]]) -> TextDialect | None:
     """Return the dialect of rows of numbers without names; None if the first rows are not numbers.
 
-    Of several delimiters it is the first of those that leave fewest cells that are no numbers.
+    Of several delimiters, the first that leaves the fewest non-numeric cells is taken.
     """
     dialects = list[tuple[int, TextDialect]]()
     comments = next((n for n, (_, text) in enumerate(lines) if text[:1] not in _COMMENT_SIGNS), 0)
@@ -339,7 +340,7 @@ def _nameless_dialect(lines: list[tuple[int, str]]) -> TextDialect | None:
 def _sample_lines(content: bytes) -> list[tuple[int, str]]:
     """Return position and text of the lines that decide on the dialect: the first ones, and lines of words.
 
-    Lines below each of these are among them. A last line that is cut off is left out.
+    They include lines below each line of words. A truncated last line is left out.
     """
     lines: list[tuple[int, str]] = []
 
@@ -430,7 +431,7 @@ def _cells(lines: list[str], delimiter: str) -> Iterator[list[str]]:
 def commas_decide(rows: list[list[str]], *, in_doubt: bool = True) -> bool:
     """Return whether numbers have decimal commas rather than decimal points.
 
-    "1,234" may be either. Between other delimiters than commas it is taken for a little more than one.
+    "1,234" is ambiguous. With a delimiter other than a comma, it counts as a little more than one.
 
     Args:
         rows: cells of the first rows, as text.

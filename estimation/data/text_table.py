@@ -113,8 +113,8 @@ def read_text_table(path: Path, selected: str = "") -> FileColumns:
 def _labels_as_header(content: bytes) -> bytes:
     """Convert lines such as "Time: 12 ms, Force: 1.5 N" to a table; other text is unchanged.
 
-    Names and units of the first such line become the header in the line above it. Lines of other labels
-    become empty, so that the numbers of lines stay, unless the first line already is a row.
+    Names and units of the first such line become the header in the line above. Lines with other labels become
+    empty, so that line numbers stay, except if the first line is already a row.
     """
     lines = content.splitlines() if _PAIR.search(content[:_LOOKED_AT]) else []
     first = next((n for n, line in enumerate(lines[:_MOST_ABOVE]) if len(_PAIR.findall(line)) > 1), None)
@@ -375,10 +375,10 @@ _OTHERS = (  # how files begin that are called text by mistake, and what to do w
 def as_utf8(content: bytes, path: Path) -> tuple[bytes, str]:
     """Convert a text to UTF-8 without byte order mark, and name its encoding if it was another.
 
-    UTF-16 is known by its mark or by the zeros between Latin letters. Text that is not UTF-8 has the encoding
-    in which it holds a known word of a language, such as the Chinese word for force. Else, without control
-    characters, it is Windows' Western European (cp1252), as testing machines write their degrees and umlauts.
-    A few zeros are the ends of a program's strings, and are left out.
+    UTF-16 is recognised by its byte order mark, or by zeros between Latin letters. For other text that is not
+    UTF-8, the encoding is the first in which it contains a known word, such as the Chinese word for force;
+    otherwise, without control characters, Windows' Western European (cp1252), in which testing machines write
+    degree signs and umlauts. A few zeros are ends of strings and are removed.
 
     Args:
         content: content of the file.

@@ -38,9 +38,9 @@ _OF_A_RUN = ("tip_position_world_m", "press_direction_world")
 def checked_ticks(session: Session) -> Samples:
     """Return the stream "tick" after checking it.
 
-    All columns that something is worked out from are there, of the form that `tick_stream` has, and hold
-    finite numbers of a reasonable size wherever their device says that the sample is good; the time always,
-    and it runs back only between the runs of two sessions.
+    All columns that are used exist in the form of `tick_stream`. They contain finite numbers of a plausible
+    size wherever the device reports a valid sample. The time is always valid, and decreases only between the
+    runs of two sessions.
 
     Args:
         session: session of a probing.
@@ -120,10 +120,9 @@ _FEWEST = 20  # samples in contact without which there is nothing to estimate
 def joined(ticks: Sequence[Samples]) -> Samples:
     """Concatenate the ticks of several sessions of one arm; runs are renumbered.
 
-    Clocks stay as they are. Where one goes on through all sessions, an object or sensor remembers what was
-    before; where it begins anew, as in a simulated world, each session begins with nothing behind it: see
-    `runs_by_time`. What comes after the last run of a session belongs to no run, and is left out of all
-    but the last.
+    Clocks are unchanged. If one clock continues through all sessions, an object or sensor keeps its memory;
+    if the clock restarts, as in a simulated world, each session begins without memory, see `runs_by_time`.
+    Samples after the last run of a session belong to no run, and are left out of all but the last session.
 
     Args:
         ticks: the streams "tick", in the order in which they were recorded.
@@ -146,7 +145,7 @@ def joined(ticks: Sequence[Samples]) -> Samples:
 def contact_channels(ticks: Samples, *, tared: bool) -> tuple[ChannelData, ...]:
     """Return the contact force at each probed place as a channel.
 
-    Position is the depth below the surface as `find_surface` has it, along the press direction, at the time
+    The position is the depth below the surface (see `find_surface`) along the press direction, at the time
     when the force was sampled.
 
     Args:
@@ -170,14 +169,13 @@ def contact_channels(ticks: Samples, *, tared: bool) -> tuple[ChannelData, ...]:
 def joint_channels(ticks: Samples, known: FloatArray | None = None) -> tuple[ChannelData, ...]:
     """Return the torque of each joint as channels "joint_1", "joint_2" ...
 
-    A move between two runs belongs to the run after it. The context holds the whole arm's motion as
-    `joint_position`, `joint_velocity`, `joint_acceleration` (n, joints), its torques as `joint_torque`
-    (n, joints), and what its tip does:
-    `contact_force` (n,), positive in compression and less what the sensor reads in free air, `touching` (n,),
-    1 where that is surely a contact and 0 elsewhere, and `press_direction_world` (n, 3).
+    A move between two runs belongs to the run after it. The context contains the motion of the whole arm as
+    `joint_position`, `joint_velocity`, `joint_acceleration` (n, joints), its torques as `joint_torque` (n,
+    joints), and signals of its tip: `contact_force` (n,), positive in compression, less the reading in free
+    air; `touching` (n,), 1 where contact is certain and 0 elsewhere; and `press_direction_world` (n, 3).
 
-    Presses in another direction than the first are left out, and what surrounds them is kept: a surface
-    answers along its normal, so that of two directions one at least is not that of the force.
+    Presses in another direction than the first are left out, with the samples around them: a surface reacts
+    along its normal, so at most one of two directions is that of the force.
 
     Args:
         ticks: ticks of one or several probings.
@@ -256,8 +254,8 @@ def _motion_at(
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Return position, velocity and acceleration at given times.
 
-    The derivatives are taken at the times of the samples: interpolated positions share their errors with
-    their neighbours, which `differentiate` would take for motion.
+    Derivatives are computed at the sample times, since interpolated positions share errors with their
+    neighbours, which `differentiate` would treat as motion.
 
     Raises:
         InputError: most of those times do not go on.

@@ -142,7 +142,7 @@ _CLOCK = re.compile(
 def normalise(unit: str) -> str:
     """Spell a unit in standard form: "mm/s^2" becomes "mm_s2", "N m" and "N*m" become "Nm".
 
-    A capital M is mega and a small one milli: "MN" is no millinewton. What is not known stays as it is.
+    A capital M is mega and a small m is milli: "MN" is not a millinewton. Unknown units are unchanged.
 
     Args:
         unit: unit as written, such as "mm/s^2".
@@ -187,7 +187,7 @@ def dimension_of(unit: str) -> str | None:
 def likely_time_unit(step: float, span: float = math.inf) -> str:
     """Return the largest unit of time in which samples are less than `SLOWEST_S` apart.
 
-    Where the whole recording would be shorter than `SHORTEST_S` in it, the next larger unit is likelier.
+    If the whole recording would be shorter than `SHORTEST_S` in that unit, the next larger unit is likelier.
 
     Args:
         step: between samples, in the unknown unit of time.
@@ -229,8 +229,8 @@ def is_scaled(unit: str) -> bool:
 def scaled_unit(unit: str, own: str) -> tuple[float, str]:
     """Split a unit into the number before it and the unit, and resolve a unit per column unit.
 
-    Such as "-1N" where a sensor counts the other way, "0.5Nm/A" for a current in mA, "20N/V" for a voltage,
-    or "5e-4N/Pa" for a pressure.
+    Examples: "-1N" for a sensor of the other sign, "0.5Nm/A" for a current in mA, "20N/V" for a voltage,
+    "5e-4N/Pa" for a pressure.
 
     Args:
         unit: unit as the user says it, normalised.
