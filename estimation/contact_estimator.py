@@ -52,8 +52,8 @@ def check_samples(name: str, *columns: FloatArray) -> None:
 class ContactEstimator(ABC):
     """Method that estimates a contact law.
 
-    It serves where the law is not linear in what is sought, or where the method is more than an estimate of
-    gains; see `Estimator` for those that solve any linear problem.
+    It serves laws that are nonlinear in their parameters, and methods that are more than an estimate of
+    gains; `Estimator` is the interface of methods that solve any linear problem.
     """
 
     name: ClassVar[str]  # as on the command line

@@ -149,7 +149,7 @@ class Effect(ABC):
     ) -> bool:
         """Return whether the effect imitates something else with these parameters within their bounds.
 
-        A model with such an effect may fit well, and still says nothing for the effect.
+        A model with such an effect may fit well without being evidence for the effect.
 
         Args:
             data: the channel, with the motion that acts.

@@ -35,8 +35,8 @@ _ROUNDING = 1e-9  # share of the effort below which a gain is a rounding error
 def fitting_rows(data: ChannelData) -> BoolArray:
     """Return the samples that a model is fitted to, shape (n,).
 
-    Of a contact: those surely in contact where the surface was found from the data, else those below the
-    surface; of a joint: all.
+    Of a contact, samples that are surely in contact if the surface was estimated, else samples below the
+    surface; of a joint, all samples.
 
     Args:
         data: the channel.
@@ -59,8 +59,9 @@ def estimate_channel(
 ) -> Estimate:
     """Estimate all parameters of a model that is linear in its gains.
 
-    `fit_samples` finds inner parameters (where the surface lies, an exponent) with the estimator's own loss;
-    then the estimator finds the gains, and their errors take in what the inner parameters leave open.
+    `fit_samples` estimates inner parameters (the position of the surface, an exponent) with the estimator's
+    own loss. The estimator then estimates the gains, whose errors include the uncertainty of the inner
+    parameters.
 
     Args:
         data: whole runs of a channel.
@@ -134,10 +135,11 @@ def _check_samples(data: ChannelData, model: Model, used: BoolArray) -> None:
 def _combine(searched: SampleFit, data: ChannelData, rows: BoolArray, given: Estimate) -> Estimate:
     """Combine an estimator's gains with searched inner parameters, and their errors.
 
-    Given the inner parameters p, the gains g have the estimator's covariance; p is uncertain by C, also where
-    it ended at a bound, which is no measurement. The gains follow it by G = dg/dp = -(X'X)^-1 X' df/dp.
-    Together: cov(g) + G C G' for g, G C between g and p. What the encoder's steps do to all of them on
-    average is taken off; as much again may be left, since the motion is known through these steps alone.
+    Given the inner parameters p, the gains g have the estimator's covariance. The covariance C of p also
+    applies where p ended at a bound, which is no measurement. The gains follow p by G = dg/dp = -(X'X)^-1 X'
+    df/dp. Together: cov(g) + G C G' for g, G C between g and p. The mean effect of the encoder's steps on all
+    parameters is subtracted; the remaining effect may be as large, since the motion is known only through
+    these steps.
     """
     gain_count = len(given.parameters)
     values = np.array(list(searched.parameters.values()))
@@ -236,11 +238,11 @@ def in_steps(data: ChannelData, rows: BoolArray) -> str:
 def rounding_errors(model: Model, data: ChannelData, rows: BoolArray, parameters: Parameters) -> FloatArray:
     """Simulate the change of the parameters for other offsets of the encoder's grid, shape (m, r).
 
-    The residuals do not show it: a hold lies within one step and has one error, steps make a derived velocity
-    noisy, and least squares take either for a softer object (R. J. Carroll et al., Measurement Error in
-    Nonlinear Models (2006), ch. 3). Therefore the measurement is repeated: the smoothed motion and the effort
-    that the model gives it are read through the same grid, moved at random, and fitted again by one step of
-    Gauss and Newton.
+    The residuals do not show them: a hold lies within one step and has one error, steps make a derived
+    velocity noisy, and least squares treat both as a softer object (R. J. Carroll et al., Measurement Error
+    in Nonlinear Models (2006), ch. 3). Therefore the measurement is simulated: the smoothed motion and the
+    effort that the model predicts for it are read through the same grid at random offsets, and fitted again
+    by one Gauss-Newton step.
 
     Args:
         model: fitted model.

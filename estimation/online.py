@@ -45,9 +45,9 @@ class LinearKelvinVoigt:
 class OnlineContactEstimator:
     """Follows touch, depth and speed of the tip, and lets an estimator learn from them.
 
-    Touch is a force above what free air shows. The velocity comes from a polynomial through the samples
-    around each sample, so that it has no phase error (which would pass stiffness off as damping); estimates
-    therefore lag `half_window` samples behind. Nothing is smoothed across a touch.
+    A force above that in free air counts as touch. The velocity comes from a polynomial through the samples
+    around each sample, so that it has no phase error (which would make stiffness look like damping);
+    estimates therefore lag `half_window` samples behind. Nothing is smoothed across a touch.
 
     Args:
         estimator: takes one sample at a time; a linear one is given Kelvin-Voigt with an unknown surface.

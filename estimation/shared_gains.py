@@ -1,8 +1,8 @@
 """Information on gains that joints of one arm share.
 
-What the motion does not show stays near the URDF, and is such that bodies can have it.
-The fit of one joint with what the others say added to its normal equations is the fit of all joints together,
-see `palpate.estimation.arm.consistent_fit`.
+Parameters that the motion does not show stay near the URDF, and physically consistent. A fit of one joint
+whose normal equations include the information of the others equals the fit of all joints together, see
+`palpate.estimation.arm.consistent_fit`.
 """
 
 from collections.abc import Sequence

@@ -1,7 +1,7 @@
 """Checks before fitting: reject data that cannot be judged, and warn of what is implausible.
 
-Data are rejected only where nothing can be computed, or where signals contradict each other. Each sentence
-has the figure and the remedy, such as the option that overrides what was taken.
+Data are rejected only if nothing can be computed, or if signals contradict each other. Each sentence states
+the figure and the remedy, such as the option that overrides an assumption.
 """
 
 from collections.abc import Callable, Iterable, Iterator
@@ -57,8 +57,8 @@ _QUICKEST_S = 1e-5  # step between samples below which the unit of time is doubt
 def usable(data: ChannelData) -> BoolArray:
     """Select the samples that a fit may use.
 
-    Left out are glitches (single readings far off both neighbours), runs that are copies of others, and
-    readings of a contact that the sensor folded or cut off in free air.
+    Excluded are glitches (single readings far from both neighbours), runs that are copies of others, and
+    readings of a contact that the sensor rectified or cut off in free air.
 
     Args:
         data: the channel, n samples.
@@ -106,8 +106,8 @@ def quality_warnings(data: ChannelData, model: Model | None = None) -> list[str]
 def contaminated(data: ChannelData, model: Model) -> str | None:
     """Say what is wrong with readings or motion, apart from the number of runs.
 
-    Unlike `reject_reason`, it does not ask whether runs are left to be held out. Warnings of readings and
-    times count too; those of units do not.
+    Unlike `reject_reason`, it ignores whether runs remain to be held out. It includes warnings of readings
+    and times, but not of units.
 
     Args:
         data: the channel.
@@ -304,7 +304,7 @@ def _check_speeds(data: ChannelData) -> str | None:
 def _check_blocks(data: ChannelData, good: BoolArray) -> str | None:
     """Require blocks to fit to, and blocks in another run to hold out, as the fit itself forms them.
 
-    Each must have as many blocks before it in its run as the noise model looks back.
+    Each must follow as many blocks of its run as the noise model looks back.
     """
     least, lengths = block_length(data), np.unique(data.run[good], return_counts=True)[1]
     parts = lengths // least if len(lengths) == 1 else lengths >= least

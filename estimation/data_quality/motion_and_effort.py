@@ -71,7 +71,7 @@ def mistaken_units(data: ChannelData) -> str | None:
 def mistaken_times(data: ChannelData) -> str | None:
     """Say by how much the velocity contradicts the position: wrong times, or a wrong unit.
 
-    A file's velocity that does so is not used; this is of other sources.
+    The import discards such a velocity in a file; this check serves other sources.
 
     Args:
         data: the channel.
@@ -85,7 +85,7 @@ def mistaken_times(data: ChannelData) -> str | None:
 def misaligned(data: ChannelData) -> str | None:
     """Say by which time shift effort and motion agree far better; None without one.
 
-    A damper's force goes with the velocity, which in a periodic motion is the position of another moment.
+    A damper's force follows the velocity, which in a periodic motion is a shifted position.
 
     Args:
         data: the channel.
@@ -139,8 +139,8 @@ def no_contact(data: ChannelData) -> str | None:
 def late_touch(data: ChannelData) -> str | None:
     """Say down to which depth the force is still that of free air; None if it begins with the depth.
 
-    A force that stays in its noise for a fifth of the way and more, where a spring from zero on would stand
-    out of it.
+    Such a force stays within its noise for a fifth of the way or more, where a spring from zero on would
+    exceed it.
 
     Args:
         data: the channel.
@@ -212,11 +212,11 @@ def _share_explained(data: ChannelData) -> float:
 def angle_in_degrees(data: ChannelData, model: Model | None) -> str | None:
     """Say that the angle of a joint with weight is probably in degrees; None otherwise.
 
-    Over several turns an arm's weight comes back with each. An effort in which nothing does, and that goes
-    slowly with the angle from one end to the other, is that of an angle in degrees, or of a motor ahead of
-    its gear. Where the weight is there as well, what goes slowly is a spring that is wound up, or a friction
-    that warms up. Beside a model that knows no weight, nothing has to come back: only what bends as the sine
-    in degrees does, and as no spiral spring, is refused.
+    Over several turns, the torque of an arm's weight repeats with each turn. An effort without repetition,
+    which varies slowly from one end of the angle to the other, indicates an angle in degrees, or the angle of
+    a motor before its gear. Beside a repeating weight, a slow variation is a wound spring or a friction that
+    warms up. If the model has no weight, nothing needs to repeat: only a curve that fits the sine in degrees,
+    and no spiral spring, is rejected.
 
     Args:
         data: the channel.

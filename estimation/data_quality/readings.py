@@ -88,8 +88,8 @@ def saturated(data: ChannelData) -> str | None:
 def at_lower_end(data: ChannelData) -> BoolArray:
     """Select readings of a contact at the lower end of the sensor's range, which free air lies beyond.
 
-    One reading there, not zero, and noise as soon as it is left. A dead band about zero reads zero; a sensor
-    with coarse steps, and data without noise, may well show one reading in free air.
+    Readings there have one value other than zero, and noise above it. A dead band about zero reads zero; a
+    sensor with coarse steps, and data without noise, may show one reading in free air.
 
     Args:
         data: the channel.
@@ -131,10 +131,10 @@ def stuck_in_air(data: ChannelData) -> str | None:
 def copied_runs(data: ChannelData) -> dict[int, tuple[int, float]]:
     """Find runs that are copies of others, exactly or except for a small part of their noise.
 
-    Held out, a copy tells nothing that is not known already, and fitted it makes intervals too narrow. Times
-    may differ. No sensor with noise reads the same twice over a whole run: second differences of two runs are
-    uncorrelated where they are noise. What was made without noise may repeat itself, and so may a joint at
-    rest whose reader is coarse.
+    A copy that is held out adds no information, and a copy that is fitted makes intervals too narrow. Times
+    may differ. No sensor with noise reads the same twice over a whole run, so second differences of two runs
+    are uncorrelated if they are noise. Data without noise may repeat themselves, and so may a joint at rest
+    with a coarse sensor.
 
     Args:
         data: the channel.
@@ -221,9 +221,9 @@ _TO_SIGMA = 1.4826 / np.sqrt(6.0)
 def rectified(data: ChannelData) -> str | None:
     """Say that a joint's readings are those of a rectified signal, which loses half of the law.
 
-    Where an effort comes within its noise of zero, half of the readings lie below. If none does, and they are
-    as dense just above zero as a little farther up, they were folded there. A reading whose least was set to
-    zero thins out towards it instead.
+    If an effort comes within its noise of zero, half of the readings should be below zero. If none is, and
+    readings are as dense just above zero as farther up, they were folded there. If readings below zero were
+    set to zero instead, the density falls towards zero.
 
     Args:
         data: the channel; a tare that was taken off is put back.
@@ -250,8 +250,8 @@ def rectified(data: ChannelData) -> str | None:
 def folded_in_contact(data: ChannelData) -> BoolArray:
     """Select readings of a contact near zero whose noise the sensor rectified.
 
-    An object can only push, so that what a converter cuts off below zero is but free air's noise. What is
-    folded has a mean above zero, which would pass for a bias.
+    An object can only push, so a converter that cuts off below zero removes only the noise of free air.
+    Folded noise has a mean above zero, which would look like a bias.
 
     Args:
         data: the channel.
@@ -305,8 +305,8 @@ def _folded(effort: FloatArray, run: IntArray) -> tuple[int, float]:
 def _is_cut_off(data: ChannelData, effort: FloatArray) -> bool:
     """Return whether a joint's readings (n,) were cut off below zero and are complete above it.
 
-    A dead band that a torque of one sign goes into and out of shows zeros as well, but what it swallows is
-    then missing everywhere. Laws are a weight at any tilt, and one with springs that rest where it hangs.
+    A dead band that a torque of one sign enters and leaves shows zeros as well, but then the hidden part is
+    missing everywhere. The laws tried are a weight at any tilt, and a weight with springs.
     """
     zero = effort == 0.0
     if np.mean(zero) <= _OFTEN or len(np.unique(effort)) < _FEWEST_VALUES:

@@ -31,8 +31,8 @@ _WHOLE, _MOSTLY = 0.25, 0.8  # deviation of a jump from whole steps, and share o
 def time_offset(data: ChannelData, model: Model | None) -> str | None:
     """Say by how much effort and motion are shifted in time, if that alone explains the model's error.
 
-    The model is fitted to the effort with its motion shifted. Hardly anything is said of a model that lacks
-    an effect: no shift takes what it leaves down to the noise.
+    The model is fitted to the effort with a shifted motion. A model that lacks an effect rarely leads to a
+    warning, since no shift reduces its error to the noise.
 
     Args:
         data: the channel.
@@ -87,7 +87,7 @@ def time_offset(data: ChannelData, model: Model | None) -> str | None:
 def lost_rows(data: ChannelData) -> str | None:
     """Say where rows are missing though the times are even: the motion jumps by several steps.
 
-    Whoever leaves out rows and numbers the others anew makes the motion quicker than it was.
+    If rows are removed and the rest is renumbered, the recorded motion is faster than the real one.
 
     Args:
         data: the channel.

@@ -2,13 +2,12 @@
 
     lead(i, j) = 1 - sqrt( E_i^2 / E_j^2 ),    E_j^2 = 1/n min_theta |y_i - f_j(theta)|^2
 
-with y_i what was measured so far together with what rival i, as it is fitted now, expects of the experiment,
-and the noise that is left now. It is the figure by which a diagnosis tells one effect from another
-(`palpate.estimation.diagnosis.bootstrap.gained`); what it is for the data so far is taken off. With models
-that are linear around their parameters, and n s^2 for the
-noise, E_j^2 - E_i^2 is the criterion of T-optimality (A. C. Atkinson, V. V. Fedorov, The design of
-experiments for discriminating between two rival models, Biometrika 62 (1975) 57): `Rivals.promised`, a
-matter of milliseconds. `Rivals.expected` draws the noise and fits all models again, inner parameters too.
+where y_i are the data so far together with the prediction of rival i for the experiment, with the present
+noise. A diagnosis separates effects by the same figure (`palpate.estimation.diagnosis.bootstrap`); its value
+for the data so far is subtracted. For models that are linear around their parameters, and noise n s^2,
+E_j^2 - E_i^2 is the criterion of T-optimality (A. C. Atkinson, V. V. Fedorov, The design of experiments for
+discriminating between two rival models, Biometrika 62 (1975) 57). `Rivals.promised` computes it within
+milliseconds. `Rivals.expected` simulates the noise and fits all models again, inner parameters too.
 """
 
 from collections.abc import Collection, Sequence
@@ -56,7 +55,7 @@ class Rivals:
     def promised(self, planned: ChannelData) -> FloatArray:
         """Return leads (r, r) to first order in the parameters, for an experiment with the planned motion.
 
-        Rows are what is true, columns what it is compared with; the effort of `planned` does not count.
+        Rows are the true model, columns the model compared with it.
 
         Args:
             planned: the channel with the planned motion; its effort is ignored.
@@ -227,8 +226,8 @@ class Choice:
 def choose(offered: Sequence[Experiment]) -> Choice | None:
     """Choose the experiment that separates rivals best; of nearly equal ones, the one with most evidence.
 
-    A rival of many parameters that little evidence speaks against gives way in one place, and comes back by
-    another. Where nothing is known of its weight, the shortest is chosen.
+    A rival with many parameters and little evidence against it gives way in one place and returns in another,
+    so evidence counts. If the evidence is unknown, the shortest experiment is chosen.
 
     Args:
         offered: feasible experiments with what each is expected to separate.

@@ -33,7 +33,8 @@ _CHANGES = (  # speed factor, depth factor, and words
 def changed_motions(data: ChannelData) -> Iterator[tuple[str, float, ChannelData]]:
     """Yield changed motions: the change in words, its duration [s], and the channel as it would move.
 
-    Its effort means nothing. None is offered where signals of the context come from a whole arm's motion.
+    The effort of the changed channel has no meaning. Nothing is yielded if signals of the context depend on
+    the motion of a whole arm.
 
     Args:
         data: the channel.

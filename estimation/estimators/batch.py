@@ -33,8 +33,8 @@ _ROUNDS = 5  # the weights depend only weakly on the gains and have converged by
 class Weighted(Estimator):
     """Least squares, repeated with weights 1/sigma from a noise that grows with the predicted effort.
 
-    Weights come from the prediction and not from the measured effort, since the latter would favour samples
-    whose noise happens to be negative.
+    Weights come from the prediction, not from the measured effort, which would favour samples whose noise
+    happens to be negative.
 
     Source: R. J. Carroll, D. Ruppert, Transformation and Weighting in Regression (1988), ch. 2.
     """
@@ -64,13 +64,13 @@ _FEWEST_INSIDE = 0.55  # share of inliers below which the rest is a misfit, not 
 class Robust(Estimator):
     """Biweight M-estimate from a high-breakdown start, with weights that follow the noise.
 
-    The start is the least median of squares over random subsets; the scale is the residuals' floor plus a
-    share of the predicted effort (see `NoiseLevel`), so that a force sensor whose noise grows with the force
-    is weighted as it deserves.
+    The start is the least median of squares over random subsets. The scale is a noise floor plus a share of
+    the predicted effort (see `NoiseLevel`), so that a force sensor whose noise grows with the force is
+    weighted correctly.
 
-    Such a start can settle on one half of the samples that happens to fit perfectly, as a long rest does, and
-    call the rest outliers. Where that many are left out it is not they who are wrong but the model; then the
-    estimate begins again from the least absolute residuals, which give every sample its say.
+    Such a start can fit one half of the samples perfectly, for example a long rest, and reject the other half
+    as outliers. If that many samples are rejected, the model is wrong rather than the samples; the estimate
+    then starts from the least absolute residuals, which use all samples.
 
     Source: V. J. Yohai, High Breakdown-Point and High Efficiency Robust Estimates for Regression, Ann. Stat.
     15 (1987).

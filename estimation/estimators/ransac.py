@@ -30,10 +30,10 @@ _ROUNDING = 1e-9  # share of the effort below which residuals are rounding error
 class Ransac(Estimator):
     """RANSAC: the largest set of samples that agree within a threshold, refined by least squares.
 
-    Without a threshold it is 2.5 standard deviations of the noise: first by the least quantile of the
-    subsets' absolute residuals, then by the residuals of the samples within that. The paper takes 0.01 N
-    whatever the noise; where the noise is much larger, few samples lie within that and most of the
-    information is lost.
+    The default threshold is 2.5 standard deviations of the noise, estimated first by the least quantile of
+    the subsets' absolute residuals, then by the residuals within that threshold. The paper takes 0.01 N for
+    any noise; if the noise is much larger, few samples are within the threshold and most of the information
+    is lost.
 
     Source: M. A. Fischler, R. C. Bolles, Random Sample Consensus, Comm. ACM 24 (1981); settings of the paper,
     sec. VI-B; scale: P. J. Rousseeuw, A. M. Leroy, Robust Regression and Outlier Detection (1987), ch. 5;
@@ -125,12 +125,11 @@ def _covariance(
 ) -> Covariance:
     """That of the refined fit, or the spread of the subsets that did as well.
 
-    The fit to the inliers alone would state errors many times too small wherever the threshold is below the
-    noise, for the samples near the threshold count too: moving the gains a little swaps some of them for
-    others. With Gaussian noise of standard deviation s that takes 2 t phi(t), t = threshold / s, off the
-    slope of the score. Far below the noise the refined fit is no better than the subset that it began from,
-    and `rivals` (m, p), the subsets whose inlier counts are within one standard deviation of the best, show
-    how far that one may lie.
+    The fit to the inliers alone would give errors many times too small if the threshold is below the noise,
+    since a small change of the gains exchanges samples near the threshold. For Gaussian noise of standard
+    deviation s this reduces the slope of the score by 2 t phi(t), t = threshold / s. Far below the noise the
+    refined fit is no better than its initial subset; the spread of `rivals` (m, p), the subsets whose inlier
+    counts are within one standard deviation of the best, then gives the error.
     """
     inside = np.abs(residuals) < threshold
     ratio = min(threshold / max(robust_sigma(residuals), np.finfo(float).tiny), _FAR_ABOVE)
@@ -160,10 +159,10 @@ _SEED = 1
 class PreemptiveRansac(Rls):
     """Least squares of the samples that agree with it, for as long as no rival agrees better with most.
 
-    Every few samples as many of the recent ones as there are gains are drawn and solved; the hypothesis joins
-    a pool in the place of the worst. Each sample moves the running median of every hypothesis' errors. The
-    recursive estimate is one of the pool; it learns from its inliers alone, and begins again at a rival whose
-    median is clearly smaller. The work of a sample is always the same.
+    Every few samples, as many recent samples as there are gains are drawn and solved; the hypothesis replaces
+    the worst of a pool. Each sample updates the running median of every hypothesis' errors. The recursive
+    estimate is one of the pool; it is updated by its inliers only, and restarts at a rival whose median is
+    clearly smaller. Each sample takes the same time.
 
     Source: D. Nister, Preemptive RANSAC for Live Structure and Motion Estimation, ICCV 2003.
 

@@ -80,7 +80,7 @@ class RecursiveEstimator(OnlineEstimator):
 def _noise_sensitivity(rows: FloatArray, kalman_gains: FloatArray) -> FloatArray:
     """Return the derivative of the last gains by each sample's noise, shape (n, p).
 
-    Each later sample t takes part of it back: the gains' error goes through (I - K_t h_t).
+    Each later sample t reduces it: the gains' error is multiplied by (I - K_t h_t).
     """
     carried = np.eye(rows.shape[1])
     effect = np.zeros_like(kalman_gains)
@@ -106,8 +106,8 @@ class Rls(RecursiveEstimator):
 class Ewrls(RecursiveEstimator):
     """Exponentially weighted: a sample t steps back counts forgetting^t.
 
-    Without excitation the covariance would grow for ever, and the next noise would throw the gains about; it
-    stops growing at its starting size.
+    Without excitation the covariance would grow without limit, and noise would then change the gains by much;
+    it stops growing at its initial size.
 
     Source: A. Haddadi, K. Hashtrudi-Zaad, Real-Time Identification of Hunt-Crossley Models, IEEE T-RO 28
     (2012).
@@ -133,9 +133,9 @@ class Ewrls(RecursiveEstimator):
 class Sprls(RecursiveEstimator):
     """Self-perturbing: the covariance grows by beta * nint(gamma * error^2) * I after each sample.
 
-    nint is the nearest integer, so that the term is nought for small errors and acts when the error is LARGE
-    (gamma * error^2 >= 1/2): it wakes the filter up after a change. The paper says that it acts when the
-    error gets too small, which does not fit the formula that it cites; the formula is followed here. With
+    nint is the nearest integer, so the term is zero for small errors and acts for LARGE errors (gamma *
+    error^2 >= 1/2): it reactivates the filter after a change. The paper says that the term acts when the
+    error gets too small, which contradicts the formula that it cites; this class follows the formula. With
     beta = 0 it is RLS.
 
     Source: D. J. Park, B. E. Jun, Self-Perturbing Recursive Least Squares Algorithm with Fast Tracking
@@ -215,11 +215,10 @@ class _Noise:
 class CusumRls(Rls):
     """All samples count the same, until a change: then only those after it.
 
-    For every gain the products of column and error, over their usual size, are summed up both ways less an
-    allowance (Page's CUSUM). While nothing changes the sums fall back to zero and the estimate is that of
-    recursive least squares, whose variance falls with 1/n; after a change one of them reaches its limit
-    within a few samples, and the covariance is that of the start again. The noise is learnt, with a part that
-    grows with the effort.
+    For every gain, the products of column and error over their usual size are summed in both directions, less
+    an allowance (Page's CUSUM). Without a change the sums return to zero, and the estimate is recursive least
+    squares, whose variance falls with 1/n. After a change one sum reaches its limit within a few samples, and
+    the covariance is reset. The noise is estimated online, with a part that grows with the effort.
 
     Source: E. S. Page, Continuous Inspection Schemes, Biometrika 41 (1954); F. Gustafsson, Adaptive Filtering
     and Change Detection (2000), ch. 5.

@@ -155,9 +155,10 @@ def block_average(
 ) -> BlockedData:
     """Cut a channel into blocks that last 5 or 10 ms, or one sample where that is longer.
 
-    Blocks in which a contact begins or ends are not trusted, nor those so near to the surface that the error
-    of the position decides: a damper and friction make a step of it. Neither are blocks at a contact's sharp
-    corners of the motion, nor those in which a probing arm's joint rests or its sensor may still settle.
+    Blocks in which a contact begins or ends are not trusted, nor blocks so near to the surface that the error
+    of the position matters: a damper and friction cause a step of the force there. Blocks at sharp corners of
+    a contact's motion are not trusted either, nor those in which a probing arm's joint rests or its sensor
+    may still settle.
 
     Args:
         data: the channel.
@@ -253,8 +254,8 @@ def decimate(blocked: BlockedData) -> ChannelData:
 def _at_corners(data: ChannelData, rows: IntArray) -> BoolArray:
     """Blocks of a contact in which the velocity jumps faster than it was sampled, shape (m,).
 
-    A damper makes a jump of the force there, and a derived velocity comes too early and too late. Slow data
-    has nothing but corners, and creep and relaxation begin at them: it is taken as it is.
+    A damper causes a jump of the force there, and a derived velocity changes too early and too late. Slow
+    data consist of corners, at which creep and relaxation begin: none are excluded.
     """
     if sample_time(data.time_s, data.run) > _SLOW_S:
         return np.zeros(len(rows), dtype=np.bool_)
@@ -271,8 +272,8 @@ def _at_corners(data: ChannelData, rows: IntArray) -> BoolArray:
 def _at_starts(data: ChannelData, rows: IntArray) -> BoolArray:
     """Blocks at the start of a run, shape (m,), where the memory of the object is unknown.
 
-    A run that begins pressed remembers how it came there until it lets go; where it hardly presses
-    again, it is taken as if the press began with it.
+    A run that begins pressed depends on an unknown past until it lets go; if it hardly presses again, it is
+    used as if the press began with it.
     """
     starts, engaged = np.zeros(len(data), dtype=np.bool_), data.engaged
     for of_run in rows_of_runs(data.run):
@@ -288,9 +289,8 @@ def _at_starts(data: ChannelData, rows: IntArray) -> BoolArray:
 def _at_rest(data: ChannelData, rows: IntArray) -> BoolArray:
     """Blocks in which a joint of a probing arm is at rest or its sensor still settles, shape (m,).
 
-    What friction holds there depends on how the joint came to rest, and the sign of a velocity that is noise
-    says nothing. A sensor that follows slowly begins with what it read before. Other recordings are taken as
-    they were made.
+    Friction at rest depends on how the joint stopped, and the sign of a noisy velocity has no meaning. A slow
+    sensor starts from its earlier reading. Other recordings are used as they are.
     """
     if data.kind is ChannelKind.CONTACT or (data.phase < 0).all():
         return np.zeros(len(rows), dtype=np.bool_)
@@ -312,10 +312,10 @@ def is_moving(data: ChannelData, rows: IntArray) -> BoolArray:
 def with_load(data: ChannelData, model: Model, parameters: Mapping[str, float]) -> ChannelData:
     """Add the signal `load` to a joint's channel: the effort of the model's inertia and gravity.
 
-    What an inertia takes that may be the rotor's as well as the link's is a signal of its own, beside
-    weights: by itself it only scales the load.
+    The torque of an inertia that link and rotor may share is a signal of its own beside weights; alone, it
+    only scales the load.
 
-    A contact, a channel that brings its own, and a model without masses are returned as they are.
+    Contacts, channels that have a load already, and models without masses are returned unchanged.
 
     Args:
         data: the channel.

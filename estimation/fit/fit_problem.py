@@ -77,7 +77,8 @@ class FitProblem:
     ) -> LinearFit:
         """Fit columns (m, q) to a target (m,) by bounded least squares.
 
-        All folds decide which gains are at a bound; those are fixed in the fits to all but each fold too.
+        The fit to all folds decides which gains are at a bound; these stay fixed in the fits to all but each
+        fold.
 
         Args:
             columns: shape (m, q).
@@ -301,8 +302,8 @@ def columns_at(problem: FitProblem, model: Model, parameters: Mapping[str, float
 def residual_slopes(problem: FitProblem, solution: Solution, ahead: Mapping[str, float]) -> FloatArray:
     """Change of the whitened residual when each of some inner parameters moves and all gains follow it.
 
-    The change at fixed gains, less what the columns explain of it: the derivative of the variable projection
-    but for a term that vanishes with the residual (L. Kaufman, BIT 15 (1975)).
+    It is the change at fixed gains, less the part that the columns explain: the derivative of the variable
+    projection except for a term that vanishes with the residual (L. Kaufman, BIT 15 (1975)).
 
     Args:
         problem: where the trial was made.

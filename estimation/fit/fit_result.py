@@ -314,9 +314,9 @@ def fit_problem(
 def final_solution(fit: FitResult) -> tuple[FitProblem, Solution]:
     """Fit the parameters once more with prewhitening, where that is safe.
 
-    Prewhitened parameters are the most exact, but only once nothing is missing: a missing effect would pass
-    for coloured noise. They are taken only near the plain fit, since with a badly known noise model another
-    place may leave as little.
+    Prewhitened parameters are the most accurate, but only if no effect is missing: a missing effect would
+    count as coloured noise. They are used only near the plain fit, since with a poor noise model a distant
+    solution may have an equally small residual.
 
     Args:
         fit: the fitted model.

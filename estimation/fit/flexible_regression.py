@@ -65,8 +65,8 @@ class FlexibleRegression:
 def model_features(problem: FitProblem, solution: Solution) -> dict[str, FloatArray]:
     """Return columns (m, k) by signal, for the motion and effort of a fitted model.
 
-    What acts before a sensor changes it is a signal, too: of what was cut off or came late, the reading says
-    less than what a law beside the model without that sensor would know.
+    The effort before a sensor changes it is a signal too: if readings are cut off or delayed, they contain
+    less information than a regression beside the model without that sensor needs.
 
     Args:
         problem: the channel.

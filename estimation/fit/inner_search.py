@@ -241,7 +241,8 @@ def optimize_inner(
 ) -> Solution:
     """Optimize all inner parameters of a trial jointly; gains follow by variable projection.
 
-    Where that leads far, the gains may not have followed yet: then it is done again from there.
+    If the error falls by much, the search is repeated from the new parameters, since the gains may not have
+    converged.
 
     Args:
         problem: where to fit.

@@ -1,7 +1,7 @@
 """Parameter intervals: sandwich estimate from the slopes by all parameters and the correlated residual.
 
-Errors of the motion's readings turn parameters and leave next to nothing in the residual (W. A. Fuller,
-Measurement Error Models (1987)): they are added, from readings drawn again.
+Errors of the measured motion change the parameters and leave hardly any residual (W. A. Fuller, Measurement
+Error Models (1987)). Simulated measurements add their contribution.
 """
 
 from dataclasses import replace
@@ -33,9 +33,9 @@ _JUMP, _MOST = 20.0, 0.95
 def estimate_parameters(problem: FitProblem, solution: Solution) -> dict[str, ParameterEstimate]:
     """Estimate the parameters of a solution with 95 % intervals, by "effect.parameter".
 
-    The sandwich of slopes by gains and inner parameters, around the covariance of residuals times slopes with
-    the noise's colour taken out first (Andrews and Monahan 1992). What another reading of the motion
-    would turn the parameters by is added to their variance. One that is held has no error.
+    The covariance is a sandwich of the slopes by gains and inner parameters around the covariance of
+    residuals times slopes, prewhitened (Andrews and Monahan 1992). The effect of reading errors of the motion
+    is added to the variance. Parameters that are held have no error.
 
     Args:
         problem: data, noise weights and folds of the fit.

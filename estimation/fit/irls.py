@@ -1,9 +1,9 @@
 """Robust fits: loss functions, and iteratively reweighted least squares for linear and nonlinear models.
 
-Biweight psi and the noise of each sample are found again from the samples inside after each step or two. From
-a start that is near, as many steps as here are as efficient as the fully iterated estimate (D. G. Simpson,
-D. Ruppert, R. J. Carroll, On One-Step GM Estimates and Stability of Inferences in Linear Regression, JASA 87
-(1992)).
+After each step or two, the biweight's psi and the noise of each sample are estimated again from the samples
+inside. From a nearby start, this number of steps is as efficient as the fully iterated estimate (D. G.
+Simpson, D. Ruppert, R. J. Carroll, On One-Step GM Estimates and Stability of Inferences in Linear Regression,
+JASA 87 (1992)).
 """
 
 from collections.abc import Callable

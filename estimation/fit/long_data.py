@@ -55,13 +55,14 @@ class Within:
 def shortened(data: ChannelData, held_out: Sequence[int] = ()) -> tuple[ChannelData, str, Mapping[int, int]]:
     """Average a long recording over blocks of neighboring samples, and describe it.
 
-    Blocks of 5 ms (10 ms of a joint's effort) are what a diagnosis works on in any case. They are made twice
-    as long again and again, as long as the effort within them departs from a straight line by no more than
-    the white noise of its readings: then motion and effort change evenly within a block, the mean of any
-    smooth law is the law of the means, and what is averaged away is noise. Slow noise counts as signal, so
-    that the rate is rather too high. If that is still too much, evenly spread runs are taken, or stretches of
-    a joint's runs, and where there are none it is averaged although that loses something. Of more than `LONG`
-    samples of a joint that mostly stands still, its motions are taken first. All this is said.
+    A diagnosis works on blocks of 5 ms (10 ms for a joint's effort). The block length is doubled as long as
+    the effort within blocks departs from a straight line by no more than the white noise of its readings.
+    Motion and effort then change linearly within a block, so that averages obey any smooth law and lose only
+    noise. Slow noise counts as signal, so that the rate is rather too high.
+
+    If the result is still too long, evenly spread runs are taken, or stretches of a joint's runs; if there
+    are none, the data are averaged further although information is lost. Of more than `LONG` samples of a
+    joint that is mostly at rest, the motions are taken first. The sentence describes all of this.
 
     Args:
         data: the channel; velocity and acceleration were derived at its full rate.
@@ -98,7 +99,7 @@ def shortened(data: ChannelData, held_out: Sequence[int] = ()) -> tuple[ChannelD
 def _from_rest_to_rest(data: ChannelData, held: IntArray) -> tuple[ChannelData, str, dict[int, int]]:
     """Split a joint's channel that mostly rests into motions with some rest before and after.
 
-    What holds it at rest depends on how it came there, and says little of what moves it.
+    The torque at rest depends on how the joint stopped, and contains little information on the motion.
     """
     # Where the joint moves, or does so soon or did just before.
     swept, width = np.zeros(len(data)), 2 * int(np.ceil(_NEAR_S / sample_time(data.time_s, data.run))) + 1
@@ -163,7 +164,8 @@ def _fewer_runs(data: ChannelData, held: IntArray) -> tuple[ChannelData, str, di
 def _fewer_stretches(data: ChannelData, held: IntArray) -> tuple[ChannelData, str, dict[int, int]]:
     """Take stretches of a joint's runs that cover a fair part of the motion, as runs.
 
-    Where it rests, or moves little, nothing is learnt of its friction; a contact remembers what came before.
+    A joint at rest, or in small motion, contains no information on its friction; a contact depends on its
+    past.
     """
     if data.kind is ChannelKind.CONTACT:
         return data, "", {}

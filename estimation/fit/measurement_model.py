@@ -1,10 +1,10 @@
 """Model of how a motion was measured, which simulates the same motion with new reading errors.
 
-A measured motion is a reading, not the motion. Its errors (steps of an encoder, noise of a tracker) pass
-through the derivation of velocity and acceleration, and what a model makes of them looks like a law of the
-motion. The only way to know how much of it to expect is to repeat the measurement (R. J. Carroll et al.,
-Measurement Error in Nonlinear Models (2006), ch. 3; A. C. Davison, D. V. Hinkley, Bootstrap Methods and their
-Application (1997), ch. 4).
+A measured motion is a reading, not the motion itself. Reading errors (steps of an encoder, noise of a
+tracker) pass through the derivation of velocity and acceleration, and their effect on a prediction resembles
+a law of the motion. Simulated measurements show how large this effect is (R. J. Carroll et al., Measurement
+Error in Nonlinear Models (2006), ch. 3; A. C. Davison, D. V. Hinkley, Bootstrap Methods and their Application
+(1997), ch. 4).
 """
 
 from dataclasses import dataclass, replace
@@ -109,7 +109,7 @@ class MeasurementModel:
 def identify_measurement_model(data: ChannelData) -> MeasurementModel:
     """Identify the errors of a channel's positions and the filters that derived its derivatives.
 
-    What is found is remembered for the same motion under another load.
+    The result is cached for the same motion with another load.
 
     Args:
         data: the channel.
@@ -167,9 +167,9 @@ def shuffle_noise(noise: FloatArray, run: IntArray, rng: np.random.Generator) ->
 def low_frequency_noise(error: FloatArray, run: IntArray, half: int, rng: np.random.Generator) -> FloatArray:
     """Simulate errors (n,) below the cutoff of a smoothing window, with the spectral density just above it.
 
-    A reading's error does not end at the frequency where the smooth motion begins. That is about where a
-    cubic fit to 2 h + 1 samples passes half of a wave's size (for short windows, rather higher): R. W.
-    Schafer, IEEE Signal Processing Magazine 28 (2011).
+    The reading error extends below the frequency at which the smooth motion begins. A cubic fit to 2 h + 1
+    samples passes half of a wave's amplitude at about that frequency (somewhat higher for short windows): R.
+    W. Schafer, IEEE Signal Processing Magazine 28 (2011).
 
     Args:
         error: error of the readings, shape (n,).

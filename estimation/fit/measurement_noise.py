@@ -1,8 +1,8 @@
 """Noise of a channel: the error that a complete model would leave.
 
-The effort has noise of its own, which free air shows, or the part of its spectrum that no motion reaches. The
-motion's readings have errors too, which a model passes on to the effort that it predicts. Both are found
-beside the base model, and no effect that is added changes them.
+The effort has noise of its own, which free air shows, or the part of its spectrum above the motion. Reading
+errors of the motion add noise through the model. Both are estimated with the base model; added effects do not
+change them.
 """
 
 from collections.abc import Iterator, Sequence
@@ -118,8 +118,8 @@ def free_air_noise(data: ChannelData) -> float | None:
 def fast_noise(data: ChannelData) -> float | None:
     """Estimate white noise from third differences; None if the differences contain slower signals.
 
-    The largest differences are left out: where something snaps the effort jumps, and its noise does not.
-    P. Hall, J. W. Kay, D. M. Titterington, Biometrika 77 (1990).
+    The largest differences are left out, since the effort jumps where something snaps. P. Hall, J. W. Kay, D.
+    M. Titterington, Biometrika 77 (1990).
 
     Args:
         data: the channel.
@@ -135,7 +135,7 @@ def fast_noise(data: ChannelData) -> float | None:
 def size_of_differences(signals: Sequence[FloatArray], distance: int) -> float | None:
     """Root mean square of third differences at a distance, of unit gain for white noise.
 
-    The largest of them are left out, and so are those of readings that are not finite.
+    The largest differences are left out, and differences of readings that are not finite.
 
     Args:
         signals: shape (n,) each, one for each stretch.

@@ -132,7 +132,7 @@ def solve_normal_equations(equations: NormalEquations, ridge: float = 1e-9, dof:
 def held_out_sse(equations: NormalEquations, ridges: FloatArray) -> FloatArray:
     """Return held-out squared residuals by fold, shape (r, folds), for each ridge penalty (r, q).
 
-    See `solve_normal_equations`, which does one of them and more.
+    `solve_normal_equations` returns the full result for one penalty.
 
     Args:
         equations: equations of all folds.
@@ -162,7 +162,7 @@ def _shrunken(equations: NormalEquations, scale: FloatArray, ridge: FloatArray) 
 def _scaled(equations: NormalEquations) -> tuple[FloatArray, FloatArray]:
     """Scale columns to unit length over all folds; also return the factors (q,).
 
-    What is known counts as rows: a column that this data does not move is not blown up to unit length.
+    Prior information counts as rows, so that columns which these data do not move are not scaled up.
     """
     products = equations.products
     squares = products.sum(axis=0).diagonal().copy()

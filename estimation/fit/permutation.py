@@ -28,7 +28,8 @@ def null_improvements(
 ) -> FloatArray:
     """Largest share of the error that any candidate takes from each surrogate of the noise, shape (COUNT,).
 
-    It stops, with the candidates tried so far, when more than `most` surrogates reach what was observed.
+    The loop ends, with the candidates tried so far, when more than `most` surrogates reach the observed
+    improvement.
 
     Args:
         noise: residuals (w,) of the best model, in order of time within each run.

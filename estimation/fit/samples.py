@@ -1,8 +1,9 @@
 """Fit a model to single samples of a channel, some of which may be outliers: the basis of estimators.
 
-Gains by variable projection inside a bounded search for the inner parameters (`polish`). Outliers weigh
-less by iteration (P. W. Holland, R. E. Welsch, Robust Regression Using Iteratively Reweighted Least-Squares,
-Comm. Stat. 6 (1977)), first by absolute residuals, whose minimum does not depend on the start.
+Gains follow by variable projection inside a bounded search for the inner parameters (`optimize_inner`).
+Outliers lose weight by iteration (P. W. Holland, R. E. Welsch, Robust Regression Using Iteratively Reweighted
+Least-Squares, Comm. Stat. 6 (1977)), first for absolute residuals, whose minimum does not depend on the
+start.
 """
 
 from collections.abc import Mapping

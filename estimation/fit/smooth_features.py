@@ -135,7 +135,8 @@ def curves(signal: FloatArray) -> FloatArray:
 def hats(signal: FloatArray, even: int = _EVEN_KNOTS) -> FloatArray:
     """Return piecewise linear columns without the one at zero, so that no constant is included.
 
-    Knots lie at quantiles and `even` more over the range; of two that nearly coincide, one is left out.
+    Knots are at quantiles, and `even` more over the range; of two knots that nearly coincide, one is left
+    out.
 
     Args:
         signal: shape (n,).

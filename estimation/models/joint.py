@@ -29,9 +29,10 @@ class InertiaModel(BaseModel):
 class PositionServoModel(BaseModel):
     """goal - position = (J a + (d + kt^2/R) v) / K, K = kp V kt/R: a servo whose effort nobody measured.
 
-    The firmware puts the voltage kp V (goal - position) on the motor, which makes kt/R of it a torque, less
-    kt^2/R v of back-EMF (M. Duclusaud, G. Passault, V. Padois, O. Ly, arXiv:2410.08650). Neither K nor the
-    parts of the damping can be told apart without an effort: all is in rad of goal error.
+    The firmware applies the voltage kp V (goal - position) to the motor, which produces kt/R of it as torque,
+    less kt^2/R v of back-EMF (M. Duclusaud, G. Passault, V. Padois, O. Ly, arXiv:2410.08650). Without a
+    measured effort, K and the parts of the damping cannot be separated: all parameters are in rad of goal
+    error.
     """
 
     name = "position_servo"

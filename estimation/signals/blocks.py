@@ -44,9 +44,9 @@ def block_index(number: IntArray | BoolArray) -> tuple[IntArray, IntArray]:
 def number_pieces(time_s: FloatArray, run: IntArray) -> IntArray:
     """Number the pieces of a recording, which end with a run or at a gap in time.
 
-    A gap is also longer than the steps on either side of it: a rate that falls for good makes none. The start
-    of a contact ends no piece. It bends the velocity without a jump, and a smoothing window across it is less
-    wrong than one-sided windows at the ends of two pieces would be (see docs/explanation/estimation.md).
+    A gap must exceed the steps on both sides, so that a permanent drop of the rate is no gap. The start of a
+    contact ends no piece: it bends the velocity without a jump, and a smoothing window across it has less
+    error than one-sided windows at the ends of two pieces (see docs/explanation/estimation.md).
 
     Args:
         time_s: times [s], shape (n,).
@@ -93,7 +93,7 @@ def rows_of_runs(run: IntArray) -> list[IntArray]:
 def runs_by_time(time_s: FloatArray, run: IntArray) -> list[slice]:
     """Return the rows of each run, the earliest first.
 
-    Runs that overlap in time have clocks of their own; they keep the order of their rows.
+    Runs that overlap in time have separate clocks; they keep the order of their rows.
 
     Args:
         time_s: shape (n,), increasing within a run [s].

@@ -22,7 +22,7 @@ MOST_BYTES = 64_000_000
 class IdentityKey:
     """Key that compares an object by identity and keeps it alive.
 
-    An effect of a user's own may be a dataclass, which may equal others and has no hash.
+    A user-defined effect may be a dataclass, which may equal others and has no hash.
     """
 
     def __init__(self, thing: Any) -> None:  # noqa: ANN401

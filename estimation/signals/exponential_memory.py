@@ -60,9 +60,9 @@ def fading_memory(
 ) -> FloatArray:
     """Sum relaxing strains over several rates: z' = signal' - rate z from z = 0, times the rate's weight.
 
-    Exact for strains that are linear between samples at any times, and that rise to the first sample of a run
-    from zero within one usual step. Between two runs the strain is zero, and memory that has not faded by
-    then carries over. Runs that overlap in time are taken as recorded independently.
+    The result is exact for strains that are linear between samples at any times, and that rise from zero to
+    the first sample of a run within one usual step. Between runs the strain is zero, and memory that has not
+    faded carries over. Runs that overlap in time count as recorded independently.
 
     Args:
         signal: strains, shape (n,) or (n, k).

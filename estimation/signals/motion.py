@@ -14,7 +14,7 @@ _MOVING = 0.3  # speed relative to the largest below which the motion rests or r
 def is_one_way(position: FloatArray, run: IntArray) -> bool:
     """Check whether positions (n,) are monotonic in each run (n,), so that time is a function of them.
 
-    What drifts with time then looks like a law of the position, which needs no sensor to fail.
+    A drift with time then looks like a law of the position, without any fault of a sensor.
 
     Args:
         position: shape (n,).

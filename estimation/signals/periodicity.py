@@ -23,9 +23,9 @@ def strongest_frequency(
 ) -> tuple[float, float, float] | None:
     """Find the peak of a Lomb-Scargle periodogram with an independent phase in each piece.
 
-    A common phase would make side peaks, closer the farther the pieces are apart. In each piece the samples
-    lie on an even grid, so that the sums are Fourier transforms: time and memory grow with the samples, not
-    with samples times frequencies.
+    A common phase would cause side peaks, closer the farther the pieces are apart. Samples of each piece are
+    on an even grid, so that the sums are Fourier transforms: time and memory grow with the number of samples,
+    not with samples times frequencies.
 
     Args:
         time_s: increasing within a run [s], shape (n,).

@@ -168,8 +168,8 @@ def play(signal: FloatArray, run: IntArray, half_width: float, start: FloatArray
 def _clamped(low: FloatArray, high: FloatArray) -> FloatArray:
     """State (n,) or (n, k) after each of n clamps between its own ends, from the first clamp's lower end.
 
-    Several clamps in a row are one clamp: pieces are first condensed to one each, side by side, which are as
-    many clamps less, and then entered with their own states.
+    Consecutive clamps form one clamp: pieces are first condensed to one clamp each, in parallel; these are
+    applied in sequence, and then each piece from its own state.
     """
     length = min(int(np.sqrt(len(low))) + 1, _MOST_CLAMPS)
     lows, highs = split_columns(low, length), split_columns(high, length)

@@ -42,7 +42,7 @@ class ChannelEstimates(TableDisplay):
     def best(self) -> Estimate:
         """The first of `BEST` that was asked for, used most samples and says something, or the first of all.
 
-        A robust method that sets many samples aside says that the model is wrong, not that they are.
+        If a robust method rejects many samples, the model is wrong rather than the samples.
         """
         by_name = {estimate.estimator: estimate for estimate in self.estimates}
         ranked = [by_name[name] for name in BEST if name in by_name]

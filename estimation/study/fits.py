@@ -256,7 +256,7 @@ class StudyFits(TableDisplay):
     def noise(self, channel: StudyChannel | str) -> MeasurementNoise:
         """Return the noise of a channel: the held-out error that a complete model would leave.
 
-        It is found beside the base model, and no added effect changes it; see `measurement_noise`.
+        It is estimated with the base model, and added effects do not change it; see `measurement_noise`.
 
         Args:
             channel: the channel, or its name.

@@ -121,7 +121,7 @@ class StudyRevisions(StudyFits):
     ) -> str:
         """Describe the first saved number that differs from the fit; empty if all agree.
 
-        Nothing can be said of a model with an effect of the user's own whose code was not named.
+        Models with a user-defined effect whose code was not given cannot be compared.
         """
         if not set(effects) <= set(self._library):
             return ""

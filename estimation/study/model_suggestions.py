@@ -48,8 +48,8 @@ def better_explanation(
 ) -> tuple[str, float] | None:
     """Return a base model that does far better than the usual one with accepted effects, and its error.
 
-    Where the effects found complete the usual model, no other can fit far better: then it must fit as well
-    with no more parameters than both together have.
+    If accepted effects complete the usual model, no other model can fit far better: then the other must fit
+    as well with no more parameters than both together.
 
     Args:
         study: the measurement and its fits.

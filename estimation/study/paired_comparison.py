@@ -197,8 +197,8 @@ class Sides(TableDisplay):
     def _paired_errors(self) -> Mapping[str, float]:
         """Return standard errors of the differences if one measurement repeats the other; else none.
 
-        With the same motion on both sides, of slopes X, what the model leaves alike in both, such as what it
-        lacks, cancels: the difference of least squares is (X'X)^-1 X'(eB - eA).
+        If both sides have the same motion, with slopes X, the common part of both residuals cancels, such as
+        that of a missing effect: the difference of the least-squares estimates is (X'X)^-1 X'(eB - eA).
         """
         a, b = self.first.compared, self.second.compared
         position = self._at_times_of_first(self.second.data.position)
@@ -248,7 +248,8 @@ class Sides(TableDisplay):
     def _at_times_of_first(self, values: FloatArray) -> FloatArray | None:
         """Values of the second (m,) at the times of the first, run by run from each run's begin, shape (n,).
 
-        NaN beyond its end; None where runs are not as many or not as long: they are no repetition.
+        Values beyond its end are NaN. The result is None if runs differ in number or length, and thus do not
+        repeat the motion.
         """
         a, b = self.first.data, self.second.data
         if self.is_same_data or len(a.runs) != len(b.runs):

@@ -151,8 +151,8 @@ class ModelStudy(StudyRevisions):
     ) -> NextProbe | None:
         """Plan the experiment that best separates the models among which diagnoses have not decided.
 
-        This is the one place that decides it: `diagnose` puts the plan into its result, and commands, page
-        and `palpate resolve` run it. It is planned once for the same verdicts and effects.
+        `diagnose` adds the plan to its result, and commands, page and `palpate resolve` run it. It is planned
+        once for the same verdicts and effects.
 
         Args:
             diagnosed: diagnoses of channels of this study.

@@ -39,9 +39,9 @@ def is_undecided(diagnosis: ChannelDiagnosis) -> bool:
 def rival_effects(diagnosis: ChannelDiagnosis, effects: Iterable[Effect]) -> list[list[list[str]]]:
     """Return, for each open question, the effects of all models that may be right, the best first.
 
-    Where an effect is not told from others, each in its place, which is a question of its own for each such
-    effect. Where something is left: what is established (the base model, where nothing is), and each of the
-    best candidates alone.
+    Each accepted effect that is indistinguishable from others raises one question, with each alternative in
+    its place. If part of the error remains unexplained, the rivals are the accepted effects (or the base
+    model) and each of the best candidates alone.
 
     Args:
         diagnosis: the diagnosis.
@@ -74,9 +74,8 @@ def rivals_of(
 ) -> list[dict[str, FitResult]]:
     """Fit the rival models of each open question; the best first, by their effects in words.
 
-    One that cannot be fitted is left out. Where something is left and no candidate is any good, those that
-    take most away are compared, good or not: an experiment that would show them is one in which there is more
-    to see.
+    Models that cannot be fitted are left out. If part of the error remains and no candidate is significant,
+    those that reduce the error most are compared: an experiment that separates them has a larger signal.
 
     Args:
         study: the measurement and its fits.
@@ -108,10 +107,10 @@ def with_the_simplest(
 ) -> ChannelDiagnosis:
     """Remove rivals that contain a simpler one.
 
-    To be asked where no experiment that can be made tells them apart: what a law has beyond a simpler one is
-    then nothing that anybody could see. What remains undecided stays so. Of two laws the simpler has fewer
-    parameters, or as many and depends on less: friction, beside friction that remembers its path. An effect
-    and its parts are one law by two names, of which neither is simpler.
+    It applies if no feasible experiment separates them: nothing observable then distinguishes a law from a
+    simpler law that it contains. What remains undecided stays so. The simpler of two laws has fewer
+    parameters, or as many and depends on fewer signals: friction, compared with friction that remembers its
+    path. An effect and its parts are one law by two names, of which neither is simpler.
 
     Args:
         study: the measurement and its fits.
