@@ -74,9 +74,16 @@ def cut_presses(force: FloatArray, displacement: FloatArray, piece: IntArray) ->
         displacement: shape (n,), positive into the object.
         piece: recordings that are apart already, shape (n,).
     """
-    levels = force_levels(force, displacement)
-    peaks = np.concatenate([_force_peaks(force[rows], levels) + rows.start for rows in blocks(piece)])
-    tops = list(peaks[:1])
+    levels, peaks = force_levels(force, displacement), list[int]()
+    for rows in blocks(piece):  # the largest force between a rise above the one level and the next
+        sides = np.where(force[rows] > levels.pressed, 1, np.where(force[rows] < levels.released, -1, 0))
+        decided = np.flatnonzero(sides)
+        if len(decided):
+            is_rise = (sides[decided] > 0) & np.append(True, sides[decided][:-1] < 0)
+            begins = rows.start + decided[is_rise]
+            ends = np.append(begins, rows.stop)[1:]
+            peaks += [a + int(np.argmax(force[a:b])) for a, b in zip(begins, ends, strict=True)]
+    tops = peaks[:1]
     for peak in peaks[1:]:  # only after the displacement came back: a force may rise twice in one press
         back = displacement[tops[-1]] - displacement[tops[-1] : peak].min(initial=np.inf)
         if back > _RELEASED * np.ptp(displacement):
@@ -117,19 +124,6 @@ def cut_into(
         presses = f"{run[-1] + 1} press{'es' if run[-1] else ''}"
         raise InputError(f"{where}: {presses} can be told apart at most")
     return run
-
-
-def _force_peaks(force: FloatArray, levels: Levels) -> IntArray:
-    """Return the row of the largest force of each press."""
-    sides = np.where(force > levels.pressed, 1, np.where(force < levels.released, -1, 0))
-    decided = np.flatnonzero(sides)
-    if not len(decided):
-        return np.zeros(0, dtype=np.int64)
-    begins = decided[np.flatnonzero((sides[decided] > 0) & np.append(True, sides[decided][:-1] < 0))]
-    ends = np.append(begins, len(force))[1:]
-    return np.array(
-        [a + int(np.argmax(force[a:b])) for a, b in zip(begins, ends, strict=True)], dtype=np.int64
-    )
 
 
 def _cut_between(

@@ -5,7 +5,7 @@ errors of the motion add noise through the model. Both are estimated with the ba
 change them.
 """
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from enum import StrEnum
 from itertools import pairwise
@@ -80,21 +80,41 @@ def measurement_noise(base: FitResult) -> MeasurementNoise:
     """
     data = base.data.select(np.isin(base.data.run, base.data.run[base.judged]))  # the runs that judge
     bound, source = base.smooth_law_error, NoiseSource.FLEXIBLE
-    differences = list(_differences(base))
+    differences = []  # between the residuals of runs that repeat one motion
+    residual = base.data.effort - base.predict(base.solution.parameters)
+    position = base.data.position
+    for first, second in pairwise(rows_of_runs(base.data.run)):
+        count = min(len(first), len(second))
+        earlier, later = first[:count], second[:count]
+        distance = rmse(position[earlier] - position[later]) if count >= _LEAST else np.inf
+        judged = base.judged[earlier] & base.judged[later]
+        if distance <= _REPEATED * float(np.ptp(position)) and judged.any():
+            differences.append((residual[earlier] - residual[later])[judged])
     repeated = rmse(np.concatenate(differences)) / np.sqrt(2.0) if differences else np.inf
     if repeated < bound:
         bound, source = repeated, NoiseSource.REPEATS
     alone = run_heterogeneity(base.problem.blocked, base.solution, least=0.0)
     if base.validation is None and alone is not None and alone.alone < bound:
         bound, source = alone.alone, NoiseSource.EACH_RUN
-    motion, air, fast = _motion_noise(base), free_air_noise(data), fast_noise(data)
+    # The change of the prediction with a simulated reading of the same motion.
+    measurement = identify_measurement_model(base.data)
+    smooth, read = (
+        base.model.predict(
+            replace(motion, context={**base.data.context, **motion.context}), base.solution.parameters
+        )
+        for motion in (measurement.smoothed_motion, measurement.simulate(np.random.default_rng(_SEED)))
+    )
+    motion_noise = rmse(np.where(base.judged, read - smooth, np.nan))
+    air, fast = free_air_noise(data), fast_noise(data)
     if air and air <= bound:  # a reader that shows zero in free air says nothing of its noise
-        return MeasurementNoise(min(float(np.hypot(air, motion)), bound), NoiseSource.FREE_AIR, air, motion)
-    is_slower = source is NoiseSource.REPEATS and fast and bound > _SLOWER * np.hypot(fast, motion)
+        return MeasurementNoise(
+            min(float(np.hypot(air, motion_noise)), bound), NoiseSource.FREE_AIR, air, motion_noise
+        )
+    is_slower = source is NoiseSource.REPEATS and fast and bound > _SLOWER * np.hypot(fast, motion_noise)
     if fast and fast <= bound and not is_slower:
-        value = min(float(np.hypot(fast, motion)), bound)
-        return MeasurementNoise(value, NoiseSource.NEIGHBORS, fast, motion)
-    return MeasurementNoise(bound, source, None, motion)
+        value = min(float(np.hypot(fast, motion_noise)), bound)
+        return MeasurementNoise(value, NoiseSource.NEIGHBORS, fast, motion_noise)
+    return MeasurementNoise(bound, source, None, motion_noise)
 
 
 def free_air_noise(data: ChannelData) -> float | None:
@@ -154,29 +174,3 @@ def size_of_differences(signals: Sequence[FloatArray], distance: int) -> float |
     if len(sizes) < _LEAST:
         return None
     return rmse(sizes[: int(_USUAL * len(sizes))]) / _OF_USUAL / float(np.linalg.norm(_DIFFERENCES))
-
-
-def _differences(base: FitResult) -> Iterator[FloatArray]:
-    """Yield differences between the base model's residuals in runs that repeat one motion."""
-    data, residual = base.data, base.data.effort - base.predict(base.solution.parameters)
-    reach = _REPEATED * float(np.ptp(data.position))
-    for first, second in pairwise(rows_of_runs(data.run)):
-        count = min(len(first), len(second))
-        earlier, later = first[:count], second[:count]
-        if count >= _LEAST and rmse(data.position[earlier] - data.position[later]) <= reach:
-            judged = base.judged[earlier] & base.judged[later]
-            if judged.any():
-                yield (residual[earlier] - residual[later])[judged]
-
-
-def _motion_noise(base: FitResult) -> float:
-    """Error of the base model's prediction due to reading errors of the motion, by simulation."""
-    measurement = identify_measurement_model(base.data)
-    motions = (measurement.smoothed_motion, measurement.simulate(np.random.default_rng(_SEED)))
-    smooth, read = (
-        base.model.predict(
-            replace(motion, context={**base.data.context, **motion.context}), base.solution.parameters
-        )
-        for motion in motions
-    )
-    return rmse(np.where(base.judged, read - smooth, np.nan))

@@ -47,9 +47,15 @@ def strongest_frequency(
     power = sum(float(values @ values) for _, values in pieces)
     if not len(number) or power == 0.0:
         return None
+    # The sum of squares that a sine of each frequency w explains: with Y = sum y exp(-i w t) and
+    # W = sum exp(-2 i w t) over N samples it is 2 (N |Y|^2 - Re(Y^2 W*)) / (N^2 - |W|^2), see N. R. Lomb,
+    # Astrophysics and Space Science 39 (1976).
     explained = np.zeros(len(number))
-    for piece in pieces:
-        explained += _explained(piece, number, size)
+    for counts, values in pieces:
+        count = float(counts.sum())
+        swing, twice = np.fft.fft(values, size)[number], np.fft.fft(counts, size)[2 * number]
+        own = count * np.abs(swing) ** 2 - (swing**2 * twice.conj()).real
+        explained += 2.0 * own / np.maximum(count**2 - np.abs(twice) ** 2, 1e-9 * count**2)
     best = int(np.argmax(explained))
     around = explained[max(best - _AROUND, 0) : best + _AROUND + 1]
     share, usual = float(explained[best] / power), float(np.median(around) / power)
@@ -69,20 +75,6 @@ def _pieces(time_s: FloatArray, run: IntArray, signal: FloatArray, step_s: float
                 sums = np.bincount(place, values).astype(np.float64)
                 pieces.append((np.bincount(place).astype(np.float64), sums))
     return pieces
-
-
-def _explained(piece: _Piece, number: IntArray, size: int) -> FloatArray:
-    """Sum of squares that a sine of each frequency w explains, by least squares.
-
-    With Y = sum y exp(-i w t) and W = sum exp(-2 i w t) over N samples it is
-    2 (N |Y|^2 - Re(Y^2 W*)) / (N^2 - |W|^2): N. R. Lomb, Astrophysics and Space Science 39 (1976).
-    """
-    counts, values = piece
-    count = float(counts.sum())
-    swing, twice = np.fft.fft(values, size)[number], np.fft.fft(counts, size)[2 * number]
-    own = count * np.abs(swing) ** 2 - (swing**2 * twice.conj()).real
-    free = np.maximum(count**2 - np.abs(twice) ** 2, 1e-9 * count**2)
-    return np.asarray(2.0 * own / free)
 
 
 _MOST_WAVES = 12  # wave numbers tried

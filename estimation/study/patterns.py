@@ -62,16 +62,20 @@ def patterns(parts: Mapping[str, Sequence[Part]], rmse: float) -> tuple[Pattern,
     whole = sum(part.samples * part.mean for part in widest)
     samples = sum(part.samples for part in widest)
     one_sided = abs(whole) / (rmse * samples) if widest and rmse > 0.0 else 0.0
-    centred_rmse = rmse * float(
-        np.sqrt(1.0 - min(one_sided, 1.0) ** 2)
-    )  # about the mean, which hides no pattern
-    varying = {}  # the parts after the overall mean was subtracted from the error
+    # The parts after the overall mean was subtracted, which hides no pattern, and the correlation ratio of
+    # each split: root mean square of the parts' means over the whole error.
+    centred_rmse = rmse * float(np.sqrt(1.0 - min(one_sided, 1.0) ** 2))
+    varying, means = dict[str, list[Part]](), dict[str, float]()
     for by, own in parts.items():
-        mean = float(np.average([part.mean for part in own], weights=[part.samples for part in own]))
+        weights = [part.samples for part in own]
+        mean = float(np.average([part.mean for part in own], weights=weights))
         sizes = [float(np.sqrt(max(part.rmse**2 + mean**2 - 2.0 * mean * part.mean, 0.0))) for part in own]
         centred = zip(own, sizes, strict=True)
         varying[by] = [replace(part, mean=part.mean - mean, rmse=size) for part, size in centred]
-    means = {by: _share_of_means(own, centred_rmse) for by, own in varying.items()}
+        deviations = np.array([part.mean for part in varying[by]])
+        deviations -= np.average(deviations, weights=weights)
+        spread = float(np.sqrt(np.average(deviations**2, weights=weights)))
+        means[by] = spread / centred_rmse if centred_rmse > 0.0 else 0.0
     patterns = [
         Pattern(by, words, share)
         for by, own in varying.items()
@@ -100,14 +104,6 @@ def _pattern_of_split(by: str, parts: Sequence[Part], share: float) -> Iterator[
         case _ if share > _TOLD:
             known = by in {"depth", "position", "phase", "effort", "load"}
             yield f"varies with {'the ' if known else ''}{by}", share
-
-
-def _share_of_means(parts: Sequence[Part], rmse: float) -> float:
-    """Root mean square of the parts' means about their mean, over the whole error: the correlation ratio."""
-    weights = np.array([part.samples for part in parts], dtype=np.float64)
-    means = np.array([part.mean for part in parts])
-    spread = np.average((means - np.average(means, weights=weights)) ** 2, weights=weights)
-    return float(np.sqrt(spread) / rmse) if rmse > 0.0 else 0.0
 
 
 _BINS = 4
