@@ -2,6 +2,7 @@
 
 import re
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -12,7 +13,7 @@ from palpate.estimation.diagnosis import diagnose
 from palpate.estimation.diagnosis.random_effects import add_run_variation, run_standard_deviation
 from palpate.estimation.diagnosis.residual_checks import ResidualFinding
 from palpate.estimation.diagnosis.result import Verdict
-from palpate.estimation.diagnosis.verdict import Evidence, decide_verdict, insufficient_diagnosis
+from palpate.estimation.diagnosis.verdict import Evidence, _peaks, decide_verdict, insufficient_diagnosis
 from palpate.estimation.effects import EFFECTS
 from palpate.estimation.fit.fit_result import final_solution, fit_model
 from palpate.estimation.fit.intervals import estimate_parameters
@@ -313,3 +314,32 @@ def test_a_kind_without_a_name_has_no_share_of_what_a_named_effect_takes():
     (entry,) = judged.budget
     assert (entry.kind, entry.effects) == (Kind.CONTACT_GEOMETRY, ["contact_offset"])
     assert entry.share > 0.99
+
+
+def test_at_most_three_candidates_are_fitted_alone():
+    data = swings(1, lambda q, v, a: 0.5 * np.tanh(v / 0.02) + 6.0 * q)
+    names = (
+        "coulomb_friction",
+        "asymmetric_friction",
+        "stribeck_friction",
+        "joint_spring",
+        "cubic_stiffness",
+    )
+    search = searched(data, *names)
+    evidence = Evidence(
+        search, identify_measurement_model(data), search.start, complete=False, objection=None
+    )
+    possible = [candidate for candidate in search.screen(search.start) if candidate.possible]
+    assert len(possible) > 3
+    assert len(evidence.single_effects) == 3
+    assert set(evidence.single_effects) <= {candidate.effect.name for candidate in possible}
+
+
+@pytest.mark.parametrize(("large", "said"), [(9.5, "5 % of the samples hold 83 %"), (7.5, "")])
+def test_peaks_are_told_where_few_samples_hold_most_of_the_error(large, said):
+    """Of 100 samples, 95 have an error of 1 and five a larger one: 83 % and 75 % of the squares."""
+    residual = np.where(np.arange(100) % 20 == 7, large, 1.0)
+    solution, problem = SimpleNamespace(residual=residual), SimpleNamespace(used=np.ones(100, np.bool_))
+    words = _peaks(SimpleNamespace(solution=solution, problem=problem))
+    assert said in words
+    assert bool(words) is bool(said)

@@ -8,7 +8,8 @@ import pytest
 
 from palpate.control.loop.task import Phase
 from palpate.control.probing.plan import ProbingPlan
-from palpate.robot_io.errors import PalpateError
+from palpate.estimation.estimators.ransac import Ransac
+from palpate.robot_io.errors import InputError, PalpateError
 from palpate.robot_io.session import Session
 from palpate.runs.probing import ProbingJob, probe_in_memory, run_probing
 from palpate.runs.robots import find_robot
@@ -138,3 +139,27 @@ def test_a_threshold_below_the_noise_costs_ransac_accuracy_and_outliers_cost_a_w
 
     assert k_over_bound(0.1, 0) < 1.6 < k_over_bound(0.003, 0)
     assert k_over_bound(0.1, 30) < 2.0 < k_over_bound(3.0, 30)
+
+
+def test_draws_in_which_ransac_finds_nothing_count_with_the_whole_gain_and_no_inliers(monkeypatch):
+    def estimated(failing):
+        draws = iter(range(4))
+        fit = Ransac.fit
+
+        def some(self, problem, **options):
+            if next(draws) in failing:
+                raise InputError("hardly any two samples agree")
+            return fit(self, problem, **options)
+
+        settings = {"threshold": 0.1, "subset": 5, "trials": 100}
+        with monkeypatch.context() as patched:
+            patched.setattr(Ransac, "fit", some)
+            (row,) = ransac_errors(PARAMETERS | {"settings": settings, "outliers_percent": 0, "draws": 4}, 1)
+        return row
+
+    none, half, every = estimated(()), estimated((0, 2)), estimated((0, 1, 2, 3))
+    assert every["inlier_share"] == 0.0
+    assert 0.4 * none["inlier_share"] < half["inlier_share"] < 0.6 * none["inlier_share"]
+    for name in ("k_over_bound", "c_over_bound"):  # root mean squares: beside a whole gain the others vanish
+        assert half[name] == pytest.approx(every[name] / np.sqrt(2.0), rel=0.01)
+        assert every[name] > 20.0 * none[name]
