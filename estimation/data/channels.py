@@ -151,7 +151,9 @@ def _check(name: str, samples: Samples, columns: tuple[str, ...]) -> None:
             raise InputError(f"stream '{name}', row {bad[0] + 1}, column '{column}': {number:g} is {fault}")
 
 
-def session_channels(session: Session, *more: Session, tared: bool = False) -> tuple[ChannelData, ...]:
+def session_channels(
+    session: Session, *more: Session, tared: bool = False, joints: bool = True
+) -> tuple[ChannelData, ...]:
     """Return the channels of a session, or of several probings by one arm: contact first, then joints.
 
     Args:
@@ -160,6 +162,7 @@ def session_channels(session: Session, *more: Session, tared: bool = False) -> t
         tared: take the force in free air off a contact's force, which is what a stiffness needs; else it is
             as it was measured, which is what the search for a sensor's bias needs. Imported channels stay
             as they are.
+        joints: whether the joints of a probing are wanted; they take most of the memory.
 
     Raises:
         InputError: the session has none, or there are several that do not belong together.
@@ -173,7 +176,7 @@ def session_channels(session: Session, *more: Session, tared: bool = False) -> t
                 by = f"was made by another arm than {session.path} (their URDFs differ)"
                 raise InputError(f"{probing.path}: {by}")
         ticks = joined([checked_ticks(probing) for probing in (session, *more)])
-        channels = (*contact_channels(ticks, tared=tared), *joint_channels(ticks))
+        channels = (*contact_channels(ticks, tared=tared), *(joint_channels(ticks) if joints else ()))
     if not channels:
         raise InputError(
             f"{session.path}: no stream holds samples of a run; its streams: "

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -95,14 +95,19 @@ class Source:
         )
         return replace(self, channels=tuple(remaining))
 
-    def tared(self) -> tuple[ChannelData, ...]:
-        """The channels with the force in free air subtracted, which a stiffness needs."""
+    def tared(self, names: Collection[str]) -> tuple[ChannelData, ...]:
+        """Return channels with the force in free air subtracted, which a stiffness needs.
+
+        Args:
+            names: channels that are wanted.
+        """
         if self.session is None:
-            return self.channels
+            return tuple(channel for channel in self.channels if channel.name in names)
         from palpate.estimation.data.channels import session_channels  # noqa: PLC0415, needs the MCAP library
 
-        tared = session_channels(self.session, *self.more, tared=True)
-        chosen = (channel.of_runs(np.array(self.runs)) for channel in tared)
+        joints = any(name.startswith("joint_") for name in names)
+        tared = session_channels(self.session, *self.more, tared=True, joints=joints)
+        chosen = (channel.of_runs(np.array(self.runs)) for channel in tared if channel.name in names)
         return tuple(channel for channel in chosen if len(channel))
 
 

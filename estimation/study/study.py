@@ -237,9 +237,8 @@ class ModelStudy(StudyRevisions):
             InputError: a name or run is unknown, or no estimator can work.
         """
         names, models = choose_estimators(estimators), model_to_estimate(self.source, self.model)
-        data: Sequence[ChannelData] = [
-            data for data in self.source.tared() if data.name in models and channel in {None, data.name}
-        ]
+        wanted = [name for name in models if channel in {None, name}]
+        data: Sequence[ChannelData] = self.source.tared(wanted)
         if self.held_out:
             data = replace(self.source, channels=tuple(data)).without(self.held_out).channels
         if not data:
