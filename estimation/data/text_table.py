@@ -66,6 +66,9 @@ def read_text_table(path: Path, selected: str = "") -> FileColumns:
     content, encoding = as_utf8(packed, path)
     if not content.strip():
         raise InputError(f"{path}: no rows of data; the file is empty")
+    first_lines = content.lstrip()[: _LONGEST_LINE + 1]
+    if len(first_lines) > _LONGEST_LINE and not any(end in first_lines for end in _ENDS):
+        raise InputError(f"{path}: its first line is longer than 1 MiB; put the names of the columns there")
     content = _labels_as_header(content)
     dialect = find_dialect(content) or _raise_no_table(content, path)
     if not content[dialect.tables[0].start :][:_LONGEST_LINE].strip():
@@ -260,8 +263,6 @@ def number_of(text: object) -> float:
 def _raise_no_table(content: bytes, path: Path) -> TextDialect:
     """Raise the error that explains why no table was found."""
     line, *rest = content.lstrip().splitlines()
-    if len(line) > _LONGEST_LINE:
-        raise InputError(f"{path}: its first line is longer than 1 MiB; put the names of the columns there")
     header = line.decode(errors="replace")
     if not any(rest):
         raise InputError(f"{path}: no rows of data")
@@ -333,7 +334,8 @@ def _first_bad_row(rows: pa.Buffer, dialect: TextDialect, lines: IntArray) -> st
 
 
 _PAIR = re.compile(  # a label, its number, and perhaps a unit
-    rb"([A-Za-z\x80-\xff][\w \x80-\xff]*?)[ \t]*[:=][ \t]*([-+]?\d+(?:\.\d*)?(?:[eE][-+]?\d+)?)"
+    # Bounded, or a long cell would be searched from each of its letters to its end.
+    rb"([A-Za-z\x80-\xff][\w \x80-\xff]{0,60}?)[ \t]{0,8}[:=][ \t]{0,8}([-+]?\d+(?:\.\d*)?(?:[eE][-+]?\d+)?)"
     rb"[ \t]?([A-Za-z\xb0-\xff%/]{0,5})(?=[\s,;|]|$)"
 )
 _MOST_ABOVE, _FEWEST_LABELLED = 100, 5  # lines above such rows; rows

@@ -203,3 +203,12 @@ def test_a_workbook_without_names_is_read_by_the_advice(tmp_path):
     with pytest.raises(InputError, match="it names none; the first row is"):
         import_file(path)
     check_press(by_the_advice(path))
+
+
+def test_a_long_note_in_a_cell_is_read_past_and_a_long_first_line_is_refused(tmp_path):
+    """Labels are looked for within a few words, not from each letter to the end of the text."""
+    noted = [f"{row},{'A' * 800_000 if place == 3 else ''}" for place, row in enumerate(ROWS)]
+    check_press(import_file(write(tmp_path, ["Time (s),Travel (mm),Load (N),note"], noted)))
+    path = write(tmp_path, ["Time (s),Travel (mm),Load (N)," + "B" * 2**20])
+    with pytest.raises(InputError, match="first line is longer than 1 MiB"):
+        import_file(path)
