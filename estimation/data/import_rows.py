@@ -106,14 +106,16 @@ def arrange_rows(columns: Columns, *, fresh: bool = False, count: int | None = N
 def new_rows(columns: Columns) -> BoolArray | None:
     """Mask the rows (n,) that repeat no earlier row, if such repeats alone make the clock go back; else None.
 
-    A logger that writes its buffer twice makes them: the same samples again, with the same times.
+    A logger that writes its buffer twice makes them: the same samples again, with the same times. Rows that
+    differ in any column, such as the name of a specimen, are no repeats.
 
     Args:
         columns: of the table.
     """
     if TIME not in columns or columns.run is not None or not np.any(np.diff(columns.values(TIME)) < 0.0):
         return None
-    values = np.column_stack([columns.values(key) for key in columns.assigned])
+    table = columns.table
+    values = np.column_stack([table.labels(name)[1] for name in table.names])
     new = np.zeros(len(values), dtype=np.bool_)
     new[np.unique(values, axis=0, return_index=True)[1]] = True
     goes_on = bool(np.all(np.diff(columns.values(TIME)[new]) >= 0.0))
