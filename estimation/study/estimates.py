@@ -7,6 +7,7 @@ import numpy as np
 
 from palpate.estimation.base_model import NO_ARM, Arm
 from palpate.estimation.channel import ChannelData, Surface
+from palpate.estimation.data_quality.readings import copied_runs
 from palpate.estimation.estimate import DisplayTable, Estimate, Identifiability, TableDisplay, interval_text
 from palpate.estimation.estimate_channel import estimate_channel, fitting_rows
 from palpate.estimation.estimators import ESTIMATORS
@@ -139,7 +140,7 @@ def only_runs(channel: ChannelData, runs: Sequence[int], source: Source) -> Chan
 def estimate_with(
     channel: ChannelData, model_name: str, estimators: Sequence[str], arm: Arm = NO_ARM
 ) -> ChannelEstimates:
-    """Fit one model to one channel with several estimators.
+    """Fit one model to one channel with several estimators; copies of a run count once.
 
     Args:
         channel: channel of a kind that the model describes.
@@ -155,7 +156,7 @@ def estimate_with(
     if not model.gains:
         raise InputError(f"model '{model_name}' has no free parameter: there is nothing to estimate")
     channel = base.prepare(channel, context)
-    rows = fitting_rows(channel)
+    rows = fitting_rows(channel) & ~np.isin(channel.run, list(copied_runs(channel)))
     estimates, failures, searched = [], {}, dict[bool, Solution]()
     for name in estimators:
         try:

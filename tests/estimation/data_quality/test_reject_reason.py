@@ -11,6 +11,7 @@ from palpate.estimation.data.import_files import joined_channels
 from palpate.estimation.data_quality import checklist, contaminated, quality_warnings, reject_reason, usable
 from palpate.estimation.data_quality.motion_and_effort import late_touch
 from palpate.estimation.models import MODELS
+from palpate.estimation.study.estimates import estimate_with
 from tests.estimation.presses import kelvin_voigt, session
 
 DATA = session(3)
@@ -315,6 +316,19 @@ def test_a_copy_is_told_by_its_noise(correlation, step_n):
     again = replace(again, effort=stepped(again.effort, step_n))
     assert "is a copy of run 0 (and 2 more): 100 %" in quality_warnings(again)[0]
     assert set(again.run[usable(again)]) == {0}
+
+
+def test_copies_of_a_run_make_no_interval_narrower():
+    """Four times one run, with differences far below its noise, say no more than the run itself."""
+    many = copies()
+    many = replace(many, effort=many.effort + np.random.default_rng(1).normal(0.0, 0.002, len(many)))
+    of_one, of_four = (
+        {p.name: p for p in estimate_with(data, "kelvin_voigt", ["lsq"]).estimates[0].parameters}
+        for data in (many.select(many.run == 0), many)
+    )
+    for name, parameter in of_one.items():
+        assert of_four[name].std_err == pytest.approx(parameter.std_err, rel=1e-6)
+        assert of_four[name].value == pytest.approx(parameter.value, rel=1e-9)
 
 
 @pytest.mark.parametrize("correlation", [0.0, 0.6])
