@@ -1,0 +1,210 @@
+"""Probes for hours through emulated buses, with faults at random times, and checks every value served as OK.
+
+    python benchmarks/soak.py [--hours H] [--seed S] [--robot NAME]
+
+Frames are dropped, late, doubled, damaged or lose a byte, and devices restart. Each probing run is one of a
+robot of `robots/`, on simulated time. A position or force that is served as OK must be what was true at
+the time that it bears. A run that the guard stops must have been struck by a fault; a run that none struck
+must end by itself. The memory of the process must not grow after the first tenth.
+"""
+
+import gc
+import time
+from bisect import bisect_left
+from collections import Counter, deque
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import numpy as np
+from command_line import arguments
+
+from palpate.control.loop.loop import run_loop
+from palpate.control.loop.result import Outcome
+from palpate.control.loop.task import TaskOutput
+from palpate.control.loop.tick_record import NO_ESTIMATE, Estimates
+from palpate.control.probing.plan import ProbingPlan
+from palpate.control.probing.task import ProbingTask
+from palpate.robot_io.clock import SimulatedClock
+from palpate.robot_io.driver import DriverCatalogue
+from palpate.robot_io.errors import PalpateError
+from palpate.robot_io.guard import Guard
+from palpate.robot_io.robot import build_robot
+from palpate.robot_io.robot_file import load_robot_file
+from palpate.robot_io.types import Measurement, Status
+from palpate.runs.probing import TickRecords
+from palpate.sim_backend.emulators import Fault, FaultKind, Faults
+from palpate.sim_backend.emulators.wiring import WiredArm, wire_up
+from palpate.sim_backend.scenario import load_scenario
+
+ROBOTS = Path(__file__).parents[1] / "robots"
+SPEEDS_M_S = {"so101": 0.03}  # what its servos can follow; the others probe at 0.1 m/s
+KINDS = (
+    FaultKind.DROP,
+    FaultKind.DELAY,
+    FaultKind.DUPLICATE,
+    FaultKind.CORRUPT,
+    FaultKind.LOSE,
+    FaultKind.REBOOT,
+)
+ON_BYTES_ONLY = {FaultKind.LOSE}  # no CAN frame survives it
+FAULTY = 0.7  # of the runs
+LATEST_S = 8.0  # after the start of a run
+TOLERANCE_RAD, TOLERANCE_N = (
+    0.02,
+    2.0,
+)  # 1 % of the sensor's capacity is believed, and what it moves meanwhile
+SETTLED_S = 0.05  # from the start: the plant is not yet known at the time of the first samples
+
+
+class TruthLog:
+    """What was true of late, for a sample to be held against."""
+
+    def __init__(self, arm: WiredArm) -> None:
+        self._plant = arm.plant
+        self._times_s: deque[float] = deque(maxlen=400)
+        self._values: deque[np.ndarray] = deque(maxlen=400)
+        self.wrong: list[str] = []
+        self.checked = 0
+
+    def check(self, measurement: Measurement, output: TaskOutput) -> Estimates:
+        """Note what is true now, and hold what is served as OK against what was; estimates nothing."""
+        truth = self._plant.world.truth()
+        self._times_s.append(truth.time_s)
+        self._values.append(np.append(truth.joint_position_rad, self._plant.force[0]))
+        if len(self._times_s) < 3 or truth.time_s - self._times_s[0] < SETTLED_S:
+            return NO_ESTIMATE
+        if measurement.encoder_status is Status.OK:
+            true = self._at(measurement.encoder_at_s)[:-1]
+            self._compare("position", measurement.joint_position_rad, true, TOLERANCE_RAD)
+        if measurement.force_status is Status.OK:
+            self._compare("force", measurement.force_n, self._at(measurement.force_at_s)[-1], TOLERANCE_N)
+        return NO_ESTIMATE
+
+    def _at(self, time_s: float) -> np.ndarray:
+        times_s = list(self._times_s)
+        later = bisect_left(times_s, time_s)
+        near = slice(max(later - 2, 0), later + 2)
+        columns = np.transpose(list(self._values)[near])
+        return np.array([np.interp(time_s, times_s[near], column) for column in columns])
+
+    def _compare(self, name: str, served: object, true: object, tolerance: float) -> None:
+        self.checked += 1
+        off = float(np.max(np.abs(np.asarray(served) - np.asarray(true))))
+        if not off < tolerance:
+            self.wrong.append(f"{name} at {self._times_s[-1]:.3f} s is off by {off:.3g}")
+
+
+@dataclass
+class Tally:
+    """What came of all runs."""
+
+    simulated_s: float = 0.0
+    runs: Counter[str] = field(default_factory=Counter)
+    struck: Counter[str] = field(default_factory=Counter)
+    checked: int = 0
+    trouble: list[str] = field(default_factory=list)
+
+
+def faults_of(bus_driver: str, rng: np.random.Generator) -> list[Fault]:
+    """Up to three faults of one bus at random times."""
+    on_can = "can" in bus_driver
+    kinds = [kind for kind in KINDS if not (on_can and kind in ON_BYTES_ONLY)]
+    faults = []
+    for _ in range(int(rng.integers(0, 4))):
+        kind = kinds[int(rng.integers(len(kinds)))]
+        details = {"from_s": float(rng.uniform(0.0, LATEST_S)), "times": int(rng.integers(1, 30))}
+        if kind in (FaultKind.DELAY, FaultKind.REBOOT):
+            details["delay_s"] = float(10.0 ** rng.uniform(-3.0, -0.5))
+        faults.append(Fault(kind=kind, probability=float(rng.uniform(0.02, 1.0)), **details))
+    return faults
+
+
+def probe(name: str, rng: np.random.Generator, tally: Tally) -> None:
+    """One probing run of a robot."""
+    robot_file, clock = load_robot_file(ROBOTS / f"{name}.yaml"), SimulatedClock()
+    seed = int(rng.integers(2**32))
+    faulty = rng.random() < FAULTY
+    planned = {
+        bus: faults_of(section.driver, rng) if faulty else [] for bus, section in robot_file.buses.items()
+    }
+    faults = {bus: Faults(some, seed=seed, start_s=clock.now_s()) for bus, some in planned.items()}
+    arm = wire_up(robot_file, load_scenario("default"), clock, faults)
+    truth = TruthLog(arm)
+    plan = ProbingPlan(speeds_m_s=(SPEEDS_M_S.get(name, 0.1),), hold_s=0.5)
+    begun_s, cause = clock.now_s(), ""
+    try:
+        with build_robot(arm.robot_file, DriverCatalogue(), clock) as robot:
+            guard = Guard(robot_file.limits, robot_file.safe_state, robot_file.joint_count)
+            task = ProbingTask.from_robot_file(robot_file, plan)
+            result = run_loop(
+                robot,
+                guard,
+                task,
+                clock,
+                TickRecords(),
+                rate_hz=robot_file.control_rate_hz,
+                observer=truth.check,
+            )
+        outcome, cause = result.outcome.value, result.cause
+        if result.observer_error:
+            tally.trouble.append(f"{name}, seed {seed}: {result.observer_error}")
+    except PalpateError as error:
+        outcome, cause = "refused", str(error)
+    finally:
+        arm.bench.close()
+    struck = [
+        fault.kind.value
+        for bus, some in planned.items()
+        for fault in some
+        if begun_s + fault.from_s < clock.now_s()
+    ]
+    tally.simulated_s += clock.now_s() - begun_s
+    tally.runs[outcome] += 1
+    tally.struck.update(struck)
+    tally.checked += truth.checked
+    tally.trouble += [f"{name}, seed {seed}: {wrong}, after {', '.join(struck)}" for wrong in truth.wrong[:1]]
+    if outcome != Outcome.FINISHED.value and not struck:
+        tally.trouble.append(f"{name}, seed {seed}: {outcome} without a fault: {cause}")
+
+
+def resident_mb() -> float:
+    """Memory of this process [MB]."""
+    gc.collect()
+    pages = int(Path("/proc/self/statm").read_text(encoding="utf-8").split()[1])
+    return pages * 4096 / 1e6
+
+
+def main() -> None:
+    """Probe for the time asked for."""
+    known = sorted(path.stem for path in ROBOTS.glob("*.yaml") if ".dh" not in path.name)
+    parser = arguments(__doc__)
+    parser.add_argument("--hours", type=float, default=8.0, help="of simulated time")
+    parser.add_argument("--seed", type=int, default=0)
+    parser.add_argument("--robot", choices=known, help="this one only")
+    options = parser.parse_args()
+    names = [options.robot] if options.robot else known
+    rng, tally = np.random.default_rng(options.seed), Tally()
+    limit_s, told_s, memory_mb, started_s = 3600.0 * options.hours, 0.0, [], time.perf_counter()
+    number = 0
+    while tally.simulated_s < limit_s:
+        probe(names[number % len(names)], rng, tally)
+        number += 1
+        if tally.simulated_s - told_s > limit_s / 20.0:
+            told_s = tally.simulated_s
+            memory_mb.append(resident_mb())
+            print(f"{told_s / 3600:.2f} h, {dict(tally.runs)}, {memory_mb[-1]:.0f} MB", flush=True)
+    steady = memory_mb[2:] or memory_mb
+    print(
+        f"{tally.simulated_s / 3600:.2f} h in {number} runs: {dict(tally.runs)}; faults begun: "
+        f"{dict(tally.struck)}; {tally.checked} values served as OK were checked; "
+        f"{tally.simulated_s / (time.perf_counter() - started_s):.1f} times real time"
+    )
+    print(
+        f"memory: {steady[0]:.1f} to {steady[-1]:.1f} MB ({100 * (steady[-1] / steady[0] - 1):+.1f} %) after "
+        "the first tenth"
+    )
+    print("\n".join(tally.trouble) or "no wrong value, and every stop had a fault before it")
+
+
+if __name__ == "__main__":
+    main()
