@@ -107,18 +107,23 @@ def new_rows(columns: Columns) -> BoolArray | None:
     """Mask the rows (n,) that repeat no earlier row, if such repeats alone make the clock go back; else None.
 
     A logger that writes its buffer twice makes them: the same samples again, with the same times. Rows that
-    differ in any column, such as the name of a specimen, are no repeats.
+    differ in any column, such as the name of a specimen, are no repeats. A clock that goes back to where it
+    began does not count, since it begins a run, which may repeat another.
 
     Args:
-        columns: of the table.
+        columns: columns of the table.
     """
-    if TIME not in columns or columns.run is not None or not np.any(np.diff(columns.values(TIME)) < 0.0):
+    if TIME not in columns or columns.run is not None:
+        return None
+    time_s = columns.values(TIME)
+    again_s = time_s[1:][np.diff(time_s) < 0.0]
+    if len(again_s) == 0 or again_s.min() <= time_s[0]:
         return None
     table = columns.table
     values = np.column_stack([table.labels(name)[1] for name in table.names])
     new = np.zeros(len(values), dtype=np.bool_)
     new[np.unique(values, axis=0, return_index=True)[1]] = True
-    goes_on = bool(np.all(np.diff(columns.values(TIME)[new]) >= 0.0))
+    goes_on = bool(np.all(np.diff(time_s[new]) >= 0.0))
     return new if goes_on and not new.all() else None
 
 

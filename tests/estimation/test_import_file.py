@@ -458,6 +458,13 @@ def test_rows_that_a_logger_wrote_twice_are_left_out_and_counted(contact):
         import_file(contact(**columns))
 
 
+def test_a_simulated_run_that_repeats_another_exactly_is_a_run(contact):
+    columns = {"time_s": T, "displacement_m": X, "force_N": F}
+    imported = import_file(contact(**{name: np.tile(values, 3) for name, values in columns.items()}))
+    assert len(only(imported).runs) == 3
+    np.testing.assert_array_equal(only(imported).effort, np.tile(F, 3))
+
+
 @pytest.mark.parametrize(
     ("changed", "words"),
     [
