@@ -289,8 +289,11 @@ def _orient_signs(
     if turned:
         keep = " ".join(f"--unit {key[0]}=1{assigned[key].unit}" for key in turned)
         are, signs = ("are", "their signs are") if len(turned) > 1 else ("is", "its sign is")
-        names = " and ".join(map(repr, turned.values()))
-        notes = [f"{names} {are} negative in compression: {signs} reversed; {keep} prevents this"]
+        reason = f"{' and '.join(map(repr, turned.values()))} {are} negative in compression"
+        if sides.never_free:  # a stretched element is never compressed
+            reason = f"'{force.column}' and '{way.column}' count in opposite directions"
+            signs = f"the sign of '{force.column}' is"
+        notes = [f"{reason}: {signs} reversed; {keep} prevents this"]
     if sides.zero_m and not kept:
         result[DISPLACEMENT] = replace(result[DISPLACEMENT], zero=sides.zero_m)
         notes.append(
@@ -304,10 +307,16 @@ def _orient_signs(
     names, quoted = f"'{way.column}' and '{force.column}' take both signs", shlex.quote(way.column)
     contact = f"--column displacement={quoted} makes a contact of it"
     if sides.springy or is_named or POSITION in assigned:
-        names += ", with the same sign at the same time"
-        names = f"'{force.column}' rests at no displacement" if sides.never_free else names
-        notes.append(f"{names}: an element that pulls as well as pushes, without a surface")
-        notes += [] if sides.never_free else [f"{contact}, --column position={quoted} a linear axis"]
+        if sides.never_free:
+            notes.append(
+                f"'{force.column}' settles at no displacement, so that none is free air: taken for an "
+                "element that is held at both ends, without a surface"
+            )
+        else:
+            notes.append(
+                f"{names}, with the same sign at the same time: taken for an element that pulls as well as "
+                f"pushes, without a surface; {contact}, --column position={quoted} a linear axis"
+            )
         return result, True, "; ".join(notes)
     notes.append(f"{names}, but not at the same time, as with a damper: taken for a linear axis; {contact}")
     result = {POSITION if key == DISPLACEMENT else key: source for key, source in result.items()}

@@ -155,7 +155,7 @@ def checklist(data: ChannelData, model: Model | None = None) -> dict[str, str]:
 
 def _warnings(data: ChannelData, model: Model | None) -> Iterator[tuple[str, str]]:
     """Yield warnings with the kind of check that each belongs to."""
-    if len(data) < LEAST_SAMPLES or _corrupted(data):
+    if len(data) < LEAST_SAMPLES or _corrupted(data) or unchanging(data):
         return
     if copies := copied_runs(data):
         yield "enough", copied(copies)
@@ -318,7 +318,7 @@ def _check_blocks(data: ChannelData, good: BoolArray) -> str | None:
     if not blocked.can_hold_out:
         if not good.all() and block_average(data).can_hold_out:
             return (
-                f"{np.count_nonzero(~good)} readings that are excluded, such as isolated ones far off their "
+                f"excluded readings ({np.count_nonzero(~good)}), such as isolated ones far off their "
                 "neighbors, leave at most one run to fit to; remove such rows, or record more runs"
             )
         return "at most one run has motion, so no run can be held out; record more runs"

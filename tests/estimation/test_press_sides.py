@@ -264,7 +264,9 @@ def test_a_stretched_fibre_that_relaxes_is_held_at_both_ends(sign):
     )
     (channel,) = found.channels
     assert channel.engaged.all()
-    assert "'force_N' rests at no displacement" in found.notes[0]
+    assert "'force_N' settles at no displacement" in found.notes[0]
+    assert "compression" not in found.notes[0]  # nothing is compressed
+    assert ("the sign of 'force_N' is reversed; --unit force=1N" in found.notes[0]) == (sign < 0.0)
     assert reject_reason(channel) is None
     np.testing.assert_allclose(channel.effort, RELAXING)  # a spring from the gap's zero on has this sign
 

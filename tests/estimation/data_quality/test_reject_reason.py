@@ -111,7 +111,7 @@ REJECTED = {
     "fewer than two runs have": lambda: replace(DATA, **SHORT_RUNS, run=COUNT // 8),
     "runs last": lambda: replace(DATA, run=COUNT // 8),
     "at most one run has motion": lambda: moving_in_one_run(phase=1),
-    "200 readings that are excluded": glitch_in_each_block,
+    "excluded readings (200)": glitch_in_each_block,
     f"{-(-len(DATA) // 60)} readings of the effort stand far off their neighbors, such as -9999 N": lambda: (
         replace(DATA, effort=np.where(COUNT % 60 == 0, -9999.0, F))
     ),
@@ -127,6 +127,13 @@ REJECTED = {
 @pytest.mark.parametrize("words", REJECTED)
 def test_what_cannot_be_computed_is_rejected_with_a_remedy(words):
     assert words in reject_reason(REJECTED[words]())
+
+
+@pytest.mark.parametrize("still", ["position", "effort"])
+def test_nothing_more_is_said_of_a_signal_that_never_changes(still):
+    data = replace(DATA, **{still: np.full(len(DATA), 2.0)})
+    assert reject_reason(data) == f"the {still} never changes; check the sensor and the column"
+    assert quality_warnings(data) == []
 
 
 def in_millimetres():
