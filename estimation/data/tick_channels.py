@@ -221,6 +221,7 @@ def joint_channels(ticks: Samples, known: FloatArray | None = None) -> tuple[Cha
             begun_s, ended_s = time_s[rows[[0, -1]]]
             near = (time_s > begun_s - _BESIDE_S) & (time_s < ended_s + _BESIDE_S)
             kept &= ~(near & (chosen["run"] == contact.run))
+    phase = chosen["phase"].astype(np.int64)
     channels = (
         ChannelData(
             f"joint_{joint + 1}",
@@ -229,7 +230,7 @@ def joint_channels(ticks: Samples, known: FloatArray | None = None) -> tuple[Cha
             *motion,
             torque[:, joint],
             run,
-            chosen["phase"].astype(np.int64),
+            phase,
             context,
         )
         for joint, motion in enumerate(motions)
