@@ -178,10 +178,10 @@ class _Scanner:
         while place + _RECORD.size <= self._size:
             self._file.seek(place)
             opcode, length = _RECORD.unpack(self._file.read(_RECORD.size))
-            if opcode == Opcode.CHUNK and length >= _CHUNK_SIZES.size:
+            place += _RECORD.size + length
+            if opcode == Opcode.CHUNK and length >= _CHUNK_SIZES.size and place <= self._size:
                 *_, size = _CHUNK_SIZES.unpack(self._file.read(_CHUNK_SIZES.size))
                 unpacked += min(size, MAX_CHUNK_BYTES)
-            place += _RECORD.size + length
         self._file.seek(here)
         chosen, most = formats(self.content.metadata.get(HEADER_RECORD, {})), min(unpacked, self._bytes_left)
         self.content.decoded = {topic: Decoder(wire, most) for topic, wire in chosen.items()}

@@ -189,6 +189,17 @@ def test_a_file_cut_off_anywhere_gives_what_came_before(tmp_path, whole, data):
     assert lost <= 1500 * (len(whole) - length) / len(whole) + 2 * CHUNK_BYTES / TICK.dtype.itemsize
 
 
+@pytest.mark.parametrize("kept", [0, 1, 23])
+def test_a_file_cut_off_in_the_first_bytes_of_a_chunk_gives_the_chunks_before(tmp_path, whole, kept):
+    summary = make_reader(BytesIO(whole)).get_summary()
+    third = sorted(index.chunk_start_offset for index in summary.chunk_indexes)[2]
+    path = tmp_path / "s.mcap"
+    path.write_bytes(whole[: third + 1 + 8 + kept])  # behind the opcode and the length of the record
+    samples = Session.open(path).samples("tick")
+    assert_ticks(samples, range(len(samples)))
+    assert len(samples) > 100
+
+
 @within_one_folder
 @given(st.data())
 def test_a_damaged_file_is_refused_or_not_changed_in_what_is_read(tmp_path, whole, data):
