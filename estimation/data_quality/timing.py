@@ -5,6 +5,7 @@ import scipy
 from numpy.lib.stride_tricks import sliding_window_view
 
 from palpate.estimation.channel import ChannelData, ChannelKind
+from palpate.estimation.data.derivatives import grid_step
 from palpate.estimation.model import Model
 from palpate.estimation.signals.blocks import blocks
 from palpate.estimation.signals.runwise import is_even, sample_time, shift
@@ -23,7 +24,8 @@ _NEIGHBOURS = 5  # steps on either side that determine the local speed
 _FAST = 0.3  # least step, relative to the usual largest, at which a jump stands out from noise
 _REGULAR = 0.15  # largest median difference between neighboring steps, relative to a step
 _JUMPS = 1.7  # ratio to neighboring steps from which a step is a jump
-_MOST_JUMPS = 0.1  # share of steps; more jumps belong to the motion
+_MOST_JUMPS = 0.1  # share of steps; more jumps belong to the motion or to an encoder's steps
+_FINE, _MOST_FINE = 4.0, 0.25  # steps of the encoder in one of the motion, above which more may be jumps
 _FEWEST_JUMPS = 3
 _WHOLE, _MOSTLY = 0.25, 0.8  # deviation of a jump from whole steps, and share of the jumps within it
 
@@ -107,7 +109,9 @@ def lost_rows(data: ChannelData) -> str | None:
     ratio = steps[fast] / usual[fast]
     jumps = ratio > _JUMPS
     regular = float(np.median(np.abs(ratio - 1.0))) < _REGULAR
-    if not regular or np.sum(jumps) < _FEWEST_JUMPS or np.mean(jumps) > _MOST_JUMPS:
+    is_fine = float(np.median(np.abs(usual[fast]))) > _FINE * grid_step(data.position)
+    most = _MOST_FINE if is_fine else _MOST_JUMPS
+    if not regular or np.sum(jumps) < _FEWEST_JUMPS or np.mean(jumps) > most:
         return None
     if np.sum(ratio < 2.0 - _JUMPS) > _MOST_JUMPS * np.sum(jumps):  # noise has as many short steps
         return None

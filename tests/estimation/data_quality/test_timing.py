@@ -71,7 +71,7 @@ def without_rows(data, share, seed=1):
     return with_motion(left, left.position, time_s)
 
 
-@pytest.mark.parametrize("share", [0.01, 0.03, 0.08])
+@pytest.mark.parametrize("share", [0.01, 0.03, 0.08, 0.12, 0.16])
 def test_lost_rows_show_as_jumps_of_the_motion(share):
     data = without_rows(session(3), share)
     told = lost_rows(data)
@@ -91,7 +91,7 @@ def test_a_noisy_motion_does_not_jump(noise_m):
     assert lost_rows(with_motion(data, noisy)) is None
 
 
-@pytest.mark.parametrize("step_m", [1e-5, 1e-4])
+@pytest.mark.parametrize("step_m", [1e-6, 3e-6, 1e-5, 2e-5, 5e-5, 8e-5, 1e-4])
 def test_the_steps_of_an_encoder_are_no_jumps(step_m):
     data = session(3)
     assert lost_rows(with_motion(data, step_m * np.round(data.position / step_m))) is None
