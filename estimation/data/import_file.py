@@ -53,6 +53,8 @@ _OF_SPECIMENS = (
     "--fresh-runs says that each run met a fresh one"
 )
 _DEFAULT = ImportOptions()
+_DRIVEN = frozenset({ChannelKind.REVOLUTE, ChannelKind.PRISMATIC})
+_CERTAIN = 0.5  # correlation of effort and velocity, beyond which the effort's sign is certain
 
 
 @dataclass(frozen=True)
@@ -136,6 +138,7 @@ def import_table(table: Table, options: ImportOptions = _DEFAULT) -> Imported:
         )
     notes += _note_specimens(columns, rows, options)
     channels = [_make_channel(source, columns, rows, notes) for source in sources]
+    channels = _turn_reactions(channels, sources, columns, ColumnUnits(table, options), notes)
     context = {signal: columns.table.numbers(name)[rows.order] for signal, name in signals.items()}
     channels = [replace(channel, context=context, recorded=frozenset(context)) for channel in channels]
     unused = tuple(n for n in columns.unused if n not in options.context and _signal_name(n) not in _TAKEN)
@@ -415,6 +418,74 @@ def _make_channel(source: _Source, columns: Columns, rows: Rows, notes: list[str
         phase,
         touching=both_ways,
     )
+
+
+def _turn_reactions(
+    channels: Sequence[ChannelData],
+    sources: Sequence[_Source],
+    columns: Columns,
+    units: ColumnUnits,
+    notes: list[str],
+) -> list[ChannelData]:
+    """Reverse the efforts of joints if they are reactions to the drive, and append a note.
+
+    All joints of a file are turned if the sign of some is certain and no other one contradicts. A unit with a
+    number, such as 1Nm, prevents it.
+    """
+    power = {
+        channel.name: _passive_power(channel.position, channel.velocity, channel.acceleration, channel.effort)
+        for channel in channels
+        if channel.kind in _DRIVEN
+    }
+    if min(power.values(), default=0.0) > -_CERTAIN:
+        return list(channels)
+    is_mixed = max(power.values()) > _CERTAIN
+    turned: dict[str, ChannelData] = {}
+    for channel, source in zip(channels, sources, strict=True):
+        role = Role(*source.effort, "", columns.shift)
+        is_turned = channel.name in power and (not is_mixed or power[channel.name] < -_CERTAIN)
+        if is_turned and not units.is_scaled_by_user(role, columns.name(source.effort)):
+            turned[columns.name(source.effort)] = replace(channel, effort=-channel.effort)
+    if turned:
+        names, unit = ", ".join(map(repr, turned)), columns.assigned[sources[0].effort].unit
+        notes.append(
+            f"{names} opposes the velocity, as the reaction to a drive does: the sign is reversed; "
+            f"--unit {sources[0].effort[0]}=1{unit} prevents this"
+        )
+    return [
+        turned.get(columns.name(source.effort), channel)
+        for channel, source in zip(channels, sources, strict=True)
+    ]
+
+
+def _passive_power(
+    position: FloatArray, velocity: FloatArray, acceleration: FloatArray, effort: FloatArray
+) -> float:
+    """Correlate the velocity of a joint with what neither position nor inertia explains of its effort.
+
+    A joint takes up the energy of the drive that moves it, so that this is positive for the drive's effort
+    and negative for the reaction to it. It is zero if the sign is uncertain: a positive inertia explains more
+    of the effort than a negative damping does, as where the effort is read earlier than the motion.
+
+    Args:
+        position: shape (n,) [rad or m].
+        velocity: shape (n,) [rad/s or m/s].
+        acceleration: shape (n,) [rad/s^2 or m/s^2].
+        effort: shape (n,) [N m or N].
+
+    Returns:
+        A number from -1 to 1.
+    """
+    place = (position - position.mean()) / (float(np.ptp(position)) or 1.0)
+    columns = np.column_stack([place**power for power in range(4)])
+    signals = np.column_stack([effort, velocity, acceleration])
+    effort, velocity, acceleration = (signals - columns @ np.linalg.lstsq(columns, signals, rcond=None)[0]).T
+    motion = np.column_stack([velocity, acceleration])
+    damping, inertia = np.linalg.lstsq(motion, effort, rcond=None)[0] * motion.std(axis=0)
+    if damping < 0.0 and inertia > -damping:
+        return 0.0
+    beside = effort - inertia / (acceleration.std() or 1.0) * acceleration
+    return correlation_coefficient(velocity, beside)
 
 
 def _file_derivative(  # noqa: PLR0917

@@ -441,6 +441,46 @@ def test_rows_without_a_value_are_left_out_and_counted(contact, mark):
     assert "2 of 50 rows left out: no value in 'force_N', the first in line 18" in imported.notes
 
 
+def swung(sign, friction=0.3, delay=0):
+    """A joint that swings in sweeps, with inertia, a spring and friction; the effort may come early."""
+    t = np.arange(4000) * 0.005
+    phase = 2.0 * t + 0.2 * t**2
+    q, v = 0.4 * np.sin(phase), 0.4 * np.cos(phase) * (2.0 + 0.4 * t)
+    a = -0.4 * np.sin(phase) * (2.0 + 0.4 * t) ** 2 + 0.16 * np.cos(phase)
+    torque = 0.02 * a + 0.5 * q + friction * np.sign(v)
+    torque += np.random.default_rng(0).normal(0.0, 0.02, len(t))
+    return {"time_s": t, "position_rad": q, "torque_Nm": sign * np.roll(torque, -delay)}
+
+
+def read_swing(tmp_path, options=None, **swing):
+    return import_file(write_csv(tmp_path / "swing.csv", swung(**swing)), options or ImportOptions())
+
+
+def test_a_torque_that_opposes_the_velocity_is_a_reaction(tmp_path):
+    imported, reaction = (read_swing(tmp_path, sign=sign) for sign in (1.0, -1.0))
+    np.testing.assert_array_equal(only(reaction).effort, only(imported).effort)
+    assert not any("opposes" in note for note in imported.notes)
+    assert "'torque_Nm' opposes the velocity" in reaction.notes[-1]
+    kept = read_swing(tmp_path, ImportOptions(units={"torque": "1Nm"}), sign=-1.0)
+    np.testing.assert_array_equal(only(kept).effort, -only(imported).effort)
+
+
+def test_a_torque_that_is_read_early_is_no_reaction(tmp_path):
+    """An inertia's effort before its motion looks like a negative damping."""
+    imported = read_swing(tmp_path, sign=1.0, friction=0.0, delay=8)
+    assert not any("opposes" in note for note in imported.notes)
+
+
+def test_one_joint_with_a_clear_sign_turns_those_without_one(tmp_path):
+    first, second = swung(sign=-1.0), swung(sign=-1.0, friction=0.0)
+    columns = {"time_s": first["time_s"]}
+    for number, joint in ((1, first), (2, second)):
+        columns |= {f"joint_{number}_{name}": joint[name] for name in ("position_rad", "torque_Nm")}
+    channels = import_file(write_csv(tmp_path / "arm.csv", columns)).channels
+    for channel, joint in zip(channels, (first, second), strict=True):
+        np.testing.assert_allclose(channel.effort, -joint["torque_Nm"])
+
+
 def test_rows_that_repeat_a_time_are_left_out_and_counted(contact):
     imported = import_file(contact(time_s=np.where(np.arange(50) == 20, T[19], T)))
     np.testing.assert_array_equal(imported.channels[0].effort, np.delete(F, 20))

@@ -34,7 +34,7 @@ int32 sec
 uint32 nanosec"""
 T = np.arange(400) * 0.005
 Q = np.column_stack([np.sin(5 * T), np.cos(3 * T)])
-TORQUE = np.column_stack([np.cos(5 * T), np.sin(3 * T)])
+TORQUE = np.column_stack([np.cos(5 * T), -np.sin(3 * T)])  # of two dampers
 
 
 def assert_are_the_joints(channels, time_s=None):
