@@ -176,7 +176,7 @@ def probed(folder, robot, hidden, name):
     scenario = load_scenario({"seed": 5, "hidden": hidden})
     plan = ProbingPlan(speeds_m_s=[0.1], hold_s=0.3)
     run_probing(ProbingJob(robot, folder / name, plan, scenario=scenario, online=None)).raise_for_failure()
-    found = estimate_with(open_source(folder / name).tared()[0], "kelvin_voigt", ["lsq"])
+    found = estimate_with(open_source(folder / name).tared(["contact"])[0], "kelvin_voigt", ["lsq"])
     return next(
         parameter.value for parameter in found.estimates[0].parameters if parameter.name == "stiffness.k"
     )

@@ -100,7 +100,7 @@ def test_history_is_seen_by_a_hold_a_return_or_another_speed_alone(runs, seen):
     time_s, x, run = map(np.concatenate, zip(*parts, strict=True))
     assert is_one_speed(time_s, x, run) is not seen
     zeros = np.zeros(len(x))
-    data = ChannelData("contact", ChannelKind.CONTACT, time_s, x, zeros, zeros, zeros, run, run - run - 1)
+    data = ChannelData("contact", ChannelKind.CONTACT, time_s, x, zeros, zeros, 1e3 * x, run, run - run - 1)
     names = ["stress_relaxation", "power_law_stiffness", "hysteresis", "dry_friction", "hunt_crossley"]
     names.append("deadband")
     tried = [effect.name for effect in applicable_effects(data, MODEL, [EFFECTS[name]() for name in names])]
@@ -123,7 +123,9 @@ def test_dependence_on_the_rate_is_seen_at_two_speeds_alone(speeds, seen):
         parts.append((t + 100.0 * number, x, np.full(len(t), number)))
     time_s, x, run = map(np.concatenate, zip(*parts, strict=True))
     velocity, zeros = np.gradient(x, time_s), np.zeros(len(x))
-    data = ChannelData("contact", ChannelKind.CONTACT, time_s, x, velocity, zeros, zeros, run, run - run - 1)
+    data = ChannelData(
+        "contact", ChannelKind.CONTACT, time_s, x, velocity, zeros, 1e3 * x, run, run - run - 1
+    )
     tried = {
         e.name
         for e in applicable_effects(data, MODEL, [EFFECTS["hunt_crossley"](), EFFECTS["dry_friction"]()])

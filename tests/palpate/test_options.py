@@ -48,7 +48,7 @@ def test_an_option_for_data_files_is_refused_for_a_session(tmp_path):
 def test_runs_of_a_session_are_chosen_as_those_of_its_data_file(hardening, tmp_path):
     assert run("import", hardening, "-o", tmp_path / "x.mcap").exit_code == 0
     few, all_runs = open_source(tmp_path / "x.mcap", WHERE), open_source(tmp_path / "x.mcap")
-    assert few.channels[0].runs.tolist() == few.tared()[0].runs.tolist() == [0, 2]
+    assert few.channels[0].runs.tolist() == few.tared(["contact"])[0].runs.tolist() == [0, 2]
     assert len(open_source(hardening, WHERE).channels[0]) == len(few.channels[0]) < len(all_runs.channels[0])
     refused = run("diagnose", tmp_path / "x.mcap", "--where", "run=0,77")
     assert_refused(refused, "--where run=0,77", "There are: 0, 1")
