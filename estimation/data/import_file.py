@@ -138,7 +138,8 @@ def import_table(table: Table, options: ImportOptions = _DEFAULT) -> Imported:
         )
     notes += _note_specimens(columns, rows, options)
     channels = [_make_channel(source, columns, rows, notes) for source in sources]
-    channels = _turn_reactions(channels, sources, columns, ColumnUnits(table, options), notes)
+    channels, turned = _turn_reactions(channels, sources, columns, ColumnUnits(table, options))
+    notes += [turned] if turned else []
     context = {signal: columns.table.numbers(name)[rows.order] for signal, name in signals.items()}
     channels = [replace(channel, context=context, recorded=frozenset(context)) for channel in channels]
     unused = tuple(n for n in columns.unused if n not in options.context and _signal_name(n) not in _TAKEN)
@@ -421,16 +422,15 @@ def _make_channel(source: _Source, columns: Columns, rows: Rows, notes: list[str
 
 
 def _turn_reactions(
-    channels: Sequence[ChannelData],
-    sources: Sequence[_Source],
-    columns: Columns,
-    units: ColumnUnits,
-    notes: list[str],
-) -> list[ChannelData]:
-    """Reverse the efforts of joints if they are reactions to the drive, and append a note.
+    channels: Sequence[ChannelData], sources: Sequence[_Source], columns: Columns, units: ColumnUnits
+) -> tuple[list[ChannelData], str]:
+    """Reverse the efforts of joints if they are reactions to the drive.
 
     All joints of a file are turned if the sign of some is certain and no other one contradicts. A unit with a
     number, such as 1Nm, prevents it.
+
+    Returns:
+        The channels, and a note or nothing.
     """
     power = {
         channel.name: _passive_power(channel.position, channel.velocity, channel.acceleration, channel.effort)
@@ -438,24 +438,24 @@ def _turn_reactions(
         if channel.kind in _DRIVEN
     }
     if min(power.values(), default=0.0) > -_CERTAIN:
-        return list(channels)
+        return list(channels), ""
     is_mixed = max(power.values()) > _CERTAIN
-    turned: dict[str, ChannelData] = {}
-    for channel, source in zip(channels, sources, strict=True):
-        role = Role(*source.effort, "", columns.shift)
-        is_turned = channel.name in power and (not is_mixed or power[channel.name] < -_CERTAIN)
-        if is_turned and not units.is_scaled_by_user(role, columns.name(source.effort)):
-            turned[columns.name(source.effort)] = replace(channel, effort=-channel.effort)
-    if turned:
-        names, unit = ", ".join(map(repr, turned)), columns.assigned[sources[0].effort].unit
-        notes.append(
-            f"{names} opposes the velocity, as the reaction to a drive does: the sign is reversed; "
-            f"--unit {sources[0].effort[0]}=1{unit} prevents this"
-        )
-    return [
-        turned.get(columns.name(source.effort), channel)
-        for channel, source in zip(channels, sources, strict=True)
-    ]
+    turned = {
+        source.name: columns.assigned[source.effort]
+        for source in sources
+        if source.name in power
+        and (not is_mixed or power[source.name] < -_CERTAIN)
+        and not units.is_scaled_by_user(Role(*source.effort, "", columns.shift), columns.name(source.effort))
+    }
+    if not turned:
+        return list(channels), ""
+    names = ", ".join(f"'{effort.column}'" for effort in turned.values())
+    units_kept = (f"--unit {s.effort[0]}=1{turned[s.name].unit}" for s in sources if s.name in turned)
+    keep = " ".join(dict.fromkeys(units_kept))
+    opposes, signs = ("opposes", "its sign is") if len(turned) == 1 else ("oppose", "their signs are")
+    note = f"{names} {opposes} the velocity, as the reaction to a drive does: {signs} reversed; "
+    note += f"{keep} prevents this"
+    return [replace(c, effort=-c.effort) if c.name in turned else c for c in channels], note
 
 
 def _passive_power(
@@ -466,6 +466,8 @@ def _passive_power(
     A joint takes up the energy of the drive that moves it, so that this is positive for the drive's effort
     and negative for the reaction to it. It is zero if the sign is uncertain: a positive inertia explains more
     of the effort than a negative damping does, as where the effort is read earlier than the motion.
+
+    Source: J. C. Willems, Arch. Rational Mech. Anal. 45 (1972), dissipative systems.
 
     Args:
         position: shape (n,) [rad or m].

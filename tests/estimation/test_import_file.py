@@ -476,9 +476,14 @@ def test_one_joint_with_a_clear_sign_turns_those_without_one(tmp_path):
     columns = {"time_s": first["time_s"]}
     for number, joint in ((1, first), (2, second)):
         columns |= {f"joint_{number}_{name}": joint[name] for name in ("position_rad", "torque_Nm")}
-    channels = import_file(write_csv(tmp_path / "arm.csv", columns)).channels
-    for channel, joint in zip(channels, (first, second), strict=True):
+    file = write_csv(tmp_path / "arm.csv", columns)
+    imported = import_file(file)
+    for channel, joint in zip(imported.channels, (first, second), strict=True):
         np.testing.assert_allclose(channel.effort, -joint["torque_Nm"])
+    assert "their signs are reversed; --unit torque=1Nm prevents this" in imported.notes[-1]
+    kept = import_file(file, ImportOptions(units={"torque": "1Nm"}))
+    for channel, joint in zip(kept.channels, (first, second), strict=True):
+        np.testing.assert_allclose(channel.effort, joint["torque_Nm"])
 
 
 def test_rows_that_repeat_a_time_are_left_out_and_counted(contact):
