@@ -65,6 +65,14 @@ def test_the_kind_of_what_was_left_out_comes_first(data, model, by, kind):
     assert f": {kind.word} " in compared.words[-1]
 
 
+def test_kinds_that_explain_about_as_much_are_named_beside_a_share():
+    """A force that hardly grows with the speed passes for friction."""
+    data = presses(lambda x, v: 500 * x + 5 * v + 0.8 * np.abs(v) ** 0.3 * np.sign(v))
+    compared = ModelStudy(data, "kelvin_voigt").compare().channels[0]
+    assert compared.kinds[0].replaceable_by == (Kind.FRICTION,)
+    assert compared.words[-1].endswith("% (or friction).")
+
+
 def test_what_rubs_pushes_back_on_the_way_in_and_holds_back_on_the_way_out():
     data = presses(lambda x, v: 400 * x + 6 * v + 0.3 * np.tanh(v / 0.0005))
     compared = ModelStudy(data, "kelvin_voigt").compare().channels[0]
