@@ -127,8 +127,9 @@ def no_contact(data: ChannelData) -> str | None:
     depth, until = np.where(pressed, data.position, 0.0), int(np.argmax(np.abs(data.effort))) + 1
     falls = correlation_coefficient(depth, data.effort)
     tears = correlation_coefficient(depth[:until], data.effort[:until]) > -_FALLS  # it rises until then
-    pulls = float(depth @ (data.effort - level)) < 0.0  # a spring from the surface on would be negative
-    if pulls and falls < _FALLS and not tears and misaligned(data) is None:
+    # A spring from the surface on has a negative stiffness.
+    is_negative = float(depth @ (data.effort - level)) < 0.0
+    if is_negative and falls < _FALLS and not tears and misaligned(data) is None:
         return (
             f"force falls with depth (correlation {falls:.2f}); check the sign of force and displacement: "
             "--unit force=-1N turns the force"

@@ -182,7 +182,7 @@ def _open(path: Path) -> IO[bytes]:
 
 
 def _formats(header: Mapping[str, str]) -> dict[str, WireFormat]:
-    """Formats of the streams in a header; none where it is not valid, which is said once all was read."""
+    """Return the format of each stream in a header; none if it is invalid, which is reported later."""
     try:
         return {stream.name: WireFormat(stream) for stream in _streams(header)}
     except SessionError:

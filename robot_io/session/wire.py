@@ -170,7 +170,7 @@ class Decoder:
 
     Args:
         wire: format of the stream.
-        most_bytes: sum of the lengths of all messages at most; memory is taken as it is filled.
+        most_bytes: upper limit of the total length of all messages, for which address space is reserved.
     """
 
     def __init__(self, wire: WireFormat, most_bytes: int) -> None:
