@@ -120,9 +120,8 @@ def contaminated(data: ChannelData, model: Model) -> str | None:
         return reason
     good = data.select(usable(data))
     checks = (check for kind, check in _REJECTED if kind != "enough")
-    affected = (
-        warning for kind, warning in _warnings(data, model) if kind in {"sync", "readings", "saturation"}
-    )
+    kinds = {"sync", "readings", "saturation"}
+    affected = (warning for kind, warning in _warnings(data, model) if kind in kinds)
     return _first_reason(checks, good) or next(affected, None)
 
 
@@ -206,9 +205,9 @@ def _corrupted(data: ChannelData) -> str | None:
 def _far_off(data: ChannelData, what: str, rows: BoolArray) -> str:
     """Say how many readings stand far off their neighbors, with the first of them."""
     first, number = int(np.argmax(rows)), int(np.count_nonzero(rows))
-    signal, unit = (
-        (data.effort, data.kind.effort_unit) if what == "effort" else (data.position, data.kind.position_unit)
-    )
+    signal, unit = data.position, data.kind.position_unit
+    if what == "effort":
+        signal, unit = data.effort, data.kind.effort_unit
     count = f"1 reading of the {what} stands" if number == 1 else f"{number} readings of the {what} stand"
     example = f"{signal[first]:.6g} {unit} at {data.time_s[first]:.6g} s"
     return f"{count} far off {'its' if number == 1 else 'their'} neighbors, such as {example}"
@@ -226,10 +225,8 @@ def _warn_of_outliers(data: ChannelData) -> Iterator[tuple[str, str]]:
         # A sensor that starts from zero, or drops to it, is nothing to report.
         beyond = glitches & (size > np.abs(regular).max() + np.ptp(regular))
         if beyond.any():
-            yield (
-                "enough",
-                f"{_far_off(data, 'effort', beyond)}; diagnosis and comparison exclude such readings",
-            )
+            reason = _far_off(data, "effort", beyond)
+            yield "enough", f"{reason}; diagnosis and comparison exclude such readings"
 
 
 def _check_size(data: ChannelData) -> str | None:
@@ -240,11 +237,8 @@ def _check_size(data: ChannelData) -> str | None:
     count = int(np.sum(lengths // block_length(data)))
     if count > _MOST_BLOCKS:
         more = f"{count} blocks are more than can be searched, {_MOST_BLOCKS}"
-        several = len(lengths) > 1
-        some = (
-            f"some of the {len(lengths)} runs with --where run=N,N ..." if several else "shorter recordings"
-        )
-        return f"{more}; take {some}"
+        several = f"some of the {len(lengths)} runs with --where run=N,N ..."
+        return f"{more}; take {several if len(lengths) > 1 else 'shorter recordings'}"
     return None
 
 
@@ -288,12 +282,8 @@ def _check_repetition(data: ChannelData) -> str | None:
 
 def _check_speeds(data: ChannelData) -> str | None:
     """Say that only one speed was measured, where runs return."""
-    is_contact = data.kind is ChannelKind.CONTACT
-    if (
-        not is_contact
-        or not is_one_pace(data.velocity[data.engaged])
-        or never_returns(data.position, data.run)
-    ):
+    is_one = data.kind is ChannelKind.CONTACT and is_one_pace(data.velocity[data.engaged])
+    if not is_one or never_returns(data.position, data.run):
         return None
     return (
         "all motion is at one speed: dependence on the rate cannot be told from friction and damping; add "
@@ -310,10 +300,9 @@ def _check_blocks(data: ChannelData, good: BoolArray) -> str | None:
     parts = lengths // least if len(lengths) == 1 else lengths >= least
     if parts.sum() < 2:
         step_s = sample_time(data.time_s, data.run)
-        unit = (
-            f", or check the unit of time: samples are {step_s:.2g} s apart" if step_s < _QUICKEST_S else ""
-        )
-        return f"fewer than two runs have {least} samples or more; record longer runs{unit}"
+        unit = f", or check the unit of time: samples are {step_s:.2g} s apart"
+        reason = f"fewer than two runs have {least} samples or more; record longer runs"
+        return reason + (unit if step_s < _QUICKEST_S else "")
     blocked = block_average(data, good)
     if not blocked.can_hold_out:
         if not good.all() and block_average(data).can_hold_out:

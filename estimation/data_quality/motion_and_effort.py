@@ -8,6 +8,7 @@ from palpate.estimation.fit.blocks import HEAVY
 from palpate.estimation.model import Model
 from palpate.estimation.signals.runwise import sample_time
 from palpate.estimation.statistics.correlation import correlation_coefficient
+from palpate.estimation.statistics.least_squares import solve
 from palpate.robot_io.types import FloatArray
 
 _LONGEST_CONTACT_M = 0.2  # a deeper indentation means a wrong unit
@@ -204,9 +205,7 @@ def _share_explained(data: ChannelData) -> float:
     if np.ptp(pressed.effort) == 0.0:
         return 0.0
     motion = np.column_stack([pressed.position, pressed.velocity, np.ones(len(pressed))])
-    size = np.linalg.norm(motion, axis=0)
-    motion = motion / np.where(size > 0.0, size, 1.0)
-    residual = pressed.effort - motion @ np.linalg.lstsq(motion, pressed.effort, rcond=1e-9)[0]
+    residual = pressed.effort - motion @ solve(motion, pressed.effort).gains
     return 1.0 - float(np.var(residual) / np.var(pressed.effort))
 
 
@@ -247,16 +246,10 @@ def angle_in_degrees(data: ChannelData, model: Model | None) -> str | None:
 
 def _mean_squared_residual(data: ChannelData, law: list[FloatArray]) -> float:
     """Return the mean squared residual of a law (columns) beside frictions, a drift and an inertia."""
-    v = data.velocity
-    columns = [np.ones(len(data)), data.time_s - data.time_s[0], v, np.sign(v), v * np.abs(v), *law]
-    mean_square, inertia = _fit_columns(data.effort, [*columns, data.acceleration])
-    # a swing's acceleration goes with its angle, but no mass is below nothing
-    return mean_square if inertia >= 0.0 else _fit_columns(data.effort, columns)[0]
-
-
-def _fit_columns(effort: FloatArray, columns: list[FloatArray]) -> tuple[float, float]:
-    """Return the mean squared residual of an effort (n,) after a fit of columns, and the last gain."""
-    size = [float(np.sqrt(np.mean(column**2))) or 1.0 for column in columns]
-    matrix = np.column_stack(columns) / size
-    gains = np.linalg.lstsq(matrix, effort, rcond=1e-9)[0]
-    return float(np.mean((effort - matrix @ gains) ** 2)), float(gains[-1])
+    v, zero, drift = data.velocity, np.ones(len(data)), data.time_s - data.time_s[0]
+    columns = np.column_stack([zero, drift, v, np.sign(v), v * np.abs(v), *law, data.acceleration])
+    gains = solve(columns, data.effort).gains
+    if gains[-1] < 0.0:  # a swing's acceleration goes with its angle, but no inertia is negative
+        columns = columns[:, :-1]
+        gains = solve(columns, data.effort).gains
+    return float(np.mean((data.effort - columns @ gains) ** 2))

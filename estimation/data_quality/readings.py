@@ -8,6 +8,7 @@ from palpate.estimation.channel import ChannelData, ChannelKind
 from palpate.estimation.signals.blocks import rows_of_runs
 from palpate.estimation.signals.cache_by_array import cache_by_channel_arrays
 from palpate.estimation.signals.runwise import apply_per_run
+from palpate.estimation.statistics.least_squares import solve
 from palpate.robot_io.types import BoolArray, FloatArray, IntArray
 
 _STUCK_SHARE = 0.3  # share of loaded samples at one extreme value of a saturated sensor
@@ -311,18 +312,14 @@ def _is_cut_off(data: ChannelData, effort: FloatArray) -> bool:
     zero = effort == 0.0
     if np.mean(zero) <= _OFTEN or len(np.unique(effort)) < _FEWEST_VALUES:
         return False
-    q, v = data.position, data.velocity
-    motion, constant = [np.sin(q), v, np.sign(v), data.acceleration], np.ones(len(q))
-    laws = ([*motion, np.cos(q)], [*motion, q, q**3])
-    return any(
-        _mean_squared_residual(effort, law, ~zero)
-        <= _WITHOUT_CONSTANT * _mean_squared_residual(effort, [*law, constant], ~zero)
-        for law in laws
-    )
-
-
-def _mean_squared_residual(effort: FloatArray, columns: list[FloatArray], rows: BoolArray) -> float:
-    """Return the mean squared residual of columns (n,) fitted to an effort (n,) in some rows."""
-    matrix, target = np.column_stack(columns)[rows], effort[rows]
-    gains = np.linalg.lstsq(matrix, target, rcond=1e-9)[0]
-    return float(np.mean((target - matrix @ gains) ** 2))
+    q, v, target = data.position, data.velocity, effort[~zero]
+    for springs in ([np.cos(q)], [q, q**3]):
+        law = [np.sin(q), v, np.sign(v), data.acceleration, *springs, np.ones(len(q))]
+        columns = np.column_stack(law)[~zero]
+        without_constant, with_constant = (
+            float(np.sum((target - some @ solve(some, target).gains) ** 2))
+            for some in (columns[:, :-1], columns)
+        )
+        if without_constant <= _WITHOUT_CONSTANT * with_constant:
+            return True
+    return False

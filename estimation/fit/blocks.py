@@ -31,9 +31,7 @@ _UNKNOWN_S = 0.1  # at the start of a run, where delays and lags depend on the u
 _UNKNOWN = 0.05  # largest share of a run that it takes
 _WITHIN = 0.05  # share of the effort's variance that block averages may lose
 _SMOOTH = 0.75  # ratio to the step variance of white noise below which variation in a block is smooth
-_AGAIN = (
-    0.9  # of the contact of a run that begins pressed: with more in its first touch, it hardly presses again
-)
+_AGAIN = 0.9  # share of the first touch in a run's contact above which the run hardly presses again
 _REST = 0.05  # speed below which a joint rests, relative to its usual highest speed
 LOAD = "load"
 LUMPED = "lumped_inertia_effort"  # part of the load that the drive's rotor may carry before the gear

@@ -94,10 +94,9 @@ class FitProblem:
         remaining = target if not held else target - columns @ gains
         equations = self.normal_equations(columns[:, free], remaining, [n for n in names if n not in held])
         fit = solve_normal_equations(equations, dof=len(self._by_fold[0]))
-        limits = np.array(
-            [bounds.get(name, _NO_BOUND) for name in names] + [_NO_BOUND] * (count - len(names))
-        )
-        lower, upper = limits.reshape(-1, 2)[free].T
+        limits = np.tile(_NO_BOUND, (count, 1))
+        limits[: len(names)] = np.reshape([bounds.get(name, _NO_BOUND) for name in names], (-1, 2))
+        lower, upper = limits[free].T
         if np.any((fit.gains < lower) | (fit.gains > upper)):
             scale = np.maximum(fit.scale, _NO_SCALE)
             unit = fit.gains / scale
@@ -259,10 +258,8 @@ def solve_gains(
         if number and not np.abs(remaining).max() < _LOST * np.abs(data.effort).max():
             break  # the last step led nowhere near the data, and the next would overflow
         target, columns = remaining, by_gain
-        if number >= least:
-            residual = problem.whiten(target - columns @ gains)
-            if float(residual @ residual) <= arrived * expected:
-                break
+        if number >= least and np.sum(problem.whiten(target - columns @ gains) ** 2) <= arrived * expected:
+            break
         linear_fit = problem.solve(columns, target, names, model.held, model.gain_bounds)
         expected = float(linear_fit.sse.sum())
         now.update(zip(names, linear_fit.gains.tolist(), strict=True))
@@ -362,22 +359,15 @@ def linearise_along(
     if isinstance(effect, SensorEffect):  # what comes before a sensor does not depend on it
         before = model.parts(data, known)
         return lambda inner: before
-    if (
-        not isinstance(effect, AdditiveEffect)
-        or model.effects[-1] is not effect
-        or is_linear_on_blocks(data, model)
-    ):
+    is_last = model.effects[-1] is effect
+    if not isinstance(effect, AdditiveEffect) or not is_last or is_linear_on_blocks(data, model):
         return lambda inner: None
     moved = model.moved(data, known)
     columns, effort = model.without(effect.name).parts(data, known)
 
     def parts(inner: Inner) -> Parts:
-        own_columns = model.faded(
-            effect,
-            effect.columns(moved, inner),
-            moved,
-            {**known, **{f"{effect.name}.{n}": v for n, v in inner.items()}},
-        )
+        values = known | {f"{effect.name}.{n}": v for n, v in inner.items()}
+        own_columns = model.faded(effect, effect.columns(moved, inner), moved, values)
         return np.concatenate([columns.T, own_columns.T]).T, effort + effect.known(moved, inner)
 
     return parts

@@ -195,10 +195,8 @@ class FitResult(TableDisplay):
         It also exists for models that are fitted on blocks, since a further effect may need samples.
         """
         blocked = self.problem.blocked
-        rows = np.arange(len(blocked))[:, None]
-        return FitProblem(
-            BlockedData(decimate(blocked), rows, blocked.run, blocked.fold, blocked.trusted), WHITE
-        )
+        data, rows = decimate(blocked), np.arange(len(blocked))[:, None]
+        return FitProblem(BlockedData(data, rows, blocked.run, blocked.fold, blocked.trusted), WHITE)
 
     @property
     def is_exact(self) -> bool:
@@ -217,9 +215,8 @@ class FitResult(TableDisplay):
         if most < _LEAST_SHARE:
             return []
         least = max(_NAMED_SHARE * most, _LEAST_SHARE)
-        return sorted(
-            (name for name, share in shares.items() if share >= least), key=lambda name: -shares[name]
-        )
+        named = (name for name, share in shares.items() if share >= least)
+        return sorted(named, key=lambda name: -shares[name])
 
     @cached_property
     def smooth_law_error(self) -> float:
@@ -290,11 +287,7 @@ def fit_model(
 
 
 def fit_problem(
-    data: ChannelData,
-    model: Model,
-    parameters: Mapping[str, float],
-    good: BoolArray | None,
-    cache: FitCache,
+    data: ChannelData, model: Model, parameters: Mapping[str, float], good: BoolArray | None, cache: FitCache
 ) -> FitProblem:
     """Build the blocks on which a model with these parameters is fitted and scored; see `fit_model`.
 
@@ -326,15 +319,12 @@ def final_solution(fit: FitResult) -> tuple[FitProblem, Solution]:
     """
     if fit.training.shared is not None or fit.rmse > _NOISE_ALONE * fit.floor():
         return fit.problem, fit.solution
-    whitened_problem = fit.whitened_problem
-    solution = optimize_inner(
-        whitened_problem, solve_gains(whitened_problem, fit.solution.model, fit.solution.parameters)
-    )
-    used = fit.problem.used
+    problem, used = fit.whitened_problem, fit.problem.used
+    solution = optimize_inner(problem, solve_gains(problem, fit.model, fit.solution.parameters))
     plain, whitened = (float(np.sum(solved.residual[used] ** 2)) for solved in (fit.solution, solution))
     if whitened > _NOISE_ALONE**2 * plain:
         return fit.problem, fit.solution
-    return whitened_problem, _correct_smoothing_bias(whitened_problem, solution, fit.filters)
+    return problem, _correct_smoothing_bias(problem, solution, fit.filters)
 
 
 def _correct_smoothing_bias(

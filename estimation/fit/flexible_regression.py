@@ -36,9 +36,7 @@ DifferentiationFilter = tuple[tuple[int, ...], tuple[int, ...]]
 class FlexibleRegression:
     """A flexible regression on the residual of a model."""
 
-    before: (
-        FloatArray  # squared whitened residuals of the model by fold, its motion unsmoothed, shape (folds,)
-    )
+    before: FloatArray  # squared whitened residuals of the model by fold, motion unsmoothed, shape (folds,)
     held_out: FloatArray  # the same beside the smooth law
     residual: FloatArray  # held-out residuals beside it, not whitened, one for each block, shape (m,)
     residual_before: FloatArray  # the same without it
@@ -98,23 +96,19 @@ def fit_flexible(
     fixed = np.array([solution.parameters[name] for name in every]) * ~free
     target = solution.target - solution.columns @ fixed
     blocks = {name: block for name, block in model_features(problem, solution).items() if name not in without}
-    parts = [
-        solution.columns[:, free],
-        smoothing_bias(blocked, blocked.effort - solution.residual, filters),
-        *blocks.values(),
-    ]
+    bias = smoothing_bias(blocked, blocked.effort - solution.residual, filters)
+    parts = [solution.columns[:, free], bias, *blocks.values()]
     owner = np.concatenate([[number] * part.shape[1] for number, part in enumerate(parts, -2)])
     columns = np.column_stack(parts)
     equations = problem.normal_equations(columns, target, names)
     # Is the model better with a correction of smoothing bias, and is the correction plausible?
-    bias = columns[:, owner == -1]
     biased, plain = (solve_normal_equations(equations.only(which)) for which in (owner < 0, owner == -2))
     is_smoothing = bias.size > 0 and biased.held_out.sum() <= plain.held_out.sum()
     if not is_smoothing or not is_plausible_bias(bias, biased.gains[-bias.shape[1] :]):
         equations, columns, owner = equations.only(owner != -1), columns[:, owner != -1], owner[owner != -1]
     without_signals = _fit_ridge(equations, owner, ())
     alone = [_fit_ridge(equations, owner, (number,)) for number in range(len(blocks))]
-    best = _select_signals(equations, owner, alone, without_signals.energy)
+    best = _select_signals(equations, owner, alone, without_signals)
     by_signal = {
         name: 1.0 - fit.energy / without_signals.energy if without_signals.energy > 0.0 else 0.0
         for name, fit in zip(blocks, alone, strict=True)
@@ -203,10 +197,10 @@ def _fit_ridge(equations: NormalEquations, owner: IntArray, signals: tuple[int, 
 
 
 def _select_signals(
-    equations: NormalEquations, owner: IntArray, alone: list[_RidgeFit], before: float
+    equations: NormalEquations, owner: IntArray, alone: list[_RidgeFit], none: _RidgeFit
 ) -> _RidgeFit:
     """Select the signals that reduce the held-out error: all of them, or those of a forward selection."""
-    best = _fit_ridge(equations, owner, ())
+    best = none
     while len(best.signals) < _MOST_SIGNALS:
         more = [
             _fit_ridge(equations, owner, (*best.signals, n)) if best.signals else alone[n]
@@ -214,7 +208,7 @@ def _select_signals(
             if n not in best.signals
         ]
         further = min(more, key=lambda fit: fit.energy)
-        if further.energy > best.energy - _WORTH * before:
+        if further.energy > best.energy - _WORTH * none.energy:
             break
         best = further
     every = _fit_ridge(equations, owner, tuple(range(len(alone))))

@@ -79,7 +79,7 @@ def search_inner(
     """
     along = linearise_along(problem.blocked.data, model, effect, parameters)
     places = list(starts)
-    solutions = (_solve_at(problem, model, effect, parameters, inner, along=along) for inner in places)
+    solutions = (_solve_at(problem, model, effect, parameters, inner, along) for inner in places)
     return grid_search(solutions, len(places))
 
 
@@ -123,24 +123,26 @@ def refine_inner(problem: FitProblem, model: Model, effect: Effect, searched: Gr
             other_values = {name: value for name, value in grid[best].items() if name != inner.name}
             same = [i for i, point in enumerate(grid) if point.items() >= other_values.items()]
             line = sorted(same, key=lambda i: grid[i][inner.name])
-            closer = _midpoints(grid, best, inner, line)
-            if number >= _HALVINGS:
-                closer = _parabola_minimum(grid, solutions, line, best, inner) or closer
-            for point in closer:
-                grid.append(point)
-                solutions.append(
-                    _solve_at(problem, model, effect, solutions[best].parameters, point, along=along)
+            values, at = [grid[i][inner.name] for i in line], line.index(best)
+            closer = _midpoints(values, at, inner)
+            if number >= _HALVINGS and 0 < at < len(line) - 1:
+                near = slice(at - 1, at + 2)
+                closer = (
+                    _parabola_minimum(values[near], [solutions[i].sse for i in line[near]], inner) or closer
                 )
+            for value in closer:
+                grid.append(grid[best] | {inner.name: value})
+                known = solutions[best].parameters
+                solutions.append(_solve_at(problem, model, effect, known, grid[-1], along))
     return grid_search(solutions, searched.start_count)
 
 
-def _solve_at(
+def _solve_at(  # noqa: PLR0917
     problem: FitProblem,
     model: Model,
     effect: Effect,
     parameters: Mapping[str, float],
     inner: Mapping[str, float],
-    *,
     along: LinearisedParts,
 ) -> Solution:
     own_parameters = {f"{effect.name}.{name}": value for name, value in inner.items()}
@@ -148,51 +150,37 @@ def _solve_at(
     return solve_gains(problem, model, {**parameters, **own_parameters}, rounds=1, parts=along(inner))
 
 
-def _midpoints(
-    grid: list[dict[str, float]], best: int, inner: Parameter, line: list[int]
-) -> list[dict[str, float]]:
-    """Return points half-way between the best point and its neighbors, or beyond it at the end of a line."""
-    best_point = grid[best]
-    values = [grid[i][inner.name] for i in line]
-    at = line.index(best)
-    value = best_point[inner.name]
-    low = values[at - 1] if at > 0 else _outside(values, inner, upwards=False)
-    high = values[at + 1] if at + 1 < len(line) else _outside(values, inner, upwards=True)
-    closer = []
-    for bound, outside in ((low, at == 0), (high, at + 1 == len(line))):
-        middle = np.sqrt(value * bound) if inner.log and value * bound > 0.0 else 0.5 * (value + bound)
-        number = bound if outside else middle
-        closer.append({**best_point, inner.name: float(np.clip(number, inner.lower, inner.upper))})
-    return [point for point in closer if point[inner.name] != value]
+def _midpoints(values: list[float], at: int, inner: Parameter) -> list[float]:
+    """Return values half-way between one of several in ascending order and its neighbors.
+
+    At an end of the grid, the value beyond it is twice the last step away, within the bounds.
+    """
+    value, closer = values[at], list[float]()
+    for side, bound in ((-1, inner.lower), (1, inner.upper)):
+        if 0 <= at + side < len(values):
+            near = values[at + side]
+            new = np.sqrt(value * near) if inner.log and value * near > 0.0 else 0.5 * (value + near)
+        elif len(values) < 2:
+            new = bound
+        else:
+            before = values[at - side]
+            by_ratio = inner.log and before > 0.0
+            new = value * (value / before) ** 2 if by_ratio else value + 2.0 * (value - before)
+        closer.append(float(np.clip(new, inner.lower, inner.upper)))
+    return [new for new in closer if new != value]
 
 
-def _parabola_minimum(
-    grid: list[dict[str, float]], solutions: list[Solution], line: list[int], best: int, inner: Parameter
-) -> list[dict[str, float]]:
-    """Return the minimum of the parabola through the best point of a line and its neighbors, if any."""
-    at = line.index(best)
-    if not 0 < at < len(line) - 1:
-        return []
-    three = line[at - 1 : at + 2]
-    values = np.array([grid[i][inner.name] for i in three])
-    along = np.log(values) if inner.log and values[0] > 0.0 else values
-    low, middle, high = (solutions[i].sse for i in three)
+def _parabola_minimum(values: list[float], sse: list[float], inner: Parameter) -> list[float]:
+    """Return the minimum of the parabola through the errors at three values; none if it has no minimum."""
+    by_ratio = inner.log and values[0] > 0.0
+    along = np.log(values) if by_ratio else np.array(values)
+    low, middle, high = sse
     left, right = along[1] - along[0], along[2] - along[1]
     bend = (low - middle) * right + (high - middle) * left
     if not bend > 0.0:
         return []
     lowest = along[1] + 0.5 * ((low - middle) * right**2 - (high - middle) * left**2) / bend
-    value = float(np.exp(lowest) if inner.log and values[0] > 0.0 else lowest)
-    return [{**grid[best], inner.name: value}]
-
-
-def _outside(line: list[float], inner: Parameter, *, upwards: bool) -> float:
-    """Extend the grid by twice its last step, within the bounds."""
-    if len(line) < 2:
-        return inner.upper if upwards else inner.lower
-    end, before = (line[-1], line[-2]) if upwards else (line[0], line[1])
-    beyond = end * (end / before) ** 2 if inner.log and before > 0.0 else end + 2.0 * (end - before)
-    return float(np.clip(beyond, inner.lower, inner.upper))
+    return [float(np.exp(lowest) if by_ratio else lowest)]
 
 
 @dataclass(frozen=True)
@@ -267,12 +255,15 @@ def _optimize_once(problem: FitProblem, solution: Solution, settled: float, step
     if not scales:
         return solve_gains(problem, solution.model, solution.parameters, rounds=3)
 
+    def values(numbers: FloatArray) -> dict[str, float]:
+        return {name: scale.value(x) for (name, scale), x in zip(scales.items(), numbers, strict=True)}
+
     last: list[tuple[bytes, Solution]] = []
 
     def at(numbers: FloatArray) -> Solution:
         if not last or last[0][0] != numbers.tobytes():
-            moved = {name: scale.value(x) for (name, scale), x in zip(scales.items(), numbers, strict=True)}
-            solved = solve_gains(problem, solution.model, {**solution.parameters, **moved}, arrived=_ARRIVED)
+            moved = {**solution.parameters, **values(numbers)}
+            solved = solve_gains(problem, solution.model, moved, arrived=_ARRIVED)
             last[:] = [(numbers.tobytes(), solved)]
         return last[0][1]
 
@@ -284,10 +275,7 @@ def _optimize_once(problem: FitProblem, solution: Solution, settled: float, step
 
     def jacobian(numbers: FloatArray) -> FloatArray:
         steps = np.where(numbers + step <= high, step, -step)
-        ahead = {
-            name: scale.value(x) for (name, scale), x in zip(scales.items(), numbers + steps, strict=True)
-        }
-        return residual_slopes(problem, at(numbers), ahead) / (unit * steps)
+        return residual_slopes(problem, at(numbers), values(numbers + steps)) / (unit * steps)
 
     optimum = scipy.optimize.least_squares(
         residual,

@@ -8,7 +8,6 @@ from dataclasses import replace
 
 import numpy as np
 
-from palpate.estimation.effect import Parameter
 from palpate.estimation.estimate import ParameterEstimate
 from palpate.estimation.fit.fit_problem import FitProblem, Solution
 from palpate.estimation.fit.measurement_model import (
@@ -55,8 +54,11 @@ def estimate_parameters(problem: FitProblem, solution: Solution) -> dict[str, Pa
         errors = np.hypot(errors, _compensation(slopes, problem.whiten(by_positions)))
     known = {**solution.model.gains, **solution.model.inner}
     units = {name: parameter.unit_of(problem.blocked.data.kind) for name, parameter in known.items()}
-    most = np.array([_widest(known[name], solution.parameters[name]) for name in names])
-    errors = np.where(errors < most, errors, np.nan)
+    widest = [  # plausible standard errors; with a larger one the data do not determine the parameter
+        min(known[n].upper - known[n].lower, _FAR * max(abs(solution.parameters[n]), *known[n].typical))
+        for n in names
+    ]
+    errors = np.where(errors < np.array(widest), errors, np.nan)
     errors_by_name = dict.fromkeys(known, 0.0) | dict(zip(names, errors.tolist(), strict=True))
     estimates = {}
     for name, error in errors_by_name.items():
@@ -66,11 +68,6 @@ def estimate_parameters(problem: FitProblem, solution: Solution) -> dict[str, Pa
             name, units[name], value, error, (value - half, value + half), at_bound
         )
     return estimates
-
-
-def _widest(parameter: Parameter, value: float) -> float:
-    """Largest plausible standard error; with a larger one the data do not determine the parameter."""
-    return min(parameter.upper - parameter.lower, _FAR * max(abs(value), *parameter.typical))
 
 
 def _free_slopes(problem: FitProblem, solution: Solution) -> FloatArray:

@@ -15,9 +15,7 @@ from palpate.robot_io.types import IntArray
 LONG = 500_000  # samples; longer recordings are always averaged, and rest is left out
 _ENOUGH = 25_000  # blocks of a recording that needs no averaging
 _MOST = 100_000  # samples that are searched in acceptable time
-_LOST = (
-    0.1  # variance of a signal within a block, relative to the noise variance of its mean, that may be lost
-)
+_LOST = 0.1  # largest variance of a signal within a block, relative to the noise variance of its mean
 _SURE = 3.0  # standard errors for that test
 _FEWEST_IN_BLOCK = 4  # samples needed to tell noise from a signal, as a third difference takes
 _FEWEST_IN_RUN = 50  # means
@@ -25,7 +23,7 @@ _FEWEST_RUNS = 6  # runs that must remain, so that some can be held out
 _STRETCHES = 40  # pieces into which a joint's runs are cut, or more
 _COVERED = 0.3  # share of the range of positions that each piece covers
 _STILL = (
-    0.002  # of the range of positions; a joint that stays within it for `_NEAR_S` on both sides is at rest
+    0.002  # share of the range of positions that a joint at rest stays within for `_NEAR_S` on both sides
 )
 _NEAR_S = 0.5  # before and after a motion that belong to it
 _MOSTLY = 0.5  # share of samples near a motion below which a joint is mostly at rest
@@ -88,7 +86,19 @@ def shortened(data: ChannelData, held_out: Sequence[int] = ()) -> tuple[ChannelD
             break
         block, seen = 2 * block, moving_blocks
     short = _means(moving, block)
-    note = _sentence(data, short, block, seen, motions)
+    rate_hz, unit = 1.0 / sample_time(data.time_s, data.run), data.kind.effort_unit
+    note = f"{data.name}: {len(data):,} samples at {rate_hz:.4g} Hz{motions}"
+    if block == 1:
+        note += " are taken as they are"
+    else:
+        length = f"{1e3 * block / rate_hz:.3g} ms"
+        note += f" are averaged by {block} to {len(short):,} at {rate_hz / block:.4g} Hz; nothing is lost"
+        note += (
+            f", since a diagnosis works on means over {length} in any case"
+            if seen is None
+            else f": within {length} the effort departs from a straight line by {seen.departure:.4g} {unit}, "
+            f"and the noise between readings is {seen.noise:.4g} {unit}"
+        )
     for fewer in (_fewer_runs, _fewer_stretches, _average_further):
         if _times_too_long(short, held) > 1:
             short, more, cut = fewer(short, held)
@@ -146,9 +156,8 @@ def _means(data: ChannelData, block: int) -> ChannelData:
     if block == 1:
         return data
     rows = _rows(data, block)
-    whole = np.ones(len(rows), dtype=np.bool_)
-    blocked = BlockedData(data, rows, data.run[rows[:, 0]], np.zeros(len(rows), dtype=np.int64), whole)
-    return decimate(blocked)
+    fold, trusted = np.zeros(len(rows), dtype=np.int64), np.ones(len(rows), dtype=np.bool_)
+    return decimate(BlockedData(data, rows, data.run[rows[:, 0]], fold, trusted))
 
 
 def _fewer_runs(data: ChannelData, held: IntArray) -> tuple[ChannelData, str, dict[int, int]]:
@@ -158,7 +167,7 @@ def _fewer_runs(data: ChannelData, held: IntArray) -> tuple[ChannelData, str, di
     if every < 2:
         return data, "", {}
     some = data.of_runs(np.concatenate([runs[::every], held]))
-    return some, f"; of {_its(held)} {len(runs)} runs {_taken(data, some, held)}", {}
+    return some, _describe_selection(f"{len(runs)} runs", data, some, held), {}
 
 
 def _fewer_stretches(data: ChannelData, held: IntArray) -> tuple[ChannelData, str, dict[int, int]]:
@@ -185,14 +194,10 @@ def _fewer_stretches(data: ChannelData, held: IntArray) -> tuple[ChannelData, st
         return data, "", {}
     moving_stretches = whole.of_runs(np.concatenate([moving, held]))
     every = max(1, min(_times_too_long(moving_stretches, held), len(moving) // _FEWEST_RUNS))
-    some, where = moving_stretches.of_runs(np.concatenate([moving[::every], held])), ""
+    some, what = moving_stretches.of_runs(np.concatenate([moving[::every], held])), f"{len(parts)} stretches"
     if len(moving) < len(parts):
-        where = f" {len(moving)} go through {100 * _COVERED:.0f} % of the motion or more, and of these"
-    return (
-        some,
-        f"; of {_its(held)} {len(parts)} stretches{where} {_taken(moving_stretches, some, held)}",
-        run_of,
-    )
+        what += f" {len(moving)} go through {100 * _COVERED:.0f} % of the motion or more, and of these"
+    return some, _describe_selection(what, moving_stretches, some, held), run_of
 
 
 def _average_further(data: ChannelData, held: IntArray) -> tuple[ChannelData, str, dict[int, int]]:
@@ -217,29 +222,10 @@ def _times_too_long(data: ChannelData, held: IntArray) -> int:
     return -(-_fitted(data, held) // _MOST)
 
 
-def _its(held: IntArray) -> str:
-    return "the fitted" if len(held) else "its"
-
-
-def _taken(data: ChannelData, some: ChannelData, held: IntArray) -> str:
+def _describe_selection(what: str, data: ChannelData, some: ChannelData, held: IntArray) -> str:
     before, after = _fitted(data, held), _fitted(some, held)
-    wider = f", which makes intervals {np.sqrt(before / after):.2g} times as wide"
-    description = f"{len(np.setdiff1d(some.runs, held))} are taken"
-    return description + (f", evenly spread{wider}" if after < before else "")
-
-
-def _sentence(data: ChannelData, short: ChannelData, block: int, seen: Within | None, motions: str) -> str:
-    rate_hz = 1.0 / sample_time(data.time_s, data.run)
-    sentence = f"{data.name}: {len(data):,} samples at {rate_hz:.4g} Hz{motions}"
-    if block == 1:
-        return f"{sentence} are taken as they are"
-    length_ms, unit = 1e3 * block / rate_hz, data.kind.effort_unit
-    sentence += f" are averaged by {block} to {len(short):,} at {rate_hz / block:.4g} Hz; "
-    if seen is None:
-        return (
-            f"{sentence}nothing is lost, since a diagnosis works on means over {length_ms:.3g} ms in any case"
-        )
-    return (
-        f"{sentence}nothing is lost: within {length_ms:.3g} ms the effort departs from a straight line by "
-        f"{seen.departure:.4g} {unit}, and the noise between readings is {seen.noise:.4g} {unit}"
+    words = (
+        f"; of {'the fitted' if len(held) else 'its'} {what} {len(np.setdiff1d(some.runs, held))} are taken"
     )
+    wider = f", evenly spread, which makes intervals {np.sqrt(before / after):.2g} times as wide"
+    return words + (wider if after < before else "")

@@ -23,10 +23,8 @@ from palpate.robot_io.types import FloatArray
 _FREE = 0.9  # share of the samples before a touch; the last of them may be in contact
 _LEAST = 50  # samples needed for an estimate
 _DIFFERENCES = (1.0, -3.0, 3.0, -1.0)  # third difference of neighboring readings, which removes smooth motion
-_USUAL, _OF_USUAL = (
-    0.99,
-    0.9616,
-)  # quantile of the differences that is used, and its share of a normal standard deviation
+# Quantile of the differences up to which they are used, and their share of a normal standard deviation.
+_USUAL, _OF_USUAL = 0.99, 0.9616
 _STEP = 5.0  # ratio to the mean distance between readings above which the motion jumps
 _WHITE = 1.2  # ratio of differences at twice the distance up to which they contain no motion
 _REPEATED = 0.01  # of the range of positions: largest difference between runs that repeat one motion

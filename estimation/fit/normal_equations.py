@@ -13,6 +13,7 @@ from palpate.robot_io.types import BoolArray, FloatArray, IntArray
 
 ORDER = 4
 _INDEPENDENT = 1e-4  # least ratio to the largest singular value of normalised columns
+_RIDGE = 1e-9  # shrinkage on columns of unit length, which only keeps collinear columns finite
 
 
 @dataclass(frozen=True)
@@ -111,18 +112,17 @@ class LinearFit:
         return replace(self, gains=whole[0], fold_gains=whole[1:], system=system, scale=scale)
 
 
-def solve_normal_equations(equations: NormalEquations, ridge: float = 1e-9, dof: int = 0) -> LinearFit:
+def solve_normal_equations(equations: NormalEquations, dof: int = 0) -> LinearFit:
     """Fit to all folds and to all but each fold.
 
     Args:
         equations: equations of columns and target.
-        ridge: shrinkage on columns of unit mean square; the default only keeps collinear columns finite.
         dof: samples, for the standard errors; 0 if they are not wanted.
     """
     scaled, scale = _scaled(equations)
     training = scaled.sum(axis=0) - scaled
     system, target = equations.training(scale)
-    system = system + ridge * np.eye(len(scale))
+    system = system + _RIDGE * np.eye(len(scale))
     gains = np.linalg.solve(system, target[..., None])[..., 0]
     used = np.concatenate([np.repeat(gains[:1], len(scaled), axis=0), gains[1:], gains[1:]])
     sse, held_out, train = _sse(np.concatenate([scaled, scaled, training]), used).reshape(3, -1)
@@ -248,7 +248,7 @@ class Nuisance:
     basis: FloatArray  # orthonormal over all blocks, shape (m, q)
 
     def remove(self, blocks: FloatArray) -> FloatArray:
-        """Return what the nuisance columns leave of blocks (m,) or (m, k).
+        """Return what the nuisance columns leave of blocks.
 
         Args:
             blocks: shape (m,) or (m, k).

@@ -15,7 +15,7 @@ from palpate.estimation.channel import ChannelData
 from palpate.estimation.fit.blocks import BlockedData
 from palpate.estimation.fit.fit_problem import FitProblem, Solution, solve_gains
 from palpate.estimation.fit.inner_search import optimize_inner
-from palpate.estimation.fit.irls import IrlsResult, Loss, absolute_share, cauchy_influence, irls
+from palpate.estimation.fit.irls import Loss, absolute_share, cauchy_influence, irls
 from palpate.estimation.fit.normal_equations import WHITE
 from palpate.estimation.model import Model
 from palpate.estimation.statistics.noise import robust_sigma
@@ -76,12 +76,11 @@ def fit_samples(
                     for start in effect.starts(problem.blocked.data)
                 ]
                 solutions = [solve_gains(problem, model, _inside(model, proposal)) for proposal in proposals]
-                start_solution = min(solutions, key=lambda solution: _cost(problem, solution, loss))
+                start_solution = min(solutions, key=lambda start: _cost(problem, start, loss))
                 inner = {name: start_solution.parameters[name] for name in model.inner}
-        searched[robust] = (
-            _reweighted(problem, start_solution) if robust else _finely(problem, start_solution)
-        )
-    return _described(searched[robust], problem, loss)
+        search = _reweighted if robust else _finely
+        searched[robust] = search(problem, start_solution)
+    return _with_covariance(searched[robust], problem, loss)
 
 
 def slopes_of(model: Model, data: ChannelData, parameters: Mapping[str, float]) -> FloatArray:
@@ -130,13 +129,19 @@ def _reweighted(problem: FitProblem, solution: Solution) -> Solution:
             problem, absolute_share(residual) if absolute else cauchy_influence(residual / _core(residual))[0]
         )
         search = optimize_inner if absolute else _finely
-        before, solution = (
-            solution,
-            search(weighted, solve_gains(weighted, solution.model, solution.parameters)),
-        )
+        start = solve_gains(weighted, solution.model, solution.parameters)
+        before, solution = solution, search(weighted, start)
         if not absolute and _is_settled(before, solution):
             break
     return solution
+
+
+def _is_settled(before: Solution, after: Solution) -> bool:
+    """Check convergence: the largest change of gains and inner parameters is below a tolerance."""
+    model, now = after.model, after.parameters
+    size = dict.fromkeys(model.gains, max((abs(now[name]) for name in model.gains), default=0.0))
+    size |= {name: inner.typical[1] - inner.typical[0] for name, inner in model.inner.items()}
+    return all(abs(now[name] - before.parameters[name]) <= _TOLERANCE * size[name] for name in size)
 
 
 def _weighted(problem: FitProblem, share: FloatArray) -> FitProblem:
@@ -150,41 +155,26 @@ def _core(residuals: FloatArray) -> float:
     return max(robust_sigma(residuals), float(np.finfo(float).tiny))
 
 
-def _is_settled(before: Solution, after: Solution) -> bool:
-    """Check convergence: the largest change of gains and inner parameters is below a tolerance."""
-    gains, inner = list(after.model.gains), after.model.inner
-    largest = max((abs(after.parameters[name]) for name in gains), default=0.0)
-    scale = dict.fromkeys(gains, largest) | {n: p.typical[1] - p.typical[0] for n, p in inner.items()}
-    moved = {name: abs(after.parameters[name] - before.parameters[name]) for name in scale}
-    return all(moved[name] <= _TOLERANCE * size for name, size in scale.items())
-
-
-def _settled(problem: FitProblem, solution: Solution) -> IrlsResult:
-    """From a solution that stands outliers to the efficient one near it; what is at a bound stays there."""
-    model, data, rows = solution.model, problem.blocked.data, problem.used
-    fixed = [model.at_bound(name, value) for name, value in solution.parameters.items()]
-
-    def evaluate(values: FloatArray) -> tuple[FloatArray, FloatArray]:
-        parameters = _named(model, values)
-        slopes = slopes_of(model, data, parameters)[rows]
-        slopes[:, fixed] = 0.0
-        return model.predict(data, parameters)[rows], slopes
-
-    return irls(evaluate, data.effort[rows], np.array(list(solution.parameters.values())))
-
-
 def _named(model: Model, values: FloatArray) -> dict[str, float]:
     """Parameters by name, inner ones within their bounds."""
     named = dict(zip((*model.gains, *model.inner), values.tolist(), strict=True))
     return named | {n: float(np.clip(named[n], p.lower, p.upper)) for n, p in model.inner.items()}
 
 
-def _described(solution: Solution, problem: FitProblem, loss: Loss) -> SampleFit:
-    """Add the standard errors of all parameters, estimated jointly."""
+def _with_covariance(solution: Solution, problem: FitProblem, loss: Loss) -> SampleFit:
+    """Add the covariance of all parameters, estimated jointly."""
     model, data, rows = solution.model, problem.blocked.data, problem.used
     parameters = solution.parameters
-    if loss is Loss.BIWEIGHT:
-        settled = _settled(problem, solution)
+    if loss is Loss.BIWEIGHT:  # the efficient solution near one that withstands outliers
+
+        def evaluate(values: FloatArray) -> tuple[FloatArray, FloatArray]:
+            named = _named(model, values)
+            slopes = slopes_of(model, data, named)[rows]
+            slopes[:, at_bound] = 0.0  # what is at a bound stays there
+            return model.predict(data, named)[rows], slopes
+
+        at_bound = [model.at_bound(name, value) for name, value in parameters.items()]
+        settled = irls(evaluate, data.effort[rows], np.array(list(parameters.values())))
         parameters = _named(model, settled.values)
         psi, slope = settled.influence
         score, slope = psi / settled.sigma, slope / settled.sigma**2
@@ -204,9 +194,7 @@ def _described(solution: Solution, problem: FitProblem, loss: Loss) -> SampleFit
         matrix = np.full((len(free), len(free)), np.nan)
         matrix[np.ix_(free, free)] = determined.matrix
         unbounded = Covariance(matrix, determined.degrees_of_freedom)
-    # The covariance with NaN for those that ended at a bound.
-    fixed = ~free
     matrix = unbounded.matrix.copy()
-    matrix[fixed, :] = matrix[:, fixed] = np.nan
-    without = Covariance(matrix, unbounded.degrees_of_freedom)
-    return SampleFit(model, parameters, without, unbounded, residuals, jacobian)
+    matrix[~free, :] = matrix[:, ~free] = np.nan  # those that ended at a bound
+    bounded = Covariance(matrix, unbounded.degrees_of_freedom)
+    return SampleFit(model, parameters, bounded, unbounded, residuals, jacobian)

@@ -38,16 +38,15 @@ def smooth_features(blocked: BlockedData, efforts: Sequence[FloatArray]) -> dict
     clocks = (time_s, time_in_run(time_s, run), work, time_in_run(work, run))
     clocks = tuple((clock - clock[0]) / (float(np.ptp(clock)) or 1.0) for clock in clocks)
     fading = [clock * signal for clock in clocks for signal in (v, effort, turn)]
-    ageing = np.column_stack([clocks[0], clocks[0] ** 2, clocks[1], *fading])
     features = {
         "offset": np.ones((len(x), 1)),
-        "time": ageing,
+        "time": np.column_stack([clocks[0], clocks[0] ** 2, clocks[1], *fading]),
         "position": blocked.cache.get_or_compute("position", lambda: _position(blocked)),
         "velocity": np.column_stack([curves(v), *(w[:, None] * coarse_x for w in (v, v**2))]),
         "direction": np.column_stack([sharp, turn, turn[:, None] * coarse_x, turn[:, None] * coarse_e]),
         "acceleration": np.column_stack([hats(a), a[:, None] * coarse_x]),
         "past motion": blocked.cache.get_or_compute("past motion", lambda: _past(blocked)),
-        "effort": np.hstack([p for e in efforts for p in (curves(e), _past_effort(e, time_s, run))]),
+        "effort": np.hstack([part for e in efforts for part in (curves(e), _past_effort(e, time_s, run))]),
     }
     for name in sorted(_CONTEXT & data.context.keys()):
         columns = blocked.reduce(data.context[name]).reshape(len(x), -1)
@@ -60,9 +59,8 @@ def smooth_features(blocked: BlockedData, efforts: Sequence[FloatArray]) -> dict
             [hats(unit), *(unit * factor for factor in (x, v, effort))]
         )
     if "load" in features:
-        features["load"] = np.column_stack(
-            [features["load"], sharp * np.abs(blocked.reduce(data.context["load"]))]
-        )
+        load = np.abs(blocked.reduce(data.context["load"]))
+        features["load"] = np.column_stack([features["load"], sharp * load])
     return features
 
 
@@ -81,9 +79,8 @@ def _position(blocked: BlockedData) -> FloatArray:
 def _past(blocked: BlockedData) -> FloatArray:
     """Return features of the past motion: memory that fades over time or until a reversal."""
     data, run = blocked.data, blocked.run
-    x, time_s, touching = (
-        blocked.reduce(s) for s in (data.position, data.time_s, data.engaged.astype(np.float64))
-    )
+    signals = (data.position, data.time_s, data.engaged.astype(np.float64))
+    x, time_s, touching = map(blocked.reduce, signals)
     pressed, a = (blocked.reduce(s * data.engaged) for s in (data.position, data.acceleration))
     if blocked.data.kind is ChannelKind.CONTACT:
         fading = [relax(pressed, time_s, run, tau) for tau in _MEMORIES_S]

@@ -148,15 +148,14 @@ def compare(fitted: FitResult, model: str, noise: MeasurementNoise) -> Compariso
         first = f"{first} But {', '.join(fitted.unphysical)}: {UNPHYSICAL}."
     words = [first, *where, *(pattern.sentence for pattern in seen)]
     if kinds:
-        shares = ", ".join(_share(entry) for entry in kinds)
-        words.append(f"Kinds of effects that would explain it, as shares of the squared error: {shares}.")
+        shares = []
+        for entry in kinds:
+            replacing = " or ".join(kind.word for kind in entry.replaceable_by)
+            share = f"{entry.kind.word} {100 * entry.share:.0f} %"
+            shares.append(f"{share} (or {replacing})" if replacing else share)
+        listed = ", ".join(shares)
+        words.append(f"Kinds of effects that would explain it, as shares of the squared error: {listed}.")
     return Comparison(data.name, unit, model, fitted, noise, parts, tuple(words), seen, kinds)
-
-
-def _share(entry: BudgetEntry) -> str:
-    """Describe the share of a kind, and which kinds explain about as much in its place."""
-    replacing = " or ".join(kind.word for kind in entry.replaceable_by)
-    return f"{entry.kind.word} {100 * entry.share:.0f} %" + (f" (or {replacing})" if replacing else "")
 
 
 def _words(

@@ -72,11 +72,9 @@ class StudyFits(TableDisplay):
         # Add to each joint whose masses are fitted what the other joints say of the same masses.
         joints = [member for member in channels if member.model.name == FITTED_ARM_MODEL]
         shared = with_shared_gains([member.data for member in joints], [member.model for member in joints])
-        prepared = {
-            member.name: replace(member, prepared=data) for member, data in zip(joints, shared, strict=True)
-        }
-        self._channels.update({(member.name, member.model.name): member for member in prepared.values()})
-        self.channels = tuple(prepared.get(member.name, member) for member in channels)
+        for member, prepared in zip(joints, shared, strict=True):
+            self._channels[member.name, member.model.name] = replace(member, prepared=prepared)
+        self.channels = tuple(self._channels[member.name, member.model.name] for member in channels)
 
     @property
     def effects(self) -> tuple[Effect, ...]:
@@ -91,10 +89,8 @@ class StudyFits(TableDisplay):
     @cached_property
     def warnings(self) -> dict[str, list[str]]:
         """Sentences on implausible data, by channel; only channels that have any."""
-        warnings = {
-            channel.name: quality_warnings(channel.measured, channel.model) for channel in self.channels
-        }
-        return {name: sentences for name, sentences in warnings.items() if sentences}
+        warnings = ((c.name, quality_warnings(c.measured, c.model)) for c in self.channels)
+        return {name: sentences for name, sentences in warnings if sentences}
 
     def channel(self, name: str | None = None) -> StudyChannel:
         """Select one channel.
@@ -107,8 +103,7 @@ class StudyFits(TableDisplay):
         """
         chosen = self.chosen(name)
         if len(chosen) > 1:
-            listed = ", ".join(channel.name for channel in chosen)
-            raise InputError(f"several channels: {listed}; choose one with --channel")
+            raise InputError(f"several channels: {_listed(chosen)}; choose one with --channel")
         return chosen[0]
 
     def chosen(self, name: str | None) -> tuple[StudyChannel, ...]:
@@ -122,8 +117,7 @@ class StudyFits(TableDisplay):
         """
         chosen = tuple(channel for channel in self.channels if name in {None, ALL_CHANNELS, channel.name})
         if not chosen:
-            listed = ", ".join(channel.name for channel in self.channels)
-            raise InputError(f"--channel {name}: no such channel. There are: {listed}")
+            raise InputError(f"--channel {name}: no such channel. There are: {_listed(self.channels)}")
         return chosen
 
     def with_model(self, name: str, model: str) -> StudyChannel:
@@ -138,8 +132,7 @@ class StudyFits(TableDisplay):
         """
         data = next((channel for channel in self.source.channels if channel.name == name), None)
         if data is None:
-            listed = ", ".join(channel.name for channel in self.source.channels)
-            raise InputError(f"channel '{name}' is not there. There are: {listed}")
+            raise InputError(f"channel '{name}' is not there. There are: {_listed(self.source.channels)}")
         return self._channel(data, model)
 
     def refusal(self, channel: StudyChannel) -> str:
@@ -344,3 +337,7 @@ class StudyFits(TableDisplay):
         if why := unapplicable(effect, parent.data):
             raise InputError(why)
         return effect.suited_to(parent.training)
+
+
+def _listed(channels: Sequence[StudyChannel | ChannelData]) -> str:
+    return ", ".join(channel.name for channel in channels)

@@ -204,20 +204,17 @@ class Sides(TableDisplay):
         position = self._at_times_of_first(self.second.data.position)
         if a is None or b is None or position is None or list(a.parameters) != list(b.parameters):
             return {}
-        left_b = self._at_times_of_first(
-            np.where(b.fitted.judged, b.fitted.data.effort - b.fitted.predicted, np.nan)
-        )
+        left = b.fitted.data.effort - b.fitted.predicted
+        left_b = self._at_times_of_first(np.where(b.fitted.judged, left, np.nan))
         assert left_b is not None  # noqa: S101, as the position
         residual = left_b - (a.fitted.data.effort - a.fitted.predicted)
         rows = a.fitted.judged & np.isfinite(residual)
         distance = np.nanstd(position - self.first.data.position)
         if not rows.any() or distance > _SAME_MOTION * np.std(self.first.data.position):
             return {}
-        slopes = self._slopes[rows]
+        slopes, run = self._slopes[rows], a.fitted.data.run[rows]
         free = slopes.any(axis=0)
-        covariance = sandwich(
-            slopes[:, free], residual[rows], np.ones(np.count_nonzero(rows)), a.fitted.data.run[rows]
-        )
+        covariance = sandwich(slopes[:, free], residual[rows], np.ones(len(run)), run)
         names = np.array([*a.fitted.model.gains, *a.fitted.model.inner])[free].tolist()
         errors = dict(zip(names, covariance.std_err.tolist(), strict=True))
         return {name: error for name, error in errors.items() if np.isfinite(error)}

@@ -7,7 +7,7 @@ from itertools import pairwise
 import numpy as np
 
 from palpate.control.loop.task import Phase
-from palpate.estimation.channel import ChannelData
+from palpate.estimation.channel import ChannelData, ChannelKind
 from palpate.robot_io.types import BoolArray, FloatArray
 
 _TOLD = 0.5  # least share of the error in the means of the parts, to report a pattern
@@ -18,10 +18,7 @@ _OTHER = 1.2  # least ratio by which another split must explain more
 _MOST = 2  # patterns that are reported
 
 # the effort depends on the place and the way, and a phase says where that is and which way it goes
-_FOLLOWS: Mapping[str, tuple[str, ...]] = {
-    "effort": ("depth", "position", "direction"),
-    "phase": ("depth", "position", "direction"),
-}
+_FOLLOWS = dict.fromkeys(("effort", "phase"), ("depth", "position", "direction"))
 
 
 @dataclass(frozen=True)
@@ -121,36 +118,31 @@ def splits(data: ChannelData) -> dict[str, dict[str, BoolArray]]:
     known = {int(phase): phase.name.lower().replace("_", " ") for phase in Phase}
     phases = {known[p]: data.phase == p for p in np.unique(data.phase).tolist() if p in known}
     slow = 0.02 * (float(np.quantile(np.abs(data.velocity), 0.95)) or 1.0)
-    inwards, outwards = (
-        ("moving in", "moving out")
-        if data.kind.value == "contact"
-        else ("moving forwards", "moving backwards")
-    )
+    place, inwards, outwards = "position", "moving forwards", "moving backwards"
+    if data.kind is ChannelKind.CONTACT:
+        place, inwards, outwards = "depth", "moving in", "moving out"
     directions = {
         inwards: data.velocity > slow,
         outwards: data.velocity < -slow,
         "at rest": np.abs(data.velocity) <= slow,
     }
+    unit, effort_unit, pressed = data.kind.position_unit, data.kind.effort_unit, data.engaged
     masks_by = {
         "phase": phases,
         "run": {f"run {run}": data.run == run for run in data.runs},
         "direction": directions,
-        "speed": _bins(np.abs(data.velocity), f"{data.kind.position_unit}/s", data.engaged),
-        "depth" if data.kind.value == "contact" else "position": _bins(
-            data.position, data.kind.position_unit, data.engaged
-        ),
-        "effort": _bins(data.effort, data.kind.effort_unit, data.engaged),
+        "speed": _bins(np.abs(data.velocity), f"{unit}/s", pressed),
+        place: _bins(data.position, unit, pressed),
+        "effort": _bins(data.effort, effort_unit, pressed),
     }
     if "load" in data.context:
-        masks_by["load"] = _bins(np.abs(data.context["load"]), data.kind.effort_unit, data.engaged)
+        masks_by["load"] = _bins(np.abs(data.context["load"]), effort_unit, pressed)
     for name in sorted(data.recorded):
-        masks_by[f"recorded {name}" if name in masks_by else name] = _bins(
-            data.context[name], "", data.engaged
-        )
-    occupied = {
-        by: {name: mask for name, mask in masks.items() if mask.any()} for by, masks in masks_by.items()
-    }
-    return {by: masks for by, masks in occupied.items() if len(masks) > 1}
+        by = f"recorded {name}" if name in masks_by else name
+        masks_by[by] = _bins(data.context[name], "", pressed)
+    for by, masks in masks_by.items():
+        masks_by[by] = {name: mask for name, mask in masks.items() if mask.any()}
+    return {by: masks for by, masks in masks_by.items() if len(masks) > 1}
 
 
 def _bins(signal: FloatArray, unit: str, engaged: BoolArray) -> dict[str, BoolArray]:

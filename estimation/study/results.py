@@ -94,17 +94,11 @@ class StudyDiagnosis(TableDisplay, Diagnosis):
 
     def _table(self) -> DisplayTable:
         rows = [
-            (
-                channel.channel,
-                channel.verdict,
-                ", ".join(entry.effect for entry in channel.accepted),
-                channel.reason,
-            )
-            for channel in self.channels
+            (entry.channel, entry.verdict, ", ".join(a.effect for a in entry.accepted), entry.reason)
+            for entry in self.channels
         ]
-        return DisplayTable(
-            f"What is missing in {self.model}", ("channel", "verdict", "effects", "why"), rows
-        )
+        columns = ("channel", "verdict", "effects", "why")
+        return DisplayTable(f"What is missing in {self.model}", columns, rows)
 
 
 class RevisionTable(TableDisplay, tuple[Revision, ...]):

@@ -38,9 +38,7 @@ def diagnosis_data(diagnosis: Diagnosis, channels: Sequence[StudyChannel]) -> di
         diagnosis: to save.
         channels: the channels that it is about.
     """
-    about = {
-        channel.name: {"model": channel.model.name, "data_sha256": channel.sha256} for channel in channels
-    }
+    about = {c.name: {"model": c.model.name, "data_sha256": c.sha256} for c in channels}
     return with_checksum(diagnosis.model_dump(mode="json") | {_ABOUT: about})
 
 
@@ -61,14 +59,8 @@ def read_diagnosis(folder: Path | None) -> dict[tuple[str, str, str], ChannelDia
         return {}
     try:
         saved = read_kept(file, _KeptDiagnosis)
-        return {
-            (
-                channel.channel,
-                saved.judged[channel.channel].model,
-                saved.judged[channel.channel].data_sha256,
-            ): channel
-            for channel in saved.channels
-        }
+        about = [(channel, saved.judged[channel.channel]) for channel in saved.channels]
+        return {(channel.channel, its.model, its.data_sha256): channel for channel, its in about}
     except (ValueError, KeyError) as error:
         why = error if isinstance(error, ValueError) else f"judged.{error}: is missing"
         raise InputError(f"{file}: is damaged ({why}); delete it, or run palpate diagnose again") from error

@@ -25,11 +25,10 @@ from palpate.robot_io.extras import LazyModule
 
 if TYPE_CHECKING:
     import pyarrow as pa
+
+    from palpate.robot_io.session import Session
 else:
     pa = LazyModule("pyarrow")
-
-if TYPE_CHECKING:
-    from palpate.robot_io.session import Session
 
 NO_OPTIONS = ImportOptions()
 IN_MEMORY = "data"  # name of measurements without a file
@@ -89,11 +88,9 @@ class Source:
         Args:
             runs: numbers of recorded runs to leave out.
         """
-        remaining = (
-            channel.of_runs(np.setdiff1d(channel.runs, self.runs_of(channel, runs)))
-            for channel in self.channels
-        )
-        return replace(self, channels=tuple(remaining))
+        left_out = (self.runs_of(channel, runs) for channel in self.channels)
+        kept = (c.of_runs(np.setdiff1d(c.runs, out)) for c, out in zip(self.channels, left_out, strict=True))
+        return replace(self, channels=tuple(kept))
 
     def tared(self, names: Collection[str]) -> tuple[ChannelData, ...]:
         """Return channels with the force in free air subtracted, which a stiffness needs.
@@ -162,12 +159,11 @@ def joined(first: Source, second: Source) -> Source:
     Raises:
         InputError: they share no channel.
     """
-    channels_of_second = {(channel.name, channel.kind): channel for channel in second.channels}
-    pairs = [(channel, channels_of_second.get((channel.name, channel.kind))) for channel in first.channels]
     channels = tuple(
-        joined_channels((first_channel, second_channel))
-        for first_channel, second_channel in pairs
-        if second_channel is not None
+        joined_channels((channel, further))
+        for channel in first.channels
+        for further in second.channels
+        if (further.name, further.kind) == (channel.name, channel.kind)
     )
     if not channels:
         raise InputError(f"{second.name}: has no channel that {first.name} has")
@@ -194,14 +190,8 @@ def _source_of(data: Any, options: ImportOptions) -> Source:  # noqa: ANN401
 
 
 def _source_of_import(name: str, imported: Imported, path: Path | None = None) -> Source:
-    return Source(
-        name,
-        imported.channels,
-        path=path,
-        unused=imported.unused,
-        notes=imported.notes,
-        read=imported.read,
-    )
+    unused, notes, read = imported.unused, imported.notes, imported.read
+    return Source(name, imported.channels, path=path, unused=unused, notes=notes, read=read)
 
 
 def _source_of_file(path: Path, options: ImportOptions) -> Source:

@@ -129,19 +129,15 @@ def _keep_simplest(
     """Keep the simplest rivals of one accepted effect; see `with_the_simplest`."""
     accepted, names = list(diagnosis.accepted), [entry.effect for entry in diagnosis.accepted]
     entry, known = accepted[place], {effect.name: effect for effect in study.effects}
-    models = {
-        rival: study.fit(
-            channel, _replace_effect(names, entry.effect, rival, known[rival].parts)
-        ).training_fit
-        for rival in _candidates(entry)
+    rivals = {
+        rival: _replace_effect(names, entry.effect, rival, known[rival].parts) for rival in _candidates(entry)
     }
+    models = {rival: study.fit(channel, effects).training_fit for rival, effects in rivals.items()}
     kept: list[str] = []
-    for name in sorted(
-        models, key=lambda name: (_size(models[name].solution.model), len(known[name].signals))
-    ):
+    for name in sorted(models, key=lambda name: (_size(models[name].model), len(known[name].signals))):
         larger = models[name]
         simpler = [models[rival] for rival in kept if _is_simpler(models[rival], larger)]
-        last = larger.solution.model.effects[-1]
+        last = larger.model.effects[-1]
         is_other = bool(simpler) and is_misnamed(last, larger.solution, larger.problem)
         if not is_other and not any(_contains(larger, smaller) for smaller in simpler):
             kept.append(name)
@@ -168,31 +164,23 @@ def _with_accepted(
         for entry, (before, after) in zip(accepted, pairwise(stages), strict=True)
     ]
     base, last, unit = diagnosis.baseline.rmse, stages[-1].rmse, diagnosis.effort_unit
-    other_reasons = diagnosis.reason.removeprefix(
-        error_decrease(diagnosis.accepted, base, diagnosis.final.rmse, unit)
-    )
+    before = error_decrease(diagnosis.accepted, base, diagnosis.final.rmse, unit)
+    reason = error_decrease(entries, base, last, unit) + diagnosis.reason.removeprefix(before)
     times = last / diagnosis.noise_floor if diagnosis.noise_floor > 0.0 else 1.0
-    remaining = diagnosis.remaining and diagnosis.remaining.model_copy(
-        update={"rmse": last, "times_floor": times}
-    )
-    return changed.model_copy(
-        update={
-            "reason": error_decrease(entries, base, last, unit) + other_reasons,
-            "remaining": remaining,
-            "final": Fitted.of(stages[-1]),
-            "accepted": entries,
-        }
-    )
+    numbers = {"rmse": last, "times_floor": times}
+    remaining = diagnosis.remaining and diagnosis.remaining.model_copy(update=numbers)
+    update = {"reason": reason, "remaining": remaining, "final": Fitted.of(stages[-1]), "accepted": entries}
+    return changed.model_copy(update=update)
 
 
 def _is_simpler(smaller: FitResult, larger: FitResult) -> bool:
     """Check whether a model is simpler than another that differs in the last effect."""
-    last = larger.solution.model.effects[-1]
-    if last.parts and {effect.name for effect in smaller.solution.model.effects} >= set(last.parts):
+    last = larger.model.effects[-1]
+    if last.parts and {effect.name for effect in smaller.model.effects} >= set(last.parts):
         return False
-    sizes = [_size(fit.solution.model) for fit in (smaller, larger)]
-    few, many = (set(fit.solution.model.effects[-1].signals) for fit in (smaller, larger))
-    return sizes[0] < sizes[1] or (sizes[0] == sizes[1] and few < many)
+    few, many = set(smaller.model.effects[-1].signals), set(last.signals)
+    size, most = _size(smaller.model), _size(larger.model)
+    return size < most or (size == most and few < many)
 
 
 def _contains(larger: FitResult, smaller: FitResult) -> bool:
@@ -201,7 +189,7 @@ def _contains(larger: FitResult, smaller: FitResult) -> bool:
     motion, cache = decimate(blocked), FitCache()
     drawn = replace(motion, effort=model.predict(with_load(motion, model, known), known))
     without = fit_model(drawn, model.without(model.effects[-1].name), known, blocked.trusted, cache)
-    tried = screen_effects(without, larger.solution.model.effects[-1:])[0].search.best
+    tried = screen_effects(without, larger.model.effects[-1:])[0].search.best
     again = fit_model(drawn, tried.model, tried.parameters, blocked.trusted, cache)
     return again.solution.sse < max(_CONTAINED * without.solution.sse, _UNSEEN * smaller.solution.sse)
 

@@ -268,7 +268,7 @@ def test_signals_are_taken_one_by_one_where_another_would_mislead(weights, taken
         parts.append(np.column_stack([x, x @ [*weights, 3.0 * sign] + 0.1 * rng.normal(size=2000)]))
     equations, owner = gram_matrices(parts), np.arange(6)
     alone = [_fit_ridge(equations, owner, (number,)) for number in range(6)]
-    assert _select_signals(equations, owner, alone, _fit_ridge(equations, owner, ()).energy).signals == taken
+    assert _select_signals(equations, owner, alone, _fit_ridge(equations, owner, ())).signals == taken
 
 
 @pytest.mark.parametrize(

@@ -35,10 +35,7 @@ from palpate.estimation.fit.inner_search import (
 )
 def test_half_way_to_both_neighbours_and_never_beyond_the_bounds(values, best, log, expected):
     inner = Parameter("width", "m", 1.0, 100.0, (2.0, 50.0), log=log)
-    grid = [{"width": value, "other": 3.0} for value in values]
-    found = _midpoints(grid, best, inner, list(range(len(grid))))
-    assert [point["width"] for point in found] == pytest.approx(expected)
-    assert all(point["other"] == 3.0 for point in found)
+    assert _midpoints(values, best, inner) == pytest.approx(expected)
 
 
 @pytest.mark.parametrize(
@@ -53,13 +50,8 @@ def test_half_way_to_both_neighbours_and_never_beyond_the_bounds(values, best, l
 )
 def test_a_parabola_s_lowest_point_is_looked_at(values, cost, log, expected):
     inner = Parameter("width", "m", 1.0, 100.0, (2.0, 50.0), log=log)
-    grid = [{"width": value, "other": 3.0} for value in values]
-    solutions = [SimpleNamespace(sse=cost(value)) for value in values]
-    found = _parabola_minimum(grid, solutions, [0, 1, 2], 1, inner)
-    assert found == ([] if expected is None else [{"width": pytest.approx(expected), "other": 3.0}])
-    assert (
-        _parabola_minimum(grid, solutions, [0, 1, 2], 0, inner) == []
-    )  # a parabola needs a neighbour on either side
+    lowest = _parabola_minimum(values, [cost(value) for value in values], inner)
+    assert lowest == pytest.approx([] if expected is None else [expected])
 
 
 def test_each_fold_is_judged_at_the_inner_parameters_that_the_others_chose():
