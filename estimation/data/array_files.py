@@ -8,22 +8,15 @@ import zipfile
 from collections.abc import Mapping
 from contextlib import suppress
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from palpate.estimation.data.arrow import pa, pc
 from palpate.estimation.data.column_names import parse_role
 from palpate.estimation.data.file_columns import FileColumns, check_size
 from palpate.robot_io.errors import InputError
-from palpate.robot_io.extras import LazyModule
-
-if TYPE_CHECKING:
-    import pyarrow as pa
-    import pyarrow.compute as pc
-else:
-    pa = LazyModule("pyarrow")
-    pc = LazyModule("pyarrow.compute")
 
 _MOST_PACKED = 50  # unpacked over packed size of a MATLAB file whose variables cannot be listed
 _LEAST_CELL = 4  # least bytes of a value of any type
@@ -49,10 +42,7 @@ def read_parquet(path: Path) -> FileColumns:
             check_size(path, size)
             batches.append(batch)
         table = pa.Table.from_batches(batches, file.schema_arrow)
-    if not is_lerobot(table):
-        return FileColumns(table)
-    flat, words = flatten_arrays(table, path)
-    return FileColumns(flat, words=words)
+    return _lerobot_columns(table, path) if {_TIME, _STATE} <= set(table.column_names) else FileColumns(table)
 
 
 def read_npz(path: Path) -> FileColumns:
@@ -79,15 +69,6 @@ def read_npz(path: Path) -> FileColumns:
     return FileColumns(arrow_table(arrays, path))
 
 
-def _as_matrix(cells: NDArray[Any]) -> NDArray[Any]:
-    """Stack cells that hold equally many numbers as rows of a matrix; return other arrays unchanged."""
-    if cells.ndim == 1 and cells.dtype == object and len(cells):
-        shapes = {np.shape(cell) for cell in cells}
-        if len(shapes) == 1 and len(next(iter(shapes))) == 1:
-            return np.array(cells.tolist())
-    return cells
-
-
 def read_mat(path: Path) -> FileColumns:
     """Read the vectors of a MATLAB file and of its structs; of several lengths, the most frequent is kept.
 
@@ -111,11 +92,7 @@ def read_mat(path: Path) -> FileColumns:
     except NotImplementedError as error:
         raise InputError(f"{path}: is of version 7.3; save it in MATLAB with save(..., '-v7')") from error
     vectors: dict[str, NDArray[Any]] = {}
-    pending = [
-        (name, value)
-        for name, value in content.items()
-        if isinstance(name, str) and not name.startswith("__")
-    ]
+    pending = [item for item in content.items() if isinstance(item[0], str) and not item[0].startswith("__")]
     while pending:
         name, value = pending.pop(0)
         if isinstance(value, Mapping):
@@ -123,7 +100,8 @@ def read_mat(path: Path) -> FileColumns:
                 (str(key) if str(key) not in vectors else f"{name}.{key}", v) for key, v in value.items()
             ]
         elif isinstance(value, np.ndarray):
-            array = _as_matrix(value)
+            shapes = {np.shape(cell) for cell in value} if value.ndim == 1 and value.dtype == object else ()
+            array = np.array(value.tolist()) if len(shapes) == 1 and len(*shapes) == 1 else value
             if array.dtype.kind not in "biuf":
                 continue
             if array.ndim == 1 and len(array) > 1:
@@ -163,9 +141,8 @@ def arrow_table(arrays: Mapping[str, NDArray[Any]], place: Path) -> pa.Table:
             columns[name] = pa.array(array)
         except (pa.ArrowException, TypeError, ValueError, OverflowError) as error:
             kinds = ", ".join(sorted({type(value).__name__ for value in array.tolist()})[:3])
-            raise InputError(
-                f"{place}: column '{name}' holds values of type {kinds}, expected numbers or text"
-            ) from error
+            reason = f"holds values of type {kinds}, expected numbers or text"
+            raise InputError(f"{place}: column '{name}' {reason}") from error
     return pa.table(columns)
 
 
@@ -186,36 +163,23 @@ _QUANTITIES = {  # endings of LeRobot's names of elements, and what one of them 
     "effort": "torque",
     "current": "current",
 }
-_PALPATE_UNITS = {"position": "deg", "velocity": "deg_s", "torque": "Nm", "action": "deg"}
-_PALPATE_UNITS |= {
+_PALPATE_UNITS = {
+    "position": "deg",
+    "velocity": "deg_s",
+    "torque": "Nm",
+    "action": "deg",
     "force": "N",
-    "time": "s",
-}  # which replaces the data set's time: a frame's number over the rate
+    "time": "s",  # replaces the data set's time, which is a frame's number over the rate
+}
 _MOST_JOINTS = 64
 _MOST_INFO_BYTES = 1 << 20
 
 
-def is_lerobot(table: pa.Table) -> bool:
-    """Return whether a Parquet file is an episode of a LeRobot data set.
-
-    Args:
-        table: table of the file.
-    """
-    return {_TIME, _STATE} <= set(table.column_names)
-
-
-def flatten_arrays(table: pa.Table, path: Path) -> tuple[pa.Table, tuple[str, ...]]:
-    """Split arrays into one column per element, with palpate's names for time and run, and describe them.
+def _lerobot_columns(table: pa.Table, path: Path) -> FileColumns:
+    """Split arrays of a LeRobot episode into one column per element, with palpate's names for time and run.
 
     The data set states no units. The user states those of positions and torques, except for robots of type
     `lerobot_robot_palpate`. Arrays whose length changes from row to row are left out.
-
-    Args:
-        table: table as the Parquet file holds it, n rows.
-        path: path of the file within the data set.
-
-    Returns:
-        A table of n rows, one number a cell; and words on it for people.
     """
     info = _dataset_info(path)
     names = _element_names(info, _STATE)
@@ -226,8 +190,7 @@ def flatten_arrays(table: pa.Table, path: Path) -> tuple[pa.Table, tuple[str, ..
         columns["run"] = table.column(_EPISODE)
     for array in table.column_names:
         column = table.column(array)
-        checks = (pa.types.is_list, pa.types.is_large_list, pa.types.is_fixed_size_list)
-        if not any(is_list(column.type) for is_list in checks):
+        if not isinstance(column.type, pa.ListType | pa.LargeListType | pa.FixedSizeListType):
             continue
         rows = column.combine_chunks()
         widths = pc.unique(pc.list_value_length(rows)).to_pylist()
@@ -237,7 +200,7 @@ def flatten_arrays(table: pa.Table, path: Path) -> tuple[pa.Table, tuple[str, ..
         column_names = _column_names(_CALLED.get(array, array), _element_names(info, array), widths[0], units)
         columns |= dict(zip(column_names, values.T, strict=True))
     words = ("LeRobot data set", *([f"joints {', '.join(joints)}"] if joints else []))
-    return pa.table(columns), words
+    return FileColumns(pa.table(columns), words=words)
 
 
 def _dataset_info(path: Path) -> Mapping[str, Any]:

@@ -6,10 +6,10 @@ import shlex
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import TYPE_CHECKING
 
 import numpy as np
 
+from palpate.estimation.data.arrow import pa
 from palpate.estimation.data.choose_columns import (
     EFFORTS,
     POSITION,
@@ -37,13 +37,7 @@ from palpate.estimation.data.presses import FEWEST_ROWS, press_sides
 from palpate.estimation.data.table import Table
 from palpate.estimation.data.units import dimension_of
 from palpate.robot_io.errors import InputError
-from palpate.robot_io.extras import LazyModule
 from palpate.robot_io.types import FloatArray
-
-if TYPE_CHECKING:
-    import pyarrow as pa
-else:
-    pa = LazyModule("pyarrow")
 
 
 @dataclass(frozen=True)
@@ -166,12 +160,9 @@ def assign_columns(table: Table, options: ImportOptions) -> Columns:
     reserved = {*options.columns.values(), *options.context, *(column for _, column in chosen.values())}
     chosen |= choose_columns(ColumnUnits(table, options), chosen, reserved, shift)
     for _, column in chosen.values():
-        again = f"{column} (2)"
-        if (
-            again in table.names
-            and column not in options.columns.values()
-            and not table.is_same(column, again)
-        ):
+        again, cells = f"{column} (2)", table.columns
+        is_chosen = column in options.columns.values() or again not in table.names
+        if not is_chosen and not cells.column(column).equals(cells.column(again)):
             raise InputError(
                 f"{table.path}: column '{column}' is there twice, with different values; choose with "
                 f"--column NAME={shlex.quote(column)} or NAME={shlex.quote(again)}, or rename one"

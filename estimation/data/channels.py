@@ -11,7 +11,7 @@ from palpate.control.loop.tick_record import STREAM_NAME
 from palpate.estimation.channel import ChannelData, ChannelKind
 from palpate.estimation.data.import_file import Imported, with_arm
 from palpate.estimation.data.tick_channels import checked_ticks, contact_channels, joined, joint_channels
-from palpate.estimation.data.units import FINEST_S, fault_of, further_faults, invalid_rows
+from palpate.estimation.data.units import FINEST_S, describe_fault, invalid_rows
 from palpate.estimation.signals.runwise import sample_time
 from palpate.robot_io.errors import InputError, SessionError
 from palpate.robot_io.session import Column, Samples, Session, Stream
@@ -43,8 +43,8 @@ def import_streams(imported: Imported) -> list[tuple[Stream, Mapping[str, ArrayL
     """
     streams = list[tuple[Stream, Mapping[str, ArrayLike]]]()
     for channel in imported.channels:
-        position, rate = channel.kind.position_unit, f"{channel.kind.position_unit}/s"
-        units = (position, rate, f"{rate}^2", channel.kind.effort_unit)
+        unit = channel.kind.position_unit
+        units = (unit, f"{unit}/s", f"{unit}/s^2", channel.kind.effort_unit)
         motion = (channel.position, channel.velocity, channel.acceleration, channel.effort)
         phase = Column("phase", "1", 1, "as in the stream of ticks; -1 where unknown", "int32")
         columns: list[tuple[Column, ArrayLike]] = [
@@ -87,32 +87,13 @@ def run_labels(session: Session) -> dict[str, int]:
     return {label: int(run) for run, label in pairs if isinstance(label, str) and _NUMBER.match(run)}
 
 
-def imported_channels(session: Session) -> tuple[ChannelData, ...]:
-    """Return the channels of an imported session; empty if the session was not imported.
-
-    Args:
-        session: session of an import or a probing.
-
-    Raises:
-        InputError: a column is missing, or holds what cannot be worked with.
-    """
-    names = [name for name in session.stream_names if name == "contact" or name.startswith("joint_")]
-    try:
-        return with_arm(
-            [_channel(name, session.samples(name)) for name in names if len(session.samples(name))]
-        )
-    except InputError as error:
-        raise InputError(f"{session.path}, {error}") from error
-
-
-def _channel(name: str, samples: Samples) -> ChannelData:
+def _imported_channel(name: str, samples: Samples) -> ChannelData:
     kinds = [kind for kind, columns in _COLUMNS.items() if all(column in samples for column in columns)]
     if not kinds:
         raise SessionError(f"stream '{name}' is no channel: it has columns {', '.join(samples)}")
     _check(name, samples, ("time_s", "run", "phase", *_COLUMNS[kinds[0]]))
-    if (
-        (np.diff(samples["time_s"]) < FINEST_S) & (np.diff(samples["run"]) == 0)
-    ).any():  # as the import has it
+    late = np.diff(samples["time_s"]) < FINEST_S  # as the import has it
+    if (late & (np.diff(samples["run"]) == 0)).any():
         raise InputError(f"stream '{name}', column 'time_s': times must increase within a run")
     position, velocity, acceleration, effort = (samples[column] for column in _COLUMNS[kinds[0]])
     context = {
@@ -147,7 +128,7 @@ def _check(name: str, samples: Samples, columns: tuple[str, ...]) -> None:
         bad = invalid_rows(values)
         if len(bad):
             number = float(values[bad[0]])
-            fault = fault_of(number) + further_faults(len(bad))
+            fault = describe_fault(number, len(bad))
             raise InputError(f"stream '{name}', row {bad[0] + 1}, column '{column}': {number:g} is {fault}")
 
 
@@ -167,7 +148,12 @@ def session_channels(
     Raises:
         InputError: the session has none, or there are several that do not belong together.
     """
-    channels = imported_channels(session)
+    names = [name for name in session.stream_names if name == "contact" or name.startswith("joint_")]
+    try:
+        parts = [(name, session.samples(name)) for name in names]
+        channels = with_arm([_imported_channel(name, samples) for name, samples in parts if len(samples)])
+    except InputError as error:
+        raise InputError(f"{session.path}, {error}") from error
     if more or STREAM_NAME in session.stream_names:
         for probing in (session, *more):
             if STREAM_NAME not in probing.stream_names:
@@ -178,13 +164,10 @@ def session_channels(
         ticks = joined([checked_ticks(probing) for probing in (session, *more)])
         channels = (*contact_channels(ticks, tared=tared), *(joint_channels(ticks) if joints else ()))
     if not channels:
-        raise InputError(
-            f"{session.path}: no stream holds samples of a run; its streams: "
-            f"{', '.join(session.stream_names) or 'none'}"
-        )
+        streams = ", ".join(session.stream_names) or "none"
+        raise InputError(f"{session.path}: no stream holds samples of a run; its streams: {streams}")
     for channel in channels:
         if not sample_time(channel.time_s, channel.run) > 0.0:
-            raise InputError(
-                f"{session.path}: the times of '{channel.name}' do not increase from sample to sample"
-            )
+            reason = "do not increase from sample to sample"
+            raise InputError(f"{session.path}: the times of '{channel.name}' {reason}")
     return channels

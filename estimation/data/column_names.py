@@ -92,16 +92,6 @@ def parse_role(name: str, shift: int = 0) -> Role | None:
     return Role(quantity, joint, unit, shift)
 
 
-def joint_number(name: str) -> int | None:
-    """Return the joint's number in one of palpate's own names; None without one.
-
-    Args:
-        name: name of a column.
-    """
-    match = _NAME.fullmatch(name.strip())
-    return int(match.group(2)) if match and match.group(2) else None
-
-
 def role_of_option(name: str, shift: int) -> Role:
     """Return the role that a user names in --column.
 
@@ -376,14 +366,9 @@ def _quantity_of_last_word(name: str) -> str:
 
 def _guess_by_unit(name: str, unit: str) -> Guess:
     """Guess the quantity by the unit alone, except units that stand for an effort."""
-    fits = {
-        "time": "time",
-        "length": "displacement",
-        "angle": "position",
-        "force": "force",
-        "torque": "torque",
-    }
-    quantity = fits.get(dimension_of(unit) or "", "")
+    dimension = dimension_of(unit) or ""
+    fits = {"length": "displacement", "angle": "position"} | {n: n for n in ("time", "force", "torque")}
+    quantity = fits.get(dimension, "")
     return Guess(name, quantity, None, unit, _BY_UNIT, "by its unit") if quantity else guess_column(name)
 
 
@@ -393,10 +378,9 @@ def guess_column(name: str) -> Guess:
     Args:
         name: name of the column, as in the file.
     """
-    role = parse_role(name)
-    if role is not None:
-        rank = OWN_NAME if role.unit else _BY_NAME
-        return Guess(name, role.quantity, joint_number(name), role.unit, rank, "by its name")
+    if (match := _NAME.fullmatch(name.strip())) and (role := parse_role(name)):
+        rank, joint = OWN_NAME if role.unit else _BY_NAME, int(match[2]) if match[2] else None
+        return Guess(name, role.quantity, joint, role.unit, rank, "by its name")
     if plain(name.strip()) in WORDS[RUN]:
         return Guess(name, RUN, why="by its name")
     stem, unit = split_unit(name)
@@ -418,9 +402,7 @@ def guess_column(name: str) -> Guess:
         return Guess(name, "")
     if quantity not in _JOINTLY:
         joint = None
-    uninformative = (
-        WORDS.get(quantity, frozenset()) | _SAYS_NOTHING
-    )  # an acceleration has no words of its own
+    uninformative = WORDS.get(quantity, frozenset()) | _SAYS_NOTHING  # an acceleration has no own words
     of = tuple(word.lower() for word in words if plain(word) not in uninformative)
     why = ("by its name and others'", "by its unit", "by a word in its name", "by its name")[rank]
     specified = next((units.get(quantity, "") for pattern, units in _INTERFACES if pattern.search(name)), "")

@@ -6,17 +6,11 @@ import os
 from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING
 
+from palpate.estimation.data.arrow import pa
 from palpate.robot_io.errors import InputError
-from palpate.robot_io.extras import LazyModule
 from palpate.robot_io.files.whole_file import most_unpacked
 from palpate.robot_io.types import IntArray
-
-if TYPE_CHECKING:
-    import pyarrow as pa
-else:
-    pa = LazyModule("pyarrow")
 
 BAGS = (".mcap", ".db3")  # of ROS 2
 MOST_BYTES = 2**30  # ten hours at 1 kHz; more is refused before the memory is full

@@ -3,7 +3,7 @@
 import json
 from collections.abc import Iterator, Mapping
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeGuard
 
 import numpy as np
 
@@ -44,15 +44,13 @@ def read_json(path: Path) -> FileColumns:
             f"{path}: holds no table: a list of records, columns of equal length, or rows of numbers"
         )
     columns, other_lengths = max(tables, key=lambda table: len(next(iter(table[0].values()))))
-    flat = {name: cells for name, cells in columns.items() if not any(map(_is_nested, cells))}
+    flat = {name: np.array(cells) for name, cells in columns.items() if not any(map(_is_nested, cells))}
     words = [NAMELESS] if all(map(is_unnamed, flat)) else []
     words += [f"columns of other lengths left out: {', '.join(other_lengths)}"] if other_lengths else []
-    return FileColumns(
-        arrow_table({name: np.array(cells) for name, cells in flat.items()}, path), words=tuple(words)
-    )
+    return FileColumns(arrow_table(flat, path), words=tuple(words))
 
 
-def _is_nested(value: object) -> bool:
+def _is_nested(value: object) -> TypeGuard[list[Any] | Mapping[str, Any]]:
     return isinstance(value, list | Mapping)
 
 
@@ -99,12 +97,9 @@ def _flatten(record: Mapping[str, Any]) -> dict[str, Any]:
     pending: list[tuple[str, object]] = [("", record)]
     while pending:
         name, value = pending.pop()
-        parts: list[tuple[str, object]] = []
-        if isinstance(value, Mapping):
-            parts = [(str(key), part) for key, part in value.items()]
-        elif isinstance(value, list):
-            parts = [(str(number), part) for number, part in enumerate(value)]
-        else:
+        if not _is_nested(value):
             flat[name] = value
-        pending += [(f"{name}.{key}" if name else key, part) for key, part in reversed(parts)]
+            continue
+        parts = list(value.items() if isinstance(value, Mapping) else enumerate(value))
+        pending += [(f"{name}.{key}" if name else str(key), part) for key, part in reversed(parts)]
     return flat

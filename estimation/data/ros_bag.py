@@ -24,22 +24,25 @@ from palpate.robot_io.types import FloatArray
 _MOST_MESSAGE_BYTES = 1 << 20
 
 
-def messages_of(path: Path, kind: str) -> Iterator[tuple[str, bytes]]:
-    """Yield topic and bytes of each message of a type, from one file or the files of a folder.
-
-    Args:
-        path: path of a file, or of the folder of a recording.
-        kind: name of the type, such as "sensor_msgs/msg/JointState".
-
-    Raises:
-        InputError: it holds too much, or is no such recording.
-    """
+def _messages(path: Path) -> Iterator[tuple[str, bytes]]:
+    """Yield topic and bytes of each joint state, from one file or the files of a folder."""
     parts = [part for part in path.iterdir() if part.suffix in BAGS] if path.is_dir() else [path]
     for part in sorted(parts, key=natural_key):
-        yield from (_sqlite_messages if part.suffix == ".db3" else _mcap_messages)(part, kind)
+        if part.suffix == ".db3":
+            yield from _sqlite_messages(part)
+            continue
+        schemas: dict[int, str] = {}
+        topics: dict[int, str] = {}
+        for record in _records(part):
+            if isinstance(record, Schema):
+                schemas[record.id] = record.name
+            elif isinstance(record, Channel) and schemas.get(record.schema_id) == _TYPE:
+                topics[record.id] = record.topic
+            elif isinstance(record, Message) and record.channel_id in topics:
+                yield topics[record.channel_id], record.data
 
 
-def _sqlite_messages(path: Path, kind: str) -> Iterator[tuple[str, bytes]]:
+def _sqlite_messages(path: Path) -> Iterator[tuple[str, bytes]]:
     """Read messages of a SQLite file, from tables only: a view in an untrusted file may never end."""
     check_size(path, path.stat().st_size)
     beside = path.with_name(path.name + "-wal")
@@ -57,20 +60,8 @@ def _sqlite_messages(path: Path, kind: str) -> Iterator[tuple[str, bytes]]:
         yield from database.execute(
             "SELECT name, data FROM messages JOIN topics ON topic_id = topics.id "
             "WHERE type = ? ORDER BY timestamp",
-            (kind,),
+            (_TYPE,),
         )
-
-
-def _mcap_messages(path: Path, kind: str) -> Iterator[tuple[str, bytes]]:
-    schemas: dict[int, str] = {}
-    topics: dict[int, str] = {}
-    for record in _records(path):
-        if isinstance(record, Schema):
-            schemas[record.id] = record.name
-        elif isinstance(record, Channel) and schemas.get(record.schema_id) == kind:
-            topics[record.id] = record.topic
-        elif isinstance(record, Message) and record.channel_id in topics:
-            yield topics[record.channel_id], record.data
 
 
 def _records(path: Path) -> Iterator[Any]:
@@ -116,26 +107,12 @@ class _MessageGroup:
     messages: list[bytes] = field(default_factory=list)
 
     def accepts(self, message: bytes) -> bool:
-        """Return whether a message has this layout.
-
-        Args:
-            message: message as it was recorded.
-        """
-        first = _CDR_BYTES + _STAMP_BYTES
-        return (
-            len(message) == self.size
-            and message.startswith(self.begins)
-            and message[first : first + len(self.text)] == self.text
-        )
+        """Return whether a message has this layout."""
+        same_size = len(message) == self.size and message.startswith(self.begins)
+        return same_size and message.startswith(self.text, _CDR_BYTES + _STAMP_BYTES)
 
     def numbers(self, kind: str, place: int, count: int) -> NDArray[Any]:
-        """Return numbers of each message from a byte on, shape (messages, count).
-
-        Args:
-            kind: kind as NumPy calls it, without the order of bytes.
-            place: first byte.
-            count: numbers in a row.
-        """
+        """Return numbers of each message from a byte on, shape (messages, count), of a NumPy kind."""
         size = np.dtype(kind).itemsize * count
         order = "<" if self.begins[1] & 1 else ">"
         whole = np.frombuffer(b"".join(self.messages), np.uint8).reshape(-1, self.size)
@@ -157,13 +134,10 @@ def read_ros_table(path: Path) -> FileColumns:
     groups = _joint_states(path)
     if not groups:
         raise InputError(f"{path}: no messages of type {_TYPE}")
-    topics = list(dict.fromkeys(group.topic for group in groups))
-    topic = max(
-        topics,
-        key=lambda name: sum(
-            len(group.messages) for group in groups if group.topic == name and "torque" in group.places
-        ),
-    )
+    with_torque = dict.fromkeys((group.topic for group in groups), 0)
+    for group in groups:
+        with_torque[group.topic] += len(group.messages) * ("torque" in group.places)
+    topic = max(with_torque, key=with_torque.__getitem__)
     groups_of_topic = [group for group in groups if group.topic == topic]
     sets = Counter[frozenset[str]]()
     for group in groups_of_topic:  # those with the most usual joints: a gripper may speak on the same topic
@@ -192,9 +166,8 @@ def read_ros_table(path: Path) -> FileColumns:
     order = np.unique(columns["time_s"], return_index=True)[1]
     table = pa.table({name: values[order] for name, values in columns.items()})
     named = ", ".join(f"{i} '{name}'" for i, name in enumerate(joints[:8], 1))
-    return FileColumns(
-        table, ".", (f"topic '{topic}' of {len(topics)}", f"joints {named}, taken as revolute")
-    )
+    words = (f"topic '{topic}' of {len(with_torque)}", f"joints {named}, taken as revolute")
+    return FileColumns(table, words=words)
 
 
 def _why_no_effort(groups_of_topic: Sequence[_MessageGroup]) -> str:
@@ -213,7 +186,7 @@ def _why_no_effort(groups_of_topic: Sequence[_MessageGroup]) -> str:
 def _joint_states(path: Path) -> list[_MessageGroup]:
     """Group the joint states of all topics by layout."""
     groups: list[_MessageGroup] = []
-    for topic, message in messages_of(path, _TYPE):
+    for topic, message in _messages(path):
         try:
             group = next((group for group in groups if group.topic == topic and group.accepts(message)), None)
             group = group or _parse_layout(topic, message)

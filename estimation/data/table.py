@@ -10,32 +10,18 @@ from dataclasses import dataclass, field, replace
 from difflib import get_close_matches
 from functools import cached_property
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import numpy as np
 
 from palpate.estimation.data.array_files import read_mat, read_npz, read_parquet
+from palpate.estimation.data.arrow import pa, pc
 from palpate.estimation.data.file_columns import BAGS, FileColumns, is_bag
 from palpate.estimation.data.json_table import read_json
-from palpate.estimation.data.table_layout import (
-    find_tests,
-    is_filled,
-    is_text,
-    stack_tests,
-    with_seconds,
-)
+from palpate.estimation.data.table_layout import find_tests, is_filled, is_text, stack_tests, with_seconds
 from palpate.estimation.data.text_table import as_utf8, number_of, read_text_table
-from palpate.estimation.data.units import fault_of, further_faults, invalid_rows
+from palpate.estimation.data.units import describe_fault, invalid_rows
 from palpate.robot_io.errors import InputError, UnknownNameError
-from palpate.robot_io.extras import LazyModule
 from palpate.robot_io.types import BoolArray, FloatArray, IntArray
-
-if TYPE_CHECKING:
-    import pyarrow as pa
-    import pyarrow.compute as pc
-else:
-    pa = LazyModule("pyarrow")
-    pc = LazyModule("pyarrow.compute")
 
 _SHOWN = 60  # characters of a value in an error
 _LONGEST_LABEL = 1000  # characters of the name of a run or a phase
@@ -103,11 +89,10 @@ class Table:
             bad = invalid_rows(values)
             if len(bad):
                 excerpt = str(column[int(bad[0])].as_py())[:_SHOWN]
-                fault = fault_of(number_of(excerpt)) + further_faults(len(bad))
+                fault = describe_fault(number_of(excerpt), len(bad))
                 place = f"{self.path}: {self.row_word} {self.rows[bad[0]]}, column '{name}'"
-                raise InputError(
-                    f"{place}: {excerpt!r} is {fault}; {_remedy(excerpt, whole=len(bad) == len(values))}"
-                )
+                remedy = _remedy(excerpt, whole=len(bad) == len(values))
+                raise InputError(f"{place}: {excerpt!r} is {fault}; {remedy}")
             self._numbers[name] = values
             self._numbers[name].setflags(write=False)
         return self._numbers[name]
@@ -131,15 +116,6 @@ class Table:
         """
         numbers = self.numbers(name)
         return float(np.sum(np.abs(np.diff(numbers))) / np.ptp(numbers))
-
-    def is_same(self, name: str, other_name: str) -> bool:
-        """Return whether two columns hold equal cells.
-
-        Args:
-            name: name of the column.
-            other_name: name of the other column.
-        """
-        return bool(self._column(name).equals(self._column(other_name)))
 
     def labels(self, name: str) -> tuple[tuple[str, ...], IntArray]:
         """Return the distinct texts of a column in order of appearance, and the index of each row's text.
@@ -265,11 +241,7 @@ def read_table(path: str | os.PathLike[str], selected: str = "") -> Table:
 
 
 def table_of(
-    cells: pa.Table,
-    place: Path,
-    titles: Sequence[str] = (),
-    decimal: str = ".",
-    rows: IntArray | None = None,
+    cells: pa.Table, place: Path, titles: Sequence[str] = (), decimal: str = ".", rows: IntArray | None = None
 ) -> Table:
     """Build a table from Arrow columns: clock times become seconds, tests side by side become runs.
 

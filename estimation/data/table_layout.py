@@ -6,21 +6,13 @@ import re
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from datetime import date
-from typing import TYPE_CHECKING
 
 import numpy as np
 
+from palpate.estimation.data.arrow import pa, pc
 from palpate.estimation.data.column_names import RUN, guess_columns, split_unit, without_run
 from palpate.estimation.data.text_dialect import MISSING
-from palpate.robot_io.extras import LazyModule
 from palpate.robot_io.types import BoolArray, FloatArray, IntArray
-
-if TYPE_CHECKING:
-    import pyarrow as pa
-    import pyarrow.compute as pc
-else:
-    pa = LazyModule("pyarrow")
-    pc = LazyModule("pyarrow.compute")
 
 _FEWEST = 2  # columns that each test has of its own: one that is there twice is a mistake
 _NUMBER = re.compile(r"[ _.(#-]*\d+\)?\s*$")

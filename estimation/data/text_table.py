@@ -11,10 +11,10 @@ from contextlib import suppress
 from dataclasses import replace
 from itertools import pairwise
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import numpy as np
 
+from palpate.estimation.data.arrow import pa, pa_csv
 from palpate.estimation.data.column_names import TIME, guess_columns
 from palpate.estimation.data.file_columns import FileColumns, check_size, most_bytes
 from palpate.estimation.data.quantity_words import FOREIGN_WORDS
@@ -34,15 +34,7 @@ from palpate.estimation.data.text_dialect import (
     same_columns,
 )
 from palpate.robot_io.errors import InputError
-from palpate.robot_io.extras import LazyModule
 from palpate.robot_io.types import IntArray
-
-if TYPE_CHECKING:
-    import pyarrow as pa
-    import pyarrow.csv as arrow_csv
-else:
-    pa = LazyModule("pyarrow")
-    arrow_csv = LazyModule("pyarrow.csv")
 
 _LONGEST_LINE = 2**20 - 1  # bytes; the reader takes blocks of 1 MiB, and the line must end in one
 _SHOWN = 60  # characters of a line that is refused
@@ -293,9 +285,9 @@ class _Collector:
     """Collects rows with a wrong number of cells, so that reading continues."""
 
     def __init__(self) -> None:
-        self.rows: list[arrow_csv.InvalidRow] = []
+        self.rows: list[pa_csv.InvalidRow] = []
 
-    def __call__(self, row: arrow_csv.InvalidRow) -> str:
+    def __call__(self, row: pa_csv.InvalidRow) -> str:
         self.rows.append(row)
         return "skip"
 
@@ -305,11 +297,11 @@ def _parse(rows: pa.Buffer, dialect: TextDialect, wrong: _Collector | None = Non
         list(dialect.tables[0].names),
         "\t" if dialect.delimiter == BLANKS else dialect.delimiter,
     )
-    return arrow_csv.read_csv(
+    return pa_csv.read_csv(
         pa.BufferReader(rows),
-        read_options=arrow_csv.ReadOptions(column_names=names, use_threads=wrong is None),
-        parse_options=arrow_csv.ParseOptions(delimiter=delimiter, invalid_row_handler=wrong),
-        convert_options=arrow_csv.ConvertOptions(column_types=dict.fromkeys(names, pa.string())),
+        read_options=pa_csv.ReadOptions(column_names=names, use_threads=wrong is None),
+        parse_options=pa_csv.ParseOptions(delimiter=delimiter, invalid_row_handler=wrong),
+        convert_options=pa_csv.ConvertOptions(column_types=dict.fromkeys(names, pa.string())),
     )
 
 

@@ -11,7 +11,7 @@ from palpate.control.loop.tick_record import STREAM_NAME, tick_stream
 from palpate.estimation.channel import ChannelData, ChannelKind, Tare
 from palpate.estimation.data.contact import Contact, find_contacts, find_surface, touch_of
 from palpate.estimation.data.derivatives import differentiate, grid_step
-from palpate.estimation.data.units import fault_of, further_faults, invalid_rows
+from palpate.estimation.data.units import describe_fault, invalid_rows
 from palpate.estimation.signals.blocks import blocks, number_pieces
 from palpate.estimation.signals.runwise import sample_time
 from palpate.robot_io.errors import InputError, SessionError
@@ -101,8 +101,8 @@ def _check_values(session: Session, ticks: Samples, name: str, rows: BoolArray) 
         row = values[bad[0]]
         number = float(row[invalid_rows(row)[0]])
         raise InputError(
-            f"{session.path}: tick {chosen[bad[0]] + 1}, column '{name}': {number:g} is {fault_of(number)}"
-            f"{further_faults(len(bad))}, in a sample that counts as good"
+            f"{session.path}: tick {chosen[bad[0]] + 1}, column '{name}': {number:g} is "
+            f"{describe_fault(number, len(bad))}, in a sample that counts as good"
         )
 
 
@@ -205,10 +205,11 @@ def joint_channels(ticks: Samples, known: FloatArray | None = None) -> tuple[Cha
     touching = np.zeros(len(chosen))
     for contact in contacts:
         touching[contact.rows] = 1.0
+    position, velocity, acceleration = map(np.column_stack, zip(*motions, strict=True))
     context = {
-        "joint_position": np.column_stack([position for position, _, _ in motions]),
-        "joint_velocity": np.column_stack([velocity for _, velocity, _ in motions]),
-        "joint_acceleration": np.column_stack([acceleration for _, _, acceleration in motions]),
+        "joint_position": position,
+        "joint_velocity": velocity,
+        "joint_acceleration": acceleration,
         "joint_torque": torque,
         "contact_force": force_n - _tare(contacts).of(run),  # no joint feels a sensor's bias
         "touching": touching,
@@ -221,19 +222,10 @@ def joint_channels(ticks: Samples, known: FloatArray | None = None) -> tuple[Cha
             begun_s, ended_s = time_s[rows[[0, -1]]]
             near = (time_s > begun_s - _BESIDE_S) & (time_s < ended_s + _BESIDE_S)
             kept &= ~(near & (chosen["run"] == contact.run))
-    phase = chosen["phase"].astype(np.int64)
+    phase, names = chosen["phase"].astype(np.int64), [f"joint_{n}" for n in range(1, len(motions) + 1)]
     channels = (
-        ChannelData(
-            f"joint_{joint + 1}",
-            ChannelKind.REVOLUTE,
-            time_s,
-            *motion,
-            torque[:, joint],
-            run,
-            phase,
-            context,
-        )
-        for joint, motion in enumerate(motions)
+        ChannelData(name, ChannelKind.REVOLUTE, time_s, *motion, effort, run, phase, context)
+        for name, motion, effort in zip(names, motions, torque.T, strict=True)
     )
     return tuple(channel if kept.all() else channel.select(kept) for channel in channels)
 
@@ -265,14 +257,12 @@ def _motion_at(
         raise InputError("column 'encoder_at_s': its times do not increase from sample to sample")
     pieces = number_pieces(sampled_at_s, run)
     motion = differentiate(sampled_at_s, position, pieces, rounding=rounding, calm=calm, tried=tried)
+    signals = position, motion.velocity, motion.acceleration
     if np.array_equal(time_s, sampled_at_s):
-        return position, motion.velocity, motion.acceleration
+        return signals
     every = np.ones(len(position), dtype=np.bool_)
-    position, velocity, acceleration = (
-        _interpolate_per_clock(time_s, sampled_at_s, values, every)
-        for values in (position, motion.velocity, motion.acceleration)
-    )
-    return position, velocity, acceleration
+    first, second, third = (_interpolate_per_clock(time_s, sampled_at_s, x, every) for x in signals)
+    return first, second, third
 
 
 def _interpolate_per_clock(
@@ -290,20 +280,17 @@ def _interpolate_per_clock(
 
 def _group_by_place(ticks: Samples, contacts: list[Contact]) -> list[list[Contact]]:
     """Group the contacts by the place that they touched."""
-    places: list[list[Contact]] = []
-    centres: list[FloatArray] = []
+    places: list[tuple[FloatArray, list[Contact]]] = []
     for contact in contacts:
         first = contact.rows[0]
         direction, tip = ticks[DIRECTION][first], ticks["tip_position_world_m"][first]
         centre = np.concatenate([tip - (tip @ direction) * direction, _SAME_PLACE_M * 10 * direction])
-        apart_m = [np.linalg.norm(centre - middle) for middle in centres]
-        near = np.flatnonzero(np.array(apart_m) < _SAME_PLACE_M)
-        if len(near):
-            places[near[0]].append(contact)
+        near = (touches for middle, touches in places if np.linalg.norm(centre - middle) < _SAME_PLACE_M)
+        if (touches := next(near, None)) is None:
+            places.append((centre, [contact]))
         else:
-            places.append([contact])
-            centres.append(centre)
-    return places
+            touches.append(contact)
+    return [touches for _, touches in places]
 
 
 def _contact_channel(name: str, ticks: Samples, contacts: list[Contact], *, tared: bool) -> ChannelData:

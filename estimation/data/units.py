@@ -49,9 +49,8 @@ _TORQUE = _with_prefixes("Nm", "mukM") | {
 _PRESSURE = _with_prefixes("Pa", "mkM") | {"mbar": 1e2, "bar": 1e5, "psi": _POUND / _INCH**2}
 
 
-def _rates(units: Mapping[str, float], order: int) -> dict[str, float]:
-    """Return units per second and per second squared, such as `mm_s` and `mm_s2`."""
-    ending = "_s" if order == 1 else "_s2"
+def _rates(units: Mapping[str, float], ending: str) -> dict[str, float]:
+    """Return units per second or per second squared, such as `mm_s` and `mm_s2`."""
     return {unit + ending: factor for unit, factor in units.items()}
 
 
@@ -59,11 +58,11 @@ SI: Mapping[str, Mapping[str, float]] = MappingProxyType(
     {
         "time": _TIME,
         "length": _LENGTH,
-        "length_rate": _rates(_LENGTH, 1),
-        "length_rate_2": _rates(_LENGTH, 2),
+        "length_rate": _rates(_LENGTH, "_s"),
+        "length_rate_2": _rates(_LENGTH, "_s2"),
         "angle": _ANGLE,
-        "angle_rate": _rates(_ANGLE, 1) | {"rpm": 2.0 * math.pi / 60.0},
-        "angle_rate_2": _rates(_ANGLE, 2),
+        "angle_rate": _rates(_ANGLE, "_s") | {"rpm": 2.0 * math.pi / 60.0},
+        "angle_rate_2": _rates(_ANGLE, "_s2"),
         "force": _FORCE,
         "torque": _TORQUE,
         "current": _with_prefixes("A", "m"),
@@ -120,9 +119,7 @@ _SPELLINGS = {  # of units, in lower case, as machines and people write them
     "Pa": "pascal pascals",
     "psi": "psig lbf_in2",
 }
-_SPELT: Mapping[str, str] = MappingProxyType(
-    {spelling: unit for unit, spellings in _SPELLINGS.items() for spelling in spellings.split()}
-)
+_SPELT = {spelling: unit for unit, spellings in _SPELLINGS.items() for spelling in spellings.split()}
 
 
 def _lower_case(unit: str) -> str:
@@ -134,9 +131,7 @@ def _lower_case(unit: str) -> str:
 _BY_LETTERS = {_lower_case(unit): unit for unit in _FACTORS if unit != "nm"} | {"Min": "min"}
 
 _SCALED = re.compile(r"([-+]?(?:\d+\.?\d*|\.\d+)(?:e[-+]?\d+)?)(.+)")
-_CLOCK = re.compile(
-    r"(h{1,2}:)?m{1,2}:s{1,2}([.,:][sf0mx]+)?", re.IGNORECASE
-)  # the form of what is read as s
+_CLOCK = re.compile(r"(h{1,2}:)?m{1,2}:s{1,2}([.,:][sf0mx]+)?", re.IGNORECASE)  # a format of times in seconds
 
 
 def normalise(unit: str) -> str:
@@ -267,19 +262,12 @@ def invalid_rows(values: FloatArray) -> NDArray[np.int64]:
     return np.flatnonzero(~(usable if usable.ndim == 1 else usable.all(axis=1)))
 
 
-def fault_of(number: float) -> str:
-    """Say what is wrong with an invalid number.
+def describe_fault(number: float, count: int = 1) -> str:
+    """Say what is wrong with an invalid number, and how many more there are.
 
     Args:
         number: number that `invalid_rows` found.
+        count: number of all invalid ones.
     """
-    return "too large a number" if np.isfinite(number) else "not a finite number"
-
-
-def further_faults(count: int) -> str:
-    """Count further faults, in words.
-
-    Args:
-        count: number of all faults.
-    """
-    return f" ({count - 1} more like it)" if count > 1 else ""
+    fault = "too large a number" if np.isfinite(number) else "not a finite number"
+    return f"{fault} ({count - 1} more like it)" if count > 1 else fault

@@ -13,6 +13,7 @@ import numpy as np
 from palpate.estimation.base_model import NO_ARM, Arm
 from palpate.estimation.channel import ChannelData
 from palpate.estimation.data.array_files import arrow_table
+from palpate.estimation.data.arrow import pa
 from palpate.estimation.data.column_names import RUN
 from palpate.estimation.data.file_columns import is_session
 from palpate.estimation.data.import_file import Imported, import_file, import_table
@@ -21,14 +22,9 @@ from palpate.estimation.data.import_options import ImportOptions
 from palpate.estimation.data.table import table_of
 from palpate.estimation.fit.long_data import shortened
 from palpate.robot_io.errors import InputError
-from palpate.robot_io.extras import LazyModule
 
 if TYPE_CHECKING:
-    import pyarrow as pa
-
     from palpate.robot_io.session import Session
-else:
-    pa = LazyModule("pyarrow")
 
 NO_OPTIONS = ImportOptions()
 IN_MEMORY = "data"  # name of measurements without a file

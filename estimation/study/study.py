@@ -401,17 +401,7 @@ class ModelStudy(StudyFits):
         Raises:
             InputError: a file in the folder is damaged.
         """
-        results = []
-        for channel in map(self._current, self.channels):
-            newest, diagnosis = self.latest(channel), self.known_diagnosis(channel)
-            effects, left_out = [] if newest is None else newest.effects, ""
-            if newest is not None:
-                try:
-                    self._check_own(newest)
-                except InputError as error:
-                    effects, left_out = [], f"{channel.name} is shown without what was added to it: {error}"
-            results.append(self.result(channel, effects, diagnosis, left_out))
-        return tuple(results)
+        return tuple(self._newest_result(self._current(member)) for member in self.channels)
 
     def result(
         self,
@@ -474,6 +464,17 @@ class ModelStudy(StudyFits):
             listed = ", ".join(base.name for base in fitting_channels)
             raise InputError(f"{names} can be in {listed}: choose one with --channel")
         return (contacts or fitting_channels)[0]
+
+    def _newest_result(self, channel: StudyChannel) -> ChannelResult:
+        newest, diagnosis = self.latest(channel), self.known_diagnosis(channel)
+        if newest is None:
+            return self.result(channel, (), diagnosis)
+        try:
+            self._check_own(newest)
+        except InputError as error:
+            left_out = f"{channel.name} is shown without what was added to it: {error}"
+            return self.result(channel, (), diagnosis, left_out)
+        return self.result(channel, newest.effects, diagnosis)
 
     def _current(self, channel: StudyChannel) -> StudyChannel:
         newest = self.newest(channel)
