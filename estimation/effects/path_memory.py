@@ -9,7 +9,14 @@ from palpate.estimation.channel import JOINTS, ChannelData, ChannelKind
 from palpate.estimation.effect import AdditiveEffect, Errors, Inner, MotionEffect, Parameter, start_grid
 from palpate.estimation.kinds import Kind
 from palpate.estimation.signals.blocks import number_stretches
-from palpate.estimation.signals.runwise import bouc_wen, direction, play, shifted_motion, smooth_jitter
+from palpate.estimation.signals.runwise import (
+    bouc_wen,
+    direction,
+    play,
+    sample_time,
+    shifted_motion,
+    smooth_jitter,
+)
 from palpate.robot_io.types import FloatArray
 
 _PLAIN = 1e-3  # energy that plain friction leaves if the path is too short to be seen
@@ -116,10 +123,14 @@ class DryFriction(AdditiveEffect):
     }
 
     def columns(self, data: ChannelData, inner: Inner) -> FloatArray:
-        s = np.tanh(data.velocity / inner["transition"])
         if inner["presliding"] > self.inner[0].lower:
             touch = number_stretches(data.engaged, data.run)
-            s = direction(smooth_jitter(data.position, data.time_s, data.run), touch, inner["presliding"], s)
+            way = smooth_jitter(data.position, data.time_s, data.run)
+            # The filter of a recorded velocity is wide: a small reversal would come late, or not at all.
+            speed = np.diff(way, prepend=way[:1]) / sample_time(data.time_s, data.run)
+            s = direction(way, touch, inner["presliding"], np.tanh(speed / inner["transition"]))
+        else:
+            s = np.tanh(data.velocity / inner["transition"])
         return np.where(data.engaged, s, 0.0)[:, None]
 
     def forms(self) -> tuple["DryFriction", ...]:

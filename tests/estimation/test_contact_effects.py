@@ -127,3 +127,14 @@ def test_of_two_branches_the_fast_one_is_that_of_the_shorter_time():
     np.testing.assert_allclose(branches.predict(data, told), branches.predict(data, crossed), atol=1e-12)
     held = replace(branches, held={names[2]: 2.0})
     assert held.in_order(crossed) == crossed
+
+
+def test_dry_friction_turns_round_where_the_path_does_although_the_velocity_shows_it_late():
+    t, path_m, gone_back = np.arange(0.0, 2.0, 0.001), 0.0002, 0.00005
+    x = np.where(t < 1.0, 0.001 + 0.004 * t, 0.005 - gone_back * np.minimum((t - 1.0) / 0.5, 1.0))
+    late = np.where(t < 1.2, 0.004, -gone_back / 0.5)
+    data = channel(np.zeros_like(t), x, late, t)
+    s = EFFECTS["dry_friction"]().columns(data, {"presliding": path_m, "transition": 1e-6})[:, 0]
+    # Dahl's law between two reversals: an exponential of the way gone since.
+    assert s[990] == pytest.approx(1.0, abs=1e-3)
+    assert s[-1] == pytest.approx(2.0 * np.exp(-gone_back / path_m) - 1.0, abs=0.02)
