@@ -2,8 +2,7 @@
 
     OPENBLAS_NUM_THREADS=1 python benchmarks/diagnosis_speed.py
 
-Machines differ and are busy, so each time is also given over that of a fixed piece of numpy work, measured
-just before and just after.
+Processor time and wall time of each; run it on a quiet machine.
 """
 
 import os
@@ -34,28 +33,12 @@ THREE = [
 ]
 
 
-def yardstick_s() -> float:
-    """Seconds for a fixed piece of work of the kind that a diagnosis does."""
-    columns = np.random.default_rng(0).standard_normal((60_000, 12))
-    started = time.perf_counter()
-    for _ in range(40):
-        products = columns.T @ np.tanh(columns)
-        np.linalg.solve(products + 1e5 * np.eye(12), products)
-        np.cumsum(columns, axis=0)
-    return time.perf_counter() - started
-
-
 def timed(what: str, work: Callable[[], str]) -> None:
-    """Print how long some work takes, and that over the yardstick beside it."""
-    before = yardstick_s()
+    """Print how long some work takes, and what it found."""
     started, cpu_s = time.perf_counter(), sum(os.times()[:4])
-    said = work()
+    result = work()
     wall_s, cpu_s = time.perf_counter() - started, sum(os.times()[:4]) - cpu_s
-    rod_s = (before + yardstick_s()) / 2
-    print(
-        f"{what}: {wall_s:.1f} s, processor {cpu_s:.1f} s, {wall_s / rod_s:.1f} yardsticks of {rod_s:.2f} s"
-    )
-    print(f"  {said}", flush=True)
+    print(f"{what}: {wall_s:.1f} s, processor {cpu_s:.1f} s\n  {result}", flush=True)
 
 
 def probed(path: Path, hidden: list[Imperfection], repeats: int) -> Path:
@@ -67,15 +50,15 @@ def probed(path: Path, hidden: list[Imperfection], repeats: int) -> Path:
 
 
 def diagnosed(path: Path, channel: str) -> str:
-    """Read a session, diagnose it over the whole library, and say in short what came out."""
+    """Diagnose a session over the whole library and summarise the result."""
     study = ModelStudy(path)
     channels = study.diagnose(channel).channels
     span_s = max(float(np.ptp(channel_state.data.time_s)) for channel_state in study.channels)
-    told = (
+    results = (
         f"{entry.channel} {' + '.join(a.effect for a in entry.accepted) or entry.verdict}"
         for entry in channels
     )
-    return f"{span_s:.0f} s of data: {', '.join(told)}"
+    return f"{span_s:.0f} s of data: {', '.join(results)}"
 
 
 def long_joint() -> ChannelData:

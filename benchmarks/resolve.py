@@ -1,15 +1,15 @@
-"""How many probes `palpate resolve` needs, against a fixed grid of experiments and against random plans.
+"""How many probes `palpate resolve` needs, beside a fixed grid of experiments.
 
     python benchmarks/resolve.py --find 300 --seed 61000 --cases cases.jsonl
-    python benchmarks/resolve.py --cases cases.jsonl --way designed|grid|random [--first 12] [--out FILE]
+    python benchmarks/resolve.py --cases cases.jsonl --way designed|grid [--first 12] [--out FILE]
 
 `--find` hides one effect after the other in the simulated arm's world, at a random place, 1.5 to 10 times the
 noise floor, runs the short probe (two presses at 90 mm/s), and keeps what it leaves undecided in the channel
 in which the effect is: an answer that is a group, or structure without a name. Then each case is resolved in
 that channel with at most three more probes (`--probes`). "grid" runs the experiments that the arm can do in
-the order in which they are listed, "random" in random order; both stop once one explanation is left.
+the order in which they are listed, and stops once one explanation is left.
 
-Separated: what was hidden, and nothing else, is named. Wrong: the answer is one explanation, and another.
+Separated: the hidden effect, and nothing else, is named. Wrong: one other explanation is named.
 
     python benchmarks/resolve.py --check FILE
 
@@ -85,13 +85,12 @@ def screened(effect: str, seed: int) -> dict[str, Any] | None:
 def resolved(way: str, probes: int, case: dict[str, Any]) -> dict[str, Any]:
     """One case, resolved in one way."""
     begun = time.perf_counter()
-    told: list[Decision] = []
-    rng = np.random.default_rng(case["seed"])
-    design = Study.next_probe if way == "designed" else partial(_listed, way == "random", rng, [])
+    decisions: list[Decision] = []
+    design = Study.next_probe if way == "designed" else partial(next_listed, [])
     with TemporaryDirectory() as folder, threadpool_limits(1):
         job = _job(case, Path(folder) / "sessions" / "probe.mcap")
         try:
-            done = resolve(job, Budget(probes, 600.0), case["channel"], told.append, design=design)
+            done = resolve(job, Budget(probes, 600.0), case["channel"], decisions.append, design=design)
             end, left = str(done.end), _groups(done.channels[0])
         except PalpateError as error:
             end, left = f"stopped: {error}", [["?"]]
@@ -102,13 +101,13 @@ def resolved(way: str, probes: int, case: dict[str, Any]) -> dict[str, Any]:
         "way": way,
         "end": end,
         "left": left,
-        "more_probes": len(told) - 1,
-        "seconds": sum(decision.seconds for decision in told[1:]),
+        "more_probes": len(decisions) - 1,
+        "seconds": sum(decision.seconds for decision in decisions[1:]),
         "separated": right,
         "wrong": decided and not right,
-        "undecided_at_first": bool(told) and told[0].end is not StopReason.SEPARATED,
-        "path": [decision.left for decision in told],
-        "experiments": [decision.next for decision in told if decision.next],
+        "undecided_at_first": bool(decisions) and decisions[0].end is not StopReason.SEPARATED,
+        "path": [decision.left for decision in decisions],
+        "experiments": [decision.next for decision in decisions if decision.next],
         "wall_s": time.perf_counter() - begun,
     }
 
@@ -147,27 +146,22 @@ def _groups(diagnosis: ChannelDiagnosis) -> list[list[str]]:
     return [[entry.effect, *entry.confused_with] for entry in diagnosis.accepted]
 
 
-def _listed(
-    shuffled: bool,
-    rng: np.random.Generator,
+def next_listed(
     done: list[str],
     study: Study,
-    diagnoses: Sequence[ChannelDiagnosis],
+    _diagnoses: Sequence[ChannelDiagnosis],
     longest_s: float,
-    progress: object = None,
+    _progress: object = None,
 ) -> NextProbe | None:
-    """The next experiment that was not done yet, whatever is known."""
-    offered = [
-        experiment_and_ticks
-        for experiment_and_ticks in feasible(study)
-        if experiment_and_ticks[0].words not in done and experiment_and_ticks[1]["time_s"][-1] < longest_s
-    ]
-    if not offered:
-        return None
-    candidate, _ = offered[int(rng.integers(len(offered))) if shuffled else 0]
-    done.append(candidate.words)
-    proposal = NextExperiment(purpose="", separates=[], instruction=candidate.words, probe=candidate.settings)
-    return NextProbe(candidate.plan, proposal, "", ())
+    """Return the first experiment that was not done yet; None if there is none."""
+    for candidate, ticks in feasible(study):
+        if candidate.words not in done and ticks["time_s"][-1] < longest_s:
+            done.append(candidate.words)
+            proposal = NextExperiment(
+                purpose="", separates=[], instruction=candidate.words, probe=candidate.settings
+            )
+            return NextProbe(candidate.plan, proposal, "", ())
+    return None
 
 
 def report(way: str, done: Sequence[dict[str, Any]]) -> None:
@@ -196,7 +190,7 @@ def main() -> None:
     parser.add_argument("--check", type=Path, help="a file that --out wrote")
     parser.add_argument("--find", type=int, help="hide so many effects, and write what stays undecided")
     parser.add_argument("--seed", type=int, default=0, help="first seed of --find")
-    parser.add_argument("--way", choices=["designed", "grid", "random"], default="designed")
+    parser.add_argument("--way", choices=["designed", "grid"], default="designed")
     parser.add_argument("--first", type=int, help="only so many cases")
     parser.add_argument("--probes", type=int, default=4, help="at most, the first among them")
     parser.add_argument("--out", type=Path, help="JSON lines, case a case")

@@ -43,11 +43,6 @@ class Expected:
     ladder: tuple[float, ...]  # held-out errors of the README, from the simple model to its best
     said: str  # the README in few words
 
-    @property
-    def is_control(self) -> bool:
-        """Whether it must stay without a name."""
-        return not self.needed
-
 
 @dataclass(frozen=True)
 class Recording:
