@@ -6,7 +6,6 @@ from collections.abc import Sequence
 from contextlib import suppress
 from dataclasses import dataclass
 from datetime import date, datetime, timedelta
-from itertools import accumulate
 from pathlib import Path
 from typing import Any
 from xml.parsers import expat
@@ -84,12 +83,10 @@ def read_excel_table(path: Path, selected: str = "") -> FileColumns:
     chosen, note = same_columns(blocks, selected, path)
     same_tables = [loaded[place] for place in chosen]
     first = max(same_tables, key=lambda table: len(table.rows))
-    orders = [matching_places(sheet.names, first.names) for sheet in same_tables]
-    rows = [
-        [row[n] for n in order]
-        for sheet, order in zip(same_tables, orders, strict=True)
-        for row in sheet.rows
-    ]
+    rows = list[list[Any]]()
+    for sheet in same_tables:
+        order = matching_places(sheet.names, first.names)
+        rows += [[row[n] for n in order] for row in sheet.rows]
     columns = []
     for place in range(len(first.names)):
         cells = [row[place] for row in rows]
@@ -102,28 +99,20 @@ def read_excel_table(path: Path, selected: str = "") -> FileColumns:
     table = pa.table(columns, names=list(first.names))
     titles = list(dict.fromkeys(sheet.title for sheet in same_tables))
     if len(same_tables) > 1:  # the sheet is the run, or one of its tables
-        labels = [
-            sheet.title if len(titles) == len(same_tables) else f"{sheet.title} {number}"
-            for number, sheet in enumerate(same_tables, 1)
-        ]
-        ends = accumulate(len(sheet.rows) for sheet in same_tables)
-        table = pa.concat_tables(
-            with_run(table.slice(end - len(sheet.rows), len(sheet.rows)), label)
-            for sheet, end, label in zip(same_tables, ends, labels, strict=True)
-        )
+        parts, begin = [], 0
+        for number, sheet in enumerate(same_tables, 1):
+            label = sheet.title if len(titles) == len(same_tables) else f"{sheet.title} {number}"
+            parts.append(with_run(table.slice(begin, len(sheet.rows)), label))
+            begin += len(sheet.rows)
+        table = pa.concat_tables(parts)
     listed = ", ".join(map(repr, titles[:5])) + (" ..." if len(titles) > 5 else "")
     words = [
         *([NAMELESS] if nameless else []),
         f"sheet{'s' if len(titles) > 1 else ''} {listed} of {len(book.sheet_names)}",
         *note,
     ]
-    return FileColumns(
-        table,
-        first.decimal,
-        (*words, *preamble_words(first.skipped)),
-        first.titles,
-        np.array([number for sheet in same_tables for number in sheet.numbers], dtype=np.int64),
-    )
+    numbers = np.array([number for sheet in same_tables for number in sheet.numbers], dtype=np.int64)
+    return FileColumns(table, first.decimal, (*words, *preamble_words(first.skipped)), first.titles, numbers)
 
 
 def _extent(sheet: bytes) -> tuple[int, int]:
@@ -156,16 +145,11 @@ def _tables(sheet: CalamineSheet, *, nameless: bool = False) -> list[_Sheet]:
             looked_at.update(range(place, min(len(rows), place + _BELOW)))
     places = sorted(looked_at)
     head = [[_text(cell, decimal) for cell in rows[place]] for place in places]
+    layouts = list(find_layouts(head, decimal))
     if nameless:
         above_numbers = [f"column {number}" for number in range(1, len(head[0]) + 1 if head else 1)]
-        layout_of_numbers = next(find_layouts([above_numbers, *head], decimal), None)
-        layouts = (
-            [Layout(layout_of_numbers.names, 0, 0)]
-            if layout_of_numbers and layout_of_numbers.first == 1
-            else []
-        )
-    else:
-        layouts = list(find_layouts(head, decimal))
+        first = next(find_layouts([above_numbers, *head], decimal), None)
+        layouts = [Layout(first.names, 0, 0)] if first and first.first == 1 else []
     if not layouts:
         return []
     above = 1 + (sheet.start or (0, 0))[0]
@@ -173,21 +157,18 @@ def _tables(sheet: CalamineSheet, *, nameless: bool = False) -> list[_Sheet]:
     ends = [*(places[layout.header] for layout in layouts[1:]), len(rows)]
     for layout, end in zip(layouts, ends, strict=True):
         width, counts = len(layout.names), is_number(head[layout.first][0], decimal)
-        filled = [
-            place
-            for place in range(places[layout.first], end)
-            if any(cell != "" for cell in rows[place][:width])
-        ]
-        while filled and is_footer(
-            [_text(cell, decimal) for cell in rows[filled[-1]][:width]], decimal, counts=counts
-        ):
-            filled.pop()
-        body = [rows[place][:width] for place in filled]
+        body = {place: rows[place][:width] for place in range(places[layout.first], end)}
+        body = {place: row for place, row in body.items() if any(cell != "" for cell in row)}
+        while body:
+            last = [_text(cell, decimal) for cell in body[max(body)]]
+            if not is_footer(last, decimal, counts=counts):
+                break
+            body.popitem()
+        kept = list(body.values())
         skipped = sum(any(row) for row in head[: layout.header]) if not tables else 0
-        numbers = [above + place for place in filled]
-        tables.append(
-            _Sheet(sheet.name, layout.names, body, skipped, layout.titles, _decimal_mark(body), numbers)
-        )
+        numbers = [above + place for place in body]
+        mark = _decimal_mark(kept)
+        tables.append(_Sheet(sheet.name, layout.names, kept, skipped, layout.titles, mark, numbers))
     return [table for table in tables if table.rows]
 
 

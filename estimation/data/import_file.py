@@ -123,7 +123,7 @@ def import_table(table: Table, options: ImportOptions = _DEFAULT) -> Imported:
     _check_options_are_used(columns, sources, options)
     rows = arrange_rows(columns, fresh=options.fresh, count=options.runs)
     signals = _signals(options.context, columns)
-    notes = [*columns.notes, *([rows.note] if rows.note else [])]
+    notes = [*columns.notes, *(["; ".join(rows.notes)] if rows.notes else [])]
     if any(source.kind is ChannelKind.SERVO for source in sources):
         notes.append(
             "no column holds an effort: goal minus position stands for it, in rad, which is the torque over "
@@ -226,19 +226,12 @@ def _check_options_are_used(columns: Columns, sources: Collection[_Source], opti
         if key in used:
             continue
         role = Role(*key, "", columns.shift)
-        texts = [
-            f"--column {name}={column}"
-            for name, column in options.columns.items()
-            if column == assigned.column
-        ]
-        texts += [
-            f"--unit {name}={options.units[name]}"
-            for name in ColumnUnits(columns.table, options).option_names(role, assigned.column)
-        ]
+        texts = [f"--column {name}={c}" for name, c in options.columns.items() if c == assigned.column]
+        of_units = ColumnUnits(columns.table, options).option_names(role, assigned.column)
+        texts += [f"--unit {name}={options.units[name]}" for name in of_units]
         if texts:
             channels = "; ".join(
-                f"{source.name} of "
-                + ", ".join(f"'{columns.name(key)}'" for key in (source.position, source.effort))
+                f"{source.name} of '{columns.name(source.position)}', '{columns.name(source.effort)}'"
                 for source in sources
             )
             raise InputError(
@@ -281,10 +274,8 @@ def _channel_sources(columns: Columns) -> list[_Source]:
             cells = ", ".join(table.labels(name)[0][0] for name in table.names[:_SHOWN_CELLS])
             more = " ..." if len(table.names) > _SHOWN_CELLS else ""
             first_row = f" (it names none; the first row is {cells}{more})"
-        raise InputError(
-            f"{table.path}: no channel can be made of columns {table.listed_names}{first_row}; "
-            f"{_remedy(columns)}"
-        )
+        reason = f"no channel can be made of columns {table.listed_names}{first_row}"
+        raise InputError(f"{table.path}: {reason}; {_remedy(columns)}")
     return sources
 
 
@@ -293,20 +284,14 @@ def _note_specimens(columns: Columns, rows: Rows, options: ImportOptions) -> lis
     if options.fresh or options.where or len(rows.labels) < _FEWEST_SPECIMENS:
         return []
     if columns.run is not None and all(map(_SPECIMEN.search, rows.labels.values())):
-        return [
-            _OF_SPECIMENS.format(
-                len(rows.labels), "run names", shlex.quote(f"run={rows.labels[min(rows.labels)]}")
-            )
-        ]
+        first = shlex.quote(f"run={rows.labels[min(rows.labels)]}")
+        return [_OF_SPECIMENS.format(len(rows.labels), "run names", first)]
     for name in columns.table.names:
         if _SPECIMEN.search(name) and name not in columns.used:
             texts, index = columns.table.labels(name)
             if _FEWEST_SPECIMENS <= len(texts) <= len(rows.labels) and in_blocks(index.astype(np.float64)):
-                return [
-                    _OF_SPECIMENS.format(
-                        len(texts), f"column '{name}' names", shlex.quote(f"{name}={texts[0]}")
-                    )
-                ]
+                first = shlex.quote(f"{name}={texts[0]}")
+                return [_OF_SPECIMENS.format(len(texts), f"column '{name}' names", first)]
     return []
 
 
@@ -375,21 +360,19 @@ def _example_options(columns: Columns, quantity_by_name: Mapping[str, str]) -> s
 def _make_channel(source: _Source, columns: Columns, rows: Rows, notes: list[str]) -> ChannelData:
     """Make one channel and append its notes."""
     joint = source.position[1]
-    motion = columns.values(source.position)[rows.order]
+    position = columns.values(source.position)[rows.order]
     piece = number_pieces(rows.time_s, rows.run)
     given: FloatArray | None
     if source.position[0] == "velocity":
-        position, given = np.empty(len(motion)), motion
-        for of_run in blocks(rows.run):
-            position[of_run] = scipy.integrate.cumulative_trapezoid(
-                motion[of_run], rows.time_s[of_run], initial=0.0
-            )
+        position, given = np.empty(len(position)), position
+        for run in blocks(rows.run):
+            integral = scipy.integrate.cumulative_trapezoid(given[run], rows.time_s[run], initial=0.0)
+            position[run] = integral
         notes.append(
             f"no column holds a position: it is the integral of '{columns.name(source.position)}', from 0 in "
             "each run; if one does, add --column position=COLUMN"
         )
     else:
-        position = motion
         derived = differentiate(rows.time_s, position, piece)
         velocity, acceleration = derived.velocity, derived.acceleration
         given, note = _file_derivative(columns, ("velocity", joint), source, rows, position, velocity)
@@ -407,18 +390,8 @@ def _make_channel(source: _Source, columns: Columns, rows: Rows, notes: list[str
     both_ways = np.ones(len(position), dtype=np.bool_) if is_contact and columns.two_sided else None
     if is_contact and (phase == UNKNOWN_PHASE).all():
         phase = press_phases(position, velocity, effort, rows.run, both_ways)
-    return ChannelData(
-        source.name,
-        source.kind,
-        rows.time_s,
-        position,
-        velocity,
-        acceleration,
-        effort,
-        rows.run,
-        phase,
-        touching=both_ways,
-    )
+    motion = rows.time_s, position, velocity, acceleration
+    return ChannelData(source.name, source.kind, *motion, effort, rows.run, phase, touching=both_ways)
 
 
 def _turn_reactions(

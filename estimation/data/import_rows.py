@@ -23,6 +23,11 @@ _FEW_GAPS, _LONGEST_BURST = 0.05, 50  # gaps among all steps; steps of one gap a
 _WHOLE = 0.3  # share of the position's range that a cycle covers
 _MOST = 0.8  # share of the stretches between restarts of a clock that must be cycles
 _FEWEST = 5  # samples of a run: fewer have no acceleration that means anything
+_REPEATED = (  # notes, with the number of rows and the column
+    "repeats its times: {0} rows are spread evenly up to the next one; if it is not the time of each row, "
+    "leave it out with --context {1}"
+)
+_LATE = "stamps {0} rows late, in bursts behind gaps: they are spread evenly over both"
 
 
 @dataclass(frozen=True)
@@ -34,7 +39,7 @@ class Rows:
     run: IntArray  # shape (n,)
     phase: IntArray  # shape (n,), numbers of `palpate.control.loop.task.Phase`, or -1 where unknown
     labels: dict[int, str]  # what the file calls each run
-    note: str = ""  # how the runs were found, if the file does not say them; or empty
+    notes: tuple[str, ...] = ()  # how runs were found, if the file does not say them, and what was repaired
 
 
 def arrange_rows(columns: Columns, *, fresh: bool = False, count: int | None = None) -> Rows:
@@ -48,9 +53,10 @@ def arrange_rows(columns: Columns, *, fresh: bool = False, count: int | None = N
     Raises:
         InputError: times do not increase in a run, a run is too short, a phase unknown.
     """
-    table = columns.table
+    table, notes = columns.table, list[str]()
     if columns.run is None:
         run, note = _detect_runs(columns, _times(columns), count)
+        notes += [note] if note else []
         labels = {number: str(number) for number in np.unique(run).tolist()}
     else:
         if count is not None:
@@ -61,46 +67,48 @@ def arrange_rows(columns: Columns, *, fresh: bool = False, count: int | None = N
         if all(name.isdecimal() and len(name) <= _LONGEST_NUMBER for name in names):
             own = [int(name) for name in names]
             numbers = own if len(set(own)) == len(own) else numbers  # "1" and "01" are two runs
-        run, note = np.array(numbers, dtype=np.int64)[index], ""
+        run = np.array(numbers, dtype=np.int64)[index]
         labels = dict(sorted(zip(numbers, names, strict=True)))
     order = np.argsort(run, kind="stable")
     time_s = _times(columns)[order]
     if TIME not in columns:
-        no_time = (
+        notes.append(
             "no column holds a time: rows count as 1 s apart, so speeds, damping, inertia and relaxation "
             "times are not in seconds; if a column does, add --column time=COLUMN"
         )
-        note = _join_notes(note, no_time)
     same = np.abs(np.diff(time_s, prepend=-np.inf)) < FINEST_S
     same[1:] &= np.diff(run[order]) == 0
     if 0 < np.sum(same) < _MOST_REPEATED * len(order):
-        repeated = (
+        notes.append(
             f"{np.sum(same)} of {len(order)} rows left out: the time of the row before again, the first in "
             f"{table.row_word} {table.rows[order[np.argmax(same)]]}"
         )
-        note = _join_notes(note, repeated)
         order, time_s = order[~same], time_s[~same]
     counts = np.bincount(run[order]) if columns.run is None else np.array([_FEWEST])
     if counts.min() < _FEWEST <= counts.max():  # nobody named these runs, so nobody misses them
         short = counts[run[order]] < _FEWEST
-        few = (
+        notes.append(
             f"{np.sum(short)} of {len(order)} rows left out: a run of fewer than {_FEWEST}, the first in "
             f"{table.row_word} {table.rows[order[np.argmax(short)]]}"
         )
-        note = _join_notes(note, few)
         order, time_s = order[~short], time_s[~short]
         labels = {number: labels[number] for number in np.unique(run[order]).tolist()}
-    rows = Rows(order, time_s, run[order], _phases(table, columns.phase)[order], labels, note)
-    rows = _spread_late_stamps(columns, _spread_repeated_times(columns, rows))
+    run = run[order]
+    for spread, words in ((_spread_repeated_times, _REPEATED), (_spread_late_stamps, _LATE)):
+        before_s, time_s = time_s, spread(time_s, run)
+        if moved := int(np.sum(time_s != before_s)):
+            name = columns.name(TIME)
+            notes.append(f"'{name}' {words.format(f'{moved} of {len(order)}', shlex.quote(name))}")
+    rows = Rows(order, time_s, run, _phases(table, columns.phase)[order], labels, tuple(notes))
     _check_times(columns, rows)
-    runs, counts = np.unique(rows.run, return_counts=True)
+    runs, counts = np.unique(run, return_counts=True)
     if counts.min() < _FEWEST:
         rows_in = "1 row" if counts.min() == 1 else f"{counts.min()} rows"
         raise InputError(
             f"{table.path}: run '{labels[int(runs[np.argmin(counts)])]}' has {rows_in}, at least "
             f"{_FEWEST} are needed; leave it out with --where, or check the column that names the runs"
         )
-    return replace(rows, time_s=time_in_run(time_s, rows.run)) if fresh else rows
+    return replace(rows, time_s=time_in_run(time_s, run)) if fresh else rows
 
 
 def new_rows(columns: Columns) -> BoolArray | None:
@@ -125,11 +133,6 @@ def new_rows(columns: Columns) -> BoolArray | None:
     new[np.unique(values, axis=0, return_index=True)[1]] = True
     goes_on = bool(np.all(np.diff(time_s[new]) >= 0.0))
     return new if goes_on and not new.all() else None
-
-
-def _join_notes(*notes: str) -> str:
-    """Join notes that are not empty."""
-    return "; ".join(filter(None, notes))
 
 
 def _times(columns: Columns) -> FloatArray:
@@ -191,41 +194,33 @@ def _cycles(columns: Columns) -> tuple[IntArray, str]:
     return np.zeros(len(columns.table), dtype=np.int64), ""
 
 
-def _spread_repeated_times(columns: Columns, rows: Rows) -> Rows:
+def _spread_repeated_times(time_s: FloatArray, run: IntArray) -> FloatArray:
     """Spread rows with equal times evenly up to the next time, for clocks coarser than the row rate.
 
     A run whose clock never advances, or decreases, is unchanged.
     """
-    time_s = rows.time_s.copy()
-    for of_run in blocks(rows.run):
-        read = rows.time_s[of_run]
+    spread_s = time_s.copy()
+    for rows in blocks(run):
+        read = time_s[rows]
         steps = np.diff(read)
         first = np.flatnonzero(np.append(True, steps > FINEST_S))  # rows at which the clock goes on
         if (steps < 0.0).any() or len(first) in {1, len(read)}:
             continue
         usual_s = (read[first[-1]] - read[0]) / first[-1]
         end_s = read[-1] + usual_s * (len(read) - first[-1])
-        time_s[of_run] = np.interp(np.arange(len(read)), [*first, len(read)], [*read[first], end_s])
-    spread = int(np.sum(time_s != rows.time_s))
-    if not spread:
-        return rows
-    name = columns.name(TIME)
-    words = (
-        f"'{name}' repeats its times: {spread} of {len(time_s)} rows are spread evenly up to the next one; "
-        f"if it is not the time of each row, leave it out with --context {shlex.quote(name)}"
-    )
-    return replace(rows, time_s=time_s, note=_join_notes(rows.note, words))
+        spread_s[rows] = np.interp(np.arange(len(read)), [*first, len(read)], [*read[first], end_s])
+    return spread_s
 
 
-def _spread_late_stamps(columns: Columns, rows: Rows) -> Rows:
+def _spread_late_stamps(time_s: FloatArray, run: IntArray) -> FloatArray:
     """Spread rows with late time stamps, in a burst after a gap, evenly over both.
 
     A busy logger stamps delayed samples in quick succession. A speed derived from such times would be many
     times too large.
     """
-    time_s = rows.time_s.copy()
-    for of_run in blocks(rows.run):
-        steps = np.diff(rows.time_s[of_run])
+    spread_s = time_s.copy()
+    for rows in blocks(run):
+        steps = np.diff(time_s[rows])
         if len(steps) < _FEWEST or (steps <= 0.0).any():
             continue
         step_s = float(np.median(steps))
@@ -237,16 +232,9 @@ def _spread_late_stamps(columns: Columns, rows: Rows) -> Rows:
             quick = int(np.argmin(np.append(burst[1:] < _QUICK * step_s, False)))  # stamps in the burst
             late = float(burst[: quick + 1].sum()) - (quick + 1) * step_s
             if quick and abs(late) < 0.5 * step_s:
-                first, last = of_run.start + gap, of_run.start + gap + quick + 1
-                time_s[first : last + 1] = np.linspace(time_s[first], time_s[last], last + 1 - first)
-    spread = int(np.sum(time_s != rows.time_s))
-    if not spread:
-        return rows
-    words = (
-        f"'{columns.name(TIME)}' stamps {spread} of {len(time_s)} rows late, in bursts behind gaps: they are "
-        "spread evenly over both"
-    )
-    return replace(rows, time_s=time_s, note=_join_notes(rows.note, words))
+                first, last = rows.start + gap, rows.start + gap + quick + 1
+                spread_s[first : last + 1] = np.linspace(spread_s[first], spread_s[last], last + 1 - first)
+    return spread_s
 
 
 def _phases(table: Table, column: str | None) -> IntArray:
@@ -269,35 +257,30 @@ def _check_times(columns: Columns, rows: Rows) -> None:
     late = np.flatnonzero((np.diff(rows.time_s) < FINEST_S) & (np.diff(rows.run) == 0))
     if not len(late):
         return
+    table, name = columns.table, columns.name(TIME)
     if (np.diff(rows.time_s)[np.diff(rows.run) == 0] < 0).all():
-        raise InputError(
-            f"{columns.table.path}: column '{columns.name(TIME)}' decreases throughout; "
-            "reverse the order of the rows"
-        )
+        raise InputError(f"{table.path}: column '{name}' decreases throughout; reverse the order of the rows")
     if np.ptp(rows.time_s) == 0.0:
-        name = columns.name(TIME)
         raise InputError(
-            f"{columns.table.path}: column '{name}' has the same time in all rows; leave it out with "
+            f"{table.path}: column '{name}' has the same time in all rows; leave it out with "
             f"--context {shlex.quote(name)}, or name another column, --column time=COLUMN"
         )
-    before, after = (columns.table.rows[rows.order[late[0] + step]] for step in (0, 1))
-    name, in_run, word = columns.name(TIME), "", columns.table.row_word
-    if len(rows.labels) > 1:
-        in_run = f" of run '{rows.labels[int(rows.run[late[0]])]}'"
+    before, after = (table.rows[rows.order[late[0] + step]] for step in (0, 1))
+    in_run = f" of run '{rows.labels[int(rows.run[late[0]])]}'" if len(rows.labels) > 1 else ""
     in_order = ""  # a column not in use of texts, each in one block of rows, within which times increase
     increases = np.diff(_times(columns)) > 0.0
-    for text_column in columns.table.names:
+    for text_column in table.names:
         if text_column not in columns.used:
-            index = columns.table.labels(text_column)[1]
+            index = table.labels(text_column)[1]
             if in_blocks(index.astype(np.float64)) and ((np.diff(index) != 0) | increases).all():
                 in_order = text_column
                 break
     number = shlex.quote(in_order or columns.run_candidate or "COLUMN")
-    remedy = f"say with --column {RUN}={number} where a new run begins"
-    if not in_order:
-        remedy = f"sort the rows, or {remedy}"
+    remedy = (
+        f"{'' if in_order else 'sort the rows, or '}say with --column {RUN}={number} where a new run begins"
+    )
     raise InputError(
-        f"{columns.table.path}: {word} {after}, column '{name}': {rows.time_s[late[0] + 1]:.9g} s does not "
-        f"come after {rows.time_s[late[0]]:.9g} s in {word} {before}{in_run}; times must increase within a "
-        f"run: {remedy}"
+        f"{table.path}: {table.row_word} {after}, column '{name}': {rows.time_s[late[0] + 1]:.9g} s does not "
+        f"come after {rows.time_s[late[0]]:.9g} s in {table.row_word} {before}{in_run}; times must increase "
+        f"within a run: {remedy}"
     )

@@ -6,7 +6,7 @@ import codecs
 import gzip
 import math
 import re
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from contextlib import suppress
 from dataclasses import replace
 from itertools import pairwise
@@ -66,20 +66,17 @@ def read_text_table(path: Path, selected: str = "") -> FileColumns:
     if not content[dialect.tables[0].start :][:_LONGEST_LINE].strip():
         raise InputError(f"{path}: no rows of data")
     heads = [*(table.head for table in dialect.tables[1:]), len(content)]
-    spans = [
-        (table, table.start, _end_of_rows(content, table, end, dialect))
-        for table, end in zip(dialect.tables, heads, strict=True)
-    ]
+    pairs = zip(dialect.tables, heads, strict=True)
+    spans = [(table, table.start, _end_of_rows(content, table, end, dialect)) for table, end in pairs]
     below = [line for line in content[spans[-1][2] :].splitlines() if line.strip()]
     filled = [span for span in spans if span[2] > span[1]]
     if not filled:  # then a reader can say best what is wrong with these lines
         filled, below = [(dialect.tables[0], dialect.tables[0].start, len(content))], []
-    blocks = [
-        Block(
-            str(1 + _line_ends(content, 0, table.head)), table.names, 1 + _line_ends(content, begin, end - 1)
-        )
+    lines_of = (
+        (1 + _line_ends(content, 0, table.head), 1 + _line_ends(content, begin, end - 1))
         for table, begin, end in filled
-    ]
+    )
+    blocks = [Block(str(at), span[0].names, n) for span, (at, n) in zip(filled, lines_of, strict=True)]
     chosen, note = same_columns(blocks, selected, path)
     tests = [filled[place] for place in chosen]
     lead = sum(bool(line.strip()) for line in content[: tests[0][0].head].splitlines())
@@ -118,10 +115,8 @@ def _labels_as_header(content: bytes) -> bytes:
     labels = [(label, unit) for label, _, unit in _PAIR.findall(lines[first])]
     rows = list[bytes]()
     for line in lines[first:]:
-        pairs = _PAIR.findall(line)
-        same_labels = [(label, unit) for label, _, unit in pairs] == labels and not _PAIR.sub(
-            b"", line
-        ).strip(b" ,;|\t")
+        pairs, rest = _PAIR.findall(line), _PAIR.sub(b"", line).strip(b" ,;|\t")
+        same_labels = not rest and [(label, unit) for label, _, unit in pairs] == labels
         rows.append(b",".join(number for _, number, _ in pairs) if same_labels else b"")
     if sum(map(bool, rows)) < max(_FEWEST_LABELLED, len(rows) / 2):
         return content
@@ -188,10 +183,9 @@ def _repair_rows(
     if len(texts) != len(lines):
         return None
     cells = [line_cells(text, delimiter) for text in texts]
+    decimal = dialect.decimal
     words = [
-        table.counts
-        and not is_number(row[0], dialect.decimal)
-        and is_footer(row, dialect.decimal, counts=True)
+        table.counts and not is_number(row[0], decimal) and is_footer(row, decimal, counts=True)
         for row in cells
     ]
     kept = np.flatnonzero(~np.array(words))
@@ -265,12 +259,9 @@ def _raise_no_table(content: bytes, path: Path) -> TextDialect:
             f"{path}: holds one column, {_excerpt(header)}; a measurement needs time and two more"
         )
     first = next((line.decode(errors="replace") for line in rest if line.strip()), "")
-    with_unit = _WITH_UNIT.search(first)
-    remedy = (
-        f"write a unit in the name of its column, not behind numbers as in {with_unit[0]!r}"
-        if with_unit
-        else ("write the names in one line, and numbers below each of them")
-    )
+    remedy = "write the names in one line, and numbers below each of them"
+    if with_unit := _WITH_UNIT.search(first):
+        remedy = f"write a unit in the name of its column, not behind numbers as in {with_unit[0]!r}"
     raise InputError(
         f"{path}: no line with the names of columns is followed by rows of numbers; it begins with "
         f"{_excerpt(header)}; {remedy}"
@@ -281,26 +272,15 @@ def _excerpt(header: str) -> str:
     return repr(" ".join(header.split())[:_SHOWN])
 
 
-class _Collector:
-    """Collects rows with a wrong number of cells, so that reading continues."""
-
-    def __init__(self) -> None:
-        self.rows: list[pa_csv.InvalidRow] = []
-
-    def __call__(self, row: pa_csv.InvalidRow) -> str:
-        self.rows.append(row)
-        return "skip"
-
-
-def _parse(rows: pa.Buffer, dialect: TextDialect, wrong: _Collector | None = None) -> pa.Table:
-    names, delimiter = (
-        list(dialect.tables[0].names),
-        "\t" if dialect.delimiter == BLANKS else dialect.delimiter,
-    )
+def _parse(
+    rows: pa.Buffer, dialect: TextDialect, skip: Callable[[pa_csv.InvalidRow], str] | None = None
+) -> pa.Table:
+    names = list(dialect.tables[0].names)
+    delimiter = "\t" if dialect.delimiter == BLANKS else dialect.delimiter
     return pa_csv.read_csv(
         pa.BufferReader(rows),
-        read_options=pa_csv.ReadOptions(column_names=names, use_threads=wrong is None),
-        parse_options=pa_csv.ParseOptions(delimiter=delimiter, invalid_row_handler=wrong),
+        read_options=pa_csv.ReadOptions(column_names=names, use_threads=skip is None),
+        parse_options=pa_csv.ParseOptions(delimiter=delimiter, invalid_row_handler=skip),
         convert_options=pa_csv.ConvertOptions(column_types=dict.fromkeys(names, pa.string())),
     )
 
@@ -313,14 +293,19 @@ def _first_bad_row(rows: pa.Buffer, dialect: TextDialect, lines: IntArray) -> st
         dialect: dialect of the text.
         lines: number in the file of each line that is not empty, shape (n,).
     """
-    wrong = _Collector()
+    wrong: list[pa_csv.InvalidRow] = []
+
+    def skip(row: pa_csv.InvalidRow) -> str:
+        wrong.append(row)
+        return "skip"
+
     try:
-        _parse(rows, dialect, wrong)  # in one thread: only then are rows numbered
+        _parse(rows, dialect, skip)  # in one thread: only then are rows numbered
     except pa.ArrowInvalid as error:
         return "a line is longer than 1 MiB" if "straddl" in str(error) else ""
-    if not wrong.rows:
+    if not wrong:
         return ""
-    row = wrong.rows[0]
+    row = wrong[0]
     cells = f"has {row.actual_columns} cells and the header {row.expected_columns}"
     return f"line {lines[row.number - 1]} {cells}: {' '.join(row.text.split())[:_SHOWN]!r}"
 
