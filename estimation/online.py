@@ -10,7 +10,7 @@ from palpate.control.laws.touch import RunningMean, release_force_n, touch_force
 from palpate.control.loop.task import TaskOutput
 from palpate.control.loop.tick_record import NO_ESTIMATE, Estimates
 from palpate.estimation.contact_estimator import ContactLaw, OnlineContactLaw
-from palpate.estimation.data.derivatives import centre_slope
+from palpate.estimation.data.derivatives import even_coefficients
 from palpate.estimation.estimator import OnlineEstimator
 from palpate.robot_io.types import Measurement, Status
 
@@ -65,7 +65,7 @@ class OnlineContactEstimator:
         self._learner.start()
         self._touch_gains = touch
         self._release_n = 0.0
-        self._slope: list[float] = centre_slope(half_window).tolist()
+        self._slope: list[float] = even_coefficients(2 * half_window + 1, half_window)[1].tolist()
         self._half = half_window
         self._window: deque[tuple[float, float, float]] = deque(maxlen=2 * half_window + 1)
         self._air = RunningMean()

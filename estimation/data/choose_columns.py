@@ -49,16 +49,12 @@ def choose_columns(
         InputError: two columns that a channel needs match equally well, or one of them is spoilt by a cell.
     """
     table = units.table
-    guessed = guess_columns(table.names, clocks_of(table.columns))
-    named = [
-        guess
-        if guess.joint is None or guess.quantity not in OF_JOINTS
-        else replace(guess, joint=guess.joint + shift)
-        for guess in guessed
-    ]
-    named = [
-        guess for guess in named if guess.quantity and guess.column not in reserved and guess.key not in known
-    ]
+    named = []
+    for guess in guess_columns(table.names, clocks_of(table.columns)):
+        if guess.joint is not None and guess.quantity in OF_JOINTS:
+            guess = replace(guess, joint=guess.joint + shift)  # noqa: PLW2901
+        if guess.quantity and guess.column not in reserved and guess.key not in known:
+            named.append(guess)
     if any(quantity in OF_JOINTS and joint == 0 for quantity, joint in known):  # the user means one joint
         named = [guess for guess in named if guess.quantity not in OF_JOINTS or not guess.joint]
     free = [guess for guess in named if table.is_mostly_numeric(guess.column)]
@@ -68,13 +64,8 @@ def choose_columns(
         for guess in named:  # say which cell is no number, where a channel could be made but for it
             if guess.key in keys and guess.key not in available:
                 table.numbers(guess.column)
-    clear = [
-        guess
-        for guess in free
-        if guess.unit
-        or guess.key == TIME
-        or units.option_names(Role(*guess.key, guess.unit, shift), guess.column)
-    ]
+    of_user = {g for g in free if units.option_names(Role(*g.key, g.unit, shift), g.column)}
+    clear = [guess for guess in free if guess.unit or guess.key == TIME or guess in of_user]
     guesses = clear if keys_of_channels({*known, *(guess.key for guess in clear)}) else free
     guesses_of: dict[Key, list[Guess]] = {}
     for guess in guesses:
@@ -83,14 +74,10 @@ def choose_columns(
     keys += [  # what could be derived is read too where the user says its unit
         guess.key
         for guess in clear
-        if guess.quantity in _DERIVABLE
-        and guess.key not in keys
-        and units.option_names(Role(*guess.key, guess.unit, shift), guess.column)
+        if guess.quantity in _DERIVABLE and guess.key not in keys and guess in of_user
     ]
     fitting = {key: _best_matches(table, key, guesses_of[key]) for key in keys}
-    chosen = {
-        key: (Role(*key, guesses[0].unit, shift), guesses[0].column) for key, guesses in fitting.items()
-    }
+    chosen = {key: (Role(*key, best.unit, shift), best.column) for key, (best, *_) in fitting.items()}
     questions, answers = [], []
     for key, (role, column) in chosen.items():
         if len(fitting[key]) > 1:
@@ -141,12 +128,8 @@ def _best_matches(table: Table, key: Key, guesses: list[Guess]) -> list[Guess]:
                 break
     fit = max(guess.fit for guess in guesses)
     first, *equal = (guess for guess in guesses if guess.fit == fit)
-    different = [
-        guess
-        for guess in equal
-        if not have_equal_values(table, key, (first.column, first.unit), (guess.column, guess.unit))
-    ]
-    return [first, *different]
+    read = first.column, first.unit
+    return [first, *(g for g in equal if not have_equal_values(table, key, read, (g.column, g.unit)))]
 
 
 def have_equal_values(table: Table, key: Key, first: tuple[str, str], second: tuple[str, str]) -> bool:

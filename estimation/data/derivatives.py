@@ -194,16 +194,6 @@ def _relative_to_start(position: FloatArray, pieces: list[slice]) -> FloatArray:
     return moved
 
 
-def centre_slope(half_window: int) -> FloatArray:
-    """Return the weights of 2 h + 1 evenly spaced samples for the slope per step in their middle.
-
-    Args:
-        half_window: h, samples on either side.
-    """
-    slope: FloatArray = even_coefficients(2 * half_window + 1, half_window)[1]
-    return slope
-
-
 @dataclass(frozen=True)
 class _WindowFit:
     """Fits with one window at n samples."""
@@ -232,9 +222,8 @@ class _WindowFit:
             order: order of the derivative, 1 or 2.
         """
         squared_difference = np.mean((self.fitted[:, order] - pilot.fitted[:, order]) ** 2)
-        return float(
-            squared_difference + pilot.noise * np.mean(2 * self.variance[:, order] - pilot.variance[:, order])
-        )
+        variance = np.mean(2 * self.variance[:, order] - pilot.variance[:, order])
+        return float(squared_difference + pilot.noise * variance)
 
 
 def _best_half_windows(
@@ -431,9 +420,8 @@ def local_derivative(time_s: FloatArray, signal: FloatArray, half: int, order: i
     width, steps = 2 * half + 1, np.diff(time_s)
     if len(signal) < width or np.ptp(steps) > _EVEN * steps.max():
         return local_fit(time_s, signal, np.arange(len(signal)), half).fitted[:, order]
-    by_place = (
-        _coefficients_at_each_place(width)[:, order] * factorial(order) / float(np.mean(steps)) ** order
-    )
+    by_place = _coefficients_at_each_place(width)[:, order]
+    by_place = by_place * factorial(order) / float(np.mean(steps)) ** order
     middle = np.correlate(signal, by_place[half])
     return np.concatenate([by_place[:half] @ signal[:width], middle, by_place[half + 1 :] @ signal[-width:]])
 

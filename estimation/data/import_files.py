@@ -3,6 +3,7 @@
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -103,20 +104,14 @@ def joined_channels(parts: Sequence[ChannelData]) -> ChannelData:
         count = int(runs[-1].max(initial=count - 1)) + 1
     names = [name for name in first.context if all(name in part.context for part in parts)]
 
-    def of_all(what: str) -> np.ndarray:
-        return np.concatenate([getattr(part, what) for part in parts])
-
+    signals = ("time_s", "position", "velocity", "acceleration", "effort", "phase")
+    whole: dict[str, Any] = {name: np.concatenate([getattr(p, name) for p in parts]) for name in signals}
     touching = [
         np.zeros(len(part), dtype=np.bool_) if part.touching is None else part.touching for part in parts
     ]
     return replace(
         first,
-        time_s=of_all("time_s"),
-        position=of_all("position"),
-        velocity=of_all("velocity"),
-        acceleration=of_all("acceleration"),
-        effort=of_all("effort"),
-        phase=of_all("phase"),
+        **whole,
         run=np.concatenate(runs),
         context={name: np.concatenate([part.context[name] for part in parts]) for name in names},
         recorded=frozenset(first.recorded & set(names)),

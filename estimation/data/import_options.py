@@ -41,11 +41,7 @@ class ImportOptions:
             )
 
 
-_PAIRS = {
-    "columns": "{'force_N': 'load'}",
-    "units": "{'force': 'mN'}",
-    "where": "{'specimen': 'P002'}",
-}
+_PAIRS = {"columns": "{'force_N': 'load'}", "units": "{'force': 'mN'}", "where": "{'specimen': 'P002'}"}
 
 
 def parse_pairs(texts: Iterable[str], option: str) -> dict[str, str]:

@@ -276,9 +276,8 @@ def _check_times(columns: Columns, rows: Rows) -> None:
                 in_order = text_column
                 break
     number = shlex.quote(in_order or columns.run_candidate or "COLUMN")
-    remedy = (
-        f"{'' if in_order else 'sort the rows, or '}say with --column {RUN}={number} where a new run begins"
-    )
+    sort = "" if in_order else "sort the rows, or "
+    remedy = f"{sort}say with --column {RUN}={number} where a new run begins"
     raise InputError(
         f"{table.path}: {table.row_word} {after}, column '{name}': {rows.time_s[late[0] + 1]:.9g} s does not "
         f"come after {rows.time_s[late[0]]:.9g} s in {table.row_word} {before}{in_run}; times must increase "

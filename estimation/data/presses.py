@@ -149,10 +149,7 @@ _EDGE = 0.5  # smoothed velocity where the motion begins, relative to the usual 
 _SPRINGY = 0.5  # correlation of position and force: above, the force follows it; in free air it does not
 _LASTING = 9  # samples that decide together, so that noise makes no phases
 _PHASES = np.array(  # of what is free and what is pressed, by the way it moves
-    [
-        [Phase.RETRACT, Phase.FREE_AIR, Phase.APPROACH],
-        [Phase.UNLOADING, Phase.HOLD, Phase.LOADING],
-    ],
+    [[Phase.RETRACT, Phase.FREE_AIR, Phase.APPROACH], [Phase.UNLOADING, Phase.HOLD, Phase.LOADING]],
     dtype=np.int64,
 )
 

@@ -268,22 +268,17 @@ def table_of(
         columns, places = stack_tests(columns, tests, titles, decimal)
         rows = rows[places]
         names, words = columns.column_names, [f"{len(tests)} tests side by side, taken as runs"]
-    columns = columns.rename_columns(_unique_names(names))
+    unique: list[str] = []  # the second "GPa" becomes "GPa (2)"
+    for name in names:
+        number = unique.count(name) and 2
+        while number and f"{name} ({number})" in {*names, *unique}:
+            number += 1
+        unique.append(f"{name} ({number})" if number else name)
+    columns = columns.rename_columns(unique)
     if columns.num_rows == 0:
         raise InputError(f"{place}: no rows of data")
     columns, clocks = with_seconds(columns, decimal)
     return Table(place, columns, rows, decimal, (*words, *clocks))
-
-
-def _unique_names(names: Sequence[str]) -> list[str]:
-    """Make names unique: the second "GPa" becomes "GPa (2)"."""
-    numbered: list[str] = []
-    for name in names:
-        number = numbered.count(name) and 2
-        while number and f"{name} ({number})" in {*names, *numbered}:
-            number += 1
-        numbered.append(f"{name} ({number})" if number else name)
-    return numbered
 
 
 def _is_text(path: Path) -> bool:

@@ -40,7 +40,7 @@ def find_tests(names: Sequence[str]) -> list[dict[str, int]]:
 
 
 def stack_tests(
-    columns: pa.Table, tests: Sequence[Mapping[str, int]], titles: Sequence[str], decimal: str = "."
+    columns: pa.Table, tests: Sequence[Mapping[str, int]], titles: Sequence[str], decimal: str
 ) -> tuple[pa.Table, IntArray]:
     """Stack the rows of tests, with a column of the run; also return the original index of each row.
 
@@ -211,9 +211,7 @@ def _days(text: pa.ChunkedArray) -> tuple[FloatArray, str]:
             read[order] = np.array([_ordinal(day, order) for day in texts], dtype=np.float64)
     if not read:
         raise ValueError(texts)
-    order = min(
-        read, key=lambda order: float(np.ptp(read[order]))
-    )  # the shortest recording is the likely one
+    order = min(read, key=lambda order: float(np.ptp(read[order])))  # the shortest recording is likely
     values = read[order][coded.indices.fill_null(0).to_numpy(zero_copy_only=False)]
     order_matters = np.ptp(values) > 0.0 and any("/" in (day or "")[:3] for day in texts)
     return np.asarray(values - values.min()), f" as {order}" if order_matters else ""

@@ -379,7 +379,9 @@ def as_utf8(content: bytes, path: Path) -> tuple[bytes, str]:
     except UnicodeDecodeError:
         if encoding:
             raise _no_text(content, path) from None
-        encoding = next((name for name in _ENCODINGS if _has_known_word(content, name)), "cp1252")
+        encoding = next(
+            (name for name in _ENCODINGS if _has_known_word(content[:_LOOKED_AT], name)), "cp1252"
+        )
         if encoding == "cp1252" and any(byte in _CONTROLS for byte in content[:_LOOKED_AT]):
             raise _no_text(content, path) from None
         return content.decode(encoding, errors="replace").encode(), encoding
@@ -391,7 +393,7 @@ def as_utf8(content: bytes, path: Path) -> tuple[bytes, str]:
 def _has_known_word(content: bytes, encoding: str) -> bool:
     """Return whether the beginning of a text in an encoding contains a foreign word for a quantity."""
     try:  # the last character may be cut off
-        text = codecs.getincrementaldecoder(encoding)().decode(content[:_LOOKED_AT]).lower()
+        text = codecs.getincrementaldecoder(encoding)().decode(content).lower()
     except UnicodeDecodeError:
         return False
     return any(word in text for word in FOREIGN_WORDS)

@@ -9,11 +9,4 @@ from palpate.estimation.data_quality.checks import (
     usable,
 )
 
-__all__ = [
-    "SINGLE_RUN",
-    "checklist",
-    "contaminated",
-    "quality_warnings",
-    "reject_reason",
-    "usable",
-]
+__all__ = ["SINGLE_RUN", "checklist", "contaminated", "quality_warnings", "reject_reason", "usable"]

@@ -11,7 +11,6 @@ from palpate.estimation.signals.blocks import blocks
 from palpate.estimation.signals.runwise import is_even, sample_time, shift
 from palpate.estimation.statistics.correlation import Misfit, misfit
 from palpate.estimation.statistics.least_squares import solve
-from palpate.robot_io.types import BoolArray
 
 _FARTHEST_S, _MOST_SHIFTS = 0.1, 50  # largest time shift, in seconds and in samples
 _COARSE = 21  # shifts of the coarse search
@@ -49,7 +48,14 @@ def time_offset(data: ChannelData, model: Model | None) -> str | None:
     data = some.select(np.arange(min(len(some), _MOST_SAMPLES)))
     step_s = sample_time(data.time_s, data.run)
     farthest_s = min(_FARTHEST_S, _MOST_SHIFTS * step_s)
-    rows = _well_inside(data, farthest_s)
+    # Samples whose motion is known for that time before and after; of a contact, pressed throughout.
+    rows = np.ones(len(data), dtype=np.bool_)
+    for run in blocks(data.run):
+        time_s = data.time_s[run]
+        rows[run] = (time_s >= time_s[0] + farthest_s) & (time_s <= time_s[-1] - farthest_s)
+    if data.kind is ChannelKind.CONTACT:
+        width = 2 * int(np.ceil(farthest_s / step_s)) + 1
+        rows &= np.convolve(data.engaged, np.ones(width, dtype=np.int64), "same") == width
     if 2.0 * step_s > farthest_s or np.sum(rows) < _LEAST_SAMPLES:
         return None
     columns = model.regression(data, {}).columns
@@ -123,17 +129,3 @@ def lost_rows(data: ChannelData) -> str | None:
         f"samples that are evenly spaced: about {100.0 * lost:.1f} % of the rows seem to be lost, and "
         "effects of the velocity are estimated wrongly; record them, or restore the times"
     )
-
-
-def _well_inside(data: ChannelData, farthest_s: float) -> BoolArray:
-    """Select samples whose motion is known for a time before and after; of a contact, pressed throughout."""
-    inside = np.ones(len(data), dtype=np.bool_)
-    for rows in blocks(data.run):
-        time_s = data.time_s[rows]
-        inside[rows] = (time_s >= time_s[0] + farthest_s) & (time_s <= time_s[-1] - farthest_s)
-    if data.kind is ChannelKind.CONTACT:
-        reach = int(np.ceil(farthest_s / sample_time(data.time_s, data.run)))
-        pressed = data.engaged.astype(np.int64)
-        count = np.convolve(pressed, np.ones(2 * reach + 1, dtype=np.int64), "same")
-        inside &= count == 2 * reach + 1
-    return inside

@@ -11,9 +11,7 @@ from palpate.robot_io.errors import InputError
 from palpate.robot_io.types import FloatArray
 
 INITIAL_VARIANCE = 1e8  # variance of a gain before the first sample; allows a stiffness of 10 000 N/m
-_INITIAL_EFFORT = (
-    1e3  # what any one gain may contribute to the effort, where all samples are known beforehand
-)
+_INITIAL_EFFORT = 1e3  # effort that any gain may contribute, where all samples are known beforehand
 _FORGOTTEN = 1e-9  # weight of a sample below which earlier samples are ignored
 
 
@@ -71,27 +69,19 @@ class RecursiveEstimator(OnlineEstimator):
             kalman_gains[index] = self._kalman_gain
         gains = history[-1]
         residuals = regression.effort - regression.columns @ gains
-        terms = _noise_sensitivity(rows, kalman_gains) * residuals[:, None]
-        summed = sum_covariance(terms, regression.run)
+        # Derivative of the last gains by each sample's noise, (n, p): each later sample t multiplies the
+        # gains' error by (I - K_t h_t).
+        carried, effect = np.eye(gain_count), np.zeros_like(kalman_gains)
+        scale = np.abs(kalman_gains[-1]).max()
+        for index in range(count - 1, -1, -1):
+            moved = carried @ kalman_gains[index]
+            effect[index] = moved
+            carried = carried - moved[:, None] * rows[index]
+            if np.abs(moved).max() < _FORGOTTEN * scale and np.abs(carried).max() < _FORGOTTEN:
+                break
+        summed = sum_covariance(effect * residuals[:, None], regression.run)
         covariance = Covariance(summed.matrix, max(1.0, summed.effective_count - gain_count))
         return self._estimate(regression, gains, covariance, history=history)
-
-
-def _noise_sensitivity(rows: FloatArray, kalman_gains: FloatArray) -> FloatArray:
-    """Return the derivative of the last gains by each sample's noise, shape (n, p).
-
-    Each later sample t reduces it: the gains' error is multiplied by (I - K_t h_t).
-    """
-    carried = np.eye(rows.shape[1])
-    effect = np.zeros_like(kalman_gains)
-    scale = np.abs(kalman_gains[-1]).max()
-    for index in range(len(rows) - 1, -1, -1):
-        moved = carried @ kalman_gains[index]
-        effect[index] = moved
-        carried = carried - moved[:, None] * rows[index]
-        if np.abs(moved).max() < _FORGOTTEN * scale and np.abs(carried).max() < _FORGOTTEN:
-            break
-    return effect
 
 
 class Rls(RecursiveEstimator):

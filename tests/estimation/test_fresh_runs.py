@@ -1,9 +1,15 @@
 """Whether runs met an object that remembered the run before."""
 
+from pathlib import Path
+
 import numpy as np
+import pyarrow as pa
 import pytest
 
 from palpate.estimation.base_model import ModelContext
+from palpate.estimation.data.import_file import import_table
+from palpate.estimation.data.import_options import ImportOptions
+from palpate.estimation.data.table import table_of
 from palpate.estimation.models import MODELS
 from palpate.estimation.study.model_suggestions import on_clocks_of_their_own, relaxes_afresh
 from tests.estimation.presses import RATE_HZ, kelvin_voigt, maxwell, session
@@ -34,6 +40,15 @@ def test_the_data_say_whether_the_object_remembered(afresh):
     data = session(61, law)
     assert relaxes_afresh(data, MODEL) == afresh
     assert not relaxes_afresh(on_clocks_of_their_own(data), MODEL)
+
+
+def test_fresh_runs_keep_the_times_that_were_spread_over_repeated_ones():
+    t = np.arange(400) * 0.01
+    x, f = 0.004 * (1.0 - np.cos(3.0 * t)), 2.0 * (1.0 - np.cos(3.0 * t))
+    coarse_s = 5.0 + 0.02 * np.repeat(np.arange(200), 2)  # a clock that advances with every second row
+    table = pa.table({"time_s": coarse_s, "displacement_m": x, "force_N": f})
+    (channel,) = import_table(table_of(table, Path("press")), ImportOptions(fresh=True, runs=1)).channels
+    assert channel.time_s == pytest.approx(t, abs=1e-6)
 
 
 def test_what_does_not_relax_says_nothing():
