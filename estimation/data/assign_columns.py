@@ -297,21 +297,21 @@ def _orient_signs(
         return result, False, "; ".join(notes)
     names, quoted = f"'{way.column}' and '{force.column}' take both signs", shlex.quote(way.column)
     contact = f"--column displacement={quoted} makes a contact of it"
-    if sides.springy or is_named or POSITION in assigned:
-        if sides.never_free:
-            notes.append(
-                f"'{force.column}' settles at no displacement, so that none is free air: taken for an "
-                "element that is held at both ends, without a surface"
-            )
-        else:
-            notes.append(
-                f"{names}, with the same sign at the same time: taken for an element that pulls as well as "
-                f"pushes, without a surface; {contact}, --column position={quoted} a linear axis"
-            )
-        return result, True, "; ".join(notes)
-    notes.append(f"{names}, but not at the same time, as with a damper: taken for a linear axis; {contact}")
-    result = {POSITION if key == DISPLACEMENT else key: source for key, source in result.items()}
-    return result, False, "; ".join(notes)
+    pulls = sides.springy or is_named or POSITION in assigned
+    if not pulls:
+        note = f"{names}, but not at the same time, as with a damper: taken for a linear axis; {contact}"
+        result = {POSITION if key == DISPLACEMENT else key: source for key, source in result.items()}
+    elif sides.never_free:
+        note = (
+            f"'{force.column}' settles at no displacement, so that none is free air: taken for an element "
+            "that is held at both ends, without a surface"
+        )
+    else:
+        note = (
+            f"{names}, with the same sign at the same time: taken for an element that pulls as well as "
+            f"pushes, without a surface; {contact}, --column position={quoted} a linear axis"
+        )
+    return result, pulls, "; ".join([*notes, note])
 
 
 def _own_name(column: str) -> bool:

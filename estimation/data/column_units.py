@@ -72,11 +72,7 @@ class ColumnUnits:
         columns = self.options.columns
         exact = {name for name in self.table.names if name not in columns or name in columns.values()}
         parsed = {name: parse_role(name, role.shift) for name in self.options.units if name not in exact}
-        of_role = {
-            name
-            for name, parsed_role in parsed.items()
-            if parsed_role is not None and parsed_role.key == role.key
-        }
+        of_role = {name for name, named in parsed.items() if named is not None and named.key == role.key}
         if role.quantity in parsed:
             of_role.add(role.quantity)
         return [name for name in self.options.units if name == column or name in of_role]
@@ -153,13 +149,13 @@ class ColumnUnits:
         if missing := self.missing(chosen):
             columns = ", ".join(f"'{column}'" for column, _ in missing)
             unknown = next(filter(None, (unknown_unit(column) for column, _ in missing)), "")
-            single = len(missing) == 1
-            reason = f"{'does' if single else 'do'} not say {'its unit' if single else 'their units'}"
-            reason += f" in a way that is known ('{unknown}')" if unknown else ""
-            raise InputError(
-                f"{self.table.path}: column{'' if single else 's'} {columns} {reason}; say "
-                f"{'it' if single else 'them'}, as in {' '.join(dict.fromkeys(unit for _, unit in missing))}"
-            )
+            known = f" in a way that is known ('{unknown}')" if unknown else ""
+            options = " ".join(dict.fromkeys(unit for _, unit in missing))
+            if len(missing) == 1:
+                problem = f"column {columns} does not say its unit{known}; say it, as in {options}"
+            else:
+                problem = f"columns {columns} do not say their units{known}; say them, as in {options}"
+            raise InputError(f"{self.table.path}: {problem}")
 
     def check_force_of_angle(self, chosen: Chosen) -> None:
         """Ask for the lever arm where a joint has an angle and a force, and no other channel can be made.

@@ -51,7 +51,7 @@ class _Sheet:
     numbers: list[int]  # of the rows in the sheet
 
 
-def read_excel_table(path: Path, selected: str = "") -> FileColumns:
+def read_excel_table(path: Path, selected: str) -> FileColumns:
     """Read the table of a workbook (.xlsx, .xlsm, .xls); sheets with the same columns are its runs.
 
     Args:

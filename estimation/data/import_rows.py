@@ -42,7 +42,7 @@ class Rows:
     notes: tuple[str, ...] = ()  # how runs were found, if the file does not say them, and what was repaired
 
 
-def arrange_rows(columns: Columns, *, fresh: bool = False, count: int | None = None) -> Rows:
+def arrange_rows(columns: Columns, *, fresh: bool, count: int | None) -> Rows:
     """Group the rows by run.
 
     Args:

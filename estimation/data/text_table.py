@@ -41,7 +41,7 @@ _SHOWN = 60  # characters of a line that is refused
 _SYSTEMATIC = 0.25  # share of rows that may end before the last column; fewer are damaged
 
 
-def read_text_table(path: Path, selected: str = "") -> FileColumns:
+def read_text_table(path: Path, selected: str) -> FileColumns:
     """Read the columns of a text file as text, by the names above the rows of its longest table.
 
     Args:

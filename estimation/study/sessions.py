@@ -18,7 +18,7 @@ from palpate.robot_io.robot_file import parse_robot_file
 from palpate.robot_io.session import Session
 
 
-def read_session(path: Path, runs: str = "") -> tuple[Session, tuple[ChannelData, ...]]:
+def read_session(path: Path, runs: str) -> tuple[Session, tuple[ChannelData, ...]]:
     """Read the channels of one session.
 
     Args:
