@@ -503,12 +503,12 @@ def _file_derivative(  # noqa: PLR0917
 
 _SAME_SHAPE = 0.7  # correlation, half of the variance: it is this position's velocity, whatever its scale
 _OTHER_SCALE = 1.5  # smoothing takes less than a third off a velocity; a mistaken unit is off by ten and more
-_WAYS = tuple(2**power for power in range(12))  # samples, that a way may take
+_SPANS = tuple(2**power for power in range(12))  # samples, that a way may take
 _PAUSE = 5.0  # ratio to the usual step above which sampling paused
-_LEAST_WAYS = 0.5  # share of samples at which a way must begin
+_LEAST_SPANS = 0.5  # share of samples at which a way must begin
 _HALVES = (1, 2, 3, 4, 5, 8, 10, 16, 32)  # samples to either side of a central difference
 _REACHES = (*((half, half) for half in _HALVES), (1, 0), (0, 1))  # and the backward and forward ones
-_SAME = 0.5  # difference from a finite difference, relative to its noise energy
+_DIFFERENCE_NOISE = 0.5  # difference from a finite difference, relative to its noise energy
 
 
 def mistaken_scale(
@@ -533,9 +533,9 @@ def mistaken_scale(
     mean = 0.5 * (velocity[1:] + velocity[:-1])
     led = np.concatenate([[0.0], np.cumsum(np.where(np.diff(piece) == 0, mean * steps_s, 0.0))])
     best, ratio = 0.0, 1.0
-    for samples in _WAYS:
+    for samples in _SPANS:
         same = piece[samples:] == piece[:-samples]
-        if np.sum(same) < _LEAST_WAYS * len(position):
+        if np.sum(same) < _LEAST_SPANS * len(position):
             break
         moved, by_velocity = ((x[samples:] - x[:-samples])[same] for x in (position, led))
         correlation = correlation_coefficient(moved, by_velocity)
@@ -571,7 +571,7 @@ def is_difference(
         apart_s = time_s[after] - time_s[before]
         moved = position[after] - position[before]
         difference = np.divide(moved, apart_s, out=np.zeros_like(moved), where=apart_s > 0.0)
-        if np.mean((difference - given) ** 2) < _SAME * np.mean((difference - calm) ** 2):
+        if np.mean((difference - given) ** 2) < _DIFFERENCE_NOISE * np.mean((difference - calm) ** 2):
             return True
     return False
 

@@ -20,8 +20,8 @@ _LONGEST_NUMBER = 18  # digits; what is longer is a name, as are serial numbers
 _MOST_REPEATED = 0.05  # share of rows that may repeat the time of the row before
 _GAP, _QUICK = 1.5, 0.75  # ratio to the usual step of a gap, and of a late stamp
 _FEW_GAPS, _LONGEST_BURST = 0.05, 50  # gaps among all steps; steps of one gap and its burst
-_WHOLE = 0.3  # share of the position's range that a cycle covers
-_MOST = 0.8  # share of the stretches between restarts of a clock that must be cycles
+_CYCLE_RANGE = 0.3  # share of the position's range that a cycle covers
+_CYCLE_SHARE = 0.8  # share of the stretches between restarts of a clock that must be cycles
 _FEWEST = 5  # samples of a run: fewer have no acceleration that means anything
 _REPEATED = (  # notes, with the number of rows and the column
     "repeats its times: {0} rows are spread evenly up to the next one; if it is not the time of each row, "
@@ -186,10 +186,10 @@ def _cycles(columns: Columns) -> tuple[IntArray, str]:
                 continue
             ways = [position[rows] for rows in blocks(cycle)]
             leads_back = [
-                np.ptp(way) > _WHOLE * np.ptp(position) and abs(way[-1] - way[0]) < 0.5 * np.ptp(way)
+                np.ptp(way) > _CYCLE_RANGE * np.ptp(position) and abs(way[-1] - way[0]) < 0.5 * np.ptp(way)
                 for way in ways
             ]
-            if np.mean(leads_back) > _MOST:
+            if np.mean(leads_back) > _CYCLE_SHARE:
                 return cycle, guess.column
     return np.zeros(len(columns.table), dtype=np.int64), ""
 

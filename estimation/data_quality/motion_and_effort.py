@@ -23,10 +23,10 @@ _LATE, _STANDS_OUT = 0.2, 0.25  # shares of the deepest indentation, and of a sp
 _TO_SIGMA = 1.4826  # ratio of standard deviation to median deviation of normal noise
 _SHIFTS_S = (-2.0, -1.0, -0.5, 0.5, 1.0, 2.0)  # offsets of clocks that were started by hand
 # correlations of depth and force: springs lie above the first, unrelated signals below the second
-_JOINED, _APART = 0.9, 0.5
-_FALLS = -0.5  # correlation of depth and force below which one of them has the wrong sign
+_RELATED, _UNRELATED = 0.9, 0.5
+_NEGATIVE = -0.5  # correlation of depth and force below which one of them has the wrong sign
 _LEAST_EXPLAINED = 0.1  # share of the force's variance that depth and velocity explain for any object
-_SAME = 1e-9  # rounding of two identical columns, relative to the force's range
+_ROUNDING = 1e-9  # rounding of two identical columns, relative to the force's range
 _SEVERAL = 2.0  # turns; over fewer, a spring and a weight can be told apart by shape alone
 _SLOWLY = 0.1  # least share of the effort's variance that varies slowly with the angle
 # Of what the motion leaves, that the sine in degrees leaves: what is hidden at ten times the noise stays,
@@ -91,7 +91,7 @@ def misaligned(data: ChannelData) -> str | None:
     Args:
         data: the channel.
     """
-    if data.kind is not ChannelKind.CONTACT or not data.engaged.any() or _share_explained(data) > _APART:
+    if data.kind is not ChannelKind.CONTACT or not data.engaged.any() or _share_explained(data) > _UNRELATED:
         return None
     pressed = np.where(data.engaged, data.position, 0.0)
     step = sample_time(data.time_s, data.run)
@@ -100,7 +100,7 @@ def misaligned(data: ChannelData) -> str | None:
         shift = round(seconds / step)
         if shift and abs(shift) < len(pressed) // 4:
             then = correlation_coefficient(np.roll(pressed, shift), data.effort)
-            if then > _JOINED and now < _APART:
+            if then > _RELATED and now < _UNRELATED:
                 side = "late" if seconds > 0.0 else "early"
                 return (
                     f"the force is {abs(seconds):.1f} s {side} against the motion (correlation {then:.2f} if "
@@ -127,10 +127,10 @@ def no_contact(data: ChannelData) -> str | None:
             return "no contact: the force while pressed is no more than the noise in free air"
     depth, until = np.where(pressed, data.position, 0.0), int(np.argmax(np.abs(data.effort))) + 1
     falls = correlation_coefficient(depth, data.effort)
-    tears = correlation_coefficient(depth[:until], data.effort[:until]) > -_FALLS  # it rises until then
+    tears = correlation_coefficient(depth[:until], data.effort[:until]) > -_NEGATIVE  # it rises until then
     # A spring from the surface on has a negative stiffness.
     is_negative = float(depth @ (data.effort - level)) < 0.0
-    if is_negative and falls < _FALLS and not tears and misaligned(data) is None:
+    if is_negative and falls < _NEGATIVE and not tears and misaligned(data) is None:
         return (
             f"force falls with depth (correlation {falls:.2f}); check the sign of force and displacement: "
             "--unit force=-1N turns the force"
@@ -185,7 +185,7 @@ def unrelated(data: ChannelData) -> str | None:
         return None
     pressed = data.select(data.engaged)
     ratio = float(pressed.effort @ pressed.position) / (float(pressed.position @ pressed.position) or 1.0)
-    if np.max(np.abs(pressed.effort - ratio * pressed.position)) < _SAME * float(np.ptp(pressed.effort)):
+    if np.max(np.abs(pressed.effort - ratio * pressed.position)) < _ROUNDING * float(np.ptp(pressed.effort)):
         return (
             f"the force is {ratio:.6g} N/m times the displacement, number for number, which no sensor "
             "reads; was one column taken for both? --column force=COLUMN takes another one"

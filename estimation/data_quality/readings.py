@@ -12,7 +12,7 @@ from palpate.estimation.statistics.least_squares import solve
 from palpate.robot_io.types import BoolArray, FloatArray, IntArray
 
 _STUCK_SHARE = 0.3  # share of loaded samples at one extreme value of a saturated sensor
-_STILL = 1e-3  # range of a held position, relative to all positions
+_HELD_RANGE = 1e-3  # range of a held position, relative to all positions
 # Free air at a sensor's lower end: how much of it, how far from zero (of all readings' range), and how many
 # of the readings above are distinct.
 _MOST_OF_AIR, _OFF_ZERO, _FINE = 0.7, 0.01, 0.5
@@ -76,7 +76,7 @@ def saturated(data: ChannelData) -> str | None:
     for extreme in (data.effort.max(), data.effort.min()):
         stuck = data.effort == extreme
         share = float(np.mean(stuck[loaded]))
-        moves = float(np.ptp(data.position[stuck])) > _STILL * float(np.ptp(data.position))
+        moves = float(np.ptp(data.position[stuck])) > _HELD_RANGE * float(np.ptp(data.position))
         if share > _STUCK_SHARE and moves:  # in data without noise, a hold shows one reading too
             unit = data.kind.effort_unit
             return (
@@ -146,7 +146,7 @@ def copied_runs(data: ChannelData) -> dict[int, tuple[int, float]]:
     range_of_all = float(np.ptp(data.position)) if len(data) else 0.0
     of_length: dict[int, list[IntArray]] = {}
     for rows in rows_of_runs(data.run):
-        if np.ptp(data.position[rows]) > _STILL * range_of_all and _is_noisy(data.effort[rows]):
+        if np.ptp(data.position[rows]) > _HELD_RANGE * range_of_all and _is_noisy(data.effort[rows]):
             of_length.setdefault(len(rows), []).append(rows)
     copies: dict[int, tuple[int, float]] = {}
     for length, runs in of_length.items():

@@ -20,12 +20,12 @@ from palpate.robot_io.types import FloatArray
 
 _HALVINGS = 3
 _PARABOLAS = 3
-_TIMES = 4  # joint fits of all parameters while the error still falls
-_FAR = 0.9  # ratio of squared errors below which the joint fit is repeated
+_MOST_REPEATS = 4  # joint fits of all parameters while the error still falls
+_REPEAT_RATIO = 0.9  # ratio of squared errors below which the joint fit is repeated
 _EVALUATIONS = 40
-_SETTLED = 1e-5
-_MOVED = 1e-4  # smallest step, relative to the distance covered
-_ARRIVED = 1.0001  # ratio to the predicted squared error within which a step has converged
+_SSE_TOLERANCE = 1e-5
+_STEP_TOLERANCE = 1e-4  # smallest step, relative to the distance covered
+_CONVERGED_RATIO = 1.0001  # ratio to the predicted squared error within which a step has converged
 _STEP = 2e-3  # step of a finite difference
 
 
@@ -225,7 +225,7 @@ class Scale:
 
 
 def optimize_inner(
-    problem: FitProblem, solution: Solution, settled: float = _SETTLED, step: float = _STEP
+    problem: FitProblem, solution: Solution, settled: float = _SSE_TOLERANCE, step: float = _STEP
 ) -> Solution:
     """Optimize all inner parameters of a trial jointly; gains follow by variable projection.
 
@@ -238,9 +238,9 @@ def optimize_inner(
         settled: share of the energy that a step must take away for another to be worth it.
         step: step of the difference quotient, relative to a parameter's scale.
     """
-    for _ in range(_TIMES):
+    for _ in range(_MOST_REPEATS):
         before, solution = solution, _optimize_once(problem, solution, settled, step)
-        if solution.sse > _FAR * before.sse:
+        if solution.sse > _REPEAT_RATIO * before.sse:
             break
     return replace(solution, parameters=solution.model.in_order(solution.parameters))
 
@@ -263,7 +263,7 @@ def _optimize_once(problem: FitProblem, solution: Solution, settled: float, step
     def at(numbers: FloatArray) -> Solution:
         if not last or last[0][0] != numbers.tobytes():
             moved = {**solution.parameters, **values(numbers)}
-            solved = solve_gains(problem, solution.model, moved, arrived=_ARRIVED)
+            solved = solve_gains(problem, solution.model, moved, arrived=_CONVERGED_RATIO)
             last[:] = [(numbers.tobytes(), solved)]
         return last[0][1]
 
@@ -283,7 +283,7 @@ def _optimize_once(problem: FitProblem, solution: Solution, settled: float, step
         jac=jacobian,
         bounds=(low, high),
         ftol=settled,
-        xtol=_MOVED,
+        xtol=_STEP_TOLERANCE,
         max_nfev=_EVALUATIONS,
         x_scale=0.1,
     )

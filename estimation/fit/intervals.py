@@ -22,11 +22,12 @@ from palpate.robot_io.types import FloatArray, IntArray
 SIGMAS_95 = 1.96
 _READINGS, _SEED = 8, 1  # simulated readings of the motion, and their seed
 _STEP = 1e-3  # step of finite differences, relative to an inner parameter's value or typical range
-_NOTHING = 1e-10  # eigenvalues below this share of the largest belong to combinations that change nothing
-_FREE = 1e-6  # share of a parameter in such combinations above which the data do not determine it
-_FAR = 10.0  # largest uncertainty, relative to the value or the typical values of a parameter
+# Eigenvalues below this share of the largest belong to combinations that change nothing.
+_NULL_EIGENVALUE = 1e-10
+_NULL_SHARE = 1e-6  # share of a parameter in such combinations above which the data do not determine it
+_WIDEST_RATIO = 10.0  # largest uncertainty, relative to the value or the typical values of a parameter
 # A block jumps, and has no slope, if it exceeds 20 times what 95 % of the blocks do not exceed.
-_JUMP, _MOST = 20.0, 0.95
+_JUMP_RATIO, _JUMP_QUANTILE = 20.0, 0.95
 
 
 def estimate_parameters(problem: FitProblem, solution: Solution) -> dict[str, ParameterEstimate]:
@@ -55,7 +56,10 @@ def estimate_parameters(problem: FitProblem, solution: Solution) -> dict[str, Pa
     known = {**solution.model.gains, **solution.model.inner}
     units = {name: parameter.unit_of(problem.blocked.data.kind) for name, parameter in known.items()}
     widest = [  # plausible standard errors; with a larger one the data do not determine the parameter
-        min(known[n].upper - known[n].lower, _FAR * max(abs(solution.parameters[n]), *known[n].typical))
+        min(
+            known[n].upper - known[n].lower,
+            _WIDEST_RATIO * max(abs(solution.parameters[n]), *known[n].typical),
+        )
         for n in names
     ]
     errors = np.where(errors < np.array(widest), errors, np.nan)
@@ -93,7 +97,7 @@ def _without_jumps(slope: FloatArray) -> FloatArray:
     size = np.abs(slope)
     if not size.any():
         return slope
-    return np.where(size > _JUMP * np.quantile(size[size > 0.0], _MOST), 0.0, slope)
+    return np.where(size > _JUMP_RATIO * np.quantile(size[size > 0.0], _JUMP_QUANTILE), 0.0, slope)
 
 
 def _reading_errors(problem: FitProblem, solution: Solution, measurement: MeasurementModel) -> FloatArray:
@@ -137,11 +141,11 @@ def _errors(slopes: FloatArray, residual: FloatArray, run: IntArray) -> FloatArr
     width = np.sqrt(np.sum(slopes**2, axis=0))
     scaled = slopes / np.where(width > 0.0, width, 1.0)
     size, ways = np.linalg.eigh(scaled.T @ scaled)
-    known = size > _NOTHING * size.max(initial=0.0)
+    known = size > _NULL_EIGENVALUE * size.max(initial=0.0)
     bread = (ways[:, known] / size[known]) @ ways[:, known].T
     meat = sum_covariance(scaled * residual[:, None], run).matrix
     count = len(residual)
     covariance = bread @ meat @ bread * (count / max(count - slopes.shape[1], 1))
-    free = np.sum(ways[:, ~known] ** 2, axis=1) > _FREE
+    free = np.sum(ways[:, ~known] ** 2, axis=1) > _NULL_SHARE
     errors = np.sqrt(np.maximum(np.diag(covariance), 0.0)) / np.where(width > 0.0, width, 1.0)
     return np.where(free, np.nan, errors)

@@ -15,20 +15,19 @@ from palpate.robot_io.types import IntArray
 LONG = 500_000  # samples; longer recordings are always averaged, and rest is left out
 _ENOUGH = 25_000  # blocks of a recording that needs no averaging
 _MOST = 100_000  # samples that are searched in acceptable time
-_LOST = 0.1  # largest variance of a signal within a block, relative to the noise variance of its mean
-_SURE = 3.0  # standard errors for that test
+_LOST_SHARE = 0.1  # largest variance of a signal within a block, relative to the noise variance of its mean
+_STANDARD_ERRORS = 3.0  # standard errors for that test
 _FEWEST_IN_BLOCK = 4  # samples needed to tell noise from a signal, as a third difference takes
 _FEWEST_IN_RUN = 50  # means
 _FEWEST_RUNS = 6  # runs that must remain, so that some can be held out
 _STRETCHES = 40  # pieces into which a joint's runs are cut, or more
 _COVERED = 0.3  # share of the range of positions that each piece covers
-_STILL = (
-    0.002  # share of the range of positions that a joint at rest stays within for `_NEAR_S` on both sides
-)
+# Share of the range of positions that a joint at rest stays within for `_NEAR_S` on both sides.
+_REST_RANGE = 0.002
 _NEAR_S = 0.5  # before and after a motion that belong to it
-_MOSTLY = 0.5  # share of samples near a motion below which a joint is mostly at rest
-_BEARABLE = 2  # multiple of `_MOST` above which some loss of information is accepted
-_THIRD = 20.0  # sum of the squares of (1, -3, 3, -1), the weights of a third difference
+_MOVING_SHARE = 0.5  # share of samples near a motion below which a joint is mostly at rest
+_MOST_EXCESS = 2  # multiple of `_MOST` above which some loss of information is accepted
+_THIRD_DIFFERENCE = 20.0  # sum of the squares of (1, -3, 3, -1), the weights of a third difference
 
 
 @dataclass(frozen=True)
@@ -46,8 +45,8 @@ class Within:
         Args:
             block: samples in a block.
         """
-        error = _SURE * np.sqrt(4.6 / self.count)  # of a mean of squared third differences
-        return bool(self.departure**2 <= self.noise**2 * (1.0 + _LOST / block + error))
+        error = _STANDARD_ERRORS * np.sqrt(4.6 / self.count)  # of a mean of squared third differences
+        return bool(self.departure**2 <= self.noise**2 * (1.0 + _LOST_SHARE / block + error))
 
 
 def shortened(data: ChannelData, held_out: Sequence[int] = ()) -> tuple[ChannelData, str, Mapping[int, int]]:
@@ -116,10 +115,10 @@ def _from_rest_to_rest(data: ChannelData, held: IntArray) -> tuple[ChannelData, 
     for of_run in rows_of_runs(data.run):
         highest = scipy.ndimage.maximum_filter1d(data.position[of_run], width)
         swept[of_run] = highest - scipy.ndimage.minimum_filter1d(data.position[of_run], width)
-    near = swept > _STILL * np.ptp(data.position)
+    near = swept > _REST_RANGE * np.ptp(data.position)
     parts = [rows for rows in blocks(2 * data.run + near) if near[rows.start]]
     parts = [rows for rows in parts if data.run[rows.start] not in held]
-    if data.kind is ChannelKind.CONTACT or np.mean(near) > _MOSTLY or len(parts) < _FEWEST_RUNS:
+    if data.kind is ChannelKind.CONTACT or np.mean(near) > _MOVING_SHARE or len(parts) < _FEWEST_RUNS:
         return data, "", {}
     run, first = data.run.copy(), int(data.run.max()) + 1
     run_of = {first + number: int(data.run[rows.start]) for number, rows in enumerate(parts)}
@@ -140,7 +139,7 @@ def within_blocks(data: ChannelData, block: int) -> Within:
     place = np.arange(block) - 0.5 * (block - 1)
     residual = effort - effort.mean(axis=1, keepdims=True)
     residual -= np.outer(residual @ place / (place @ place), place)
-    noise = float(np.mean(np.diff(effort, 3, axis=1) ** 2)) / _THIRD
+    noise = float(np.mean(np.diff(effort, 3, axis=1) ** 2)) / _THIRD_DIFFERENCE
     return Within(
         float(np.sqrt(np.mean(residual**2) * block / (block - 2))), float(np.sqrt(noise)), effort.size
     )
@@ -203,7 +202,7 @@ def _fewer_stretches(data: ChannelData, held: IntArray) -> tuple[ChannelData, st
 def _average_further(data: ChannelData, held: IntArray) -> tuple[ChannelData, str, dict[int, int]]:
     """Average over enough samples for the search to end, although information is lost."""
     times = _times_too_long(data, held)
-    if times <= _BEARABLE:
+    if times <= _MOST_EXCESS:
         return data, "", {}
     rate_hz = 1.0 / (sample_time(data.time_s, data.run) * times)
     note = (

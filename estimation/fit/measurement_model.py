@@ -30,10 +30,10 @@ from palpate.robot_io.types import FloatArray, IntArray
 
 _MOST_WEIGHTS = 4_000_000  # largest size of an operator that is kept in memory
 _PASSED_ON = 0.5  # tolerance on a derivative, relative to the reading error that the filter passes on
-_TRIED = 4000  # samples used to recognise the filter that derived a velocity
-_ALIKE = 1e-6  # relative tolerance on a derivative that another formula computed
+_MOST_TRIED = 4000  # samples used to recognise the filter that derived a velocity
+_FORMULA_TOLERANCE = 1e-6  # relative tolerance on a derivative that another formula computed
 _REACH_S = 0.03  # time to either side at which positions are compared; encoder noise is negligible there
-_LEAST = 3  # samples
+_FEWEST_STEPS = 3  # samples
 _pieces = cache_by_array(number_pieces)  # derivatives know nothing across a gap in time
 
 
@@ -123,7 +123,7 @@ def _identify(data: ChannelData) -> MeasurementModel:
     piece = _pieces(data.time_s, data.run)
     rounding = rounding_variance(data.time_s, data.position, piece, step)
     error, half = position_error(data.time_s, data.position, piece, rounding)
-    few = data.select(np.arange(min(len(data), _TRIED)))
+    few = data.select(np.arange(min(len(data), _MOST_TRIED)))
     velocity, _ = _identify_window(few, few.position, error, few.velocity, 1)
     of_velocity, half_of_velocity = np.zeros(len(data)), half
     acceleration, difference = _identify_window(few, few.position, error, few.acceleration, 2)
@@ -260,7 +260,9 @@ def _identify_window(
     for window in HALF_WINDOWS:
         passed_on = channel_derivative(data, error[: len(data)], window, order)
         difference = float(np.median((channel_derivative(data, signal, window, order) - given)[moving] ** 2))
-        limit = max(_PASSED_ON * float(np.median(passed_on**2)), _ALIKE * float(np.mean(given**2)))
+        limit = max(
+            _PASSED_ON * float(np.median(passed_on**2)), _FORMULA_TOLERANCE * float(np.mean(given**2))
+        )
         if difference <= limit:
             matches.append((difference, window))
     least, best = min(matches, default=(np.inf, None))
@@ -283,7 +285,7 @@ def inflate_acceleration_noise(data: ChannelData, reach_s: float = _REACH_S) -> 
         time_s = data.time_s[rows]
         if len(time_s) < 2:
             continue
-        reach = max(int(reach_s / float(np.median(np.diff(time_s))) + 0.5), _LEAST)
+        reach = max(int(reach_s / float(np.median(np.diff(time_s))) + 0.5), _FEWEST_STEPS)
         if len(time_s) <= 2 * reach:
             continue
         velocity = data.velocity[rows.start] + integrate(data.acceleration[rows], time_s, initial=0.0)

@@ -20,15 +20,16 @@ from palpate.estimation.fit.run_heterogeneity import run_heterogeneity
 from palpate.estimation.signals.blocks import rows_of_runs
 from palpate.robot_io.types import FloatArray
 
-_FREE = 0.9  # share of the samples before a touch; the last of them may be in contact
-_LEAST = 50  # samples needed for an estimate
+_FREE_AIR_SHARE = 0.9  # share of the samples before a touch; the last of them may be in contact
+_FEWEST_SAMPLES = 50  # samples needed for an estimate
 _DIFFERENCES = (1.0, -3.0, 3.0, -1.0)  # third difference of neighboring readings, which removes smooth motion
 # Quantile of the differences up to which they are used, and their share of a normal standard deviation.
-_USUAL, _OF_USUAL = 0.99, 0.9616
+_QUANTILE, _RMS_BELOW_QUANTILE = 0.99, 0.9616
 _STEP = 5.0  # ratio to the mean distance between readings above which the motion jumps
 _WHITE = 1.2  # ratio of differences at twice the distance up to which they contain no motion
 _REPEATED = 0.01  # of the range of positions: largest difference between runs that repeat one motion
-_SLOWER = 1.5  # ratio of noise by repeats to noise by neighbors above which a part of the noise is slow
+# Ratio of noise by repeats to noise by neighbors above which a part of the noise is slow.
+_SLOW_NOISE_RATIO = 1.5
 _SEED = 0  # seed of simulated readings: a channel always has the same noise
 
 
@@ -84,7 +85,7 @@ def measurement_noise(base: FitResult) -> MeasurementNoise:
     for first, second in pairwise(rows_of_runs(base.data.run)):
         count = min(len(first), len(second))
         earlier, later = first[:count], second[:count]
-        distance = rmse(position[earlier] - position[later]) if count >= _LEAST else np.inf
+        distance = rmse(position[earlier] - position[later]) if count >= _FEWEST_SAMPLES else np.inf
         judged = base.judged[earlier] & base.judged[later]
         if distance <= _REPEATED * float(np.ptp(position)) and judged.any():
             differences.append((residual[earlier] - residual[later])[judged])
@@ -108,7 +109,9 @@ def measurement_noise(base: FitResult) -> MeasurementNoise:
         return MeasurementNoise(
             min(float(np.hypot(air, motion_noise)), bound), NoiseSource.FREE_AIR, air, motion_noise
         )
-    is_slower = source is NoiseSource.REPEATS and fast and bound > _SLOWER * np.hypot(fast, motion_noise)
+    is_slower = (
+        source is NoiseSource.REPEATS and fast and bound > _SLOW_NOISE_RATIO * np.hypot(fast, motion_noise)
+    )
     if fast and fast <= bound and not is_slower:
         value = min(float(np.hypot(fast, motion_noise)), bound)
         return MeasurementNoise(value, NoiseSource.NEIGHBORS, fast, motion_noise)
@@ -127,8 +130,8 @@ def free_air_noise(data: ChannelData) -> float | None:
     for rows in rows_of_runs(data.run):
         pressed = data.engaged[rows]
         before = rows[: int(np.argmax(pressed)) if pressed.any() else len(rows)]
-        before = before[: int(_FREE * len(before))]
-        if len(before) >= _LEAST:
+        before = before[: int(_FREE_AIR_SHARE * len(before))]
+        if len(before) >= _FEWEST_SAMPLES:
             parts.append(data.effort[before] - data.effort[before].mean())
     return rmse(np.concatenate(parts)) if parts else None
 
@@ -169,6 +172,8 @@ def size_of_differences(signals: Sequence[FloatArray], distance: int) -> float |
         parts.append(np.array(_DIFFERENCES) @ shifted)
     sizes = np.abs(np.concatenate([np.empty(0), *parts]))
     sizes = np.sort(sizes[np.isfinite(sizes)])
-    if len(sizes) < _LEAST:
+    if len(sizes) < _FEWEST_SAMPLES:
         return None
-    return rmse(sizes[: int(_USUAL * len(sizes))]) / _OF_USUAL / float(np.linalg.norm(_DIFFERENCES))
+    return (
+        rmse(sizes[: int(_QUANTILE * len(sizes))]) / _RMS_BELOW_QUANTILE / float(np.linalg.norm(_DIFFERENCES))
+    )

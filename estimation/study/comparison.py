@@ -20,7 +20,7 @@ from palpate.robot_io.types import BoolArray
 
 AT_NOISE = 1.1  # ratio to the noise below which an error is within the noise
 _MOST_SPLITS = 3  # splits that are described
-_SEEN_MEAN = 0.1  # mean relative to a part's error below which it is not described
+_LEAST_MEAN_SHARE = 0.1  # mean relative to a part's error below which it is not described
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -177,7 +177,7 @@ def _words(
             )
             continue
         largest = f"By {by}, it is largest for {worst.label}: {worst.rmse:.3g} {unit}"
-        if abs(worst.mean) > _SEEN_MEAN * worst.rmse:
+        if abs(worst.mean) > _LEAST_MEAN_SHARE * worst.rmse:
             side = "above" if worst.mean > 0.0 else "below"
             largest += f"; the measurement is {abs(worst.mean):.3g} {unit} {side} the model on average"
         sentences.append(f"{largest}.")

@@ -27,10 +27,11 @@ from palpate.robot_io.types import FloatArray
 
 Grown = Sequence[tuple[StudyChannel, Sequence[str]]]  # channels with what was added to their base models
 # lags: largest share of the median run, least and largest number of samples
-_LONGEST, _FEWEST, _MOST = 0.1, 25, 400
-_ALIKE = 0.9  # least share of the longer run that the shorter run must last, to compare over time
+_LAG_SHARE, _FEWEST_LAGS, _MOST_LAGS = 0.1, 25, 400
+_LEAST_OVERLAP = 0.9  # least share of the longer run that the shorter run must last, to compare over time
 _SAME_MOTION = 0.1  # largest relative difference of two motions that count as equal
-_NOTHING = 0.05  # noise levels by which a parameter's difference must change the effort to be reported
+# Noise levels by which a parameter's difference must change the effort to be reported.
+_LEAST_NOISE_LEVELS = 0.05
 
 
 @dataclass(frozen=True, eq=False)
@@ -67,7 +68,7 @@ class Side:
     def lags(self) -> int:
         """Largest lag of the correlations, in samples."""
         length = float(np.median([len(rows) for rows in rows_of_runs(self.data.run)]))
-        return int(np.clip(_LONGEST * length, _FEWEST, _MOST))
+        return int(np.clip(_LAG_SHARE * length, _FEWEST_LAGS, _MOST_LAGS))
 
     @property
     def step_s(self) -> float:
@@ -156,7 +157,7 @@ class ParameterDifference:
         """Whether the difference is significant and affects the effort; None if there is no interval."""
         if not np.isfinite(self.half):
             return None
-        return bool(abs(self.value) > self.half) and self.floors > _NOTHING
+        return bool(abs(self.value) > self.half) and self.floors > _LEAST_NOISE_LEVELS
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -255,7 +256,7 @@ class Sides(TableDisplay):
         for run, run_of_b in zip(a.runs, b.runs, strict=True):
             rows, rows_of_b = a.run == run, b.run == run_of_b
             t, u = a.time_s[rows] - a.time_s[rows][0], b.time_s[rows_of_b] - b.time_s[rows_of_b][0]
-            if min(t[-1], u[-1]) < _ALIKE * max(t[-1], u[-1]):
+            if min(t[-1], u[-1]) < _LEAST_OVERLAP * max(t[-1], u[-1]):
                 return None
             matched[rows] = np.interp(t, u, values[rows_of_b], right=np.nan)
         return matched

@@ -10,15 +10,15 @@ from palpate.control.loop.task import Phase
 from palpate.estimation.channel import ChannelData, ChannelKind
 from palpate.robot_io.types import BoolArray, FloatArray
 
-_TOLD = 0.5  # least share of the error in the means of the parts, to report a pattern
-_TURNS = 0.3  # least share for a dependence on the direction alone
-_GROWS = 2.0  # ratio of the errors in the last and first parts
-_ONE_SIGN = 0.7  # share of the error in its mean if it has one sign
-_OTHER = 1.2  # least ratio by which another split must explain more
-_MOST = 2  # patterns that are reported
+_LEAST_SHARE = 0.5  # least share of the error in the means of the parts, to report a pattern
+_LEAST_DIRECTION_SHARE = 0.3  # least share for a dependence on the direction alone
+_GROWTH_RATIO = 2.0  # ratio of the errors in the last and first parts
+_ONE_SIDED_SHARE = 0.7  # share of the error in its mean if it has one sign
+_LEAST_ADVANTAGE = 1.2  # least ratio by which another split must explain more
+_MOST_PATTERNS = 2  # patterns that are reported
 
 # the effort depends on the place and the way, and a phase says where that is and which way it goes
-_FOLLOWS = dict.fromkeys(("effort", "phase"), ("depth", "position", "direction"))
+_IMPLIED_BY = dict.fromkeys(("effort", "phase"), ("depth", "position", "direction"))
 
 
 @dataclass(frozen=True)
@@ -76,12 +76,13 @@ def patterns(parts: Mapping[str, Sequence[Part]], rmse: float) -> tuple[Pattern,
     patterns = [
         Pattern(by, words, share)
         for by, own in varying.items()
-        if means[by] > _OTHER * max((means.get(name, 0.0) for name in _FOLLOWS.get(by, ())), default=-1.0)
+        if means[by]
+        > _LEAST_ADVANTAGE * max((means.get(name, 0.0) for name in _IMPLIED_BY.get(by, ())), default=-1.0)
         for words, share in _pattern_of_split(by, own, means[by])
     ]
-    if one_sided > _ONE_SIGN:
+    if one_sided > _ONE_SIDED_SHARE:
         patterns.append(Pattern("all", "has one sign throughout", one_sided))
-    return tuple(sorted(patterns, key=lambda pattern: -pattern.share)[:_MOST])
+    return tuple(sorted(patterns, key=lambda pattern: -pattern.share)[:_MOST_PATTERNS])
 
 
 def _pattern_of_split(by: str, parts: Sequence[Part], share: float) -> Iterator[tuple[str, float]]:
@@ -89,16 +90,16 @@ def _pattern_of_split(by: str, parts: Sequence[Part], share: float) -> Iterator[
     match by:
         case "direction":
             moving = [part.mean for part in parts if part.label.startswith("moving")]
-            if len(moving) == 2 and moving[0] * moving[1] < 0.0 and share > _TURNS:
+            if len(moving) == 2 and moving[0] * moving[1] < 0.0 and share > _LEAST_DIRECTION_SHARE:
                 yield "changes with the direction of motion", share
         case "speed":
             growth = parts[-1].rmse / parts[0].rmse if parts[0].rmse > 0.0 else np.inf
-            if not 1.0 / _GROWS < growth < _GROWS:
-                end = "high" if growth >= _GROWS else "low"
-                yield f"is largest at {end} speed", _TURNS
-        case "run" if share > _TOLD:
+            if not 1.0 / _GROWTH_RATIO < growth < _GROWTH_RATIO:
+                end = "high" if growth >= _GROWTH_RATIO else "low"
+                yield f"is largest at {end} speed", _LEAST_DIRECTION_SHARE
+        case "run" if share > _LEAST_SHARE:
             yield "differs from run to run", share
-        case _ if share > _TOLD:
+        case _ if share > _LEAST_SHARE:
             known = by in {"depth", "position", "phase", "effort", "load"}
             yield f"varies with {'the ' if known else ''}{by}", share
 

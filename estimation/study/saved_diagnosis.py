@@ -14,7 +14,7 @@ from palpate.estimation.study.channels import StudyChannel
 from palpate.robot_io.errors import InputError
 
 RESULT = "diagnosis.json"
-_SAME = 1e-3  # relative difference, or share of a standard error, up to which two fits agree
+_TOLERANCE = 1e-3  # relative difference, or share of a standard error, up to which two fits agree
 _ABOUT = "judged"  # key of the data and base models that the file refers to
 
 
@@ -75,7 +75,7 @@ def is_other(saved: float, fitted: float, std_err: float = 0.0) -> bool:
         std_err: its standard error; 0 for none.
     """
     slack = max(abs(fitted), std_err if isfinite(std_err) else 0.0)
-    return not abs(saved - fitted) <= _SAME * slack
+    return not abs(saved - fitted) <= _TOLERANCE * slack
 
 
 MOST_BYTES = 16_000_000
