@@ -11,9 +11,9 @@ from palpate.estimation.kinds import Kind
 from palpate.estimation.signals.blocks import number_stretches
 from palpate.estimation.signals.runwise import (
     bouc_wen,
+    derivative,
     direction,
     play,
-    sample_time,
     shifted_motion,
     smooth_jitter,
 )
@@ -126,9 +126,9 @@ class DryFriction(AdditiveEffect):
         if inner["presliding"] > self.inner[0].lower:
             touch = number_stretches(data.engaged, data.run)
             way = smooth_jitter(data.position, data.time_s, data.run)
-            # The filter of a recorded velocity is wide: a small reversal would come late, or not at all.
-            speed = np.diff(way, prepend=way[:1]) / sample_time(data.time_s, data.run)
-            s = direction(way, touch, inner["presliding"], np.tanh(speed / inner["transition"]))
+            # The filter of the channel's velocity is wide: a small reversal would come late, or not at all.
+            velocity = derivative(way, data.time_s, data.run)
+            s = direction(way, touch, inner["presliding"], np.tanh(velocity / inner["transition"]))
         else:
             s = np.tanh(data.velocity / inner["transition"])
         return np.where(data.engaged, s, 0.0)[:, None]

@@ -46,7 +46,7 @@ def test_one_effect_is_told_in_full_and_drawn():
 def test_a_force_of_rounding_errors_is_drawn_from_zero(monkeypatch):
     monkeypatch.setenv("COLUMNS", "60")  # which a pipe heeds too
     told = run("effects", "dry_friction").stdout
-    assert "contact force [N], 0 to 4.72:" in told
+    assert "contact force [N], 0 to 4.73:" in told
     assert max(map(len, told.splitlines())) <= 60
 
 
