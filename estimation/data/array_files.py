@@ -69,6 +69,13 @@ def read_npz(path: Path) -> FileColumns:
     return FileColumns(arrow_table(arrays, path))
 
 
+def _as_matrix(cells: NDArray[Any]) -> NDArray[Any]:
+    """Stack cells that hold equally many numbers as rows of a matrix; return other arrays unchanged."""
+    is_of_cells = cells.ndim == 1 and cells.dtype == object
+    shapes = [*{np.shape(cell) for cell in cells}] if is_of_cells else []
+    return np.array(cells.tolist()) if len(shapes) == 1 and len(shapes[0]) == 1 else cells
+
+
 def read_mat(path: Path) -> FileColumns:
     """Read the vectors of a MATLAB file and of its structs; of several lengths, the most frequent is kept.
 
@@ -100,8 +107,7 @@ def read_mat(path: Path) -> FileColumns:
                 (str(key) if str(key) not in vectors else f"{name}.{key}", v) for key, v in value.items()
             ]
         elif isinstance(value, np.ndarray):
-            shapes = {np.shape(cell) for cell in value} if value.ndim == 1 and value.dtype == object else ()
-            array = np.array(value.tolist()) if len(shapes) == 1 and len(*shapes) == 1 else value
+            array = _as_matrix(value)
             if array.dtype.kind not in "biuf":
                 continue
             if array.ndim == 1 and len(array) > 1:

@@ -49,12 +49,12 @@ def choose_columns(
         InputError: two columns that a channel needs match equally well, or one of them is spoilt by a cell.
     """
     table = units.table
-    named = []
-    for guess in guess_columns(table.names, clocks_of(table.columns)):
-        if guess.joint is not None and guess.quantity in OF_JOINTS:
-            guess = replace(guess, joint=guess.joint + shift)  # noqa: PLW2901
-        if guess.quantity and guess.column not in reserved and guess.key not in known:
-            named.append(guess)
+    guessed = guess_columns(table.names, clocks_of(table.columns))
+    numbered = [
+        replace(g, joint=g.joint + shift) if g.joint is not None and g.quantity in OF_JOINTS else g
+        for g in guessed
+    ]
+    named = [g for g in numbered if g.quantity and g.column not in reserved and g.key not in known]
     if any(quantity in OF_JOINTS and joint == 0 for quantity, joint in known):  # the user means one joint
         named = [guess for guess in named if guess.quantity not in OF_JOINTS or not guess.joint]
     free = [guess for guess in named if table.is_mostly_numeric(guess.column)]

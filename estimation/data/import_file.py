@@ -503,9 +503,9 @@ def _file_derivative(  # noqa: PLR0917
 
 _SAME_SHAPE = 0.7  # correlation, half of the variance: it is this position's velocity, whatever its scale
 _OTHER_SCALE = 1.5  # smoothing takes less than a third off a velocity; a mistaken unit is off by ten and more
-_SPANS = tuple(2**power for power in range(12))  # samples, that a way may take
+_SPANS = tuple(2**power for power in range(12))  # samples over which the two are compared
 _PAUSE = 5.0  # ratio to the usual step above which sampling paused
-_LEAST_SPANS = 0.5  # share of samples at which a way must begin
+_LEAST_SPANS = 0.5  # least share of the samples at which a span begins
 _HALVES = (1, 2, 3, 4, 5, 8, 10, 16, 32)  # samples to either side of a central difference
 _REACHES = (*((half, half) for half in _HALVES), (1, 0), (0, 1))  # and the backward and forward ones
 _DIFFERENCE_NOISE = 0.5  # difference from a finite difference, relative to its noise energy

@@ -72,11 +72,10 @@ def read_text_table(path: Path, selected: str) -> FileColumns:
     filled = [span for span in spans if span[2] > span[1]]
     if not filled:  # then a reader can say best what is wrong with these lines
         filled, below = [(dialect.tables[0], dialect.tables[0].start, len(content))], []
-    lines_of = (
-        (1 + _line_ends(content, 0, table.head), 1 + _line_ends(content, begin, end - 1))
-        for table, begin, end in filled
-    )
-    blocks = [Block(str(at), span[0].names, n) for span, (at, n) in zip(filled, lines_of, strict=True)]
+    blocks = []
+    for table, begin, end in filled:
+        line, rows = 1 + _line_ends(content, 0, table.head), 1 + _line_ends(content, begin, end - 1)
+        blocks.append(Block(str(line), table.names, rows))
     chosen, note = same_columns(blocks, selected, path)
     tests = [filled[place] for place in chosen]
     lead = sum(bool(line.strip()) for line in content[: tests[0][0].head].splitlines())

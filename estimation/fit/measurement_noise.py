@@ -23,7 +23,7 @@ from palpate.robot_io.types import FloatArray
 _FREE_AIR_SHARE = 0.9  # share of the samples before a touch; the last of them may be in contact
 _FEWEST_SAMPLES = 50  # samples needed for an estimate
 _DIFFERENCES = (1.0, -3.0, 3.0, -1.0)  # third difference of neighboring readings, which removes smooth motion
-# Quantile of the differences up to which they are used, and their share of a normal standard deviation.
+# Differences up to this quantile are used; the RMS of normal noise up to it, in standard deviations.
 _QUANTILE, _RMS_BELOW_QUANTILE = 0.99, 0.9616
 _STEP = 5.0  # ratio to the mean distance between readings above which the motion jumps
 _WHITE = 1.2  # ratio of differences at twice the distance up to which they contain no motion

@@ -166,14 +166,14 @@ def _with_covariance(solution: Solution, problem: FitProblem, loss: Loss) -> Sam
     model, data, rows = solution.model, problem.blocked.data, problem.used
     parameters = solution.parameters
     if loss is Loss.BIWEIGHT:  # the efficient solution near one that withstands outliers
+        at_bound = [model.at_bound(name, value) for name, value in parameters.items()]
 
         def evaluate(values: FloatArray) -> tuple[FloatArray, FloatArray]:
             named = _named(model, values)
             slopes = slopes_of(model, data, named)[rows]
-            slopes[:, at_bound] = 0.0  # what is at a bound stays there
+            slopes[:, at_bound] = 0.0  # a parameter at a bound stays there
             return model.predict(data, named)[rows], slopes
 
-        at_bound = [model.at_bound(name, value) for name, value in parameters.items()]
         settled = irls(evaluate, data.effort[rows], np.array(list(parameters.values())))
         parameters = _named(model, settled.values)
         psi, slope = settled.influence
