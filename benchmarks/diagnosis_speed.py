@@ -2,7 +2,8 @@
 
     OPENBLAS_NUM_THREADS=1 python benchmarks/diagnosis_speed.py
 
-Processor time and wall time of each; run it on a quiet machine.
+Machines differ and are busy, so each time is also given as a ratio to a fixed piece of numpy work, measured
+just before and just after.
 """
 
 import os
@@ -33,12 +34,28 @@ THREE = [
 ]
 
 
+def yardstick_s() -> float:
+    """Seconds for a fixed piece of work of the kind that a diagnosis does."""
+    columns = np.random.default_rng(0).standard_normal((60_000, 12))
+    started = time.perf_counter()
+    for _ in range(40):
+        products = columns.T @ np.tanh(columns)
+        np.linalg.solve(products + 1e5 * np.eye(12), products)
+        np.cumsum(columns, axis=0)
+    return time.perf_counter() - started
+
+
 def timed(what: str, work: Callable[[], str]) -> None:
-    """Print how long some work takes, and what it found."""
+    """Print how long some work takes, also as a ratio to the yardstick, and its result."""
+    before = yardstick_s()
     started, cpu_s = time.perf_counter(), sum(os.times()[:4])
     result = work()
     wall_s, cpu_s = time.perf_counter() - started, sum(os.times()[:4]) - cpu_s
-    print(f"{what}: {wall_s:.1f} s, processor {cpu_s:.1f} s\n  {result}", flush=True)
+    rod_s = (before + yardstick_s()) / 2
+    print(
+        f"{what}: {wall_s:.1f} s, processor {cpu_s:.1f} s, {wall_s / rod_s:.1f} yardsticks of {rod_s:.2f} s"
+    )
+    print(f"  {result}", flush=True)
 
 
 def probed(path: Path, hidden: list[Imperfection], repeats: int) -> Path:

@@ -13,7 +13,7 @@ from palpate.estimation.effects import EFFECTS
 from palpate.estimation.fit.blocks import block_average, with_load
 from palpate.estimation.fit.fit_problem import held_out_residual, linearise_along, solve_gains
 from palpate.estimation.fit.fit_result import final_solution, fit_model
-from palpate.estimation.fit.intervals import estimate_parameters, inner_slopes
+from palpate.estimation.fit.intervals import _widest, estimate_parameters, inner_slopes
 from palpate.estimation.fit.normal_equations import (
     estimate_ar_noise,
     gram_matrices,
@@ -391,3 +391,9 @@ def test_where_a_surface_lies_is_found_beside_a_spring_that_stiffens(names, offs
     assert found.values["contact_offset.offset"] == pytest.approx(offset_m, abs=1e-4)
     assert found.values["stiffness.k"] == pytest.approx(k, rel=0.1)
     assert found.unphysical == ()
+
+
+@pytest.mark.parametrize(("value", "widest"), [(5e3, 2e5), (5e4, 5e5), (8e6, 8e7)])
+def test_an_error_far_beyond_all_that_is_met_determines_nothing(value, widest):
+    (k,) = EFFECTS["stiffness"].gains
+    assert _widest(k, value) == widest
