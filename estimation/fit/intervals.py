@@ -8,6 +8,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from palpate.estimation.effect import Parameter
 from palpate.estimation.estimate import ParameterEstimate
 from palpate.estimation.fit.fit_problem import FitProblem, Solution
 from palpate.estimation.fit.measurement_model import (
@@ -55,14 +56,8 @@ def estimate_parameters(problem: FitProblem, solution: Solution) -> dict[str, Pa
         errors = np.hypot(errors, _compensation(slopes, problem.whiten(by_positions)))
     known = {**solution.model.gains, **solution.model.inner}
     units = {name: parameter.unit_of(problem.blocked.data.kind) for name, parameter in known.items()}
-    widest = [  # plausible standard errors; with a larger one the data do not determine the parameter
-        min(
-            known[n].upper - known[n].lower,
-            _WIDEST_RATIO * max(abs(solution.parameters[n]), *known[n].typical),
-        )
-        for n in names
-    ]
-    errors = np.where(errors < np.array(widest), errors, np.nan)
+    widest = np.array([_widest(known[name], solution.parameters[name]) for name in names])
+    errors = np.where(errors < widest, errors, np.nan)
     errors_by_name = dict.fromkeys(known, 0.0) | dict(zip(names, errors.tolist(), strict=True))
     estimates = {}
     for name, error in errors_by_name.items():
@@ -72,6 +67,11 @@ def estimate_parameters(problem: FitProblem, solution: Solution) -> dict[str, Pa
             name, units[name], value, error, (value - half, value + half), at_bound
         )
     return estimates
+
+
+def _widest(parameter: Parameter, value: float) -> float:
+    """Return the largest plausible standard error; a larger one means that the data do not determine it."""
+    return min(parameter.upper - parameter.lower, _WIDEST_RATIO * max(abs(value), *parameter.typical))
 
 
 def _free_slopes(problem: FitProblem, solution: Solution) -> FloatArray:
