@@ -42,6 +42,8 @@ from palpate.estimation.shared_gains import with_shared_gains
 from palpate.estimation.workers import end_when_told, end_workers
 
 _FEW_LEVELS = 12  # distinct readings; with more, rounding errors average out
+_OFFSET = "bias"  # name of the effect that is a constant
+_MOST_OF_ERROR = 0.5  # share of the squared error that a constant leaves, up to which it takes most of it
 
 
 def diagnose(
@@ -131,13 +133,32 @@ def diagnose_channel(
     checks = _Completeness(search)
     kinds = cache(lambda: analyse_kinds(search))
     coarse_kinds = cache(lambda: analyse_kinds(search.coarse or search))
+    end, tests = _find_effects(search, checks, kinds, coarse_kinds)
+    if not checks.is_complete(end):
+        end, tests = _look_beyond_offset(search, end, tests, checks, kinds)
+    objection, complete = checks.objection(end), checks.is_complete(end)
+    names = search.added_effects(end)
+    may_be_rounding = "quantisation" not in names if names else not complete
+    if may_be_rounding and (reason := _too_few_levels(search.start)):
+        return insufficient_diagnosis(data, reason)
+    partials = (None, None) if complete else (kinds(), coarse_kinds())
+    return decide_verdict(Evidence(search, checks.measurement, end, complete, objection, tests, *partials))
+
+
+def _find_effects(
+    search: Search,
+    checks: "_Completeness",
+    kinds: Callable[[], PartiallyLinear],
+    coarse_kinds: Callable[[], PartiallyLinear],
+) -> tuple[FitResult, list[FormTest]]:
+    """Search for missing effects; return the base model with the accepted ones, and the test of each form."""
     fit = search.start
     if not fit.is_exact:
         sufficient = partial(smallest_sufficient_model, search, measurement=checks.measurement)
 
         @cache
         def forms() -> FitResult:
-            progress(f"{data.name}: comparing forms within kinds", 0.0)
+            search.progress(f"{search.data.name}: comparing forms within kinds", 0.0)
             return named_forms(coarse_kinds())
 
         fit = select_effects(search, checks.is_complete, sufficient, forms)
@@ -160,13 +181,56 @@ def diagnose_channel(
     if imitations and checks.is_complete(end):
         reduced = reduce(search.without, imitations, end)
         end, tests = accept_forms(search, kinds(), reduced, checks.measurement)
-    objection, complete = checks.objection(end), checks.is_complete(end)
-    names = search.added_effects(end)
-    may_be_rounding = "quantisation" not in names if names else not complete
-    if may_be_rounding and (reason := _too_few_levels(search.start)):
-        return insufficient_diagnosis(data, reason)
-    partials = (None, None) if complete else (kinds(), coarse_kinds())
-    return decide_verdict(Evidence(search, checks.measurement, end, complete, objection, tests, *partials))
+    return end, tests
+
+
+def _look_beyond_offset(
+    search: Search,
+    end: FitResult,
+    tests: list[FormTest],
+    checks: "_Completeness",
+    kinds: Callable[[], PartiallyLinear],
+) -> tuple[FitResult, list[FormTest]]:
+    """Search again beside a constant, if a constant takes most of the base model's squared error.
+
+    An effect is accepted by its share of the error. Beside a large offset every other share is small, so
+    that the error is counted from the constant, as a coefficient of determination counts it.
+
+    Args:
+        search: the search of the channel.
+        end: the model that it ended at; more than noise is left.
+        tests: tests of its effects' forms.
+        checks: which models leave only noise.
+        kinds: laws of the kinds that account for the error.
+
+    Returns:
+        The base model with the offset and the effects found beside it, and the tests of their forms; as
+        given if there are none, or if they are no better.
+    """
+    bias = next((effect for effect in search.effects if effect.name == _OFFSET), None)
+    present = {effect.name for effect in search.model.effects}
+    if bias is None or _OFFSET in present or not bias.applies_to(search.data):
+        return end, tests
+    level = search.fitted(search.model.with_effect(bias), search.start.solution.parameters)
+    if level.held_out_mean_square > _MOST_OF_ERROR * search.start.held_out_mean_square:
+        return end, tests
+    beside = prepare_search(
+        search.data, level.solution.model, search.good, search.effects, search.rng, search.progress
+    )
+    checks_beside = _Completeness(beside)
+    found, tests_beside = _find_effects(
+        beside,
+        checks_beside,
+        cache(lambda: analyse_kinds(beside)),
+        cache(lambda: analyse_kinds(beside.coarse or beside)),
+    )
+    if found is beside.start:
+        return end, tests
+    joint = search.fitted(found.solution.model, found.solution.parameters)
+    if not search.is_better(joint, end) or not search.is_sensible(joint):
+        return end, tests
+    of_offset = [test for test in form_tests(kinds(), joint) if test.effect == _OFFSET]
+    return joint, of_offset + tests_beside
 
 
 def _accept(

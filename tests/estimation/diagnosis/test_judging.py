@@ -134,6 +134,8 @@ def test_a_channel_is_searched_varied_reduced_and_answered(name, monkeypatch):
 
     search = SimpleNamespace(start=base, coarse=None, fitted=fitted, is_better=lambda one, other: one < other)
     search.screen = lambda one: [SimpleNamespace(possible=True)] if "single" in given else []
+    search.data, search.progress = swings(1, runs=2), lambda what, share: None
+    search.effects, search.model = (), SWING
     search.added_effects = lambda one: [] if one == "base" else [str(one)]
     search.with_candidate = lambda option: _Named(given["single"])
     rough = given.get("forms", "base")
