@@ -324,3 +324,15 @@ def test_a_law_that_softens_beyond_its_forms_is_not_named_by_what_needs_a_memory
         pulls(lambda way, run: 1e5 * way * np.exp(-way / 5e-3)), PRESS, rng=np.random.default_rng(1)
     ).channels
     assert (found.verdict, found.accepted) == (Verdict.UNEXPLAINED, [])
+
+
+def test_friction_is_named_beside_an_offset_of_ten_times_its_size():
+    def torque(q, v, a):
+        unnamed = 0.25 * np.sin(9.0 * q) * np.cos(3.0 * v) + 0.15 * np.sin(4.0 * q * v)
+        return 6.0 + 0.6 * np.tanh(v / 0.02) + unnamed
+
+    effects = ("coulomb_friction", "bias", "quadratic_friction", "joint_spring")
+    found = decide_verdict(swings(3, torque), *effects)
+    assert named(found) == {"bias", "coulomb_friction"}
+    friction = next(entry for entry in found.accepted if entry.effect == "coulomb_friction")
+    assert friction.parameters["force"].value == pytest.approx(0.6, rel=0.05)
