@@ -155,6 +155,9 @@ def described_by(source: Source, model: str) -> tuple[ChannelData, ...]:
     """
     kinds = MODELS[model].channels
     channels = tuple(channel for channel in source.channels if channel.kind in kinds)
+    if not channels and model == CONTACT_MODEL and source.session is None:
+        # A displacement to both sides is read as a linear axis, to which spring and damper apply as well.
+        channels = tuple(channel for channel in source.channels if channel.kind is ChannelKind.PRISMATIC)
     if channels:
         return channels
     expected = " or ".join(_IN_WORDS[kind] for kind in sorted(kinds))

@@ -17,6 +17,7 @@ from palpate.estimation.data_quality import quality_warnings, reject_reason
 from palpate.estimation.estimate_channel import estimate_channel
 from palpate.estimation.estimators import ESTIMATORS
 from palpate.estimation.models import MODELS
+from palpate.estimation.study.channels import described_by
 from palpate.estimation.study.source import open_source
 from palpate.robot_io.errors import InputError
 from palpate.robot_io.session import SessionMetadata, write_session
@@ -69,6 +70,18 @@ def test_a_damper_is_a_linear_axis_whichever_way_its_force_counts(force, sign):
     assert "taken for a linear axis; --column displacement=displacement_m makes" in found.notes[-1]
     assert np.corrcoef(channel.velocity, channel.effort)[0, 1] > 0.8
     assert reject_reason(channel) is None
+
+
+def test_spring_and_damper_describe_a_linear_axis_too():
+    source = open_source({"time_s": T, "displacement_m": X, "force_N": DAMPER + NOISE, "run": RUN})
+    (axis,) = described_by(source, "kelvin_voigt")
+    assert axis.kind is ChannelKind.PRISMATIC
+    model = MODELS["kelvin_voigt"]().build(ModelContext())
+    estimate = estimate_channel(axis, model, ESTIMATORS["lsq"](), rng=np.random.default_rng(0))
+    assert estimate["damping.c"].value == pytest.approx(60.0, rel=0.01)
+    turning = open_source({"time_s": T, "position_rad": X, "torque_Nm": DAMPER, "run": RUN})
+    with pytest.raises(InputError, match="describes a contact, its channels are: joint_1"):
+        described_by(turning, "kelvin_voigt")
 
 
 def test_the_users_word_makes_a_contact_or_an_axis_of_it():
