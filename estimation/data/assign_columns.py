@@ -22,6 +22,7 @@ from palpate.estimation.data.column_names import (
     DISPLACEMENT,
     FORCE,
     PHASE,
+    QUANTITIES,
     RUN,
     TIME,
     Key,
@@ -149,6 +150,11 @@ def assign_columns(table: Table, options: ImportOptions) -> Columns:
             raise InputError(f"--column {name}={column}: {table.path} has only {table.listed_names}")
         if name not in (RUN, PHASE):
             role = role_of_option(name, shift)
+            if role is None:
+                valid = ", ".join([*QUANTITIES, RUN, PHASE])
+                raise InputError(
+                    f"--column: '{name}' is no quantity with its unit. Quantities: {valid}; such as force_N"
+                )
             chosen[role.key] = (role, column)
     chosen, notes = _assign_own_names(table, options, chosen, shift)
     if any(quantity in EFFORTS for quantity, _ in chosen):  # a goal counts only where no effort is there

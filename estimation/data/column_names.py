@@ -8,7 +8,6 @@ from types import MappingProxyType
 
 from palpate.estimation.data.quantity_words import CURRENT, WORDS, plain, without_accents
 from palpate.estimation.data.units import SI, dimension_of, normalise, read_as
-from palpate.robot_io.errors import InputError
 
 RUN, PHASE = "run", "phase"
 
@@ -92,23 +91,20 @@ def parse_role(name: str, shift: int = 0) -> Role | None:
     return Role(quantity, joint, unit, shift)
 
 
-def role_of_option(name: str, shift: int) -> Role:
-    """Return the role that a user names in --column.
+def role_of_option(name: str, shift: int) -> Role | None:
+    """Return the role that a user names in an option, also by a word such as `extension`; None for others.
 
     Args:
         name: name as the user wrote it.
         shift: added to the number of a joint.
-
-    Raises:
-        InputError: it is none.
     """
-    role = parse_role(name, shift)
-    if role is None:
-        valid = ", ".join([*QUANTITIES, RUN, PHASE])
-        raise InputError(
-            f"--column: '{name}' is no quantity with its unit. Quantities: {valid}; such as force_N"
-        )
-    return role
+    if role := parse_role(name, shift):
+        return role
+    guess = guess_column(name)
+    dimensions = {None, *QUANTITIES.get(guess.quantity, ())}
+    if guess.rank <= _BY_UNIT or len(dimensions) == 1 or dimension_of(guess.unit) not in dimensions:
+        return None
+    return Role(guess.quantity, 0 if guess.joint is None else guess.joint + shift, guess.unit, shift)
 
 
 def split_unit(name: str) -> tuple[str, str]:

@@ -12,7 +12,7 @@ from palpate.estimation.data.column_names import (
     STANDS_FOR,
     Key,
     Role,
-    parse_role,
+    role_of_option,
     si_unit,
     unit_in_name,
     unknown_unit,
@@ -71,7 +71,7 @@ class ColumnUnits:
         """
         columns = self.options.columns
         exact = {name for name in self.table.names if name not in columns or name in columns.values()}
-        parsed = {name: parse_role(name, role.shift) for name in self.options.units if name not in exact}
+        parsed = {name: role_of_option(name, role.shift) for name in self.options.units if name not in exact}
         of_role = {name for name, named in parsed.items() if named is not None and named.key == role.key}
         if role.quantity in parsed:
             of_role.add(role.quantity)

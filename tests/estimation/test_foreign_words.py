@@ -6,6 +6,7 @@ import pytest
 
 from palpate.estimation.data.column_names import guess_column
 from palpate.estimation.data.import_file import import_file
+from palpate.estimation.data.import_options import ImportOptions
 from palpate.estimation.data.units import dimension_of, normalise
 from palpate.robot_io.errors import InputError
 from tests.estimation.laboratories import presses
@@ -58,6 +59,15 @@ def test_words_of_a_language_choose_among_columns_of_one_unit(tmp_path, names):
 @pytest.mark.parametrize("name", ["Position des [mm]", "Position des joint [mm]", "displacement_des_mm"])
 def test_a_desired_position_is_none_that_was_measured(name):
     assert guess_column(name).quantity in {"", "goal"}
+
+
+def test_options_take_the_words_that_columns_have(tmp_path):
+    path = write(tmp_path, ["a,b,c"])
+    columns = {"time": "a", "extension": "b", "load": "c"}
+    units = {"time": "s", "extension": "mm", "load": "N"}
+    check_press(import_file(path, ImportOptions(columns=columns, units=units)))
+    with pytest.raises(InputError, match="--column: 'nonsense' is no quantity"):
+        import_file(path, ImportOptions(columns={"nonsense": "b"}))
 
 
 def test_accents_may_be_left_out_or_stand_apart(tmp_path):

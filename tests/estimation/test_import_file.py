@@ -409,7 +409,7 @@ TEMPERATURES = {"temp (C)": 20 + T, "temp [C]": 25 + T}
             )
             for at in ("at_3", "at_40")
         ),
-        ({}, {"columns": {"weight_N": "force_N"}}, "no quantity with its unit"),
+        ({}, {"columns": {"colour_N": "force_N"}}, "no quantity with its unit"),
         ({"displacement_mm": X}, {}, "'displacement_m' and 'displacement_mm' both hold displacement"),
         ({"run": ["long"] * 47 + ["short"] * 3}, {}, "run 'short' has 3 rows, at least 5"),
         (
