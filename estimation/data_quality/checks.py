@@ -13,6 +13,7 @@ import scipy
 from palpate.estimation.channel import ChannelData, ChannelKind
 from palpate.estimation.data_quality.motion_and_effort import (
     angle_in_degrees,
+    at_rest,
     late_touch,
     misaligned,
     mistaken_times,
@@ -320,6 +321,7 @@ _Check = Callable[[ChannelData], str | None]
 _REJECTED: tuple[tuple[str, _Check], ...] = (  # by kind, in the order of `reject_reason`
     ("enough", _check_size),
     ("excitation", unchanging),
+    ("excitation", at_rest),
     ("enough", _check_runs),
     ("units", mistaken_times),
     ("excitation", no_contact),

@@ -9,7 +9,7 @@ from palpate.estimation.model import Model
 from palpate.estimation.signals.runwise import sample_time
 from palpate.estimation.statistics.correlation import correlation_coefficient
 from palpate.estimation.statistics.least_squares import solve
-from palpate.robot_io.types import FloatArray
+from palpate.robot_io.types import FloatArray, IntArray
 
 _LONGEST_CONTACT_M = 0.2  # a deeper indentation means a wrong unit
 _STIFFEST_N_M = 1e7
@@ -25,6 +25,7 @@ _SHIFTS_S = (-2.0, -1.0, -0.5, 0.5, 1.0, 2.0)  # offsets of clocks that were sta
 # correlations of depth and force: springs lie above the first, unrelated signals below the second
 _RELATED, _UNRELATED = 0.9, 0.5
 _NEGATIVE = -0.5  # correlation of depth and force below which one of them has the wrong sign
+_BY_CHANCE = 4.0  # standard errors of a correlation
 _LEAST_EXPLAINED = 0.1  # share of the force's variance that depth and velocity explain for any object
 _ROUNDING = 1e-9  # rounding of two identical columns, relative to the force's range
 _SEVERAL = 2.0  # turns; over fewer, a spring and a weight can be told apart by shape alone
@@ -197,6 +198,34 @@ def unrelated(data: ChannelData) -> str | None:
             "--column force=COLUMN takes another one"
         )
     return None
+
+
+def at_rest(data: ChannelData) -> str | None:
+    """Say that a joint's position only holds noise, which the effort does not follow; None otherwise.
+
+    Args:
+        data: the channel.
+    """
+    if data.kind is ChannelKind.CONTACT:
+        return None
+    within, effort = (signal - _means_of_runs(signal, data.run) for signal in (data.position, data.effort))
+    pairs = np.flatnonzero(np.diff(data.run) == 0)
+    products = [
+        (within[pairs], within[pairs + 1]),  # motion is alike from one sample to the next, noise is not
+        (within, effort),
+        (within**2 - np.mean(within**2), effort),
+    ]
+    for first, second in products:
+        by_chance = float(np.linalg.norm(first) * np.linalg.norm(second)) / np.sqrt(max(len(first), 1))
+        if abs(float(first @ second)) > _BY_CHANCE * by_chance:
+            return None
+    size = f"{np.std(within):.2g} {data.kind.position_unit}"
+    return f"the position varies at random by {size}, and the effort does not follow it; record a motion"
+
+
+def _means_of_runs(signal: FloatArray, run: IntArray) -> FloatArray:
+    _, index = np.unique(run, return_inverse=True)
+    return np.asarray((np.bincount(index, signal) / np.bincount(index))[index])
 
 
 def _share_explained(data: ChannelData) -> float:

@@ -9,7 +9,7 @@ from palpate.estimation.base_model import ModelContext
 from palpate.estimation.channel import ChannelData, ChannelKind, Tare
 from palpate.estimation.data.import_files import joined_channels
 from palpate.estimation.data_quality import checklist, contaminated, quality_warnings, reject_reason, usable
-from palpate.estimation.data_quality.motion_and_effort import late_touch
+from palpate.estimation.data_quality.motion_and_effort import at_rest, late_touch
 from palpate.estimation.models import MODELS
 from palpate.estimation.study.estimates import estimate_with
 from tests.estimation.presses import kelvin_voigt, session
@@ -468,3 +468,21 @@ def test_what_was_measured_well_is_spoilt_by_nothing_though_one_run_is_too_few_t
 def test_a_force_that_begins_deeper_than_the_displacement_is_told(change, says):
     found = late_touch(change(DATA))
     assert found is None if says is None else says in found
+
+
+@pytest.mark.parametrize("step", [0.0, 3e-4])
+def test_a_joint_at_rest_whose_position_only_holds_noise_is_not_judged(step):
+    rng, count = np.random.default_rng(2), 3000
+    noise, t = 1e-4 * rng.standard_normal(count), 0.01 * np.arange(count)
+    noise = step * np.round(2.0 * noise / step) if step else noise
+    torque = 1.0 + 0.02 * rng.standard_normal(count)
+
+    def joint(position, effort):
+        velocity = np.gradient(position, t)
+        motion = (position, velocity, np.gradient(velocity, t))
+        run, phase = np.arange(count) // 1000, np.full(count, -1)
+        return ChannelData("joint_1", ChannelKind.REVOLUTE, t, *motion, effort, run, phase)
+
+    assert "the position varies at random by" in reject_reason(joint(noise, torque))
+    assert at_rest(joint(noise, torque + 5e3 * noise)) is None  # such as postures in any order
+    assert at_rest(joint(noise + 3e-4 * np.sin(0.3 * t), torque)) is None
