@@ -120,7 +120,6 @@ def accept_forms(
     """
     added = map(fit.solution.model.effect, search.added_effects(fit))
     kinds = frozenset(effect.kind for effect in added) - {Kind.RUN_DIFFERENCES}
-    noise = measurement_noise(search.start).value
     while search.added_effects(fit):
         tests = form_tests(partial, fit, kinds)
         left = held_out_of_all(fit.problem, fit.solution)
@@ -132,17 +131,12 @@ def accept_forms(
         effects = [fit.solution.model.effect(test.effect) for test in tests]
         budget = partial.budget_with(frozenset(map(partial.kind_of, effects)))
         entries = {entry.kind: entry for entry in budget.entries}
-        unexplained = max(fit.rmse**2 - noise**2, 0.0)
+        unexplained = unexplained_mean_square(search, fit)
         # Jointly, the effects leave as little as the laws of all relevant kinds, and little of the total
         # error.
         share_left = left / count / partial.budget.base**2
         is_as_good = share_left <= min(partial.budget.left / AS_GOOD, 1.0 - MOST_OF_LAW)
-        # An effect that explains less than a flexible regression still does may be a part of the remainder.
-        least = max(
-            SMALL * search.start.held_out_mean_square,
-            fit.flexible.explained / count,
-            _LEAST_OF_UNEXPLAINED * unexplained,
-        )
+        least = least_explained(search, fit)
         failed = [
             test.effect
             for test in tests
@@ -171,6 +165,32 @@ def accept_forms(
             return (fit, tests) if is_significant else (search.start, [])
         fit = min(better, key=lambda alternative: alternative.solution.held_out)
     return search.start, []
+
+
+def unexplained_mean_square(search: Search, fit: FitResult) -> float:
+    """Return the mean square above the noise that a model leaves [effort^2].
+
+    Args:
+        search: the search of the channel.
+        fit: the model.
+    """
+    return max(fit.rmse**2 - measurement_noise(search.start).value ** 2, 0.0)
+
+
+def least_explained(search: Search, fit: FitResult) -> float:
+    """Return the mean square that each effect of an incomplete model must explain [effort^2].
+
+    An effect that explains less than a flexible regression still does may be a part of the remainder.
+
+    Args:
+        search: the search of the channel.
+        fit: the model.
+    """
+    return max(
+        SMALL * search.start.held_out_mean_square,
+        fit.flexible.explained / max(int(fit.problem.used.sum()), 1),
+        _LEAST_OF_UNEXPLAINED * unexplained_mean_square(search, fit),
+    )
 
 
 def _repeats_another(fit: FitResult, name: str, explained: Mapping[str, float]) -> bool:

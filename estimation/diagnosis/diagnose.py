@@ -16,6 +16,7 @@ from palpate.estimation.diagnosis.acceptance import (
     accept_effects,
     accept_forms,
     acceptance_criteria,
+    least_explained,
     most_parsimonious,
     smallest_sufficient_model,
 )
@@ -227,6 +228,10 @@ def _look_beyond_offset(
     if found is beside.start:
         return end, tests
     joint = search.fitted(found.solution.model, found.solution.parameters)
+    alone = search.without(joint, _OFFSET)
+    if alone.held_out_mean_square - joint.held_out_mean_square < least_explained(search, joint):
+        # What was found beside the constant explains most of what the constant did.
+        joint, tests_beside = accept_forms(search, kinds(), alone, checks.measurement)
     if not search.is_better(joint, end) or not search.is_sensible(joint):
         return end, tests
     of_offset = [test for test in form_tests(kinds(), joint) if test.effect == _OFFSET]

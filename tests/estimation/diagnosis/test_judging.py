@@ -262,3 +262,24 @@ def test_a_model_that_predicts_no_better_than_a_constant_is_not_complete_by_a_bo
     (data,) = import_file(path).channels
     search = searched(data, base=PRESS)
     assert not _Completeness(search).is_complete(search.start)
+
+
+@pytest.mark.parametrize(("lost", "kept"), [(0.9, False), (1.1, True)])
+def test_a_constant_is_dropped_that_explains_little_beside_what_was_found_next_to_it(lost, kept, monkeypatch):
+    joint, alone, reduced, found = (Mock(name=name) for name in ("joint", "alone", "reduced", "found"))
+    joint.held_out_mean_square, alone.held_out_mean_square = 1.0, 1.0 + lost
+    search = Mock(**{"is_better.return_value": True, "is_sensible.return_value": True})
+    search.effects, search.model.effects = [EFFECTS["bias"]()], ()
+    search.data = swings(1, runs=2)
+    search.start.held_out_mean_square = 10.0
+    search.fitted.side_effect = [Mock(held_out_mean_square=2.0), joint]
+    search.without.return_value = alone
+    monkeypatch.setattr(module, "prepare_search", Mock())
+    monkeypatch.setattr(module, "_Completeness", Mock())
+    monkeypatch.setattr(module, "_find_effects", lambda *_: (found, ["beside"]))
+    monkeypatch.setattr(module, "least_explained", lambda *_: 1.0)
+    monkeypatch.setattr(module, "accept_forms", lambda _, __, fit, ___: (reduced, [fit]))
+    monkeypatch.setattr(module, "form_tests", lambda *_: [SimpleNamespace(effect="bias")])
+    end, tests = module._look_beyond_offset(search, Mock(), [], Mock(), Mock())
+    assert end is (joint if kept else reduced)
+    assert tests[-1] == ("beside" if kept else alone)
