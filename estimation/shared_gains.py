@@ -20,7 +20,9 @@ from palpate.estimation.arm.consistent_fit import (
 )
 from palpate.estimation.channel import ChannelData, SharedGains
 from palpate.estimation.data_quality import reject_reason, usable
+from palpate.estimation.effects.friction import CoulombFriction
 from palpate.estimation.effects.gravity_load import RigidBodyFitted
+from palpate.estimation.effects.sensor_statics import Bias
 from palpate.estimation.fit.fit_result import FitResult, fit_model
 from palpate.estimation.model import Model
 
@@ -46,7 +48,7 @@ def with_shared_gains(channels: Sequence[ChannelData], models: Sequence[Model]) 
     if effect is None or effect.arm is None or effect.urdf is None:
         return list(channels)
     names = [f"{effect.name}.{name}" for name in effect.arm.names]
-    alone = [fit_model(channels[n], models[n], {}, usable(channels[n])) for n in of_arm]
+    alone = [fit_model(channels[n], _with_nuisance(models[n]), {}, usable(channels[n])) for n in of_arm]
     if len({fit.problem.blocked.folds for fit in alone}) > 1:
         return list(channels)
     joints = [
@@ -68,6 +70,13 @@ def with_shared_gains(channels: Sequence[ChannelData], models: Sequence[Model]) 
         shared = SharedGains(tuple(felt), others_say.about(kept).times(_noise(fit) ** 2))
         prepared[number] = replace(channels[number], shared=shared)
     return prepared
+
+
+def _with_nuisance(model: Model) -> Model:
+    """Add dry friction and an offset, which would otherwise bias what a joint tells of its masses."""
+    present = {effect.kind for effect in model.effects}
+    lacking = [effect for effect in (CoulombFriction(), Bias()) if effect.kind not in present]
+    return reduce(Model.with_effect, lacking, model)
 
 
 def _body_of(model: Model) -> RigidBodyFitted | None:

@@ -1,5 +1,8 @@
 """Joint channels of one arm: one set of base parameters, fitted to the torques of all joints together."""
 
+from dataclasses import replace
+from functools import reduce
+
 import numpy as np
 import pytest
 
@@ -9,6 +12,7 @@ from palpate.estimation.channel import ChannelData, ChannelKind
 from palpate.estimation.data_quality import usable
 from palpate.estimation.effects import EFFECTS
 from palpate.estimation.fit.fit_result import fit_model
+from palpate.estimation.model import Model
 from palpate.estimation.models import MODELS
 from palpate.estimation.shared_gains import with_shared_gains
 from tests.estimation.arm.panda import JOINTS, TIP, motion, other_bodies, panda, panda_urdf, regressor
@@ -90,6 +94,21 @@ def test_friction_is_found_in_the_joints_that_have_it(together):
 
 def test_the_error_in_held_out_runs_is_the_noise(together):
     np.testing.assert_allclose([fitted.rmse for fitted in together], 0.05, rtol=0.15)
+
+
+def test_friction_that_the_base_model_lacks_does_not_bias_what_joints_tell_each_other(bodies):
+    friction, offset = (
+        np.array([1.5, 2.0, 1.5, 1.0, 0.5, 0.5, 0.5]),
+        np.array([0.0, 1.0, -1.0, 0.0, 0.5, 0.0, 0.0]),
+    )
+    channels = arm_channels(bodies, seed=3, coulomb=friction, runs=3, seconds=2.0)
+    channels = [replace(data, effort=data.effort + offset[j]) for j, data in enumerate(channels)]
+    shared = with_shared_gains(prepared(channels), fitted_models())
+    beside = EFFECTS["coulomb_friction"](), EFFECTS["bias"]()
+    found = fits(shared, [reduce(Model.with_effect, beside, model) for model in fitted_models()])
+    forces = [fitted.solution.parameters["coulomb_friction.force"] for fitted in found]
+    np.testing.assert_allclose(forces, friction, atol=0.1)
+    np.testing.assert_allclose([fitted.rmse for fitted in found], 0.05, rtol=0.3)
 
 
 def test_what_little_motion_does_not_show_stays_near_the_urdf(bodies):
