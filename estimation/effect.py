@@ -8,13 +8,15 @@ An `AdditiveEffect` adds effort, a `MotionEffect` changes the motion that the ef
 
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterable, Mapping
-from dataclasses import dataclass
+from copy import copy
+from dataclasses import dataclass, replace
 from itertools import product
 from typing import ClassVar
 
 import numpy as np
 
 from palpate.estimation.channel import ChannelData, ChannelKind
+from palpate.estimation.data.derivatives import least_path
 from palpate.estimation.kinds import Kind
 from palpate.robot_io.types import FloatArray
 
@@ -162,10 +164,19 @@ class Effect(ABC):
     def suited_to(self, data: ChannelData) -> "Effect":
         """Return the form of the effect that suits the signals of a channel; most effects have one form.
 
+        A path is bounded by the shortest one that the readings of the position resolve.
+
         Args:
             data: the channel.
         """
-        return self
+        if not self.path:
+            return self
+        least, suited = least_path(data), copy(self)
+        suited.inner = tuple(  # type: ignore[misc]  # the bound depends on the data
+            replace(p, lower=min(max(p.lower, least), p.upper)) if p.name == self.path else p
+            for p in self.inner
+        )
+        return suited
 
     def in_order(self, inner: Inner) -> Inner:
         """Return equivalent inner parameters in the order that their names state, if two may change places.

@@ -7,7 +7,6 @@ import numpy as np
 
 from palpate.estimation.budget.laws import unseen_kinds
 from palpate.estimation.channel import ChannelData, ChannelKind
-from palpate.estimation.data.derivatives import reading_error
 from palpate.estimation.effect import Effect, Inner, SensorEffect
 from palpate.estimation.effects import EFFECTS
 from palpate.estimation.effects.elastic_shape import ToolCompliance
@@ -209,11 +208,6 @@ def is_possible(effect: Effect, solution: Solution, problem: FitProblem) -> bool
     # Time stamps do not resolve less than half a sample step.
     times = [abs(solution.parameters[f"{effect.name}.{p.name}"]) for p in effect.inner if p.unit == "s"]
     if times and min(times) < 0.5 * finest_step(problem.blocked.data.time_s, problem.blocked.data.run):
-        return False
-    # A path below half a step of the position, the largest rounding error, cannot be resolved.
-    if effect.path and solution.parameters[f"{effect.name}.{effect.path}"] ** 2 < 3.0 * np.mean(
-        reading_error(problem.blocked.data) ** 2
-    ):
         return False
     is_own = np.array([name.startswith(f"{effect.name}.") for name in solution.model.gains], dtype=np.bool_)
     simpler = effect.simpler(solution.columns[:, is_own])

@@ -55,13 +55,16 @@ class PreslidingFriction(AdditiveEffect):
         (path,) = self.inner
         built, plain = (
             self.columns(data, {path.name: length})
-            for length in (parameters[f"{self.name}.{path.name}"], path.lower)
+            for length in (parameters[f"{self.name}.{path.name}"], PreslidingFriction.inner[0].lower)
         )
         return float(np.sum((built - plain) ** 2)) < _PLAIN * float(np.sum(built**2))
 
     def starts(self, data: ChannelData) -> tuple[Inner, ...]:
         """See `Effect.starts`: from a thousandth to a third of the range of motion."""
-        return start_grid(presliding=np.geomspace(1e-3, 0.3, 9) * data.range_of_motion)
+        (path,) = self.inner
+        return start_grid(
+            presliding=np.maximum(np.geomspace(1e-3, 0.3, 9) * data.range_of_motion, path.lower)
+        )
 
 
 class LoadDependentPresliding(PreslidingFriction):
@@ -201,8 +204,10 @@ class BoucWenHysteresis(AdditiveEffect):
 
     def starts(self, data: ChannelData) -> tuple[Inner, ...]:
         """See `Effect.starts`: from a hundredth to half of the range of motion."""
-        path = np.geomspace(0.01, 0.5, 5) * data.range_of_motion
-        return start_grid(path=path, sharpness=(1.0, 3.0), unloading=(0.0, 1.0))
+        paths = np.geomspace(0.01, 0.5, 5) * data.range_of_motion
+        return start_grid(
+            path=np.maximum(paths, self.inner[0].lower), sharpness=(1.0, 3.0), unloading=(0.0, 1.0)
+        )
 
 
 class Backlash(MotionEffect):

@@ -7,6 +7,8 @@ import pytest
 from scipy.special import ndtri
 
 from palpate.estimation.channel import ChannelData, ChannelKind
+from palpate.estimation.data.derivatives import differentiate
+from palpate.estimation.diagnosis import diagnose
 from palpate.estimation.effect import (
     SIGNALS,
     AdditiveEffect,
@@ -17,6 +19,8 @@ from palpate.estimation.effect import (
 )
 from palpate.estimation.effects import EFFECTS
 from palpate.estimation.kinds import Kind
+from palpate.estimation.model import Model
+from tests.estimation.swings import read, swings
 
 EVERY = pytest.mark.parametrize("name", list(EFFECTS))
 
@@ -150,3 +154,35 @@ def test_coarse_steps_show_on_the_average_what_noise_makes_of_them(noise):
     shown = (step * np.round((effort[:, None] + each) / step)).mean(axis=1)
     found = effect.sense(effort, some_channel(ChannelKind.CONTACT), {"step": step, "noise": noise * step})
     np.testing.assert_allclose(found, shown, atol=1e-4 * step)
+
+
+@pytest.mark.parametrize("name", ["presliding_friction", "bouc_wen_hysteresis", "dry_friction"])
+def test_a_path_that_makes_an_effect_what_it_is_is_no_less_than_half_an_encoder_s_step(name):
+    """Dry friction is friction without its path, too."""
+    effect, data = EFFECTS[name](), read(swings(1, runs=2), step=1.5e-3)
+    suited = effect.suited_to(data)
+    (path,) = (parameter for parameter in suited.inner if parameter.name in {"presliding", "path"})
+    (own,) = (parameter for parameter in effect.inner if parameter.name == path.name)
+    assert path.lower == pytest.approx(0.75e-3 if effect.path else own.lower, rel=0.1)
+    assert min(start[path.name] for start in suited.starts(data)) >= path.lower
+    assert effect.inner is type(effect).inner
+
+
+def test_friction_that_holds_at_rest_is_found_though_its_path_is_shorter_than_an_encoder_s_step():
+    rng, t = np.random.default_rng(4), 0.01 * np.arange(1200)
+    run = np.repeat([0, 1, 2], 400)
+    stops = np.repeat(rng.uniform(-0.5, 0.5, 24), 50)  # it moves for a fifth of the time, and rests
+    position = np.convolve(np.pad(stops, 5, mode="edge"), np.ones(10) / 10.0, "same")[5:-5]
+    held = np.ones(len(t))
+    for i in range(1, len(t)):
+        moved = position[i] - position[i - 1]
+        held[i] = np.sign(moved) if abs(moved) > 1e-9 else held[i - 1]
+    made = differentiate(t, 4e-3 * np.round(position / 4e-3), run)
+    torque = 0.3 * held + 0.02 * rng.standard_normal(len(t))
+    motion = (4e-3 * np.round(position / 4e-3), made.velocity, made.acceleration)
+    data = ChannelData("joint_1", ChannelKind.REVOLUTE, t, *motion, torque, run, np.full(len(t), -1))
+    loose = Model("inertia", (EFFECTS["inertia"](), EFFECTS["viscous_friction"]()))
+    tried = [EFFECTS[name]() for name in ("presliding_friction", "coulomb_friction", "hysteresis")]
+    found = diagnose(data, loose, tried, rng=np.random.default_rng(1)).channels[0]
+    assert [entry.effect for entry in found.accepted] == ["presliding_friction"]
+    assert found.accepted[0].parameters["force"].value == pytest.approx(0.3, rel=0.1)

@@ -24,7 +24,7 @@ from palpate.estimation.fit.fit_result import fit_model
 from palpate.estimation.model import Model
 from tests.estimation.presses import kelvin_voigt, maxwell, session
 from tests.estimation.searches import PRESS
-from tests.estimation.swings import read, swings
+from tests.estimation.swings import swings
 
 BASE = ("pendulum", "viscous_friction")
 
@@ -97,19 +97,6 @@ def test_an_inner_parameter_was_found_within_its_range_and_a_time_is_no_less_tha
 ):
     effect = Made(gain(), inner=(parameter,))
     assert is_possible(effect, tried(effect, [5.0], [ONES], inner=[value]), LinearProblem()) is possible
-
-
-@pytest.mark.parametrize("name", ["presliding_friction", "bouc_wen_hysteresis", "dry_friction"])
-@pytest.mark.parametrize(("path", "possible"), [(1.2e-3, True), (0.3e-3, False)])
-def test_a_path_that_makes_an_effect_what_it_is_is_no_less_than_half_an_encoder_s_step(name, path, possible):
-    """Dry friction is friction without its path, too."""
-    data = read(SWUNG, step=1.5e-3)
-    effect = EFFECTS[name]()
-    made = tried(
-        effect, [0.1] * len(effect.gains), [ONES] * len(effect.gains), inner=[path] * len(effect.inner)
-    )
-    problem = SimpleNamespace(blocked=SimpleNamespace(data=data), solve=LinearProblem().solve)
-    assert is_possible(effect, made, problem) is (possible or name == "dry_friction")
 
 
 @pytest.mark.parametrize(("share", "possible"), [(0.021, True), (0.019, False)])
