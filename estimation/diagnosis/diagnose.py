@@ -178,7 +178,7 @@ def _find_effects(
                 end, tests = accept_forms(search, kinds(), search.with_candidate(single), checks.measurement)
     # A sensor's fault follows its law exactly. If only noise is left and yet the law of its kind adds more
     # than noise, the fault imitates something else.
-    imitations = [test.effect for test in tests if test.kind in READER_KINDS and not test.is_closed]
+    imitations = [test.effect for test in tests if test.kind in READER_KINDS and test.is_imitation]
     if imitations and checks.is_complete(end):
         reduced = reduce(search.without, imitations, end)
         end, tests = accept_forms(search, kinds(), reduced, checks.measurement)

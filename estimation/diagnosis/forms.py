@@ -63,6 +63,7 @@ class FormTest:
     added: float  # mean square that the law explains in addition [effort^2]
     left: float  # mean square that remains with the effect [effort^2]
     left_by_all: float = np.inf  # the same beside laws of all other kinds that account for the error
+    explained: float = 0.0  # mean square that the effect explains beside the named effects alone [effort^2]
 
     @property
     def share(self) -> float:
@@ -82,6 +83,14 @@ class FormTest:
     def is_closed(self) -> bool:
         """Whether the kind's law adds nothing relevant to the effect."""
         return self.added < max(_EXACT * self.taken, SMALL * self.left)
+
+    @property
+    def is_imitation(self) -> bool:
+        """Whether the kind's law adds a relevant part of what the effect explains in the named model.
+
+        `taken` is smaller, since flexible laws of other kinds may absorb what the effect explains.
+        """
+        return not self.is_closed and self.added >= _EXACT * self.explained
 
 
 @dataclass(frozen=True)
@@ -364,7 +373,12 @@ def form_tests(partial: PartiallyLinear, end: FitResult, kinds: Kinds = frozense
         # The law of a kind without an effect in the model may absorb what this effect explains.
         beside_named = _form_test(partial, end, effect, frozenset(other.kind for other in own))
         test = max(beside_all, beside_named, key=lambda test: test.share)
-        tests.append(replace(test, left_by_all=beside_all.left))
+        without = solve_gains(
+            end.problem, end.solution.model.without(effect.name), end.solution.parameters, rounds=2
+        )
+        lost = held_out_of_all(end.problem, without) - held_out_of_all(end.problem, end.solution)
+        explained = lost / max(int(end.problem.used.sum()), 1)
+        tests.append(replace(test, left_by_all=beside_all.left, explained=explained))
     tests += [_run_test(partial, end, kinds, e.name) for e in added if isinstance(e, RunVariation)]
     return tests
 

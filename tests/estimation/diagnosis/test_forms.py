@@ -121,6 +121,13 @@ def test_the_law_of_its_own_kind_adds_nothing_to_a_true_form_and_something_to_a_
     assert not rough.is_closed
 
 
+@pytest.mark.parametrize(("added", "imitation"), [(0.019, False), (0.021, True)])
+def test_a_sensors_fault_imitates_if_its_law_adds_a_part_of_what_it_explains_in_the_model(added, imitation):
+    test = FormTest("bias", Kind.SENSOR_STATICS, taken=0.1, by_law=0.1, added=added, left=0.1, explained=2.0)
+    assert not test.is_closed
+    assert test.is_imitation is imitation
+
+
 def test_another_form_of_the_kind_that_takes_as_much_is_its_like():
     """What draws nearly the same, with as few parameters; a spring is of another kind."""
     search = searched(swings(1, rubbing), RUB, "stribeck_friction", SPRING)
