@@ -8,45 +8,46 @@ from tests.wire.parts import ROOT
 
 DOCUMENT = ROOT / "docs" / "reference" / "fault-matrix.md"
 _HEAD = """\
-# What goes wrong, and what the arm then does
+# Fault matrix: reaction of the arm to each fault
 
-Made from the rows of `tests/wire/fault_matrix/rows.py` by `docs/make_fault_matrix.py`. The tests let each of
-these faults happen to the real drivers, on emulated devices in lock-step, in a probing run at 1 kHz; the
-Feetech arm runs at 250 Hz.
+`docs/make_fault_matrix.py` writes this page from `tests/wire/fault_matrix/rows.py`. The tests inject each
+fault below into the real drivers, on emulated devices in simulated time, during a probing run at 1 kHz (250
+Hz with the Feetech arm).
 
-- **arm**: *stops* is the guard's safe state. The joints are braked for 300 ms and then let go, or let go at
-  once where nobody knows how they move; `palpate probe` also holds and lowers the arm's weight meanwhile.
-  *goes on*: no harm is done.
-- **limit**: how long the fault may last, from the section `limits` of the robot file. Mostly that is the age
-  of the device's samples; a check that compares them with each other has a limit of its own, which is
-  named. Without a limit somebody says at once what is wrong.
-- **ticks**: from the fault to the tick that commands the safe state, at most. Without a reason given below
-  that is the limit and two ticks.
-- **off**: from the fault until no drive exerts torque any more, at most.
-- **reads**: part of the line that the user reads, and that is among the session's events. In every row the
-  session can be read up to the fault or further.
+- **arm**: *stops* means that the guard commands its safe state. The joints are braked for 300 ms, and then
+  their torque goes off; if positions are unknown, the torque goes off at once. `palpate probe` also supports
+  and lowers the arm's weight in this time. *continues* means that the fault does no harm.
+- **limit**: how long the fault may last, from the section `limits` of the robot file. Usually this is the
+  age of the device's samples. A check that compares samples has its own limit, whose name is given. No limit
+  is given if a device or the program reports the fault at once.
+- **ticks**: largest number of ticks from the fault to the safe state. It is the limit plus two ticks, unless
+  a reason is given below.
+- **off**: longest time from the fault until no drive exerts torque.
+- **message**: part of the line that the user reads, which is also among the session's events. In every row,
+  the session can be read at least up to the fault.
 
-Simulated ticks are the same on every machine, however busy it is.
+The load of the machine does not affect simulated ticks.
 """
 _REASONS = """
-## Slower than the limit and two ticks
+## Reasons for more than the limit plus two ticks
 
 """
 _TAIL = """
 ## Not in the table
 
-- The arm with two Feetech servos on its shoulder goes on with one of them that exerts nothing: these servos
-  show a duty cycle and no torque, the other carries the joint, and the force comes from the load cell.
-- A serial force sensor has no id that could be another's, and no alert.
-- A force sensor that freezes while the arm stands, or whose steps are as coarse as its noise, looks like a
-  sound one: `stuck_force_s` begins to count when the arm has moved, and joint torques contradict such a
-  sensor later, at a few newtons.
-- No viewer hangs on the loop: recordings are made of the session afterwards. *viewer gone* stands for
-  whatever looks on while the arm moves, the online estimator, and fails.
-- Samples are dated by the machine's monotonic clock, which nobody can set. If it were set back, the loop
-  would wait until it has caught up. CAN motors that are asked are asked nothing meanwhile, and the arm stops
-  by the age of their samples. If it jumps forward, the program is held up.
-- A killed program leaves the session that it had written, to the last tick: the writer is another process.
+- The arm with two Feetech servos on its shoulder continues if one of them exerts nothing: these servos
+  report a duty cycle instead of a torque, the other servo carries the joint, and the force comes from the
+  load cell.
+- A serial force sensor has no id, so it cannot have a wrong one, and no alert.
+- A force sensor that freezes while the arm is at rest, or whose steps are as coarse as its noise, cannot be
+  distinguished from a working sensor. `stuck_force_s` counts only after the arm has moved. Joint torques
+  contradict such a sensor later, at a few newtons.
+- No viewer is connected to the loop: recordings are made from the session afterwards. *viewer gone* stands
+  for a failure of the online estimator, which observes the arm while it moves.
+- Samples have time stamps of the machine's monotonic clock, which nobody can set. If this clock went back,
+  the loop would wait until it has caught up. CAN motors would get no requests in this time, and the arm
+  would stop because their samples are too old. If the clock jumps forward, the program counts as held up.
+- If the program is killed, its session is complete up to the last tick, because another process writes it.
 """
 
 
@@ -62,7 +63,7 @@ def _table(rows: Sequence[Row], reasons: Sequence[str]) -> str:
     family = FAMILIES[rows[0].family]
     tick = f", ticks of {family.tick_ms} ms" if family.tick_ms > 1 else ""
     title = f"\n## {family.title} (age limit {family.age_ms} ms{tick})\n"
-    lines = [title, "| fault | arm | limit | ticks | off | reads |", "|---|---|---|---|---|---|"]
+    lines = [title, "| fault | arm | limit | ticks | off | message |", "|---|---|---|---|---|---|"]
     return "\n".join([*lines, *(_line(row, reasons) for row in rows)]) + "\n"
 
 
@@ -83,5 +84,5 @@ def _limit(row: Row) -> str:
 
 def _arm(row: Row) -> str:
     if row.fault is ProgramFault.KILLED:
-        return "is let go" if row.off_ms else "holds still"
-    return "goes on" if row.ticks is None else "stops"
+        return "torque off" if row.off_ms else "holds still"
+    return "continues" if row.ticks is None else "stops"

@@ -64,10 +64,10 @@ FAMILIES = {
     "loadstar": Family("Loadstar, serial", ODRIVE, "load_cell", 10),
     "lorenz": Family("Lorenz, serial", CUBEMARS, "load_cell", 5, late_s=0.16),
     "lines": Family("line parser, serial", ODRIVE, "load_cell", 10, (LINES,)),
-    "mark10": Family("Mark-10, serial, asked", ODRIVE, "load_cell", 10, (MARK10,)),
+    "mark10": Family("Mark-10, serial, polled", ODRIVE, "load_cell", 10, (MARK10,)),
     "net_ft": Family("ATI Net F/T, UDP", ODRIVE, "load_cell", 10, NET_FT),
     "bota": Family("Bota, serial", ODRIVE, "load_cell", 10, BOTA, late_s=0.02),
-    "cell": Family("cell on a microcontroller, serial", ODRIVE, "load_cell", 10, (CELL,)),
+    "cell": Family("load cell on a microcontroller, serial", ODRIVE, "load_cell", 10, (CELL,)),
 }
 
 
@@ -129,34 +129,41 @@ class Row:
 
 K = FaultKind
 _NO_CHECKSUM = (
-    "a line has no checksum: a digit that is flipped is a number, until the first line that is none makes "
-    "all of them doubtful; the slowest of sixteen random courses"
+    "a line has no checksum, so a corrupted digit still gives a number. The first line that is not a number "
+    "makes all of them invalid (slowest of sixteen random sequences)"
 )
 _CONFIRMED = (
-    "a reading that jumps by more than 1 % of the capacity counts with the next one, here 2 ms later: a lost "
-    "byte must not look like a force"
+    "a reading that jumps by more than 1 % of the capacity counts only once the next one confirms it, "
+    "here 2 ms later, because a lost byte must not look like a force"
 )
 _RARE = "a sample comes every 3.1 ms"
 _ELEVEN = f"{_RARE}, and eleven must be equal"
 _CONTRADICTED = (
-    "a sensor that is pulled may be right: joint torques contradict it once they say a push, and it a pull, "
-    "of more than 2 N each"
+    "a negative force may be right. Joint torques contradict the sensor once they show a push and the sensor "
+    "a pull of more than 2 N each"
 )
-_HEARTBEAT = "an axis says what has become of it with its next heartbeat, at most 10 ms later"
-_CUT_OFF = "nothing reaches the drives: their own watchdogs let go"
+_HEARTBEAT = "an axis reports its state with its next heartbeat, at most 10 ms later"
+_CUT_OFF = "nothing reaches the drives, so their watchdogs switch the torque off"
 HOLDS = (
-    "these servos have no watchdog: they hold the last goal, so that the arm stands still and holds on until "
-    "its supply is switched off"
+    "these servos have no watchdog. They hold the last goal, so the arm stays where it is until its "
+    "supply is switched off"
 )
 LAST_SEEN = (
-    "these servos hold where they were last seen while the brake lasts, and then let go: 296 ms after the "
-    "tick of the trip, 2.4 ms in which the last read waits for an answer, and 0.6 ms for the frame"
+    "these servos hold their last known position while the arm is braked, and then switch the torque "
+    "off: 296 ms after the tick of the trip, 2.4 ms in which the last read waits for an answer, and 0.6 "
+    "ms for the frame"
 )
-_SLOWLY = "the arm moves slowly: its reference needs so long to leave the steps and the tracking error behind"
-_WAITS = "the whole program stands still: these servos hold their last goal until it goes on, and then let go"
+_SLOWLY = (
+    "the arm moves slowly, so its reference takes this long to exceed the encoder steps and the tracking "
+    "error"
+)
+_WAITS = (
+    "the whole program is suspended. These servos hold their last goal until it continues, and then "
+    "switch the torque off"
+)
 _IDLE = (
-    "the tool hangs straight down, and nothing is asked of its drive, so that nothing is missing: no harm, "
-    "until it has to press"
+    "the tool hangs straight down and its drive gets no torque command, so a missing torque does no harm "
+    "until the arm presses"
 )
 _DEAF, _FROZEN_ENCODER, _FROZEN_FORCE = "deaf_drive_s", "stuck_encoder_s", "stuck_force_s"
 BRAKED = 310.0  # [ms]: the safe state brakes for 300
@@ -264,14 +271,15 @@ _MOTOR_ROWS = {
 }
 # One of the two servos of joint 1, beside what is the same with one: device, name, kind, when, ends.
 _APART, _PULL, _TOLERANCE = "(joint 1) stand 0.1", "(joint 1) exert", "0.035 rad"
-_TURNS = "the joint has to turn by the tolerance before its two encoders differ by it"
+_TURNS = "the joint must turn by the tolerance before its two encoders differ by it"
 _DUTY = (
-    "what these servos show is a duty cycle, no torque: a motor that makes something else of it is betrayed "
-    "by the arm, which does not follow"
+    "these servos report a duty cycle instead of a torque. A motor that exerts the opposite is detected only "
+    "because the arm does not follow its reference"
 )
 _OLD_GOAL = (
-    "an answer may hold any of the last 32 goals; a goal is sent for up to 10 ticks, as it moves by a count "
-    "in 5 and may come back by one; then the samples grow old in 4"
+    "an answer may repeat any of the last 32 goals. A goal is sent for up to 10 ticks, because it moves "
+    "by one count in 5 ticks and may go back by one. After that the samples exceed their age limit "
+    "within 4 ticks"
 )
 _PAIR_ROWS = {
     "dynamixel_pair": (
@@ -281,7 +289,7 @@ _PAIR_ROWS = {
         (4, "second servo's horn slips", K.SLIPPED, MOVING_S, (2, 3, _APART)),
         (4, "second servo's encoder stuck", K.STUCK, FAST_S, (60, 62, _APART[:-1], _TURNS, _TOLERANCE)),
         (4, "second servo exerts nothing", K.LIMP, FAST_S, (12, BRAKED + 12, _PULL, "", _DEAF)),
-        (4, "second servo fights", K.REVERSED, FAST_S, (12, BRAKED + 12, _PULL, "", _DEAF)),
+        (4, "second servo opposes the first", K.REVERSED, FAST_S, (12, BRAKED + 12, _PULL, "", _DEAF)),
     ),
     "feetech_pair": (
         (7, "second servo silent", K.DROP, MOVING_S, (*_FEETECH_OLD, "servo 7 did not answer", LAST_SEEN)),
@@ -297,13 +305,19 @@ _PAIR_ROWS = {
         (7, "second servo's encoder stuck", K.STUCK, FAST_S, (86, 640, _APART[:-1], _TURNS, _TOLERANCE)),
         (
             7,
-            "second servo heeds no goals",
+            "second servo ignores goals",
             K.DEAF,
             FAST_S,
             (32 + 10 + 4, _feetech_off_ms(32 + 10 + 4), "servo 7: goal position is", _OLD_GOAL),
         ),
         (7, "second servo exerts nothing", K.LIMP, MOVING_S, GOES_ON),
-        (7, "second servo fights", K.REVERSED, MOVING_S, (49, 490, "joint 1 is 0.15", _DUTY, "0.15 rad")),
+        (
+            7,
+            "second servo opposes the first",
+            K.REVERSED,
+            MOVING_S,
+            (49, 490, "joint 1 is 0.15", _DUTY, "0.15 rad"),
+        ),
     ),
 }
 _ASKED = ("mit", "damiao", "robstride", "moteus")
@@ -398,8 +412,8 @@ _FORCE_ROWS = {
 }
 
 _HELD_UP = (
-    "the whole program stands still: the drives' own watchdogs let go meanwhile, and the command that was "
-    "held up is not sent"
+    "the whole program is suspended. The drives' watchdogs switch the torque off in this time, and the "
+    "delayed command is not sent"
 )
 _PROGRAM_ROWS = {
     ProgramFault.EXCEPTION: (2, BRAKED, "the task: ZeroDivisionError: float division by zero"),

@@ -34,7 +34,7 @@ SOON = {  # each way in which a driver of each kind can be told; `make test-all`
 }
 
 PHASES_MS = (0, 5, 10, 15)  # of a tick of 4 ms, and of a goal that moves by a count in 20 ms
-PHASED = {"feetech_pair, second servo silent", "feetech_pair, second servo heeds no goals"}
+PHASED = {"feetech_pair, second servo silent", "feetech_pair, second servo ignores goals"}
 
 
 def test_what_runs_soon_is_in_the_matrix():
