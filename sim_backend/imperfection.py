@@ -12,9 +12,11 @@ from palpate.robot_io.errors import InputError
 from palpate.robot_io.files.file_model import FileModel, matching, member
 from palpate.robot_io.registry import Registry
 from palpate.sim_backend.hooks import ChannelEffect, HiddenEffects, Transducer
-from palpate.sim_backend.noise_scale import CONTACT, NoiseScale, channel_of
+from palpate.sim_backend.noise_scale import CONTACT, NoiseScale, channel_of, joint_of
 
 CHANNEL_UNIT = "channel"
+Values = dict[str, float]
+"""Parameters of a hidden effect by field."""
 _JOINTS = tuple(channel_of(joint) for joint in (1, 2, 3))
 
 
@@ -74,7 +76,6 @@ class Imperfection(FileModel, ABC):
         """
 
     @classmethod
-    @abstractmethod
     def at_strength(cls, strength: float, channel: str, scale: NoiseScale, generator: Generator) -> Self:
         """Make an effect that changes the channel's signal by a multiple of its noise floor (rms).
 
@@ -89,7 +90,21 @@ class Imperfection(FileModel, ABC):
 
         Returns:
             The effect.
+
+        Raises:
+            InputError: the effect cannot be in this channel.
         """
+        return cls(**cls._place(channel) | cls._sized(strength, channel, scale, generator))
+
+    @classmethod
+    def _place(cls, channel: str) -> dict[str, Any]:
+        """Return the fields that place the effect where `channel` shows it."""
+        return {}
+
+    @classmethod
+    @abstractmethod
+    def _sized(cls, strength: float, channel: str, scale: NoiseScale, generator: Generator) -> Values:
+        """Compute the other fields for `at_strength`, whose arguments these are."""
 
     def values(self) -> dict[str, tuple[float, str]]:
         """Return value and unit of each parameter."""
@@ -112,6 +127,21 @@ class ContactImperfection(Imperfection, ABC):
     def channels(self) -> tuple[str, ...]:
         return (CONTACT,)
 
+    def effects(self, joint_count: int) -> HiddenEffects:
+        """See `Imperfection.effects`; the arm does not matter.
+
+        Args:
+            joint_count: of the arm.
+
+        Returns:
+            The effect, with its own memory.
+        """
+        return self._effects()
+
+    @abstractmethod
+    def _effects(self) -> HiddenEffects:
+        """Make the simulated effect, with its own memory."""
+
 
 class JointImperfection(Imperfection, ABC):
     """A hidden effect in one joint or its drive."""
@@ -124,14 +154,18 @@ class JointImperfection(Imperfection, ABC):
     def channels(self) -> tuple[str, ...]:
         return (channel_of(self.joint),)
 
-    def index_in(self, joint_count: int) -> int:
-        """Compute the joint's index from 0.
+    @classmethod
+    def _place(cls, channel: str) -> dict[str, Any]:
+        return {"joint": joint_of(channel)}
+
+    def effects(self, joint_count: int) -> HiddenEffects:
+        """See `Imperfection.effects`.
 
         Args:
             joint_count: of the arm.
 
         Returns:
-            The index.
+            The effect, with its own memory.
 
         Raises:
             InputError: the arm has no such joint.
@@ -140,7 +174,11 @@ class JointImperfection(Imperfection, ABC):
             raise InputError(
                 f"hidden effect '{self.name}': joint {self.joint} of an arm with {joint_count} joints"
             )
-        return self.joint - 1
+        return self._effects(self.joint - 1, joint_count)
+
+    @abstractmethod
+    def _effects(self, index: int, joint_count: int) -> HiddenEffects:
+        """Make the simulated effect in the joint of this index (from 0), with its own memory."""
 
 
 class SensorImperfection(Imperfection, ABC):
@@ -157,6 +195,10 @@ class SensorImperfection(Imperfection, ABC):
             r"contact|(joint|encoder)_[1-9][0-9]?", "contact, or joint_ or encoder_ with a number from 1 on"
         ),
     ]
+
+    @classmethod
+    def _place(cls, channel: str) -> dict[str, Any]:
+        return {"channel": channel}
 
     @abstractmethod
     def transducer(self) -> Transducer:
@@ -175,6 +217,17 @@ class SensorImperfection(Imperfection, ABC):
         return {name: (value, text.replace(CHANNEL_UNIT, unit)) for name, (value, text) in values}
 
     def effects(self, joint_count: int) -> HiddenEffects:
+        """See `Imperfection.effects`; it acts on one value of one kind of sensor.
+
+        Args:
+            joint_count: of the arm.
+
+        Returns:
+            The effect, with its own memory.
+
+        Raises:
+            InputError: the arm has no such joint.
+        """
         slot, _, number = self.channel.partition("_")
         index = int(number or 1) - 1
         if number and index >= joint_count:

@@ -3,41 +3,53 @@
 from abc import ABC, abstractmethod
 from collections.abc import Callable
 from math import exp
-from typing import Generic, Self, TypeVar
+from typing import Generic, TypeVar
 
 import numpy as np
 from numpy.random import Generator
 
 from palpate.robot_io.files.file_model import NotNegative, Number, Positive
 from palpate.sim_backend.hooks import ContactEffect, ContactState, HiddenEffects, MaterialEffect, ToolEffect
-from palpate.sim_backend.imperfection import ContactImperfection, parameter
+from palpate.sim_backend.imperfection import ContactImperfection, Values, parameter
 from palpate.sim_backend.noise_scale import NoiseScale
 
 
 class _Material(ContactImperfection, ABC):
     """A force on top of the object's own law, below the surface."""
 
-    def effects(self, joint_count: int) -> HiddenEffects:
-        return HiddenEffects(contact=(_Added(self),))
+    def _effects(self) -> HiddenEffects:
+        return HiddenEffects(contact=(_Added(self._added_n),))
 
     @abstractmethod
-    def added_n(self, depth_m: float, rate_m_s: float) -> float:
-        """The force [N] at a depth [m] above 0 and its rate [m/s].
+    def _added_n(self, depth_m: float, rate_m_s: float) -> float:
+        """Compute the added force.
 
         Args:
-            depth_m: below the surface, above 0 [m].
-            rate_m_s: of the depth [m/s].
+            depth_m: of the tip below the surface, above 0 [m].
+            rate_m_s: of the depth, positive while pressing in [m/s].
+
+        Returns:
+            Force on the tip along the outward surface normal [N].
         """
 
 
 class _Added(MaterialEffect):
-    def __init__(self, material: _Material) -> None:
-        self._material = material
+    def __init__(self, added_n: Callable[[float, float], float]) -> None:
+        self._added_n = added_n
 
     def contact_force_n(self, state: ContactState, force_n: float) -> float:
+        """Add the force of the material below the surface, and nothing above it.
+
+        Args:
+            state: motion of the tip.
+            force_n: force so far [N].
+
+        Returns:
+            Force on the tip along the surface normal [N].
+        """
         if state.depth_m <= 0.0:
             return force_n
-        return force_n + self._material.added_n(state.depth_m, state.rate_m_s)
+        return force_n + self._added_n(state.depth_m, state.rate_m_s)
 
 
 class HiddenCubicStiffness(_Material):
@@ -47,13 +59,13 @@ class HiddenCubicStiffness(_Material):
     # k3, negative where the object softens [N/m^3].
     cubic_n_m3: Number = parameter("N/m^3", 1e4, 1e7, ge=-1e9, le=1e12)
 
-    def added_n(self, depth_m: float, rate_m_s: float) -> float:
+    def _added_n(self, depth_m: float, rate_m_s: float) -> float:
         return self.cubic_n_m3 * depth_m * depth_m * depth_m
 
     @classmethod
-    def at_strength(cls, strength: float, channel: str, scale: NoiseScale, generator: Generator) -> Self:
+    def _sized(cls, strength: float, channel: str, scale: NoiseScale, generator: Generator) -> Values:
         left = scale.depth_left(strength, 0.09)
-        return cls(cubic_n_m3=(1.0 - left) * scale.force_n / (left * scale.depth_m) ** 3)
+        return {"cubic_n_m3": (1.0 - left) * scale.force_n / (left * scale.depth_m) ** 3}
 
 
 class HiddenLayeredStiffness(_Material):
@@ -67,17 +79,17 @@ class HiddenLayeredStiffness(_Material):
     stiffness_n_m: Number = parameter("N/m", 50.0, 5000.0, ge=0, le=1e6)
     depth_m: NotNegative = parameter("m", 0.001, 0.05, le=1.0)  # d, depth of the second layer [m]
 
-    def added_n(self, depth_m: float, rate_m_s: float) -> float:
+    def _added_n(self, depth_m: float, rate_m_s: float) -> float:
         return self.stiffness_n_m * max(depth_m - self.depth_m, 0.0)
 
     @classmethod
-    def at_strength(cls, strength: float, channel: str, scale: NoiseScale, generator: Generator) -> Self:
+    def _sized(cls, strength: float, channel: str, scale: NoiseScale, generator: Generator) -> Values:
         left, share = scale.depth_left(strength, 0.06), generator.uniform(0.35, 0.6)
         reached_m = left * scale.depth_m
-        return cls(
-            stiffness_n_m=(1.0 - left) * scale.force_n / ((1.0 - share) * reached_m),
-            depth_m=share * reached_m,
-        )
+        return {
+            "stiffness_n_m": (1.0 - left) * scale.force_n / ((1.0 - share) * reached_m),
+            "depth_m": share * reached_m,
+        }
 
 
 class HiddenHuntCrossley(_Material):
@@ -91,13 +103,13 @@ class HiddenHuntCrossley(_Material):
     stiffness: Number = parameter("N/m^n", 100.0, 1e4, ge=0, le=1e9, default=0.0)  # k [N/m^n]
     exponent: Number = parameter("-", 1.0, 2.5, ge=1, le=4, default=1.5)  # n [-]
 
-    def added_n(self, depth_m: float, rate_m_s: float) -> float:
+    def _added_n(self, depth_m: float, rate_m_s: float) -> float:
         return (self.stiffness + self.damping * rate_m_s) * float(depth_m**self.exponent)
 
     @classmethod
-    def at_strength(cls, strength: float, channel: str, scale: NoiseScale, generator: Generator) -> Self:
+    def _sized(cls, strength: float, channel: str, scale: NoiseScale, generator: Generator) -> Values:
         unit = scale.contact_noise_n / (0.2 * scale.depth_m**1.5 * scale.speed_m_s)
-        return cls(damping=strength * unit, exponent=1.5)
+        return {"damping": strength * unit, "exponent": 1.5}
 
 
 class HiddenQuadraticDamping(_Material):
@@ -109,12 +121,12 @@ class HiddenQuadraticDamping(_Material):
     name = "quadratic_damping"
     damping_n_s2_m2: Number = parameter("N s^2/m^2", 10.0, 1000.0, ge=0, le=5000)  # c2 [N s^2/m^2]
 
-    def added_n(self, depth_m: float, rate_m_s: float) -> float:
+    def _added_n(self, depth_m: float, rate_m_s: float) -> float:
         return self.damping_n_s2_m2 * rate_m_s * abs(rate_m_s)
 
     @classmethod
-    def at_strength(cls, strength: float, channel: str, scale: NoiseScale, generator: Generator) -> Self:
-        return cls(damping_n_s2_m2=strength * scale.contact_noise_n / (0.7 * scale.speed_m_s**2))
+    def _sized(cls, strength: float, channel: str, scale: NoiseScale, generator: Generator) -> Values:
+        return {"damping_n_s2_m2": strength * scale.contact_noise_n / (0.7 * scale.speed_m_s**2)}
 
 
 class HiddenContactOffset(ContactImperfection):
@@ -128,14 +140,14 @@ class HiddenContactOffset(ContactImperfection):
     needs_force_law = True
     offset_m: Number = parameter("m", -0.005, 0.005, ge=-0.5, le=0.5)  # d [m]
 
-    def effects(self, joint_count: int) -> HiddenEffects:
+    def _effects(self) -> HiddenEffects:
         return HiddenEffects(contact=(_Higher(self.offset_m),))
 
     @classmethod
-    def at_strength(cls, strength: float, channel: str, scale: NoiseScale, generator: Generator) -> Self:
-        """See `Imperfection.at_strength`; here for a surface that is taken as given."""
+    def _sized(cls, strength: float, channel: str, scale: NoiseScale, generator: Generator) -> Values:
+        """See `Imperfection._sized`; here for a surface that is taken as given."""
         sign = generator.choice([-1.0, 1.0])
-        return cls(offset_m=sign * strength * scale.contact_noise_n * scale.depth_m / scale.force_n)
+        return {"offset_m": sign * strength * scale.contact_noise_n * scale.depth_m / scale.force_n}
 
 
 class _Higher(MaterialEffect):
@@ -143,6 +155,14 @@ class _Higher(MaterialEffect):
         self._offset_m = offset_m
 
     def felt(self, state: ContactState) -> ContactState:
+        """Raise the surface by d.
+
+        Args:
+            state: motion of the tip.
+
+        Returns:
+            Motion that the material feels.
+        """
         return state._replace(depth_m=state.depth_m + self._offset_m)
 
 
@@ -172,12 +192,12 @@ class HiddenAdhesion(ContactImperfection):
     # Height at which the bond tears [m].
     neck_m: Positive = parameter("m", 1e-4, 5e-3, ge=1e-5, le=0.1, default=1e-3)
 
-    def effects(self, joint_count: int) -> HiddenEffects:
+    def _effects(self) -> HiddenEffects:
         return HiddenEffects(contact=(_Bond(self),))
 
     @classmethod
-    def at_strength(cls, strength: float, channel: str, scale: NoiseScale, generator: Generator) -> Self:
-        return cls(pull_off_n=strength * scale.contact_noise_n, neck_m=0.1 * scale.depth_m)
+    def _sized(cls, strength: float, channel: str, scale: NoiseScale, generator: Generator) -> Values:
+        return {"pull_off_n": strength * scale.contact_noise_n, "neck_m": 0.1 * scale.depth_m}
 
 
 class _Bond(_Memory[bool]):
@@ -188,6 +208,15 @@ class _Bond(_Memory[bool]):
         self._surface = surface
 
     def contact_force_n(self, state: ContactState, force_n: float) -> float:
+        """Subtract the pull of the bond: A below the surface, A (1 + x / neck) above it until it tears.
+
+        Args:
+            state: motion of the tip.
+            force_n: force so far [N].
+
+        Returns:
+            Force on the tip along the surface normal [N].
+        """
         left = 1.0 + state.depth_m / self._surface.neck_m
         self.tried = state.depth_m > 0.0 or (self.kept and left > 0.0)
         return force_n - self._surface.pull_off_n * min(left, 1.0) if self.tried else force_n
@@ -205,12 +234,12 @@ class HiddenDryFriction(ContactImperfection):
     # s, way in which the bristles give way [m].
     slip_m: Number = parameter("m", 2e-5, 1e-3, ge=1e-6, le=0.1, default=2e-4)
 
-    def effects(self, joint_count: int) -> HiddenEffects:
+    def _effects(self) -> HiddenEffects:
         return HiddenEffects(contact=(_Bristles(self),))
 
     @classmethod
-    def at_strength(cls, strength: float, channel: str, scale: NoiseScale, generator: Generator) -> Self:
-        return cls(friction_n=strength * scale.contact_noise_n / 0.5, slip_m=0.01 * scale.depth_m)
+    def _sized(cls, strength: float, channel: str, scale: NoiseScale, generator: Generator) -> Values:
+        return {"friction_n": strength * scale.contact_noise_n / 0.5, "slip_m": 0.01 * scale.depth_m}
 
 
 class _Bristles(_Memory[tuple[float, float]], MaterialEffect):
@@ -221,6 +250,15 @@ class _Bristles(_Memory[tuple[float, float]], MaterialEffect):
         self._friction = friction
 
     def contact_force_n(self, state: ContactState, force_n: float) -> float:
+        """Add z = f + (z0 - f) exp(-abs(dx) / s), f with the sign of dx; nothing out of contact.
+
+        Args:
+            state: motion of the tip.
+            force_n: force so far [N].
+
+        Returns:
+            Force on the tip along the surface normal [N].
+        """
         before_m, before_n = self.kept
         depth_m = max(state.depth_m, 0.0)
         way_m = depth_m - before_m
@@ -244,7 +282,7 @@ class HiddenStressRelaxation(ContactImperfection):
     second_stiffness_n_m: Number = parameter("N/m", 0.0, 2000.0, ge=0, le=1e6, default=0.0)
     second_time_s: Number = parameter("s", 0.02, 2.0, ge=1e-3, le=1e3, default=1.0)  # tau_2 [s]
 
-    def effects(self, joint_count: int) -> HiddenEffects:
+    def _effects(self) -> HiddenEffects:
         branches = [_MaxwellBranch(self.stiffness_n_m, self.time_s)]
         if self.second_stiffness_n_m:
             branches.append(_MaxwellBranch(self.second_stiffness_n_m, self.second_time_s))
@@ -259,11 +297,11 @@ class HiddenStressRelaxation(ContactImperfection):
         }
 
     @classmethod
-    def at_strength(cls, strength: float, channel: str, scale: NoiseScale, generator: Generator) -> Self:
-        return cls(
-            stiffness_n_m=strength * scale.contact_noise_n / (0.08 * scale.depth_m),
-            time_s=float(np.exp(generator.uniform(np.log(0.08), np.log(0.5)))),
-        )
+    def _sized(cls, strength: float, channel: str, scale: NoiseScale, generator: Generator) -> Values:
+        return {
+            "stiffness_n_m": strength * scale.contact_noise_n / (0.08 * scale.depth_m),
+            "time_s": float(np.exp(generator.uniform(np.log(0.08), np.log(0.5)))),
+        }
 
 
 class _MaxwellBranch(_Memory[tuple[float, float]], MaterialEffect):
@@ -275,6 +313,15 @@ class _MaxwellBranch(_Memory[tuple[float, float]], MaterialEffect):
         self._time_s = time_s
 
     def contact_force_n(self, state: ContactState, force_n: float) -> float:
+        """Add F = F0 exp(-h / tau) + k dx (1 - exp(-h / tau)) tau / h, with h the step; none out of contact.
+
+        Args:
+            state: motion of the tip.
+            force_n: force so far [N].
+
+        Returns:
+            Force on the tip along the surface normal [N].
+        """
         before_m, before_n = self.kept
         depth_m = max(state.depth_m, 0.0)
         steps = state.step_s / self._time_s
@@ -298,12 +345,12 @@ class HiddenPlasticSet(ContactImperfection):
     # Time in which a dent fades to 1/e; zero is never [s].
     recovery_s: NotNegative = parameter("s", 0.0, 60.0, default=0.0)
 
-    def effects(self, joint_count: int) -> HiddenEffects:
+    def _effects(self) -> HiddenEffects:
         return HiddenEffects(contact=(_Dent(self),))
 
     @classmethod
-    def at_strength(cls, strength: float, channel: str, scale: NoiseScale, generator: Generator) -> Self:
-        return cls(share=min(strength * scale.contact_noise_n / (0.15 * scale.force_n), 0.6))
+    def _sized(cls, strength: float, channel: str, scale: NoiseScale, generator: Generator) -> Values:
+        return {"share": min(strength * scale.contact_noise_n / (0.15 * scale.force_n), 0.6)}
 
 
 class _Dent(_Memory[float], MaterialEffect):
@@ -314,6 +361,14 @@ class _Dent(_Memory[float], MaterialEffect):
         self._surface = surface
 
     def felt(self, state: ContactState) -> ContactState:
+        """Lower the surface to the dent, which deepens to s x and fades while nothing presses.
+
+        Args:
+            state: motion of the tip.
+
+        Returns:
+            Motion that the material feels.
+        """
         share, recovery_s = self._surface.share, self._surface.recovery_s
         dent_m, dent_rate_m_s = self.kept, 0.0
         if recovery_s:
@@ -343,15 +398,15 @@ class HiddenToolCompliance(ContactImperfection):
     # C, one over the tool's stiffness; zero is rigid [m/N].
     compliance_m_n: NotNegative = parameter("m/N", 1e-5, 1e-3, le=0.01)
 
-    def effects(self, joint_count: int) -> HiddenEffects:
+    def _effects(self) -> HiddenEffects:
         gives_way = self.compliance_m_n > _RIGID_M_N
         return HiddenEffects(tool=(_SeriesSpring(self.compliance_m_n),)) if gives_way else HiddenEffects()
 
     @classmethod
-    def at_strength(cls, strength: float, channel: str, scale: NoiseScale, generator: Generator) -> Self:
-        """See `Imperfection.at_strength`; here of what would pass for a softer object."""
+    def _sized(cls, strength: float, channel: str, scale: NoiseScale, generator: Generator) -> Values:
+        """See `Imperfection._sized`; here of what would pass for a softer object."""
         squeeze_m = strength * scale.contact_noise_n * scale.depth_m / scale.force_n
-        return cls(compliance_m_n=squeeze_m / scale.force_n)
+        return {"compliance_m_n": squeeze_m / scale.force_n}
 
 
 class _SeriesSpring(ToolEffect):
@@ -369,6 +424,15 @@ class _SeriesSpring(ToolEffect):
         self._slope_n_m = 0.0  # of S(u), by the last step's secant
 
     def contact_force_n(self, state: ContactState, surface_n: Callable[[ContactState], float]) -> float:
+        """Solve for the compression u of the tool, and return u / C.
+
+        Args:
+            state: motion of the tip.
+            surface_n: gives the object's force [N] for a motion; the last call is for the solution.
+
+        Returns:
+            Force on the tip along the surface normal [N].
+        """
         stiffness, before_m = self._stiffness_n_m, self._squeeze_m
         time_s, step_s, depth_m, rate_m_s = state
 

@@ -1,9 +1,8 @@
 """Hidden effects in a joint: friction, springs, ripple and gain, and between a drive and its link."""
 
 from abc import ABC, abstractmethod
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from math import exp, inf, sin, tau
-from typing import Self
 
 import numpy as np
 from numpy.random import Generator
@@ -18,23 +17,26 @@ from palpate.sim_backend.hooks import (
     JointStepState,
     SensorHook,
 )
-from palpate.sim_backend.imperfection import JointImperfection, parameter
-from palpate.sim_backend.noise_scale import CONTACT, LOADED, NoiseScale, channel_of, joint_of
+from palpate.sim_backend.imperfection import JointImperfection, Values, parameter
+from palpate.sim_backend.noise_scale import CONTACT, LOADED, NoiseScale, channel_of
 
 
 class _Friction(JointImperfection, ABC):
     """A resistance against the motion of one joint; at rest it holds until more than that pulls."""
 
-    def effects(self, joint_count: int) -> HiddenEffects:
-        return HiddenEffects(friction=(JointFriction(self.index_in(joint_count), self.resistance_nm),))
+    def _effects(self, index: int, joint_count: int) -> HiddenEffects:
+        return HiddenEffects(friction=(JointFriction(index, self._resistance_nm),))
 
     @abstractmethod
-    def resistance_nm(self, speed_rad_s: float, along_nm: float) -> float:
-        """The largest resistance [N m], see `JointFriction`.
+    def _resistance_nm(self, speed_rad_s: float, along_nm: float) -> float:
+        """Compute the largest resistance, see `JointFriction`.
 
         Args:
             speed_rad_s: without sign [rad/s].
             along_nm: drive's torque along the motion, negative where it holds back [N m].
+
+        Returns:
+            0 or more [N m].
         """
 
 
@@ -44,13 +46,13 @@ class HiddenViscousFriction(_Friction):
     name = "viscous_friction"
     viscous_nms_rad: NotNegative = parameter("N m s/rad", 0.02, 5.0, le=100.0)  # b [N m s/rad]
 
-    def resistance_nm(self, speed_rad_s: float, along_nm: float) -> float:
+    def _resistance_nm(self, speed_rad_s: float, along_nm: float) -> float:
         return self.viscous_nms_rad * speed_rad_s
 
     @classmethod
-    def at_strength(cls, strength: float, channel: str, scale: NoiseScale, generator: Generator) -> Self:
+    def _sized(cls, strength: float, channel: str, scale: NoiseScale, generator: Generator) -> Values:
         unit = scale.joint_noise_nm / scale.joint(channel).speed_rad_s
-        return cls(joint=joint_of(channel), viscous_nms_rad=strength * unit)
+        return {"viscous_nms_rad": strength * unit}
 
 
 class HiddenQuadraticFriction(_Friction):
@@ -62,13 +64,13 @@ class HiddenQuadraticFriction(_Friction):
     name = "quadratic_friction"
     quadratic_nms2_rad2: NotNegative = parameter("N m s^2/rad^2", 0.05, 20.0, le=1000.0)  # b2 [N m s^2/rad^2]
 
-    def resistance_nm(self, speed_rad_s: float, along_nm: float) -> float:
+    def _resistance_nm(self, speed_rad_s: float, along_nm: float) -> float:
         return self.quadratic_nms2_rad2 * speed_rad_s * speed_rad_s
 
     @classmethod
-    def at_strength(cls, strength: float, channel: str, scale: NoiseScale, generator: Generator) -> Self:
+    def _sized(cls, strength: float, channel: str, scale: NoiseScale, generator: Generator) -> Values:
         unit = scale.joint_noise_nm / (1.2 * scale.joint(channel).speed_rad_s ** 2)
-        return cls(joint=joint_of(channel), quadratic_nms2_rad2=strength * unit)
+        return {"quadratic_nms2_rad2": strength * unit}
 
 
 class HiddenCoulombFriction(_Friction):
@@ -80,14 +82,14 @@ class HiddenCoulombFriction(_Friction):
     name = "coulomb_friction"
     coulomb_nm: NotNegative = parameter("N m", 0.02, 2.0, le=100.0)  # f [N m]
 
-    def resistance_nm(self, speed_rad_s: float, along_nm: float) -> float:
+    def _resistance_nm(self, speed_rad_s: float, along_nm: float) -> float:
         return self.coulomb_nm
 
     @classmethod
-    def at_strength(cls, strength: float, channel: str, scale: NoiseScale, generator: Generator) -> Self:
-        """See `Imperfection.at_strength`; at most what a controller without its model can handle."""
+    def _sized(cls, strength: float, channel: str, scale: NoiseScale, generator: Generator) -> Values:
+        """See `Imperfection._sized`; at most what a controller without its model can handle."""
         coulomb_nm = min(strength * scale.joint_noise_nm, scale.joint(channel).mastered_nm)
-        return cls(joint=joint_of(channel), coulomb_nm=coulomb_nm)
+        return {"coulomb_nm": coulomb_nm}
 
 
 class HiddenAsymmetricFriction(_Friction):
@@ -101,21 +103,21 @@ class HiddenAsymmetricFriction(_Friction):
     positive_nm: NotNegative = parameter("N m", 0.0, 2.0, le=100.0)  # f+ [N m]
     negative_nm: NotNegative = parameter("N m", 0.0, 2.0, le=100.0)  # f- [N m]
 
-    def effects(self, joint_count: int) -> HiddenEffects:
+    def _effects(self, index: int, joint_count: int) -> HiddenEffects:
         constant_nm = -0.5 * (self.positive_nm - self.negative_nm)
-        constant = AddedTorque(self.index_in(joint_count), lambda _position, _drive: constant_nm)
-        return super().effects(joint_count) + HiddenEffects(joint=(constant,))
+        constant = AddedTorque(index, lambda _position, _drive: constant_nm)
+        return super()._effects(index, joint_count) + HiddenEffects(joint=(constant,))
 
-    def resistance_nm(self, speed_rad_s: float, along_nm: float) -> float:
+    def _resistance_nm(self, speed_rad_s: float, along_nm: float) -> float:
         return 0.5 * (self.positive_nm + self.negative_nm)
 
     @classmethod
-    def at_strength(cls, strength: float, channel: str, scale: NoiseScale, generator: Generator) -> Self:
-        """See `Imperfection.at_strength`; at most what a controller without its model can handle."""
+    def _sized(cls, strength: float, channel: str, scale: NoiseScale, generator: Generator) -> Values:
+        """See `Imperfection._sized`; at most what a controller without its model can handle."""
         large_nm = min(1.3 * strength * scale.joint_noise_nm, scale.joint(channel).mastered_nm)
         small_nm = generator.uniform(0.1, 0.5) * large_nm
         positive_nm, negative_nm = generator.permutation([large_nm, small_nm]).tolist()
-        return cls(joint=joint_of(channel), positive_nm=positive_nm, negative_nm=negative_nm)
+        return {"positive_nm": positive_nm, "negative_nm": negative_nm}
 
 
 class HiddenStribeckFriction(_Friction):
@@ -131,19 +133,18 @@ class HiddenStribeckFriction(_Friction):
     # f, friction at high speed [N m].
     coulomb_nm: NotNegative = parameter("N m", 0.0, 2.0, le=100.0, default=0.0)
 
-    def resistance_nm(self, speed_rad_s: float, along_nm: float) -> float:
+    def _resistance_nm(self, speed_rad_s: float, along_nm: float) -> float:
         slowness = speed_rad_s / self.speed_rad_s
         return self.coulomb_nm + self.stiction_nm * exp(-slowness * slowness)
 
     @classmethod
-    def at_strength(cls, strength: float, channel: str, scale: NoiseScale, generator: Generator) -> Self:
-        """See `Imperfection.at_strength`; at most what a controller without its model can handle."""
+    def _sized(cls, strength: float, channel: str, scale: NoiseScale, generator: Generator) -> Values:
+        """See `Imperfection._sized`; at most what a controller without its model can handle."""
         joint = scale.joint(channel)
-        return cls(
-            joint=joint_of(channel),
-            stiction_nm=min(strength * scale.joint_noise_nm / 0.4, joint.mastered_nm),
-            speed_rad_s=generator.uniform(0.2, 0.6) * joint.speed_rad_s,
-        )
+        return {
+            "stiction_nm": min(strength * scale.joint_noise_nm / 0.4, joint.mastered_nm),
+            "speed_rad_s": generator.uniform(0.2, 0.6) * joint.speed_rad_s,
+        }
 
 
 class HiddenLoadDependentFriction(_Friction):
@@ -158,7 +159,7 @@ class HiddenLoadDependentFriction(_Friction):
     shows_in = LOADED  # a vertical tool does not load its joint
     load_share: Number = parameter("-", 0.005, 0.3, ge=0, le=0.9)  # mu [-]
 
-    def resistance_nm(self, speed_rad_s: float, along_nm: float) -> float:
+    def _resistance_nm(self, speed_rad_s: float, along_nm: float) -> float:
         """Compute the friction: a drive that pushes bears it too, and it helps a drive that holds back.
 
         Args:
@@ -172,24 +173,27 @@ class HiddenLoadDependentFriction(_Friction):
         return self.load_share * abs(along_nm) / (1.0 + side * self.load_share)
 
     @classmethod
-    def at_strength(cls, strength: float, channel: str, scale: NoiseScale, generator: Generator) -> Self:
+    def _sized(cls, strength: float, channel: str, scale: NoiseScale, generator: Generator) -> Values:
         share = strength * scale.joint_noise_nm / scale.joint(channel).load_nm
-        return cls(joint=joint_of(channel), load_share=min(share, 0.9))
+        return {"load_share": min(share, 0.9)}
 
 
 class _LinkTorque(JointImperfection, ABC):
     """A torque that comes on top of one drive's."""
 
-    def effects(self, joint_count: int) -> HiddenEffects:
-        return HiddenEffects(joint=(AddedTorque(self.index_in(joint_count), self.torque_nm),))
+    def _effects(self, index: int, joint_count: int) -> HiddenEffects:
+        return HiddenEffects(joint=(AddedTorque(index, self._torque_nm),))
 
     @abstractmethod
-    def torque_nm(self, position_rad: float, drive_nm: float) -> float:
-        """The torque on the link [N m], along the joint's axis, see `AddedTorque`.
+    def _torque_nm(self, position_rad: float, drive_nm: float) -> float:
+        """Compute the torque on the link, see `AddedTorque`.
 
         Args:
             position_rad: of the joint [rad].
             drive_nm: torque of the drive [N m].
+
+        Returns:
+            Along the joint's axis [N m].
         """
 
 
@@ -200,19 +204,18 @@ class HiddenJointSpring(_LinkTorque):
     stiffness_nm_rad: NotNegative = parameter("N m/rad", 0.05, 20.0, le=500.0)  # k [N m/rad]
     rest_rad: Number = parameter("rad", -3.1416, 3.1416, ge=-100.0, le=100.0, default=0.0)  # q0 [rad]
 
-    def torque_nm(self, position_rad: float, drive_nm: float) -> float:
+    def _torque_nm(self, position_rad: float, drive_nm: float) -> float:
         return -self.stiffness_nm_rad * (position_rad - self.rest_rad)
 
     @classmethod
-    def at_strength(cls, strength: float, channel: str, scale: NoiseScale, generator: Generator) -> Self:
-        """See `Imperfection.at_strength`; at rest near the middle, and weaker than the controller."""
+    def _sized(cls, strength: float, channel: str, scale: NoiseScale, generator: Generator) -> Values:
+        """See `Imperfection._sized`; at rest near the middle, and weaker than the controller."""
         joint = scale.joint(channel)
         stiffness_nm_rad = strength * scale.joint_noise_nm / (0.8 * joint.swing_rad)
-        return cls(
-            joint=joint_of(channel),
-            stiffness_nm_rad=min(stiffness_nm_rad, 1000.0 * joint.inertia_kg_m2),
-            rest_rad=joint.middle_rad + joint.swing_rad * generator.uniform(-1.0, 1.0),
-        )
+        return {
+            "stiffness_nm_rad": min(stiffness_nm_rad, 1000.0 * joint.inertia_kg_m2),
+            "rest_rad": joint.middle_rad + joint.swing_rad * generator.uniform(-1.0, 1.0),
+        }
 
 
 class HiddenTorqueRipple(_LinkTorque):
@@ -226,20 +229,19 @@ class HiddenTorqueRipple(_LinkTorque):
     cycles: Number = parameter("-", 6.0, 300.0, gt=0, le=1e4)  # N, in one turn of the joint [-]
     phase_rad: Number = parameter("rad", -3.1416, 3.1416, ge=-tau, le=tau, default=0.0)  # phi [rad]
 
-    def torque_nm(self, position_rad: float, drive_nm: float) -> float:
+    def _torque_nm(self, position_rad: float, drive_nm: float) -> float:
         return self.amplitude_nm * sin(self.cycles * position_rad + self.phase_rad)
 
     @classmethod
-    def at_strength(cls, strength: float, channel: str, scale: NoiseScale, generator: Generator) -> Self:
-        """See `Imperfection.at_strength`; some cycles within the swing, and not too much to control."""
+    def _sized(cls, strength: float, channel: str, scale: NoiseScale, generator: Generator) -> Values:
+        """See `Imperfection._sized`; some cycles within the swing, and not too much to control."""
         joint = scale.joint(channel)
         cycles = np.exp(generator.uniform(np.log(6.0), np.log(18.0))) / joint.swing_rad
-        return cls(
-            joint=joint_of(channel),
-            amplitude_nm=min(1.4 * strength * scale.joint_noise_nm, joint.mastered_nm),
-            cycles=float(np.round(cycles)),
-            phase_rad=generator.uniform(-np.pi, np.pi),
-        )
+        return {
+            "amplitude_nm": min(1.4 * strength * scale.joint_noise_nm, joint.mastered_nm),
+            "cycles": float(np.round(cycles)),
+            "phase_rad": generator.uniform(-np.pi, np.pi),
+        }
 
 
 class HiddenTorqueGain(_LinkTorque):
@@ -253,14 +255,14 @@ class HiddenTorqueGain(_LinkTorque):
     # g, true over believed motor constant; one is right [-].
     gain: Number = parameter("-", 0.8, 1.2, ge=0.2, le=3.0)
 
-    def torque_nm(self, position_rad: float, drive_nm: float) -> float:
+    def _torque_nm(self, position_rad: float, drive_nm: float) -> float:
         return (self.gain - 1.0) * drive_nm
 
     @classmethod
-    def at_strength(cls, strength: float, channel: str, scale: NoiseScale, generator: Generator) -> Self:
+    def _sized(cls, strength: float, channel: str, scale: NoiseScale, generator: Generator) -> Values:
         excess = strength * scale.joint_noise_nm / scale.joint(channel).load_nm
         gain = float(np.clip(1.0 + generator.choice([-1.0, 1.0]) * excess, 0.5, 2.0))
-        return cls(joint=joint_of(channel), gain=gain)
+        return {"gain": gain}
 
 
 class _Transmission(JointImperfection, ABC):
@@ -274,35 +276,56 @@ class _Transmission(JointImperfection, ABC):
         """See `Imperfection.channels`; the tip is not where the encoders say."""
         return (channel_of(self.joint), CONTACT)
 
-    def effects(self, joint_count: int) -> HiddenEffects:
-        ahead = _Ahead(self.index_in(joint_count), self)
+    def _effects(self, index: int, joint_count: int) -> HiddenEffects:
+        ahead = _Ahead(index, self._ahead_after_rad)
         return HiddenEffects(joint=(ahead,), encoder=(ahead,))
 
     @abstractmethod
-    def ahead_rad(self, before_rad: float, step_s: float, torque_nm: float) -> float:
-        """How far the encoder is ahead after a step with this torque, given how far it was before [rad].
+    def _ahead_after_rad(self, before_rad: float, step_s: float, torque_nm: float) -> float:
+        """Compute how far the encoder is ahead of the link after a step.
 
         Args:
             before_rad: how far it was ahead [rad].
             step_s: physics step [s].
-            torque_nm: through the transmission [N m].
+            torque_nm: through the transmission, along the joint's axis [N m].
+
+        Returns:
+            How far it is ahead [rad].
         """
 
 
 class _Ahead(JointEffect, SensorHook):
-    def __init__(self, index: int, transmission: _Transmission) -> None:
+    def __init__(self, index: int, after_rad: Callable[[float, float, float], float]) -> None:
         self._index = index
-        self._transmission = transmission
+        self._after_rad = after_rad
         self.restart()
 
     def restart(self) -> None:
         self._ahead_rad = 0.0
 
     def joint_torque_nm(self, state: JointStepState, torque_nm: Sequence[float]) -> Sequence[float]:
-        self._ahead_rad = self._transmission.ahead_rad(self._ahead_rad, state.step_s, torque_nm[self._index])
+        """Move the encoder ahead of the link for this step; the torque passes through unchanged.
+
+        Args:
+            state: motion of the joints.
+            torque_nm: torques so far, along the joint axes, shape (n,) [N m].
+
+        Returns:
+            Shape (n,) [N m].
+        """
+        self._ahead_rad = self._after_rad(self._ahead_rad, state.step_s, torque_nm[self._index])
         return torque_nm
 
     def measure(self, time_s: float, value: Sequence[float]) -> Sequence[float]:
+        """Add to one position how far its encoder is ahead of the link.
+
+        Args:
+            time_s: when the sample was taken [s].
+            value: positions, shape (n,) [rad].
+
+        Returns:
+            The changed sample.
+        """
         changed = list(value)
         changed[self._index] += self._ahead_rad
         return changed
@@ -321,16 +344,16 @@ class HiddenBacklash(_Transmission):
     # d, of the grease in the gap [N m s/rad].
     film_nms_rad: Positive = parameter("N m s/rad", 1.0, 100.0, ge=0.1, le=1e4, default=10.0)
 
-    def ahead_rad(self, before_rad: float, step_s: float, torque_nm: float) -> float:
+    def _ahead_after_rad(self, before_rad: float, step_s: float, torque_nm: float) -> float:
         reach_rad = 0.5 * self.gap_rad
         return max(-reach_rad, min(reach_rad, before_rad + step_s * torque_nm / self.film_nms_rad))
 
     @classmethod
-    def at_strength(cls, strength: float, channel: str, scale: NoiseScale, generator: Generator) -> Self:
-        """See `Imperfection.at_strength`; here of what a controller does about the gap that it sees."""
+    def _sized(cls, strength: float, channel: str, scale: NoiseScale, generator: Generator) -> Values:
+        """See `Imperfection._sized`; here of what a controller does about the gap that it sees."""
         stiffness_nm_rad = 3600.0 * scale.joint(channel).inertia_kg_m2
         gap_rad = strength * scale.joint_noise_nm / stiffness_nm_rad
-        return cls(joint=joint_of(channel), gap_rad=min(gap_rad, 0.02))
+        return {"gap_rad": min(gap_rad, 0.02)}
 
 
 class HiddenJointElasticity(_Transmission):
@@ -347,16 +370,16 @@ class HiddenJointElasticity(_Transmission):
     # T, damping over stiffness [s].
     retardation_s: NotNegative = parameter("s", 0.005, 0.1, le=10.0, default=0.02)
 
-    def ahead_rad(self, before_rad: float, step_s: float, torque_nm: float) -> float:
+    def _ahead_after_rad(self, before_rad: float, step_s: float, torque_nm: float) -> float:
         left = exp(-step_s / self.retardation_s) if self.retardation_s else 0.0
         settled_rad = self.compliance_rad_nm * torque_nm
         return settled_rad + left * (before_rad - settled_rad)
 
     @classmethod
-    def at_strength(cls, strength: float, channel: str, scale: NoiseScale, generator: Generator) -> Self:
-        """See `Imperfection.at_strength`; as soft as can still be controlled by the encoder at most."""
+    def _sized(cls, strength: float, channel: str, scale: NoiseScale, generator: Generator) -> Values:
+        """See `Imperfection._sized`; as soft as can still be controlled by the encoder at most."""
         compliance_rad_nm = strength * scale.joint_noise_nm / (25.0 * scale.joint(channel).load_nm)
-        return cls(joint=joint_of(channel), compliance_rad_nm=min(compliance_rad_nm, 2e-3))
+        return {"compliance_rad_nm": min(compliance_rad_nm, 2e-3)}
 
 
 _REFRESH_S = 4e-3  # the arm's inertia changes by 1 % in it
@@ -374,19 +397,19 @@ class HiddenArmature(JointImperfection):
     shows_in = LOADED  # the last joint's controller becomes unstable before it shows
     inertia_kg_m2: NotNegative = parameter("kg m^2", 0.001, 0.5, le=10.0)  # J [kg m^2]
 
-    def effects(self, joint_count: int) -> HiddenEffects:
+    def _effects(self, index: int, joint_count: int) -> HiddenEffects:
         inertia_kg_m2 = np.zeros(joint_count)
-        inertia_kg_m2[self.index_in(joint_count)] = self.inertia_kg_m2
+        inertia_kg_m2[index] = self.inertia_kg_m2
         return (
             HiddenEffects(joint=(Rotors(inertia_kg_m2.tolist()),)) if self.inertia_kg_m2 else HiddenEffects()
         )
 
     @classmethod
-    def at_strength(cls, strength: float, channel: str, scale: NoiseScale, generator: Generator) -> Self:
-        """See `Imperfection.at_strength`; at most what a controller that knows the arm alone can master."""
+    def _sized(cls, strength: float, channel: str, scale: NoiseScale, generator: Generator) -> Values:
+        """See `Imperfection._sized`; at most what a controller that knows the arm alone can master."""
         joint = scale.joint(channel)
         inertia_kg_m2 = strength * scale.joint_noise_nm / joint.acceleration_rad_s2
-        return cls(joint=joint_of(channel), inertia_kg_m2=min(inertia_kg_m2, 6.0 * joint.inertia_kg_m2))
+        return {"inertia_kg_m2": min(inertia_kg_m2, 6.0 * joint.inertia_kg_m2)}
 
 
 class Rotors(JointEffect):
@@ -407,6 +430,15 @@ class Rotors(JointEffect):
         self._refresh_s = -inf
 
     def joint_torque_nm(self, state: JointStepState, torque_nm: Sequence[float]) -> Sequence[float]:
+        """Subtract J a, what the rotors take of the drives' torques, with a as in the class.
+
+        Args:
+            state: motion of the joints.
+            torque_nm: torques so far, along the joint axes, shape (n,) [N m].
+
+        Returns:
+            Shape (n,) [N m].
+        """
         speed_rad_s, changed_nm = np.array(state.velocity_rad_s), np.array(torque_nm)
         if state.time_s >= self._refresh_s:
             self._inverse = np.linalg.inv(state.mass_matrix())

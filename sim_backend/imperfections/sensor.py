@@ -4,14 +4,19 @@ import xml.etree.ElementTree as ET
 from collections import deque
 from collections.abc import Sequence
 from math import cos, exp, sin
-from typing import Self
 
 from numpy.random import Generator
 
 from palpate.robot_io.errors import InputError
 from palpate.robot_io.files.file_model import NotNegative, Number, Positive
 from palpate.sim_backend.hooks import HiddenEffects, PlantEffect, Transducer
-from palpate.sim_backend.imperfection import Imperfection, JointImperfection, SensorImperfection, parameter
+from palpate.sim_backend.imperfection import (
+    Imperfection,
+    JointImperfection,
+    SensorImperfection,
+    Values,
+    parameter,
+)
 from palpate.sim_backend.noise_scale import CONTACT, LOADED, NoiseScale, channel_of, joint_of
 
 
@@ -26,9 +31,9 @@ class HiddenBias(SensorImperfection):
         return lambda _time_s, value: value + bias
 
     @classmethod
-    def at_strength(cls, strength: float, channel: str, scale: NoiseScale, generator: Generator) -> Self:
-        """See `Imperfection.at_strength`; a probing run takes the force in free air as zero."""
-        return cls(channel=channel, bias=generator.choice([-1.0, 1.0]) * strength * scale.noise(channel))
+    def _sized(cls, strength: float, channel: str, scale: NoiseScale, generator: Generator) -> Values:
+        """See `Imperfection._sized`; a probing run takes the force in free air as zero."""
+        return {"bias": generator.choice([-1.0, 1.0]) * strength * scale.noise(channel)}
 
 
 class HiddenSensorGain(SensorImperfection):
@@ -49,10 +54,10 @@ class HiddenSensorGain(SensorImperfection):
         return lambda _time_s, value: gain * value * (1.0 + bend * value)
 
     @classmethod
-    def at_strength(cls, strength: float, channel: str, scale: NoiseScale, generator: Generator) -> Self:
-        """See `Imperfection.at_strength`; here of the whole change, for an object that is known."""
+    def _sized(cls, strength: float, channel: str, scale: NoiseScale, generator: Generator) -> Values:
+        """See `Imperfection._sized`; here of the whole change, for an object that is known."""
         load = scale.force_n if channel == CONTACT else 1.0
-        return cls(channel=channel, gain=1.0 + strength * scale.noise(channel) / load)
+        return {"gain": 1.0 + strength * scale.noise(channel) / load}
 
 
 class HiddenSaturation(SensorImperfection):
@@ -71,11 +76,11 @@ class HiddenSaturation(SensorImperfection):
         return lambda _time_s, value: max(-limit, min(limit, value))
 
     @classmethod
-    def at_strength(cls, strength: float, channel: str, scale: NoiseScale, generator: Generator) -> Self:
+    def _sized(cls, strength: float, channel: str, scale: NoiseScale, generator: Generator) -> Values:
         if not strength:
-            return cls(channel=channel, limit=1e9)
+            return {"limit": 1e9}
         peak = scale.peak(channel)
-        return cls(channel=channel, limit=max(peak - 5.0 * strength * scale.noise(channel), 0.2 * peak))
+        return {"limit": max(peak - 5.0 * strength * scale.noise(channel), 0.2 * peak)}
 
 
 class HiddenDeadband(SensorImperfection):
@@ -92,8 +97,8 @@ class HiddenDeadband(SensorImperfection):
         return lambda _time_s, value: value - max(-width, min(width, value))
 
     @classmethod
-    def at_strength(cls, strength: float, channel: str, scale: NoiseScale, generator: Generator) -> Self:
-        return cls(channel=channel, half_width=strength * scale.noise(channel))
+    def _sized(cls, strength: float, channel: str, scale: NoiseScale, generator: Generator) -> Values:
+        return {"half_width": strength * scale.noise(channel)}
 
 
 class HiddenQuantisation(SensorImperfection):
@@ -109,9 +114,9 @@ class HiddenQuantisation(SensorImperfection):
         return lambda _time_s, value: round(value / step) * step if step else value
 
     @classmethod
-    def at_strength(cls, strength: float, channel: str, scale: NoiseScale, generator: Generator) -> Self:
-        """See `Imperfection.at_strength`; a step is the square root of 12 times its rounding's rms."""
-        return cls(channel=channel, step=3.46 * strength * scale.noise(channel))
+    def _sized(cls, strength: float, channel: str, scale: NoiseScale, generator: Generator) -> Values:
+        """See `Imperfection._sized`; a step is the square root of 12 times its rounding's rms."""
+        return {"step": 3.46 * strength * scale.noise(channel)}
 
 
 class HiddenDrift(SensorImperfection):
@@ -131,9 +136,9 @@ class HiddenDrift(SensorImperfection):
         return wandering
 
     @classmethod
-    def at_strength(cls, strength: float, channel: str, scale: NoiseScale, generator: Generator) -> Self:
+    def _sized(cls, strength: float, channel: str, scale: NoiseScale, generator: Generator) -> Values:
         sign = generator.choice([-1.0, 1.0])
-        return cls(channel=channel, rate_1_s=sign * strength * scale.noise(channel) / (0.4 * scale.session_s))
+        return {"rate_1_s": sign * strength * scale.noise(channel) / (0.4 * scale.session_s)}
 
 
 class _Mechanical(SensorImperfection):
@@ -165,8 +170,8 @@ class HiddenHysteresis(_Mechanical):
         return play
 
     @classmethod
-    def at_strength(cls, strength: float, channel: str, scale: NoiseScale, generator: Generator) -> Self:
-        return cls(channel=channel, half_width=strength * scale.noise(channel))
+    def _sized(cls, strength: float, channel: str, scale: NoiseScale, generator: Generator) -> Values:
+        return {"half_width": strength * scale.noise(channel)}
 
 
 class HiddenLag(_Mechanical):
@@ -195,8 +200,8 @@ class HiddenLag(_Mechanical):
         return following
 
     @classmethod
-    def at_strength(cls, strength: float, channel: str, scale: NoiseScale, generator: Generator) -> Self:
-        return cls(channel=channel, time_s=min(strength * scale.noise(channel) / scale.rate(channel), 0.1))
+    def _sized(cls, strength: float, channel: str, scale: NoiseScale, generator: Generator) -> Values:
+        return {"time_s": min(strength * scale.noise(channel) / scale.rate(channel), 0.1)}
 
 
 class HiddenDelay(_Mechanical):
@@ -224,8 +229,8 @@ class HiddenDelay(_Mechanical):
         return late
 
     @classmethod
-    def at_strength(cls, strength: float, channel: str, scale: NoiseScale, generator: Generator) -> Self:
-        return cls(channel=channel, delay_s=min(strength * scale.noise(channel) / scale.rate(channel), 0.1))
+    def _sized(cls, strength: float, channel: str, scale: NoiseScale, generator: Generator) -> Values:
+        return {"delay_s": min(strength * scale.noise(channel) / scale.rate(channel), 0.1)}
 
 
 _RADIUS_M = 0.01
@@ -246,15 +251,14 @@ class HiddenPayload(JointImperfection):
     def channels(self) -> tuple[str, ...]:
         return tuple(channel_of(joint) for joint in range(1, self.joint + 1))
 
-    def effects(self, joint_count: int) -> HiddenEffects:
-        index = self.index_in(joint_count)
+    def _effects(self, index: int, joint_count: int) -> HiddenEffects:
         return HiddenEffects(plant=(_Ball(index, self.mass_kg),)) if self.mass_kg else HiddenEffects()
 
     @classmethod
-    def at_strength(cls, strength: float, channel: str, scale: NoiseScale, generator: Generator) -> Self:
-        """See `Imperfection.at_strength`; at the tip."""
+    def _sized(cls, strength: float, channel: str, scale: NoiseScale, generator: Generator) -> Values:
+        """See `Imperfection._sized`; at the tip."""
         mass_kg = strength * scale.joint_noise_nm / scale.joint(channel).weight_nm_kg
-        return cls(joint=max(len(scale.joints), joint_of(channel)), mass_kg=mass_kg)
+        return {"joint": max(len(scale.joints), joint_of(channel)), "mass_kg": mass_kg}
 
 
 class _Ball(PlantEffect):
@@ -263,6 +267,18 @@ class _Ball(PlantEffect):
         self._mass_kg = mass_kg
 
     def urdf(self, urdf_text: str, tip_frame: str) -> str:
+        """Add a link with the ball's mass and inertia, 2/5 m r^2, at the far end of its link.
+
+        Args:
+            urdf_text: URDF so far.
+            tip_frame: link at the contact point.
+
+        Returns:
+            The changed URDF.
+
+        Raises:
+            InputError: not XML.
+        """
         try:
             robot = ET.fromstring(urdf_text)  # noqa: S314 - expat refuses entity bombs; nothing external is read
         except ET.ParseError as error:
@@ -317,12 +333,20 @@ class HiddenGravityTilt(Imperfection):
         return tuple(channel_of(joint) for joint in (1, 2, 3))
 
     def effects(self, joint_count: int) -> HiddenEffects:
+        """See `Imperfection.effects`; gravity is that of the whole arm.
+
+        Args:
+            joint_count: of the arm.
+
+        Returns:
+            The effect.
+        """
         return HiddenEffects(plant=(_Slope(self.pitch_rad, self.roll_rad),))
 
     @classmethod
-    def at_strength(cls, strength: float, channel: str, scale: NoiseScale, generator: Generator) -> Self:
+    def _sized(cls, strength: float, channel: str, scale: NoiseScale, generator: Generator) -> Values:
         sign = generator.choice([-1.0, 1.0])
-        return cls(pitch_rad=sign * strength * scale.joint_noise_nm / scale.joint(channel).tilt_nm_rad)
+        return {"pitch_rad": sign * strength * scale.joint_noise_nm / scale.joint(channel).tilt_nm_rad}
 
 
 class _Slope(PlantEffect):
