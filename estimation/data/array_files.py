@@ -69,13 +69,6 @@ def read_npz(path: Path) -> FileColumns:
     return FileColumns(arrow_table(arrays, path))
 
 
-def _as_matrix(cells: NDArray[Any]) -> NDArray[Any]:
-    """Stack cells that hold equally many numbers as rows of a matrix; return other arrays unchanged."""
-    is_of_cells = cells.ndim == 1 and cells.dtype == object
-    shapes = [*{np.shape(cell) for cell in cells}] if is_of_cells else []
-    return np.array(cells.tolist()) if len(shapes) == 1 and len(shapes[0]) == 1 else cells
-
-
 def read_mat(path: Path) -> FileColumns:
     """Read the vectors of a MATLAB file and of its structs; of several lengths, the most frequent is kept.
 
@@ -107,7 +100,9 @@ def read_mat(path: Path) -> FileColumns:
                 (str(key) if str(key) not in vectors else f"{name}.{key}", v) for key, v in value.items()
             ]
         elif isinstance(value, np.ndarray):
-            array = _as_matrix(value)
+            cells = value.tolist() if value.ndim == 1 and value.dtype == object else []
+            shapes = [*{np.shape(cell) for cell in cells}]
+            array = np.array(cells) if len(shapes) == 1 and len(shapes[0]) == 1 else value
             if array.dtype.kind not in "biuf":
                 continue
             if array.ndim == 1 and len(array) > 1:
@@ -185,9 +180,17 @@ def _lerobot_columns(table: pa.Table, path: Path) -> FileColumns:
     """Split arrays of a LeRobot episode into one column per element, with palpate's names for time and run.
 
     The data set states no units. The user states those of positions and torques, except for robots of type
-    `lerobot_robot_palpate`. Arrays whose length changes from row to row are left out.
+    `lerobot_robot_palpate`. Arrays whose length changes from row to row are left out. LeRobot 0.6 puts all
+    numbers of an observation into one array: an element with a position is a joint; other names are kept.
     """
-    info = _dataset_info(path)
+    info: Any = {}  # the description of the data set around the file, if there is one
+    for folder in path.absolute().parents[:4]:
+        description = folder / "meta" / "info.json"
+        if description.is_file() and description.stat().st_size < _MOST_INFO_BYTES:
+            with suppress(OSError, ValueError, RecursionError):
+                info = json.loads(description.read_text(encoding="utf-8"))
+            break
+    info = info if isinstance(info, Mapping) else {}
     names = _element_names(info, _STATE)
     joints = [name.removesuffix(".pos") for name in names if name.endswith(".pos")] or names
     units = _PALPATE_UNITS if info.get("robot_type") == "palpate" else {}
@@ -195,31 +198,29 @@ def _lerobot_columns(table: pa.Table, path: Path) -> FileColumns:
     if _EPISODE in table.column_names:
         columns["run"] = table.column(_EPISODE)
     for array in table.column_names:
-        column = table.column(array)
-        if not isinstance(column.type, pa.ListType | pa.LargeListType | pa.FixedSizeListType):
+        if not isinstance(table[array].type, pa.ListType | pa.LargeListType | pa.FixedSizeListType):
             continue
-        rows = column.combine_chunks()
+        rows = table[array].combine_chunks()
         widths = pc.unique(pc.list_value_length(rows)).to_pylist()
         if len(widths) != 1 or widths[0] is None or not 0 < widths[0] <= _MOST_JOINTS:
             continue
         values = np.asarray(rows.flatten()).reshape(-1, widths[0])
-        column_names = _column_names(_CALLED.get(array, array), _element_names(info, array), widths[0], units)
+        called, elements = _CALLED.get(array, array), _element_names(info, array)
+        of_array = [name.removesuffix(".pos") for name in elements if name.endswith(".pos")]
+        column_names = [f"{called}_{joint + 1}" for joint in range(widths[0])]
+        if len(elements) == widths[0] and of_array:  # such as shoulder.pos, shoulder.vel and force
+            column_names = []
+            for name in elements:
+                joint, _, ending = name.rpartition(".")
+                column, quantity = name, _QUANTITIES.get(ending, "")
+                if joint in of_array and quantity:
+                    quantity = called if quantity == "position" else quantity
+                    column = f"{quantity}_{of_array.index(joint) + 1}"
+                unit = units.get(quantity or name, "")
+                column_names.append(f"{column}_{unit}" if unit else column)
         columns |= dict(zip(column_names, values.T, strict=True))
     words = ("LeRobot data set", *([f"joints {', '.join(joints)}"] if joints else []))
     return FileColumns(pa.table(columns), words=words)
-
-
-def _dataset_info(path: Path) -> Mapping[str, Any]:
-    """Read the description (meta/info.json) of the data set around a file; empty if there is none."""
-    for folder in path.absolute().parents[:4]:
-        info = folder / "meta" / "info.json"
-        if info.is_file() and info.stat().st_size < _MOST_INFO_BYTES:
-            try:
-                content = json.loads(info.read_text(encoding="utf-8"))
-            except (OSError, ValueError, RecursionError):
-                return {}
-            return content if isinstance(content, Mapping) else {}
-    return {}
 
 
 def _element_names(info: Mapping[str, Any], array: str) -> list[str]:
@@ -231,24 +232,3 @@ def _element_names(info: Mapping[str, Any], array: str) -> list[str]:
     if isinstance(names, Mapping):
         names = next(iter(names.values()), [])
     return [str(name)[:60] for name in names[:_MOST_JOINTS]] if isinstance(names, list) else []
-
-
-def _column_names(array: str, names: list[str], width: int, units: Mapping[str, str]) -> list[str]:
-    """Name the columns of an array's elements, such as position_1 for the first joint.
-
-    LeRobot 0.6 puts all numbers of an observation into one array, such as shoulder.pos, shoulder.vel,
-    shoulder.torque and force. A name with a position is a joint; other names are kept.
-    """
-    joints = [name.removesuffix(".pos") for name in names if name.endswith(".pos")]
-    if len(names) != width or not joints:
-        return [f"{array}_{joint + 1}" for joint in range(width)]
-    columns = []
-    for name in names:
-        joint, _, ending = name.rpartition(".")
-        called, quantity = name, _QUANTITIES.get(ending, "")
-        if joint in joints and quantity:
-            quantity = array if quantity == "position" else quantity
-            called = f"{quantity}_{joints.index(joint) + 1}"
-        unit = units.get(quantity or name, "")
-        columns.append(f"{called}_{unit}" if unit else called)
-    return columns

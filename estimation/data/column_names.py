@@ -207,6 +207,7 @@ _GOAL = frozenset(
     "goal target desired des cmd command commanded set setpoint soll reference ref action".split()  # noqa: SIM905
 )
 _KNOWN = tuple((quantity, known) for quantity, known in WORDS.items() if quantity != RUN)
+_BY_DIMENSION = {"length": "displacement", "angle": "position"} | {n: n for n in ("time", "force", "torque")}
 OWN_NAME, _BY_NAME, _BY_WORD, _BY_UNIT, _BY_PAIR = 4, 3, 2, 1, 0
 # "Position des Kolbens" is that of the piston, "Allongement des mors" that of the jaws, "Position des" a
 # desired position.
@@ -265,8 +266,8 @@ def guess_columns(names: Sequence[str], clocks: Collection[str] = ()) -> list[Gu
         if (again := _AGAIN.fullmatch(name)) and again[1] in names
         else replace(guess_column(f"{split_unit(name)[0]} [s]"), column=name)
         if name in clocks
-        else _guess_by_unit(name, units.get(name, ""))
-        if units_only
+        else Guess(name, quantity, None, units[name], _BY_UNIT, "by its unit")
+        if units_only and (quantity := _BY_DIMENSION.get(dimension_of(units.get(name, "")) or "", ""))
         else guess_column(name)
         for name in names
     ]
@@ -297,7 +298,7 @@ def guess_columns(names: Sequence[str], clocks: Collection[str] = ()) -> list[Gu
             paired.append(replace(guess, joint=number[guess.of]))
         elif guess.rank == _BY_PAIR and guess.joint is None and not (shared and guess.quantity == "position"):
             paired.append(Guess(guess.column, ""))
-        elif not guess.quantity and (quantity := _quantity_of_last_word(guess.column)) in missing:
+        elif not guess.quantity and (quantity := quantity_in(guess.column, last=True)) in missing:
             paired.append(Guess(guess.column, quantity, rank=_BY_PAIR, why="by the last word of its name"))
         else:
             paired.append(guess)
@@ -339,33 +340,19 @@ def keys_of_channels(available: Collection[Key]) -> list[Key]:
     return [TIME, *keys] if keys else []
 
 
-def quantity_in(name: str) -> str:
+def quantity_in(name: str, *, last: bool = False) -> str:
     """Return the quantity of any word in a name, whatever its unit; "none" for words of unmeasured signals.
 
     Args:
         name: name of a column.
+        last: consider only the last word, of three letters or more, as in "log:timestamp".
     """
-    words = set(re.findall(r"[^\W\d_]+", plain(name)))
-    if words & _NOT_MEASURED:
-        return "none"
-    long = {word for word in words if len(word) > 2 or not word.isascii()}
-    return next((quantity for quantity, known in _KNOWN if known & long), "")
-
-
-def _quantity_of_last_word(name: str) -> str:
-    """Return the quantity of the last word of a name, as in "log:timestamp"; empty without one."""
     words = re.findall(r"[^\W\d_]+", plain(name))
-    if not words or len(words[-1]) < 3 or _NOT_MEASURED & set(words):
-        return ""
-    return next((quantity for quantity, known in _KNOWN if words[-1] in known), "")
-
-
-def _guess_by_unit(name: str, unit: str) -> Guess:
-    """Guess the quantity by the unit alone, except units that stand for an effort."""
-    dimension = dimension_of(unit) or ""
-    fits = {"length": "displacement", "angle": "position"} | {n: n for n in ("time", "force", "torque")}
-    quantity = fits.get(dimension, "")
-    return Guess(name, quantity, None, unit, _BY_UNIT, "by its unit") if quantity else guess_column(name)
+    if _NOT_MEASURED & set(words):
+        return "none"
+    words = words[-1:] if last else words
+    long = {word for word in words if len(word) > 2 or not (last or word.isascii())}
+    return next((quantity for quantity, known in _KNOWN if known & long), "")
 
 
 def guess_column(name: str) -> Guess:

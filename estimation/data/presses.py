@@ -194,28 +194,19 @@ def press_phases(
         of_run = np.asarray(
             scipy.ndimage.median_filter(way[rows], min(_LASTING, rows.stop - rows.start), mode="nearest")
         )
-        _remove_rests_at_turns(of_run, velocity[rows])
+        parts, speed = list(blocks(of_run)), np.abs(velocity[rows])
+        # Where the motion only reverses, it does not rest: a sine decelerates evenly.
+        for left, rest, right in zip(parts, parts[1:], parts[2:], strict=False):
+            lasts = rest.stop - rest.start
+            moves_on = min(left.stop - left.start, right.stop - right.start) >= max(2 * lasts, _LASTING)
+            if of_run[rest.start] or not moves_on or of_run[left.start] == of_run[right.start]:
+                continue
+            at_ends = min(speed[rest.start - 1], speed[rest.stop])
+            if lasts < _FEWEST_RESTING or np.median(speed[rest]) > _TURNS * at_ends:
+                of_run[rest] = np.sign(velocity[rows][rest])
         touching = np.asarray(scipy.ndimage.median_filter(pressed[rows].astype(np.int8), 3, mode="nearest"))
         phase[rows] = _PHASES[touching, of_run + 1]
     return phase
-
-
-def _remove_rests_at_turns(way: IntArray, velocity: FloatArray) -> None:
-    """Remove rests where the motion only reverses: a sine decelerates evenly.
-
-    Args:
-        way: shape (n,): -1, 0 or 1; changed in place.
-        velocity: shape (n,).
-    """
-    parts = list(blocks(way))
-    for before, rest, after in zip(parts, parts[1:], parts[2:], strict=False):
-        lasts = rest.stop - rest.start
-        moves_on = min(before.stop - before.start, after.stop - after.start) >= max(2 * lasts, _LASTING)
-        if way[rest.start] or not moves_on or way[before.start] == way[after.start]:
-            continue
-        at_ends = min(abs(velocity[rest.start - 1]), abs(velocity[rest.stop]))
-        if lasts < _FEWEST_RESTING or np.median(np.abs(velocity[rest])) > _TURNS * at_ends:
-            way[rest] = np.sign(velocity[rest])
 
 
 def _typical_size(signal: FloatArray) -> float:
@@ -265,8 +256,13 @@ def press_sides(displacement: FloatArray, force: FloatArray) -> PressSides:
         force: shape (n,).
     """
     sides = _sides_of_object(displacement, force)
-    is_two_sided = _is_two_sided(displacement, force) or _pulls_deep_inside(displacement, force)
-    is_held = _is_never_free(sides.displacement * displacement - sides.zero_m, force)
+    is_two_sided = _is_two_sided(displacement, force)
+    # In free air a force rests: its neighboring readings differ as much as any others. A force that changes
+    # smoothly farthest outside the object belongs to an element that is held at both ends.
+    depth = sides.displacement * displacement - sides.zero_m
+    farthest = force[depth <= _FARTHEST * min(depth.min(), 0.0)]
+    is_held = len(farthest) >= _FEWEST and bool(np.std(farthest) > _RESTLESS * np.std(force))
+    is_held = is_held and correlation_coefficient(farthest[1:], farthest[:-1]) > _NOT_NOISE
     if is_two_sided or is_held:
         correlation = correlation_coefficient(displacement, force)
         if is_held and abs(np.mean(displacement)) > np.ptp(displacement):  # counted from the element's length
@@ -334,40 +330,20 @@ def _find_zero(displacement: FloatArray, force: FloatArray) -> float:
     return float(np.clip(begins, np.min(free), np.quantile(displacement[pressed], _SHALLOW)))
 
 
-def _is_never_free(depth: FloatArray, force: FloatArray) -> bool:
-    """Return whether the force (n,) changes as much farthest outside the object as elsewhere.
-
-    In free air a force rests: its neighboring readings differ as much as any others. A force that changes
-    smoothly there belongs to an element that is held at both ends.
-    """
-    farthest = force[depth <= _FARTHEST * min(depth.min(), 0.0)]
-    if len(farthest) < _FEWEST:
-        return False
-    changes = np.std(farthest) > _RESTLESS * np.std(force)
-    return bool(changes) and correlation_coefficient(farthest[1:], farthest[:-1]) > _NOT_NOISE
-
-
-def _pulls_deep_inside(displacement: FloatArray, force: FloatArray) -> bool:
-    """Return whether the force (n,) takes both signs alike far from zero displacement.
-
-    An object that can only push does so there in any direction of motion; an object that sticks pulls farther
-    out.
-    """
-    neighbors = correlation_coefficient(force[1:], force[:-1]) if len(force) > 1 else 0.0
-    if neighbors < _NOT_NOISE:
-        return False
-    farthest = displacement[np.argmax(np.abs(displacement))]
-    deep = force[displacement * np.sign(farthest) > _FARTHER * abs(farthest)]
-    low, high = np.quantile(deep, [0.1, 0.9]) if len(deep) >= _FEWEST else (0.0, 0.0)
-    return bool(min(-low, high) > _PULLS * max(-low, high) > _PULLS * _PULLS * np.abs(force).max())
-
-
 def _is_two_sided(displacement: FloatArray, force: FloatArray) -> bool:
-    """Return whether displacement and force (n,) both reach both signs, as for an element that pulls.
+    """Return whether displacement and force (n,) are those of an element that pulls.
 
-    In free air the force rests, except while an object sticks. An object that sticks longer pulls until it
-    tears off, and the force rests farthest out; the force of an element held at both ends does not.
+    The force takes both signs alike far from zero displacement: an object that can only push does so there in
+    any direction of motion, and an object that sticks pulls farther out. Or both reach both signs. In free
+    air the force rests, except while an object sticks. An object that sticks longer pulls until it tears off,
+    and the force rests farthest out; the force of an element held at both ends does not.
     """
+    if len(force) > 1 and correlation_coefficient(force[1:], force[:-1]) >= _NOT_NOISE:
+        extreme = displacement[np.argmax(np.abs(displacement))]
+        deep = force[displacement * np.sign(extreme) > _FARTHER * abs(extreme)]
+        low, high = np.quantile(deep, [0.1, 0.9]) if len(deep) >= _FEWEST else (0.0, 0.0)
+        if min(-low, high) > _PULLS * max(-low, high) > _PULLS * _PULLS * np.abs(force).max():
+            return True
     ends = [np.quantile(signal, _TAILS) for signal in (displacement, force)]
     if any(min(-low, high) <= _OTHER_SIDE * max(-low, high) for low, high in ends):
         return False

@@ -158,7 +158,19 @@ def read_ros_table(path: Path) -> FileColumns:
             if np.isfinite(values).all():
                 columns |= {pattern.format(i + 1): values[:, i] for i in range(len(joints))}
     if "torque_1_Nm" not in columns:
-        raise InputError(f"{path}: topic '{topic}' {_why_no_effort(groups_of_topic)}")
+        total = sum(len(group.messages) for group in groups_of_topic)
+        lacking = sum(len(group.messages) for group in groups_of_topic if "torque" not in group.places)
+        if lacking:
+            share = f" in {lacking} of {total} messages" if lacking < total else ""
+            reason = f"has no effort{share}, which is what a model explains"
+        else:
+            efforts = [_in_order(group, "torque", joints) for group in groups_of_topic]
+            invalid = np.sum(~np.isfinite(np.concatenate(efforts)), axis=0)
+            joint = int(np.argmax(invalid > 0))
+            reason = (
+                f"has no finite effort of joint '{joints[joint]}' in {invalid[joint]} of {total} messages"
+            )
+        raise InputError(f"{path}: topic '{topic}' {reason}")
     if len(columns["time_s"]) > 1 and not np.any(columns["time_s"]):
         raise InputError(
             f"{path}: topic '{topic}': every message has the same header.stamp; let the driver set it"
@@ -168,19 +180,6 @@ def read_ros_table(path: Path) -> FileColumns:
     named = ", ".join(f"{i} '{name}'" for i, name in enumerate(joints[:8], 1))
     words = (f"topic '{topic}' of {len(with_torque)}", f"joints {named}, taken as revolute")
     return FileColumns(table, words=words)
-
-
-def _why_no_effort(groups_of_topic: Sequence[_MessageGroup]) -> str:
-    """Say what is wrong with the effort: it is missing or not finite."""
-    total = sum(len(group.messages) for group in groups_of_topic)
-    lacking = sum(len(group.messages) for group in groups_of_topic if "torque" not in group.places)
-    if lacking:
-        share = f" in {lacking} of {total} messages" if lacking < total else ""
-        return f"has no effort{share}, which is what a model explains"
-    joints = groups_of_topic[0].joints
-    spoilt = ~np.isfinite(np.concatenate([_in_order(group, "torque", joints) for group in groups_of_topic]))
-    joint = int(np.argmax(spoilt.any(axis=0)))
-    return f"has no finite effort of joint '{joints[joint]}' in {spoilt[:, joint].sum()} of {total} messages"
 
 
 def _joint_states(path: Path) -> list[_MessageGroup]:

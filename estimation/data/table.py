@@ -21,6 +21,7 @@ from palpate.estimation.data.table_layout import find_tests, is_filled, is_text,
 from palpate.estimation.data.text_table import as_utf8, number_of, read_text_table
 from palpate.estimation.data.units import describe_fault, invalid_rows
 from palpate.robot_io.errors import InputError, UnknownNameError
+from palpate.robot_io.extras import LazyModule
 from palpate.robot_io.types import BoolArray, FloatArray, IntArray
 
 _SHOWN = 60  # characters of a value in an error
@@ -299,12 +300,6 @@ def _read_excel(path: Path, selected: str) -> FileColumns:
     return read_excel_table(path, selected)
 
 
-def _read_ros(path: Path) -> FileColumns:
-    from palpate.estimation.data.ros_bag import read_ros_table  # noqa: PLC0415, seldom needed
-
-    return read_ros_table(path)
-
-
 def _remedy(excerpt: str, *, whole: bool) -> str:
     if excerpt.count(",") == 1 and not np.isnan(number_of(excerpt.replace(",", "."))):
         return "write numbers with a decimal point, not a comma"
@@ -335,6 +330,7 @@ def _with_decimal_points(column: pa.ChunkedArray, decimal: str) -> pa.ChunkedArr
     return pc.if_else(grouped, pc.replace_substring(trimmed, mark, ""), trimmed)
 
 
+_ros_bag = LazyModule("palpate.estimation.data.ros_bag")
 _JSON = (".json", ".jsonl")
 _READERS: tuple[tuple[tuple[str, ...], Callable[..., FileColumns]], ...] = (
     ((".csv", ".tsv", ".txt", ".dat", ".asc", ".lvm", ".log", ".tra"), read_text_table),
@@ -342,7 +338,7 @@ _READERS: tuple[tuple[tuple[str, ...], Callable[..., FileColumns]], ...] = (
     ((".parquet", ".pq"), read_parquet),
     ((".npz",), read_npz),
     ((".mat",), read_mat),
-    (BAGS, _read_ros),
+    (BAGS, lambda path: _ros_bag.read_ros_table(path)),  # noqa: PLW0108, imported when it is used
     (_JSON, read_json),
 )
 # Of the data files in a folder; JSON beside them describes them.

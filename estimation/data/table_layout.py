@@ -140,7 +140,7 @@ _MARK = {b"clock": b"s"}  # beside the names of columns that hold seconds whatev
 
 
 def with_seconds(columns: pa.Table, decimal: str) -> tuple[pa.Table, tuple[str, ...]]:
-    """Convert columns of clock times to seconds, and describe it.
+    """Convert columns of clock times to seconds since midnight of the first day, and describe it.
 
     Args:
         columns: columns of a file.
@@ -157,10 +157,21 @@ def with_seconds(columns: pa.Table, decimal: str) -> tuple[pa.Table, tuple[str, 
         if not len(first) or not _CLOCK.match(re.sub(_BLANKS, " ", text[int(first[0])].as_py())):
             continue
         parts = pc.extract_regex(pc.replace_substring_regex(text, _BLANKS, " "), _CLOCK.pattern)
+        texts = {key: pc.struct_field(parts, key) for key in ("day", "hour", "minute", "second", "half")}
         try:
-            seconds, order = _seconds(parts)
+            days, order = _days(texts["day"])
         except ValueError:  # such as the 0th of a month, which stands for no date
             continue
+        points = (pc.replace_substring_regex(texts[key], "[,:]", ".") for key in ("hour", "minute", "second"))
+        filled = (pc.cast(pc.if_else(pc.equal(part, ""), "0", part), pa.float64()) for part in points)
+        hour, minute, second = (np.asarray(numbers.to_numpy(zero_copy_only=False)) for numbers in filled)
+        half = pc.utf8_upper(texts["half"]).to_numpy(zero_copy_only=False)
+        hour = np.where(half == "PM", hour % 12 + 12, np.where(half == "AM", hour % 12, hour))
+        since_s = days * _DAY_S + 3600.0 * hour + 60.0 * minute + second
+        known = np.isfinite(since_s)
+        if texts["day"][0].as_py() in ("", None) and np.max(since_s[known]) < _DAY_S:  # beyond midnight
+            since_s[known] += _DAY_S * np.cumsum(np.diff(since_s[known], prepend=0.0) < -_DAY_S / 2.0)
+        seconds = pa.array(since_s, from_pandas=True)
         if parts.null_count > len(parts) - np.sum(is_filled(text)):  # so that an error can name such a cell
             written = pc.replace_substring(seconds.cast(pa.string()), ".", decimal)
             seconds = pc.if_else(pc.is_null(parts), text, written)
@@ -180,23 +191,6 @@ def clocks_of(columns: pa.Table) -> frozenset[str]:
     )
 
 
-def _seconds(parts: pa.ChunkedArray) -> tuple[pa.Array, str]:
-    """Return the seconds since midnight of the first day, and a note on the order of day and month."""
-    texts = {name: pc.struct_field(parts, name) for name in ("day", "hour", "minute", "second", "half")}
-    points = (pc.replace_substring_regex(texts[name], "[,:]", ".") for name in ("hour", "minute", "second"))
-    filled = (pc.cast(pc.if_else(pc.equal(text, ""), "0", text), pa.float64()) for text in points)
-    hour, minute, second = (np.asarray(numbers.to_numpy(zero_copy_only=False)) for numbers in filled)
-    half = pc.utf8_upper(texts["half"]).to_numpy(zero_copy_only=False)
-    hour = np.where(half == "PM", hour % 12 + 12, np.where(half == "AM", hour % 12, hour))
-    days, order = _days(texts["day"])
-    seconds = days * _DAY_S + 3600.0 * hour + 60.0 * minute + second
-    known = np.isfinite(seconds)
-    if texts["day"][0].as_py() in ("", None) and np.max(seconds[known]) < _DAY_S:
-        back = np.diff(seconds[known], prepend=0.0) < -_DAY_S / 2.0
-        seconds[known] += _DAY_S * np.cumsum(back)
-    return pa.array(seconds, from_pandas=True), order
-
-
 def _days(text: pa.ChunkedArray) -> tuple[FloatArray, str]:
     """Return the days since the first day, and a note on the order of day and month.
 
@@ -208,21 +202,17 @@ def _days(text: pa.ChunkedArray) -> tuple[FloatArray, str]:
     read: dict[str, FloatArray] = {}
     for order in ("month/day", "day/month"):
         with suppress(ValueError):
-            read[order] = np.array([_ordinal(day, order) for day in texts], dtype=np.float64)
+            days = []
+            for day in texts:  # `order` applies to slashes; with points, the day comes first
+                parts = [int(part) for part in re.split(r"[-./]", day)] if day else []
+                if parts and parts[0] <= 31:
+                    swapped = "/" in day and order == "month/day"
+                    parts = [parts[2], *(parts[:2] if swapped else parts[1::-1])]
+                days.append(date(*parts).toordinal() if parts else 0)
+            read[order] = np.array(days, dtype=np.float64)
     if not read:
         raise ValueError(texts)
     order = min(read, key=lambda order: float(np.ptp(read[order])))  # the shortest recording is likely
     values = read[order][coded.indices.fill_null(0).to_numpy(zero_copy_only=False)]
     order_matters = np.ptp(values) > 0.0 and any("/" in (day or "")[:3] for day in texts)
     return np.asarray(values - values.min()), f" as {order}" if order_matters else ""
-
-
-def _ordinal(day: str, order: str) -> int:
-    """Return the ordinal of a day. `order` applies to slashes; with points, the day comes first."""
-    if not day:
-        return 0
-    first, second, third = map(int, re.split(r"[-./]", day))
-    if first > 31:
-        return date(first, second, third).toordinal()
-    month, of_month = (first, second) if "/" in day and order == "month/day" else (second, first)
-    return date(third, month, of_month).toordinal()

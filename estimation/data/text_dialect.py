@@ -5,7 +5,7 @@ import re
 import shlex
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
-from itertools import islice
+from itertools import islice, zip_longest
 from pathlib import Path
 
 from palpate.estimation.data.column_names import (
@@ -59,11 +59,12 @@ def find_layouts(rows: Sequence[Sequence[str]], decimal: str) -> Iterator[Layout
         decimal: mark in numbers.
     """
     for first in range(1, len(rows)):
-        if sum(_numbers(rows[first], decimal)) < FEWEST_NUMBERS or not _has_consistent_columns(
-            rows, decimal, first
-        ):
-            continue
         body = rows[first : first + _ALIKE]
+        few = (sum(_numbers(row, decimal)) < FEWEST_NUMBERS for row in body if any(row) or row is body[0])
+        columns = zip_longest(*body, fillvalue="")  # each holds numbers or words alone; cells may be empty
+        kinds = ({is_number(cell, decimal) for cell in column if not is_missing(cell)} for column in columns)
+        if any(few) or any(len(kind) > 1 for kind in kinds):
+            continue
         width = max(len(_strip_empty(row)) for row in body)
         if "columns" in (remarks := _remarks_above(rows, first, width, decimal)):
             pairs = zip(remarks["columns"], remarks.get("units", [""] * width), strict=True)
@@ -84,11 +85,13 @@ def find_layouts(rows: Sequence[Sequence[str]], decimal: str) -> Iterator[Layout
             ]
             filled = sum(map(bool, map(str.strip, row)))
             is_remark = filled < 2 and not row[0].strip()  # such as the channel of one column
-            if (
-                not header
-                and first - place <= _MOST_SETTINGS
-                and (is_remark or _is_setting(row, rows[first], decimal))
-            ):
+            is_setting = (  # such as "Range,10,50,100"
+                len(_strip_empty(row)) <= len(_strip_empty(body[0]))
+                and is_number(body[0][0], decimal)
+                and (row[0].strip() and not is_number(row[0], decimal))
+                and any(_numbers(row[1:], decimal))
+            )
+            if not header and first - place <= _MOST_SETTINGS and (is_remark or is_setting):
                 continue
             if labelled and len(_strip_empty(row)) == width - 1:  # as R writes names of rows
                 row = ["", *row]
@@ -158,27 +161,6 @@ def preamble_words(lines: int) -> tuple[str, ...]:
         lines: number of lines.
     """
     return (f"a preamble of {lines} line{'s' if lines > 1 else ''}",) if lines else ()
-
-
-def _has_consistent_columns(rows: Sequence[Sequence[str]], decimal: str, first: int) -> bool:
-    """Return whether the next rows have numbers in the same columns; cells may be empty."""
-    kinds: dict[int, bool] = {}
-    for row in rows[first : first + _ALIKE]:
-        if sum(map(bool, row)) > 0 and sum(_numbers(row, decimal)) < FEWEST_NUMBERS:
-            return False
-        for place, cell in enumerate(row):
-            number = is_number(cell, decimal)
-            if not is_missing(cell) and kinds.setdefault(place, number) != number:
-                return False
-    return True
-
-
-def _is_setting(row: Sequence[str], numbers: Sequence[str], decimal: str) -> bool:
-    """Return whether a row between names and numbers holds settings, such as "Range,10,50,100"."""
-    if len(_strip_empty(row)) > len(_strip_empty(numbers)) or not is_number(numbers[0], decimal):
-        return False
-    first, *settings = row
-    return bool(first.strip()) and not is_number(first, decimal) and any(_numbers(settings, decimal))
 
 
 def is_number(cell: str, decimal: str) -> bool:
@@ -306,35 +288,28 @@ def find_dialect(content: bytes) -> TextDialect | None:
         own = TextTable(named, lines[0][0], end.end() if end else len(content), (), counts)
         return replace(dialect, tables=(own, *(table for table in dialect.tables if table.head > own.head)))
     dialects = [_dialect(lines, delimiter) for delimiter in (*DELIMITERS, BLANKS)]
+    if not any(dialect.tables for dialect in dialects):
+        # Rows of numbers without names: the first delimiter that leaves fewest other cells is taken.
+        nameless = list[tuple[int, TextDialect]]()
+        comments = next((n for n, (_, text) in enumerate(lines) if text[:1] not in _COMMENT_SIGNS), 0)
+        begin, texts = lines[comments][0], [text for _, text in lines[comments:][:_ALIKE]]
+        for delimiter in (*DELIMITERS, BLANKS):
+            rows = list(_cells(texts, delimiter))
+            decimal = "," if commas_decide(rows, in_doubt=delimiter != ",") else "."
+            columns, numbers = len(rows[0]), [sum(_numbers(row, decimal)) for row in rows]
+            if columns >= FEWEST_NUMBERS <= min(numbers) and all(len(row) == columns for row in rows):
+                words = sum(not is_missing(cell) for row in rows for cell in row) - sum(numbers)
+                names = [f"column {number}" for number in range(1, columns + 1)]
+                table = TextTable(tuple(names), begin, begin, (), True)
+                nameless.append((words, TextDialect(delimiter, decimal, (table,))))
+        return min(nameless, key=lambda option: option[0], default=(0, None))[1]
 
     def width(dialect: TextDialect) -> int:
         heads = [*(table.head for table in dialect.tables[1:]), len(content)]
         sizes = [end - table.start for end, table in zip(heads, dialect.tables, strict=True)]
         return len(dialect.tables[sizes.index(max(sizes))].names)
 
-    return max(
-        (dialect for dialect in dialects if dialect.tables), key=width, default=_nameless_dialect(lines)
-    )
-
-
-def _nameless_dialect(lines: list[tuple[int, str]]) -> TextDialect | None:
-    """Return the dialect of rows of numbers without names; None if the first rows are not numbers.
-
-    Of several delimiters, the first that leaves the fewest non-numeric cells is taken.
-    """
-    dialects = list[tuple[int, TextDialect]]()
-    comments = next((n for n, (_, text) in enumerate(lines) if text[:1] not in _COMMENT_SIGNS), 0)
-    lines = lines[comments:]
-    for delimiter in (*DELIMITERS, BLANKS):
-        rows = list(_cells([text for _, text in lines[:_ALIKE]], delimiter))
-        decimal = "," if commas_decide(rows, in_doubt=delimiter != ",") else "."
-        width, numbers = len(rows[0]), [sum(_numbers(row, decimal)) for row in rows]
-        if width >= FEWEST_NUMBERS <= min(numbers) and all(len(row) == width for row in rows):
-            words = sum(not is_missing(cell) for row in rows for cell in row) - sum(numbers)
-            names = tuple(f"column {number}" for number in range(1, width + 1))
-            table = TextTable(names, lines[0][0], lines[0][0], (), True)
-            dialects.append((words, TextDialect(delimiter, decimal, (table,))))
-    return min(dialects, key=lambda option: option[0], default=(0, None))[1]
+    return max((dialect for dialect in dialects if dialect.tables), key=width)
 
 
 def _sample_lines(content: bytes) -> list[tuple[int, str]]:

@@ -367,7 +367,13 @@ def as_utf8(content: bytes, path: Path) -> tuple[bytes, str]:
     """
     if content.startswith(codecs.BOM_UTF8):
         content = content[len(codecs.BOM_UTF8) :]
-    encoding = _encoding(content)
+    encoding, head = (
+        next((name for mark, name in _MARKS if content.startswith(mark)), ""),
+        content[:_LOOKED_AT],
+    )
+    for name, zeros, letters in (("utf-16-le", head[1::2], head[::2]), ("utf-16-be", head[::2], head[1::2])):
+        if len(head) >= 4 and not encoding and zeros.count(0) > 0.9 * len(zeros) and not letters.count(0):
+            encoding = name
     if not encoding and content.count(b"\0") <= _FEW_ZEROS * len(content):
         content = content.replace(b"\0", b"")
     try:
@@ -378,10 +384,12 @@ def as_utf8(content: bytes, path: Path) -> tuple[bytes, str]:
     except UnicodeDecodeError:
         if encoding:
             raise _no_text(content, path) from None
-        encoding = next(
-            (name for name in _ENCODINGS if _has_known_word(content[:_LOOKED_AT], name)), "cp1252"
-        )
-        if encoding == "cp1252" and any(byte in _CONTROLS for byte in content[:_LOOKED_AT]):
+        head = content[:_LOOKED_AT]  # the last character may be cut off
+        texts = {name: codecs.getincrementaldecoder(name)("replace").decode(head) for name in _ENCODINGS}
+        texts = {name: text.lower() for name, text in texts.items() if "�" not in text}
+        known = (name for name, text in texts.items() if any(word in text for word in FOREIGN_WORDS))
+        encoding = next(known, "cp1252")
+        if encoding == "cp1252" and any(byte in _CONTROLS for byte in head):
             raise _no_text(content, path) from None
         return content.decode(encoding, errors="replace").encode(), encoding
     if b"\0" in content:
@@ -389,29 +397,6 @@ def as_utf8(content: bytes, path: Path) -> tuple[bytes, str]:
     return content, ""
 
 
-def _has_known_word(content: bytes, encoding: str) -> bool:
-    """Return whether the beginning of a text in an encoding contains a foreign word for a quantity."""
-    try:  # the last character may be cut off
-        text = codecs.getincrementaldecoder(encoding)().decode(content).lower()
-    except UnicodeDecodeError:
-        return False
-    return any(word in text for word in FOREIGN_WORDS)
-
-
 def _no_text(content: bytes, path: Path) -> InputError:
     formats = (words for begins, words in _OTHERS if content.startswith(begins))
     return InputError(f"{path}: {next(formats, 'is not a text file; save it as CSV in UTF-8')}")
-
-
-def _encoding(content: bytes) -> str:
-    """Detect UTF-16 of either byte order; empty otherwise."""
-    for mark, encoding in _MARKS:
-        if content.startswith(mark):
-            return encoding
-    head = content[:_LOOKED_AT]
-    even, odd = head[::2], head[1::2]
-    if len(head) < 4:
-        return ""
-    if odd.count(0) > 0.9 * len(odd) and even.count(0) == 0:
-        return "utf-16-le"
-    return "utf-16-be" if even.count(0) > 0.9 * len(even) and odd.count(0) == 0 else ""

@@ -159,10 +159,22 @@ def contact_channels(ticks: Samples, *, tared: bool) -> tuple[ChannelData, ...]:
     good = _valid_ticks(ticks, "encoder_status", "force_status") & (ticks["run"] != NO_RUN)
     chosen = ticks.select(good, _OF_CONTACTS)
     contacts = find_contacts(chosen["force_n"], chosen["run"], chosen["phase"])
-    places = _group_by_place(chosen, [contact for contact in contacts if len(contact.rows) >= _FEWEST])
+    places: list[tuple[FloatArray, list[Contact]]] = []  # centre, and the contacts that touched it
+    for contact in contacts:
+        if len(contact.rows) < _FEWEST:
+            continue
+        first = contact.rows[0]
+        direction, tip = chosen[DIRECTION][first], chosen["tip_position_world_m"][first]
+        centre = np.concatenate([tip - (tip @ direction) * direction, _SAME_PLACE_M * 10 * direction])
+        near = (touches for middle, touches in places if np.linalg.norm(centre - middle) < _SAME_PLACE_M)
+        if (touches := next(near, None)) is None:
+            places.append((centre, [contact]))
+        else:
+            touches.append(contact)
     names = ["contact"] if len(places) == 1 else [f"contact_{number}" for number in range(1, len(places) + 1)]
     return tuple(
-        _contact_channel(name, chosen, place, tared=tared) for name, place in zip(names, places, strict=True)
+        _contact_channel(name, chosen, touches, tared=tared)
+        for name, (_, touches) in zip(names, places, strict=True)
     )
 
 
@@ -276,21 +288,6 @@ def _interpolate_per_clock(
         if known.any():
             runs[rows] = np.interp(time_s[rows], sampled_at_s[rows][known], values[rows][known])
     return runs
-
-
-def _group_by_place(ticks: Samples, contacts: list[Contact]) -> list[list[Contact]]:
-    """Group the contacts by the place that they touched."""
-    places: list[tuple[FloatArray, list[Contact]]] = []
-    for contact in contacts:
-        first = contact.rows[0]
-        direction, tip = ticks[DIRECTION][first], ticks["tip_position_world_m"][first]
-        centre = np.concatenate([tip - (tip @ direction) * direction, _SAME_PLACE_M * 10 * direction])
-        near = (touches for middle, touches in places if np.linalg.norm(centre - middle) < _SAME_PLACE_M)
-        if (touches := next(near, None)) is None:
-            places.append((centre, [contact]))
-        else:
-            touches.append(contact)
-    return [touches for _, touches in places]
 
 
 def _contact_channel(name: str, ticks: Samples, contacts: list[Contact], *, tared: bool) -> ChannelData:
