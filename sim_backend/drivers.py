@@ -128,6 +128,17 @@ class SimulatedBus(JointBus):
         self.force = _reading(world.force_sensor.read(now_s), 1)
 
     def stage(self, torque_nm: FloatArray) -> FloatArray:
+        """See `JointBus.stage`; rounded to the drives' steps, then clipped to the URDF's effort limits.
+
+        Args:
+            torque_nm: along the joint axes, shape (n,) [N m].
+
+        Returns:
+            The torques that the next `flush` applies, shape (n,) [N m].
+
+        Raises:
+            LifecycleError: the torque is off.
+        """
         if not self._powered:
             raise LifecycleError("the drives are off: activate them before the first command")
         step_nm, limits_nm = self.scenario.sensors.torque.command_resolution_nm, self.world.torque_limit_nm
@@ -146,6 +157,11 @@ class SimulatedBus(JointBus):
             self._world.set_torque(np.zeros(self._world.joint_count))
 
     def flush(self, deadline_s: float) -> None:
+        """Apply the staged torques from now on, once the world has caught up with the clock.
+
+        Args:
+            deadline_s: robot's clock [s]; it does not matter here.
+        """
         if self._staged_torque_nm is not None:
             self.world.advance_to(self._clock.now_s())
             self.world.set_torque(self._staged_torque_nm)

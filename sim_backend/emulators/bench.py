@@ -47,7 +47,7 @@ class Plant:
         self.force: tuple[float, Status] | None = None
 
     def set_torque(self, joint: int, torque_nm: float) -> None:
-        """Set the torque of the motor of `joint` (from 0) [N m].
+        """Set the torque of a joint's motor.
 
         Args:
             joint: from 0.
@@ -61,7 +61,7 @@ class Plant:
         self.world.set_torque(self._torque_nm)
 
     def advance_to(self, time_s: float) -> None:
-        """Let physics pass up to `time_s` [s] on the bench's clock, and sample all sensors.
+        """Let physics pass up to a time, and sample all sensors.
 
         Args:
             time_s: bench's clock [s].
@@ -79,10 +79,13 @@ class Plant:
             self.force = (force.value[0], force.status)
 
     def joint(self, joint: int) -> JointState:
-        """The newest sample of `joint` (from 0).
+        """Return the newest sample of a joint.
 
         Args:
             joint: from 0.
+
+        Returns:
+            Its position, velocity and torque.
         """
         return self._joints[joint]
 
@@ -109,7 +112,7 @@ class Shaft:
         self.limp = self.backwards = False
 
     def exert(self, torque_nm: float) -> None:
-        """Set the motor's torque [N m]; a second motor's torque adds to it.
+        """Set the motor's torque; that of a second motor on the joint adds to it.
 
         Args:
             torque_nm: of this motor at the joint [N m].
@@ -186,7 +189,7 @@ class Bench:
             clock.subscribe(self.advance_to)
 
     def advance_to(self, time_s: float) -> None:
-        """Let time pass up to `time_s` [s].
+        """Let time pass up to a time.
 
         Args:
             time_s: bench's clock [s].
@@ -234,7 +237,7 @@ class Bench:
 
 
 def heard_at(master: int, baud_rate: int | None) -> bool:
-    """Return whether a device at `baud_rate` [bit/s] understands the host; always for None.
+    """Check whether a device hears the host at its baud rate.
 
     The host has set the speed at the other end of `master`, the device's file. Rates without a number in
     termios cannot be distinguished.
@@ -242,6 +245,9 @@ def heard_at(master: int, baud_rate: int | None) -> bool:
     Args:
         master: file descriptor of the device's end.
         baud_rate: of the device [bit/s]; None for any.
+
+    Returns:
+        Whether the rates agree; always for None.
     """
     speed = getattr(termios, f"B{baud_rate}", None)
     return speed is None or termios.tcgetattr(master)[4] == speed

@@ -19,36 +19,110 @@ _BUS_OFF_ERROR_FRAME = 0x040  # linux/can/error.h: CAN_ERR_BUSOFF
 _STRANGER = 0x7E5  # an id that none of the nodes has
 
 
-class CanNode(ABC):
-    """One device on the bus."""
+class MotorPlace(FileModel, extra="ignore"):
+    """Settings in a robot file that any motor has for its joint."""
 
-    number: int  # its node or motor id, which faults name it by
+    gear_ratio: Positive = 1.0
+    reversed: bool = False
+    zero_rad: Number = 0.0
 
-    @abstractmethod
+    @property
+    def mounting(self) -> dict[str, float]:
+        """For an emulated motor."""
+        return {
+            "gear_ratio": -self.gear_ratio if self.reversed else self.gear_ratio,
+            "zero_rad": self.zero_rad,
+        }
+
+
+class EmulatedMotor(ABC):
+    """One motor, by its id, on a joint of the plant (from 0).
+
+    Its shaft turns `gear_ratio` times for one turn of the joint, negative if reversed, and is at zero when
+    the joint is at `zero_rad` [rad]. Faults name it by its number.
+    """
+
+    def __init__(
+        self, number: int, joint: int, plant: Plant, *, gear_ratio: float = 1.0, zero_rad: float = 0.0
+    ) -> None:
+        self.number = number
+        self._joint, self._plant, self._gear_ratio, self._zero_rad = joint, plant, gear_ratio, zero_rad
+        self._heard_s = self._silent_until_s = -math.inf
+        self._stuck: JointState | None = None
+
+    @property
+    def shaft(self) -> JointState:
+        """Angle, speed and torque of its shaft as they are."""
+        return self._at_shaft(self._plant.joint(self._joint))
+
+    @property
+    def shown(self) -> JointState:
+        """The same, as its encoder shows them."""
+        return self._at_shaft(self._stuck or self._plant.joint(self._joint))
+
+    def _at_shaft(self, motion: JointState) -> JointState:
+        torque_nm = self._plant.joint(self._joint).torque_nm  # which no encoder measures
+        ratio = self._gear_ratio
+        angle_rad = (motion.position_rad - self._zero_rad) * ratio
+        return JointState(angle_rad, motion.velocity_rad_s * ratio, torque_nm / ratio)
+
+    def _exert(self, shaft_nm: float) -> None:
+        self._plant.set_torque(self._joint, shaft_nm * self._gear_ratio)
+
     def hear(self, message: can.Message, now_s: float) -> list[can.Message]:
-        """Act on a frame; returns the answers.
+        """Act on a frame on the bus, unless the motor is starting.
 
         Args:
-            message: frame on the bus.
+            message: for this motor or another.
             now_s: bench's clock [s].
+
+        Returns:
+            The answers.
         """
+        return [] if now_s < self._silent_until_s else self._hear(message, now_s)
+
+    @abstractmethod
+    def _hear(self, message: can.Message, now_s: float) -> list[can.Message]:
+        """Act on a frame on the bus, and return the answers."""
 
     @abstractmethod
     def tell(self, now_s: float) -> list[can.Message]:
-        """Return the unsolicited frames of the node at this time.
+        """Check the watchdog, and return the frames that the motor sends without a request.
 
         Args:
             now_s: bench's clock [s].
+
+        Returns:
+            The frames; none as a rule.
         """
 
-    @abstractmethod
     def strike(self, fault: Fault, now_s: float) -> None:
-        """Suffer a fault of the device itself: alert, reboot, or an encoder that is stuck from now on.
+        """Suffer a fault of the motor itself: alert, reboot, or an encoder that is stuck from now on.
 
         Args:
             fault: to suffer.
             now_s: bench's clock [s].
         """
+        if fault.kind is FaultKind.ALERT:
+            self._fail()
+        elif fault.kind is FaultKind.STUCK:
+            self._stuck = self._stuck or self._plant.joint(self._joint)
+        elif fault.kind is FaultKind.REBOOT:
+            self._start_up()
+            self._silent_until_s = now_s + fault.delay_s
+        self._drive()
+
+    @abstractmethod
+    def _fail(self) -> None:
+        """Raise a device error."""
+
+    @abstractmethod
+    def _start_up(self) -> None:
+        """Be as after power-up."""
+
+    @abstractmethod
+    def _drive(self) -> None:
+        """Apply the commanded torque, if the motor is enabled."""
 
 
 class CanWire(FrameWire[can.Message]):
@@ -59,7 +133,7 @@ class CanWire(FrameWire[can.Message]):
     stamps, its frames carry the bench's time.
     """
 
-    def __init__(self, bus: can.BusABC, nodes: Sequence[CanNode], faults: Faults | None = None) -> None:
+    def __init__(self, bus: can.BusABC, nodes: Sequence[EmulatedMotor], faults: Faults | None = None) -> None:
         super().__init__(faults)
         self._bus = bus
         self._nodes = tuple(nodes)
@@ -94,7 +168,7 @@ class CanWire(FrameWire[can.Message]):
     def close(self) -> None:
         self._bus.shutdown()
 
-    def _deliver_all(self, node: CanNode, messages: Sequence[can.Message], now_s: float) -> None:
+    def _deliver_all(self, node: EmulatedMotor, messages: Sequence[can.Message], now_s: float) -> None:
         for message in messages:
             self._deliver(node.number, message, now_s)
 
@@ -129,12 +203,15 @@ _numbers = count()
 
 
 def open_virtual_bus(*, in_lock_step: bool) -> tuple[can.BusABC, dict[str, Any]]:
-    """The devices' end, opened, and the driver's settings for the other.
+    """Open the devices' end of a new virtual bus.
 
     In lock-step frames carry the time of the simulated clock; else the wall clock's, as on a real adapter.
 
     Args:
         in_lock_step: whether the clock is a simulated one.
+
+    Returns:
+        The opened end, and the driver's settings for the other.
     """
     channel = f"palpate-{os.getpid()}-{next(_numbers)}"
     options: dict[str, Any] = {"preserve_timestamps": in_lock_step}
@@ -143,88 +220,18 @@ def open_virtual_bus(*, in_lock_step: bool) -> tuple[can.BusABC, dict[str, Any]]
     return bus, {"interface": "virtual", "channel": channel, "options": options, "timestamps": timestamps}
 
 
-class MotorPlace(FileModel, extra="ignore"):
-    """Settings in a robot file that any motor has for its joint."""
-
-    gear_ratio: Positive = 1.0
-    reversed: bool = False
-    zero_rad: Number = 0.0
-
-    @property
-    def mounting(self) -> dict[str, float]:
-        """For an emulated motor."""
-        return {
-            "gear_ratio": -self.gear_ratio if self.reversed else self.gear_ratio,
-            "zero_rad": self.zero_rad,
-        }
-
-
-class EmulatedMotor(CanNode):
-    """One motor, by its id, on a joint of the plant (from 0).
-
-    Its shaft turns `gear_ratio` times for one turn of the joint, negative if reversed, and is at zero when
-    the joint is at `zero_rad` [rad].
-    """
-
-    def __init__(
-        self, number: int, joint: int, plant: Plant, *, gear_ratio: float = 1.0, zero_rad: float = 0.0
-    ) -> None:
-        self.number = number
-        self._joint, self._plant, self._gear_ratio, self._zero_rad = joint, plant, gear_ratio, zero_rad
-        self._heard_s = self._silent_until_s = -math.inf
-        self._stuck: JointState | None = None
-
-    @property
-    def shaft(self) -> JointState:
-        """Angle, speed and torque of its shaft as they are."""
-        return self._at_shaft(self._plant.joint(self._joint))
-
-    @property
-    def shown(self) -> JointState:
-        """The same, as its encoder shows them."""
-        return self._at_shaft(self._stuck or self._plant.joint(self._joint))
-
-    def _at_shaft(self, motion: JointState) -> JointState:
-        torque_nm = self._plant.joint(self._joint).torque_nm  # which no encoder measures
-        ratio = self._gear_ratio
-        angle_rad = (motion.position_rad - self._zero_rad) * ratio
-        return JointState(angle_rad, motion.velocity_rad_s * ratio, torque_nm / ratio)
-
-    def _exert(self, shaft_nm: float) -> None:
-        self._plant.set_torque(self._joint, shaft_nm * self._gear_ratio)
-
-    def strike(self, fault: Fault, now_s: float) -> None:
-        if fault.kind is FaultKind.ALERT:
-            self._fail()
-        elif fault.kind is FaultKind.STUCK:
-            self._stuck = self._stuck or self._plant.joint(self._joint)
-        elif fault.kind is FaultKind.REBOOT:
-            self._start_up()
-            self._silent_until_s = now_s + fault.delay_s
-        self._drive()
-
-    @abstractmethod
-    def _fail(self) -> None:
-        """Raise a device error."""
-
-    @abstractmethod
-    def _start_up(self) -> None:
-        """Be as after power-up."""
-
-    @abstractmethod
-    def _drive(self) -> None:
-        """Apply the commanded torque, if the motor is enabled."""
-
-
 def wire_of(
-    request: WireRequest, motors: Sequence[Any], make: Callable[[int, Any], CanNode]
+    request: WireRequest, motors: Sequence[Any], make: Callable[[int, Any], EmulatedMotor]
 ) -> tuple[EmulatedWire, dict[str, Any]]:
-    """A bus with a node for each of `motors`, made from its joint and its settings; see `WireMaker.make`.
+    """Make a bus with one emulated motor per joint; see `WireMaker.make`.
 
     Args:
         request: the bus to emulate.
         motors: settings of each, from base to tip.
         make: makes a node from joint (from 0) and settings.
+
+    Returns:
+        Wire and settings.
     """
     nodes = [make(joint, motor) for joint, motor in enumerate(motors)]
     bus, reach = open_virtual_bus(in_lock_step=request.in_lock_step)

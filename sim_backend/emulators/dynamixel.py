@@ -31,10 +31,13 @@ _TOO_LONG = 0x3FF  # no servo takes more
 
 
 def checksum(data: bytes) -> int:
-    """Divide by x^16 + x^15 + x^2 + 1, most significant bit first, remainder 0 at the start.
+    """Compute the CRC-16 of x^16 + x^15 + x^2 + 1, most significant bit first, 0 at the start.
 
     Args:
         data: bytes that it covers.
+
+    Returns:
+        The remainder, from 0 to FFFF.
     """
     remainder = 0
     for byte in data:
@@ -83,12 +86,15 @@ class DynamixelReceiver(Receiver):
 
 
 def status(servo_id: int, error: int, data: bytes = b"") -> bytes:
-    """A status packet.
+    """Make a status packet.
 
     Args:
         servo_id: of the sender.
         error: number, with the alert bit.
         data: parameters.
+
+    Returns:
+        The packet, with its checksum.
     """
     body = (bytes((STATUS_INSTRUCTION, error)) + data).replace(_START, _STUFFED)
     length = len(body) + 2

@@ -86,6 +86,9 @@ def items_of(model: EmulatedModel, servo_id: int, firmware: int) -> dict[int, It
         model: of the servo.
         servo_id: its id.
         firmware: version.
+
+    Returns:
+        The rows.
     """
     rows = [
         Item(0, 2, False, model.number),
@@ -151,10 +154,13 @@ class Memory:
                 self.put(item.address, item.initial)
 
     def get(self, address: int) -> int:
-        """The value of an item; negative ones by its range.
+        """Return the value of an item.
 
         Args:
             address: of the item.
+
+        Returns:
+            The value, signed if the item's range goes below zero.
         """
         item = self._items[address]
         signed = item.low is not None and item.low < 0
@@ -173,11 +179,14 @@ class Memory:
         self._bytes[address : address + item.size] = data
 
     def read(self, address: int, size: int) -> bytes | Error:
-        """What an instruction reads, or why it cannot.
+        """Read consecutive bytes for an instruction.
 
         Args:
             address: of the first byte.
             size: bytes.
+
+        Returns:
+            The bytes, or why they cannot be read.
         """
         if size < 1 or address + size > len(self._bytes):
             return Error.ACCESS
@@ -274,11 +283,14 @@ class EmulatedServo(LineServo):
         return self._model.number.to_bytes(2, "little") + bytes((firmware,))
 
     def read(self, address: int, size: int) -> bytes | Error:
-        """Answer a read.
+        """Answer a read, with the newest sample of the sensors.
 
         Args:
             address: of the first byte.
             size: bytes.
+
+        Returns:
+            The bytes, or why they cannot be read.
         """
         self._sample_position()
         return self.memory.read(address, size)
@@ -289,6 +301,9 @@ class EmulatedServo(LineServo):
         Args:
             address: of the first byte.
             data: bytes to write.
+
+        Returns:
+            The error, if any.
         """
         mode = self.memory.get(OPERATING_MODE)
         error = self.memory.write(address, data, self._allowed)

@@ -50,10 +50,13 @@ class Fault(FileModel):
     delay_s: NotNegative = 0.0  # how late, or how long away, for the kinds that need it [s]
 
     def lasts_at(self, elapsed_s: float) -> bool:
-        """Whether it can strike `elapsed_s` after the start of the emulator [s].
+        """Check whether the fault can strike at a time.
 
         Args:
             elapsed_s: since the start of the emulator [s].
+
+        Returns:
+            Whether it can.
         """
         return 0.0 <= elapsed_s - self.from_s < (inf if self.for_s is None else self.for_s)
 
@@ -86,12 +89,15 @@ class Faults:
         self._struck = {}
 
     def strikes(self, kind: FaultKind, device: str | int, now_s: float) -> Fault | None:
-        """The fault of this kind that strikes `device` at `now_s` [s], or None. Each call is a chance.
+        """Draw whether a fault of this kind strikes a device now; each call is a chance.
 
         Args:
             kind: what could go wrong.
             device: by the name or number that its emulator has for it.
             now_s: emulator's clock [s].
+
+        Returns:
+            The fault, or None.
         """
         elapsed_s = now_s - self._start_s
         for place, fault in enumerate(self._planned):
@@ -107,20 +113,26 @@ class Faults:
         return None
 
     def lose_a_byte(self, frame: bytes) -> bytes:
-        """The frame without one of its bytes.
+        """Remove one byte of a frame, drawn at random.
 
         Args:
             frame: at least one byte.
+
+        Returns:
+            The shorter frame.
         """
         place = int(self.generator.integers(len(frame)))
         return frame[:place] + frame[place + 1 :]
 
     def flip_a_bit(self, frame: bytes, first: int = 0) -> bytes:
-        """The frame with one bit changed, at or after byte `first`.
+        """Flip one bit of a frame, drawn at random.
 
         Args:
             frame: bytes.
             first: byte from which on a bit may change.
+
+        Returns:
+            The damaged frame.
         """
         changed = bytearray(frame)
         place = int(self.generator.integers(first, len(frame)))

@@ -51,6 +51,9 @@ def inverted_sum(content: bytes | bytearray) -> int:
 
     Args:
         content: bytes between header and checksum.
+
+    Returns:
+        One byte: all bits of their sum inverted.
     """
     total = 0
     for byte in content:
@@ -59,12 +62,15 @@ def inverted_sum(content: bytes | bytearray) -> int:
 
 
 def status(servo_id: int, error: int, data: bytes = b"") -> bytes:
-    """A status packet.
+    """Make a status packet.
 
     Args:
         servo_id: of the sender.
         error: bits.
         data: parameters.
+
+    Returns:
+        The packet, with its checksum.
     """
     content = bytes((servo_id, len(data) + 2, error)) + data
     return b"\xff\xff" + content + bytes((inverted_sum(content),))
@@ -138,11 +144,14 @@ class EmulatedSts(LineServo):
         self._sample_position()
 
     def get(self, address: int, size: int = 2) -> int:
-        """A value of its memory, without a sign.
+        """Return a value of the memory.
 
         Args:
             address: of the first byte.
             size: bytes.
+
+        Returns:
+            The value, without a sign.
         """
         return int.from_bytes(self._memory[address : address + size], "little")
 
@@ -170,6 +179,9 @@ class EmulatedSts(LineServo):
         Args:
             address: of the first byte.
             size: bytes.
+
+        Returns:
+            The bytes.
         """
         return bytes(self._memory[address : address + size])
 
@@ -208,6 +220,12 @@ class EmulatedSts(LineServo):
         self.error |= OVERLOAD
 
     def reboot(self, now_s: float, away_s: float) -> None:
+        """See `LineServo.reboot`; values below address 40 are as last saved, the others as delivered.
+
+        Args:
+            now_s: bench's clock [s].
+            away_s: how long it has no power [s].
+        """
         delivered = {address: (size, value) for address, size, value in _TABLE if address >= EPROM_END}
         self._memory[:EPROM_END] = self._saved
         for address, (size, value) in delivered.items():

@@ -32,16 +32,20 @@ from palpate.sim_backend.emulators.wiring import WireMaker, WireRequest
 
 _ALERT = 6  # MOSFET over temperature
 _TEMPERATURE = 25
+_NO_COMMAND = (0.0, 0.0, 0.0, 0.0, 0.0)  # position, velocity, stiffness, damping, torque
 Limits = tuple[float, float, float]  # of position [rad], velocity [rad/s] and torque [N m]
 
 
 def to_uint(value: float, limit: float, bits: int) -> int:
-    """Manual: (x - x_min) (2^bits - 1) / (x_max - x_min), cut off to an integer.
+    """Encode a number by the manual: (x - x_min) (2^bits - 1) / (x_max - x_min), cut off to an integer.
 
     Args:
         value: in the unit of its limit; cut at it.
         limit: end of the range.
         bits: of the integer.
+
+    Returns:
+        From 0 to 2^bits - 1.
     """
     value = min(max(value, -limit), limit)
     return int((value + limit) * ((1 << bits) - 1) / (2 * limit))
@@ -76,12 +80,12 @@ class EmulatedMitMotor(EmulatedMotor):
         self._host_id, self.timeout_s, self._deaf_when_off = host_id, timeout_s, deaf_when_off
         self.enabled = False
         self.error = 0
-        self._command = (0.0, 0.0, 0.0, 0.0, 0.0)
+        self._command = _NO_COMMAND
         self._start_up()
 
-    def hear(self, message: can.Message, now_s: float) -> list[can.Message]:
+    def _hear(self, message: can.Message, now_s: float) -> list[can.Message]:
         for_me = message.arbitration_id == self.number and not message.is_extended_id
-        if not for_me or message.is_remote_frame or len(message.data) != 8 or now_s < self._silent_until_s:
+        if not for_me or message.is_remote_frame or len(message.data) != 8:
             return []
         data = bytes(message.data)
         is_special = data[:7] == b"\xff" * 7 and data[7] in (0xFC, 0xFD, 0xFE)
@@ -91,7 +95,7 @@ class EmulatedMitMotor(EmulatedMotor):
         if is_special:
             if data[7] != 0xFE:
                 self.enabled = data[7] == 0xFC
-            self._command = (0.0, 0.0, 0.0, 0.0, 0.0)
+            self._command = _NO_COMMAND
         else:
             bits = int.from_bytes(data, "big")
             position, velocity, stiffness = bits >> 48, bits >> 36 & 0xFFF, bits >> 24 & 0xFFF
@@ -118,7 +122,14 @@ class EmulatedMitMotor(EmulatedMotor):
         self._exert(torque_nm)
 
     def tell(self, now_s: float) -> list[can.Message]:
-        """See `CanNode.tell`: no unsolicited frames; the CAN timeout is checked here."""
+        """See `EmulatedMotor.tell`; the watchdog is its CAN timeout.
+
+        Args:
+            now_s: bench's clock [s].
+
+        Returns:
+            The frames; none.
+        """
         if self.enabled and self.timeout_s is not None and now_s - self._heard_s > self.timeout_s:
             self._time_out()
             self._drive()
@@ -126,7 +137,7 @@ class EmulatedMitMotor(EmulatedMotor):
 
     def _time_out(self) -> None:
         """Drop the command after its CAN timeout."""
-        self._command = (0.0, 0.0, 0.0, 0.0, 0.0)
+        self._command = _NO_COMMAND
 
     def _fail(self) -> None:
         self.error = _ALERT
@@ -179,16 +190,16 @@ class EmulatedDamiao(EmulatedMitMotor):
 
     registers: dict[int, float]
 
-    def hear(self, message: can.Message, now_s: float) -> list[can.Message]:
+    def _hear(self, message: can.Message, now_s: float) -> list[can.Message]:
         data = bytes(message.data)
-        if now_s < self._silent_until_s or message.is_extended_id:
+        if message.is_extended_id:
             return []
         if message.arbitration_id == 0x7FF:
             return self._keep(data)
         if message.arbitration_id == self.number and data == b"\xff" * 7 + b"\xfb":
             self.error = 0
             return [self._reply()]
-        return super().hear(message, now_s) if self.registers[_MODE] == DAMIAO_MIT else []
+        return super()._hear(message, now_s) if self.registers[_MODE] == DAMIAO_MIT else []
 
     def _keep(self, data: bytes) -> list[can.Message]:
         if len(data) != 8 or data[0] + 256 * data[1] != self.number or data[3] not in self.registers:
@@ -246,7 +257,7 @@ class EmulatedRobstride(EmulatedMitMotor):
     parameters: dict[int, float]
     _news: list[can.Message]  # sent without a request
 
-    def hear(self, message: can.Message, now_s: float) -> list[can.Message]:
+    def _hear(self, message: can.Message, now_s: float) -> list[can.Message]:
         kind, middle, target = (
             message.arbitration_id >> 24,
             message.arbitration_id >> 8 & 0xFFFF,
@@ -254,7 +265,7 @@ class EmulatedRobstride(EmulatedMitMotor):
         )
         data = bytes(message.data)
         whole = message.is_extended_id and not message.is_remote_frame and len(data) == 8
-        if not whole or target != self.number or now_s < self._silent_until_s:
+        if not whole or target != self.number:
             return []
         self._heard_s = now_s
         if kind == 17:
@@ -269,7 +280,7 @@ class EmulatedRobstride(EmulatedMitMotor):
         elif kind in (3, 4):
             self.error = 0 if kind == 4 and data[0] == 1 else self.error
             self.enabled = kind == 3 and not self.error
-            self._command = (0.0, 0.0, 0.0, 0.0, 0.0)
+            self._command = _NO_COMMAND
         elif kind == 1 and self.parameters[_RUN_MODE] == 0:
             position, velocity, stiffness, damping = (share / 65535 for share in struct.unpack(">4H", data))
             stiff = self._torque_limit > 20.0  # the larger models have ten and twenty times the gains
@@ -292,7 +303,14 @@ class EmulatedRobstride(EmulatedMitMotor):
             self.timeout_s = self.parameters.get(ROBSTRIDE_TIMEOUT, 0) / 20000 or None
 
     def tell(self, now_s: float) -> list[can.Message]:
-        """See `CanNode.tell`: faults; the CAN timeout is checked here."""
+        """See `EmulatedMotor.tell`; it reports faults.
+
+        Args:
+            now_s: bench's clock [s].
+
+        Returns:
+            The frames.
+        """
         super().tell(now_s)
         news, self._news = self._news, []
         return news

@@ -51,9 +51,9 @@ class EmulatedMoteus(EmulatedMotor):
         self.mode, self.fault, self.home = STOPPED, 0, 2
         self._command = dict(_DEFAULTS)
 
-    def hear(self, message: can.Message, now_s: float) -> list[can.Message]:
+    def _hear(self, message: can.Message, now_s: float) -> list[can.Message]:
         number = message.arbitration_id
-        if not message.is_fd or number & 0x7F != self.number or now_s < self._silent_until_s:
+        if not message.is_fd or number & 0x7F != self.number:
             return []
         written: dict[int, float] = {}
         # Store written registers, and return the answer.
@@ -131,10 +131,13 @@ class EmulatedMoteus(EmulatedMotor):
         self._exert(min(max(torque_nm, -limit_nm), limit_nm))
 
     def tell(self, now_s: float) -> list[can.Message]:
-        """See `CanNode.tell`: no unsolicited frames; the watchdog is checked here.
+        """See `EmulatedMotor.tell`; the watchdog came with the last command.
 
         Args:
             now_s: bench's clock [s].
+
+        Returns:
+            The frames; none.
         """
         watchdog_s = self._command[0x27] or 0.1
         if self.mode == POSITION and now_s - self._heard_s > watchdog_s:

@@ -21,13 +21,16 @@ _LOOK_S = 0.01  # whether it is to end, in real time
 
 
 def record(sequence: int, measurement: int, status: int, counts: list[int]) -> bytes:
-    """One RDT record.
+    """Make one RDT record.
 
     Args:
         sequence: number of the record.
         measurement: number of the internal measurement.
         status: bits.
         counts: three forces, three torques.
+
+    Returns:
+        36 bytes, most significant first.
     """
     words = [sequence % 2**32, measurement % 2**32, status, *(count % 2**32 for count in counts)]
     return b"".join(word.to_bytes(4, "big") for word in words)
@@ -49,8 +52,8 @@ class EmulatedNetFt(SerialSensor):
         self._timer = StreamTimer(self.rate_hz)
         self._sequence = self._measurement = 0
 
-    def hear(self, data: bytes, now_s: float) -> bytes:
-        if len(data) != 8 or data[:2] != b"\x12\x34" or now_s < self._silent_until_s or not self.enabled:
+    def _hear(self, data: bytes, now_s: float) -> bytes:
+        if len(data) != 8 or data[:2] != b"\x12\x34" or not self.enabled:
             return b""
         command = data[2] * 256 + data[3]
         if command in (2, 3) and data[4:] == bytes(4):
@@ -65,6 +68,9 @@ class EmulatedNetFt(SerialSensor):
 
         Args:
             force_n: with the sensor's own sign [N]; NaN where there is none.
+
+        Returns:
+            The record.
         """
         self._sequence += self._timer.passed
         self._measurement += self._timer.passed * self.measures * _INTERNAL_HZ // self.rate_hz
@@ -77,15 +83,9 @@ class EmulatedNetFt(SerialSensor):
             counts[self._axis] = min(max(value, -_END), _END)
         return record(self._sequence, self._measurement, status, counts)
 
-    def restart(self, now_s: float, silent_s: float) -> None:
-        """See `SerialSensor.restart`; nothing is sent until the host requests it again.
-
-        Args:
-            now_s: bench's clock [s].
-            silent_s: how long it says nothing [s].
-        """
+    def _power_up(self, now_s: float) -> None:
+        """See `SerialSensor._power_up`; nothing is sent until the host requests it again."""
         self._timer.stop()
-        super().restart(now_s, silent_s)
 
     def page(self) -> bytes:
         """Its page netftapi2.xml."""

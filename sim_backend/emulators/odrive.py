@@ -63,16 +63,11 @@ class EmulatedOdrive(EmulatedMotor):
     def _start_up(self) -> None:
         self.state, self.error, self._control_mode = IDLE, 0, 3  # position control, as shipped
         self._input_torque_nm = 0.0
-        self._fed_s = -math.inf
 
-    def hear(self, message: can.Message, now_s: float) -> list[can.Message]:
-        if (
-            message.is_extended_id
-            or message.arbitration_id >> 5 != self.number
-            or now_s < self._silent_until_s
-        ):
+    def _hear(self, message: can.Message, now_s: float) -> list[can.Message]:
+        if message.is_extended_id or message.arbitration_id >> 5 != self.number:
             return []
-        self._fed_s = now_s
+        self._heard_s = now_s
         command = message.arbitration_id & 0x1F
         if message.is_remote_frame:
             return self._answer(command)
@@ -126,13 +121,18 @@ class EmulatedOdrive(EmulatedMotor):
         return []
 
     def tell(self, now_s: float) -> list[can.Message]:
+        """See `EmulatedMotor.tell`; estimates, torques and heartbeats, each at its rate.
+
+        Args:
+            now_s: bench's clock [s].
+
+        Returns:
+            The frames.
+        """
         if now_s < self._silent_until_s:
             return []
-        if (
-            self.watchdog_s is not None
-            and self.state == CLOSED_LOOP
-            and now_s - self._fed_s > self.watchdog_s
-        ):
+        watchdog_s = math.inf if self.watchdog_s is None else self.watchdog_s
+        if self.state == CLOSED_LOOP and now_s - self._heard_s > watchdog_s:
             self._disarm(WATCHDOG_BIT[self._firmware])
         fastest_rev_s = _TOLERANCE * self.velocity_limit_rev_s
         if self.state == CLOSED_LOOP and abs(self.shaft.velocity_rad_s) / math.tau > fastest_rev_s:

@@ -36,7 +36,7 @@ class StreamTimer:
         return self._next_s < inf
 
     def start(self, now_s: float) -> None:
-        """The stream is on from now on.
+        """Start the stream.
 
         Args:
             now_s: bench's clock [s].
@@ -44,14 +44,17 @@ class StreamTimer:
         self._next_s = now_s + self._period_s
 
     def stop(self) -> None:
-        """The stream is off."""
+        """Stop the stream."""
         self._next_s = inf
 
     def due(self, now_s: float) -> bool:
-        """Whether one is due now.
+        """Check whether a reading is due; each is due once.
 
         Args:
             now_s: bench's clock [s].
+
+        Returns:
+            Whether one is due.
         """
         if now_s < self._next_s - 1e-9:
             return False
@@ -69,29 +72,42 @@ class SerialSensor(ABC):
     _timer: StreamTimer
     _silent_until_s = -inf
 
-    @abstractmethod
     def hear(self, data: bytes, now_s: float) -> bytes:
-        """Act on bytes from the host; returns the answer.
+        """Act on bytes from the host, unless the sensor is starting.
 
         Args:
             data: bytes from the host.
             now_s: bench's clock [s].
+
+        Returns:
+            The answer; may be empty.
         """
+        return b"" if now_s < self._silent_until_s else self._hear(data, now_s)
+
+    def _hear(self, data: bytes, now_s: float) -> bytes:
+        """Act on bytes from the host and return the answer; most gauges only write."""
+        return b""
 
     def due(self, now_s: float) -> bool:
-        """Whether a reading of a requested stream is due; each reading is due once.
+        """Check whether a reading of a requested stream is due; each reading is due once.
 
         Args:
             now_s: bench's clock [s].
+
+        Returns:
+            Whether one is due.
         """
         return now_s >= self._silent_until_s and self._timer.due(now_s)
 
     @abstractmethod
     def reading(self, force_n: float) -> bytes:
-        """One reading of the stream, of a force with the sensor's sign; NaN where it has none.
+        """Encode one reading of the stream.
 
         Args:
             force_n: with the sensor's own sign [N]; NaN where there is none.
+
+        Returns:
+            The bytes that the sensor sends.
         """
 
     def restart(self, now_s: float, silent_s: float) -> None:
@@ -102,6 +118,10 @@ class SerialSensor(ABC):
             silent_s: how long it says nothing [s].
         """
         self._silent_until_s = now_s + silent_s
+        self._power_up(now_s)
+
+    def _power_up(self, now_s: float) -> None:  # noqa: B027, a gauge need not have a memory
+        """Forget what the host has set since power-up."""
 
 
 class SensorWire(FrameWire[bytes]):

@@ -28,10 +28,6 @@ class EmulatedGauge(SerialSensor):
         self._timer = StreamTimer(rate_hz)
         self._timer.start(0.0)
 
-    def hear(self, data: bytes, now_s: float) -> bytes:
-        """See `SerialSensor.hear`: it does not listen."""
-        return b""
-
     def reading(self, force_n: float) -> bytes:
         return f"{force_n:.3f} N\r\n".encode()
 
@@ -56,9 +52,7 @@ class EmulatedLoadstar(SerialSensor):
         self._tare_n = self._last_n = 0.0
         self._input = b""
 
-    def hear(self, data: bytes, now_s: float) -> bytes:
-        if now_s < self._silent_until_s:
-            return b""
+    def _hear(self, data: bytes, now_s: float) -> bytes:
         *commands, self._input = (self._input + data).split(b"\r")
         return b"".join(self._answer(command.strip().upper(), now_s) for command in commands)
 
@@ -87,10 +81,9 @@ class EmulatedLoadstar(SerialSensor):
         self._last_n = force_n
         return f"{(force_n - self._tare_n) / self._newtons:{self.width}.4f}\r\n".encode()
 
-    def restart(self, now_s: float, silent_s: float) -> None:
+    def _power_up(self, now_s: float) -> None:
         self._timer.stop()
         self._tare_n, self._input = 0.0, b""
-        super().restart(now_s, silent_s)
 
 
 ADDRESS = 1
@@ -115,6 +108,9 @@ def telegram(command: int, to: int, parameters: bytes = b"", sender: int = ADDRE
         to: receiver.
         parameters: bytes.
         sender: address of the sensor.
+
+    Returns:
+        The telegram, with both checksums.
     """
     content = bytes((command, to, sender, len(parameters))) + parameters
     stuffed = b"".join(
@@ -141,9 +137,7 @@ class EmulatedLorenz(SerialSensor):
         self._input = b""
         self._stx_in_a_row = 0
 
-    def hear(self, data: bytes, now_s: float) -> bytes:
-        if now_s < self._silent_until_s:
-            return b""
+    def _hear(self, data: bytes, now_s: float) -> bytes:
         answers = b""
         for byte in data:
             self._stx_in_a_row = self._stx_in_a_row + 1 if byte == 2 else 0
@@ -196,15 +190,14 @@ class EmulatedLorenz(SerialSensor):
         self._counter = (self._counter + 1) % 256
         return sample
 
-    def restart(self, now_s: float, silent_s: float) -> None:
+    def _power_up(self, now_s: float) -> None:
         self._timer.stop()
         self._input = b""
-        super().restart(now_s, silent_s)
 
 
 _UNITS = {  # command, unit text behind a reading, and its size [N] or [N m]
     "N": ("N", 1.0),
-    "LB": ("lbF", 4.4482216152605),
+    "LB": ("lbF", LBF_N),
     "KG": ("kgF", 9.80665),
     "G": ("gF", 0.00980665),
     "MN": ("mN", 1e-3),
@@ -227,9 +220,7 @@ class EmulatedMark10(SerialSensor):
         self.range_n, self._answer_s = 1.1 * capacity_n, answer_s
         self._input, self._due_s = b"", math.inf
 
-    def hear(self, data: bytes, now_s: float) -> bytes:
-        if now_s < self._silent_until_s:
-            return b""
+    def _hear(self, data: bytes, now_s: float) -> bytes:
         *commands, self._input = (self._input + data).replace(b"\n", b"").split(b"\r")
         return b"".join(self._obey(command.decode("ascii", "replace"), now_s) for command in commands)
 
@@ -257,19 +248,21 @@ class EmulatedMark10(SerialSensor):
         value = f"{force_n / newtons:.3f}" if math.isfinite(force_n) else "---"
         return f"{value} {written}\r\n".encode()
 
-    def restart(self, now_s: float, silent_s: float) -> None:
+    def _power_up(self, now_s: float) -> None:
         self._input, self._due_s = b"", math.inf
-        super().restart(now_s, silent_s)
 
 
 _RAIL = 0x7FFFFF  # of a 24 bit converter
 
 
 def cell_crc(data: bytes) -> int:
-    """CRC-16 with x^16 + x^12 + x^5 + 1, most significant bit first, FFFF at the start.
+    """Compute the CRC-16 of x^16 + x^12 + x^5 + 1, most significant bit first, FFFF at the start.
 
     Args:
         data: bytes that it covers.
+
+    Returns:
+        The remainder, from 0 to FFFF.
     """
     remainder = 0xFFFF
     for byte in data:
@@ -280,10 +273,13 @@ def cell_crc(data: bytes) -> int:
 
 
 def cell_line(text: str) -> bytes:
-    """A line of the firmware.
+    """Make a line of the firmware.
 
     Args:
         text: without checksum and end.
+
+    Returns:
+        The line, with checksum and end.
     """
     return text.encode() + f"*{cell_crc(text.encode()):04X}\n".encode()
 
@@ -299,9 +295,7 @@ class EmulatedCell(SerialSensor):
         self._timer = StreamTimer(rate_hz)
         self._timer.start(0.0)
 
-    def hear(self, data: bytes, now_s: float) -> bytes:
-        if now_s < self._silent_until_s:
-            return b""
+    def _hear(self, data: bytes, now_s: float) -> bytes:
         return cell_line(f"cell 1 nau7802 {self._rate_hz}") * data.count(b"?")
 
     def reading(self, force_n: float) -> bytes:
@@ -312,10 +306,9 @@ class EmulatedCell(SerialSensor):
         counts = force_n * self._counts_per_n + self._zero if math.isfinite(force_n) else math.inf
         return cell_line(f"{self._counter} {round(min(max(counts, -_RAIL - 1), _RAIL))}")
 
-    def restart(self, now_s: float, silent_s: float) -> None:
-        """See `SerialSensor.restart`; it streams again without a request."""
+    def _power_up(self, now_s: float) -> None:
+        """See `SerialSensor._power_up`; it streams again without a request."""
         self._counter = 0
-        super().restart(now_s, silent_s)
 
 
 SKIPPED, OVERRANGE, INVALID, RAW = 1, 2, 4, 8  # status bits
@@ -323,10 +316,13 @@ _STEP_US = 19.53125  # of one conversion
 
 
 def bota_crc(data: bytes) -> int:
-    """CRC-16 of X.25: reflected, x^16 + x^12 + x^5 + 1, FFFF at the start, inverted at the end.
+    """Compute the CRC-16 of X.25: x^16 + x^12 + x^5 + 1, reflected, FFFF at the start.
 
     Args:
         data: bytes that it covers.
+
+    Returns:
+        The remainder, inverted, from 0 to FFFF.
     """
     remainder = 0xFFFF
     for byte in data:
@@ -337,13 +333,16 @@ def bota_crc(data: bytes) -> int:
 
 
 def bota_frame(status: int, values: list[float], time_us: int, temperature_c: float = 31.5) -> bytes:
-    """One frame: three forces, three torques.
+    """Make one frame: three forces, three torques.
 
     Args:
         status: bits.
         values: three forces [N], three torques [N m].
         time_us: sensor's clock [us].
         temperature_c: of the sensor [deg C].
+
+    Returns:
+        The frame, with its checksum.
     """
     data = struct.pack("<H", status) + b"".join(struct.pack("<f", value) for value in values)
     data += struct.pack("<If", time_us % 2**32, temperature_c)
@@ -374,9 +373,9 @@ class EmulatedBota(SerialSensor):
         self._timer = StreamTimer(1e6 / (_STEP_US * self._length))
         self._timer.start(now_s)
 
-    def hear(self, data: bytes, now_s: float) -> bytes:
+    def _hear(self, data: bytes, now_s: float) -> bytes:
         word = data.decode("ascii", "replace")
-        if now_s < max(self._silent_until_s, self.starts_until_s) or not (self._configures or word == "C"):
+        if now_s < self.starts_until_s or not (self._configures or word == "C"):
             return b""
         if word[:1] in self.refused:
             return f"r,0,{word[:1]},1".encode()
@@ -404,18 +403,17 @@ class EmulatedBota(SerialSensor):
         values[self._axis] = force_n
         return bota_frame(status, values, round(self._time_us))
 
-    def restart(self, now_s: float, silent_s: float) -> None:
-        """See `SerialSensor.restart`; it streams again with its stored settings."""
-        super().restart(now_s, silent_s)
+    def _power_up(self, now_s: float) -> None:
+        """See `SerialSensor._power_up`; it streams again with its stored settings."""
         self._length, self._time_us = self._saved, 0.0
         self._run(now_s)
 
 
-_NEWTONS = {"N": 1.0, "kN": 1e3, "lbf": 4.4482216152605, "klbf": 4448.2216152605, "kgf": 9.80665}
+_NEWTONS = {"N": 1.0, "kN": 1e3, "lbf": LBF_N, "klbf": 4448.2216152605, "kgf": 9.80665}
 
 
 def newtons_per(unit: str) -> float:
-    """Newtons in one `unit`.
+    """Return the newtons in one unit.
 
     Args:
         unit: such as "lbf".
@@ -437,10 +435,13 @@ class SensorSettings(FileModel, extra="ignore"):
     reversed: bool = False
 
     def signed(self, sensor: SerialSensor) -> SerialSensor:
-        """The sensor as it is mounted.
+        """Give a sensor the sign with which it is mounted.
 
         Args:
             sensor: to be mounted.
+
+        Returns:
+            The same sensor.
         """
         sensor.sign = -1.0 if self.reversed else 1.0
         return sensor

@@ -52,11 +52,14 @@ MountingType = TypeVar("MountingType", bound=EmulatedMounting)
 
 
 def on_shafts(mountings: Sequence[MountingType], plant: Plant) -> list[tuple[MountingType, Shaft]]:
-    """All servos of joints, and where each sits: one or two for each joint, from base to tip.
+    """List all servos of an arm, one or two per joint, from base to tip.
 
     Args:
         mountings: of the joints, from base to tip.
         plant: the arm.
+
+    Returns:
+        Each with the shaft on which it sits.
     """
     placed = []
     for joint, mounting in enumerate(mountings):
@@ -85,10 +88,13 @@ class LineServo(ABC):
         self._frozen: JointState | None = None
 
     def is_awake(self, now_s: float) -> bool:
-        """Whether it has power and has started.
+        """Check whether the servo has power and has started.
 
         Args:
             now_s: bench's clock [s].
+
+        Returns:
+            Whether it is awake.
         """
         return now_s >= self._awake_s
 
@@ -164,10 +170,13 @@ class Receiver(ABC):
         self._pending = bytearray()
 
     def take(self, data: bytes) -> Iterator[Instruction]:
-        """The instructions that are complete with `data`.
+        """Yield the instructions that are complete now.
 
         Args:
             data: bytes that have come.
+
+        Returns:
+            The instructions.
         """
         self._pending += data
         while (instruction := self._next()) is not None:
