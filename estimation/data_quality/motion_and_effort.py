@@ -9,7 +9,7 @@ from palpate.estimation.model import Model
 from palpate.estimation.signals.runwise import sample_time
 from palpate.estimation.statistics.correlation import correlation_coefficient
 from palpate.estimation.statistics.least_squares import solve
-from palpate.robot_io.types import FloatArray, IntArray
+from palpate.robot_io.types import FloatArray
 
 _LONGEST_CONTACT_M = 0.2  # a deeper indentation means a wrong unit
 _STIFFEST_N_M = 1e7
@@ -208,7 +208,11 @@ def at_rest(data: ChannelData) -> str | None:
     """
     if data.kind is ChannelKind.CONTACT:
         return None
-    within, effort = (signal - _means_of_runs(signal, data.run) for signal in (data.position, data.effort))
+    _, index = np.unique(data.run, return_inverse=True)
+    within, effort = (
+        signal - (np.bincount(index, signal) / np.bincount(index))[index]
+        for signal in (data.position, data.effort)
+    )
     pairs = np.flatnonzero(np.diff(data.run) == 0)
     products = [
         (within[pairs], within[pairs + 1]),  # motion is alike from one sample to the next, noise is not
@@ -221,11 +225,6 @@ def at_rest(data: ChannelData) -> str | None:
             return None
     size = f"{np.std(within):.2g} {data.kind.position_unit}"
     return f"the position varies at random by {size}, and the effort does not follow it; record a motion"
-
-
-def _means_of_runs(signal: FloatArray, run: IntArray) -> FloatArray:
-    _, index = np.unique(run, return_inverse=True)
-    return np.asarray((np.bincount(index, signal) / np.bincount(index))[index])
 
 
 def _share_explained(data: ChannelData) -> float:

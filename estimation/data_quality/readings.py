@@ -146,7 +146,13 @@ def copied_runs(data: ChannelData) -> dict[int, tuple[int, float]]:
     range_of_all = float(np.ptp(data.position)) if len(data) else 0.0
     of_length: dict[int, list[IntArray]] = {}
     for rows in rows_of_runs(data.run):
-        if np.ptp(data.position[rows]) > _HELD_RANGE * range_of_all and _is_noisy(data.effort[rows]):
+        effort = data.effort[rows]
+        bends, steps = np.diff(effort, 2), np.diff(np.unique(effort))
+        if np.ptp(data.position[rows]) <= _HELD_RANGE * range_of_all or len(bends) < 2 or len(steps) == 0:
+            continue
+        usual = float(np.median(np.abs(bends)))  # noise must be large enough that readings rarely repeat
+        least = max(_STEPS * steps.min(), _DIGITS * float(np.sqrt(np.mean(effort**2))))
+        if usual >= least and _turn_like_noise(bends):
             of_length.setdefault(len(rows), []).append(rows)
     copies: dict[int, tuple[int, float]] = {}
     for length, runs in of_length.items():
@@ -177,18 +183,6 @@ def copied(copies: Mapping[int, tuple[int, float]]) -> str:
         f"run {run} is a copy of run {first}{further}: {100.0 * likeness:.0f} % of its noise is the same, so "
         "it adds no information and is left out; record it again"
     )
-
-
-def _is_noisy(effort: FloatArray) -> bool:
-    """Check whether a run's readings (n,) have enough noise that they rarely repeat."""
-    bends = np.diff(effort, 2)
-    steps = np.diff(np.unique(effort))
-    if len(bends) < 2 or len(steps) == 0:
-        return False
-    usual = float(np.median(np.abs(bends)))
-    if usual < _STEPS * steps.min() or usual < _DIGITS * float(np.sqrt(np.mean(effort**2))):
-        return False
-    return _turn_like_noise(bends)
 
 
 def _turn_like_noise(bends: FloatArray) -> bool:
@@ -237,12 +231,24 @@ def rectified(data: ChannelData) -> str | None:
     effort = _untared(data)
     if len(effort) == 0 or effort.min() < 0.0:
         return None
-    if _is_cut_off(data, effort):
-        share = float(np.mean(effort == 0.0))
-        return (
-            f"no reading is below zero, and {100 * share:.0f} % are exactly zero: was the sign "
-            "cut off? record the signal with its sign"
-        )
+    zero = effort == 0.0
+    if np.mean(zero) > _OFTEN and len(np.unique(effort)) >= _FEWEST_VALUES:
+        # Readings that were cut off below zero are complete above it. A dead band that a torque of one sign
+        # enters and leaves shows zeros as well, but then the hidden part is missing everywhere. The laws
+        # tried are a weight at any tilt, and a weight with springs.
+        q, v, target = data.position, data.velocity, effort[~zero]
+        for springs in ([np.cos(q)], [q, q**3]):
+            law = [np.sin(q), v, np.sign(v), data.acceleration, *springs, np.ones(len(q))]
+            columns = np.column_stack(law)[~zero]
+            without_constant, with_constant = (
+                float(np.sum((target - some @ solve(some, target).gains) ** 2))
+                for some in (columns[:, :-1], columns)
+            )
+            if without_constant <= _WITHOUT_CONSTANT * with_constant:
+                return (
+                    f"no reading is below zero, and {100 * np.mean(zero):.0f} % are exactly zero: was the "
+                    "sign cut off? record the signal with its sign"
+                )
     count, noise = _folded(effort, data.run)
     reason = _FOLDED.format(count=count, noise=noise, unit=data.kind.effort_unit)
     return f"{reason}; record it with its sign" if count else None
@@ -301,25 +307,3 @@ def _folded(effort: FloatArray, run: IntArray) -> tuple[int, float]:
     zeros, next_to_zero = np.count_nonzero(effort == 0.0), np.count_nonzero(near < 1.5 * step)
     is_folded = inner >= _FLAT * outer and zeros <= _MOST_ZEROS * next_to_zero and len(near) >= _FEWEST
     return len(near) if is_folded else 0, noise
-
-
-def _is_cut_off(data: ChannelData, effort: FloatArray) -> bool:
-    """Return whether a joint's readings (n,) were cut off below zero and are complete above it.
-
-    A dead band that a torque of one sign enters and leaves shows zeros as well, but then the hidden part is
-    missing everywhere. The laws tried are a weight at any tilt, and a weight with springs.
-    """
-    zero = effort == 0.0
-    if np.mean(zero) <= _OFTEN or len(np.unique(effort)) < _FEWEST_VALUES:
-        return False
-    q, v, target = data.position, data.velocity, effort[~zero]
-    for springs in ([np.cos(q)], [q, q**3]):
-        law = [np.sin(q), v, np.sign(v), data.acceleration, *springs, np.ones(len(q))]
-        columns = np.column_stack(law)[~zero]
-        without_constant, with_constant = (
-            float(np.sum((target - some @ solve(some, target).gains) ** 2))
-            for some in (columns[:, :-1], columns)
-        )
-        if without_constant <= _WITHOUT_CONSTANT * with_constant:
-            return True
-    return False

@@ -1,6 +1,7 @@
 """Random sample consensus, over all samples or preemptive."""
 
 import random
+from contextlib import suppress
 from dataclasses import dataclass
 
 import numpy as np
@@ -201,25 +202,19 @@ class PreemptiveRansac(Rls):
         else:
             self._medians *= np.where(distance > self._medians, 1.0 + _STEP, 1.0 - _STEP)
             if self._samples % _EVERY == 0:
-                self._compete()
+                best = int(self._medians.argmin())
+                if self._medians[best] < _AHEAD * self._medians[0]:  # follow a rival that is clearly ahead
+                    self._gains = self._pool[best].copy()
+                    self._pool[0], self._medians[0] = self._gains, self._medians[best]
+                    self._covariance = np.diag(self._initial_variance)
+                drawn = self._random.sample(range(min(self._samples, _RECENT)), len(self._gains))
+                worst = 1 + int(self._medians[1:].argmax())
+                with suppress(np.linalg.LinAlgError):  # samples that determine nothing
+                    self._pool[worst] = np.linalg.solve(self._rows[drawn], self._efforts[drawn])
+                    self._medians[worst] = 2.0 * self._medians[0]
         limit = self.threshold or _PREEMPTIVE_CUT * _MEDIAN_TO_SIGMA * float(self._medians[0])
         if starting or float(distance[0]) <= limit:
             self._pool[0] = super().update(row, effort)
         else:
             self._kalman_gain = np.zeros(len(row))
         return self._gains
-
-    def _compete(self) -> None:
-        """Follow a rival that is clearly ahead, and put a new hypothesis in the place of the worst."""
-        best = int(self._medians.argmin())
-        if self._medians[best] < _AHEAD * self._medians[0]:
-            self._gains = self._pool[best].copy()
-            self._pool[0], self._medians[0] = self._gains, self._medians[best]
-            self._covariance = np.diag(self._initial_variance)
-        drawn = self._random.sample(range(min(self._samples, _RECENT)), len(self._gains))
-        worst = 1 + int(self._medians[1:].argmax())
-        try:
-            self._pool[worst] = np.linalg.solve(self._rows[drawn], self._efforts[drawn])
-        except np.linalg.LinAlgError:
-            return  # these samples determine nothing
-        self._medians[worst] = 2.0 * self._medians[0]

@@ -252,18 +252,15 @@ class CusumRls(Rls):
             if learnt:
                 unsure = self._noise.mean_variance * float(row.dot(self._covariance.dot(row)))
                 variance = self._noise.variance(effort - error) + unsure  # rounding may take it below zero
-                self._update_sums(columns, error, max(variance, 0.0) ** 0.5)
+                noise = max(variance, 0.0) ** 0.5
+                standardised = min(max(error / noise, -_FAR), _FAR) if noise > 0.0 else 0.0
+                for index, (column, size2) in enumerate(zip(columns, self._size2, strict=True)):
+                    push = standardised * column / size2**0.5 if size2 > 0.0 else 0.0
+                    self._up[index] = max(self._up[index] + push - _ALLOWANCE, 0.0)
+                    self._down[index] = max(self._down[index] - push - _ALLOWANCE, 0.0)
+                if max(*self._up, *self._down) > self.limit:
+                    self._covariance = np.diag(self._initial_variance)
+                    self.changes += 1
+                    self._restart()
             self._noise.learn(error, effort - error, cut=learnt)
         return super().update(row, effort)
-
-    def _update_sums(self, columns: list[float], error: float, noise: float) -> None:
-        """Update the sums by one error, and restart where one exceeds the limit."""
-        standardised = min(max(error / noise, -_FAR), _FAR) if noise > 0.0 else 0.0
-        for index, (column, size2) in enumerate(zip(columns, self._size2, strict=True)):
-            push = standardised * column / size2**0.5 if size2 > 0.0 else 0.0
-            self._up[index] = max(self._up[index] + push - _ALLOWANCE, 0.0)
-            self._down[index] = max(self._down[index] - push - _ALLOWANCE, 0.0)
-        if max(*self._up, *self._down) > self.limit:
-            self._covariance = np.diag(self._initial_variance)
-            self.changes += 1
-            self._restart()

@@ -121,12 +121,18 @@ def harmonics(data: ChannelData) -> tuple[float, tuple[int, ...]]:
     motion = np.asarray(columns / np.maximum(np.linalg.norm(columns, axis=0), 1e-300))
     waves, tried, sizes = list[float](), list[float](), np.empty(0)
     residual, _ = _fit_waves(data, motion, waves)
+    starts, piece = block_index(data.run)  # odd and even runs, or the halves of a single run
+    half = piece % 2 if len(starts) > 1 else np.arange(len(residual)) * 2 // len(residual)
     for _ in range(_MOST_WAVES):
         tried.append(_strongest_wave(data.position, residual, span, tried))
         after, energy = _fit_waves(data, motion, [*waves, tried[-1]])
         if np.sum(after**2) > (1.0 - _LEAST_SHARE) * np.sum(residual**2):
             break
-        if _is_in_both_halves(data, residual, tried[-1]):
+        wave = np.column_stack([np.sin(tried[-1] * q), np.cos(tried[-1] * q)])
+        first, second = (
+            np.linalg.lstsq(wave[half == side], residual[half == side], rcond=None)[0] for side in (0, 1)
+        )
+        if np.linalg.norm(first - second) <= _APART_IN_HALVES * 0.5 * np.linalg.norm(first + second):
             waves.append(tried[-1])
             residual, sizes = after, energy
     if whole_turn:
@@ -163,18 +169,6 @@ def _fit_waves(data: ChannelData, motion: FloatArray, waves: list[float]) -> tup
     gains = np.linalg.lstsq(columns, data.effort, rcond=1e-9)[0]
     energy = np.sum(gains[motion.shape[1] :].reshape(2, len(waves)) ** 2, axis=0)
     return data.effort - columns @ gains, energy
-
-
-def _is_in_both_halves(data: ChannelData, residual: FloatArray, wave: float) -> bool:
-    """Check whether odd and even runs, or the halves of a single run, have the same wave."""
-    starts, piece = block_index(data.run)
-    half = piece % 2 if len(starts) > 1 else np.arange(len(residual)) * 2 // len(residual)
-    columns = np.column_stack([np.sin(wave * data.position), np.cos(wave * data.position)])
-    first, second = (
-        np.linalg.lstsq(columns[half == side], residual[half == side], rcond=None)[0] for side in (0, 1)
-    )
-    difference, mean = np.linalg.norm(first - second), 0.5 * np.linalg.norm(first + second)
-    return bool(difference <= _APART_IN_HALVES * mean)
 
 
 def _common_wave_number(

@@ -336,20 +336,18 @@ def bouc_wen(
     is_new_run = np.append(True, np.diff(run[starts]) != 0)
     from_zero = float(np.interp(0.0, flow.states, flow.ways))
     initial, reached = np.empty(len(starts)), 0.0
+    points, turned = flow.reached, flow.turned
     for i, (length, is_new) in enumerate(zip(lengths.tolist(), is_new_run.tolist(), strict=True)):
-        initial[i] = from_zero if is_new else _interpolate_one(reached, flow.reached, flow.turned)
+        upper = bisect_right(points, reached)  # as `np.interp` does, but without the cost of calling NumPy
+        if is_new:
+            initial[i] = from_zero
+        elif upper in {0, len(points)}:
+            initial[i] = turned[min(upper, len(points) - 1)]
+        else:
+            share = (reached - points[upper - 1]) / (points[upper] - points[upper - 1])
+            initial[i] = turned[upper - 1] + share * (turned[upper] - turned[upper - 1])
         reached = initial[i] + length
     return np.asarray(sign * np.interp(initial[piece] + way, flow.ways, flow.states))
-
-
-def _interpolate_one(at: float, points: list[float], values: list[float]) -> float:
-    """Do the work of `np.interp` for a single number, without the cost of calling NumPy."""
-    upper = bisect_right(points, at)
-    if upper == 0 or upper == len(points):
-        return values[min(upper, len(points) - 1)]
-    lower = upper - 1
-    share = (at - points[lower]) / (points[upper] - points[lower])
-    return values[lower] + share * (values[upper] - values[lower])
 
 
 @dataclass(frozen=True)
