@@ -48,7 +48,13 @@ def with_shared_gains(channels: Sequence[ChannelData], models: Sequence[Model]) 
     if effect is None or effect.arm is None or effect.urdf is None:
         return list(channels)
     names = [f"{effect.name}.{name}" for name in effect.arm.names]
-    alone = [fit_model(channels[n], _with_nuisance(models[n]), {}, usable(channels[n])) for n in of_arm]
+    alone = []
+    for number in of_arm:  # dry friction and an offset would otherwise bias what a joint tells of its masses
+        model, data = models[number], channels[number]
+        present = {term.kind for term in model.effects}
+        lacking = [term for term in (CoulombFriction(), Bias()) if term.kind not in present]
+        model = reduce(Model.with_effect, lacking, model)
+        alone.append(fit_model(data, model, {}, usable(data)))
     if len({fit.problem.blocked.folds for fit in alone}) > 1:
         return list(channels)
     joints = [
@@ -70,13 +76,6 @@ def with_shared_gains(channels: Sequence[ChannelData], models: Sequence[Model]) 
         shared = SharedGains(tuple(felt), others_say.about(kept).times(_noise(fit) ** 2))
         prepared[number] = replace(channels[number], shared=shared)
     return prepared
-
-
-def _with_nuisance(model: Model) -> Model:
-    """Add dry friction and an offset, which would otherwise bias what a joint tells of its masses."""
-    present = {effect.kind for effect in model.effects}
-    lacking = [effect for effect in (CoulombFriction(), Bias()) if effect.kind not in present]
-    return reduce(Model.with_effect, lacking, model)
 
 
 def _body_of(model: Model) -> RigidBodyFitted | None:

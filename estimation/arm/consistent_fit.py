@@ -32,12 +32,12 @@ def arranged(products: FloatArray, names: Sequence[str], shared: Sequence[str], 
             joint does not feel. All other columns are the joint's own, in the order of `names`.
         sigma: standard deviation of the joint's noise.
     """
-    own = [name for name in names if name not in set(shared)]
-    place = {name: index for index, name in enumerate([*shared, *own])}
+    private = [name for name in names if name not in set(shared)]
+    place = {name: index for index, name in enumerate([*shared, *private])}
     places = np.array([*(place[name] for name in names), len(place)])
-    whole = np.zeros((len(products), len(place) + 1, len(place) + 1))
-    whole[:, places[:, None], places] = products
-    return JointMoments(whole, len(shared), sigma)
+    ordered = np.zeros((len(products), len(place) + 1, len(place) + 1))
+    ordered[:, places[:, None], places] = products
+    return JointMoments(ordered, len(shared), sigma)
 
 
 def training_sums(products: FloatArray) -> FloatArray:
@@ -49,8 +49,8 @@ def training_sums(products: FloatArray) -> FloatArray:
     Returns:
         Shape (1 + folds, q, q).
     """
-    whole = products.sum(axis=0, keepdims=True)
-    return np.concatenate([whole, whole - products])
+    total = products.sum(axis=0, keepdims=True)
+    return np.concatenate([total, total - products])
 
 
 def shared_information(joint: JointMoments) -> Information:

@@ -274,13 +274,13 @@ def _orient_signs(
         return assigned, False, ""
     table, way, force = units.table, assigned[DISPLACEMENT], assigned[FORCE]
     sides = press_sides(way.factor * table.numbers(way.column), force.factor * table.numbers(force.column))
-    kept = {
+    scaled = {
         key
         for key, source in ((DISPLACEMENT, way), (FORCE, force))
         if units.is_scaled_by_user(Role(*key, "", shift), source.column)
     }
     factors = {DISPLACEMENT: sides.displacement, FORCE: sides.force}
-    turned = {key: assigned[key].column for key in factors if factors[key] < 0.0 and key not in kept}
+    turned = {key: assigned[key].column for key in factors if factors[key] < 0.0 and key not in scaled}
     result = assigned | {key: replace(assigned[key], factor=-assigned[key].factor) for key in turned}
     notes = []
     if turned:
@@ -291,7 +291,7 @@ def _orient_signs(
             reason = f"'{force.column}' and '{way.column}' count in opposite directions"
             signs = f"the sign of '{force.column}' is"
         notes = [f"{reason}: {signs} reversed; {keep} prevents this"]
-    if sides.zero_m and not kept:
+    if sides.zero_m and not scaled:
         result[DISPLACEMENT] = replace(result[DISPLACEMENT], zero=sides.zero_m)
         notes.append(
             f"'{way.column}' counts from {sides.zero_m / result[DISPLACEMENT].factor:.6g} {way.unit} on, "
@@ -355,8 +355,8 @@ def with_one_rate(
     names = (*efforts, *motions)
     filled_by_name = {name: table.filled_rows(name) for name in (time, *names)}
     share = {name: float(np.mean(mask)) for name, mask in filled_by_name.items()}
-    some = {name: share[name] for name in names if share[name] < 1.0 - _SYSTEMATIC}
-    if not some:
+    sparse = {name: share[name] for name in names if share[name] < 1.0 - _SYSTEMATIC}
+    if not sparse:
         filled = np.logical_and.reduce(list(filled_by_name.values()))
         if filled.all() or share[time] < 1.0 - _SYSTEMATIC:
             return table, ""
@@ -366,11 +366,11 @@ def with_one_rate(
             f"{count} of {len(table)} rows left out: no value in {lacking}, the first in {table.row_word} "
             f"{table.rows[np.argmin(filled)]}"
         )
-    slowest = min(some, key=lambda name: some[name])
-    every = np.logical_and.reduce([filled_by_name[name] for name in some])
-    note = f"'{slowest}' has a value in {100.0 * some[slowest]:.2g} % of the rows"
-    if np.sum(every) >= max(_SHARED * np.sum(filled_by_name[slowest]), 1.0):
-        return table.select(every), f"{note}; only complete rows are used"
+    slowest = min(sparse, key=lambda name: sparse[name])
+    complete = np.logical_and.reduce([filled_by_name[name] for name in sparse])
+    note = f"'{slowest}' has a value in {100.0 * sparse[slowest]:.2g} % of the rows"
+    if np.sum(complete) >= max(_SHARED * np.sum(filled_by_name[slowest]), 1.0):
+        return table.select(complete), f"{note}; only complete rows are used"
     if not filled_by_name[slowest].any():
         raise InputError(
             f"{table.path}: column '{slowest}' is empty; name another one with --column; if it holds "
@@ -381,7 +381,7 @@ def with_one_rate(
         raise InputError(
             f"{table.path}: no row has all of {listed}; give each run a file of its own, in order of time"
         )
-    base = next((name for name in efforts if some.get(name, 1.0) <= _SLOW * some[slowest]), slowest)
+    base = next((name for name in efforts if sparse.get(name, 1.0) <= _SLOW * sparse[slowest]), slowest)
     columns, inside = table.columns, filled_by_name[base].copy()
     for name in names:
         sampled = np.flatnonzero(filled_by_name[name])

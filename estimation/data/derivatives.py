@@ -78,7 +78,7 @@ def differentiate(
     if rounding is None:
         rounding = rounding_variance(time_s, position, piece, grid_step(position))
     pieces = list(blocks(piece))
-    whole, position = position, _relative_to_start(position, pieces)
+    measured, position = position, _relative_to_start(position, pieces)
     if half_window is None:
         rows = slice(None) if tried is None else np.flatnonzero(tried)
         halves = _best_half_windows(
@@ -100,7 +100,7 @@ def differentiate(
             around.append(slice(start, min(max(last + half, start + 2 * half + 1), rows.stop)))
             centres.append(np.arange(first, last) - start)
         fitted[half] = _fits_by_piece(time_s, position, around, centres, half).fitted
-    smooth = whole - position + fitted[halves[0]][:, 0]
+    smooth = measured - position + fitted[halves[0]][:, 0]
     return Motion(smooth, fitted[halves[0]][:, 1], fitted[halves[1]][:, 2], halves)
 
 
@@ -264,7 +264,7 @@ def _fit_windows(
     halves = [half for half in HALF_WINDOWS if 2 * half + 1 < longest or half == HALF_WINDOWS[0]]
     stride = max(1, sum(rows.stop - rows.start for rows in pieces) // _TRIALS)
     centres = [np.arange(0, rows.stop - rows.start, stride) for rows in pieces]
-    measured = np.concatenate([position[rows][some] for rows, some in zip(pieces, centres, strict=True)])
+    measured = np.concatenate([position[rows][chosen] for rows, chosen in zip(pieces, centres, strict=True)])
     trials = []
     for half in halves:
         fit = local_fits(time_s, position, pieces, centres, half)
@@ -362,14 +362,14 @@ def _fits_by_piece(
     for count in np.unique(terms[uneven]):
         rows_of_degree = np.flatnonzero(uneven & (terms == count))
         rows_of_degree = rows_of_degree[np.argsort(-widths[rows_of_degree], kind="stable")]
-        for some in np.split(rows_of_degree, np.arange(_AT_ONCE, len(rows_of_degree), _AT_ONCE)):
-            fitted[some], variance[some] = _uneven_fit(
+        for batch in np.split(rows_of_degree, np.arange(_AT_ONCE, len(rows_of_degree), _AT_ONCE)):
+            fitted[batch], variance[batch] = _uneven_fit(
                 time_s,
                 position,
-                centres=(first + place)[some],
-                starts=starts[some],
-                width=widths[some],
-                unit_s=unit_s[some],
+                centres=(first + place)[batch],
+                starts=starts[batch],
+                width=widths[batch],
+                unit_s=unit_s[batch],
                 terms=int(count),
             )
     return LocalFit(fitted, variance)

@@ -164,11 +164,11 @@ def _tables(sheet: CalamineSheet, *, nameless: bool = False) -> list[_Sheet]:
             if not is_footer(last, decimal, counts=counts):
                 break
             body.popitem()
-        kept = list(body.values())
+        filled = list(body.values())
         skipped = sum(any(row) for row in head[: layout.header]) if not tables else 0
         numbers = [above + place for place in body]
-        mark = _decimal_mark(kept)
-        tables.append(_Sheet(sheet.name, layout.names, kept, skipped, layout.titles, mark, numbers))
+        mark = _decimal_mark(filled)
+        tables.append(_Sheet(sheet.name, layout.names, filled, skipped, layout.titles, mark, numbers))
     return [table for table in tables if table.rows]
 
 

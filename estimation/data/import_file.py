@@ -194,8 +194,8 @@ def chosen_texts(name: str, given: str, texts: Collection[str], place: str) -> l
     text = " ".join(given.split())
     parts = [text] if text in texts else [part.strip() for part in text.split(",")]
     if not set(parts) <= set(texts):
-        some = ", ".join(sorted(texts)[:8]) + (" ..." if len(texts) > 8 else "")
-        raise InputError(f"--where {name}={text}: {place} has no such row. There are: {some}")
+        examples = ", ".join(sorted(texts)[:8]) + (" ..." if len(texts) > 8 else "")
+        raise InputError(f"--where {name}={text}: {place} has no such row. There are: {examples}")
     return parts
 
 

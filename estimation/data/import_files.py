@@ -77,8 +77,8 @@ def import_files(
         channels.append(joined_channels(same_channel))
     labels, noted = list[str](), dict[str, str]()
     for path, part in zip(paths, parts, strict=True):
-        own = part.run_labels.values()
-        labels += [path.name] if len(own) == 1 else [f"{path.name} {label}" for label in own]
+        run_names = part.run_labels.values()
+        labels += [path.name] if len(run_names) == 1 else [f"{path.name} {label}" for label in run_names]
         for note in part.notes:
             noted.setdefault(note, path.name)  # the first file that it is of
     notes = tuple(f"{name}: {note}" for note, name in noted.items())
@@ -105,13 +105,13 @@ def joined_channels(parts: Sequence[ChannelData]) -> ChannelData:
     names = [name for name in first.context if all(name in part.context for part in parts)]
 
     signals = ("time_s", "position", "velocity", "acceleration", "effort", "phase")
-    whole: dict[str, Any] = {name: np.concatenate([getattr(p, name) for p in parts]) for name in signals}
+    arrays: dict[str, Any] = {name: np.concatenate([getattr(p, name) for p in parts]) for name in signals}
     touching = [
         np.zeros(len(part), dtype=np.bool_) if part.touching is None else part.touching for part in parts
     ]
     return replace(
         first,
-        **whole,
+        **arrays,
         run=np.concatenate(runs),
         context={name: np.concatenate([part.context[name] for part in parts]) for name in names},
         recorded=frozenset(first.recorded & set(names)),

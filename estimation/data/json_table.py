@@ -87,7 +87,7 @@ def _rows(rows: list[Any], names: list[list[str]]) -> Iterator[dict[str, list[An
         if all(isinstance(cell, str) for cell in rows[0]):
             names, rows = [rows[0], *names], rows[1:]
         places = [f"column {number}" for number in range(1, width + 1)]
-        header = next((some for some in names if len(set(some)) == width == len(some)), places)
+        header = next((row for row in names if len(set(row)) == width == len(row)), places)
         yield dict(zip(header, map(list, zip(*rows, strict=True)), strict=True))
 
 

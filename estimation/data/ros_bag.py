@@ -115,8 +115,8 @@ class _MessageGroup:
         """Return numbers of each message from a byte on, shape (messages, count), of a NumPy kind."""
         size = np.dtype(kind).itemsize * count
         order = "<" if self.begins[1] & 1 else ">"
-        whole = np.frombuffer(b"".join(self.messages), np.uint8).reshape(-1, self.size)
-        return np.ascontiguousarray(whole[:, place : place + size]).view(order + kind)
+        matrix = np.frombuffer(b"".join(self.messages), np.uint8).reshape(-1, self.size)
+        return np.ascontiguousarray(matrix[:, place : place + size]).view(order + kind)
 
 
 def read_ros_table(path: Path) -> FileColumns:

@@ -50,13 +50,13 @@ def stack_tests(
         titles: text above each column, which names the tests if there is one for each.
         decimal: mark in numbers that are text.
     """
-    own = [name for name, place in tests[0].items() if tests[1][name] != place]
+    repeated = [name for name, place in tests[0].items() if tests[1][name] != place]
     named = [title for title in titles if title]
     labels = named if len(set(named)) == len(tests) == len(named) else range(1, len(tests) + 1)
     parts, rows = [], []
     for test, label in zip(tests, labels, strict=True):
         cells = {name: columns.column(place) for name, place in test.items()}
-        filled = np.logical_or.reduce([is_filled(cells[name]) for name in own])
+        filled = np.logical_or.reduce([is_filled(cells[name]) for name in repeated])
         for name, column in cells.items():  # text, since a shorter test may be real where another is integer
             if pa.types.is_floating(column.type) or pa.types.is_integer(column.type):
                 cells[name] = pc.replace_substring(column.cast(pa.string()), ".", decimal)
@@ -86,8 +86,8 @@ def with_run(columns: pa.Table, label: str) -> pa.Table:
     """
     places = [place for place, name in enumerate(columns.column_names) if name == RUN]
     for place in places:  # several where tests are side by side
-        both = pc.binary_join_element_wise(columns.column(place).cast(pa.string()), label, " ")
-        columns = columns.set_column(place, RUN, both)
+        labels = pc.binary_join_element_wise(columns.column(place).cast(pa.string()), label, " ")
+        columns = columns.set_column(place, RUN, labels)
     return columns if places else columns.append_column(RUN, pa.repeat(label, len(columns)))
 
 

@@ -227,19 +227,19 @@ def joint_channels(ticks: Samples, known: FloatArray | None = None) -> tuple[Cha
         "touching": touching,
         DIRECTION: chosen[DIRECTION],
     }
-    directions, kept = chosen[DIRECTION], np.ones(len(chosen), dtype=np.bool_)
+    directions, valid = chosen[DIRECTION], np.ones(len(chosen), dtype=np.bool_)
     first = directions[0] if known is None else known
     for contact in contacts:
         if len(rows := contact.rows) and directions[rows[0]] @ first < _SAME_DIRECTION:
             begun_s, ended_s = time_s[rows[[0, -1]]]
             near = (time_s > begun_s - _BESIDE_S) & (time_s < ended_s + _BESIDE_S)
-            kept &= ~(near & (chosen["run"] == contact.run))
+            valid &= ~(near & (chosen["run"] == contact.run))
     phase, names = chosen["phase"].astype(np.int64), [f"joint_{n}" for n in range(1, len(motions) + 1)]
     channels = (
         ChannelData(name, ChannelKind.REVOLUTE, time_s, *motion, effort, run, phase, context)
         for name, motion, effort in zip(names, motions, torque.T, strict=True)
     )
-    return tuple(channel if kept.all() else channel.select(kept) for channel in channels)
+    return tuple(channel if valid.all() else channel.select(valid) for channel in channels)
 
 
 def _valid_ticks(ticks: Samples, *status_columns: str) -> BoolArray:

@@ -241,8 +241,8 @@ def rectified(data: ChannelData) -> str | None:
             law = [np.sin(q), v, np.sign(v), data.acceleration, *springs, np.ones(len(q))]
             columns = np.column_stack(law)[~zero]
             without_constant, with_constant = (
-                float(np.sum((target - some @ solve(some, target).gains) ** 2))
-                for some in (columns[:, :-1], columns)
+                float(np.sum((target - regressors @ solve(regressors, target).gains) ** 2))
+                for regressors in (columns[:, :-1], columns)
             )
             if without_constant <= _WITHOUT_CONSTANT * with_constant:
                 return (

@@ -44,8 +44,8 @@ def time_offset(data: ChannelData, model: Model | None) -> str | None:
         return None
     # The first runs of a channel that are not too many samples, or the first samples of its first run.
     runs, counts = np.unique(data.run, return_counts=True)
-    some = data.of_runs(runs[: max(1, int(np.searchsorted(np.cumsum(counts), _MOST_SAMPLES, "right")))])
-    data = some.select(np.arange(min(len(some), _MOST_SAMPLES)))
+    subset = data.of_runs(runs[: max(1, int(np.searchsorted(np.cumsum(counts), _MOST_SAMPLES, "right")))])
+    data = subset.select(np.arange(min(len(subset), _MOST_SAMPLES)))
     step_s = sample_time(data.time_s, data.run)
     farthest_s = min(_FARTHEST_S, _MOST_SHIFTS * step_s)
     # Samples whose motion is known for that time before and after; of a contact, pressed throughout.

@@ -61,14 +61,14 @@ class Rivals:
             planned: the channel with the planned motion; its effort is ignored.
         """
         motion, good = _coarse(planned)
-        both = joined_channels((self.data, motion))
-        kept = np.concatenate([self.good, good])
-        is_new = (np.arange(len(both)) >= len(self.data))[kept]
-        expected = [_expected(fit, both)[kept] for fit in self.fits]
-        tangents = [np.linalg.qr(_slopes(fit, both)[kept])[0] for fit in self.fits]
+        combined = joined_channels((self.data, motion))
+        used = np.concatenate([self.good, good])
+        is_new = (np.arange(len(combined)) >= len(self.data))[used]
+        expected = [_expected(fit, combined)[used] for fit in self.fits]
+        tangents = [np.linalg.qr(_slopes(fit, combined)[used])[0] for fit in self.fits]
         squared_errors = np.empty((len(self.fits),) * 2)
         for true, effort in enumerate(expected):
-            measured = np.where(is_new, effort, both.effort[kept])
+            measured = np.where(is_new, effort, combined.effort[used])
             for rival, (mine, tangent) in enumerate(zip(expected, tangents, strict=True)):
                 difference = measured - mine
                 squared_errors[true, rival] = float(
@@ -86,14 +86,14 @@ class Rivals:
             rng: random generator for the noise of the simulated data.
         """
         motion, good = _coarse(planned)
-        kept = np.concatenate([self.good, good])
+        used = np.concatenate([self.good, good])
         noise = np.resize(self._noise, len(motion))
         shared = set.intersection(*({e.name for e in fit.solution.model.effects} for fit in self.fits))
         leads = np.zeros((len(self.fits),) * 2)
         for true, rival in enumerate(self.fits):
             effort = _expected(rival, motion) + shuffle_noise(noise, motion.run, rng)
             data, cache = joined_channels((self.data, replace(motion, effort=effort))), FitCache()
-            again = (_refit_globally(data, fit, shared, kept, cache) for fit in self.fits)
+            again = (_refit_globally(data, fit, shared, used, cache) for fit in self.fits)
             squared_errors = np.array([fit.solution.held_out for fit in again])
             leads[true] = 1.0 - np.sqrt(squared_errors[true] / np.maximum(squared_errors, 1e-300))
         return self._beyond_now(leads, [fit.solution.held_out for fit in self.fits])

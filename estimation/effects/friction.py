@@ -10,6 +10,8 @@ from palpate.estimation.effect import AdditiveEffect, Errors, Inner, Parameter, 
 from palpate.estimation.kinds import Kind
 from palpate.robot_io.types import FloatArray
 
+TRANSITION = Parameter("transition", "{position}/s", 1e-9, 1e3, (1e-4, 0.05), log=True)
+
 
 class CoulombFriction(AdditiveEffect):
     """effort = f tanh(v / transition): a constant against the motion."""
@@ -26,9 +28,7 @@ class CoulombFriction(AdditiveEffect):
     signals: ClassVar[tuple[str, ...]] = ("direction",)
     channels = JOINTS
     gains: ClassVar[tuple[Parameter, ...]] = (Parameter("force", "{effort}", 0.0, 1e12, (0.001, 50.0)),)
-    inner: ClassVar[tuple[Parameter, ...]] = (
-        Parameter("transition", "{position}/s", 1e-09, 1e3, (0.0001, 0.05), log=True),
-    )
+    inner: ClassVar[tuple[Parameter, ...]] = (TRANSITION,)
     confused_with = {
         "position_dependent_friction": "move over a wide range",
         "presliding_friction": "stop and creep back and forth: a path, not a speed, counts",
@@ -76,8 +76,8 @@ class AsymmetricFriction(CoulombFriction):
 
     def simpler(self, columns: FloatArray) -> FloatArray:
         """See `Effect.simpler`: alike in both directions beside a bias, which differs at rest alone."""
-        both = np.column_stack([columns[:, 0] + columns[:, 1], columns[:, 2] + columns[:, 3]])
-        return np.column_stack([both, np.ones(len(both))])
+        symmetric = np.column_stack([columns[:, 0] + columns[:, 1], columns[:, 2] + columns[:, 3]])
+        return np.column_stack([symmetric, np.ones(len(symmetric))])
 
 
 _LUMPED = "lumped_inertia_effort"  # which a joint has whose rotor and link are one inertia in its model
@@ -154,7 +154,7 @@ class PositionDependentFriction(AdditiveEffect):
     essential = ("sine", "cosine")
     inner = (
         Parameter("cycles", "1/{position}", 1e-3, 1e5, (0.5, 10.0), log=True),
-        Parameter("transition", "{position}/s", 1e-9, 1e3, (1e-4, 0.05), log=True),
+        TRANSITION,
     )
     confused_with = {
         "torque_ripple": (
@@ -202,7 +202,7 @@ class StribeckFriction(AdditiveEffect):
     essential = ("rise",)
     inner = (
         Parameter("speed", "{position}/s", 1e-09, 10.0, (0.001, 1.0), log=True),
-        Parameter("transition", "{position}/s", 1e-09, 1e3, (0.0001, 0.05), log=True),
+        TRANSITION,
     )
     confused_with = {
         "coulomb_friction": "move very slowly, and at several speeds",

@@ -6,6 +6,7 @@ import numpy as np
 
 from palpate.estimation.channel import JOINTS, ChannelData, ChannelKind
 from palpate.estimation.effect import AdditiveEffect, Errors, Inner, Parameter, start_grid
+from palpate.estimation.effects.friction import TRANSITION
 from palpate.estimation.kinds import Kind
 from palpate.robot_io.types import FloatArray
 
@@ -86,7 +87,7 @@ class JointCoupling(AdditiveEffect):
     )
     inner = (
         Parameter("ratio", "1", -5.0, 5.0, (-1.0, 1.0)),
-        Parameter("transition", "{position}/s", 1e-9, 1e3, (1e-4, 0.05), log=True),
+        TRANSITION,
     )
     needs = ("joint_velocity", "joint_acceleration")
     confused_with = {
@@ -101,11 +102,11 @@ class JointCoupling(AdditiveEffect):
     def suited_to(self, data: ChannelData) -> "JointCoupling":
         """See `Effect.suited_to`: with the neighbour whose motion explains more of the effort."""
         velocity = data.context["joint_velocity"]
-        own = int(np.argmin(np.sum((velocity - data.velocity[:, None]) ** 2, axis=0)))
-        beside = [j for j in (own + 1, own - 1) if 0 <= j < velocity.shape[1]]
-        if not beside:
+        joint = int(np.argmin(np.sum((velocity - data.velocity[:, None]) ** 2, axis=0)))
+        neighbours = [j for j in (joint + 1, joint - 1) if 0 <= j < velocity.shape[1]]
+        if not neighbours:
             return self
-        return JointCoupling(min(beside, key=lambda j: _left(data, own, j)))
+        return JointCoupling(min(neighbours, key=lambda j: _left(data, joint, j)))
 
     def applies_to(self, data: ChannelData) -> bool:
         """See `Effect.applies_to`: an arm of two joints or more."""

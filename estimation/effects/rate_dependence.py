@@ -137,11 +137,9 @@ class HuntCrossley(AdditiveEffect):
         """See `Effect.is_misnamed`: the damper shows a power of the depth that the spring does not have."""
         k, b, n = (parameters[f"{self.name}.{p.name}"] for p in (*self.gains, *self.inner))
         depth = np.maximum(data.position, 0.0)
-        spring, damper = (_bent(depth**n * by, depth * by) for by in (np.ones(len(data)), data.velocity))
-        return bool(abs(b) * damper > noise > abs(k) * spring)
-
-
-def _bent(signal: FloatArray, straight: FloatArray) -> float:
-    """Root mean square of a signal (n,) less what is proportional to another."""
-    share = float(signal @ straight) / max(float(straight @ straight), 1e-300)
-    return float(np.sqrt(np.mean((signal - share * straight) ** 2)))
+        bends = []  # root mean squares of spring and damper, less what is proportional to the depth
+        for factor in (np.ones(len(data)), data.velocity):
+            power, straight = depth**n * factor, depth * factor
+            share = float(power @ straight) / max(float(straight @ straight), 1e-300)
+            bends.append(float(np.sqrt(np.mean((power - share * straight) ** 2))))
+        return bool(abs(b) * bends[1] > noise > abs(k) * bends[0])

@@ -233,14 +233,16 @@ def _follows_a_curve(readings: FloatArray, signals: FloatArray, run: IntArray) -
     """
     total, sse, white = 0.0, 0.0, 0.0
     for number in np.unique(run):
-        own, (at, *others) = readings[run == number], signals[run == number].T
-        if len(own) >= _FEWEST_OF_CURVE:
+        values, (at, *regressors) = readings[run == number], signals[run == number].T
+        if len(values) >= _FEWEST_OF_CURVE:
             place = (at - at.min()) / (float(np.ptp(at)) or 1.0)
-            columns = np.column_stack([np.polynomial.legendre.legvander(2.0 * place - 1.0, _ORDER), *others])
-            residual = own - columns @ np.linalg.lstsq(columns, own, rcond=1e-9)[0]
-            total += float(np.sum((own - own.mean()) ** 2))
+            columns = np.column_stack(
+                [np.polynomial.legendre.legvander(2.0 * place - 1.0, _ORDER), *regressors]
+            )
+            residual = values - columns @ np.linalg.lstsq(columns, values, rcond=1e-9)[0]
+            total += float(np.sum((values - values.mean()) ** 2))
             sse += float(residual @ residual)
-            white += len(own) * float(np.mean(np.diff(own, 3) ** 2)) / _OF_WHITE
+            white += len(values) * float(np.mean(np.diff(values, 3) ** 2)) / _OF_WHITE
     return total > _ABOVE_NOISE * white and sse - white < _OF_CURVE * (total - white)
 
 

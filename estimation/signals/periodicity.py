@@ -136,11 +136,11 @@ def harmonics(data: ChannelData) -> tuple[float, tuple[int, ...]]:
             waves.append(tried[-1])
             residual, sizes = after, energy
     if whole_turn:
-        whole = sorted(
+        per_turn = sorted(
             {round(wave) for wave in waves if (round(wave) > 0 and abs(wave - round(wave)) * span < np.pi)}
         )
-        shared = gcd(*whole) or 1
-        return float(shared), tuple(wave // shared for wave in whole)
+        shared = gcd(*per_turn) or 1
+        return float(shared), tuple(wave // shared for wave in per_turn)
     return _common_wave_number(np.array(waves), sizes, 2.0 * np.pi / span)
 
 

@@ -95,10 +95,10 @@ def _centred(values: FloatArray) -> FloatArray:
 
 def _lagged(a: FloatArray, b: FloatArray, most: int) -> FloatArray:
     """Sum of a_t b_(t+k) for k from -most to most."""
-    whole, n = scipy.signal.correlate(b, a, mode="full", method="auto"), len(a)
+    correlations, n = scipy.signal.correlate(b, a, mode="full", method="auto"), len(a)
     reach = min(most, n - 1)
     sums = np.zeros(2 * most + 1)
-    sums[most - reach : most + reach + 1] = whole[n - 1 - reach : n + reach]
+    sums[most - reach : most + reach + 1] = correlations[n - 1 - reach : n + reach]
     return sums
 
 

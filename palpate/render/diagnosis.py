@@ -150,12 +150,12 @@ def falling(channel: str, errors: Sequence[float], added: Sequence[str], noise: 
         unit: of the errors.
     """
     first, last = errors[0], errors[-1]
-    whole = f"{channel} with {enumerated(added)}: the error in held-out runs"
+    subject = f"{channel} with {enumerated(added)}: the error in held-out runs"
     if last > _NO_FALL * first:
-        return f"{whole} does not fall: from {first:.3g} to {last:.3g} {unit}."
+        return f"{subject} does not fall: from {first:.3g} to {last:.3g} {unit}."
     times = last / noise if noise > 0.0 else float("inf")
     ends = "down to the noise" if times < NOISE else f"to {times:.1f} times the noise"
-    falls = f"{whole} falls from {first:.3g} to {last:.3g} {unit}, {ends}."
+    falls = f"{subject} falls from {first:.3g} to {last:.3g} {unit}, {ends}."
     before = errors[-2]
     if last <= _NO_FALL * before:
         return falls
@@ -191,9 +191,9 @@ def budget_view(diagnosis: ChannelDiagnosis) -> BudgetView | None:
     for entry in diagnosis.budget:  # kinds that cannot be told apart, each pair once
         if entry.replaceable_by and (pair := frozenset({entry.kind, *entry.replaceable_by})) not in pairs:
             pairs.add(pair)
-            others = " or ".join(kind.word for kind in entry.replaceable_by)
+            alternatives = " or ".join(kind.word for kind in entry.replaceable_by)
             confusions.append(
-                f"This data cannot tell {entry.kind.word} from {others}. To separate "
+                f"This data cannot tell {entry.kind.word} from {alternatives}. To separate "
                 f"{entry.kind.word} from {entry.replaceable_by[0].word}: {entry.experiment}."
             )
     is_bound = diagnosis.floor is None or diagnosis.floor.at_most

@@ -266,20 +266,20 @@ def as_data(sides: Sides) -> dict[str, Any]:
     pair = (sides.first, sides.second)
     parameters = [
         {
-            "name": each.name,
-            "unit": each.unit,
+            "name": difference.name,
+            "unit": difference.unit,
             "sides": [
                 None if side is None else {"value": side.value, "std_err": side.std_err}
-                for side in (each.first, each.second)
+                for side in (difference.first, difference.second)
             ],
             "difference": {
-                "value": each.value,
-                "interval": [each.value - each.half, each.value + each.half],
-                "differs": each.differs,
-                "paired": each.paired_std_err is not None,
+                "value": difference.value,
+                "interval": [difference.value - difference.half, difference.value + difference.half],
+                "differs": difference.differs,
+                "paired": difference.paired_std_err is not None,
             },
         }
-        for each in sides.differences
+        for difference in sides.differences
     ]
     return {
         "channel": sides.channel,

@@ -162,13 +162,13 @@ def map_figure(channel: ChannelView) -> go.Figure:
     )
     used = channel.engaged & channel.judged
     maps = [residual_map(channel.position, channel.velocity, stage.residual, used) for stage in stages]
-    level = np.abs(np.concatenate([each.mean.ravel() for each in maps]))
+    level = np.abs(np.concatenate([grid.mean.ravel() for grid in maps]))
     reach = float(np.quantile(level[np.isfinite(level)], _BRIGHT)) if np.isfinite(level).any() else 1.0
-    for column, each in enumerate(maps, start=1):
+    for column, grid in enumerate(maps, start=1):
         trace = go.Heatmap(
-            x=_small(each.position),
-            y=_small(each.velocity),
-            z=_small(each.mean),
+            x=_small(grid.position),
+            y=_small(grid.velocity),
+            z=_small(grid.mean),
             zmin=-reach,
             zmax=reach,
             colorscale=palette.RESIDUAL,

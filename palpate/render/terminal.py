@@ -243,8 +243,8 @@ def fall_table(channel: ChannelView, width: int) -> Table:
 
 def _fall_table(channel: ChannelView, width: int, *, narrow: bool) -> Table:
     error = "held-out\nerror" + ("\n" if narrow else " ") + safe(f"[{channel.axes.effort_unit}]")
-    kept = ["" if stage.number is None else str(stage.number) for stage in channel.stages]
-    number = ("no." if narrow else "revision",) if any(kept) else ()
+    revisions = ["" if stage.number is None else str(stage.number) for stage in channel.stages]
+    number = ("no." if narrow else "revision",) if any(revisions) else ()
     evidence = {f"+ {entry.effect}": chance(entry.p_value) for entry in channel.accepted}
     last = ("p",) if evidence else ()
     right = (*number, error, "× noise", "p")
@@ -254,7 +254,7 @@ def _fall_table(channel: ChannelView, width: int, *, narrow: bool) -> Table:
         times = channel.times_noise(value)
         name = f"{safe(label[:2])}[bold]{safe(label[2:])}[/bold]" if row else safe(label)
         made.add_row(
-            *kept[row : row + len(number)],
+            *revisions[row : row + len(number)],
             name,
             f"{value:.4g}",
             f"{times:.2f}",

@@ -287,11 +287,11 @@ class Page:
     async def keep(self) -> None:
         """Save the selected effects as a revision."""
         try:
-            kept = await asyncio.to_thread(self.state.keep)
+            revisions = await asyncio.to_thread(self.state.keep)
         except PalpateError as error:
             ui.notify(str(error), type="warning")
             return
-        ui.notify(f"kept as revision {kept[-1].number}", type="positive")
+        ui.notify(f"kept as revision {revisions[-1].number}", type="positive")
         self._list_revisions()
 
     async def write_report(self) -> None:
@@ -316,14 +316,16 @@ class Page:
         with self._revisions:
             heading("Revisions", elements.REVISIONS)
             channel = self.state.choice.channel
-            kept = [revision for revision in self.state.study.revisions if revision.channel == channel][-8:]
-            for revision in reversed(kept):
+            revisions = [revision for revision in self.state.study.revisions if revision.channel == channel][
+                -8:
+            ]
+            for revision in reversed(revisions):
                 terms = " + ".join([revision.model, *revision.effects])
                 text = f"{revision.number} · {revision.rmse:.3g} {revision.effort_unit} · {terms}"
                 work = partial(self.state.to_revision, revision)
                 button = ui.button(text, on_click=partial(self._change, work))
                 button.props("flat dense no-caps align=left").classes("revision")
-            if not kept:
+            if not revisions:
                 ui.label("no revisions yet").classes("quiet")
 
 

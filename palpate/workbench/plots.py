@@ -293,8 +293,8 @@ def map_update(motion: DrawnMotion, residual: FloatArray) -> Restyle:
         motion: what is drawn, n samples.
         residual: of the chosen model (n,).
     """
-    each = motion.map(residual)
-    x, y, z = (part.astype(np.float32) for part in (each.position, each.velocity, each.mean))
+    grid = motion.map(residual)
+    x, y, z = (part.astype(np.float32) for part in (grid.position, grid.velocity, grid.mean))
     return {"x": [x], "y": [y], "z": [z]}, [1]
 
 
