@@ -321,22 +321,18 @@ class MoteusBus(AskedMotorBus[MoteusState]):
         return state.error, state.mode == POSITION
 
     def _keep(self, joint: int, state: MoteusState, asked_s: float) -> None:
-        motor = self._motors[joint]
         self._shown[joint] = state
         self._motion_is_wrong[joint] = not state.is_known or state.error in ENCODER_FAULTS
         if state.is_known:
-            self._position_rad[joint] = motor.joint_angle_rad(tau * state.position_rev)
-            self._velocity_rad_s[joint] = tau * state.velocity_rev_s / motor.signed_ratio
-            self._torque_nm[joint] = state.torque_nm * motor.signed_ratio
-            self._torque_at_s[joint] = asked_s
+            self._keep_motion(joint, tau * state.position_rev, tau * state.velocity_rev_s, asked_s)
+            self._keep_torque(joint, state.torque_nm, asked_s)
         self._motion_at_s[joint] = asked_s
 
-    def _encode_torque(self, joint: int, torque_nm: float) -> tuple[CanFrame, float]:
+    def _encode_shaft(self, joint: int, torque_nm: float) -> tuple[CanFrame, float]:
         motor = self._motors[joint]
-        ratio = motor.signed_ratio
-        output_nm = clip(torque_nm / ratio, -motor.max_torque_nm, motor.max_torque_nm)
+        output_nm = clip(torque_nm, -motor.max_torque_nm, motor.max_torque_nm)
         frame = encode_torque(self._own.host_id, motor.motor_id, output_nm, self._own.watchdog_s)
-        return frame, float(np.float32(output_nm)) * ratio
+        return frame, float(np.float32(output_nm))
 
     def _error_names(self, error: int) -> str:
         return FAULTS.get(error, f"unknown fault {error}")

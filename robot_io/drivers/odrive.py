@@ -318,20 +318,19 @@ class OdriveBus(MotorBus):
         joint = self._joint_of(frame)
         if joint is None or frame.remote:
             return False
-        axis = self._axes[joint]
         node, command = odrive.split_odrive_id(frame.can_id)
         match command:
             case OdriveCommand.ENCODER_ESTIMATES:
                 position_rev, velocity_rev_s = odrive.decode_pair(frame, "encoder estimates")
-                self._position_rad[joint] = axis.joint_angle_rad(tau * position_rev)
-                self._velocity_rad_s[joint] = tau * velocity_rev_s / axis.signed_ratio
-                self._motion_at_s[joint] = at_s - self._latency_s[joint]
+                sampled_s = at_s - self._latency_s[joint]
+                self._keep_motion(joint, tau * position_rev, tau * velocity_rev_s, sampled_s)
             case OdriveCommand.GET_IQ if self._own.firmware is Firmware.V0_5:
                 _, current_a = odrive.decode_pair(frame, "motor current")
-                self._keep_torque(joint, current_a * (axis.torque_constant_nm_a or 0.0), at_s)
+                constant_nm_a = self._axes[joint].torque_constant_nm_a or 0.0
+                self._keep_torque(joint, current_a * constant_nm_a, at_s - self._latency_s[joint])
             case OdriveCommand.TORQUES if self._own.firmware is Firmware.V0_6:
                 _, torque_nm = odrive.decode_pair(frame, "motor torque")
-                self._keep_torque(joint, torque_nm, at_s)
+                self._keep_torque(joint, torque_nm, at_s - self._latency_s[joint])
             case OdriveCommand.HEARTBEAT:
                 beat = odrive.decode_heartbeat(frame, self._own.firmware)
                 self._heartbeats[joint], self._heartbeat_at_s[joint] = beat, at_s
@@ -348,22 +347,21 @@ class OdriveBus(MotorBus):
                 return False
         return True
 
-    def _keep_torque(self, joint: int, motor_torque_nm: float, at_s: float) -> None:
+    def _keep_torque(self, joint: int, shaft_nm: float, at_s: float) -> None:
+        """See `MotorBus._keep_torque`; counts samples in which a motor exerts too little."""
         least_nm = min(abs(self._sent_nm[joint]), abs(self._expected_nm[joint]))
         self._expected_nm[joint] = self._sent_nm[joint]
         clear_nm = _CLEAR_SHARE * self._axes[joint].max_torque_nm
-        is_short = self._powered and abs(motor_torque_nm) < _OBEYED_SHARE * least_nm - clear_nm
+        is_short = self._powered and abs(shaft_nm) < _OBEYED_SHARE * least_nm - clear_nm
         self._short_count[joint] = self._short_count[joint] + 1 if is_short else 0
-        self._short_nm[joint] = motor_torque_nm
-        self._torque_nm[joint] = motor_torque_nm * self._axes[joint].signed_ratio
-        self._torque_at_s[joint] = at_s - self._latency_s[joint]
+        self._short_nm[joint] = shaft_nm
+        super()._keep_torque(joint, shaft_nm, at_s)
 
-    def _encode_torque(self, joint: int, torque_nm: float) -> tuple[CanFrame, float]:
+    def _encode_shaft(self, joint: int, torque_nm: float) -> tuple[CanFrame, float]:
         axis = self._axes[joint]
-        motor_nm = min(max(torque_nm / axis.signed_ratio, -axis.max_torque_nm), axis.max_torque_nm)
+        motor_nm = min(max(torque_nm, -axis.max_torque_nm), axis.max_torque_nm)
         self._sent_nm[joint] = motor_nm
-        sent_nm = float(np.float32(motor_nm)) * axis.signed_ratio
-        return odrive.encode_input_torque(axis.node_id, motor_nm), sent_nm
+        return odrive.encode_input_torque(axis.node_id, motor_nm), float(np.float32(motor_nm))
 
     def _hint(self, joint: int) -> str:
         if self._short_count[joint] < _SHORT_SAMPLES:

@@ -45,10 +45,13 @@ class MotorMounting(FileModel):
         return -self.gear_ratio if self.reversed else self.gear_ratio
 
     def joint_angle_rad(self, shaft_rad: float) -> float:
-        """Joint angle [rad] of a shaft angle [rad].
+        """Convert an angle of the motor's shaft to one of the joint.
 
         Args:
             shaft_rad: angle of the motor's shaft [rad].
+
+        Returns:
+            Joint angle [rad].
         """
         return self.zero_rad + shaft_rad / self.signed_ratio
 
@@ -108,8 +111,8 @@ class MotorBus(JointBus, Examinable):
         """Which joint a frame comes from."""
 
     @abstractmethod
-    def _encode_torque(self, joint: int, torque_nm: float) -> tuple[CanFrame, float]:
-        """The frame for a joint torque [N m], and what will really act [N m]."""
+    def _encode_shaft(self, joint: int, torque_nm: float) -> tuple[CanFrame, float]:
+        """Return the frame for a torque of the motor's shaft [N m], and the torque that will act there."""
 
     @abstractmethod
     def _fault(self, joint: int, now_s: float) -> str:
@@ -124,6 +127,24 @@ class MotorBus(JointBus, Examinable):
         """Read the identity and state of the motors, by request if needed, with the torque off."""
 
     # Common to all protocols.
+
+    def _encode_torque(self, joint: int, torque_nm: float) -> tuple[CanFrame, float]:
+        """Return the frame for a joint torque [N m], and the joint torque that will act."""
+        ratio = self._mountings[joint].signed_ratio
+        frame, shaft_nm = self._encode_shaft(joint, torque_nm / ratio)
+        return frame, shaft_nm * ratio
+
+    def _keep_motion(self, joint: int, shaft_rad: float, shaft_rad_s: float, at_s: float) -> None:
+        """Store angle and speed of a motor's shaft at a time as those of its joint."""
+        mounting = self._mountings[joint]
+        self._position_rad[joint] = mounting.joint_angle_rad(shaft_rad)
+        self._velocity_rad_s[joint] = shaft_rad_s / mounting.signed_ratio
+        self._motion_at_s[joint] = at_s
+
+    def _keep_torque(self, joint: int, shaft_nm: float, at_s: float) -> None:
+        """Store the torque of a motor's shaft at a time as that of its joint."""
+        self._torque_nm[joint] = shaft_nm * self._mountings[joint].signed_ratio
+        self._torque_at_s[joint] = at_s
 
     def examine(self) -> tuple[Finding, ...]:
         findings = self._report()

@@ -5,17 +5,14 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 
 from palpate.robot_io.driver import DriverContext
-from palpate.robot_io.drivers.dynamixel.servos import (
-    DynamixelFeedback,
-    DynamixelLine,
-    examine_servo,
-    feedback_problem,
-)
+from palpate.robot_io.drivers.dynamixel.servos import DynamixelFeedback, DynamixelLine, examine_servo
 from palpate.robot_io.drivers.dynamixel.tables import (
     POSITION_STEP_RAD,
     VELOCITY_STEP_RAD_S,
+    WATCHDOG_FIRED,
     DynamixelSettings,
     ServoSettings,
+    hardware_error_names,
 )
 from palpate.robot_io.drivers.joint_bus import BusTorque
 from palpate.robot_io.drivers.servo.bus import ServoBus, ServoEncoder
@@ -78,7 +75,16 @@ class DynamixelBus(ServoBus):
         return all(servo[:4] == told for servo in feedback)
 
     def _problem(self, feedback: Sequence[DynamixelFeedback]) -> str | None:
-        return feedback_problem(feedback, self._labels, self._watchdog, powered=self._powered)
+        for label, servo in zip(self._labels, feedback, strict=True):
+            has_fired = servo.watchdog == WATCHDOG_FIRED
+            if self._powered and has_fired:
+                return f"{label}: its bus watchdog has fired, its torque is off"
+            if servo.watchdog != self._watchdog and not has_fired:
+                return f"{label}: has lost its settings; it has restarted"
+            if self._powered and not servo.torque_on:
+                names = hardware_error_names(servo.hardware_error)
+                return f"{label}: has switched its torque off (hardware error: {names})"
+        return None
 
     def _goals(self, torque_nm: list[float]) -> tuple[list[int], FloatArray]:
         shares = zip(self._pairs.shares(torque_nm), self._torque_steps_nm, self._largest_current, strict=True)

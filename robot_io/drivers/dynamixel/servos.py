@@ -16,7 +16,6 @@ from palpate.robot_io.drivers.dynamixel.tables import (
     PRESENT_POSITION,
     PRESENT_VELOCITY,
     TORQUE_ENABLE,
-    WATCHDOG_FIRED,
     WATCHDOG_FIRMWARE,
     DynamixelSettings,
     ServoSettings,
@@ -39,7 +38,7 @@ _REGISTERS: Final = (
 )
 _FORMAT: Final = struct.Struct("<BBbhii")
 FEEDBACK_SIZE: Final = _FORMAT.size
-PADDING: Final = 3  # bytes before the block, see `block_addresses`
+PADDING: Final = 3  # bytes before the block, see `DynamixelLine.prepare_feedback`
 
 _STATUS_PACKET = 11  # bytes around the data
 _LARGEST_ANSWER = _STATUS_PACKET + 4 * (FEEDBACK_SIZE + PADDING) // 3 + 1  # bytes, every third one stuffed
@@ -61,16 +60,6 @@ class DynamixelFeedback(NamedTuple):
         """Its hardware errors by name, or nothing."""
         is_well = not (self.error or self.hardware_error)
         return "" if is_well else f"hardware error: {hardware_error_names(self.hardware_error)}"
-
-
-def block_addresses() -> tuple[int, ...]:
-    """List the addresses that the indirect data map, in order.
-
-    Padding comes first: a request can start at any padding byte, so that answers to different requests differ
-    in length and a late answer cannot be taken for a new one.
-    """
-    block = [register.address + byte for register in _REGISTERS for byte in range(register.size)]
-    return (*[TORQUE_ENABLE.address] * PADDING, *block)
 
 
 def decode_feedback(packet: DynamixelStatus) -> DynamixelFeedback:
@@ -160,29 +149,6 @@ class _FastReader(FeedbackReader[DynamixelFeedback]):
     def _silence(self, asked: Request) -> str:
         part = self._buffer[max(self._buffer.rfind(protocol.FAST_HEADER), 0) :]
         return f"servo {self._ids[self._replies[asked.size].answered(part)]} did not answer in time"
-
-
-def feedback_problem(
-    feedback: Sequence[DynamixelFeedback], labels: Sequence[str], watchdog: int, *, powered: bool
-) -> str | None:
-    """Return why some of the feedback cannot be trusted, or None.
-
-    Args:
-        feedback: Feedback of all servos.
-        labels: Labels for messages, in the same order.
-        watchdog: What the bus watchdog was set to.
-        powered: Whether the torque was switched on.
-    """
-    for label, servo in zip(labels, feedback, strict=True):
-        has_fired = servo.watchdog == WATCHDOG_FIRED
-        if powered and has_fired:
-            return f"{label}: its bus watchdog has fired, its torque is off"
-        if servo.watchdog != watchdog and not has_fired:
-            return f"{label}: has lost its settings; it has restarted"
-        if powered and not servo.torque_on:
-            names = hardware_error_names(servo.hardware_error)
-            return f"{label}: has switched its torque off (hardware error: {names})"
-    return None
 
 
 class DynamixelAccess(RegisterAccess):
@@ -289,7 +255,11 @@ class DynamixelLine(ServoLine):
 
         DeviceError: a servo did not accept a setting.
         """
-        addresses = b"".join(address.to_bytes(2, "little") for address in block_addresses())
+        # Padding comes first: a request can start at any padding byte, so that answers to different requests
+        # differ in length and a late answer cannot be taken for a new one.
+        block = [register.address + byte for register in _REGISTERS for byte in range(register.size)]
+        mapped = (*[TORQUE_ENABLE.address] * PADDING, *block)
+        addresses = b"".join(address.to_bytes(2, "little") for address in mapped)
         for servo_id in self.ids:
             settle = self.registers.settle
             settle(servo_id, tables.TORQUE_ENABLE, 0)

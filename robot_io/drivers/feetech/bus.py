@@ -8,7 +8,7 @@ motor, from its duty cycle and speed; they do not include the friction of the ge
 
 import struct
 from collections import deque
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from math import ceil, inf
 from typing import Final, NamedTuple
 
@@ -26,7 +26,6 @@ from palpate.robot_io.drivers.feetech.tables import (
     PRESENT_SPEED,
     RESTARTED_LIMIT,
     TORQUE_ENABLE,
-    FeetechServo,
     FeetechSettings,
 )
 from palpate.robot_io.drivers.joint_bus import BusTorque
@@ -35,7 +34,6 @@ from palpate.robot_io.drivers.servo.feedback import FeedbackReader
 from palpate.robot_io.drivers.servo.line import Packet
 from palpate.robot_io.errors import DeviceError, LifecycleError, ProtocolError
 from palpate.robot_io.examination import Finding, ok
-from palpate.robot_io.serial_port import SerialPort
 from palpate.robot_io.types import FloatArray
 
 # Torque enable, acceleration, goal, its time and speed, torque limit, five reserved bytes, lock, position,
@@ -93,30 +91,6 @@ def decode_feedback(packet: Packet) -> FeetechFeedback:
         load if load < _LOAD_SIGN else PRESENT_LOAD.signed_value(load),
         volts,
         celsius,
-    )
-
-
-def feedback_reader(
-    port: SerialPort, clock: Clock, servo_ids: Sequence[int], decode: Callable[[Packet], FeetechFeedback]
-) -> FeedbackReader[FeetechFeedback]:
-    """Make the reader of the block of all servos.
-
-    Args:
-        port: An open port.
-        clock: Clock of the deadlines.
-        servo_ids: Servos that are asked, in this order.
-        decode: Converts an answer to feedback; ProtocolError: the answer is implausible.
-    """
-    sizes = range(FEEDBACK_SIZE, FEEDBACK_SIZE + PADDING + 1)
-    end = TORQUE_ENABLE.address + FEEDBACK_SIZE
-    return FeedbackReader(
-        port,
-        clock,
-        servo_ids,
-        asking={size: protocol.DIALECT.sync_read(end - size, size, servo_ids) for size in sizes},
-        packets=FeetechStatusReader(largest=protocol.AROUND + FEEDBACK_SIZE + PADDING),
-        decode=decode,
-        around=protocol.AROUND,
     )
 
 
@@ -185,41 +159,8 @@ class Plausibility:
         return feedback
 
 
-def feedback_problem(
-    feedback: Sequence[FeetechFeedback], labels: Sequence[str], fastest_counts_s: float, *, powered: bool
-) -> str | None:
-    """Return why some of the feedback cannot be trusted, or None.
-
-    Args:
-        feedback: Feedback of all servos.
-        labels: Labels for messages, in the same order.
-        fastest_counts_s: No joint is faster [counts/s].
-        powered: Whether the torque was switched on.
-    """
-    for label, servo in zip(labels, feedback, strict=True):
-        if powered and not servo.torque_on:
-            why = error_names(servo.errors) if servo.errors else "none; has it restarted?"
-            return f"{label}: has switched its torque off (error: {why})"
-        if abs(servo.speed) > fastest_counts_s:
-            speed_rad_s, fastest_rad_s = (c * POSITION_STEP_RAD for c in (servo.speed, fastest_counts_s))
-            return f"{label}: shows {speed_rad_s:.3g} rad/s, more than it can do ({fastest_rad_s:.3g} rad/s)"
-    return None
-
-
 _LEAST_DUTY = 0.1  # of a torque limit
 _FASTEST = 2.0  # times the no-load speed: a joint that is thrown
-
-
-def count_steps(servos: Sequence[FeetechServo]) -> FloatArray:
-    """Convert one count of each servo: position [rad], velocity [rad/s] and torque [N m], shape (3, m).
-
-    Args:
-        servos: m servos that turn joints.
-    """
-    direction = np.array([servo.direction for servo in servos])
-    stall_nm = np.array([servo.servo_model.stall_torque_nm for servo in servos])
-    step_rad = direction * tables.POSITION_STEP_RAD
-    return np.array((step_rad, step_rad, direction * stall_nm * tables.DUTY_PER_LOAD))
 
 
 class FeetechBus(ServoBus):
@@ -231,9 +172,12 @@ class FeetechBus(ServoBus):
 
     def __init__(self, settings: Mapping[str, object], context: DriverContext) -> None:
         own = context.settings_as(FeetechSettings, settings)
-        super().__init__(own, count_steps(own.turning), context)
         models = [servo.servo_model for servo in own.turning]
         self._stall_nm = [model.stall_torque_nm for model in models]
+        direction = np.array([servo.direction for servo in own.turning])
+        step_rad = direction * POSITION_STEP_RAD
+        step_nm = direction * np.array(self._stall_nm) * tables.DUTY_PER_LOAD
+        super().__init__(own, np.array((step_rad, step_rad, step_nm)), context)
         self._drag_nms_rad = [model.stall_torque_nm / model.no_load_rad_s for model in models]
         self._drags_nms_rad = np.array(self._drag_nms_rad)
         self._steps_rad: list[float] = self._joints.steps[0].tolist()
@@ -250,9 +194,7 @@ class FeetechBus(ServoBus):
         counts = [min(ceil(duty / tables.DUTY_PER_LOAD), tables.LARGEST_LIMIT) for duty in duties]
         torque_limits = dict(zip(own.ids, counts, strict=True))
         self._line = FeetechLine(own, torque_limits, self._port, context.clock)
-        self._fastest_counts_s = (
-            _FASTEST * max(model.no_load_rad_s for model in models) / tables.POSITION_STEP_RAD
-        )
+        self._fastest_counts_s = _FASTEST * max(model.no_load_rad_s for model in models) / POSITION_STEP_RAD
         told = {servo_id: (0, 0, 0, limit, 1) for servo_id, limit in torque_limits.items()}
         self._plausibility = Plausibility(context.clock, told, self._fastest_counts_s)
         self._servos = {servo.id: servo for servo in own.turning}
@@ -266,7 +208,17 @@ class FeetechBus(ServoBus):
         self._line.identify()
         self._line.prepare()
         self._plausibility.restart()
-        return feedback_reader(self._port, self._clock, self._line.ids, self._plausibility.decode)
+        sizes, ids = range(FEEDBACK_SIZE, FEEDBACK_SIZE + PADDING + 1), self._line.ids
+        end = TORQUE_ENABLE.address + FEEDBACK_SIZE
+        return FeedbackReader(
+            self._port,
+            self._clock,
+            ids,
+            asking={size: protocol.DIALECT.sync_read(end - size, size, ids) for size in sizes},
+            packets=FeetechStatusReader(largest=protocol.AROUND + FEEDBACK_SIZE + PADDING),
+            decode=self._plausibility.decode,
+            around=protocol.AROUND,
+        )
 
     def _counts(self, feedback: Sequence[FeetechFeedback]) -> Sequence[Sequence[int]]:
         _, _, _, _, position, speed, load, _, _ = zip(*feedback, strict=True)
@@ -287,7 +239,14 @@ class FeetechBus(ServoBus):
         return all(servo[:2] == told and -fastest <= servo.speed <= fastest for servo in feedback)
 
     def _problem(self, feedback: Sequence[FeetechFeedback]) -> str | None:
-        return feedback_problem(feedback, self._labels, self._fastest_counts_s, powered=self._powered)
+        for label, servo in zip(self._labels, feedback, strict=True):
+            if self._powered and not servo.torque_on:
+                why = error_names(servo.errors) if servo.errors else "none; has it restarted?"
+                return f"{label}: has switched its torque off (error: {why})"
+            if abs(servo.speed) > self._fastest_counts_s:
+                shown, fastest = (c * POSITION_STEP_RAD for c in (servo.speed, self._fastest_counts_s))
+                return f"{label}: shows {shown:.3g} rad/s, more than it can do ({fastest:.3g} rad/s)"
+        return None
 
     def _goals(self, torque_nm: list[float]) -> tuple[list[int], FloatArray]:
         """See `ServoBus._goals`: by the servos' law, from where each is during the next tick."""

@@ -66,19 +66,13 @@ class MitBus(AskedMotorBus[MitState]):
         return state.error, state.enabled
 
     def _keep(self, joint: int, state: MitState, asked_s: float) -> None:
-        motor = self._motors[joint]
-        self._position_rad[joint] = motor.joint_angle_rad(state.position_rad)
-        self._velocity_rad_s[joint] = state.velocity_rad_s / motor.signed_ratio
-        self._torque_nm[joint] = state.torque_nm * motor.signed_ratio
-        self._motion_at_s[joint] = self._torque_at_s[joint] = asked_s
+        self._keep_motion(joint, state.position_rad, state.velocity_rad_s, asked_s)
+        self._keep_torque(joint, state.torque_nm, asked_s)
         self._at_range_end[joint] = state.at_range_end
         self._motion_is_wrong[joint] = self._dialect.is_encoder_fault(state.error)
 
-    def _encode_torque(self, joint: int, torque_nm: float) -> tuple[CanFrame, float]:
-        motor = self._motors[joint]
-        ratio = motor.signed_ratio
-        frame, sent_nm = self._frames.torque(motor.motor_id, torque_nm / ratio, self._ranges[joint])
-        return frame, sent_nm * ratio
+    def _encode_shaft(self, joint: int, torque_nm: float) -> tuple[CanFrame, float]:
+        return self._frames.torque(self._motor_ids[joint], torque_nm, self._ranges[joint])
 
     @property
     def _foreign_remedy(self) -> str:
