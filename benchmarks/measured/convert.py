@@ -292,13 +292,15 @@ READERS: dict[str, Reader] = {
 def _column(tables: Columns, spec: Mapping[str, Any], item: str) -> NDArray[np.float64]:
     """One output column: factors times columns, or row numbers times `step`; less its start or mean.
 
-    `item` stands for {} in the names of columns.
+    `item` stands for {} in the names of columns. `unwrap` is the period of an encoder that starts anew.
     """
     count = len(next(iter(tables.values())))
     values: NDArray[np.float64] = np.arange(count, dtype=np.float64) * float(spec.get("step", 0.0))
     for name, factor in spec.get("sum", {}).items():
         values = values + float(factor) * tables[str(name).replace("{}", item)]
     values = values + float(spec.get("offset", 0.0))
+    if "unwrap" in spec:
+        values = np.unwrap(values, period=float(spec["unwrap"]))
     zero = spec.get("zero")
     if zero is None:
         return values

@@ -101,6 +101,22 @@ def test_conversion_averages_blocks_and_cuts_pieces(tmp_path: Path) -> None:
     np.testing.assert_allclose([row["time_s"] for row in table[:3]], [0.005, 0.025, 0.045])
 
 
+def test_conversion_unwraps_an_encoder_that_starts_anew(tmp_path: Path) -> None:
+    turned = np.linspace(0.0, 60.0, 31) - 5.0
+    wrapped = (turned + 12.5) % 25.0 - 12.5
+    np.savez(tmp_path / "a.npz", time=np.arange(31.0), q=wrapped)
+    columns = {
+        "time_s": {"sum": {"time": 1.0}},
+        "position_rad": {"sum": {"q": 2.0}, "unwrap": 50.0},
+        "raw_rad": {"sum": {"q": 1.0}},
+    }
+    recipe = {"read": {"format": "numpy", "files": ["a.npz"]}, "columns": columns}
+    convert(recipe, Origin(tmp_path, ""), tmp_path / "out")
+    table = rows_of(tmp_path / "out")
+    np.testing.assert_allclose([row["position_rad"] for row in table], 2.0 * turned, atol=1e-6)
+    np.testing.assert_allclose([row["raw_rad"] for row in table], wrapped, atol=1e-6)
+
+
 def test_conversion_keeps_rows_that_are_a_step_apart(tmp_path: Path) -> None:
     write_trials(tmp_path)
     convert(recipe_of(thin=0.025), Origin(tmp_path, ""), tmp_path / "out")
