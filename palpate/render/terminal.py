@@ -230,18 +230,14 @@ def grade(times: float) -> str:
     return "green" if times < NOISE else "yellow" if times < FAR else "red"
 
 
-def fall_table(channel: ChannelView, width: int) -> Table:
+def fall_table(channel: ChannelView, width: int, *, narrow: bool = False) -> Table:
     """Tabulate the held-out error, one row a stage; without bars if narrow.
 
     Args:
         channel: with its stages.
         width: of the terminal [characters].
+        narrow: whether to leave out the bars although they fit.
     """
-    made = _fall_table(channel, width, narrow=False)
-    return made if natural_width(made) <= width else _fall_table(channel, width, narrow=True)
-
-
-def _fall_table(channel: ChannelView, width: int, *, narrow: bool) -> Table:
     error = "held-out\nerror" + ("\n" if narrow else " ") + safe(f"[{channel.axes.effort_unit}]")
     revisions = ["" if stage.number is None else str(stage.number) for stage in channel.stages]
     number = ("no." if narrow else "revision",) if any(revisions) else ()
@@ -266,39 +262,34 @@ def _fall_table(channel: ChannelView, width: int, *, narrow: bool) -> Table:
         _bar(channel.noise_level / worst, "bright_black", width),
     )
     made.add_row(*[""] * len(number), "[dim]noise level[/dim]", level, "", *[bar] * (not narrow))
-    return made
+    return made if narrow or natural_width(made) <= width else fall_table(channel, width, narrow=True)
 
 
-def parameter_table(parameters: Sequence[ParameterView], width: int) -> RenderableType:
+def parameter_table(
+    parameters: Sequence[ParameterView], width: int, *, narrow: bool = False
+) -> RenderableType:
     """Tabulate parameters with 95 % intervals; if narrow, with units below effects' names.
 
     Args:
         parameters: of the last stage.
         width: of the terminal [characters].
+        narrow: whether to put units below the names although they fit beside them.
     """
     if not parameters:
         return Text("The model has no free parameter.", style="dim")
-    made = _parameter_table(parameters, narrow=False)
-    made = made if natural_width(made) <= width else _parameter_table(parameters, narrow=True)
-    if any(parameter.effect == ContactOffset.name for parameter in parameters):
-        note = f"{ContactOffset.name}: depth of the surface below its first estimate"
-        return Group(made, Text(note, style="italic dim"))
-    return made
-
-
-def _parameter_table(parameters: Sequence[ParameterView], *, narrow: bool) -> Table:
     units = () if narrow else ("unit",)
     made = table("", "parameter", "value", "95 % interval", *units, right=("value", "95 % interval"))
     for parameter in parameters:
-        effect, name, unit = (
-            f"[dim]{safe(parameter.effect)}.[/dim]",
-            safe(parameter.name),
-            safe(parameter.unit),
-        )
+        effect, name = f"[dim]{safe(parameter.effect)}.[/dim]", safe(parameter.name)
         if narrow:
             made.add_row(f"{effect}\n  {name} {safe(f'[{parameter.unit}]')}", *with_interval(parameter))
         else:
-            made.add_row(effect + name, *with_interval(parameter), unit)
+            made.add_row(effect + name, *with_interval(parameter), safe(parameter.unit))
+    if not narrow and natural_width(made) > width:
+        return parameter_table(parameters, width, narrow=True)
+    if any(parameter.effect == ContactOffset.name for parameter in parameters):
+        note = f"{ContactOffset.name}: depth of the surface below its first estimate"
+        return Group(made, Text(note, style="italic dim"))
     return made
 
 
@@ -321,7 +312,7 @@ def with_interval(view: ParameterView) -> tuple[str, str]:
     return value, f"{significant(view.lower, view.half)} … {significant(view.upper, view.half)}"
 
 
-def parts_table(channel: ChannelView, width: int) -> Table:
+def parts_table(channel: ChannelView, width: int, *, narrow: bool = False) -> Table:
     """Tabulate the error part by part, beside the noise level; the worst of each kind in bold.
 
     If narrow, each kind has a row of its own, and there are no bars.
@@ -329,12 +320,8 @@ def parts_table(channel: ChannelView, width: int) -> Table:
     Args:
         channel: whose error was split.
         width: of the terminal [characters].
+        narrow: whether to leave out the bars although they fit.
     """
-    made = _parts_table(channel, width, narrow=False)
-    return made if natural_width(made) <= width else _parts_table(channel, width, narrow=True)
-
-
-def _parts_table(channel: ChannelView, width: int, *, narrow: bool) -> Table:
     unit = channel.axes.effort_unit
     numbers = ("rmse\n" + safe(f"[{unit}]"), "mean\n" + safe(f"[{unit}]"), "× noise")
     made = table("", *["by"] * (not narrow), "where", *numbers, *[""] * (not narrow), right=numbers)
@@ -352,14 +339,9 @@ def _parts_table(channel: ChannelView, width: int, *, narrow: bool) -> Table:
             bar = () if narrow else (_bar(part.rmse / most, grade(times), width),)
             cells = (*place, f"{part.rmse:.3g}", f"{part.mean:+.2g}", f"{times:.1f}", *bar)
             made.add_row(*cells, end_section=row == len(parts) - 1)
-    return made
+    return made if narrow or natural_width(made) <= width else parts_table(channel, width, narrow=True)
 
 
 def _bar(share: float, color: str, width: int) -> Bar:
-    return Bar(
-        1.0,
-        0.0,
-        min(max(share, 0.0), 1.0),
-        width=18 if width >= _ROOMY else 8 if width >= _NARROW else 3,
-        color=color,
-    )
+    size = 18 if width >= _ROOMY else 8 if width >= _NARROW else 3
+    return Bar(1.0, 0.0, min(max(share, 0.0), 1.0), width=size, color=color)
