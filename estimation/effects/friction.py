@@ -152,10 +152,7 @@ class PositionDependentFriction(AdditiveEffect):
         Parameter("cosine", "{effort}", -1e12, 1e12, (0.001, 5.0)),
     )
     essential = ("sine", "cosine")
-    inner = (
-        Parameter("cycles", "1/{position}", 1e-3, 1e5, (0.5, 10.0), log=True),
-        TRANSITION,
-    )
+    inner = (Parameter("cycles", "1/{position}", 1e-3, 1e5, (0.5, 10.0), log=True), TRANSITION)
     confused_with = {
         "torque_ripple": (
             "compare both directions: ripple has one sign, friction changes sign with the motion"
@@ -200,10 +197,7 @@ class StribeckFriction(AdditiveEffect):
         Parameter("rise", "{effort}", -1e12, 1e12, (0.001, 50.0)),
     )
     essential = ("rise",)
-    inner = (
-        Parameter("speed", "{position}/s", 1e-09, 10.0, (0.001, 1.0), log=True),
-        TRANSITION,
-    )
+    inner = (Parameter("speed", "{position}/s", 1e-09, 10.0, (0.001, 1.0), log=True), TRANSITION)
     confused_with = {
         "coulomb_friction": "move very slowly, and at several speeds",
         "viscous_friction": "move very slowly, and at several speeds",

@@ -65,10 +65,7 @@ class RigidBodyFitted(AdditiveEffect):
     }
 
     def __init__(
-        self,
-        chosen: tuple[int, ...] = (),
-        arm: BaseParameters | None = None,
-        urdf: FloatArray | None = None,
+        self, chosen: tuple[int, ...] = (), arm: BaseParameters | None = None, urdf: FloatArray | None = None
     ) -> None:
         self.arm, self.urdf = arm, urdf
         self._chosen = list(chosen)

@@ -85,10 +85,7 @@ class JointCoupling(AdditiveEffect):
         Parameter("viscous", "{effort} s/{position}", 0.0, 1e12, (0.001, 50.0)),
         Parameter("coulomb", "{effort}", 0.0, 1e12, (0.001, 50.0)),
     )
-    inner = (
-        Parameter("ratio", "1", -5.0, 5.0, (-1.0, 1.0)),
-        TRANSITION,
-    )
+    inner = (Parameter("ratio", "1", -5.0, 5.0, (-1.0, 1.0)), TRANSITION)
     needs = ("joint_velocity", "joint_acceleration")
     confused_with = {
         "coulomb_friction": "hold this joint still and move its neighbour",

@@ -66,10 +66,7 @@ class PowerLawRelaxation(MemoryEffect):
     )
     signals = ("past motion",)
     channels = frozenset({ChannelKind.CONTACT})
-    inner = (
-        Parameter("share", "1", 0.0, 1.0, (0.1, 0.9)),
-        Parameter("alpha", "1", 0.01, 0.99, (0.1, 0.6)),
-    )
+    inner = (Parameter("share", "1", 0.0, 1.0, (0.1, 0.9)), Parameter("alpha", "1", 0.01, 0.99, (0.1, 0.6)))
     confused_with = {
         "stress_relaxation": "hold for longer: one branch ends, a power law goes on",
         "relaxation_spectrum": "hold a hundred times as long: a power law goes on, branches end",

@@ -148,9 +148,7 @@ def motion_in_words(kind: str, limits: Limits) -> str:
 
 
 def run_motion(
-    job: CalibrationJob,
-    settings: ExcitationSettings | None = None,
-    watcher: MakeWatcher = lambda _s: NOBODY,
+    job: CalibrationJob, settings: ExcitationSettings | None = None, watcher: MakeWatcher = lambda _s: NOBODY
 ) -> None:
     """Excite the arm in free air and log it: for torque and gravity, with the usual motion of the kind.
 

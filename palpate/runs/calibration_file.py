@@ -305,10 +305,7 @@ def say_how_to_use_it(calibration: Calibration, path: Path, whose: NamedRobot) -
         copy = Path(f"my_{whose.named}")
         console.next_steps(
             (f"cp -r {typed(file.parent)} {copy}", "copy the arm's files, to change them"),
-            (
-                f"palpate probe --robot {copy / file.name}",
-                "probe with it, once the robot file names it",
-            ),
+            (f"palpate probe --robot {copy / file.name}", "probe with it, once the robot file names it"),
         )
         return
     gentle = "" if is_simulated(whose.file) else f" {FIRST_PROBE}"

@@ -278,15 +278,11 @@ def ransac_map(rows: Sequence[Row], names: Sequence[str]) -> Figure:
     figure, all_axes = _panels(2, 3, TWO_COLUMNS_IN, 4.4)
     norm = LogNorm(1, 100)
     by_noise = grouped(
-        (row for row in rows if not row["error"]),
-        lambda row: (row["noise_percent"], row["outliers_percent"]),
+        (row for row in rows if not row["error"]), lambda row: (row["noise_percent"], row["outliers_percent"])
     )
     image: Any = None
     for (above, below), own, name in zip(all_axes.T, by_noise.values(), names, strict=True):
-        for axes, along, fixed, value in (
-            (above, "subset", "trials", 1000),
-            (below, "trials", "subset", 5),
-        ):
+        for axes, along, fixed, value in ((above, "subset", "trials", 1000), (below, "trials", "subset", 5)):
             shown = [row for row in own if row[fixed] == value]
             x, y = (sorted({row[key] for row in shown}) for key in ("threshold", along))
             errors = np.full((len(y), len(x)), np.nan)
