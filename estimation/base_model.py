@@ -1,11 +1,12 @@
 """Base models: simple models to start from, by name."""
 
 import re
-from abc import ABC, abstractmethod
 from dataclasses import dataclass
 from typing import ClassVar
 
 from palpate.estimation.channel import ChannelData, ChannelKind
+from palpate.estimation.effect import Effect
+from palpate.estimation.effects.contact_geometry import ContactOffset
 from palpate.estimation.model import Model
 
 LEVEL_GRAVITY_M_S2 = (0.0, 0.0, -9.81)  # fall acceleration in the axes of a level base
@@ -27,13 +28,13 @@ class ModelContext:
     surface_found: bool = False
 
 
-class BaseModel(ABC):
+class BaseModel:
     """A simple model to start from."""
 
     name: ClassVar[str]  # snake_case
     channels: ClassVar[frozenset[ChannelKind]]  # kinds of channel that it describes
+    effects: ClassVar[tuple[type[Effect], ...]] = ()  # its terms, where they depend on no context
 
-    @abstractmethod
     def build(self, context: ModelContext) -> Model:
         """Return the model for one channel.
 
@@ -43,6 +44,8 @@ class BaseModel(ABC):
         Raises:
             InputError: the context lacks something that the model needs.
         """
+        surface = (ContactOffset(),) if context.surface_found else ()
+        return Model(self.name, (*(effect() for effect in self.effects), *surface))
 
     def prepare(self, data: ChannelData, context: ModelContext) -> ChannelData:
         """Return the channel with the signals that the model and the effects beside it need.

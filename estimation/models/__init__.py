@@ -3,4 +3,4 @@
 from palpate.estimation.base_model import BaseModel
 from palpate.robot_io.registry import Registry
 
-MODELS: Registry[BaseModel] = Registry("model", BaseModel, "palpate.estimation.models")  # type: ignore[type-abstract]
+MODELS: Registry[BaseModel] = Registry("model", BaseModel, "palpate.estimation.models")

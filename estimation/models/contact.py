@@ -6,11 +6,9 @@ import numpy as np
 
 from palpate.estimation.base_model import BaseModel, ModelContext
 from palpate.estimation.channel import ChannelData, ChannelKind
-from palpate.estimation.effects.contact_geometry import ContactOffset
 from palpate.estimation.effects.elastic_shape import Stiffness
 from palpate.estimation.effects.inertia import Inertia
 from palpate.estimation.effects.rate_dependence import Damping, HuntCrossley
-from palpate.estimation.model import Model
 from palpate.estimation.statistics.correlation import correlation_coefficient
 
 
@@ -19,10 +17,7 @@ class KelvinVoigt(BaseModel):
 
     name = "kelvin_voigt"
     channels = frozenset({ChannelKind.CONTACT})
-
-    def build(self, context: ModelContext) -> Model:
-        surface = (ContactOffset(),) if context.surface_found else ()
-        return Model(self.name, (Stiffness(), Damping(), *surface))
+    effects = (Stiffness, Damping)
 
 
 class HuntCrossleyModel(BaseModel):
@@ -30,10 +25,7 @@ class HuntCrossleyModel(BaseModel):
 
     name = "hunt_crossley"
     channels = frozenset({ChannelKind.CONTACT})
-
-    def build(self, context: ModelContext) -> Model:
-        surface = (ContactOffset(),) if context.surface_found else ()
-        return Model(self.name, (HuntCrossley(), *surface))
+    effects = (HuntCrossley,)
 
 
 _SPRINGY = 0.5  # correlation of force and displacement beyond the surface; free air has none
@@ -44,10 +36,7 @@ class SpringMassDamper(BaseModel):
 
     name = "spring_mass_damper"
     channels = frozenset(ChannelKind)
-
-    def build(self, context: ModelContext) -> Model:
-        surface = (ContactOffset(),) if context.surface_found else ()
-        return Model(self.name, (Inertia(), Damping(), Stiffness(), *surface))
+    effects = (Inertia, Damping, Stiffness)
 
     def prepare(self, data: ChannelData, context: ModelContext) -> ChannelData:
         """Of a contact, let the spring pull as well, where the force beyond the surface says that it does."""

@@ -21,9 +21,7 @@ class InertiaModel(BaseModel):
 
     name = "inertia"
     channels = frozenset({ChannelKind.REVOLUTE, ChannelKind.PRISMATIC})
-
-    def build(self, context: ModelContext) -> Model:
-        return Model(self.name, (Inertia(), ViscousFriction()))
+    effects = (Inertia, ViscousFriction)
 
 
 class PositionServoModel(BaseModel):
@@ -37,9 +35,7 @@ class PositionServoModel(BaseModel):
 
     name = "position_servo"
     channels = frozenset({ChannelKind.SERVO})
-
-    def build(self, context: ModelContext) -> Model:
-        return Model(self.name, (Inertia(), ViscousFriction()))
+    effects = (Inertia, ViscousFriction)
 
 
 class PendulumModel(BaseModel):
@@ -47,9 +43,7 @@ class PendulumModel(BaseModel):
 
     name = "pendulum"
     channels = frozenset({ChannelKind.REVOLUTE})
-
-    def build(self, context: ModelContext) -> Model:
-        return Model(self.name, (Pendulum(), ViscousFriction()))
+    effects = (Pendulum, ViscousFriction)
 
 
 def arm_of(context: ModelContext, model: str) -> tuple["RigidBody", int]:

@@ -217,21 +217,16 @@ def _flaws(effect_type: Any) -> Iterator[tuple[str, str]]:  # noqa: ANN401, it m
             return
     if not issubclass(effect_type, AdditiveEffect | MotionEffect | MemoryEffect | SensorEffect):
         yield "", "derive it from AdditiveEffect, MotionEffect, MemoryEffect or SensorEffect"
-    for what in ("gains", "inner"):
-        yield from (
-            (what, problem) for each in getattr(effect_type, what) for problem in _flaws_of_parameter(each)
-        )
+    pairs = [(group, p) for group in ("gains", "inner") for p in getattr(effect_type, group)]
+    for what, p in pairs:
+        if not (p.lower < p.upper and p.typical[0] <= p.typical[1]):
+            bounds = f"bounds {p.lower:g} and {p.upper:g} and typical range {p.typical}"
+            yield what, f"{bounds} of parameter '{p.name}' are not in ascending order"
+        if not (isinstance(p.name, str) and p.name.isidentifier()):
+            yield what, f"a parameter's name is {p.name!r}, expected letters, digits and _"
     rivals = effect_type.confused_with
     if not (isinstance(rivals, Mapping) and all(isinstance(n, str) and n.isidentifier() for n in rivals)):
         yield "confused_with", f"its confused_with is {rivals!r}, expected a dict of experiments by effect"
-
-
-def _flaws_of_parameter(parameter: Parameter) -> Iterator[str]:
-    if not (parameter.lower < parameter.upper and parameter.typical[0] <= parameter.typical[1]):
-        bounds = f"bounds {parameter.lower:g} and {parameter.upper:g} and typical range {parameter.typical}"
-        yield f"{bounds} of parameter '{parameter.name}' are not in ascending order"
-    if not (isinstance(parameter.name, str) and parameter.name.isidentifier()):
-        yield f"a parameter's name is {parameter.name!r}, expected letters, digits and _"
 
 
 def _all(made: Any, kind: type) -> bool:  # noqa: ANN401

@@ -64,7 +64,11 @@ class PairedView:
         rows = []
         for letter, side in zip(LETTERS, self.pair, strict=True):
             measured = (side,) if self.sides.is_same_data else self.pair
-            rows.append((f"{letter}'s model", tuple(fit_text(side, data_side) for data_side in measured)))
+            fits = (
+                _NOISE_ALONE if _is_only_noise(side, data) else percent_text(side.fit_of(data))
+                for data in measured
+            )
+            rows.append((f"{letter}'s model", tuple(fits)))
         if np.isfinite(self.sides.followed):
             only_noise = self.sides.apart < _ONLY_NOISE
             followed = _NOISE_ALONE if only_noise else percent_text(self.sides.followed)
@@ -236,16 +240,6 @@ def _table_of_differences(
         else:
             made.add_row(first + safe(name), *cells, unit)
     return made
-
-
-def fit_text(model: Side, measured: Side) -> str:
-    """Format how well a side's model describes a measurement [%], or that only noise is left.
-
-    Args:
-        model: side whose model predicts.
-        measured: side whose effort is predicted.
-    """
-    return _NOISE_ALONE if _is_only_noise(model, measured) else percent_text(model.fit_of(measured))
 
 
 def percent_text(fit: float) -> str:

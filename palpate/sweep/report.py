@@ -59,7 +59,9 @@ def write_page(
             url = Markup("data:image/png;base64," + data)  # noqa: S704, digits and letters
             pictures[section.title] = url, round(_PIXELS_PER_INCH * figure.get_figwidth())
         for table in (*section.tables, *section.more):
-            write_text(folder / TABLES / f"{table.name}.csv", as_csv(table))
+            text = io.StringIO()
+            csv.writer(text, lineterminator="\n").writerows([table.columns, *table.rows])
+            write_text(folder / TABLES / f"{table.name}.csv", text.getvalue())
     page = rendered(
         _TEMPLATE,
         {"cell": cell},
@@ -71,19 +73,6 @@ def write_page(
     )
     write_text(folder / PAGE, page)
     return folder / PAGE
-
-
-def as_csv(table: SweepTable) -> str:
-    """Format the table as CSV, with all digits.
-
-    Args:
-        table: heads and rows.
-    """
-    text = io.StringIO()
-    writer = csv.writer(text, lineterminator="\n")
-    writer.writerow(table.columns)
-    writer.writerows(table.rows)
-    return text.getvalue()
 
 
 def cell(value: Any) -> str:  # noqa: ANN401, whatever stands in a table

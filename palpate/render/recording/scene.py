@@ -22,7 +22,7 @@ from palpate.robot_io.errors import InputError
 from palpate.robot_io.extras import LazyModule
 from palpate.robot_io.files.urdf_text import parse_urdf, without_files
 from palpate.robot_io.session import Event, Session
-from palpate.robot_io.types import BoolArray, FloatArray, IntArray
+from palpate.robot_io.types import FloatArray, IntArray
 
 if TYPE_CHECKING:
     import rerun as rr
@@ -98,13 +98,6 @@ class Scene:
         known = np.isfinite(self.press_direction_world).all(axis=1)
         mean: FloatArray = self.press_direction_world[known].sum(axis=0)
         return mean / np.linalg.norm(mean) if known.any() else np.full(3, np.nan)
-
-    @property
-    def known_tip(self) -> BoolArray:
-        """Ticks at which place and direction of the tip are known: not while the guard stops the arm."""
-        places = np.hstack([self.ticks["tip_position_world_m"], self.press_direction_world])
-        known: BoolArray = np.isfinite(places).all(axis=1)
-        return known
 
     @property
     def touch_point_world_m(self) -> FloatArray | None:
@@ -222,16 +215,6 @@ class PressedBlock:
         triangles = [(c, c + 1, c + _VERTICES + 1) for c in corners]
         triangles += [(c, c + _VERTICES + 1, c + _VERTICES) for c in corners]
         return _mesh(self._flat, np.tile(-self._down, (len(self._flat), 1)), triangles, _TOP)
-
-    def rows_that_differ(self, rows: IntArray, depth_m: FloatArray) -> IntArray:
-        """Those of `rows` at which the top looks different from the row before, and the first.
-
-        Args:
-            rows: indices of ticks, shape (m,).
-            depth_m: of the tip below the surface at all ticks (n,) [m].
-        """
-        steps = np.round(np.maximum(depth_m[rows], 0.0) / _RESOLUTION_M)
-        return rows[np.r_[True, np.diff(steps) != 0]]
 
     def pressed(self, tips_world_m: FloatArray, depth_m: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Vertices and normals of the top, each shape (m, vertices, 3), with the tip at m places.
@@ -382,8 +365,9 @@ def log_object(recording: rr.RecordingStream, scene: Scene) -> None:
         scene: the session.
     """
     rows = scene.picture_rows
-    rows = rows[scene.known_tip[rows]]
     press, tips = scene.press_direction_world[rows], scene.ticks["tip_position_world_m"][rows]
+    known = np.isfinite(np.hstack([tips, press])).all(axis=1)  # not while the guard stops the arm
+    rows, press, tips = rows[known], press[known], tips[known]
     vectors = -_ARROW_M_PER_N * np.nan_to_num(scene.ticks["force_n"][rows])[:, None] * press
     outwards = tips - np.einsum("ij,ij->i", tips, press)[:, None] * press
     outwards = outwards / np.maximum(np.linalg.norm(outwards, axis=1, keepdims=True), 1e-9)
@@ -397,7 +381,8 @@ def log_object(recording: rr.RecordingStream, scene: Scene) -> None:
     block = PressedBlock(point, scene.main_press_direction_world)
     for entity, mesh in (("sides", block.sides()), ("top", block.top())):
         recording.log(f"{_OBJECT}/{entity}", rr.CoordinateFrame(ROOT_FRAME), mesh, static=True)
-    rows = block.rows_that_differ(rows, depth_m)
+    steps = np.round(np.maximum(depth_m[rows], 0.0) / _RESOLUTION_M)
+    rows = rows[np.r_[True, np.diff(steps) != 0]]  # those at which the top looks different, and the first
     vertices, normals = block.pressed(scene.ticks["tip_position_world_m"][rows], depth_m[rows])
     columns = rr.Mesh3D.columns(
         vertex_positions=vertices.reshape(-1, 3), vertex_normals=normals.reshape(-1, 3)

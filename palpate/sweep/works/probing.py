@@ -65,11 +65,12 @@ def estimate(parameters: Mapping[str, Any], seed: int) -> list[Row]:
         "over_limit_ms": [float(np.count_nonzero(force > 1.05 * limit_n)) for force in forces],
     }
     common = _conditions(parameters) | reached | {f"true {name}": truth[name] for name in truth}
-    rows = []
+    rows, share = [], parameters["noise_percent"] / 100  # standard deviation of further noise, of the force
     for draw in range(parameters["draws"]):
         rng = np.random.default_rng([scenario.seed, draw])
-        drawn = with_relative_noise(channel, parameters["noise_percent"] / 100, rng)
-        common |= {"draw": draw} | _bounds(drawn, model, truth, scenario, parameters["noise_percent"] / 100)
+        factors = 1.0 + share * rng.standard_normal(len(channel)) if share else np.ones(len(channel))
+        drawn = replace(channel, effort=channel.effort * factors)
+        common |= {"draw": draw} | _bounds(drawn, model, truth, scenario, share)
         rows += [common | _estimated(drawn, model, spec, seed) for spec in parameters["estimators"]]
     return rows
 
@@ -187,19 +188,6 @@ def contact_channel(samples: Samples) -> ChannelData:
     if not channels:
         raise InputError("nothing was touched, or too shortly")
     return channels[0]
-
-
-def with_relative_noise(channel: ChannelData, share: float, rng: np.random.Generator) -> ChannelData:
-    """Add Gaussian noise, a share of the force, to the force of a channel.
-
-    Args:
-        channel: as measured.
-        share: standard deviation of the noise, of the force.
-        rng: draws the noise.
-    """
-    if not share:
-        return channel
-    return replace(channel, effort=channel.effort * (1.0 + share * rng.standard_normal(len(channel))))
 
 
 def estimators_for(model: str) -> list[str]:
