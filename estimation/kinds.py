@@ -6,30 +6,33 @@ from enum import StrEnum
 class Kind(StrEnum):
     """The kind that an effect belongs to; each has a flexible law of its own signals."""
 
-    ELASTIC_SHAPE = "elastic_shape"
-    RATE_DEPENDENCE = "rate_dependence"
-    FRICTION = "friction"
-    TIME_MEMORY = "time_memory"
-    INERTIA = "inertia"
-    PERIODIC = "periodic"
-    GRAVITY_LOAD = "gravity_load"
-    CONTACT_GEOMETRY = "contact_geometry"
-    SENSOR_DYNAMICS = "sensor_dynamics"
-    SENSOR_STATICS = "sensor_statics"
-    DRIFT = "drift"
-    RUN_DIFFERENCES = "run_differences"
-    RECORDED_CONTEXT = "recorded_context"
-    OTHER = "other"  # user-defined effects without a kind; there is no flexible law for them
+    word: str  # short name for bars and lists
+    description: str  # what the kind is called in a sentence
 
-    @property
-    def description(self) -> str:
-        """What the kind is called in a sentence."""
-        return _DESCRIPTIONS[self]
+    def __new__(cls, value: str, word: str, description: str) -> "Kind":
+        """Make a kind from its name in JSON, its short name and its description."""
+        member = str.__new__(cls, value)
+        member._value_, member.word, member.description = value, word, description
+        return member
 
-    @property
-    def word(self) -> str:
-        """Short name for bars and lists."""
-        return _WORDS[self]
+    ELASTIC_SHAPE = "elastic_shape", "elastic shape", "shape of the elastic law"
+    RATE_DEPENDENCE = "rate_dependence", "rate dependence", "dependence on the rate"
+    FRICTION = "friction", "friction", "dry friction and memory of the path"
+    TIME_MEMORY = "time_memory", "relaxation", "memory over time (relaxation, creep)"
+    INERTIA = "inertia", "inertia", "inertia"
+    PERIODIC = "periodic", "ripple", "ripple over the position"
+    GRAVITY_LOAD = "gravity_load", "gravity and load", "gravity and load"
+    CONTACT_GEOMETRY = "contact_geometry", "set/adhesion/offset", "contact geometry (offset, adhesion, set)"
+    SENSOR_DYNAMICS = "sensor_dynamics", "sensor delay/lag", "sensor dynamics (delay, lag)"
+    SENSOR_STATICS = (
+        *("sensor_statics", "sensor bias/range"),
+        "sensor statics (bias, gain, saturation, dead band)",
+    )
+    DRIFT = "drift", "drift", "drift with time"
+    RUN_DIFFERENCES = "run_differences", "differences between runs", "differences between runs"
+    RECORDED_CONTEXT = "recorded_context", "recorded context", "recorded context"
+    # User-defined effects without a kind; there is no flexible law for them.
+    OTHER = "other", "other effects", "other effects"
 
 
 # In one pass at one speed these cannot be told from a law of the position: they need a return, a hold or
@@ -45,40 +48,6 @@ UNSEEN_IN_ONE_PASS = frozenset(
         Kind.DRIFT,
     }
 )
-
-_WORDS = {
-    Kind.ELASTIC_SHAPE: "elastic shape",
-    Kind.RATE_DEPENDENCE: "rate dependence",
-    Kind.FRICTION: "friction",
-    Kind.TIME_MEMORY: "relaxation",
-    Kind.INERTIA: "inertia",
-    Kind.PERIODIC: "ripple",
-    Kind.GRAVITY_LOAD: "gravity and load",
-    Kind.CONTACT_GEOMETRY: "set/adhesion/offset",
-    Kind.SENSOR_DYNAMICS: "sensor delay/lag",
-    Kind.SENSOR_STATICS: "sensor bias/range",
-    Kind.DRIFT: "drift",
-    Kind.RUN_DIFFERENCES: "differences between runs",
-    Kind.RECORDED_CONTEXT: "recorded context",
-    Kind.OTHER: "other effects",
-}
-
-_DESCRIPTIONS = {
-    Kind.ELASTIC_SHAPE: "shape of the elastic law",
-    Kind.RATE_DEPENDENCE: "dependence on the rate",
-    Kind.FRICTION: "dry friction and memory of the path",
-    Kind.TIME_MEMORY: "memory over time (relaxation, creep)",
-    Kind.INERTIA: "inertia",
-    Kind.PERIODIC: "ripple over the position",
-    Kind.GRAVITY_LOAD: "gravity and load",
-    Kind.CONTACT_GEOMETRY: "contact geometry (offset, adhesion, set)",
-    Kind.SENSOR_DYNAMICS: "sensor dynamics (delay, lag)",
-    Kind.SENSOR_STATICS: "sensor statics (bias, gain, saturation, dead band)",
-    Kind.DRIFT: "drift with time",
-    Kind.RUN_DIFFERENCES: "differences between runs",
-    Kind.RECORDED_CONTEXT: "recorded context",
-    Kind.OTHER: "other effects",
-}
 
 # Experiments that separate two kinds, if one of them can replace the other.
 _SEPARATING = {

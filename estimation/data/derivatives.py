@@ -79,12 +79,20 @@ def differentiate(
         rounding = rounding_variance(time_s, position, piece, grid_step(position))
     pieces = list(blocks(piece))
     measured, position = position, _relative_to_start(position, pieces)
-    if half_window is None:
+    if half_window is None:  # the windows whose error is nearly the least
         rows = slice(None) if tried is None else np.flatnonzero(tried)
-        halves = _best_half_windows(
-            time_s[rows], position[rows], list(blocks(piece[rows])), rounding, calm=calm
-        )
-        halves = wider_window(halves[0], wider), wider_window(halves[1], wider)
+        smallest, velocity, acceleration = HALF_WINDOWS[0], HALF_WINDOWS[0], HALF_WINDOWS[0]
+        long_enough = [part for part in blocks(piece[rows]) if part.stop - part.start > 2 * smallest + 1]
+        if long_enough:
+            trials = _fit_windows(time_s[rows], position[rows], long_enough, rounding)
+            pilot, best = _pilot_window(trials), []
+            candidates = [trial for trial in trials if trial.half >= pilot.half]
+            for order in (1, 2):
+                risks = [trial.risk(pilot, order) for trial in candidates]
+                limit = _TOLERANCE**2 * max(0.0, min(risks))
+                best.append([c.half for c, risk in zip(candidates, risks, strict=True) if risk <= limit])
+            velocity, acceleration = max(best[0]), max(best[1]) if calm else min(best[1])
+        halves = wider_window(velocity, wider), wider_window(acceleration, wider)
     else:
         halves = half_window, half_window
     parts = [
@@ -224,26 +232,6 @@ class _WindowFit:
         squared_difference = np.mean((self.fitted[:, order] - pilot.fitted[:, order]) ** 2)
         variance = np.mean(2 * self.variance[:, order] - pilot.variance[:, order])
         return float(squared_difference + pilot.noise * variance)
-
-
-def _best_half_windows(
-    time_s: FloatArray, position: FloatArray, pieces: list[slice], rounding: float, *, calm: bool
-) -> tuple[int, int]:
-    """Choose the windows for velocity and acceleration whose error is nearly the least."""
-    smallest = 2 * HALF_WINDOWS[0] + 1
-    long_enough = [rows for rows in pieces if rows.stop - rows.start > smallest]
-    if not long_enough:
-        return HALF_WINDOWS[0], HALF_WINDOWS[0]
-    trials = _fit_windows(time_s, position, long_enough, rounding)
-    pilot = _pilot_window(trials)
-    wider = [trial for trial in trials if trial.half >= pilot.half]
-    best = []
-    for order in (1, 2):
-        risks = [trial.risk(pilot, order) for trial in wider]
-        limit = _TOLERANCE**2 * max(0.0, min(risks))
-        best.append([trial.half for trial, risk in zip(wider, risks, strict=True) if risk <= limit])
-    velocity, acceleration = best
-    return max(velocity), max(acceleration) if calm else min(acceleration)
 
 
 def wider_window(half: int, by: int) -> int:

@@ -311,28 +311,17 @@ def _remedy(columns: Columns) -> str:
         for name in table.names
         if table.varies(name)
     )
-    if has_effort or NAMELESS in table.words:
-        return f"{needed}; say which is which, as in {_example_options(columns, quantity_by_name)}"
-    return (
-        f"by names and units, no column seems to hold a force or torque; {needed}; if a column holds one, "
-        "say --column force_N=COLUMN or --column torque_Nm=COLUMN"
-    )
-
-
-def _example_options(columns: Columns, quantity_by_name: Mapping[str, str]) -> str:
-    """Return options that make a joint of an angle, or a contact, from unassigned columns.
-
-    Args:
-        columns: columns of the file.
-        quantity_by_name: quantity that the name of each column suggests, or empty.
-    """
-    table = columns.table
+    if not has_effort and NAMELESS not in table.words:
+        return (
+            f"by names and units, no column seems to hold a force or torque; {needed}; if a column holds "
+            "one, say --column force_N=COLUMN or --column torque_Nm=COLUMN"
+        )
     numbers = [name for name in table.names if table.varies(name)]
     free = [name for name in numbers if name not in columns.used and quantity_by_name[name] not in _NO_EFFORT]
     angle = next((name for name in numbers if quantity_by_name[name] == "position"), None)
     if angle is not None and free and dimension_of(unit_in_name(angle)) == "angle":
         effort = next((name for name in free if quantity_by_name[name] in EFFORTS), free[0])
-        return f"--column torque={shlex.quote(effort)} --unit torque=1Nm"
+        return f"{needed}; say which is which, as in --column torque={shlex.quote(effort)} --unit torque=1Nm"
     options = []
     if TIME not in columns:
         rising = (name for name in free if (np.diff(table.numbers(name)) > 0.0).all())
@@ -346,7 +335,8 @@ def _example_options(columns: Columns, quantity_by_name: Mapping[str, str]) -> s
         if (quantity, 0) in columns:
             continue
         if not free:
-            return "--column displacement_mm=COLUMN --column force_N=COLUMN"
+            options = ["--column displacement_mm=COLUMN --column force_N=COLUMN"]
+            break
         fitting = [name for name in free if dimension_of(unit_in_name(name)) in QUANTITIES[quantity]]
         named = [name for name in free if quantity_by_name[name] == quantity]
         silent = [name for name in free if not quantity_by_name[name]]
@@ -354,7 +344,7 @@ def _example_options(columns: Columns, quantity_by_name: Mapping[str, str]) -> s
         free.remove(column)
         options.append(f"--column {quantity}={shlex.quote(column)}")
         options += [] if fitting else [f"--unit {quantity}={unit}"]
-    return " ".join(options)
+    return f"{needed}; say which is which, as in {' '.join(options)}"
 
 
 def _make_channel(source: _Source, columns: Columns, rows: Rows, notes: list[str]) -> ChannelData:

@@ -160,7 +160,17 @@ def _parse_rows(
         with suppress(pa.ArrowInvalid):
             if mended and len(part := _parse(pa.py_buffer(mended[0]), dialect)) == len(mended[1]):
                 return part, mended[1], mended[2]
-        problem = _first_bad_row(rows, dialect, lines) or " ".join(str(error).split())[:200]
+        problem = " ".join(str(error).split())[:200]
+        wrong: list[pa_csv.InvalidRow] = []
+        try:
+            _parse(rows, dialect, lambda row: wrong.append(row) or "skip")  # type: ignore[func-returns-value]
+        except pa.ArrowInvalid as second:
+            problem = "a line is longer than 1 MiB" if "straddl" in str(second) else problem
+        else:
+            if wrong:
+                cells = f"has {wrong[0].actual_columns} cells and the header {wrong[0].expected_columns}"
+                text = " ".join(wrong[0].text.split())[:_SHOWN]
+                problem = f"line {lines[wrong[0].number - 1]} {cells}: {text!r}"
         raise InputError(f"{place}: {problem}") from error
 
 
@@ -276,37 +286,13 @@ def _parse(
 ) -> pa.Table:
     names = list(dialect.tables[0].names)
     delimiter = "\t" if dialect.delimiter == BLANKS else dialect.delimiter
+    # In one thread where rows may be skipped: only then are they numbered.
     return pa_csv.read_csv(
         pa.BufferReader(rows),
         read_options=pa_csv.ReadOptions(column_names=names, use_threads=skip is None),
         parse_options=pa_csv.ParseOptions(delimiter=delimiter, invalid_row_handler=skip),
         convert_options=pa_csv.ConvertOptions(column_types=dict.fromkeys(names, pa.string())),
     )
-
-
-def _first_bad_row(rows: pa.Buffer, dialect: TextDialect, lines: IntArray) -> str:
-    """Describe the first line with a wrong number of cells; empty without one.
-
-    Args:
-        rows: text of the table.
-        dialect: dialect of the text.
-        lines: number in the file of each line that is not empty, shape (n,).
-    """
-    wrong: list[pa_csv.InvalidRow] = []
-
-    def skip(row: pa_csv.InvalidRow) -> str:
-        wrong.append(row)
-        return "skip"
-
-    try:
-        _parse(rows, dialect, skip)  # in one thread: only then are rows numbered
-    except pa.ArrowInvalid as error:
-        return "a line is longer than 1 MiB" if "straddl" in str(error) else ""
-    if not wrong:
-        return ""
-    row = wrong[0]
-    cells = f"has {row.actual_columns} cells and the header {row.expected_columns}"
-    return f"line {lines[row.number - 1]} {cells}: {' '.join(row.text.split())[:_SHOWN]!r}"
 
 
 _PAIR = re.compile(  # a label, its number, and perhaps a unit

@@ -90,8 +90,8 @@ class RunVariation(SensorEffect):
             data: channel with the readings.
             inner: inner parameters.
         """
-        own = self.values(effort, data, inner)
-        return np.asarray(np.sqrt(inner["share"] * np.var(own, axis=0, ddof=1)))
+        values = self.values(effort, data, inner)
+        return np.asarray(np.sqrt(inner["share"] * np.var(values, axis=0, ddof=1)))
 
     def is_common(self, effort: FloatArray, data: ChannelData, inner: Inner) -> bool:
         """Whether the runs have more in common than they differ by: then the model lacks a constant.
@@ -101,9 +101,9 @@ class RunVariation(SensorEffect):
             data: channel with the readings.
             inner: inner parameters.
         """
-        own = self.values(effort, data, inner)
-        spread = np.linalg.norm(np.std(own, axis=0, ddof=1))
-        return bool(np.linalg.norm(np.mean(own, axis=0)) > _COMMON * spread)
+        values = self.values(effort, data, inner)
+        spread = np.linalg.norm(np.std(values, axis=0, ddof=1))
+        return bool(np.linalg.norm(np.mean(values, axis=0)) > _COMMON * spread)
 
     def is_gradual(self, effort: FloatArray, data: ChannelData, inner: Inner) -> bool:
         """Whether values change within runs rather than between them, so that no run has values of its own.
