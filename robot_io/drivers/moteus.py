@@ -134,27 +134,33 @@ class MoteusState:
 
 
 def encode_stop(host_id: int, motor_id: int) -> CanFrame:
-    """Let go, and forget faults.
+    """Make the frame by which a controller lets go, and forgets faults.
 
     Args:
         host_id: of the sender.
         motor_id: of the controller.
+
+    Returns:
+        The frame.
     """
     return _frame(host_id, motor_id, _STOP)
 
 
 def encode_question(host_id: int, motor_id: int) -> CanFrame:
-    """Request the state without changing anything.
+    """Make the frame that requests the state and changes nothing.
 
     Args:
         host_id: of the sender.
         motor_id: of the controller.
+
+    Returns:
+        The frame.
     """
     return _frame(host_id, motor_id, _ASK)
 
 
 def encode_torque(host_id: int, motor_id: int, torque_nm: float, watchdog_s: float) -> CanFrame:
-    """Command a torque at the output [N m] that holds for `watchdog_s` [s].
+    """Command a torque at the output that holds for a time.
 
     Args:
         host_id: of the sender.
@@ -177,7 +183,7 @@ def encode_torque(host_id: int, motor_id: int, torque_nm: float, watchdog_s: flo
 
 
 def decode_state(frame: CanFrame) -> MoteusState:
-    """What a controller answers.
+    """Decode the answer of a controller.
 
     Args:
         frame: as it came.

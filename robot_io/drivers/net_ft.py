@@ -116,10 +116,13 @@ class NetFtStream:
         self.rejected = 0
 
     def feed(self, data: bytes) -> list[float]:
-        """The force in one datagram, if it has a new one [N].
+        """Decode the force in one datagram.
 
         Args:
             data: one datagram.
+
+        Returns:
+            The force [N]; nothing if it is not new.
         """
         try:
             record = decode_record(data)

@@ -129,11 +129,14 @@ WATCHDOG_EXPIRED = {Firmware.V0_5: 0x00000800, Firmware.V0_6: 0x01000000}
 
 
 def axis_error_names(error: int, firmware: Firmware) -> tuple[str, ...]:
-    """Names of the bits that are set in an axis error; a bit without a name is given as a number.
+    """Name the bits that are set in an axis error.
 
     Args:
         error: bits of the axis.
         firmware: generation that names them.
+
+    Returns:
+        The names; a number where a bit has none.
     """
     table = AXIS_ERRORS[firmware]
     bits = (1 << place for place in range(32) if error >> place & 1)
@@ -177,10 +180,13 @@ def odrive_id(node_id: int, command: OdriveCommand) -> int:
 
 
 def split_odrive_id(can_id: int) -> tuple[int, int]:
-    """Node id and command number of an arbitration id.
+    """Split an arbitration id.
 
     Args:
         can_id: arbitration id.
+
+    Returns:
+        Node id and command number.
     """
     return can_id >> COMMAND_BITS, can_id & _COMMAND_MASK
 
@@ -257,6 +263,9 @@ def ask(node_id: int, command: OdriveCommand) -> CanFrame:
     Args:
         node_id: of the axis.
         command: number of the message.
+
+    Returns:
+        The frame.
     """
     return CanFrame(odrive_id(node_id, command), remote=True)
 
@@ -267,6 +276,9 @@ def encode_axis_state(node_id: int, state: AxisState) -> CanFrame:
     Args:
         node_id: of the axis.
         state: to enter.
+
+    Returns:
+        The frame.
     """
     return CanFrame(odrive_id(node_id, OdriveCommand.SET_AXIS_STATE), _WORD.pack(state))
 
@@ -276,6 +288,9 @@ def encode_controller_mode(node_id: int) -> CanFrame:
 
     Args:
         node_id: of the axis.
+
+    Returns:
+        The frame.
     """
     data = _TWO_WORDS.pack(TORQUE_CONTROL, PASSTHROUGH)
     return CanFrame(odrive_id(node_id, OdriveCommand.SET_CONTROLLER_MODE), data)
@@ -324,5 +339,8 @@ def encode_clear_errors(node_id: int) -> CanFrame:
 
     Args:
         node_id: of the axis.
+
+    Returns:
+        The frame.
     """
     return CanFrame(odrive_id(node_id, OdriveCommand.CLEAR_ERRORS), b"\x00")

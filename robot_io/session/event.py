@@ -149,14 +149,7 @@ def encode_event(event: Event) -> bytes:
         The message.
     """
     keyed = {str(key): value for key, value in (event.data or {}).items()}
-    arrays = (np.ndarray, np.generic)
-    data_json = (
-        ""
-        if event.data is None
-        else json.dumps(
-            keyed, default=lambda value: value.tolist() if isinstance(value, arrays) else str(value)
-        )
-    )
+    data_json = "" if event.data is None else json.dumps(keyed, default=_plain)
     encoded = _serialised(event, event.text, data_json)
     if len(encoded) <= MAX_EVENT_BYTES:
         return encoded
@@ -169,6 +162,10 @@ def _serialised(event: Event, text: str, data_json: str) -> bytes:
     message = _EventMessage(time_s=event.time_s, kind=kind, text=text, data_json=data_json)
     data: bytes = message.SerializeToString()
     return data
+
+
+def _plain(value: object) -> object:
+    return value.tolist() if isinstance(value, np.ndarray | np.generic) else str(value)
 
 
 def decode_event(data: bytes) -> Event:

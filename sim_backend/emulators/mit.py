@@ -388,16 +388,16 @@ class MitWires(WireMaker):
 
     def make(self, request: WireRequest) -> tuple[EmulatedWire, dict[str, Any]]:
         own = validate(_MitSettings, request.section.settings)
-        return wire_of(request, own.motors, lambda joint, motor: _emulated(own, motor, joint, request.plant))
 
+        def node(joint: int, motor: _MitMotor) -> EmulatedMitMotor:
+            place: tuple[int, int, Plant] = (motor.motor_id, joint, request.plant)
+            mounting: dict[str, Any] = {"limits": motor.limits, **motor.mounting}
+            if own.maker == "damiao":
+                return EmulatedDamiao(*place, **mounting, host_id=motor.answer_id or motor.motor_id + 16)
+            if own.maker == "robstride":
+                host_id = ROBSTRIDE_HOST if own.host_id is None else own.host_id
+                return EmulatedRobstride(*place, **mounting, host_id=host_id)
+            mounting |= {"timeout_s": own.watchdog_s, "deaf_when_off": own.ask_with == "enter"}
+            return EmulatedMitMotor(*place, **mounting, host_id=own.host_id or 0)
 
-def _emulated(own: _MitSettings, motor: _MitMotor, joint: int, plant: Plant) -> EmulatedMitMotor:
-    place: tuple[int, int, Plant] = (motor.motor_id, joint, plant)
-    mounting: dict[str, Any] = {"limits": motor.limits, **motor.mounting}
-    if own.maker == "damiao":
-        return EmulatedDamiao(*place, **mounting, host_id=motor.answer_id or motor.motor_id + 16)
-    if own.maker == "robstride":
-        host_id = ROBSTRIDE_HOST if own.host_id is None else own.host_id
-        return EmulatedRobstride(*place, **mounting, host_id=host_id)
-    mounting |= {"timeout_s": own.watchdog_s, "deaf_when_off": own.ask_with == "enter"}
-    return EmulatedMitMotor(*place, **mounting, host_id=own.host_id or 0)
+        return wire_of(request, own.motors, node)

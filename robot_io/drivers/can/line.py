@@ -124,10 +124,13 @@ class SlcanBus:
         self._write(encode_line(message))
 
     def recv(self, timeout: float | None = None) -> "can.Message | None":
-        """The next frame that has come, or None; never waits.
+        """Return the next frame that has come; never waits.
 
         Args:
             timeout: not used.
+
+        Returns:
+            The frame, or None.
 
         Raises:
             ValueError: something came that is no frame.

@@ -89,7 +89,7 @@ class MotorBus(JointBus, Examinable):
 
     @abstractmethod
     def motor_label(self, joint: int) -> str:
-        """What to call the motor of `joint` (from 0) in messages.
+        """Return what to call the motor of a joint in messages.
 
         Args:
             joint: from 0.

@@ -22,10 +22,13 @@ from palpate.robot_io.types import FloatArray
 
 
 def count_steps(servos: Sequence[ServoSettings]) -> FloatArray:
-    """Convert one count of each servo: position [rad], velocity [rad/s] and torque [N m], shape (3, m).
+    """Compute what one count of each servo is along its joint's axis.
 
     Args:
         servos: m servos that turn joints.
+
+    Returns:
+        Position [rad], velocity [rad/s] and torque [N m], shape (3, m).
     """
     direction = np.array([servo.direction for servo in servos])
     per_ampere = [servo.torque_constant_nm_a or servo.servo_model.torque_constant_nm_a for servo in servos]

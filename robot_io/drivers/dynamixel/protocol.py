@@ -41,6 +41,9 @@ def crc16(data: bytes, start: int = 0) -> int:
     Args:
         data: Bytes that it covers.
         start: Checksum of the bytes before `data`.
+
+    Returns:
+        The CRC-16, from 0 to FFFF.
     """
     crc, table, before, count = start, _TABLE, _TABLE_BEFORE, len(data) // 2
     for word in struct.unpack_from(f">{count}H", data):
@@ -101,6 +104,9 @@ def decode_status(packet: bytes) -> DynamixelStatus:
     Args:
         packet: The whole packet and nothing else.
 
+    Returns:
+        Sender, error and parameters.
+
     Raises:
         ProtocolError: It is no status packet, or its checksum is wrong.
     """
@@ -157,6 +163,9 @@ class DynamixelDialect(ServoDialect):
             address: of the first byte.
             size: bytes from each servo.
             servo_ids: in the order of their parts.
+
+        Returns:
+            The packet.
         """
         return self.encode_packet(BROADCAST_ID, _FAST_SYNC_READ, self.words(address, size) + bytes(servo_ids))
 
@@ -211,6 +220,9 @@ class FastReply:
 
         Args:
             data: what has been received so far.
+
+        Returns:
+            How many have.
         """
         return min(max(0, (len(data) - _FAST_HEAD) // self._part), len(self._ids) - 1)
 

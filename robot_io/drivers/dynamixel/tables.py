@@ -72,7 +72,7 @@ _HARDWARE_ERRORS = {
 
 
 def drive_mode_trouble(value: int) -> str | None:
-    """Why a servo with this drive mode cannot be used, or None if it can.
+    """Return why a servo with this drive mode cannot be used, or None.
 
     Args:
         value: content of the register.
@@ -81,10 +81,13 @@ def drive_mode_trouble(value: int) -> str | None:
 
 
 def hardware_error_names(value: int) -> str:
-    """The errors in a hardware error status, by name. Source: e-manual, "Shutdown (63)".
+    """Name the errors in a hardware error status. Source: e-manual, "Shutdown (63)".
 
     Args:
         value: content of the register, one bit an error.
+
+    Returns:
+        Their names.
     """
     return bit_names(value, _HARDWARE_ERRORS)
 

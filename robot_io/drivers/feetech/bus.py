@@ -76,6 +76,9 @@ def decode_feedback(packet: Packet) -> FeetechFeedback:
 
     Args:
         packet: answer of one servo.
+
+    Returns:
+        The servo's state.
     """
     data = packet.data
     on, acceleration, goal, time, fastest, limit, lock, position, speed, load, volts, celsius, errors = (
@@ -128,6 +131,9 @@ class Plausibility:
 
         Args:
             packet: An answer of at least `FEEDBACK_SIZE` bytes.
+
+        Returns:
+            The servo's state.
 
         Raises:
             ProtocolError: It is not to be believed.

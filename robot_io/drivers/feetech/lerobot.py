@@ -47,6 +47,9 @@ class LerobotMotor(FileModel):
 
         Args:
             model: of the servo, by its maker's name.
+
+        Returns:
+            The line.
         """
         turned = ", reversed: true" if self.drive_mode else ""
         return (
@@ -68,12 +71,15 @@ class LerobotCalibration(RootModel[Annotated[dict[str, LerobotMotor], Field(min_
 
 
 def read_calibration(path: Path) -> dict[str, LerobotMotor]:
-    """The joints of a calibration file by LeRobot's names.
+    """Read a calibration file of LeRobot's.
 
     InputError: it cannot be read, or is no such file; with the first thing that is wrong.
 
     Args:
         path: of the file.
+
+    Returns:
+        The joints, by LeRobot's names.
     """
     try:
         return validate(LerobotCalibration, json.loads(read_text(path))).root

@@ -41,6 +41,9 @@ def error_names(value: int) -> str:
 
     Args:
         value: error byte of an answer, one bit an error.
+
+    Returns:
+        Their names.
     """
     return bit_names(value, ERROR_NAMES)
 
@@ -68,6 +71,9 @@ def decode_status(packet: bytes) -> FeetechStatus:
 
     Args:
         packet: The whole packet and nothing else.
+
+    Returns:
+        Sender, error and parameters.
 
     Raises:
         ProtocolError: It is no status packet, or its checksum is wrong.

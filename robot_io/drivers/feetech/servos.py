@@ -97,6 +97,9 @@ class FeetechLine(ServoLine):
         Args:
             servo: Its settings in the robot file.
 
+        Returns:
+            Its identity and state.
+
         Raises:
             DeviceError: It is another model, or counts otherwise than is needed here.
         """
@@ -168,6 +171,9 @@ def examine_servo(line: FeetechLine, servo: FeetechServo, label: str) -> Finding
         line: Its line.
         servo: Its settings in the robot file.
         label: Label for messages.
+
+    Returns:
+        The worst of what was found.
 
     Raises:
         DeviceError: It does not answer, is another model or set up otherwise, or the port failed.

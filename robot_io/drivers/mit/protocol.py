@@ -63,7 +63,7 @@ class MitState:
 
 
 def encode_torque(motor_id: int, torque_nm: float, ranges: MitRanges) -> tuple[CanFrame, float]:
-    """Make the frame for a torque at the output shaft, clipped to the range; return the sent torque too.
+    """Make the frame for a torque at the output shaft, clipped to the range.
 
     Zero torque is half a step off, for 4095 is odd.
 
@@ -73,7 +73,7 @@ def encode_torque(motor_id: int, torque_nm: float, ranges: MitRanges) -> tuple[C
         ranges: of the motor's model.
 
     Returns:
-        Frame, and its torque after rounding [N m].
+        The frame, and the torque after rounding [N m].
 
     Raises:
         InputError: the torque is not a number.
@@ -204,21 +204,27 @@ class MitFrames:
         Args:
             motor_id: id of the receiver.
             order: the order.
+
+        Returns:
+            The frame.
         """
         return CanFrame(motor_id, self._ORDERS[order])
 
     def torque(self, motor_id: int, torque_nm: float, ranges: MitRanges) -> tuple[CanFrame, float]:
-        """Make the frame for a torque at the output shaft [N m]; return the torque after rounding too.
+        """Make the frame for a torque at the output shaft.
 
         Args:
             motor_id: id of the receiver.
             torque_nm: at the output shaft [N m].
             ranges: of the motor's model.
+
+        Returns:
+            The frame, and the torque after rounding [N m].
         """
         return encode_torque(motor_id, torque_nm, ranges)
 
     def motor_asked(self, frame: CanFrame) -> int | None:
-        """Which motor answers a frame of the host's with its state; None if none does.
+        """Return the id of the motor that answers a frame of the host's with its state; None if none does.
 
         Args:
             frame: of the host.
@@ -226,7 +232,7 @@ class MitFrames:
         return None if frame.can_id == REGISTERS_ID else frame.can_id
 
     def sender(self, frame: CanFrame) -> int | None:
-        """Which motor a frame comes from; None if it is no answer of one of ours.
+        """Return the id of the motor that a frame comes from; None if it is no answer of one of ours.
 
         Args:
             frame: the received frame.
@@ -243,22 +249,28 @@ class MitFrames:
             frame: the received frame.
             ranges: of the motor's model.
 
+        Returns:
+            The motor's state.
+
         Raises:
             ProtocolError: it is no state.
         """
         return decode_state(frame, ranges, status_beside_id=self._STATUS_BESIDE_ID)
 
     def is_about_register(self, frame: CanFrame, motor_id: int) -> bool:
-        """Whether an answer is about a register, and no state.
+        """Check whether an answer is about a register, and no state.
 
         Args:
             frame: the received frame.
             motor_id: of its sender.
+
+        Returns:
+            Whether it is.
         """
         return False
 
     def alarm(self, frame: CanFrame) -> int | None:
-        """Errors that a motor reports without a request; None if the frame reports none.
+        """Return the errors that a motor reports without a request; None if the frame reports none.
 
         Args:
             frame: the received frame.
@@ -271,6 +283,9 @@ class MitFrames:
         Args:
             motor_id: id of the receiver.
             register: to read.
+
+        Returns:
+            The frame.
         """
         return _registers(motor_id, bytes((READ, register.number, 0, 0, 0, 0)))
 
@@ -281,6 +296,9 @@ class MitFrames:
             motor_id: id of the receiver.
             register: to write.
             value: in the register's own unit.
+
+        Returns:
+            The frame.
         """
         number = int(value) if register.format == "<I" else value
         data = bytes((WRITE, register.number)) + struct.pack(register.format, number)

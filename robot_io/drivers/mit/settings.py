@@ -56,20 +56,26 @@ class MitDialect:
     set_up: tuple[tuple[MotorRegister, int | None], ...] = ()
 
     def error_names(self, error: int) -> str:
-        """What an error means.
+        """Name an error; where errors are bits, each of them.
 
         Args:
             error: number in a state.
+
+        Returns:
+            The names.
         """
         parts = [1 << place for place in range(error.bit_length()) if error >> place & 1]
         parts = parts if self.errors_are_bits else [error]
         return ", ".join(dict.fromkeys(self.errors.get(part, f"unknown error {part}") for part in parts))
 
     def is_encoder_fault(self, error: int) -> bool:
-        """Whether its position means nothing.
+        """Check whether an error makes the motor's position meaningless.
 
         Args:
             error: number in a state.
+
+        Returns:
+            Whether it does.
         """
         fault = self.encoder_fault
         return fault is not None and bool(error & fault if self.errors_are_bits else error == fault)
@@ -269,7 +275,7 @@ class MitBusSettings(CanLineSettings):
         return MitRanges(own.position_rad, own.velocity_rad_s, own.torque_nm)
 
     def answer_ids(self, motor: MitMotor) -> tuple[int, ...]:
-        """Arbitration ids under which a motor's answers are taken.
+        """Return the arbitration ids under which a motor's answers are taken.
 
         Args:
             motor: of this bus.

@@ -38,10 +38,13 @@ _TIMES: Final = 1 << 32
 
 
 def communication_setup(baud_rate: int) -> bytes:
-    """Calibrated values without temperature compensation, in binary frames at this baud rate.
+    """Make the command for calibrated values without temperature compensation, in binary frames.
 
     Args:
         baud_rate: of the line [bit/s].
+
+    Returns:
+        The command.
     """
     return f"c,0,1,0,{BAUD_RATE_CODES[baud_rate]}".encode()
 
@@ -67,10 +70,13 @@ def code_of(command: bytes, received: bytes | bytearray) -> int | None:
 
 
 def crc16(data: bytes) -> int:
-    """The CRC-16 of X.25, least significant bit first.
+    """Compute the CRC-16 of X.25, least significant bit first.
 
     Args:
         data: bytes that it covers.
+
+    Returns:
+        The checksum, from 0 to FFFF.
     """
     # `crc_hqx` has the same polynomial, most significant bit first.
     return int(f"{crc_hqx(data.translate(_REVERSED), 0xFFFF):016b}"[::-1], 2) ^ 0xFFFF
@@ -89,7 +95,7 @@ class Sample(NamedTuple):
 
 
 def decode_frame(frame: bytes) -> Sample:
-    """The sample in a frame.
+    """Decode a frame.
 
     Args:
         frame: as it came, with header and CRC.

@@ -318,10 +318,13 @@ class Mark10Stream(LineStream):
 
 
 def error_name(code: int) -> str:
-    """What an error code means.
+    """Name an error code.
 
     Args:
         code: number after the star.
+
+    Returns:
+        The name.
     """
     return f"*{code} {ERRORS.get(code, 'unknown error')}"
 

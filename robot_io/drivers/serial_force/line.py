@@ -402,10 +402,13 @@ class ForceLine(Bus):
         """See `Bus.flush`; nothing is sent to a sensor in a tick."""
 
     def reading(self, *, reversed_sign: bool) -> Reading:
-        """The newest sample; `reversed_sign`: the sensor counts tension as positive.
+        """Return the newest sample as a reading.
 
         Args:
             reversed_sign: whether the sensor counts tension as positive.
+
+        Returns:
+            Shape (1,), compression positive [N]; NaN and stale before the first.
         """
         if self.sample is None:
             return Reading(np.full(1, np.nan), -np.inf, Status.STALE)

@@ -64,10 +64,13 @@ class SensorHeader:
 
 
 def checksums(content: bytes) -> tuple[int, int]:
-    """Checksum and weighted checksum over everything between STX and themselves.
+    """Compute checksum and weighted checksum of all between STX and themselves.
 
     Args:
         content: of a telegram, between STX and the checksums.
+
+    Returns:
+        Both, each from 0 to 255.
     """
     plain = weighted = 0
     for byte in content:
@@ -112,10 +115,13 @@ class TelegramReader:
         self.rejected = 0
 
     def feed(self, data: bytes) -> list[Telegram]:
-        """Telegrams that are complete now, oldest first.
+        """Take bytes, and return the telegrams that are complete now.
 
         Args:
             data: bytes that have come.
+
+        Returns:
+            The telegrams, oldest first.
         """
         telegrams = []
         for byte in data:

@@ -38,7 +38,7 @@ class OwnTime:
         self._window_end_s, self._delays_s = _WINDOW_S, deque[float](maxlen=_WINDOWS)
 
     def goes_on(self, by_s: float) -> None:
-        """The sensor's time of the newest reading is `by_s` after that of the one before [s].
+        """Advance the sensor's time to that of the newest reading.
 
         Args:
             by_s: sensor's clock [s].
@@ -46,13 +46,16 @@ class OwnTime:
         self._now_s += by_s * self._rate
 
     def sampled_at_s(self, arrived_at_s: float, *, prompt: bool) -> float:
-        """When the newest reading was sampled at the latest, on the host's clock [s].
+        """Compute when the newest reading was sampled at the latest.
 
         It arrived at `arrived_at_s`; `prompt` is whether it was just then, and not perhaps later.
 
         Args:
             arrived_at_s: host's clock [s].
             prompt: whether it arrived just then.
+
+        Returns:
+            Time on the host's clock [s].
         """
         if arrived_at_s - self._arrived_s > self._longest_gap_s:
             self.restart()
@@ -110,7 +113,7 @@ class Poll:
         self._deaf_until_s = -float("inf")
 
     def to_send(self, now_s: float) -> bytes:
-        """What to send now [s], which may be nothing.
+        """Return what to send now; may be empty.
 
         Args:
             now_s: robot's clock [s].
@@ -133,7 +136,7 @@ class Poll:
         self._awaits_marker = False
 
     def answered(self, arrived_s: float) -> float | None:
-        """Return when the reading that arrived at `arrived_s` [s] was requested [s]; None if unknown.
+        """Return when the reading that has arrived was requested [s]; None if unknown.
 
         Args:
             arrived_s: robot's clock [s].
@@ -165,7 +168,7 @@ NEWTONS = {
 
 
 def newtons_per(unit: str) -> float:
-    """Newtons in one `unit`; case does not matter, except that MN is not mN.
+    """Return the newtons in one unit; case does not matter, except that MN is not mN.
 
     Args:
         unit: such as "lbF".
@@ -184,7 +187,7 @@ def newtons_per(unit: str) -> float:
 
 
 def known_unit(unit: str | None) -> str | None:
-    """A unit from a robot file, for pydantic.
+    """Check a unit from a robot file, for pydantic.
 
     Args:
         unit: as the robot file says, or None.
@@ -204,7 +207,7 @@ def known_unit(unit: str | None) -> str | None:
 
 
 def text_of(line: bytes) -> str:
-    """A line as text, stripped.
+    """Decode a line as text, stripped.
 
     Args:
         line: as it came.
@@ -230,10 +233,13 @@ class ReadingStream(Protocol):
         """How much was not a sample."""
 
     def feed(self, data: bytes) -> list[float]:
-        """Samples that are complete now, oldest first [N], in the sensor's own sign.
+        """Take bytes, and return the samples that are complete now.
 
         Args:
             data: bytes that have come.
+
+        Returns:
+            Forces [N] in the sensor's own sign, oldest first.
         """
 
 
@@ -250,10 +256,13 @@ class LineSplitter:
         self.dropped = 0
 
     def feed(self, data: bytes) -> list[bytes]:
-        """Lines that are complete now, without their ends.
+        """Take bytes, and return the lines that are complete now.
 
         Args:
             data: bytes that have come.
+
+        Returns:
+            The lines, without their ends.
         """
         *lines, self._rest = (self._rest + data).replace(b"\r", b"\n").split(b"\n")
         if lines and self._skipping:

@@ -167,14 +167,20 @@ class ServoPairs:
 
         Args:
             of_joints: shape (n,).
+
+        Returns:
+            Shape (m,).
         """
         return [*of_joints, *(of_joints[joint] for joint in self.joints)]
 
     def shares(self, torque_nm: Sequence[float]) -> list[float]:
-        """Divide torques of joints (n) among servos (m) [N m].
+        """Divide torques of joints among servos.
 
         Args:
             torque_nm: of the joints, shape (n,) [N m].
+
+        Returns:
+            Of the servos, shape (m,) [N m].
         """
         if not self.joints:
             return list(torque_nm)
@@ -195,10 +201,13 @@ class ServoPairs:
         return self.of_servos(weaker_nm)
 
     def summed(self, of_servos: Sequence[float]) -> list[float]:
-        """Add the values of the two servos of a pair, such as torques: of servos (m) to joints (n).
+        """Add the values of the two servos of a pair, such as torques.
 
         Args:
             of_servos: shape (m,).
+
+        Returns:
+            Of the joints, shape (n,).
         """
         of_joints = list(of_servos[: self.joint_count])
         for joint, second in zip(self.joints, of_servos[self.joint_count :], strict=True):
@@ -206,10 +215,13 @@ class ServoPairs:
         return of_joints
 
     def joined(self, motion: FloatArray) -> FloatArray:
-        """Average the positions and velocities of pairs, and add their torques: (3, m) to (3, n).
+        """Average the positions and velocities of pairs, and add their torques.
 
         Args:
             motion: positions [rad], velocities [rad/s] and torques [N m] of the servos, shape (3, m).
+
+        Returns:
+            The same of the joints, shape (3, n).
         """
         joined: FloatArray = np.array([self.summed(row) for row in motion.tolist()])
         joined[:2] *= self._share[: self.joint_count]
@@ -242,10 +254,13 @@ class ServoPairs:
         return findings
 
     def disagreement(self, position_rad: FloatArray) -> str | None:
-        """Name a pair with different angles, or None.
+        """Name a pair with different angles.
 
         Args:
             position_rad: Positions of all servos (m) [rad].
+
+        Returns:
+            What is wrong with it, or None.
         """
         for label, ahead_rad in zip(self._labels, self._ahead_rad(position_rad), strict=True):
             if not abs(ahead_rad) <= self._tolerance_rad:
@@ -256,11 +271,14 @@ class ServoPairs:
         return None
 
     def torque_difference(self, torque_nm: FloatArray, time_s: float) -> str | None:
-        """Name a pair whose torques have differed for `deaf_drive_s`, or None.
+        """Name a pair whose torques have differed for `deaf_drive_s`.
 
         Args:
             torque_nm: Measured torques of all servos (m) [N m].
             time_s: When they were measured [s].
+
+        Returns:
+            What is wrong with it, or None.
         """
         for k, joint in enumerate(self.joints):
             first_nm, second_nm = float(torque_nm[joint]), float(torque_nm[self.joint_count + k])

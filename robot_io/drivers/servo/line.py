@@ -8,7 +8,7 @@ from typing import Any, ClassVar, NamedTuple, Protocol, get_args
 
 from palpate.robot_io.clock import Clock
 from palpate.robot_io.drivers.servo.joints import ServoBusSettings
-from palpate.robot_io.drivers.servo.stream import ServoDialect
+from palpate.robot_io.drivers.servo.stream import PacketStream, ServoDialect
 from palpate.robot_io.errors import DeviceError, DeviceTimeoutError, ProtocolError
 from palpate.robot_io.examination import Finding, fail, warn
 from palpate.robot_io.serial_port import SerialPort
@@ -25,10 +25,13 @@ class Register:
     sign_bit: int | None = None  # sign bit, if the other bits are the magnitude
 
     def encode(self, value: int) -> bytes:
-        """The bytes of a value. ProtocolError: it does not fit.
+        """Encode a value. ProtocolError: it does not fit.
 
         Args:
             value: number to write.
+
+        Returns:
+            Its bytes.
         """
         number = value
         if self.sign_bit is not None:
@@ -43,10 +46,13 @@ class Register:
             raise ProtocolError(f"{value} does not fit into {self.name} ({self.size} bytes)") from error
 
     def decode(self, data: bytes) -> int:
-        """The value of bytes. ProtocolError: not as many bytes as it has.
+        """Decode a value. ProtocolError: not as many bytes as it has.
 
         Args:
             data: bytes as they were read.
+
+        Returns:
+            The value.
         """
         if len(data) != self.size:
             raise ProtocolError(f"{self.name} came with {len(data)} bytes instead of {self.size}")
@@ -57,6 +63,9 @@ class Register:
 
         Args:
             number: the raw number.
+
+        Returns:
+            The signed value.
         """
         if self.sign_bit is None:
             return number
@@ -109,6 +118,9 @@ class RegisterAccess:
             servo_id: Which servo.
             size: Number of bytes of its answer.
 
+        Returns:
+            What it answers.
+
         Raises:
             DeviceTimeoutError: No answer.
             DeviceError: The port failed, or the servo refused.
@@ -130,11 +142,7 @@ class RegisterAccess:
         Raises:
             DeviceError: The port failed.
         """
-        request, answers = self._dialect.ping(servo_id), 0
-        self._port.read_all()
-        reader = self._dialect.packet_reader(request)
-        self._port.write(request)
-        deadline_s = self._deadline_s(request, size)
+        (reader, deadline_s), answers = self._send(self._dialect.ping(servo_id), size), 0
         while self._clock.now_s() < deadline_s:
             packets: list[Packet] = reader.feed(self._port.wait(deadline_s))
             new = sum(packet.servo_id == servo_id and len(packet.data) == size for packet in packets)
@@ -149,6 +157,9 @@ class RegisterAccess:
         Args:
             servo_id: Which servo.
             register: Which of its registers.
+
+        Returns:
+            Its value.
 
         Raises:
             DeviceTimeoutError: No answer.
@@ -235,10 +246,7 @@ class RegisterAccess:
         return self._ask(servo_id, request, register.size)
 
     def _ask(self, servo_id: int, request: bytes, size: int) -> Packet:
-        self._port.read_all()
-        reader = self._dialect.packet_reader(request)
-        self._port.write(request)
-        deadline_s = self._deadline_s(request, size)
+        reader, deadline_s = self._send(request, size)
         while True:
             packets: list[Packet] = reader.feed(self._port.wait(deadline_s))
             for packet in packets:
@@ -248,8 +256,13 @@ class RegisterAccess:
                 damaged = f" ({reader.rejected} damaged answers)" if reader.rejected else ""
                 raise DeviceTimeoutError(f"servo {servo_id}: no answer{damaged}")
 
-    def _deadline_s(self, request: bytes, size: int) -> float:
-        return self._clock.now_s() + self._port.duration_s(len(request) + _PACKET + size) + _PATIENCE_S
+    def _send(self, request: bytes, size: int) -> tuple[PacketStream[Any], float]:
+        """Send a request; return what finds its answers of `size` bytes, and when to give up [s]."""
+        self._port.read_all()
+        reader = self._dialect.packet_reader(request)
+        self._port.write(request)
+        wire_s = self._port.duration_s(len(request) + _PACKET + size)
+        return reader, self._clock.now_s() + wire_s + _PATIENCE_S
 
     def _check(self, packet: Packet, what: str) -> None:
         if not packet.refusal:
@@ -276,6 +289,9 @@ def listed(ids: Iterable[int]) -> str:
 
     Args:
         ids: of servos.
+
+    Returns:
+        Such as "1, 2, 3".
     """
     return ", ".join(map(str, ids))
 
@@ -339,6 +355,9 @@ class ServoLine(ABC):
         Args:
             registers: Access to the line, perhaps at another baud rate than that of the settings.
 
+        Returns:
+            How often each answered, and whose answers were damaged.
+
         Raises:
             DeviceError: The port failed.
         """
@@ -385,6 +404,9 @@ def examine_line(
         settings: Settings in the robot file.
         line: The line, whose port stays open.
         examine_servo: Examines one servo that answers, by its id and label.
+
+    Returns:
+        What was found.
 
     Raises:
         DeviceError: The port failed.

@@ -98,6 +98,9 @@ class ServoDialect(ABC):
             address: Of the first byte.
             size: Number of bytes for each servo.
             block: For each servo its id and its bytes.
+
+        Returns:
+            The packet.
         """
 
     @abstractmethod
@@ -106,6 +109,9 @@ class ServoDialect(ABC):
 
         Args:
             request: packet that the servos were sent.
+
+        Returns:
+            The reader.
         """
 
     def encode_packet(self, servo_id: int, instruction: int, parameters: bytes = b"") -> bytes:
@@ -115,6 +121,9 @@ class ServoDialect(ABC):
             servo_id: Servo that is addressed, or `BROADCAST_ID` for all.
             instruction: Code of the instruction.
             parameters: Its parameters, not stuffed.
+
+        Returns:
+            The packet.
 
         Raises:
             ProtocolError: No servo can have this id, or the packet would be too long.
@@ -132,6 +141,9 @@ class ServoDialect(ABC):
 
         Args:
             servo_id: of the servo.
+
+        Returns:
+            The packet.
         """
         return self.encode_packet(servo_id, _PING)
 
@@ -146,6 +158,9 @@ class ServoDialect(ABC):
             servo_id: of the servo.
             address: of the first byte.
             size: number of bytes.
+
+        Returns:
+            The packet.
         """
         return self.encode_packet(servo_id, _READ, self.words(address, size))
 
@@ -156,6 +171,9 @@ class ServoDialect(ABC):
             servo_id: of the servo.
             address: of the first byte.
             data: the bytes.
+
+        Returns:
+            The packet.
         """
         return self.encode_packet(servo_id, _WRITE, self.words(address) + data)
 
@@ -166,6 +184,9 @@ class ServoDialect(ABC):
             address: of the first byte.
             size: bytes from each servo.
             servo_ids: in the order of the answers.
+
+        Returns:
+            The packet.
         """
         return self.encode_packet(BROADCAST_ID, _SYNC_READ, self.words(address, size) + bytes(servo_ids))
 
@@ -175,6 +196,9 @@ class ServoDialect(ABC):
         Args:
             address: Of the first byte.
             data: Bytes by servo id.
+
+        Returns:
+            The packet.
 
         Raises:
             ProtocolError: The bytes are not of equal number.
@@ -192,6 +216,9 @@ def bit_names(value: int, names: Mapping[int, str]) -> str:
     Args:
         value: Bits of a device's status.
         names: Name of each bit, by its value.
+
+    Returns:
+        The names.
     """
     known = [name for bit, name in names.items() if value & bit]
     unknown = value & ~sum(names)
