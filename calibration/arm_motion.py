@@ -493,6 +493,11 @@ class PathTask:
         self.duration_s = path.duration_s  # with the ways to it and back, once started
 
     def start(self, measurement: Measurement) -> None:
+        """Plan the moves from the measured posture to the path's centre and back.
+
+        Args:
+            measurement: state of the arm.
+        """
         self._free.start(measurement)
         self._time_s = 0.0
         start_rad, centre_rad = measurement.joint_position_rad.copy(), self._path.centre_rad
@@ -503,6 +508,15 @@ class PathTask:
         self.duration_s = self._end_s + self._back.duration_s + _SETTLE_S
 
     def step(self, measurement: Measurement, dt_s: float) -> TaskOutput:
+        """Move to the path's centre, follow the path once, and go back.
+
+        Args:
+            measurement: state of the arm.
+            dt_s: time since the last tick [s].
+
+        Returns:
+            Command, reference and events.
+        """
         self._time_s += dt_s
         if self._time_s < self._begin_s:
             motion, phase, run = self._move_to_start.at(self._time_s), Phase.MOVE, NO_RUN

@@ -216,6 +216,11 @@ class StopTask:
         self._touches = len(approaches) * settings.touches
 
     def start(self, measurement: Measurement) -> None:
+        """Plan the way from the measured posture to the first stop.
+
+        Args:
+            measurement: state of the arm.
+        """
         self._free.start(measurement)
         self._start_rad = measurement.joint_position_rad.copy()
         self._touch = 0
@@ -224,7 +229,18 @@ class StopTask:
         self._move_along([self._start_rad, self._up_rad, self._approaches[0].posture_rad])
 
     def step(self, measurement: Measurement, dt_s: float) -> TaskOutput:
-        """See `palpate.control.loop.task.Task.step`; trips where a stop is not where it is said to be."""
+        """Move to the next stop, or press against it.
+
+        Args:
+            measurement: state of the arm.
+            dt_s: time since the last tick [s].
+
+        Returns:
+            Command, reference and events.
+
+        Raises:
+            SafetyTripError: a stop is not where it is said to be.
+        """
         return self._press(measurement, dt_s) if self._pressing else self._move(measurement, dt_s)
 
     @property

@@ -77,7 +77,11 @@ class ReplayTask:
         self._time_s = 0.0
 
     def start(self, measurement: Measurement) -> None:
-        """See `Task.start`."""
+        """Plan the move from the measured posture to the first reference.
+
+        Args:
+            measurement: state of the arm.
+        """
         self._torque.reset()
         begin_rad = self._references.position_rad[0]
         here_rad = measurement.joint_position_rad.copy()
@@ -85,7 +89,15 @@ class ReplayTask:
         self._time_s, self._tick = 0.0, 0
 
     def step(self, measurement: Measurement, dt_s: float) -> TaskOutput:
-        """See `Task.step`."""
+        """Move to the first reference, then follow the recorded ones in their time.
+
+        Args:
+            measurement: state of the arm.
+            dt_s: time since the last tick [s].
+
+        Returns:
+            Command, reference and events.
+        """
         self._time_s += dt_s
         since_s = self._time_s - self._move_to_start.duration_s - _SETTLE_S
         if since_s < 0.0:
