@@ -98,6 +98,7 @@ def _name(joint: ET.Element, role: str) -> str:
     return element.get("link", "")
 
 
+Joints = Sequence[float]  # a value of each joint, shape (n,)
 Vector = tuple[float, float, float]
 Quaternion = tuple[float, float, float, float]  # (x, y, z, w)
 
@@ -133,7 +134,7 @@ class Engine(ABC):
         return len(self.torque_limit_nm)
 
     @abstractmethod
-    def place(self, position_rad: Sequence[float], velocity_rad_s: Sequence[float]) -> None:
+    def place(self, position_rad: Joints, velocity_rad_s: Joints) -> None:
         """Set positions and velocities of the joints.
 
         Args:
@@ -150,7 +151,7 @@ class Engine(ABC):
         """Return position [m], velocity [m/s] and orientation of the tip frame in the world."""
 
     @abstractmethod
-    def push(self, torque_nm: Sequence[float], tip_force_z_n: float, tip_position_m: Sequence[float]) -> None:
+    def push(self, torque_nm: Joints, tip_force_z_n: float, tip_position_m: Sequence[float]) -> None:
         """Apply torques and an upward force at the tip for the next step only.
 
         Args:
@@ -160,7 +161,7 @@ class Engine(ABC):
         """
 
     @abstractmethod
-    def brake(self, friction_nm: Sequence[float]) -> None:
+    def brake(self, friction_nm: Joints) -> None:
         """Resist the joints' motion by dry friction from the next step on.
 
         The engine solves for friction with the motion: it is the limit while a joint moves, and what is
@@ -175,7 +176,7 @@ class Engine(ABC):
         """Integrate one step."""
 
     @abstractmethod
-    def mass_matrix(self, position_rad: Sequence[float]) -> FloatArray:
+    def mass_matrix(self, position_rad: Joints) -> FloatArray:
         """Compute the joint-space inertia.
 
         Args:
@@ -187,10 +188,7 @@ class Engine(ABC):
 
     @abstractmethod
     def inverse_dynamics(
-        self,
-        position_rad: Sequence[float],
-        velocity_rad_s: Sequence[float],
-        acceleration_rad_s2: Sequence[float],
+        self, position_rad: Joints, velocity_rad_s: Joints, acceleration_rad_s2: Joints
     ) -> FloatArray:
         """Compute the torques of a motion in free air.
 

@@ -7,7 +7,7 @@ import numpy as np
 
 from palpate.robot_io.errors import InputError
 from palpate.robot_io.types import FloatArray
-from palpate.sim_backend.engines.engine import Engine, Quaternion, check_serial
+from palpate.sim_backend.engines.engine import Engine, Joints, Quaternion, check_serial
 
 # Friction and stops are soft constraints here. This is as hard as they get: within 2 steps, to 1 part in 1e4.
 _STEPS_TO_STOP = 2.0
@@ -52,7 +52,7 @@ class MujocoEngine(Engine):
         self._no_torque = np.zeros(3)
         self._update_views()
 
-    def place(self, position_rad: Sequence[float], velocity_rad_s: Sequence[float]) -> None:
+    def place(self, position_rad: Joints, velocity_rad_s: Joints) -> None:
         self._data.qpos[:] = position_rad
         self._data.qvel[:] = velocity_rad_s
         self._data.qacc_warmstart[:] = 0.0
@@ -69,7 +69,7 @@ class MujocoEngine(Engine):
         w, x, y, z = self._tip_quaternion.tolist()
         return self._tip_position.tolist(), velocity.tolist()[3:], (x, y, z, w)
 
-    def push(self, torque_nm: Sequence[float], tip_force_z_n: float, tip_position_m: Sequence[float]) -> None:
+    def push(self, torque_nm: Joints, tip_force_z_n: float, tip_position_m: Sequence[float]) -> None:
         self._applied[:] = torque_nm
         if tip_force_z_n:
             self._force_world_n[2] = tip_force_z_n
@@ -83,7 +83,7 @@ class MujocoEngine(Engine):
                 self._applied,
             )
 
-    def brake(self, friction_nm: Sequence[float]) -> None:
+    def brake(self, friction_nm: Joints) -> None:
         self._model.dof_frictionloss[:] = friction_nm
         self._update_views()  # friction is a constraint that the next step reads from there
 
@@ -99,7 +99,7 @@ class MujocoEngine(Engine):
         """
         mujoco.mj_step1(self._model, self._data)
 
-    def mass_matrix(self, position_rad: Sequence[float]) -> FloatArray:
+    def mass_matrix(self, position_rad: Joints) -> FloatArray:
         self._aside.qpos[:] = position_rad
         mujoco.mj_fwdPosition(self._model, self._aside)
         matrix = np.zeros((self.joint_count, self.joint_count))
@@ -107,10 +107,7 @@ class MujocoEngine(Engine):
         return matrix
 
     def inverse_dynamics(
-        self,
-        position_rad: Sequence[float],
-        velocity_rad_s: Sequence[float],
-        acceleration_rad_s2: Sequence[float],
+        self, position_rad: Joints, velocity_rad_s: Joints, acceleration_rad_s2: Joints
     ) -> FloatArray:
         aside, torque = self._aside, np.zeros(self.joint_count)
         aside.qpos[:], aside.qvel[:], aside.qacc[:] = position_rad, velocity_rad_s, acceleration_rad_s2

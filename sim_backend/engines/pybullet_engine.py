@@ -11,7 +11,7 @@ from palpate.robot_io.captured import STDERR, STDOUT, captured
 from palpate.robot_io.errors import InputError
 from palpate.robot_io.types import FloatArray
 from palpate.sim_backend.contact_laws.standard import EngineContact
-from palpate.sim_backend.engines.engine import Engine, Quaternion, Vector, check_serial
+from palpate.sim_backend.engines.engine import Engine, Joints, Quaternion, Vector, check_serial
 
 with captured([], STDERR):  # which it greets on
     import pybullet as bullet
@@ -75,7 +75,7 @@ class PyBulletEngine(Engine):
         check_serial([info[1].decode() for info in movable], names)
         self.torque_limit_nm = [info[10] or np.inf for info in movable]
 
-    def place(self, position_rad: Sequence[float], velocity_rad_s: Sequence[float]) -> None:
+    def place(self, position_rad: Joints, velocity_rad_s: Joints) -> None:
         for joint, q, qd in zip(self._joints, position_rad, velocity_rad_s, strict=True):
             bullet.resetJointState(self._body, joint, q, qd, self._client)
 
@@ -88,7 +88,7 @@ class PyBulletEngine(Engine):
         state = bullet.getLinkState(self._body, self._tip, 1, 1, self._client)
         return state[4], state[6], state[5]
 
-    def push(self, torque_nm: Sequence[float], tip_force_z_n: float, tip_position_m: Sequence[float]) -> None:
+    def push(self, torque_nm: Joints, tip_force_z_n: float, tip_position_m: Sequence[float]) -> None:
         bullet.setJointMotorControlArray(
             self._body, self._joints, bullet.TORQUE_CONTROL, forces=torque_nm, physicsClientId=self._client
         )
@@ -98,7 +98,7 @@ class PyBulletEngine(Engine):
                 self._body, self._tip, force, tip_position_m, bullet.WORLD_FRAME, self._client
             )
 
-    def brake(self, friction_nm: Sequence[float]) -> None:
+    def brake(self, friction_nm: Joints) -> None:
         # A velocity motor towards zero of limited torque is dry friction.
         bullet.setJointMotorControlArray(
             self._body,
@@ -108,15 +108,12 @@ class PyBulletEngine(Engine):
             physicsClientId=self._client,
         )
 
-    def mass_matrix(self, position_rad: Sequence[float]) -> FloatArray:
+    def mass_matrix(self, position_rad: Joints) -> FloatArray:
         matrix = bullet.calculateMassMatrix(self._body, list(position_rad), physicsClientId=self._client)
         return np.array(matrix)
 
     def inverse_dynamics(
-        self,
-        position_rad: Sequence[float],
-        velocity_rad_s: Sequence[float],
-        acceleration_rad_s2: Sequence[float],
+        self, position_rad: Joints, velocity_rad_s: Joints, acceleration_rad_s2: Joints
     ) -> FloatArray:
         # PyBullet crashes on arrays here; it takes lists.
         lists = [list(values) for values in (position_rad, velocity_rad_s, acceleration_rad_s2)]
