@@ -279,13 +279,16 @@ def find_dialect(content: bytes) -> TextDialect | None:
     if not lines:
         return None
     first = max(DELIMITERS, key=lines[0][1].count)
-    names = [" ".join(name.split()) for name in next(_cells([lines[0][1]], first), [])]
+    match = re.compile(rb"\r\n|\r|\n|$").search(content, lines[0][0])
+    begin, end = lines[0][0], match.end() if match else len(content)
+    # Whole: in the sample a line may be cut off.
+    header = content[begin:end].decode(errors="replace").rstrip("\r\n")
+    names = [" ".join(name.split()) for name in next(_cells([header], first), [])]
     if any(role and role.unit for role in map(parse_role, names)):
         named = tuple(name or f"column {number}" for number, name in enumerate(names, 1))
-        end = re.compile(rb"\r\n|\r|\n|$").search(content, lines[0][0])
         dialect = _dialect(lines, first)
         counts = len(lines) > 1 and is_number(line_cells(lines[1][1] + first, first)[0], dialect.decimal)
-        own = TextTable(named, lines[0][0], end.end() if end else len(content), (), counts)
+        own = TextTable(named, begin, end, (), counts)
         return replace(dialect, tables=(own, *(table for table in dialect.tables if table.head > own.head)))
     dialects = [_dialect(lines, delimiter) for delimiter in (*DELIMITERS, BLANKS)]
     if not any(dialect.tables for dialect in dialects):
@@ -460,6 +463,13 @@ def same_columns(blocks: Sequence[Block], selected: str, place: Path) -> tuple[l
     omitted = [block for number, block in enumerate(blocks) if number not in chosen]
     if not omitted:
         return chosen, []
-    listed = ", ".join(f"'{block.title}'" for block in omitted[:5]) + (" ..." if len(omitted) > 5 else "")
+    sizes = (f"'{block.title}' ({block.rows:,} row{'s' * (block.rows != 1)})" for block in omitted[:5])
+    listed = ", ".join(sizes) + (" ..." if len(omitted) > 5 else "")
     option = f"--table {shlex.quote(omitted[0].title)}"
-    return chosen, [f"not read, since their columns differ: {listed}; {option} selects one"]
+    note = f"not read, since their columns differ: {listed}; {option} selects one"
+    # A line of words among the rows, such as a remark with as many cells, looks like the names of a table.
+    alike = (block for block in omitted if len(block.names) == len(longest.names))
+    doubtful = next((block.title for block in alike if not _is_measurement(block.names)), "")
+    if doubtful.isdecimal() and not selected:
+        note += f"; if line {doubtful} names no columns, remove it"
+    return chosen, [note]

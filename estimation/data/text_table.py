@@ -37,6 +37,7 @@ from palpate.robot_io.errors import InputError
 from palpate.robot_io.types import IntArray
 
 _LONGEST_LINE = 2**20 - 1  # bytes; the reader takes blocks of 1 MiB, and the line must end in one
+_MOST_COLUMNS = 20_000  # each name is compared with all words for a quantity
 _SHOWN = 60  # characters of a line that is refused
 _SYSTEMATIC = 0.25  # share of rows that may end before the last column; fewer are damaged
 
@@ -63,6 +64,11 @@ def read_text_table(path: Path, selected: str) -> FileColumns:
         raise InputError(f"{path}: its first line is longer than 1 MiB; put the names of the columns there")
     content = _labels_as_header(content)
     dialect = find_dialect(content) or _raise_no_table(content, path)
+    if (columns := max(len(table.names) for table in dialect.tables)) > _MOST_COLUMNS:
+        raise InputError(
+            f"{path}: has {columns:,} columns, at most {_MOST_COLUMNS:,} are read; "
+            "keep those of time, motion and effort"
+        )
     if not content[dialect.tables[0].start :][:_LONGEST_LINE].strip():
         raise InputError(f"{path}: no rows of data")
     heads = [*(table.head for table in dialect.tables[1:]), len(content)]

@@ -134,6 +134,8 @@ def _next(  # noqa: PLR0917, what was typed and found
         names = " ".join(entry.effect for entry in item.accepted)
         alone = len(study.source.channels) == 1 or item.channel == "contact"
         where = "" if alone else f" --channel {item.channel}"
+        newest = study.latest(study.channel(item.channel))
+        where += " --fresh" if newest is not None and newest.effects else ""  # else it would build on these
         added = f"palpate add {data.typed(model=asked['model'])} {names}{where}"
         it = "it" if len(item.accepted) == 1 else "them"
         yield added, f"refit with {it}, and save a revision"

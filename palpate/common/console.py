@@ -231,6 +231,7 @@ AT_BOUND = "at its bound"  # of a search: the data say no value
 NOT_DETERMINED = "not determined"  # by the data: said in place of an interval
 _LEAST_P = 0.005  # of 199 surrogates and the measurement itself
 _MOST_DECIMALS = 6  # what would need more is written with a power of ten
+_MOST_ZEROS = 8  # behind the last digit that is justified; likewise
 _MOST_DIGITS = 8
 
 
@@ -345,7 +346,7 @@ def significant(value: float, uncertainty: float | None = None) -> str:
     if uncertainty is None or not uncertainty > 0:
         return f"{value:z.5g}"
     decimals = 1 - _exponent(uncertainty)
-    if decimals > _MOST_DECIMALS:
+    if decimals > _MOST_DECIMALS or decimals < -_MOST_ZEROS:
         digits = _exponent(value) - _exponent(uncertainty) + 2
         return f"{value:z.{min(max(digits, 1), _MOST_DIGITS)}g}"
     return f"{round(value, decimals):z.{max(decimals, 0)}f}"

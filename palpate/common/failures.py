@@ -48,6 +48,8 @@ class OneLineGroup(TyperGroup):
         except typer.Abort:
             sys.exit(report("interrupted", INTERRUPTED, as_json=as_json))
         except Exception as error:
+            if isinstance(error.__cause__, KeyboardInterrupt):  # while a class was made: Python 3.11 wraps it
+                sys.exit(report("interrupted", INTERRUPTED, as_json=as_json))
             sys.exit(report_error(error, as_json=as_json))
         finally:
             remove_empty_folders()

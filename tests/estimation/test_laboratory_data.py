@@ -292,7 +292,7 @@ def test_sheets_whose_columns_stand_in_another_order_are_runs_and_others_are_nam
     table = read_table(tmp_path / "order.xlsx")
     np.testing.assert_array_equal(table.numbers("Load (N)"), 3.0 * table.numbers("Time (s)"))
     assert len(table) == 60
-    assert "not read, since their columns differ: 'C'; --table C selects one" in table.words
+    assert "not read, since their columns differ: 'C' (30 rows); --table C selects one" in table.words
 
 
 @pytest.mark.parametrize("other", ["Cycle time [s]", "Clock"])

@@ -132,6 +132,25 @@ def test_ends_of_strings_and_lines_of_blanks_do_not_spoil_a_table(tmp_path):
     np.testing.assert_allclose(import_file(path).channels[0].effort, FORCE_N, atol=1e-5)
 
 
+def test_rows_below_a_line_of_words_are_counted_and_the_line_is_named(tmp_path):
+    path = tmp_path / "press.csv"
+    lines = [f"{line},0" for line in rows().splitlines()]
+    path.write_text("\n".join(["Time [s],Way [mm],Force [N],run", *lines[:50], "a,b,c,d", *lines[50:], ""]))
+    note = f"'52' ({len(lines) - 50} rows); --table 52 selects one; if line 52 names no columns, remove it"
+    assert note in import_file(path).read
+
+
+def test_columns_are_counted_in_the_whole_first_line_and_bounded(tmp_path):
+    """The dialect is found in the first 256 KiB, and such a line is longer."""
+    path, further = tmp_path / "wide.csv", 40_000
+    names = ["time_s", "displacement_mm", "force_N", *(f"channel{n}" for n in range(further))]
+    cells = [line + ",1" * further for line in rows().splitlines()[200:206]]
+    path.write_text("\n".join([",".join(names), *cells, ""]))
+    assert len(path.read_text().splitlines()[0]) > 1 << 18
+    with pytest.raises(InputError, match=r"has 40,003 columns, at most 20,000"):
+        read_table(path)
+
+
 def test_other_tables_are_named_with_the_option_that_selects_them(tmp_path):
     path = tmp_path / "press.csv"
     path.write_text(
@@ -139,9 +158,9 @@ def test_other_tables_are_named_with_the_option_that_selects_them(tmp_path):
     )
     line = str(4 + len(TIME_S))
     assert (
-        f"not read, since their columns differ: '{line}'; --table {line} selects one"
-        in import_file(path).read
-    )
+        f"not read, since their columns differ: '{line}' (2 rows); --table {line} selects one; "
+        f"if line {line} names no columns, remove it"
+    ) in import_file(path).read
     columns = {"displacement_mm": "Heat [K]"}
     with pytest.raises(InputError, match="has 2 rows, at least 5"):
         import_file(path, ImportOptions(table=line, columns=columns))

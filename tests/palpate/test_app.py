@@ -82,6 +82,13 @@ def test_a_failure_is_one_line_with_its_own_exit_code(error, code, words):
     assert_refused(result, *words, code=code)
 
 
+def test_ctrl_c_while_a_class_is_made_is_no_internal_error():
+    """Python 3.11 wraps whatever `__set_name__` raises, as in the imports of a command, in a RuntimeError."""
+    error = RuntimeError("Error calling __set_name__ on 'Field' instance '_cache' in 'Search'")
+    error.__cause__ = KeyboardInterrupt()
+    assert_refused(CliRunner().invoke(app_that_raises(error), ["fail"]), "interrupted", code=130)
+
+
 def test_as_a_process_bad_input_gives_one_line_and_2(tmp_path):
     assert_refused(run_process("info", tmp_path / "none.mcap"), "none.mcap", "no such file")
 

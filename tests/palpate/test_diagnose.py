@@ -72,6 +72,14 @@ def test_applying_keeps_each_step_and_draws_the_fall(applied):
         assert (folder / file).stat().st_size > 1000
 
 
+def test_the_advised_add_starts_anew_where_revisions_have_effects_already(applied, hardening):
+    """`palpate add` continues the newest revision, while a diagnosis begins at the base model."""
+    folder = applied[1]
+    result = run("diagnose", hardening, "--out", folder, "--force")
+    (added,) = [words for words in next_commands(result) if words[0] == "add"]
+    assert added[-2:] == ["cubic_stiffness", "--fresh"]
+
+
 def test_json_alone_is_on_stdout_and_writes_nothing(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     plain = write_presses(tmp_path / "plain.csv", cubic=0)

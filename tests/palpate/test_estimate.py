@@ -275,6 +275,9 @@ def test_names_of_estimators():
         (-0.0, None, "0"),
         (7.0, 0.0, "7"),
         (1234.5678, float("inf"), "1.2e+03"),
+        (2.3e29, 4.5e29, "2.3e+29"),
+        (-5e9, 9.8e10, "-5e+09"),
+        (59938329000.0, 205928000.0, "59940000000"),
     ],
 )
 def test_a_value_has_as_many_digits_as_its_uncertainty_allows(value, uncertainty, text):
