@@ -63,7 +63,10 @@ def read_text_table(path: Path, selected: str) -> FileColumns:
     if len(first_lines) > _LONGEST_LINE and not any(end in first_lines for end in _ENDS):
         raise InputError(f"{path}: its first line is longer than 1 MiB; put the names of the columns there")
     content = _labels_as_header(content)
-    dialect = find_dialect(content) or _raise_no_table(content, path)
+    dialect = find_dialect(content)
+    if dialect is None:  # perhaps because names have line breaks in quotes, as a spreadsheet writes them
+        content = _NAMES_IN_QUOTES.sub(_one_line, content[:_LOOKED_AT]) + content[_LOOKED_AT:]
+        dialect = find_dialect(content) or _raise_no_table(content, path)
     if (columns := max(len(table.names) for table in dialect.tables)) > _MOST_COLUMNS:
         raise InputError(
             f"{path}: has {columns:,} columns, at most {_MOST_COLUMNS:,} are read; "
@@ -127,6 +130,15 @@ def _labels_as_header(content: bytes) -> bytes:
         return content
     names = b",".join(b"%b [%b]" % pair if pair[1] else pair[0] for pair in labels)
     return b"\n".join([*[b""] * (first - 1), names, *rows])
+
+
+_NAMES_IN_QUOTES = re.compile(rb'(?:[^"\r\n]|"[^"]{0,1000}")+')  # one line of cells, with breaks in quotes
+
+
+def _one_line(match: re.Match[bytes]) -> bytes:
+    """Move line breaks inside quotes behind their line, so that the numbers of the lines below it stay."""
+    cells: bytes = match.group()
+    return re.sub(rb"[ \t]*\r?\n[ \t]*", b" ", cells) + b"\n" * cells.count(b"\n")
 
 
 def _is_one_recording(parts: Sequence[pa.Table], decimal: str) -> bool:

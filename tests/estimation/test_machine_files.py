@@ -32,6 +32,7 @@ FILES = {
     "units above names": ("(s),(mm),(N)\n" + NAMES + rows(), 1),
     "units alone": ("s;mm;N\n" + rows(";", ","), 1),
     "quoted": ('"Time","Extension","Load"\n"(s)","(mm)","(N)"\n\n' + rows(), 1),
+    "names over two lines": ('"Time\n[s]","Way\r\n(mm)","Force\n[N]"\n' + rows(), 1),
     "dashes below names": ("Time [s]  Way [mm]  Force [N]\n--------  --------  ---------\n" + rows("  "), 1),
     "trailing columns": ("Time [s];Weg [mm];Kraft [N];;\n" + rows(";", ",", behind=";;"), 1),
     "slashes": ("Zeit / s\tWeg / mm\tKraft / N\n" + rows("\t", ","), 1),
@@ -149,6 +150,13 @@ def test_columns_are_counted_in_the_whole_first_line_and_bounded(tmp_path):
     assert len(path.read_text().splitlines()[0]) > 1 << 18
     with pytest.raises(InputError, match=r"has 40,003 columns, at most 20,000"):
         read_table(path)
+
+
+def test_lines_keep_their_numbers_below_names_over_two_lines(tmp_path):
+    path = tmp_path / "press.csv"
+    path.write_text('"Time\n[s]","Way [mm]","Force\n[N]"\n' + rows() + "1.5,2,x\n1.6,2,3\n")
+    with pytest.raises(InputError, match=f"line {len(TIME_S) + 4}, column 'Force .N.': 'x'"):
+        import_file(path)
 
 
 def test_other_tables_are_named_with_the_option_that_selects_them(tmp_path):
