@@ -7,7 +7,7 @@ from html import escape
 
 from nicegui import events, ui
 
-from palpate.common.console import NOT_DETERMINED, significant
+from palpate.common.console import AT_BOUND, NOT_DETERMINED, significant
 from palpate.estimation.estimate import ParameterEstimate
 from palpate.render.diagnosis import impossible
 from palpate.render.view import NOISE
@@ -230,6 +230,8 @@ class Parameters:
         estimate = self._estimates.get(name)
         if estimate is None:
             text = "± …"
+        elif estimate.at_bound:
+            text = AT_BOUND
         else:
             half = (estimate.interval[1] - estimate.interval[0]) / 2.0
             text = f"± {significant(half, half)}" if math.isfinite(half) else NOT_DETERMINED

@@ -16,7 +16,7 @@ from nicegui import events, ui
 
 from palpate.common.files import output_folder, whole_file
 from palpate.control.loop.tick_record import STREAM_NAME
-from palpate.estimation.data.column_names import QUANTITIES, RUN, Guess, guess_columns, si_unit
+from palpate.estimation.data.column_names import QUANTITIES, RUN, Guess, guess_columns
 from palpate.estimation.data.file_columns import is_session
 from palpate.estimation.data.import_options import ImportOptions
 from palpate.estimation.data.table import Table, read_table
@@ -43,9 +43,20 @@ class ColumnGuess:
 
     name: str
     quantity: str
-    unit: str
+    unit: str  # empty where the file states none: it is asked for, and of a time inferred from its steps
     why: str
     values: str
+    stated: str = ""  # unit that the file states
+
+    def assign(self, quantity: str) -> None:
+        """Take the column for another quantity, in the unit that it has or that the file states.
+
+        Args:
+            quantity: such as force; empty if the column is not used.
+        """
+        known = units_of(quantity)
+        self.unit = next((unit for unit in (self.unit, self.stated) if unit in known), "")
+        self.quantity = quantity
 
 
 def guess(table: Table) -> list[ColumnGuess]:
@@ -62,13 +73,12 @@ def guess(table: Table) -> list[ColumnGuess]:
         guessed = each if best[each.quantity, each.joint] is each else Guess(each.column, "")
         quantity = f"{guessed.quantity}_{guessed.joint}" if guessed.joint is not None else guessed.quantity
         values = ", ".join(f"{value:.4g}" for value in table.head(_SHOWN).numbers(guessed.column))
-        why = guessed.why if guessed.unit or not quantity else f"{guessed.why}; unit assumed"
-        unit = guessed.unit or _usual_unit(quantity)
-        columns.append(ColumnGuess(guessed.column, quantity, unit, why, values))
+        why = guessed.why if guessed.unit or not quantity else f"{guessed.why}; unit not stated"
+        columns.append(ColumnGuess(guessed.column, quantity, guessed.unit, why, values, each.unit))
     if not any(column.quantity == "time" for column in columns):
         for column in columns:
             if not column.quantity and np.all(np.diff(table.numbers(column.name)) > 0.0):
-                column.quantity, column.unit, column.why = "time", "s", "rises all along"
+                column.quantity, column.why = "time", "rises all along"
                 break
     return columns
 
@@ -96,11 +106,6 @@ def units_of(quantity: str) -> list[str]:
     return [
         unit for dimension in QUANTITIES.get(re.sub(r"_\d+$", "", quantity), ()) for unit in SI[dimension]
     ]
-
-
-def _usual_unit(quantity: str) -> str:
-    dimensions = QUANTITIES.get(re.sub(r"_\d+$", "", quantity), ())
-    return si_unit(dimensions[0]) if dimensions else ""
 
 
 def _warn(error: PalpateError) -> None:
@@ -205,14 +210,15 @@ class FileDrop:
                 quantity = ui.select(known, value=column.quantity or NOTHING).props(_SELECT)
                 set_props(quantity, aria_label=f"quantity of {column.name}")
             with ui.element("td"):
-                unit = ui.select(units_of(column.quantity), value=column.unit or None).props(_SELECT)
+                known_units = units_of(column.quantity)
+                label = "unit?" if known_units and not column.unit else None
+                unit = ui.select(known_units, value=column.unit or None, label=label).props(_SELECT)
                 set_props(unit, aria_label=f"unit of {column.name}")
             with ui.element("td"):
                 ui.label(column.values).classes("quiet")
 
         def chose_quantity(event: events.ValueChangeEventArguments[Any]) -> None:
-            column.quantity = "" if event.value == NOTHING else event.value
-            column.unit = _usual_unit(column.quantity)
+            column.assign("" if event.value == NOTHING else event.value)
             unit.set_options(units_of(column.quantity), value=column.unit or None)
 
         def chose_unit(event: events.ValueChangeEventArguments[Any]) -> None:

@@ -357,6 +357,12 @@ def test_the_error_stays_in_sight_and_nothing_overlaps(opened, press, width, hei
                 )
 
 
+def choose_unit(page, column, unit):
+    """Choose the unit of a column in the form for the columns of a file."""
+    page.get_by_label(f"unit of {column}").locator("xpath=ancestor::label").click()
+    page.get_by_role("option", name=unit, exact=True).click()
+
+
 def test_a_dropped_file_is_shown_corrected_and_judged(opened, tmp_path, press):
     other = tmp_path / "odd" / "odd.csv"
     other.parent.mkdir()
@@ -369,15 +375,20 @@ def test_a_dropped_file_is_shown_corrected_and_judged(opened, tmp_path, press):
     page.wait_for_selector("text=is this right?")
     assert "depth" in page.inner_text(".dropped")
     page.click("text=Use these columns")
+    page.wait_for_selector("text=column 'depth' does not say its unit")
+    choose_unit(page, "depth", "m")
+    page.click("text=Use these columns")
     assert tab.error() > 0.0
     assert "--column displacement=depth" in page.inner_text(".same")
-    page.wait_for_selector("text=not at the end of the sensor")
+    page.wait_for_selector("text=the sensor is not saturated")
 
 
 def test_a_file_of_unknown_columns_is_put_right_in_the_page(opened, press):
     press.write_text(press.read_text().replace("time_s,displacement_m,force_N,run", "t,depth,Fz,trial"))
     tab = opened(press)
     tab.page.wait_for_selector(".begin .bad")
+    choose_unit(tab.page, "depth", "m")
+    choose_unit(tab.page, "Fz", "N")
     tab.page.click("text=Use these columns")
     assert tab.error() > 0.0
 

@@ -247,8 +247,8 @@ def test_a_fit_made_ahead_is_the_same_to_the_last_digit(state, press):
     [
         ("time_s,displacement_mm,force_N", ["time s", "displacement mm", "force N"]),
         ("t [ms],depth (mm),Fz [mN]", ["time ms", "displacement mm", "force mN"]),
-        ("clock,z,load", ["time s", "displacement m", "force N"]),
-        ("n,angle (deg),torque [Nm]", ["time s", "position deg", "torque Nm"]),
+        ("clock,z,load", ["time ", "displacement ", "force "]),
+        ("n,angle (deg),torque [Nm]", ["time ", "position deg", "torque Nm"]),
     ],
 )
 def test_columns_are_guessed(tmp_path, header, expected):
@@ -257,7 +257,27 @@ def test_columns_are_guessed(tmp_path, header, expected):
     np.savetxt(path, np.column_stack([t, np.sin(t), np.cos(t)]), delimiter=",", header=header, comments="")
     found = guess(read_table(path))
     assert [f"{one.quantity} {one.unit}" for one in found] == expected
-    assert all(one.unit in units_of(one.quantity) for one in found)
+    assert all(one.unit in ("", *units_of(one.quantity)) for one in found)
+
+
+def test_a_unit_that_the_file_does_not_state_is_asked_for(press, tmp_path):
+    plain = tmp_path / "plain.csv"
+    plain.write_text("clock,z,load,run\n" + press.read_text().partition("\n")[2])
+    options = options_of(guess(read_table(plain)))
+    with pytest.raises(InputError, match="do not say their units; say them"):
+        Study(plain, columns=options.columns, units=options.units, keep=False)
+
+
+def test_a_corrected_quantity_keeps_the_unit_that_the_file_states(tmp_path):
+    """Of "Crosshead [mm]" a position was made, then a displacement in m."""
+    path = tmp_path / "press.csv"
+    path.write_text("Time [s],Crosshead [mm],Load [N]\n" + "".join(f"{n / 10},{n},{n}\n" for n in range(9)))
+    _, way, _ = guess(read_table(path))
+    for quantity in ("position", "", "displacement"):
+        way.assign(quantity)
+    assert (way.quantity, way.unit) == ("displacement", "mm")
+    way.assign("force")
+    assert not way.unit
 
 
 def test_corrected_columns_are_options_of_the_command(press):
