@@ -1,7 +1,11 @@
-"""A small library of effects, for tests of what is around a diagnosis; the search has tests of its own."""
+"""A small library of effects and a short error budget, for tests of what is around a diagnosis.
+
+The search and the budget have tests of their own.
+"""
 
 import pytest
 
+from palpate.estimation.budget import budget, held_out
 from palpate.estimation.effects import EFFECTS
 from palpate.estimation.study import fits
 
@@ -16,3 +20,10 @@ FEW = (
 def try_few_effects(patch: pytest.MonkeyPatch, *more: str) -> None:
     """Studies that are made from now on know no other effects but `more`, beside the user's own."""
     patch.setattr(fits, "effect_library", lambda: tuple(EFFECTS[name]() for name in (*FEW, *more)))
+    shorten_budget(patch)
+
+
+def shorten_budget(patch: pytest.MonkeyPatch) -> None:
+    """Error budgets that are made from now on try one ridge penalty instead of three, and sets of 3 kinds."""
+    patch.setattr(held_out, "_RIDGES", (1e-4,))
+    patch.setattr(budget, "_MOST_KINDS", 3)

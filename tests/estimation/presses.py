@@ -1,7 +1,10 @@
 """Presses onto an object, made from formulas, for the tests of the diagnosis."""
 
+from functools import partial
+
 import numpy as np
 from scipy.ndimage import gaussian_filter1d
+from scipy.signal import lfilter
 
 from palpate.estimation.channel import ChannelData, ChannelKind
 
@@ -37,9 +40,7 @@ def kelvin_voigt(x, v, extra=0.0):
 
 def coloured(rng, count, correlation):
     noise = rng.normal(0.0, NOISE_N * np.sqrt(1 - correlation**2), count)
-    for i in range(1, count):
-        noise[i] += correlation * noise[i - 1]
-    return noise
+    return lfilter([1.0], [1.0, -correlation], noise)
 
 
 def channel(force, time_s, x, v, run):
@@ -47,19 +48,20 @@ def channel(force, time_s, x, v, run):
     return ChannelData("contact", ChannelKind.CONTACT, time_s, x, v, a, force, run, np.full(len(x), -1))
 
 
-def session(seed, law=lambda t, x, v, run: kelvin_voigt(x, v), correlation=0.0):
+def session(seed, law=lambda t, x, v, run: kelvin_voigt(x, v), correlation=0.0, runs=4):
     """A session whose force is `law(time, depth, speed, run)` with noise of a colour."""
     rng = np.random.default_rng(seed)
-    time_s, x, v, run = motion(rng)
+    time_s, x, v, run = motion(rng, runs)
     force = law(time_s, x, v, run) + coloured(rng, len(x), correlation)
     return channel(force, time_s, x, v, run)
 
 
+long_session = partial(session, runs=6)  # where what is tested goes by the number of runs
+
+
 def maxwell(time_s, x, run, tau_s):
     """A spring in series with a dashpot, stepped: z' = x' - z / tau."""
-    z, dt = np.zeros_like(x), 1.0 / RATE_HZ
+    kept = 1.0 / (1.0 + 1.0 / (RATE_HZ * tau_s))
     pressed = np.maximum(x, 0.0)
-    for i in range(1, len(x)):
-        before = z[i - 1] if run[i] == run[i - 1] else 0.0
-        z[i] = (before + pressed[i] - pressed[i - 1]) / (1.0 + dt / tau_s)
-    return z
+    steps = np.diff(pressed, prepend=pressed[:1])
+    return np.concatenate([lfilter([kept], [1.0, -kept], steps[run == number]) for number in np.unique(run)])

@@ -1,6 +1,7 @@
 """Joints that swing, made from formulas, and what a coarse or noisy reader makes of their motion."""
 
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 
@@ -15,7 +16,7 @@ def no_torque(q, v, a):
     return 0.0 * q
 
 
-def swings(seed, extra=no_torque, *, sensor=lambda torque, run: torque, runs=5, seconds=3.0, rate_hz=250.0):
+def swings(seed, extra=no_torque, *, sensor=lambda torque, run: torque, runs=4, seconds=3.0, rate_hz=250.0):
     """A pendulum's swings with a hidden torque `extra(q, v, a)`; `sensor(torque, run)` bends its reading."""
     rng = np.random.default_rng(seed)
     t = np.arange(0.0, seconds, 1.0 / rate_hz)
@@ -28,6 +29,9 @@ def swings(seed, extra=no_torque, *, sensor=lambda torque, run: torque, runs=5, 
     torque = torque + rng.normal(0.0, NOISE_NM, len(q))
     time_s = np.tile(t, runs) + 2.0 * seconds * run
     return ChannelData("joint_1", ChannelKind.REVOLUTE, time_s, q, v, a, torque, run, np.full(len(q), -1))
+
+
+long_swings = partial(swings, runs=5)  # where what is tested goes by the number of runs
 
 
 def read(data, *, step=0.0, noise=0.0, acceleration=True, seed=0):

@@ -10,7 +10,7 @@ from palpate.estimation.effects import EFFECTS
 from palpate.estimation.signals.blocks import block_index
 from palpate.estimation.signals.cache_by_array import cache_by_array
 from palpate.robot_io.errors import InputError
-from tests.estimation.swings import swings
+from tests.estimation.swings import long_swings as swings
 
 
 @pytest.mark.parametrize(

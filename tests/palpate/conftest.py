@@ -6,10 +6,18 @@ import pytest
 
 from palpate.runs import session
 from tests.built_once import built_once
-from tests.few_effects import try_few_effects
+from tests.few_effects import shorten_budget, try_few_effects
 from tests.log_in_process import LogInProcess
 from tests.palpate.cli import done
 from tests.palpate.presses import write_presses
+
+
+@pytest.fixture(scope="module", autouse=True)
+def short_budget():
+    """What the commands print has a budget that few combinations were tried for."""
+    with pytest.MonkeyPatch.context() as patch:
+        shorten_budget(patch)
+        yield
 
 
 @pytest.fixture(scope="session")

@@ -72,7 +72,7 @@ def json_keys(value, by_name=False):
 def test_the_page_of_json_has_every_key(few_effects, hardening, tmp_path):
     page = (ROOT / "docs" / "reference" / "json.md").read_text(encoding="utf-8")
     documented = set(re.findall(r"`(\w+)`", page))
-    diagnosis = json_keys(as_json("diagnose", hardening, "--out", tmp_path / "diagnosis"))
+    diagnosis = json_keys(as_json("diagnose", hardening))
     assert diagnosis - documented == set()
     section = page.split("## diagnose")[1].split("\n## ")[0]
     columns = re.findall(r"^\| (`\w+`(?:, `\w+`)*) \|", section, re.MULTILINE)

@@ -13,7 +13,7 @@ from tests.wire.fault_matrix.rows import FAMILIES
 from tests.wire.parts import READ_SHARE
 
 DAMAGED = 25 if settings.default.max_examples >= 100 else 15  # as many in `make test-all`
-SHARE, FIRST_TICK, TICKS, AFTER = 0.04, 100, 2600, 100  # ticks after the last that is damaged
+SHARE, FIRST_TICK, TICKS, AFTER = 0.04, 60, 2600, 60  # ticks after the last that is damaged
 TOLERANCES = {
     "motors": 0.02,
     "load_cell": 2.0,

@@ -43,7 +43,7 @@ def plastic(t, x, v, run):
     return -0.2 * K * deepest
 
 
-GAINS = np.array([0.8, 1.1, 1.25, 0.9, 0.85, 1.1])
+GAINS = np.array([0.8, 1.1, 1.25, 0.9])
 OF_KIND = {
     Kind.ELASTIC_SHAPE: lambda: press(lambda t, x, v, run: 1.5e6 * x**3),
     Kind.TIME_MEMORY: lambda: press(lambda t, x, v, run: 600.0 * maxwell(t, x, run, 0.3)),

@@ -12,7 +12,8 @@ from palpate.estimation.data_quality import checklist, contaminated, quality_war
 from palpate.estimation.data_quality.motion_and_effort import at_rest, late_touch
 from palpate.estimation.models import MODELS
 from palpate.estimation.study.estimates import estimate_with
-from tests.estimation.presses import kelvin_voigt, session
+from tests.estimation.presses import kelvin_voigt
+from tests.estimation.presses import long_session as session
 
 DATA = session(3)
 X, F, COUNT = DATA.position, DATA.effort, np.arange(len(DATA))

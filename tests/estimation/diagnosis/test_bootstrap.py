@@ -33,7 +33,7 @@ GRAIN = 0.02  # of the error; what is hidden below is 0.6 and more
 
 def press_read(seed, step=0.0, noise=0.0, law=kelvin_voigt):
     """Presses whose depth was read in steps or through noise; the velocity is derived of it."""
-    made = session(seed, lambda t, x, v, run: law(x, v))
+    made = session(seed, lambda t, x, v, run: law(x, v), runs=6)
     return read(made, step=step, noise=noise, acceleration=False, seed=seed)
 
 
@@ -289,7 +289,7 @@ def test_draws_of_a_model_whose_load_was_derived_have_it_too():
     rubbing = EFFECTS["load_dependent_friction"]()
     law = lambda q, v, a: 0.2 * np.abs(0.05 * a + 2.0 * np.sin(q)) * np.tanh(v / 0.02)  # noqa: E731
     start = {"load_dependent_friction.transition": 0.02}
-    fit = fit_model(swings(5, law), SWING.with_effect(rubbing), start)
+    fit = fit_model(swings(5, law, runs=5), SWING.with_effect(rubbing), start)
     made = islice(bootstrap_samples(fit, identify_measurement_model(fit.data), np.random.default_rng(0)), 6)
     energies = [solution.held_out for _, solution in made]
     assert np.mean(energies) == pytest.approx(fit.solution.held_out, rel=0.1)

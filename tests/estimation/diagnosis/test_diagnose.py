@@ -142,7 +142,7 @@ def test_what_is_hidden_is_named_with_its_size_and_nothing_else(name):
 
 
 def test_a_gap_is_found_with_what_the_motor_keeps_of_inertia_and_friction():
-    found = decide_verdict(swings(5, with_a_gap), *SOME["joint_1"])
+    found = decide_verdict(swings(5, with_a_gap, runs=5), *SOME["joint_1"])
     assert named(found) == {"backlash"}
     (entry,) = found.accepted
     for name, truth in (("gap", 0.12), ("motor_inertia", 0.3), ("motor_friction", 0.8)):

@@ -112,7 +112,7 @@ def test_a_form_is_exact_where_only_noise_is_left_and_its_kinds_law_adds_nothing
 
 def test_the_law_of_its_own_kind_adds_nothing_to_a_true_form_and_something_to_a_rough_one():
     stribeck = lambda q, v, a: (0.2 + 0.3 * np.exp(-((v / 0.6) ** 2))) * np.tanh(v / 0.01)  # noqa: E731
-    search = searched(swings(1, stribeck), RUB, "stribeck_friction")
+    search = searched(swings(1, stribeck, runs=5), RUB, "stribeck_friction")
     partial = analyse_kinds(search)
     (true,), (rough,) = (form_tests(partial, reached(search, name)) for name in ("stribeck_friction", RUB))
     assert true.is_known

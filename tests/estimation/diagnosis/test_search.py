@@ -111,7 +111,7 @@ def test_a_part_may_belong_to_the_base_model():
 
 def test_a_law_with_more_parameters_takes_no_name_for_a_small_gain():
     """A joint's spring, preloaded, beside a bias that changes by a little over the range."""
-    data = swings(1, lambda q, v, a: 0.5 + 0.06 * q)
+    data = swings(1, lambda q, v, a: 0.5 + 0.06 * q, runs=5)
     search = searched(data, "bias", "joint_spring")
     by_name = {one.effect.name: search.with_candidate(one) for one in search.screen(search.start)}
     bias, spring = by_name["bias"], by_name["joint_spring"]

@@ -274,7 +274,7 @@ VARIED = {
 def test_what_differs_from_run_to_run_is_told_with_its_spread(name):
     """Of a standard deviation of six draws, the error is a third; what all share is no difference."""
     effect, unit, law = VARIED[name]
-    data = session(8, law)
+    data = session(8, law, runs=6)
     search = searched(data, "run_gain", "run_offset", "bias", base=PRESS)
     found = add_run_variation(search, search.start)
     assert search.added_effects(found) == ([effect] if effect else [])

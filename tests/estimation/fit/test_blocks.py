@@ -9,7 +9,7 @@ from palpate.estimation.channel import ChannelData, ChannelKind
 from palpate.estimation.effects import EFFECTS
 from palpate.estimation.fit.blocks import block_average, block_length, decimate, merge_blocks
 from tests.estimation.presses import kelvin_voigt
-from tests.estimation.swings import swings
+from tests.estimation.swings import long_swings as swings
 
 
 def recorded(kind, position, effort, *, rate_hz=1000.0, run=None, phase=-1):

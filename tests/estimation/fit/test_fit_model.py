@@ -233,17 +233,23 @@ HELD = {
         "viscous_friction.d",
         (),
         DAMPING,
-        lambda seed: swings(seed, runs=4, rate_hz=100.0),
+        lambda seed: swings(seed, runs=3, rate_hz=100.0),
         SWING,
     ),
     "a mass from a derived acceleration": (
         "pendulum.inertia",
         (),
         INERTIA,
-        lambda seed: read(swings(seed, runs=4, rate_hz=100.0), noise=2e-5, seed=seed),
+        lambda seed: read(swings(seed, runs=3, rate_hz=100.0), noise=2e-5, seed=seed),
         SWING,
     ),
-    "a stiffness in slow noise": ("stiffness.k", (), K, lambda seed: session(seed, correlation=0.9), PRESS),
+    "a stiffness in slow noise": (
+        "stiffness.k",
+        (),
+        K,
+        lambda seed: session(seed, correlation=0.9, runs=3),
+        PRESS,
+    ),
 }
 
 

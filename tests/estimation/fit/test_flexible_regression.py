@@ -22,8 +22,10 @@ from palpate.estimation.model import Model
 from palpate.estimation.signals.exponential_memory import low_pass
 from palpate.estimation.signals.runwise import derivative, play, shift
 from tests.estimation.fit.test_fit_problem import COLUMNS, COUNT, TARGET, problem
-from tests.estimation.presses import kelvin_voigt, session
-from tests.estimation.swings import NOISE_NM, smoothed, swings, within
+from tests.estimation.presses import kelvin_voigt
+from tests.estimation.presses import long_session as session
+from tests.estimation.swings import NOISE_NM, smoothed, within
+from tests.estimation.swings import long_swings as swings
 
 MEASURED = ((), ())  # velocity and acceleration were not derived
 SWING = Model("pendulum", (EFFECTS["pendulum"](), EFFECTS["viscous_friction"]()))

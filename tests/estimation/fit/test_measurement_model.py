@@ -14,8 +14,10 @@ from palpate.estimation.fit.measurement_model import (
     low_frequency_noise,
     shuffle_noise,
 )
-from tests.estimation.presses import channel, motion, session
-from tests.estimation.swings import read, swings
+from tests.estimation.presses import channel, motion
+from tests.estimation.presses import long_session as session
+from tests.estimation.swings import long_swings as swings
+from tests.estimation.swings import read
 
 SMOOTH = swings(1)
 STEP = 2 * np.pi / 4096

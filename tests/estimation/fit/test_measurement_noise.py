@@ -13,9 +13,11 @@ from palpate.estimation.fit.fit_result import FitResult, fit_model
 from palpate.estimation.fit.measurement_noise import NoiseSource, fast_noise, measurement_noise
 from palpate.estimation.fit.permutation import COUNT, null_improvements, surrogate_residuals
 from tests.estimation.fits import MODEL, cubic, fits
-from tests.estimation.presses import NOISE_N, session
+from tests.estimation.presses import NOISE_N
+from tests.estimation.presses import long_session as session
 from tests.estimation.searches import SWING
-from tests.estimation.swings import NOISE_NM, swings
+from tests.estimation.swings import NOISE_NM
+from tests.estimation.swings import long_swings as swings
 
 
 def noise_of(data, model=MODEL):

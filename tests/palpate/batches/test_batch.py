@@ -170,7 +170,9 @@ def test_only_a_retry_computes_a_failed_row_again(specimens, tmp_path):
     assert again == kept.removeprefix("marked: ")
 
 
-def test_a_diagnosis_names_what_is_missing_and_an_added_effect_has_a_size_in_every_row(hardening, tmp_path):
+def test_a_diagnosis_names_what_is_missing_and_an_added_effect_has_a_size_in_every_row(
+    few_effects, hardening, tmp_path
+):
     plain = write_presses(tmp_path / "plain.csv", cubic=0.0)
     said = palpate.batch([hardening, plain], out=tmp_path / "out", diagnose=True, workers=2)
     by_name = {row["measurement"]: row for row in said.table.to_pylist()}
