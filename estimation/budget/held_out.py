@@ -180,13 +180,13 @@ class HeldOutError(SquaredErrors):
             lifted = self._may_lift & (pushing @ coefficients[pushes] < 0.0)
             for _ in range(_ROUNDS if lifted.mean() > _FEW else 0):
                 train = np.flatnonzero(lifted & (self._fold != fold))
-                remaining = columns[train] * ~pushes  # columns that act without contact
-                lost = columns[train]
-                change = lost.T @ lost - remaining.T @ remaining
-                shift = (lost - remaining).T @ self._target[train]
-                coefficients = solve_within_bounds(
-                    system - change, moment - shift, lower, upper, coefficients
-                )
+                lost = pushing[train]  # columns that do not act without contact, and their products
+                products = columns[train].T @ lost
+                held, held_moment = system.copy(), moment.copy()
+                held[:, pushes] -= products
+                held[pushes] = held[:, pushes].T
+                held_moment[pushes] -= lost.T @ self._target[train]
+                coefficients = solve_within_bounds(held, held_moment, lower, upper, coefficients)
                 before, lifted = lifted, self._may_lift & (pushing @ coefficients[pushes] < 0.0)
                 if np.array_equal(lifted, before):
                     break
