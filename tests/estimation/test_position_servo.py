@@ -16,6 +16,7 @@ from palpate.estimation.data.import_file import import_file
 from palpate.estimation.data.import_options import ImportOptions
 from palpate.robot_io.errors import InputError
 from palpate.study import Study
+from tests.few_effects import try_few_effects
 from tests.palpate.presses import write_table
 
 GAIN_V_RAD, KT, OHM, INERTIA = 20.0, 1.28, 2.75, 0.03  # firmware gain times supply; motor; load and rotor
@@ -54,7 +55,8 @@ def written(folder, **hidden):
     return write_table(folder / "servo.csv", time_s=t, run=run, goal_position_rad=goal, position_rad=q)
 
 
-def test_hidden_dry_friction_is_named_with_its_size_in_goal_error(tmp_path):
+def test_hidden_dry_friction_is_named_with_its_size_in_goal_error(tmp_path, monkeypatch):
+    try_few_effects(monkeypatch, "stribeck_friction", "quadratic_friction", "backlash")
     study = Study(written(tmp_path, dry=0.15), keep=False)
     (channel,) = study.channels
     assert (channel.kind, channel.model.name) == (ChannelKind.SERVO, "position_servo")

@@ -93,28 +93,27 @@ def test_what_was_found_in_a_simulated_joint_makes_it_follow_more_closely(tmp_pa
 
 @pytest.fixture(scope="module")
 def swinging(tmp_path_factory):
-    """A data file of a pendulum with Stribeck friction, and the folder of its feedforward."""
+    """A data file of a pendulum with Stribeck friction, the folder of its feedforward, what `add` said."""
     folder = tmp_path_factory.mktemp("swinging")
     data = swings(3, lambda q, v, a: (0.3 + 0.5 * np.exp(-((v / 0.25) ** 2))) * np.tanh(v / 0.01))
     columns = {"time_s": data.time_s, "run": data.run, "position_rad": data.position}
     columns |= {"velocity_rad_s": data.velocity, "acceleration_rad_s2": data.acceleration}
     path = write_table(folder / "swing.csv", **columns, torque_Nm=data.effort)
-    Study(path, "pendulum", folder=folder).add("stribeck_friction", "bias")
+    added = done("add", path, "stribeck_friction", "bias", "--model", "pendulum", "--out", folder)
     done("export", path, "--format", "feedforward", "--folder", folder, "-o", folder / "ff.yaml")
-    return path, folder
+    return path, folder, added
 
 
-def test_what_was_added_to_a_joint_leads_to_a_simulator_and_to_a_feedforward(swinging, tmp_path):
-    path, _ = swinging
-    added = done("add", path, "stribeck_friction", "--model", "pendulum", "--out", tmp_path)
+def test_what_was_added_to_a_joint_leads_to_a_simulator_and_to_a_feedforward(swinging):
+    _, folder, added = swinging
     mjcf, feedforward = (words for words in next_commands(added) if "--format" in words)
-    (tmp_path / "arm.xml").write_text(
+    (folder / "arm.xml").write_text(
         "<mujoco><worldbody><body><joint/><geom size='1'/></body></worldbody></mujoco>"
     )
-    done(*[tmp_path / "arm.xml" if word == "MODEL.xml" else word for word in mjcf])
-    assert "frictionloss" in (tmp_path / "model.xml").read_text()
+    done(*[folder / "arm.xml" if word == "MODEL.xml" else word for word in mjcf])
+    assert "frictionloss" in (folder / "model.xml").read_text()
     done(*feedforward)
-    assert "joint_1" in (tmp_path / "feedforward.yaml").read_text()
+    assert "joint_1" in (folder / "feedforward.yaml").read_text()
 
 
 def function_of(folder):
@@ -127,7 +126,7 @@ def states(count):
 
 
 def test_the_function_is_the_joints_own_law_and_the_zero_of_the_sensor_is_left_out(swinging):
-    _, folder = swinging
+    _, folder, _ = swinging
     feedforward = function_of(folder)
     for q, v, a in states(50):
         friction = (0.3 + 0.5 * np.exp(-((v / 0.25) ** 2))) * np.tanh(v / 0.01)
@@ -142,7 +141,7 @@ def test_the_function_is_the_joints_own_law_and_the_zero_of_the_sensor_is_left_o
 
 @pytest.mark.skipif(shutil.which("cc") is None, reason="no C compiler")
 def test_the_c_function_gives_the_numbers_of_the_python_function(swinging, tmp_path):
-    _, folder = swinging
+    _, folder, _ = swinging
     library = tmp_path / "ff.so"
     strict = ["-std=c99", "-Wall", "-Wextra", "-Werror", "-pedantic", "-O2", "-ffp-contract=off"]
     subprocess.run(["cc", *strict, "-shared", "-fPIC", folder / "ff.c", "-o", library, "-lm"], check=True)
@@ -156,7 +155,7 @@ def test_the_c_function_gives_the_numbers_of_the_python_function(swinging, tmp_p
 
 
 def test_what_the_table_has_no_term_for_is_said(swinging, tmp_path):
-    path, _ = swinging
+    path, _, _ = swinging
     study = Study(path, "pendulum", folder=tmp_path)
     study.add("coulomb_friction", "joint_spring", "lag")
     found = as_json("export", path, "--format", "feedforward", "--folder", tmp_path)
@@ -192,7 +191,7 @@ def test_without_revisions_the_base_model_is_written(swinging, tmp_path):
 )
 def test_what_makes_no_feedforward_is_refused(swinging, arguments, words, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
-    path, folder = swinging
+    path, folder, _ = swinging
     assert_refused(run("export", path, "--format", "feedforward", "--folder", folder, *arguments), words)
     assert not list(tmp_path.iterdir())
 

@@ -38,7 +38,7 @@ def test_every_law_holds_the_force_with_an_estimate_of_its_own(tmp_path, law, st
 
 def test_excitation_makes_the_gradient_find_the_damping(tmp_path):
     """Indirect adaptive control: without excitation the hold teaches it nothing more."""
-    ride = Excitation(amplitude_n=3.0, high_hz=8.0, duration_s=4.0)
+    ride = Excitation(amplitude_n=3.0, high_hz=8.0, duration_s=2.0)
     law, online = "force_tracking_impedance", "indirect_adaptive"
     still = held(tmp_path, law, online, damping_n_s_m=40.0)
     excited = held(tmp_path, law, online, damping_n_s_m=40.0, excitation=ride)
