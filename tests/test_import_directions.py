@@ -64,9 +64,9 @@ def test_package_imports_only_what_the_house_allows(package):
 FOLDERS = sorted({path.parent for package in ALLOWED for path in (ROOT / package).rglob("*.py")})
 
 
-@pytest.mark.parametrize("folder", FOLDERS, ids=lambda path: str(path.relative_to(ROOT)))
-def test_no_room_leads_back_to_itself(folder):
-    TopologicalSorter(rooms(folder)).prepare()  # raises CycleError with the way round
+def test_no_room_leads_back_to_itself():
+    for folder in FOLDERS:
+        TopologicalSorter(rooms(folder)).prepare()  # raises CycleError with the way round
 
 
 def test_every_import_is_under_the_one_name():

@@ -44,7 +44,7 @@ def inner_values(effect):
 
 
 @EVERY
-def test_states_its_physics(name):
+def test_states_its_physics_signals_kind_and_what_it_is_confused_with(name):
     effect = EFFECTS[name]
     assert issubclass(effect, AdditiveEffect | MotionEffect | MemoryEffect | SensorEffect)
     assert effect.name == name == name.lower()
@@ -53,21 +53,15 @@ def test_states_its_physics(name):
     assert effect.physics.endswith(".")
     assert effect.channels
     assert effect.channels <= frozenset(ChannelKind)
-
-
-@EVERY
-def test_says_on_which_signals_it_depends(name):
-    signals = EFFECTS[name].signals
-    assert signals != SIGNALS
-    assert set(signals) <= set(SIGNALS)
-    assert len(set(signals)) == len(signals)
-
-
-@EVERY
-def test_states_its_kind(name):
-    effect = EFFECTS[name]()
-    assert effect.kind in Kind
-    assert effect.also <= frozenset(Kind) - {effect.kind}
+    assert effect.signals != SIGNALS
+    assert set(effect.signals) <= set(SIGNALS)
+    assert len(set(effect.signals)) == len(effect.signals)
+    assert effect().kind in Kind
+    assert effect().also <= frozenset(Kind) - {effect().kind}
+    for other, experiment in effect.confused_with.items():
+        assert other in EFFECTS, f"{name} is confused with '{other}', which is no effect"
+        assert other != name
+        assert len(experiment) > 10
 
 
 @EVERY
@@ -82,14 +76,6 @@ def test_parameters_have_units_bounds_and_a_typical_range_within_them(name):
         assert p.lower <= p.typical[0] < p.typical[1] <= p.upper
         assert not p.log or p.typical[0] > 0
         assert all(map(math.isfinite, p.typical))
-
-
-@EVERY
-def test_names_what_it_is_confused_with_and_how_to_tell(name):
-    for other, experiment in EFFECTS[name].confused_with.items():
-        assert other in EFFECTS, f"{name} is confused with '{other}', which is no effect"
-        assert other != name
-        assert len(experiment) > 10
 
 
 @EVERY

@@ -122,8 +122,7 @@ class TestEveryEffect:
         assert np.abs(strong - calm).mean() > np.abs(weak - calm).mean()
         assert np.array_equal(fall(at_strength(name, 30.0))[0], strong)
 
-    @EVERY_ENGINE
-    def test_is_stable_at_the_ends_of_its_typical_range(self, name, engine):
+    def test_is_stable_at_the_ends_of_its_typical_range(self, name):
         kind = IMPERFECTIONS[name]
         for joint in (1, 3) if "joint" in kind.model_fields else (None,):
             place = {"joint": joint} if joint else {}

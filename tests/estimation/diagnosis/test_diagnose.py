@@ -8,9 +8,12 @@ import pytest
 
 from palpate.estimation.base_model import ModelContext
 from palpate.estimation.diagnosis import Verdict, diagnose
+from palpate.estimation.diagnosis.candidates import is_misnamed
 from palpate.estimation.diagnosis.forms import form_tests
 from palpate.estimation.diagnosis.verdict import insufficient_diagnosis
 from palpate.estimation.effects import EFFECTS
+from palpate.estimation.fit.fit_result import fit_model
+from palpate.estimation.model import Model
 from palpate.estimation.models import MODELS
 from tests.estimation.presses import NOISE_N, K, channel, kelvin_voigt, maxwell, session
 from tests.estimation.swings import DAMPING, INERTIA, NOISE_NM, WEIGHT, read, swings
@@ -312,9 +315,23 @@ PULLED = (
 )
 
 
-def test_what_snaps_bears_no_exact_name():
+def snapping(way, run):
     ends = np.array([9e-3, 9.02e-3, 8.97e-3])
-    found = decide_verdict(pulls(lambda way, run: np.where(way < ends[run], 2e4 * way, 0.0)), *PULLED)
+    return np.where(way < ends[run], 2e4 * way, 0.0)
+
+
+@pytest.mark.parametrize(
+    ("law", "misnamed"), [(snapping, True), (lambda way, run: 2e4 * way + 1e8 * way**3, False)]
+)
+def test_a_tool_gives_beside_an_object_that_stiffens_and_snaps_beside_one_that_softens(law, misnamed):
+    names = ("stiffness", "cubic_stiffness", "tool_compliance")
+    model = Model("m", tuple(EFFECTS[name]() for name in names))
+    found = fit_model(pulls(law), model, {"tool_compliance.compliance": 3e-5})
+    assert is_misnamed(model.effects[-1], found.solution, found.problem) is misnamed
+
+
+def test_what_snaps_bears_no_exact_name():
+    found = decide_verdict(pulls(snapping), *PULLED)
     assert not found.complete
     assert "tool_compliance" not in [effect.effect for effect in found.accepted]
 
