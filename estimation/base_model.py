@@ -14,7 +14,7 @@ LEVEL_GRAVITY_M_S2 = (0.0, 0.0, -9.81)  # fall acceleration in the axes of a lev
 
 @dataclass(frozen=True)
 class ModelContext:
-    """What a base model may need besides the data."""
+    """Information that a base model may need besides the data."""
 
     joint: int | None = None  # number of the joint from 0 that the channel belongs to; None for a contact
     urdf: str = ""  # text of the arm's URDF; empty if there is none

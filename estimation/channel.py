@@ -75,7 +75,7 @@ class Information:
         return Information(self.matrix + other.matrix, self.vector + other.vector)
 
     def times(self, factor: float) -> "Information":
-        """For normal equations that are not divided by the noise variance: times that variance.
+        """Scale by a noise variance, for normal equations that are not divided by it.
 
         Args:
             factor: variance of the noise, in the unit of the effort squared.
@@ -83,7 +83,7 @@ class Information:
         return Information(factor * self.matrix, factor * self.vector)
 
     def about(self, chosen: IntArray | BoolArray) -> "Information":
-        """Of these parameters alone, all others at their best beside them (Schur complement).
+        """Profile out all other parameters (Schur complement).
 
         Args:
             chosen: indices or mask of the parameters that are kept.
@@ -97,7 +97,7 @@ class Information:
 
 
 def pseudo_inverse(matrices: FloatArray) -> FloatArray:
-    """Of symmetric matrices (..., k, k), whatever the columns' units.
+    """Invert symmetric matrices (..., k, k), whatever the columns' units.
 
     Args:
         matrices: symmetric, shape (..., k, k).
@@ -205,7 +205,7 @@ class ChannelData:
                 )
 
     def __reduce__(self) -> tuple[type["ChannelData"], tuple[object, ...]]:
-        """For another process: a read-only view of a dict cannot be pickled, the dict can."""
+        """Pickle the context as a dict, since a read-only view of it cannot be pickled."""
         values = {field.name: getattr(self, field.name) for field in fields(self)}
         return ChannelData, (*(values | {"context": dict(self.context)}).values(),)
 

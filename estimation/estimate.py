@@ -17,7 +17,7 @@ _NARROWEST = 30  # columns for the last cell of a row, which is wrapped
 
 
 class Identifiability(StrEnum):
-    """How well the data determine all parameters; not a judgement of the model."""
+    """Degree to which the data determine all parameters; not a judgement of the model."""
 
     GOOD = "good"
     WEAK = "weak"  # some parameter is known only roughly; `note` says which and what to do

@@ -67,7 +67,7 @@ def shared_information(joint: JointMoments) -> Information:
 
 
 def information_of_others(joints: Sequence[JointMoments], prior: Information) -> tuple[Information, ...]:
-    """For each joint, what all others and the prior say of the shared parameters.
+    """Return for each joint the information of all others and the prior on the shared parameters.
 
     Args:
         joints: their moments, with the same folds.

@@ -59,7 +59,7 @@ class BaseParameters:
 
     @property
     def units(self) -> tuple[str, ...]:
-        """In the order of `columns`."""
+        """SI units in the order of `columns`."""
         return tuple(inertial_unit(int(i)) for i in self.columns)
 
     def felt_columns(self, joint: int) -> IntArray:
@@ -198,7 +198,7 @@ class Divergence:
         return np.asarray(np.linalg.inv(np.linalg.cholesky(pseudo_inertias(self.origin))))
 
     def value(self, inertial: FloatArray) -> float:
-        """D; infinite where a link is no body.
+        """Compute D; infinite if the parameters of a link are not physical.
 
         Args:
             inertial: parameters of all links, shape (10 links,), SI units.
@@ -210,7 +210,7 @@ class Divergence:
         return float(np.sum(ratio - np.log(ratio) - 1.0))
 
     def gradient(self, inertial: FloatArray) -> FloatArray:
-        """Shape (10 links,).
+        """Compute the gradient of D, shape (10 links,).
 
         Args:
             inertial: parameters of all links, shape (10 links,), SI units.

@@ -296,7 +296,7 @@ def _note_specimens(columns: Columns, rows: Rows, options: ImportOptions) -> lis
 
 
 def _remedy(columns: Columns) -> str:
-    """Say what channels need, and which options make one, unless no column seems to hold an effort."""
+    """Describe what channels need, and options that make one if a column seems to hold an effort."""
     table = columns.table
     guesses = {guess.column: guess.quantity for guess in guess_columns(table.names)}
     quantity_by_name = {name: guesses.get(name) or quantity_in(name) for name in table.names}

@@ -8,7 +8,7 @@ from palpate.robot_io.errors import InputError
 
 @dataclass(frozen=True)
 class ImportOptions:
-    """How to read a data file. InputError: one of them has another type."""
+    """Options for reading a data file. Raises InputError if one of them has another type."""
 
     # Column for each quantity that is called something else, such as {"force_N": "load"}.
     columns: Mapping[str, str] = field(default_factory=dict)

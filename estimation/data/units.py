@@ -263,7 +263,7 @@ def invalid_rows(values: FloatArray) -> NDArray[np.int64]:
 
 
 def describe_fault(number: float, count: int = 1) -> str:
-    """Say what is wrong with an invalid number, and how many more there are.
+    """Describe the fault of an invalid number, and count the others like it.
 
     Args:
         number: number that `invalid_rows` found.

@@ -76,7 +76,7 @@ def usable(data: ChannelData) -> BoolArray:
 
 
 def reject_reason(data: ChannelData) -> str | None:
-    """Say why a channel cannot be judged, and the remedy.
+    """Return the reason why a channel cannot be judged, and the remedy.
 
     Args:
         data: the channel.
@@ -91,7 +91,7 @@ def reject_reason(data: ChannelData) -> str | None:
 
 
 def quality_warnings(data: ChannelData, model: Model | None = None) -> list[str]:
-    """Say what in a channel is implausible, though it can be computed.
+    """Describe what is implausible in a channel that can be computed.
 
     Args:
         data: the channel.
@@ -105,7 +105,7 @@ def quality_warnings(data: ChannelData, model: Model | None = None) -> list[str]
 
 
 def contaminated(data: ChannelData, model: Model) -> str | None:
-    """Say what is wrong with readings or motion, apart from the number of runs.
+    """Describe faults of readings or motion, apart from the number of runs.
 
     Unlike `reject_reason`, it ignores whether runs remain to be held out. It includes warnings of readings
     and times, but not of units.
@@ -204,7 +204,7 @@ def _corrupted(data: ChannelData) -> str | None:
 
 
 def _far_off(data: ChannelData, what: str, rows: BoolArray) -> str:
-    """Say how many readings stand far off their neighbors, with the first of them."""
+    """Count the readings that stand far off their neighbors, and describe the first of them."""
     first, number = int(np.argmax(rows)), int(np.count_nonzero(rows))
     signal, unit = data.position, data.kind.position_unit
     if what == "effort":
@@ -282,7 +282,7 @@ def _check_repetition(data: ChannelData) -> str | None:
 
 
 def _check_speeds(data: ChannelData) -> str | None:
-    """Say that only one speed was measured, where runs return."""
+    """Report a single speed, where runs return."""
     is_one = data.kind is ChannelKind.CONTACT and is_one_pace(data.velocity[data.engaged])
     if not is_one or never_returns(data.position, data.run):
         return None

@@ -71,7 +71,7 @@ def mistaken_units(data: ChannelData) -> str | None:
 
 
 def mistaken_times(data: ChannelData) -> str | None:
-    """Say by how much the velocity contradicts the position: wrong times, or a wrong unit.
+    """Report by how much the velocity contradicts the position: wrong times, or a wrong unit.
 
     The import discards such a velocity in a file; this check serves other sources.
 
@@ -85,7 +85,7 @@ def mistaken_times(data: ChannelData) -> str | None:
 
 
 def misaligned(data: ChannelData) -> str | None:
-    """Say by which time shift effort and motion agree far better; None without one.
+    """Report the time shift at which effort and motion agree far better; None without one.
 
     A damper's force follows the velocity, which in a periodic motion is a shifted position.
 
@@ -140,7 +140,7 @@ def no_contact(data: ChannelData) -> str | None:
 
 
 def late_touch(data: ChannelData) -> str | None:
-    """Say down to which depth the force is still that of free air; None if it begins with the depth.
+    """Report the depth down to which the force is that of free air; None if it begins with the depth.
 
     Such a force stays within its noise for a fifth of the way or more, where a spring from zero on would
     exceed it.
@@ -177,7 +177,7 @@ def _of_air(data: ChannelData) -> tuple[float, float]:
 
 
 def unrelated(data: ChannelData) -> str | None:
-    """Say that a force hardly depends on the motion, or is the same column; None otherwise.
+    """Report a force that hardly depends on the motion, or is the same column; None otherwise.
 
     Args:
         data: the channel.
@@ -201,7 +201,7 @@ def unrelated(data: ChannelData) -> str | None:
 
 
 def at_rest(data: ChannelData) -> str | None:
-    """Say that a joint's position only holds noise, which the effort does not follow; None otherwise.
+    """Report a joint's position that is only noise, which the effort does not follow; None otherwise.
 
     Args:
         data: the channel.
@@ -238,7 +238,7 @@ def _share_explained(data: ChannelData) -> float:
 
 
 def angle_in_degrees(data: ChannelData, model: Model | None) -> str | None:
-    """Say that the angle of a joint with weight is probably in degrees; None otherwise.
+    """Report an angle of a joint with weight that is probably in degrees; None otherwise.
 
     Over several turns, the torque of an arm's weight repeats with each turn. An effort without repetition,
     which varies slowly from one end of the angle to the other, indicates an angle in degrees, or the angle of

@@ -40,7 +40,7 @@ _STEPS = 2.0
 
 
 def unchanging(data: ChannelData) -> str | None:
-    """Say which signal never changes; None if both do.
+    """Report the signal that never changes; None if both do.
 
     Args:
         data: the channel.
@@ -52,7 +52,7 @@ def unchanging(data: ChannelData) -> str | None:
 
 
 def too_coarse(data: ChannelData) -> str | None:
-    """Say that the readings take too few values; None otherwise.
+    """Report readings that take too few values; None otherwise.
 
     Args:
         data: the channel.
@@ -64,7 +64,7 @@ def too_coarse(data: ChannelData) -> str | None:
 
 
 def saturated(data: ChannelData) -> str | None:
-    """Say where the effort exceeds the sensor's range; None if it does not.
+    """Report where the effort exceeds the sensor's range; None if it does not.
 
     Args:
         data: the channel.
@@ -113,7 +113,7 @@ def at_lower_end(data: ChannelData) -> BoolArray:
 
 
 def stuck_in_air(data: ChannelData) -> str | None:
-    """Say that free air lies beyond the sensor's lower end; None if it does not.
+    """Report free air beyond the sensor's lower end; None if there is none.
 
     Args:
         data: the channel.
@@ -172,7 +172,7 @@ def copied_runs(data: ChannelData) -> dict[int, tuple[int, float]]:
 
 
 def copied(copies: Mapping[int, tuple[int, float]]) -> str:
-    """Say which runs are left out as copies; see `copied_runs`.
+    """Describe the runs that are left out as copies; see `copied_runs`.
 
     Args:
         copies: original run and correlation of the noise, by the number of the copy.
@@ -214,7 +214,7 @@ _TO_SIGMA = 1.4826 / np.sqrt(6.0)
 
 
 def rectified(data: ChannelData) -> str | None:
-    """Say that a joint's readings are those of a rectified signal, which loses half of the law.
+    """Report readings of a joint from a rectified signal, which loses half of the law.
 
     If an effort comes within its noise of zero, half of the readings should be below zero. If none is, and
     readings are as dense just above zero as farther up, they were folded there. If readings below zero were
@@ -274,7 +274,7 @@ def folded_in_contact(data: ChannelData) -> BoolArray:
 
 
 def folded(data: ChannelData) -> str | None:
-    """Say that a contact's readings near zero were rectified; None if they were not.
+    """Report rectified readings of a contact near zero; None without them.
 
     Args:
         data: the channel.

@@ -30,7 +30,7 @@ _WHOLE, _MOSTLY = 0.25, 0.8  # deviation of a jump from whole steps, and share o
 
 
 def time_offset(data: ChannelData, model: Model | None) -> str | None:
-    """Say by how much effort and motion are shifted in time, if that alone explains the model's error.
+    """Report the time shift of effort and motion, if it alone explains the model's error.
 
     The model is fitted to the effort with a shifted motion. A model that lacks an effect rarely leads to a
     warning, since no shift reduces its error to the noise.
@@ -93,7 +93,7 @@ def time_offset(data: ChannelData, model: Model | None) -> str | None:
 
 
 def lost_rows(data: ChannelData) -> str | None:
-    """Say where rows are missing though the times are even: the motion jumps by several steps.
+    """Report missing rows although the times are even: the motion jumps by several steps.
 
     If rows are removed and the rest is renumbered, the recorded motion is faster than the real one.
 

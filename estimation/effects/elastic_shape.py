@@ -172,7 +172,7 @@ class LayeredStiffness(AdditiveEffect):
 
 
 def _presses(slope: float, std_err: float) -> bool:
-    """Whether a layer's slope is clearly above nothing; by its sign alone where its error is not known."""
+    """Return whether a layer's slope is clearly positive; by its sign alone if its error is unknown."""
     return slope >= (0.0 if np.isnan(std_err) else _CLEARLY * std_err)
 
 

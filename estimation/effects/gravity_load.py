@@ -139,7 +139,7 @@ class _TiltOfKnownArm(GravityTilt):
 
 
 def _is_known(data: ChannelData) -> bool:
-    """Whether it was computed what the tilt takes; that is not done where the first axis is not level."""
+    """Return whether the signals of a tilt are known; they are not if the first axis is not level."""
     return set(_OF_TILT) <= set(data.context)
 
 

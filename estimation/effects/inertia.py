@@ -131,7 +131,7 @@ class JointCoupling(AdditiveEffect):
 
 
 def _left(data: ChannelData, own: int, neighbour: int) -> float:
-    """What linear least squares by the motion of two joints leaves of the effort."""
+    """Return the squared error of the effort fitted by the motion of two joints."""
     v, a = (data.context[f"joint_{what}"][:, [own, neighbour]] for what in ("velocity", "acceleration"))
     columns = np.column_stack([v, a, np.sign(v), np.sign(v[:, 0] + v[:, 1]), np.ones(len(data))])
     gains = np.linalg.lstsq(columns, data.effort, rcond=None)[0]

@@ -44,7 +44,7 @@ class RunVariation(SensorEffect):
 
     @abstractmethod
     def basis(self, data: ChannelData, inner: Inner) -> FloatArray:
-        """What a run's own values multiply, shape (n, k).
+        """Return the columns that a run's values multiply, shape (n, k).
 
         Args:
             data: the channel, n samples.
@@ -139,7 +139,7 @@ class RunVariation(SensorEffect):
         return self.follow(effort, columns, data, inner)[0]
 
     def _of_runs(self, residual: FloatArray, data: ChannelData, inner: Inner) -> FloatArray:
-        """What runs' own values make of what was left of their first parts, (n, m) both."""
+        """Predict the residuals (n, m) of all samples from the values fitted to each run's first part."""
         basis = self.basis(data, inner)
         starts, piece = block_index(data.run)
         own = _least_squares(basis, self.first_part(data), residual, starts)

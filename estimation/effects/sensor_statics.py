@@ -222,7 +222,7 @@ class Saturation(SensorEffect):
 
 
 def _follows_a_curve(readings: FloatArray, signals: FloatArray, run: IntArray) -> bool:
-    """Whether readings (m,) that should be one value and noise are a smooth function of signals in each run.
+    """Return whether readings that should be constant follow signals smoothly in each run.
 
     An end of a range is the same however far the effort is beyond it. What yields goes on, bends and falls.
 

@@ -124,7 +124,7 @@ def _inliers(regression: Regression, gains: FloatArray, threshold: float) -> Boo
 def _covariance(
     regression: Regression, residuals: FloatArray, rivals: FloatArray, threshold: float
 ) -> Covariance:
-    """That of the refined fit, or the spread of the subsets that did as well.
+    """Return the covariance of the refined fit, or the spread of the subsets that fit as well.
 
     The fit to the inliers alone would give errors many times too small if the threshold is below the noise,
     since a small change of the gains exchanges samples near the threshold. For Gaussian noise of standard

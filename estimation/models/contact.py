@@ -39,7 +39,7 @@ class SpringMassDamper(BaseModel):
     effects = (Inertia, Damping, Stiffness)
 
     def prepare(self, data: ChannelData, context: ModelContext) -> ChannelData:
-        """Of a contact, let the spring pull as well, where the force beyond the surface says that it does."""
+        """Let the spring of a contact pull as well, if the force beyond the surface follows the position."""
         out = data.position < 0.0
         x, force = data.position[out], data.effort[out]
         is_contact = data.kind is ChannelKind.CONTACT

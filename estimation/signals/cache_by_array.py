@@ -91,7 +91,7 @@ class FitCache:
     _lock: Lock = field(default_factory=Lock)  # a page computes in several threads
 
     def __reduce__(self) -> tuple[type["FitCache"], tuple[()]]:
-        """For another process: it begins with nothing, and computes what it needs sooner than it is sent."""
+        """Pickle an empty cache: another process computes the arrays sooner than they are sent."""
         return FitCache, ()
 
     def get_or_compute(self, what: Hashable, compute: Callable[[], FloatArray]) -> FloatArray:

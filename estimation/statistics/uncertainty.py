@@ -104,7 +104,7 @@ def unknown_covariance(parameters: int) -> Covariance:
 
 @dataclass(frozen=True)
 class Assessment:
-    """How well the data determine the parameters, with advice if they do not."""
+    """Identifiability of the parameters, with advice if it is poor."""
 
     identifiability: Identifiability
     note: str  # without figures: these stand beside it

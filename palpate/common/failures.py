@@ -135,7 +135,7 @@ def _give_up_output() -> int:
 
 
 class JsonOutput:
-    """There is one for each command, whatever happens after it."""
+    """Record of whether a command has printed its JSON result; it prints one at most."""
 
     was_printed = False
 
@@ -185,7 +185,7 @@ Class = TypeVar("Class", bound=type)
 
 
 class ErrorWording:
-    """Whether error messages name options or keywords; one setting for the whole process."""
+    """Wording of error messages, options or keywords; one setting for the whole process."""
 
     of_command_line = False
 

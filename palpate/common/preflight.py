@@ -7,7 +7,7 @@ OLDEST = (3, 11)
 
 
 def python_problem(version: tuple[int, int]) -> str | None:
-    """Say what is wrong with the interpreter, or None.
+    """Describe a fault of the interpreter; None without one.
 
     Args:
         version: major and minor, as in `sys.version_info[:2]`.
@@ -21,7 +21,7 @@ def python_problem(version: tuple[int, int]) -> str | None:
 
 
 def folder_problem() -> str | None:
-    """Say that the folder in which the user is was deleted meanwhile, or None."""
+    """Report that the current folder was deleted; None if it exists."""
     try:
         Path.cwd()
     except OSError as error:

@@ -112,7 +112,7 @@ def _ended(reason: str) -> str:
 def compared(
     channel: str, model: str, error: str, times: float, noise: str, *, possible: bool = True
 ) -> VerdictView:
-    """Say whether a model fits, by its held-out error beside the noise.
+    """Judge whether a model fits by its held-out error relative to the noise.
 
     One whose parameters are not `possible` fits nothing, however small its error.
 
@@ -131,7 +131,7 @@ def compared(
 
 
 def impossible(unphysical: Sequence[str]) -> tuple[str, ...]:
-    """Say that parameters are physically impossible: one sentence, or none.
+    """Report physically impossible parameters in one sentence; empty without them.
 
     Args:
         unphysical: parameters outside what is physical, in words.

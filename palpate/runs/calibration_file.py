@@ -89,7 +89,7 @@ class Stamp:
 
     @classmethod
     def of(cls, robot_file: RobotFile, raw: Path, valid_days: float) -> "Stamp":
-        """As the session says; somebody's data file says nothing, and is taken as measured now.
+        """Read the conditions from a session; a data file has none, and counts as measured now.
 
         Args:
             robot_file: of the robot that it is for.
@@ -266,7 +266,7 @@ class NamedRobot:
 
     @property
     def option(self) -> str:
-        """As it is typed in the next command."""
+        """Option of the next command, as typed."""
         packages = "".join(f" --drivers {as_shell_word(package)}" for package in self.drivers or ())
         return f"--robot {as_shell_word(self.named)}{packages}"
 

@@ -45,7 +45,7 @@ MOST_TICKS = 10_000_000  # records of up to 400 bytes; sessions above 4 GiB cann
 
 @dataclass(frozen=True)
 class ProbingJob(ArmJob):
-    """What to probe, how, and where to write."""
+    """Settings of a probing: world or arm, plan, and output file."""
 
     plan: ProbingPlan  # speeds, forces, repeats
     _: KW_ONLY
@@ -212,7 +212,7 @@ _FARTHEST_M = 0.005  # largest distance between this arm's tip and the recorded 
 
 @dataclass(frozen=True)
 class ReplayJob(ArmJob):
-    """What to repeat, with which arm, and where to write."""
+    """Settings of a replay: session, arm, and output file."""
 
     recorded: Session
 
@@ -303,7 +303,7 @@ class TickRecords:
         self.records.append(record)
 
     def event(self, time_s: float, kind: str, text: str, data: Mapping[str, object] | None = None) -> None:
-        """Nothing is kept of events."""
+        """Discard events."""
 
     def samples(self, joint_count: int) -> Samples:
         """All ticks, as a session would give them.

@@ -40,7 +40,7 @@ NOT_WHOLE = "not_whole"  # key of the incomplete sessions among those merged
 
 @dataclass(frozen=True)
 class ArmJob:
-    """What every run of an arm has in common."""
+    """Settings that all runs of an arm share."""
 
     robot_file: RobotFile
     session: Path  # the new session file

@@ -127,7 +127,7 @@ Progress = Callable[[int, int], None]  # finished and total number of cases
 
 @dataclass(frozen=True)
 class Cluster:
-    """Where cases run."""
+    """Processes or machines on which cases run."""
 
     # Address of a dask scheduler, such as "tcp://10.0.0.5:8786"; None for processes on this machine.
     scheduler: str | None = None

@@ -42,7 +42,7 @@ STREAM_NAME, FEEL = "haptic", "feel"
 
 @dataclass(frozen=True)
 class HapticJob:
-    """What to render, for which device, and where to record."""
+    """Object to render, its device, and the file to record."""
 
     robot: str  # file or name of the virtual arm
     operator: str  # file or name of the operator's device

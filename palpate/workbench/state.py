@@ -420,7 +420,7 @@ class WorkbenchState:
 
 @dataclass(frozen=True)
 class EffectEvidence:
-    """How one effect changes the error beside the other selected effects."""
+    """Change of the error by one effect beside the other selected effects."""
 
     effect: str  # its name
     falls: float  # share of the held-out error
