@@ -66,8 +66,8 @@ def with_shared_gains(channels: Sequence[ChannelData], models: Sequence[Model]) 
         )
         for fit in alone
     ]
-    said = [shared_information(joint) for joint in joints]
-    pull = consistent_information(effect.arm, effect.urdf, reduce(add, said))
+    by_joint = [shared_information(joint) for joint in joints]
+    pull = consistent_information(effect.arm, effect.urdf, reduce(add, by_joint))
     information = information_of_others(joints, pull)
     prepared = list(channels)
     for number, fit, others_say in zip(of_arm, alone, information, strict=True):

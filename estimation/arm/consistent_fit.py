@@ -110,20 +110,20 @@ def urdf_information(base: BaseParameters, urdf: FloatArray, at: FloatArray | No
     return Information(matrix, matrix @ (base.grouping @ mean))
 
 
-def consistent_information(base: BaseParameters, urdf: FloatArray, said: Information) -> Information:
+def consistent_information(base: BaseParameters, urdf: FloatArray, total: Information) -> Information:
     """Weight of the URDF prior for which the linear solution is physically consistent.
 
     Args:
         base: the arm's base parameters.
         urdf: see `urdf_information`.
-        said: what all joints say of the base parameters, of f sets of runs: matrix (f, b, b), vector (f, b).
+        total: what all joints say of the base parameters, of f sets of runs: matrix (f, b, b), vector (f, b).
 
     Returns:
         Of the base parameters, matrix (f, b, b) and vector (f, b).
     """
     divergence, grouping = Divergence(nearest_bodies(urdf)), base.grouping
     pulls = []
-    for matrix, vector in zip(said.matrix, said.vector, strict=True):
+    for matrix, vector in zip(total.matrix, total.vector, strict=True):
         onto = Information(grouping.T @ matrix @ grouping, grouping.T @ vector)
         bodies = fit_bodies(onto, divergence, URDF_SPREAD**-2)
         pulls.append(urdf_information(base, urdf, bodies))

@@ -49,7 +49,7 @@ class Columns:
     assigned: dict[Key, Assigned]  # the columns in use
     run: str | None  # column with the run of each row, or None
     phase: str | None  # column with the phase of each row, or None
-    said: tuple[str, ...] = ()  # notes on how they were chosen
+    choice_notes: tuple[str, ...] = ()  # notes on how they were chosen
     two_sided: bool = False  # whether the element of displacement and force pulls as well as pushes
     shift: int = 0  # what the joints' numbers have more than in the file
 
@@ -93,7 +93,7 @@ class Columns:
     @property
     def notes(self) -> tuple[str, ...]:
         """Notes on the columns for the user."""
-        notes = [*self.said, *(source.note for source in self.assigned.values() if source.note)]
+        notes = [*self.choice_notes, *(source.note for source in self.assigned.values() if source.note)]
         if self.run_candidate:
             looks = f"column '{self.run_candidate}' looks like the number of a run"
             notes.append(f"{looks}; if it is one, add --column run={shlex.quote(self.run_candidate)}")

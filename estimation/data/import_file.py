@@ -3,7 +3,7 @@
 import os
 import re
 import shlex
-from collections.abc import Collection, Iterable, Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -118,11 +118,23 @@ def import_table(table: Table, options: ImportOptions = _DEFAULT) -> Imported:
     if (new := new_rows(columns)) is not None:
         note = f"{np.sum(~new)} of {len(new)} rows left out: each repeats an earlier row, the first in "
         note += f"{table.row_word} {table.rows[np.argmin(new)]}"
-        columns = replace(columns, table=table.select(new), said=(*columns.said, note))
+        columns = replace(columns, table=table.select(new), choice_notes=(*columns.choice_notes, note))
     sources = _channel_sources(columns)
     _check_options_are_used(columns, sources, options)
     rows = arrange_rows(columns, fresh=options.fresh, count=options.runs)
-    signals = _signals(options.context, columns)
+    signals: dict[str, str] = {}  # further columns by their names as signals
+    for column in options.context:
+        if column in columns.used:
+            listed = ", ".join(columns.unused) or "none"
+            raise InputError(f"--context {column}: this column is already used. Unused columns: {listed}")
+        name = _signal_name(column)
+        if name in _TAKEN:
+            raise InputError(f"--context {column}: a signal of the joints is called that; rename the column")
+        earlier = signals.setdefault(name, column)
+        if earlier != column:
+            raise InputError(
+                f"--context {column}: as a signal both it and '{earlier}' are {name}; rename one"
+            )
     notes = [*columns.notes, *(["; ".join(rows.notes)] if rows.notes else [])]
     if any(source.kind is ChannelKind.SERVO for source in sources):
         notes.append(
@@ -150,28 +162,6 @@ def import_table(table: Table, options: ImportOptions = _DEFAULT) -> Imported:
         if source.kind is not ChannelKind.CONTACT and columns.matched
     }
     return Imported(with_arm(channels), rows.labels, tuple(notes), unused, read, columns.roles, named)
-
-
-def _signals(requests: Iterable[str], columns: Columns) -> dict[str, str]:
-    """Further columns by their names as signals.
-
-    Raises:
-        InputError: a name is taken, or a channel is made of the column, on which an error always depends.
-    """
-    signals: dict[str, str] = {}
-    for column in requests:
-        if column in columns.used:
-            unused = ", ".join(columns.unused) or "none"
-            raise InputError(f"--context {column}: this column is already used. Unused columns: {unused}")
-        name = _signal_name(column)
-        if name in _TAKEN:
-            raise InputError(f"--context {column}: a signal of the joints is called that; rename the column")
-        earlier = signals.setdefault(name, column)
-        if earlier != column:
-            raise InputError(
-                f"--context {column}: as a signal both it and '{earlier}' are {name}; rename one"
-            )
-    return signals
 
 
 def _signal_name(column: str) -> str:

@@ -29,7 +29,28 @@ def _messages(path: Path) -> Iterator[tuple[str, bytes]]:
     parts = [part for part in path.iterdir() if part.suffix in BAGS] if path.is_dir() else [path]
     for part in sorted(parts, key=natural_key):
         if part.suffix == ".db3":
-            yield from _sqlite_messages(part)
+            check_size(part, part.stat().st_size)
+            beside = part.with_name(part.name + "-wal")
+            if beside.is_file() and beside.stat().st_size > 0:  # reading the last messages there would write
+                raise InputError(
+                    f"{part}: messages are still in {beside.name}; end the recording, or join them with: "
+                    f"sqlite3 {part.name} 'PRAGMA wal_checkpoint(TRUNCATE)'"
+                )
+            read_only = f"{part.resolve().as_uri()}?mode=ro&immutable=1"
+            with closing(sqlite3.connect(read_only, uri=True)) as database:
+                database.execute("PRAGMA trusted_schema=OFF")
+                database.setlimit(sqlite3.SQLITE_LIMIT_LENGTH, _MOST_MESSAGE_BYTES)
+                # From tables only: a view in an untrusted file may never end.
+                rows = database.execute("SELECT name FROM sqlite_schema WHERE type='table'")
+                if not {"topics", "messages"} <= {name for (name,) in rows}:
+                    raise InputError(
+                        f"{part}: is no recording of ROS 2: it has no tables 'topics' and 'messages'"
+                    )
+                yield from database.execute(
+                    "SELECT name, data FROM messages JOIN topics ON topic_id = topics.id "
+                    "WHERE type = ? ORDER BY timestamp",
+                    (_TYPE,),
+                )
             continue
         schemas: dict[int, str] = {}
         topics: dict[int, str] = {}
@@ -40,28 +61,6 @@ def _messages(path: Path) -> Iterator[tuple[str, bytes]]:
                 topics[record.id] = record.topic
             elif isinstance(record, Message) and record.channel_id in topics:
                 yield topics[record.channel_id], record.data
-
-
-def _sqlite_messages(path: Path) -> Iterator[tuple[str, bytes]]:
-    """Read messages of a SQLite file, from tables only: a view in an untrusted file may never end."""
-    check_size(path, path.stat().st_size)
-    beside = path.with_name(path.name + "-wal")
-    if beside.is_file() and beside.stat().st_size > 0:  # reading the last messages there would write
-        raise InputError(
-            f"{path}: messages are still in {beside.name}; end the recording, or join them with: "
-            f"sqlite3 {path.name} 'PRAGMA wal_checkpoint(TRUNCATE)'"
-        )
-    with closing(sqlite3.connect(f"{path.resolve().as_uri()}?mode=ro&immutable=1", uri=True)) as database:
-        database.execute("PRAGMA trusted_schema=OFF")
-        database.setlimit(sqlite3.SQLITE_LIMIT_LENGTH, _MOST_MESSAGE_BYTES)
-        tables = {name for (name,) in database.execute("SELECT name FROM sqlite_schema WHERE type='table'")}
-        if not {"topics", "messages"} <= tables:
-            raise InputError(f"{path}: is no recording of ROS 2: it has no tables 'topics' and 'messages'")
-        yield from database.execute(
-            "SELECT name, data FROM messages JOIN topics ON topic_id = topics.id "
-            "WHERE type = ? ORDER BY timestamp",
-            (_TYPE,),
-        )
 
 
 def _records(path: Path) -> Iterator[Any]:

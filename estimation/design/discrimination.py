@@ -6,7 +6,7 @@ where y_i are the data so far together with the prediction of rival i for the ex
 noise. A diagnosis separates effects by the same figure (`palpate.estimation.diagnosis.bootstrap`); its value
 for the data so far is subtracted. For models that are linear around their parameters, and noise n s^2,
 E_j^2 - E_i^2 is the criterion of T-optimality (A. C. Atkinson, V. V. Fedorov, The design of experiments for
-discriminating between two rival models, Biometrika 62 (1975) 57). `Rivals.promised` computes it within
+discriminating between two rival models, Biometrika 62 (1975) 57). `Rivals.predicted_leads` computes it within
 milliseconds. `Rivals.expected` simulates the noise and fits all models again, inner parameters too.
 """
 
@@ -52,7 +52,7 @@ class Rivals:
         )
         return cls(data, blocked.trusted, tuple(rough))
 
-    def promised(self, planned: ChannelData) -> FloatArray:
+    def predicted_leads(self, planned: ChannelData) -> FloatArray:
         """Return leads (r, r) to first order in the parameters, for an experiment with the planned motion.
 
         Rows are the true model, columns the model compared with it.
@@ -76,9 +76,9 @@ class Rivals:
                 )
         squared_errors += good.sum() * float(np.mean(self._noise**2))
         leads = 1.0 - np.sqrt(np.diag(squared_errors)[:, None] / squared_errors)
-        return self._beyond_now(leads, [fit.solution.sse for fit in self.fits])
+        return self._gained_leads(leads, [fit.solution.sse for fit in self.fits])
 
-    def expected(self, planned: ChannelData, rng: np.random.Generator) -> FloatArray:
+    def simulated_leads(self, planned: ChannelData, rng: np.random.Generator) -> FloatArray:
         """Return leads (r, r) in held-out runs, with models refitted to data simulated from each.
 
         Args:
@@ -96,9 +96,9 @@ class Rivals:
             again = (_refit_globally(data, fit, shared, used, cache) for fit in self.fits)
             squared_errors = np.array([fit.solution.held_out for fit in again])
             leads[true] = 1.0 - np.sqrt(squared_errors[true] / np.maximum(squared_errors, 1e-300))
-        return self._beyond_now(leads, [fit.solution.held_out for fit in self.fits])
+        return self._gained_leads(leads, [fit.solution.held_out for fit in self.fits])
 
-    def _beyond_now(self, leads: FloatArray, squared_errors: Sequence[float]) -> FloatArray:
+    def _gained_leads(self, leads: FloatArray, squared_errors: Sequence[float]) -> FloatArray:
         """Subtract the leads that the data so far give."""
         now = 1.0 - np.sqrt(np.array(squared_errors)[:, None] / np.maximum(squared_errors, 1e-300))
         beyond: FloatArray = leads - np.maximum(now, 0.0)
@@ -184,7 +184,7 @@ class Experiment:
     evidence: float = 0.0  # what it weighs, where that is known; see `Rivals.evidence`
 
     @property
-    def tells(self) -> float:
+    def separation(self) -> float:
         """Share of pairs of rivals that it is expected to separate, as the mean over undecided channels.
 
         A lead that is not clear counts in part.
@@ -198,7 +198,7 @@ class Experiment:
         """Whether any wrong rival is expected to fall behind by more than a small share."""
         return any(bool(np.any(lead > SMALL)) for lead in self.leads)
 
-    def along_with(self, other: "Experiment") -> "Experiment":
+    def combined_with(self, other: "Experiment") -> "Experiment":
         """Combine two experiments, one after the other: squared errors of a wrong model add up.
 
         Args:
@@ -238,13 +238,13 @@ def choose(offered: Sequence[Experiment]) -> Choice | None:
     useful = [number for number, experiment in enumerate(offered) if experiment.separates]
     if not useful:
         return None
-    most = max(offered[number].tells for number in useful)
-    good = [number for number in useful if offered[number].tells >= NEARLY * most]
+    most = max(offered[number].separation for number in useful)
+    good = [number for number in useful if offered[number].separation >= NEARLY * most]
     index = max(good, key=lambda number: (offered[number].evidence, -offered[number].duration_s))
     chosen, first = offered[index], "with most evidence" if offered[index].evidence else "shortest"
     which = "most informative" if len(good) == 1 else f"{first} of {len(good)} nearly as informative"
     reason = (
-        f"{chosen.words} ({chosen.duration_s:.0f} s): {which}; expected to separate {100 * chosen.tells:.0f} "
-        "% of the remaining explanations"
+        f"{chosen.words} ({chosen.duration_s:.0f} s): {which}; expected to separate "
+        f"{100 * chosen.separation:.0f} % of the remaining explanations"
     )
     return Choice(index, chosen, reason)

@@ -130,7 +130,7 @@ def separating(effect: Effect, fits: Mapping[str, FitResult], data: ChannelData)
     names = list(fits)
     rivals = Rivals.of(list(fits.values()))
     offered = [
-        Experiment(words, lasts_s, (rivals.promised(moved),))
+        Experiment(words, lasts_s, (rivals.predicted_leads(moved),))
         for words, lasts_s, moved in changed_motions(data)
     ]
     choice = choose(offered)

@@ -112,8 +112,10 @@ def next_probe(
     )
     single = [design.expected(open_questions) for design in single[:FITTED]]
     # Pairs that are more informative than any single experiment, the most informative pairs first.
-    most = max((design.experiment.tells for design in single), default=0.0)
-    both_tell = [(a.experiment.along_with(b.experiment).tells, a, b) for a, b in combinations(single, 2)]
+    most = max((design.experiment.separation for design in single), default=0.0)
+    both_tell = [
+        (a.experiment.combined_with(b.experiment).separation, a, b) for a, b in combinations(single, 2)
+    ]
     both_tell.sort(key=lambda pair: pair[0], reverse=True)
     pairs = [(a.candidate, b.candidate) for tells, a, b in both_tell if tells * NEARLY > most]
     paired = feasible(study, progress, pairs=pairs, processes=processes)
@@ -172,7 +174,7 @@ class _Planned:
         elsewhere = candidate.is_elsewhere
         motions = tuple(_motion(question, study, ticks, elsewhere=elsewhere) for question in left)
         leads = tuple(
-            question.rivals.promised(motion) if motion is not None else question.nothing
+            question.rivals.predicted_leads(motion) if motion is not None else question.nothing
             for question, motion in zip(left, motions, strict=True)
         )
         return cls(candidate, Experiment(candidate.words, float(ticks["time_s"][-1]), leads), motions)
@@ -185,7 +187,7 @@ class _Planned:
         """
         rng = np.random.default_rng(_SEED)
         leads = tuple(
-            question.rivals.expected(motion, rng) if motion is not None else question.nothing
+            question.rivals.simulated_leads(motion, rng) if motion is not None else question.nothing
             for question, motion in zip(left, self.motions, strict=True)
         )
         evidence = sum(
@@ -205,7 +207,7 @@ def _planned(
     """Plan experiments that are short enough, the most promising first."""
     within = ((offer, ticks) for offer, ticks in offered if ticks["time_s"][-1] <= longest_s)
     planned = (_Planned.of(*offer, study, left) for offer in within)
-    return sorted(planned, key=lambda offer: offer.experiment.tells, reverse=True)
+    return sorted(planned, key=lambda offer: offer.experiment.separation, reverse=True)
 
 
 def _new(

@@ -79,7 +79,7 @@ class DiagnosisCard:
             if study.folder is not None:
                 write_text(output_folder(study.folder) / RESULT, as_json(study.diagnosis_data(diagnosis)))
         except PalpateError as error:
-            judge.said = str(error)
+            judge.failure = str(error)
         finally:
             state.judging = None
 
@@ -93,8 +93,8 @@ class DiagnosisCard:
         if judge is not before:
             self._running(now=judge is not None)
         if judge is None and before is not None:
-            if before.said:
-                ui.notify(before.said, type="warning", multi_line=True)
+            if before.failure:
+                ui.notify(before.failure, type="warning", multi_line=True)
             self._show()
             if self._state.diagnosis is not None:
                 self._on_diagnosed()

@@ -157,8 +157,8 @@ def _unused(home: AppState, name: str, ending: str = "") -> Path:
     """Return an unused path that no other tab is about to write to."""
     folder = output_folder(SESSIONS if home.folder == Path() else home.folder)
     paths = (folder / f"{name}-{number}{ending}" for number in count(1))
-    free = next(path for path in paths if path not in home.promised and not path.exists())
-    home.promised.add(free)
+    free = next(path for path in paths if path not in home.reserved and not path.exists())
+    home.reserved.add(free)
     return free
 
 

@@ -34,7 +34,7 @@ class DiagnosisProcess:
     def __init__(self) -> None:
         self._stop = Event()
         self.now = ("starting a process for it", 0.0)  # current step, and the share that is done
-        self.said = ""  # why there is no answer
+        self.failure = ""  # why there is no answer
 
     def note(self, what: str, share: float) -> None:
         """Note the progress.

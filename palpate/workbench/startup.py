@@ -37,7 +37,7 @@ class AppState:
     riddle: bool = False  # whether an effect was hidden for the user to find
     state: "WorkbenchState | None" = None  # once data was read
     raw: str = ""  # a drawing of what a session measured; empty for other files
-    promised: set[Path] = field(default_factory=set)  # paths that tabs are about to write
+    reserved: set[Path] = field(default_factory=set)  # paths that tabs are about to write
     reading: str = ""  # file that is being read; empty afterwards
     error: str = ""  # why it could not be
     reports: dict[str, Path] = field(default_factory=dict)  # reports written from the page, by key

@@ -40,7 +40,7 @@ def shallow():
 
 def test_a_deeper_press_tells_two_stiffenings_apart_and_the_same_press_does_not(shallow):
     again, deeper = pressed(0.006, [6.0, 9.0], seed=1), pressed(0.018, [6.0, 9.0], seed=1)
-    for leads in (shallow.promised, lambda m: shallow.expected(m, np.random.default_rng(0))):
+    for leads in (shallow.predicted_leads, lambda m: shallow.simulated_leads(m, np.random.default_rng(0))):
         assert leads(deeper)[0, 1] > 0.2
         assert np.abs(leads(again)).max() < 0.05
 
@@ -50,7 +50,10 @@ def test_the_promise_to_first_order_is_what_refitting_gives_where_models_are_lin
     linear = rivals(data, "cubic_stiffness", "quadratic_damping")
     for depth in (0.006, 0.012, 0.018):
         motion = pressed(depth, [3.0, 12.0], seed=2)
-        promised, expected = linear.promised(motion), linear.expected(motion, np.random.default_rng(0))
+        promised, expected = (
+            linear.predicted_leads(motion),
+            linear.simulated_leads(motion, np.random.default_rng(0)),
+        )
         assert promised == pytest.approx(expected, abs=0.06)
 
 
@@ -72,7 +75,7 @@ def test_data_drawn_from_the_true_law_bear_the_expected_lead_out(shallow):
         for n in ("cubic_stiffness", "exponential_stiffness")
     ]
     really = 1.0 - np.sqrt(left[0] / left[1])
-    assert shallow.expected(motion, np.random.default_rng(0))[0, 1] == pytest.approx(really, abs=0.1)
+    assert shallow.simulated_leads(motion, np.random.default_rng(0))[0, 1] == pytest.approx(really, abs=0.1)
 
 
 def test_the_shortest_of_those_that_tell_most_is_chosen():
@@ -119,7 +122,7 @@ def test_what_two_experiments_tell_of_one_pair_adds_up():
     def experiment(lead):
         return Experiment("e", 1.0, (np.array([[0.0, lead], [0.0, 0.0]]),))
 
-    both = experiment(0.1).along_with(experiment(0.1))
+    both = experiment(0.1).combined_with(experiment(0.1))
     assert both.leads[0] == pytest.approx(np.array([[0.0, 1.0 - (2.0 / 0.9**2 - 1.0) ** -0.5], [0.0, 0.0]]))
     assert both.duration_s == 2.0
 
@@ -130,4 +133,4 @@ def test_an_effect_that_needs_the_load_of_a_joint_is_fitted_again_from_its_start
     starts = {"joint_elasticity.compliance": 1e-3}
     names = ("joint_elasticity", "coulomb_friction")
     fits = [fit_model(joint, base.with_effect(EFFECTS[name]()), starts) for name in names]
-    assert np.isfinite(Rivals.of(fits).expected(planned, np.random.default_rng(0))).all()
+    assert np.isfinite(Rivals.of(fits).simulated_leads(planned, np.random.default_rng(0))).all()
