@@ -6,7 +6,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from palpate.estimation.budget.laws import Law
+from palpate.estimation.budget.laws import BaseColumns, Law
 from palpate.estimation.fit.blocks import BlockedData
 from palpate.estimation.kinds import Kind
 from palpate.estimation.statistics.least_squares import solve_within_bounds
@@ -22,15 +22,6 @@ _ROUNDS = 6  # fits until the blocks with lost contact stay the same
 _WEAK = 1e-3  # singular values below this share of the largest are ignored in fits of one run
 
 Kinds = frozenset[Kind]
-
-
-@dataclass(frozen=True)
-class BaseColumns:
-    """Columns of the base model, which are part of every regression."""
-
-    columns: FloatArray  # shape (m, q)
-    lower: FloatArray  # lower bounds of the coefficients, shape (q,)
-    one_sided: BoolArray  # whether a column is part of the object's force, which only pushes, (q,)
 
 
 class SquaredErrors(ABC):

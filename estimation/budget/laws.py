@@ -7,6 +7,7 @@ marked: friction, relaxation and inertia oppose the motion.
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from functools import partial
 
 import numpy as np
 
@@ -19,6 +20,7 @@ from palpate.estimation.signals.exponential_memory import low_pass, relax
 from palpate.estimation.signals.free_air import zero_in_free_air
 from palpate.estimation.signals.motion import is_one_pace, is_one_speed, is_one_way, never_returns
 from palpate.estimation.signals.runwise import derivative, running_max, sample_time, shift
+from palpate.estimation.statistics.least_squares import solve_within_bounds
 from palpate.robot_io.types import BoolArray, FloatArray, IntArray
 
 _TURNS = (0.001, 0.003, 0.01, 0.04, 0.15, 0.5)  # path lengths of reversal memory, relative to the range
@@ -51,6 +53,7 @@ _WHOLE_TURN = 0.75  # turns; over a wider range, wave numbers are whole numbers 
 _LEAST_WAVES = 3  # over a narrower range; fewer waves resemble any smooth law
 # Forces of the object, which only push; friction may act at the sides of the tool, and adhesion pulls.
 _OF_OBJECT = (Kind.ELASTIC_SHAPE, Kind.RATE_DEPENDENCE, Kind.TIME_MEMORY, Kind.CONTACT_GEOMETRY)
+_COLLINEAR = 1e-9  # ridge of the base model's columns, relative to their mean square
 _GRAVITY_RANGE = 0.3  # [rad]; over a narrower range gravity resembles a constant and a spring
 
 
@@ -64,13 +67,28 @@ class Law:
     one_sided: bool = True  # whether it is part of the object's force, which only pushes
 
 
-def flexible_laws(blocked: BlockedData, effort: FloatArray, residual: FloatArray) -> list[Law]:
+@dataclass(frozen=True)
+class BaseColumns:
+    """Columns of the base model, which are part of every regression."""
+
+    columns: FloatArray  # shape (m, q)
+    gains: FloatArray  # their fitted coefficients, shape (q,)
+    lower: FloatArray  # lower bounds of the coefficients, shape (q,)
+    one_sided: BoolArray  # whether a column is part of the object's force, which only pushes, (q,)
+
+
+def flexible_laws(
+    blocked: BlockedData, base: BaseColumns | None, effort: FloatArray, residual: FloatArray, used: BoolArray
+) -> list[Law]:
     """Build the laws of all kinds that can occur in a channel, and of the interactions between kinds.
 
     Args:
         blocked: the channel on its blocks.
+        base: columns of the model on blocks, which the law of the sensor's dynamics fits again; None to keep
+            its fit.
         effort: prediction of the model on blocks, shape (m,) [N or N m].
         residual: residual of the model on blocks, shape (m,); it selects the waves of the periodic law.
+        used: blocks that the model is fitted to, shape (m,).
 
     Returns:
         At most one law for each kind or pair of kinds. Differences between runs have no columns, see
@@ -93,8 +111,7 @@ def flexible_laws(blocked: BlockedData, effort: FloatArray, residual: FloatArray
         _law(Kind.TIME_MEMORY, *fade(depth), nonnegative=True),
         _law((Kind.ELASTIC_SHAPE, Kind.TIME_MEMORY), *fade(depth * unit_depth), nonnegative=True),
         _law(Kind.INERTIA, acceleration, nonnegative=True),
-        _law(Kind.SENSOR_DYNAMICS, derivative(effort, time_s, run)),
-        _law(Kind.SENSOR_DYNAMICS, *_late(effort, time_s, run), nonnegative=True),
+        *_sensor_dynamics(blocked, base, effort, time_s, used),
         _sensor_statics(effort, blocked.effort, run, has_bias=zero is None or not zero.is_zero),
     ]
     if (zero is None or not zero.is_steady) and not is_one_way(position, run):
@@ -193,12 +210,46 @@ def _fading(
     return fade
 
 
-def _late(effort: FloatArray, time_s: FloatArray, run: IntArray) -> list[FloatArray]:
-    """Difference between a lagging or delayed effort (m,) and the effort, for several times."""
+def _sensor_dynamics(
+    blocked: BlockedData, base: BaseColumns | None, effort: FloatArray, time_s: FloatArray, used: BoolArray
+) -> list[Law]:
+    """Build the laws of a reading that follows the effort late: a lag or a delay by several times, or early.
+
+    A sensor's dynamics act on the effort that is there, and a model that was fitted without them can be far
+    from it: readings that come late make an inertia vanish. With a base, its columns are therefore fitted
+    again under each lag and delay.
+    """
+    run = blocked.run
     step = sample_time(time_s, run)
     times = [lag for lag in _LAGS_S if lag > step]
-    slow = [low_pass(effort, time_s, run, lag) - effort for lag in times]
-    return slow + [shift(effort, time_s, run, lag) - effort for lag in times]
+    late: list[Callable[[FloatArray], FloatArray]] = [
+        *(partial(low_pass, time_s=time_s, run=run, tau_s=lag) for lag in times),
+        *(partial(shift, time_s=time_s, run=run, delay_s=lag) for lag in times),
+    ]
+    early = [partial(shift, time_s=time_s, run=run, delay_s=-lag) for lag in times]
+
+    same = (float(np.sum((blocked.effort - effort)[used] ** 2)), effort)
+
+    def refitted(sense: Callable[[FloatArray], FloatArray]) -> tuple[float, FloatArray]:
+        if base is None:
+            return same
+        columns = sense(base.columns)[used]
+        size = np.sqrt(np.mean(columns**2, axis=0))
+        size = np.where(size > 0.0, size, 1.0)
+        columns = columns / size
+        left = (blocked.effort - sense(effort))[used]
+        system = columns.T @ columns + _COLLINEAR * len(columns) * np.eye(len(size))
+        lower, upper = (base.lower - base.gains) * size, np.full(len(size), np.inf)
+        change = solve_within_bounds(system, columns.T @ left, lower, upper)
+        return float(np.sum((left - columns @ change) ** 2)), effort + base.columns @ (change / size)
+
+    fits = [refitted(sense) for sense in late]
+    closest = min([same, *fits, *map(refitted, early)], key=lambda fit: fit[0])[1]
+    columns = [sense(fit) - fit for sense, (_, fit) in zip(late, fits, strict=True)]
+    return [
+        _law(Kind.SENSOR_DYNAMICS, derivative(closest, time_s, run)),
+        _law(Kind.SENSOR_DYNAMICS, *columns, nonnegative=True),
+    ]
 
 
 def _dissipation(unit_speed: FloatArray) -> list[FloatArray]:

@@ -13,8 +13,8 @@ from enum import StrEnum
 import numpy as np
 
 from palpate.estimation.budget.budget import BudgetEntry, ErrorBudget, error_budget
-from palpate.estimation.budget.held_out import BaseColumns, HeldOutError, Kinds, SquaredErrors
-from palpate.estimation.budget.laws import Law, flexible_laws
+from palpate.estimation.budget.held_out import HeldOutError, Kinds, SquaredErrors
+from palpate.estimation.budget.laws import BaseColumns, Law, flexible_laws
 from palpate.estimation.channel import ChannelKind
 from palpate.estimation.diagnosis.bootstrap import SMALL
 from palpate.estimation.diagnosis.candidates import (
@@ -190,10 +190,13 @@ def error_of_kinds(start: FitResult) -> HeldOutError:
     Args:
         start: the base model.
     """
-    blocked, solution = start.problem.blocked, start.solution
-    laws = flexible_laws(blocked, blocked.effort - solution.residual, solution.residual)
+    blocked, solution, used = start.problem.blocked, start.solution, start.problem.used
     base, target = _base_columns(start)
-    return HeldOutError(base, laws, target, blocked, start.problem.used)
+    # A spring hardly changes by a lag; with a damping that is free too, a lag at one frequency would bend it.
+    has_spring = any(effect.kind is Kind.ELASTIC_SHAPE for effect in solution.model.effects)
+    refitted = None if has_spring else base
+    laws = flexible_laws(blocked, refitted, blocked.effort - solution.residual, solution.residual, used)
+    return HeldOutError(base, laws, target, blocked, used)
 
 
 def _base_columns(start: FitResult) -> tuple[BaseColumns, FloatArray]:
@@ -209,7 +212,7 @@ def _base_columns(start: FitResult) -> tuple[BaseColumns, FloatArray]:
     target = blocked.reduce(blocked.data.effort - effort) + columns @ gains
     lower = np.array([parameter.lower for parameter in model.gains.values()])
     one_sided = model.one_sided & (blocked.data.kind is ChannelKind.CONTACT)
-    base = BaseColumns(columns, lower, one_sided)
+    base = BaseColumns(columns, gains, lower, one_sided)
     bias = smoothing_bias(blocked, blocked.effort - solution.residual, start.filters)
     count = bias.shape[1]
     if count:
@@ -219,6 +222,7 @@ def _base_columns(start: FitResult) -> tuple[BaseColumns, FloatArray]:
         if is_better and is_plausible_bias(bias, fit.gains[-count:]):
             base = BaseColumns(
                 np.hstack([columns, bias]),
+                np.append(gains, np.zeros(count)),
                 np.append(lower, np.full(count, -np.inf)),
                 np.append(one_sided, np.zeros(count, bool)),
             )

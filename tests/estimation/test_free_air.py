@@ -5,17 +5,17 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from palpate.estimation.budget.laws import flexible_laws
 from palpate.estimation.channel import ChannelData, ChannelKind
 from palpate.estimation.data_quality import quality_warnings
 from palpate.estimation.diagnosis.candidates import applicable_effects
+from palpate.estimation.diagnosis.forms import error_of_kinds
 from palpate.estimation.effects import EFFECTS
 from palpate.estimation.fit.fit_result import fit_model
 from palpate.estimation.kinds import Kind
 from palpate.estimation.signals.free_air import zero_in_free_air
 from palpate.estimation.signals.motion import is_one_speed, is_one_way
 from tests.estimation.fits import MODEL
-from tests.estimation.presses import NOISE_N, K, kelvin_voigt, session
+from tests.estimation.presses import NOISE_N, kelvin_voigt, session
 from tests.estimation.swings import swings
 
 RATE = 0.05  # N/s
@@ -62,9 +62,7 @@ def test_a_drift_that_readings_in_free_air_do_not_show_is_none(law, misnamed):
 @pytest.mark.parametrize(("bias_n", "there"), [(0.0, False), (0.3, True)])
 def test_the_law_of_sensor_statics_has_a_bias_where_free_air_allows_one(bias_n, there):
     data = session(2)
-    blocked = fit_model(replace(data, effort=data.effort + bias_n), MODEL, {}).problem.blocked
-    effort = blocked.reduce(np.maximum(K * data.position, 0.0))
-    laws = flexible_laws(blocked, effort, blocked.effort - effort)
+    laws = error_of_kinds(fit_model(replace(data, effort=data.effort + bias_n), MODEL, {})).laws
     (statics,) = (law for law in laws if law.kinds == {Kind.SENSOR_STATICS})
     assert bool(np.any(np.all(statics.columns == 1.0, axis=0))) is there
 

@@ -6,18 +6,21 @@ import numpy as np
 import pytest
 from scipy.signal import lfilter
 
-from palpate.estimation.budget.laws import flexible_laws, periodic_columns
-from palpate.estimation.diagnosis.forms import analyse_kinds
+from palpate.estimation.budget.laws import periodic_columns
+from palpate.estimation.channel import ChannelData, ChannelKind
+from palpate.estimation.diagnosis.forms import analyse_kinds, error_of_kinds
+from palpate.estimation.effects import EFFECTS
 from palpate.estimation.kinds import Kind
+from palpate.estimation.model import Model
 from tests.estimation.presses import K, kelvin_voigt, maxwell, session
 from tests.estimation.searches import PRESS, SWING, searched
 from tests.estimation.swings import swings
 
 
-def late(torque, run):
-    """Twelve samples late; before that, the first value."""
+def late(torque, run, samples=12):
+    """Some samples late; before that, the first value."""
     parts = (torque[run == number] for number in np.unique(run))
-    return np.concatenate([np.concatenate([np.repeat(part[:1], 12), part[:-12]]) for part in parts])
+    return np.concatenate([np.concatenate([np.repeat(part[:1], samples), part[:-samples]]) for part in parts])
 
 
 def press(extra):
@@ -106,6 +109,39 @@ def test_a_law_takes_what_its_kind_does_in_runs_that_go_further(what):
     assert first.sufficient > 0.7
 
 
+def rectangles(sensor, runs=5, seconds=3.0, rate_hz=250.0):
+    """A rotor under rectangles of torque, 0.1 s to 0.3 s each, read by `sensor(torque, run)`."""
+    rng, step = np.random.default_rng(4), 1.0 / rate_hz
+    length = int(seconds * rate_hz)
+    torque = np.concatenate(
+        [
+            np.repeat(rng.choice([-1.0, 0.0, 1.0], 200), rng.integers(25, 75, 200))[:length]
+            for _ in range(runs)
+        ]
+    )
+    run = np.repeat(np.arange(runs), length)
+    position, velocity, acceleration = np.zeros((3, len(torque)))
+    for k in range(len(torque)):
+        last = k - 1 if k % length else None
+        velocity[k] = 0.0 if last is None else velocity[last] + step * acceleration[last]
+        position[k] = 0.0 if last is None else position[last] + step * velocity[last]
+        acceleration[k] = (torque[k] - 0.3 * velocity[k]) / 0.05
+    time_s = np.tile(step * np.arange(length), runs) + 2.0 * seconds * run
+    effort = sensor(torque, run) + rng.normal(0.0, 0.02, len(torque))
+    blocks = np.full(len(torque), -1)
+    motion = (position, velocity, acceleration)
+    return ChannelData("joint_1", ChannelKind.REVOLUTE, time_s, *motion, effort, run, blocks)
+
+
+def test_the_law_of_sensor_dynamics_fits_a_model_again_that_a_delay_has_bent():
+    """A delay of 0.1 s makes an inertia vanish; what comes late is not what the base model predicts."""
+    rotor = Model("inertia", (EFFECTS["inertia"](), EFFECTS["viscous_friction"]()))
+    partial = analyse_kinds(searched(rectangles(lambda torque, run: late(torque, run, 25)), base=rotor))
+    assert partial.search.start.solution.parameters["inertia.m"] < 0.005  # of 0.05
+    first = partial.budget.entries[0]
+    assert (first.kind, first.share > 0.8) == (Kind.SENSOR_DYNAMICS, True)
+
+
 def analysed(data):
     return analyse_kinds(searched(data, base=PRESS if data.name == "contact" else SWING))
 
@@ -157,9 +193,11 @@ def test_waves_of_a_whole_turn_are_found_with_their_amplitudes():
 
 def test_a_law_is_of_its_own_signals_alone():
     """A press that stands still has no rate, and the law of the rate no columns that differ from zero."""
-    blocked = searched(session(3), base=PRESS).start.problem.blocked
-    still = replace(blocked.data, velocity=0.0 * blocked.data.velocity)
-    laws = flexible_laws(replace(blocked, data=still), blocked.effort, blocked.effort)
+    search = searched(session(3), base=PRESS)
+    problem = search.start.problem
+    still = replace(problem.blocked.data, velocity=0.0 * problem.blocked.data.velocity)
+    problem = replace(problem, blocked=replace(problem.blocked, data=still))
+    laws = error_of_kinds(replace(search.start, problem=problem)).laws
     (rate,) = (law for law in laws if law.kinds == {Kind.RATE_DEPENDENCE})
     assert not rate.columns.any()
     assert all(np.isfinite(law.columns).all() for law in laws)
