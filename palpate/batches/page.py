@@ -170,6 +170,10 @@ def _overview(batch: BatchResult) -> PageSection:
         "mean budget",
         "effects named",
     )
+    if not any(verdict):  # the columns behind the error would be empty
+        errors = [(*line[:3], line[4]) for line in lines]
+        words = ("Nothing was diagnosed: --diagnose adds verdicts, error budgets and named effects.",)
+        return PageSection("Error over noise", (*columns[:3], columns[4]), errors, words=words)
     words = ("A measurement whose error is within the noise has no budget and counts with zero shares.",)
     return PageSection("What is missing where", columns, lines, as_html(figure) if any(bars) else None, words)
 

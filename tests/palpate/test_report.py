@@ -14,7 +14,7 @@ from palpate.estimation.diagnosis.candidates import effect_library
 from palpate.render import report
 from palpate.render.build import equation_of, result_view, write_outcome
 from palpate.render.report import bold, document, typeset, write_report
-from palpate.render.view import StudyView
+from palpate.render.view import ParameterView, StudyView
 from palpate.robot_io.errors import InputError
 from palpate.study import Study
 from tests.few_effects import try_few_effects
@@ -59,6 +59,13 @@ def test_the_page_brings_everything_and_names_no_other_place(page):
     assert "default-src 'none'" in text
     for words in ("cubic_stiffness", "noise level", "F =", "k<sub>3</sub>", "palpate add &lt;data&gt;"):
         assert words in own(text)
+
+
+def test_a_relative_interval_of_more_than_a_hundred_percent_has_no_power_of_ten(result):
+    view = result_view(result)
+    parameter = ParameterView("damping", "c", 0.07, -0.34, 0.48, "N s/m")
+    told = own(document(StudyView("f", (replace(view, parameters=(parameter,)),))))
+    assert ">586 %<" in told
 
 
 def test_a_reader_meets_verdict_fall_parameters_failures_and_then_what_to_do(result):

@@ -108,6 +108,8 @@ def test_groups_are_told_apart_and_specimens_differ_as_much_as_they_do(out, spec
     page = (out / "index.html").read_text()
     assert "differs" in page
     assert "s1_soft.csv" in page
+    assert "Nothing was diagnosed" in page
+    assert "What is missing where" not in page
 
 
 def test_the_same_batch_repeats_nothing_wherever_the_files_lie_and_a_changed_file_alone_is_new(
@@ -182,6 +184,7 @@ def test_a_diagnosis_names_what_is_missing_and_an_added_effect_has_a_size_in_eve
     assert by_name["hardening.csv"]["budget elastic shape"] > 0.8
     final = palpate.Study(hardening, keep=False).diagnose().channels[0].final.parameters["stiffness.k"]
     assert by_name["hardening.csv"]["stiffness.k [N/m]"] == final.value  # of the model with the effect
+    assert "What is missing where" in (tmp_path / "out" / "index.html").read_text()
     added = palpate.batch([hardening, plain], out=tmp_path / "out", add=["cubic_stiffness"], workers=2)
     sizes = {row["measurement"]: row["cubic_stiffness.k3 [N/m^3]"] for row in added.table.to_pylist()}
     assert sizes["hardening.csv"] == pytest.approx(2e6, rel=0.1)
