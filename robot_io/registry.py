@@ -54,7 +54,8 @@ class Registry(Mapping[str, type[T]], Generic[T]):
         Returns:
             One line.
         """
-        close = get_close_matches(str(name), self._members, n=1)
+        having = [member for member in self._members if str(name) and str(name) in member]  # such as "cubic"
+        close = having if len(having) == 1 else get_close_matches(str(name), self._members, n=1)
         hint = f"; did you mean '{close[0]}'?" if close else "."
         valid = ", ".join(self._members) or "(none found)"
         return f"no {self.kind} is called '{name}'{hint} Valid: {valid}"

@@ -267,3 +267,11 @@ def test_a_sound_effect_gives_what_it_gave_before_and_keeps_its_module():
     )
     assert type(effect).__module__ == Power.__module__
     assert isinstance(effect, Power)
+
+
+@pytest.mark.parametrize(
+    ("name", "hint"),
+    [("layered", "; did you mean 'layered_stiffness'?"), ("stress", "; did you mean 'stress_relaxation'?")],
+)
+def test_a_part_of_one_name_alone_is_enough_for_a_hint(name, hint):
+    assert_refused(run("effects", name), f"no effect is called '{name}'{hint}")
