@@ -154,9 +154,7 @@ def check_way_up(body: RigidBody, start_rad: FloatArray, up_rad: FloatArray, lim
     """
     floor_m = float(body.heights_m(start_rad)[1:].min())
     if not is_clear(body, straight_way(start_rad, up_rad), floor_m):
-        raise InputError(
-            "the way up from where the arm stands would come nearer to the ground: raise the arm first"
-        )
+        raise InputError("the path up from the arm's present pose would first go lower: raise the arm first")
     move = JointMove(start_rad, up_rad, travel_speed_rad_s(limits), ACCELERATION_RAD_S2)
     motions = (move.at(time_s) for time_s in np.linspace(0.0, move.duration_s, _WAY_POSTURES))
     joint = overloaded_joint(body, motions, limits)
@@ -337,8 +335,8 @@ def choose_path(
                 break
     if best is None:
         raise InputError(
-            "no motion of the arm stays above where it stands now and within its torque limits: "
-            "raise the arm first, or limits.torque_nm"
+            "no motion stays above the arm's present height and within its torque limits: "
+            "raise the arm first, or increase limits.torque_nm"
         )
     return best[1]
 
@@ -417,8 +415,8 @@ class FreeMotion:
         self._touched_ticks = self._touched_ticks + 1 if abs(away_n) > TOUCH_N else 0
         if self._touched_ticks >= _TOUCH_TICKS:
             raise SafetyTripError(
-                f"{away_n:.1f} N on the tool: something is in the way; clear it, or, if there is nothing, "
-                "take off what hangs on the tool: its weight turns with it"
+                f"{away_n:.1f} N on the tool: something is in the way; remove it, or else "
+                "what is attached to the tool, because its weight changes direction with the tool"
             )
         return self._torque.step(measurement, motion, self._no_contact, dt_s)
 

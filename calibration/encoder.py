@@ -95,7 +95,7 @@ def plan_stops(
         if lowest < floor_m - MARGIN_M:
             raise InputError(
                 f"joint {joint + 1}: on the way to its stops the arm would come {floor_m - lowest:.2g} m "
-                f"nearer to the ground than it stands now: begin with it so much higher; {_INSTEAD}"
+                f"closer to the ground than its present position: start that much higher; {_INSTEAD}"
             )
         approaches.append(approach)
     return up, tuple(approaches)
@@ -322,7 +322,7 @@ class StopTask:
             option = "--upper-stops" if approach.side > 0 else "--lower-stops"
             raise SafetyTripError(
                 f"joint {approach.joint + 1} {what} at {position_rad:.3f} rad, but its stop should be at "
-                f"{approach.stop_rad:.3f} rad (within {reach:g} rad); {remedy}say where its stop "
+                f"{approach.stop_rad:.3f} rad (within {reach:g} rad); {remedy}state where its stop "
                 f"is ({option}), or, if {held}its zero is off by so much, calibrate in a known pose first "
                 "(--pose)"
             )

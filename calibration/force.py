@@ -159,7 +159,7 @@ def read_reference_file(
     if unit is None:
         raise InputError(
             f"{table.path}: column '{reading}' does not end in the unit of the reading; "
-            "say it with --reading-unit"
+            "give it with --reading-unit"
         )
     return plateaus, unit
 
@@ -172,7 +172,7 @@ def _column(table: Table, role: str, columns: Mapping[str, str]) -> str:
         free = [name for name in table.names if not name.startswith((*_ROLES, "time"))]
         example = (free or [*table.names])[0]
         raise InputError(
-            f"{table.path}: which column is the {role}? Say --column {role}={example}. "
+            f"{table.path}: which column is the {role}? Use --column {role}={example}. "
             f"There are: {table.listed_names}"
         )
     return candidates[0]
@@ -282,7 +282,7 @@ def fit_force(plateaus: Plateaus, reference_rel_std: float = 0.0) -> ForceFit:
     """
     check_references(plateaus.reference_n)
     if np.ptp(plateaus.reading) == 0.0:
-        raise InputError("the reading is the same under every force: the sensor does not answer")
+        raise InputError("the reading is the same under every force: the sensor does not respond")
     has_branches = bool(np.any(plateaus.direction < 0) and np.any(plateaus.direction > 0))
     used = np.array([True, True, True, False, has_branches])
     full_values, full_errors, freedom = _solve(plateaus, used)
@@ -292,7 +292,7 @@ def fit_force(plateaus: Plateaus, reference_rel_std: float = 0.0) -> ForceFit:
     values, errors, _ = _solve(plateaus, used)
     if not values[1] > 0.0:
         raise InputError(
-            f"the reading falls by {abs(1 / values[1]):.4g} per N that the reference rises: turn the sign"
+            f"the reading falls by {abs(1 / values[1]):.4g} per N that the reference rises: reverse the sign"
         )
     zero, scale, curvature, _, half = np.where(used, values, full_values).tolist()
     errors = np.hypot(errors, _shape_errors(plateaus, used, values))

@@ -19,7 +19,7 @@ def effects() -> Iterator[str]:
     """One table of effects for each group."""
     for group in GROUPS:
         yield f"### {group}\n"
-        yield "| effect | equation | what one sees | confused with |"
+        yield "| effect | equation | signature | confused with |"
         yield "|---|---|---|---|"
         for one in library():
             if group_of(one) == group:

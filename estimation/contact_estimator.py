@@ -43,10 +43,10 @@ def check_samples(name: str, *columns: FloatArray) -> None:
     """
     if len({len(column) for column in columns}) > 1:
         raise InputError(
-            f"{name}: {', '.join(str(len(column)) for column in columns)} samples, not equally many"
+            f"{name}: {', '.join(str(len(column)) for column in columns)} samples; the numbers must be equal"
         )
     if not all(np.isfinite(column).all() for column in columns):
-        raise InputError(f"{name}: samples that are not finite; leave them out")
+        raise InputError(f"{name}: some samples are not finite; leave them out")
 
 
 class ContactEstimator(ABC):

@@ -127,7 +127,7 @@ def _check_samples(data: ChannelData, model: Model, used: BoolArray) -> None:
     for what in ("position", "velocity", "acceleration", "effort"):
         if 0.0 < (largest := float(np.abs(getattr(data, what)[used]).max())) < SMALLEST:
             raise InputError(
-                f"channel '{data.name}': its {what} is nowhere larger than {largest:.3g}, in SI units; "
+                f"channel '{data.name}': its {what} never exceeds {largest:.3g}, in SI units; "
                 "is the unit right?"
             )
 

@@ -161,7 +161,7 @@ class Study(ModelStudy):
         if idle and not any(acts.values()):
             place = place_of(type(effect), "columns")
             raise InputError(
-                f"--effect {text}: its columns are zero throughout {idle}: nothing to fit{place}"
+                f"--effect {text}: its columns are zero throughout {idle}: there is nothing to fit{place}"
             )
 
     def diagnose(
@@ -308,7 +308,7 @@ class Study(ModelStudy):
         given: dict[str, Revision] = {}
         for revision in map(self.revision, numbers):
             if revision.channel not in joints:
-                raise InputError(f"revision {revision.number} is of {revision.channel}, which is no joint")
+                raise InputError(f"revision {revision.number} is of {revision.channel}, which is not a joint")
             if revision.channel in given:
                 raise InputError(f"several revisions for one {revision.channel}: choose one with --revision")
             given[revision.channel] = revision

@@ -81,7 +81,7 @@ class SimulatedBus(JointBus):
             LifecycleError: the robot is not configured, or closed.
         """
         if self._world is None:
-            raise LifecycleError("the simulated world exists from configure to close")
+            raise LifecycleError("the simulated world exists only between configure and close")
         return self._world
 
     def configure(self) -> None:

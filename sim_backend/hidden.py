@@ -160,7 +160,7 @@ def seal(session: str | Path, answer: SealedAnswer) -> Path:
                 path.unlink(missing_ok=True)
                 raise
     except FileExistsError as error:
-        raise InputError(f"{path}: exists already, and a sealed answer replaces nothing") from error
+        raise InputError(f"{path}: exists already, and a sealed answer never replaces a file") from error
     except OSError as error:
         raise InputError(f"{path}: cannot be written ({error.strerror})") from error
     return path

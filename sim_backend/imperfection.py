@@ -172,7 +172,8 @@ class JointImperfection(Imperfection, ABC):
         """
         if self.joint > joint_count:
             raise InputError(
-                f"hidden effect '{self.name}': joint {self.joint} of an arm with {joint_count} joints"
+                f"hidden effect '{self.name}': joint {self.joint} does not exist; the arm has "
+                f"{joint_count} joints"
             )
         return self._effects(self.joint - 1, joint_count)
 
@@ -232,7 +233,8 @@ class SensorImperfection(Imperfection, ABC):
         index = int(number or 1) - 1
         if number and index >= joint_count:
             raise InputError(
-                f"hidden effect '{self.name}': channel {self.channel} of an arm with {joint_count} joints"
+                f"hidden effect '{self.name}': channel {self.channel} does not exist; the arm has "
+                f"{joint_count} joints"
             )
         changed = (ChannelEffect(index, self.transducer(), self.ahead_of_noise),)
         if slot == CONTACT:

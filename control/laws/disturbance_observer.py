@@ -87,8 +87,9 @@ class DisturbanceObserver:
         self._count = self._count + 1 if suspicious else 0
         if self._count >= self._samples:
             raise SafetyTripError(
-                f"joint torques say about {output.force_n + unexplained_n:.1f} N where the force sensor says "
-                f"{output.force_n:.1f} N: is the sensor alive, and does nothing else touch the arm?"
+                f"the joint torques indicate about {output.force_n + unexplained_n:.1f} N, but the force "
+                f"sensor reads {output.force_n:.1f} N: does the sensor work, and does anything else "
+                "touch the arm?"
             )
 
     def _is_stalled(self, dt_s: float) -> bool:

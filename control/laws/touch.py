@@ -62,7 +62,7 @@ def free_air_problem(force_n: float, touch_n: float, force_limit_n: float, gains
     most_n = gains.limit_share * force_limit_n
     if not touch_n <= most_n:
         return (
-            f"a touch counts from {touch_n:.3g} N on, with {limit} at most {most_n:.3g} N: the sensor is "
+            f"a touch counts above {touch_n:.3g} N, with {limit} at most {most_n:.3g} N: the sensor is "
             "too noisy (or gains.touch.touch_force_n of the robot file too high); a force_limit_n of "
             f"{touch_n / gains.limit_share:.3g} N is enough"
         )

@@ -78,7 +78,7 @@ class ProbingPlan(FileModel):
     def _check_amounts(self) -> "ProbingPlan":
         if self.excitation and 2.0 * self.excitation.amplitude_n > 0.8 * self.force_limit_n:
             raise ValueError(
-                f"excitation.amplitude_n {self.excitation.amplitude_n} N takes the force down to nothing: "
+                f"excitation.amplitude_n {self.excitation.amplitude_n} N would reduce the force to zero:  "
                 f"at most {0.4 * self.force_limit_n:.3g} N for force_limit_n {self.force_limit_n} N"
             )
         run_up_m = blend_distance_m(max(self.speeds_m_s), self.acceleration_m_s2)

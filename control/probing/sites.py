@@ -116,8 +116,9 @@ def probing_sites(
         run_up_m = blend_distance_m(max(plan.speeds_m_s), plan.acceleration_m_s2)
         if search_m <= run_up_m:
             raise InputError(
-                f"{name}: the arm can go only {deepest_m * 1e3:.0f} mm on from the start of the approach "
-                f"within its joint limits, and needs more than {run_up_m * 1e3:.1f} mm to come up to speed"
+                f"{name}: within its joint limits the arm can move only {deepest_m * 1e3:.0f} mm beyond "
+                f"the start of the approach, but it needs more than {run_up_m * 1e3:.1f} mm to reach its "
+                "speed"
             )
         site = ProbingSite(line, search_m, deepest_m, max(lifted_m, -clearance_m), lifted_m)
         sites.append(site)

@@ -28,7 +28,7 @@ class TargetQueue:
     """Queue that the link fills and the task empties; safe for two threads.
 
     Attributes:
-        linked: whether the leader is heard; no target is begun while it is not.
+        linked: whether the leader responds; no target is begun while it is not.
         remark: why the newest target was refused or failed.
     """
 
@@ -203,7 +203,7 @@ class FollowerTask:
         self._events = []
         if self._queue.linked != self._linked:
             self._linked = self._queue.linked
-            text = "the leader is heard" if self._linked else "the leader is silent: no new target is begun"
+            text = "the leader responds" if self._linked else "the leader is silent: no new target is begun"
             self._events.append(TaskEvent("link_up" if self._linked else "link_silent", text))
         if self._under_way is None:
             self._begin(measurement)

@@ -127,7 +127,7 @@ class Messaging:
         self._complaints.add("unheard")
         if self._answers_another:
             return f"the other side answers another program: is another {line.role} running?"
-        return f"nobody was heard for {_UNHEARD_S:g} s: {line.advice}"
+        return f"no message arrived for {_UNHEARD_S:g} s: {line.advice}"
 
     def record(self, now_s: float) -> tuple[object, ...]:
         """Make one record of `LINK_STREAM`.

@@ -89,7 +89,9 @@ class PeerLimits:
 
     def __post_init__(self) -> None:
         if not (0.0 < self.silent_s <= 60.0 and 0.0 < self.late_s <= 60.0):
-            raise InputError(f"late_s {self.late_s}, silent_s {self.silent_s}: each above 0 and at most 60 s")
+            raise InputError(
+                f"late_s {self.late_s}, silent_s {self.silent_s}: each must be above 0 and at most 60 s"
+            )
 
 
 class Peer:

@@ -153,7 +153,7 @@ def assign_columns(table: Table, options: ImportOptions) -> Columns:
             if role is None:
                 valid = ", ".join([*QUANTITIES, RUN, PHASE])
                 raise InputError(
-                    f"--column: '{name}' is no quantity with its unit. Quantities: {valid}; such as force_N"
+                    f"--column: '{name}' is not a quantity with a unit. Quantities: {valid}; such as force_N"
                 )
             chosen[role.key] = (role, column)
     chosen, notes = _assign_own_names(table, options, chosen, shift)
@@ -170,7 +170,7 @@ def assign_columns(table: Table, options: ImportOptions) -> Columns:
         is_chosen = column in options.columns.values() or again not in table.names
         if not is_chosen and not cells.column(column).equals(cells.column(again)):
             raise InputError(
-                f"{table.path}: column '{column}' is there twice, with different values; choose with "
+                f"{table.path}: column '{column}' appears twice, with different values; choose with "
                 f"--column NAME={shlex.quote(column)} or NAME={shlex.quote(again)}, or rename one"
             )
     run = _special_column(table, options, RUN)
@@ -250,7 +250,7 @@ def _displacement_or_axis(units: ColumnUnits, chosen: Chosen) -> Iterator[str]:
     elif not role.unit:
         raise InputError(
             f"{table.path}: '{column}' and '{chosen[FORCE][1]}' may be those of a press or of a linear axis; "
-            f"say --column displacement={quoted} or --column position={quoted}"
+            f"use --column displacement={quoted} or --column position={quoted}"
         )
     else:
         yield (
@@ -294,9 +294,9 @@ def _orient_signs(
     if sides.zero_m and not scaled:
         result[DISPLACEMENT] = replace(result[DISPLACEMENT], zero=sides.zero_m)
         notes.append(
-            f"'{way.column}' counts from {sides.zero_m / result[DISPLACEMENT].factor:.6g} {way.unit} on, "
-            f"where the force begins; --unit displacement=1{way.unit} keeps it, `palpate add FILE "
-            "contact_offset` fits it"
+            f"the zero of '{way.column}' is set to {sides.zero_m / result[DISPLACEMENT].factor:.6g} "
+            f"{way.unit}, where the force begins; --unit displacement=1{way.unit} keeps the zero, "
+            "`palpate add FILE contact_offset` fits it"
         )
     is_named = way.column in units.options.columns.values()
     if not sides.two_sided or (is_named and not sides.never_free):
@@ -305,16 +305,16 @@ def _orient_signs(
     contact = f"--column displacement={quoted} makes a contact of it"
     pulls = sides.springy or is_named or POSITION in assigned
     if not pulls:
-        note = f"{names}, but not at the same time, as with a damper: taken for a linear axis; {contact}"
+        note = f"{names}, but not at the same time, as with a damper: read as a linear axis; {contact}"
         result = {POSITION if key == DISPLACEMENT else key: source for key, source in result.items()}
     elif sides.never_free:
         note = (
-            f"'{force.column}' settles at no displacement, so that none is free air: taken for an element "
+            f"'{force.column}' is steady at no displacement, so there is no free air: read as an element "
             "that is held at both ends, without a surface"
         )
     else:
         note = (
-            f"{names}, with the same sign at the same time: taken for an element that pulls as well as "
+            f"{names}, with the same sign at the same time: read as an element that pulls as well as "
             f"pushes, without a surface; {contact}, --column position={quoted} a linear axis"
         )
     return result, pulls, "; ".join([*notes, note])
@@ -379,7 +379,8 @@ def with_one_rate(
     if run is not None or (np.diff(times := table.numbers(time)) < 0.0).any():
         listed = ", ".join(map(repr, names))
         raise InputError(
-            f"{table.path}: no row has all of {listed}; give each run a file of its own, in order of time"
+            f"{table.path}: no row has values in all of {listed}; save each run in its own file, in "
+            "order of time"
         )
     base = next((name for name in efforts if sparse.get(name, 1.0) <= _SLOW * sparse[slowest]), slowest)
     columns, inside = table.columns, filled_by_name[base].copy()

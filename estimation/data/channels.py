@@ -90,7 +90,7 @@ def run_labels(session: Session) -> dict[str, int]:
 def _imported_channel(name: str, samples: Samples) -> ChannelData:
     kinds = [kind for kind, columns in _COLUMNS.items() if all(column in samples for column in columns)]
     if not kinds:
-        raise SessionError(f"stream '{name}' is no channel: it has columns {', '.join(samples)}")
+        raise SessionError(f"stream '{name}' is not a channel: its columns are {', '.join(samples)}")
     _check(name, samples, ("time_s", "run", "phase", *_COLUMNS[kinds[0]]))
     late = np.diff(samples["time_s"]) < FINEST_S  # as the import has it
     if (late & (np.diff(samples["run"]) == 0)).any():
@@ -157,7 +157,7 @@ def session_channels(
     if more or STREAM_NAME in session.stream_names:
         for probing in (session, *more):
             if STREAM_NAME not in probing.stream_names:
-                raise InputError(f"{probing.path}: is no probing, and cannot be joined with others")
+                raise InputError(f"{probing.path}: is not a probing session and cannot be joined with others")
             if probing.metadata.urdf != session.metadata.urdf:
                 by = f"was made by another arm than {session.path} (their URDFs differ)"
                 raise InputError(f"{probing.path}: {by}")

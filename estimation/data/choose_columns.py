@@ -178,8 +178,8 @@ def joint_shift(table: Table, columns: Mapping[str, str]) -> int:
                 for joint, joint_there in pairs
             )
             raise InputError(
-                f"{table.path}: joints of position count from {first}, those of {quantity} from {1 - first}; "
-                f"say which is whose, such as {remedy}"
+                f"{table.path}: joint numbers of position start at {first}, those of {quantity} at "
+                f"{1 - first}; give the columns of one joint the same number, such as {remedy}"
             )
     return int(any(0 in joints for numbered in (own, _numbered(columns)) for joints in numbered.values()))
 

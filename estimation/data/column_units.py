@@ -103,7 +103,7 @@ class ColumnUnits:
         note = ""
         if not unit and role.quantity == "time" and (unknown := unknown_unit(column)):
             raise InputError(
-                f"{place}: '{unknown}' is no unit of time that is known; use --unit time=s, or ms, us, min, h"
+                f"{place}: '{unknown}' is not a known unit of time; use --unit time=s, or ms, us, min, h"
             )
         if not unit and role.quantity == "time":
             unit = self._likely_unit(role, column)
@@ -124,7 +124,7 @@ class ColumnUnits:
             effort, constant, example = STANDS_FOR[dimension]
             note = (
                 f"column '{column}' is a {dimension} that stands for the {role.quantity}: "
-                f"1 {si_unit(dimension)} counts as 1 {effort}; say the {constant}, as in "
+                f"1 {si_unit(dimension)} counts as 1 {effort}; give the {constant}, as in "
                 f"--unit {role.numbered}={example}"
             )
         factor = scale * factor_to_si(unit, dimension, f"column '{column}'")
@@ -154,7 +154,7 @@ class ColumnUnits:
             if len(missing) == 1:
                 problem = f"column {columns} does not say its unit{known}; say it, as in {options}"
             else:
-                problem = f"columns {columns} do not say their units{known}; say them, as in {options}"
+                problem = f"columns {columns} do not state their units{known}; give them, as in {options}"
             raise InputError(f"{self.table.path}: {problem}")
 
     def check_force_of_angle(self, chosen: Chosen) -> None:
@@ -175,7 +175,7 @@ class ColumnUnits:
                 torque = Role("torque", joint, "", role.shift).numbered
                 raise InputError(
                     f"{self.table.path}: column '{column}' is an angle and '{force}' a force, not a torque; "
-                    f"if the force acts on a lever arm of 0.1 m, say --column {torque}={shlex.quote(force)} "
+                    f"if the force acts on a lever arm of 0.1 m, use --column {torque}={shlex.quote(force)} "
                     f"--unit {torque}={0.1 * (in_n or 1.0):g}Nm"
                 )
 

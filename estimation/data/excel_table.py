@@ -71,7 +71,7 @@ def read_excel_table(path: Path, selected: str) -> FileColumns:
             for entry in archive.infolist():  # any of them may be a sheet
                 height, width = _extent(archive.read(entry))
                 if height * width > _MOST_CELLS:
-                    raise InputError(f"{path}: a sheet of {height} rows, {width} columns; cut it into pieces")
+                    raise InputError(f"{path}: a sheet of {height} rows, {width} columns; split it")
     book = CalamineWorkbook.from_path(path)
     sheets = [book.get_sheet_by_name(name) for name in book.sheet_names[:_MOST_SHEETS]]
     loaded = [table for sheet in sheets for table in _tables(sheet)]

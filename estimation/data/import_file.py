@@ -129,24 +129,24 @@ def import_table(table: Table, options: ImportOptions = _DEFAULT) -> Imported:
             raise InputError(f"--context {column}: this column is already used. Unused columns: {listed}")
         name = _signal_name(column)
         if name in _TAKEN:
-            raise InputError(f"--context {column}: a signal of the joints is called that; rename the column")
+            raise InputError(f"--context {column}: a joint signal has this name; rename the column")
         earlier = signals.setdefault(name, column)
         if earlier != column:
             raise InputError(
-                f"--context {column}: as a signal both it and '{earlier}' are {name}; rename one"
+                f"--context {column}: this column and '{earlier}' would both be the signal {name}; rename one"
             )
     notes = [*columns.notes, *(["; ".join(rows.notes)] if rows.notes else [])]
     if any(source.kind is ChannelKind.SERVO for source in sources):
         notes.append(
-            "no column holds an effort: goal minus position stands for it, in rad, which is the torque over "
+            "no column holds an effort; goal minus position [rad] is used instead: the torque divided by "
             "the servo's position gain (model position_servo)"
         )
     step_s = sample_time(rows.time_s, rows.run)
     if TIME in columns and not _QUICKEST_S <= step_s <= SLOWEST_S:  # as a mistaken unit makes them
         time = columns.assigned[TIME]
         notes.append(
-            f"column '{time.column}': samples are {step_s:.3g} s apart; where one unit is called another, "
-            f"say the right one, such as --unit time={likely_time_unit(step_s / time.factor)}"
+            f"column '{time.column}': samples are {step_s:.3g} s apart; if this unit is wrong, give "
+            f"the right one, such as --unit time={likely_time_unit(step_s / time.factor)}"
         )
     notes += _note_specimens(columns, rows, options)
     channels = [_make_channel(source, columns, rows, notes) for source in sources]
@@ -311,7 +311,7 @@ def _remedy(columns: Columns) -> str:
     angle = next((name for name in numbers if quantity_by_name[name] == "position"), None)
     if angle is not None and free and dimension_of(unit_in_name(angle)) == "angle":
         effort = next((name for name in free if quantity_by_name[name] in EFFORTS), free[0])
-        return f"{needed}; say which is which, as in --column torque={shlex.quote(effort)} --unit torque=1Nm"
+        return f"{needed}; name the columns, as in --column torque={shlex.quote(effort)} --unit torque=1Nm"
     options = []
     if TIME not in columns:
         rising = (name for name in free if (np.diff(table.numbers(name)) > 0.0).all())
@@ -334,7 +334,7 @@ def _remedy(columns: Columns) -> str:
         free.remove(column)
         options.append(f"--column {quantity}={shlex.quote(column)}")
         options += [] if fitting else [f"--unit {quantity}={unit}"]
-    return f"{needed}; say which is which, as in {' '.join(options)}"
+    return f"{needed}; name the columns, as in {' '.join(options)}"
 
 
 def _make_channel(source: _Source, columns: Columns, rows: Rows, notes: list[str]) -> ChannelData:
@@ -349,7 +349,7 @@ def _make_channel(source: _Source, columns: Columns, rows: Rows, notes: list[str
             integral = scipy.integrate.cumulative_trapezoid(given[run], rows.time_s[run], initial=0.0)
             position[run] = integral
         notes.append(
-            f"no column holds a position: it is the integral of '{columns.name(source.position)}', from 0 in "
+            f"no column holds a position: it is integrated from '{columns.name(source.position)}', from 0 in "
             "each run; if one does, add --column position=COLUMN"
         )
     else:

@@ -56,7 +56,7 @@ def import_files(
     """
     places = [path.resolve() for path in paths]
     if twice := [path for number, path in enumerate(paths) if places[number] in places[:number]]:
-        raise InputError(f"{twice[0]}: is named twice; its runs would count as repetitions")
+        raise InputError(f"{twice[0]}: is given twice; its runs would count as repeated measurements")
     parts = []
     for number, path in enumerate(paths):
         which = f"file {number + 1} of {len(paths)}" if len(paths) > 1 else "the file"

@@ -60,7 +60,7 @@ def arrange_rows(columns: Columns, *, fresh: bool, count: int | None) -> Rows:
         labels = {number: str(number) for number in np.unique(run).tolist()}
     else:
         if count is not None:
-            raise InputError(f"--runs {count}: column '{columns.run}' says the runs already")
+            raise InputError(f"--runs {count}: column '{columns.run}' already gives the runs")
         # Number of each row's run: the file's own if they are different whole numbers, else as they appear.
         names, index = table.labels(columns.run)
         numbers = list(range(len(names)))
@@ -80,16 +80,16 @@ def arrange_rows(columns: Columns, *, fresh: bool, count: int | None) -> Rows:
     same[1:] &= np.diff(run[order]) == 0
     if 0 < np.sum(same) < _MOST_REPEATED * len(order):
         notes.append(
-            f"{np.sum(same)} of {len(order)} rows left out: the time of the row before again, the first in "
-            f"{table.row_word} {table.rows[order[np.argmax(same)]]}"
+            f"{np.sum(same)} of {len(order)} rows left out because they repeat the previous time, the "
+            f"first in {table.row_word} {table.rows[order[np.argmax(same)]]}"
         )
         order, time_s = order[~same], time_s[~same]
     counts = np.bincount(run[order]) if columns.run is None else np.array([_FEWEST])
     if counts.min() < _FEWEST <= counts.max():  # nobody named these runs, so nobody misses them
         short = counts[run[order]] < _FEWEST
         notes.append(
-            f"{np.sum(short)} of {len(order)} rows left out: a run of fewer than {_FEWEST}, the first in "
-            f"{table.row_word} {table.rows[order[np.argmax(short)]]}"
+            f"{np.sum(short)} of {len(order)} rows left out because their run has fewer than {_FEWEST}, "
+            f"the first in {table.row_word} {table.rows[order[np.argmax(short)]]}"
         )
         order, time_s = order[~short], time_s[~short]
         labels = {number: labels[number] for number in np.unique(run[order]).tolist()}
@@ -155,7 +155,7 @@ def _detect_runs(columns: Columns, time_s: FloatArray, count: int | None) -> tup
                 f"wrong, add --column {RUN}=COLUMN" + (" or --runs N" if contact else "")
             )
     if not contact and count is not None:
-        raise InputError(f"{place}: --runs {count}: there is no contact whose presses could be cut apart")
+        raise InputError(f"{place}: --runs {count}: there is no contact to be cut into presses")
     run, presses = piece, 1
     if contact and count is None:
         run, presses = cut_presses(columns.values(FORCE), columns.values(DISPLACEMENT), piece)

@@ -122,7 +122,7 @@ def cut_into(
     run = _cut_between(force, piece, tops, 1) if len(tops) else piece
     if run[-1] + 1 != count:
         presses = f"{run[-1] + 1} press{'es' if run[-1] else ''}"
-        raise InputError(f"{where}: {presses} can be told apart at most")
+        raise InputError(f"{where}: {presses} can be separated at most")
     return run
 
 

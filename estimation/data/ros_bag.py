@@ -44,7 +44,7 @@ def _messages(path: Path) -> Iterator[tuple[str, bytes]]:
                 rows = database.execute("SELECT name FROM sqlite_schema WHERE type='table'")
                 if not {"topics", "messages"} <= {name for (name,) in rows}:
                     raise InputError(
-                        f"{part}: is no recording of ROS 2: it has no tables 'topics' and 'messages'"
+                        f"{part}: is not a ROS 2 recording: it lacks the tables 'topics' and 'messages'"
                     )
                 yield from database.execute(
                     "SELECT name, data FROM messages JOIN topics ON topic_id = topics.id "
@@ -79,7 +79,7 @@ def _records(path: Path) -> Iterator[Any]:
                 data = LZ4FrameDecompressor().decompress(data, max_length=most)
             elif record.compression == "zstd":
                 if zstandard.frame_content_size(data) > most:
-                    raise InputError("a chunk holds more than it says")
+                    raise InputError("a chunk is larger than its header states")
                 data = zstandard.ZstdDecompressor().decompress(data, max_output_size=most)
             record.data, record.compression = data, ""
             yield from breakup_chunk(record)

@@ -141,7 +141,9 @@ class Table:
         ]
         longest = max(map(len, texts), default=0)
         if longest > _LONGEST_LABEL:
-            raise InputError(f"{place}: a name of {longest} characters, at most {_LONGEST_LABEL}")
+            raise InputError(
+                f"{place}: a name has {longest} characters; at most {_LONGEST_LABEL} are allowed"
+            )
         number = {text: number for number, text in enumerate(dict.fromkeys(texts))}
         of_code = np.array([number[text] for text in texts], dtype=np.int64)
         return tuple(number), of_code[coded.indices.to_numpy(zero_copy_only=False)]

@@ -14,7 +14,7 @@ from palpate.estimation.data.column_names import RUN, guess_columns, split_unit,
 from palpate.estimation.data.text_dialect import MISSING
 from palpate.robot_io.types import BoolArray, FloatArray, IntArray
 
-_FEWEST = 2  # columns that each test has of its own: one that is there twice is a mistake
+_FEWEST = 2  # columns that each test has of its own: one that appears twice is a mistake
 _NUMBER = re.compile(r"[ _.(#-]*\d+\)?\s*$")
 _OF_A_PRESS = {"time", "displacement", "force"}
 

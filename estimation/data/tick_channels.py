@@ -73,7 +73,7 @@ def checked_ticks(session: Session) -> Samples:
     if len(late):
         raise InputError(
             f"{session.path}: tick {late[0] + 2}, column 'time_s': is {-late_s[late[0]]:.3g} s before the "
-            "tick before it; what wrote this file put its messages into another order"
+            "tick before it; the program that wrote this file reordered its messages"
         )
     good = {status: ticks[status] == Status.OK for status in _BY_DEVICE}
     for status, names in _BY_DEVICE.items():

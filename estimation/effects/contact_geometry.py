@@ -43,10 +43,10 @@ class Adhesion(AdditiveEffect):
 
     name = "adhesion"
     kind = Kind.CONTACT_GEOMETRY
-    physics = "Once touched, the object pulls the tool back, and lets go only beyond the surface."
+    physics = "After the touch, the object attracts the tool until the tool is beyond the surface."
     equation = "F = -f s, s = 1 for x > 0, exp(x/reach) for x < 0 after contact, 0 before"
     source = "B. V. Derjaguin, V. M. Muller, Yu. P. Toporov, J. Colloid Interface Sci. 53 (1975)"
-    signature = "on leaving the object the force goes below that of free air before it returns"
+    signature = "when the tool leaves the object, the force falls below that of free air before it returns"
     signals = ("position", "past motion")
     channels = frozenset({ChannelKind.CONTACT})
     one_sided = False
@@ -81,7 +81,7 @@ class PlasticSet(MotionEffect):
 
     name = "plastic_set"
     kind = Kind.CONTACT_GEOMETRY
-    physics = "Part of the indentation stays: on the way out contact ends deeper than it began on the way in."
+    physics = "Part of the indentation is permanent: contact ends deeper than it began."
     equation = (
         "x_true = x - dent, v_true = x_true', dent = share max_t(x); of it, kept is left for the next run"
     )

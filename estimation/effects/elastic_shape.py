@@ -50,7 +50,7 @@ class CubicStiffness(AdditiveEffect):
 
     name = "cubic_stiffness"
     kind = Kind.ELASTIC_SHAPE
-    physics = "The spring gets stiffer (or softer) the further it is displaced."
+    physics = "The spring becomes stiffer (or softer) with displacement."
     equation = "F = k3 x^3"
     source = "G. Duffing, Erzwungene Schwingungen bei veränderlicher Eigenfrequenz (1918)"
     signature = (
@@ -83,15 +83,13 @@ class PowerLawStiffness(AdditiveEffect):
 
     name = "power_law_stiffness"
     kind = Kind.ELASTIC_SHAPE
-    physics = (
-        "The deeper the press, the more (or less) of the object carries the load: the force curve bends."
-    )
+    physics = "With depth, more (or less) of the object carries the load, so the force curve bends."
     equation = "F = k |x|^n sign(x)"
     source = (
         "H. Hertz, J. reine angew. Mathematik 92 (1882): n = 3/2; I. N. Sneddon, Int. J. Engineering Sci. 3 "
         "(1965): n by the shape of the indenter"
     )
-    signature = "effort over position is a straight line on logarithmic paper, the same at any speed"
+    signature = "effort over position is a straight line on logarithmic axes, at any speed"
     signals = ("position",)
     channels = frozenset(ChannelKind)
     gains = (Parameter("k", "{effort}/{position}^n", 0.0, 1e40, (10.0, 1e12)),)
@@ -302,7 +300,7 @@ class ExponentialStiffness(AdditiveEffect):
 
     name = "exponential_stiffness"
     kind = Kind.ELASTIC_SHAPE
-    physics = "Fibres straighten one after the other, so that stiffness grows with the force itself."
+    physics = "Fibers straighten one after the other, so stiffness grows with the force."
     equation = "F = a (exp(b |x|) - 1 - b |x|) sign(x)"
     source = "Y. C. Fung, Am. J. Physiology 213 (1967): elasticity of soft tissues in simple elongation"
     signature = "the slope of effort over position is a straight line over the effort, at any speed"

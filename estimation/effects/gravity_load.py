@@ -50,7 +50,7 @@ class RigidBodyFitted(AdditiveEffect):
 
     name = "rigid_body_fitted"
     kind = Kind.GRAVITY_LOAD
-    physics = "Inertia, Coriolis forces and weight of the links load the joint, by as much as the data say."
+    physics = "Inertia, Coriolis forces and weight of the links load the joint; their parameters are fitted."
     equation = "tau = Y(q, v, a) pi, row of the joint, pi the base parameters of the arm"
     source = (
         "C. G. Atkeson, C. H. An, J. M. Hollerbach, IJRR 5(3) (1986); M. Gautier, J. Robotic "
@@ -98,7 +98,7 @@ class GravityTilt(AdditiveEffect):
     physics = "Gravity pulls from another direction than the model assumes."
     equation = "effort = sin(t) dg(q)/dtilt + (cos(t) - 1) g(q); for a pendulum t cos(q)"
     source = "W. Khalil, E. Dombre, Modeling, Identification and Control of Robots (2002), ch. 9"
-    signature = "an error that depends on posture alone, a quarter turn out of step with gravity"
+    signature = "an error that depends only on posture, a quarter turn out of phase with gravity"
     signals = ("position", "other joints")
     channels = frozenset({ChannelKind.REVOLUTE})
     gains: ClassVar[tuple[Parameter, ...]] = (
@@ -148,7 +148,7 @@ class Payload(AdditiveEffect):
 
     name = "payload"
     kind = Kind.GRAVITY_LOAD
-    physics = "The arm carries something: its weight and inertia load every joint."
+    physics = "The arm carries a load, whose weight and inertia act on every joint."
     equation = "effort_i = m J_i^T (a_tip - g)"
     source = "W. Khalil, E. Dombre, Modeling, Identification and Control of Robots (2002), ch. 12"
     signature = "the errors of all joints match one mass at the tip, largest with the arm stretched out"
@@ -198,10 +198,10 @@ class Weight(AdditiveEffect):
 
     name = "weight"
     kind = Kind.GRAVITY_LOAD
-    physics = "The joint's axis is not upright, and what it carries has its centre off the axis."
+    physics = "The joint's axis is not vertical, and the center of mass of its load is off the axis."
     equation = "torque = g1 sin(q) + g2 cos(q)"
     source = "C. Huygens, Horologium Oscillatorium (1673)"
-    signature = "effort follows the sine of the angle, whatever the speed, and comes back with each turn"
+    signature = "effort follows the sine of the angle, at any speed, and repeats once per turn"
     signals = ("position",)
     channels = frozenset({ChannelKind.REVOLUTE, ChannelKind.SERVO})
     gains = (

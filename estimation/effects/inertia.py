@@ -71,13 +71,15 @@ class JointCoupling(AdditiveEffect):
 
     name = "joint_coupling"
     kind = Kind.INERTIA
-    physics = "The motor of this joint also turns when its neighbour moves, as in the wrists of many arms."
+    physics = (
+        "The motor of this joint also turns when the neighboring joint moves, as in the wrists of many arms."
+    )
     equation = "effort = J (a_i + r a_j) + d (v_i + r v_j) + f tanh((v_i + r v_j)/transition), j beside i"
     source = (
         "M. Gautier, A. Janot, P. O. Vandanjon, IEEE Trans. Control Systems Tech. 21 (2013): coupling of "
         "joints 5 and 6 of the TX40"
     )
-    signature = "effort while this joint rests and its neighbour moves, in any posture"
+    signature = "effort while this joint rests and the neighboring joint moves, in any posture"
     signals = ("other joints", "velocity", "direction", "acceleration")
     channels = JOINTS
     gains = (

@@ -30,7 +30,9 @@ class PreslidingFriction(AdditiveEffect):
     physics = "Asperities and cables stretch like springs before they slide, and stay stretched at rest."
     equation = "effort = f s, ds/dq = (1 - s sign(v))/presliding, s = 0 at first"
     source = "P. R. Dahl, A Solid Friction Model, Aerospace Corp. TOR-158 (1968)"
-    signature = "after a reversal effort turns over a path, not at a speed; at rest it keeps its value"
+    signature = (
+        "after a reversal, effort changes over a distance, independent of speed; at rest it keeps its value"
+    )
     signals: ClassVar[tuple[str, ...]] = ("direction", "past motion")
     channels = JOINTS
     gains: ClassVar[tuple[Parameter, ...]] = (Parameter("force", "{effort}", 0.0, 1e12, (0.001, 50.0)),)
@@ -72,13 +74,15 @@ class LoadDependentPresliding(PreslidingFriction):
 
     name = "load_dependent_presliding"
     kind = Kind.FRICTION
-    physics = "Cables over pulleys and loaded teeth rub as much as they carry, and stay stretched at rest."
+    physics = (
+        "Cables over pulleys and loaded teeth rub in proportion to their load, and stay stretched at rest."
+    )
     equation = "effort = mu |load| s, ds/dq = (1 - s sign(v))/presliding"
     source = (
         "P. R. Dahl, Aerospace Corp. TOR-158 (1968); L. Euler, Mém. Acad. Berlin 18 (1762): capstan; "
         "M. Kaneko et al., IEEE ICRA (1991): tendon drives"
     )
-    signature = "the jump at reversal grows with the load, is spread over a path, and stays at rest"
+    signature = "the jump at reversal grows with the load, extends over a distance, and persists at rest"
     signals = ("direction", "past motion", "load")
     gains = (Parameter("mu", "1", 0.0, 2.0, (0.01, 0.5)),)
     needs = ("load",)
@@ -168,7 +172,7 @@ class BoucWenHysteresis(AdditiveEffect):
 
     name = "bouc_wen_hysteresis"
     kind = Kind.FRICTION
-    physics = "Inner friction of rubber, wire rope or structure makes a spring that yields."
+    physics = "Internal friction of rubber, wire ropes or structures acts as a spring that yields."
     equation = (
         "effort = f w, dw/dx = (1 - |w|^n)/path while it grows, (1 + unloading |w|^n)/path on its return"
     )
@@ -271,10 +275,10 @@ class LoadedBacklash(MotionEffect):
 
     name = "loaded_backlash"
     kind = Kind.FRICTION
-    physics = "Within the play of a gear the load pulls the link to one flank or to the other."
+    physics = "Within the play of a gear, the load pulls the link to one side or the other."
     equation = "q_true = q - gap/2 s, s = clip(2 play(load, threshold)/threshold, -1, 1)"
     source = "M. Nordin, P.-O. Gutman, Automatica 38 (2002), sec. 2: backlash under load"
-    signature = "the resting place depends on which way the load pulled last, and not on the motion"
+    signature = "the rest position depends on the last direction of the load, not on the motion"
     signals = ("load",)
     channels = JOINTS
     inner = (

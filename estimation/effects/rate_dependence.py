@@ -61,10 +61,10 @@ class QuadraticDamping(AdditiveEffect):
 
     name = "quadratic_damping"
     kind = Kind.RATE_DEPENDENCE
-    physics = "Fluid pushed out of the way resists with the square of speed."
+    physics = "Displaced fluid resists with the square of speed."
     equation = "F = c2 v |v|"
     source = "L. Prandtl, O. Tietjens, Applied Hydro- and Aeromechanics (1934): drag at high Reynolds number"
-    signature = "the gap between in and out grows faster than in proportion to speed"
+    signature = "the difference between in and out grows faster than the speed"
     signals = ("velocity",)
     channels = frozenset({ChannelKind.CONTACT})
     gains = (Parameter("c2", "{effort} s^2/{position}^2", 0.0, 1e12, (1.0, 10000.0)),)
@@ -85,7 +85,7 @@ class QuadraticFriction(AdditiveEffect):
     physics = "Air, oil churning and motor fans resist with the square of speed."
     equation = "effort = d2 v |v|"
     source = "L. Prandtl, O. Tietjens, Applied Hydro- and Aeromechanics (1934): drag at high Reynolds number"
-    signature = "effort rises faster than in proportion to speed"
+    signature = "effort rises faster than the speed"
     signals = ("velocity",)
     channels = JOINTS
     gains = (Parameter("d2", "{effort} s^2/{position}^2", 0.0, 1e12, (0.0001, 50.0)),)

@@ -162,12 +162,10 @@ class RunOffset(RunVariation):
 
     name = "run_offset"
     kind = Kind.RUN_DIFFERENCES
-    physics = (
-        "The sensor was tared, mounted or charged again before each run, each time a little differently."
-    )
+    physics = "The sensor was tared, mounted or charged anew before each run, with small differences."
     equation = "reading = effort + b_r, b_r ~ N(0, spread^2)"
     source = "C. R. Henderson, Biometrics 31 (1975): best linear unbiased prediction in mixed models"
-    signature = "each run has a constant offset of its own"
+    signature = "each run has its own constant offset"
     signals = ("offset", "recorded")
     confused_with = {
         "bias": "record more runs: a bias is the same in all",
@@ -193,7 +191,7 @@ class RunGain(RunVariation):
     physics = "Specimens, spots or battery voltages differ: the whole effort of a run is scaled."
     equation = "reading = (1 + b_r) effort, b_r ~ N(0, spread^2)"
     source = "N. M. Laird, J. H. Ware, Biometrics 38 (1982): random-effects models for longitudinal data"
-    signature = "each run has the same shape as the others, scaled by a factor of its own"
+    signature = "each run has the same shape as the others, scaled by its own factor"
     signals = ("effort", "recorded")
     confused_with = {
         "torque_gain": "record more runs: a wrong constant is the same in all",
@@ -241,7 +239,9 @@ class RunRipple(RunVariation):
 
     name = "run_ripple"
     kind = Kind.RUN_DIFFERENCES
-    physics = "Magnets and teeth make the effort ripple, and the encoder's zero is where it was switched on."
+    physics = (
+        "Magnets and teeth cause ripple, and the encoder's zero is the position at which it was switched on."
+    )
     equation = "reading = effort + s_r sin(n q) + c_r cos(n q), s_r and c_r of each run"
     source = "J. Holtz, L. Springob, IEEE Trans. Industrial Electronics 43 (1996)"
     signature = "a wave over position with the same wavelength in all runs and a different phase in each"

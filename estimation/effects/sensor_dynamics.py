@@ -22,7 +22,7 @@ class Delay(SensorEffect):
 
     name = "delay"
     kind = Kind.SENSOR_DYNAMICS
-    physics = "Conversion, bus and buffers hold every reading back by the same time."
+    physics = "Conversion, bus and buffers delay every reading by the same time."
     equation = "reading(t) = effort(t - T)"
     source = "E. O. Doebelin, Measurement Systems (2003), ch. 3: dead time"
     signature = "readings keep their shape and lag behind the motion"
@@ -88,7 +88,7 @@ class Drift(AdditiveEffect):
 
     name = "drift"
     kind = Kind.DRIFT
-    physics = "Warming up or creep of the sensor moves its zero steadily."
+    physics = "Warm-up or creep of the sensor changes its zero steadily."
     equation = "reading = effort + d (t - t0)"
     source = "JCGM 200:2012 (VIM), 4.21: instrumental drift"
     signature = "free air and every run drift steadily with time, not with the time since contact"

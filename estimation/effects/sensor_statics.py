@@ -51,7 +51,7 @@ class TorqueGain(SensorEffect):
 
     name = "torque_gain"
     kind = Kind.SENSOR_STATICS
-    physics = "The torque constant or the gear ratio in use is not the real one."
+    physics = "The torque constant or the gear ratio in use differs from the true one."
     equation = "reading = gain effort"
     source = (
         "M. Gautier, S. Briot, J. Dyn. Sys. Meas. Control 136 (2014): global identification of drive gains"
@@ -87,7 +87,7 @@ class ForceSensorError(AdditiveEffect):
 
     name = "force_sensor_error"
     kind = Kind.SENSOR_STATICS
-    physics = "The force sensor is off; all joints carry the true force."
+    physics = "The force sensor is wrong; all joints carry the true force."
     equation = "effort = share J^T p e, e by the other joints"
     source = "J. J. Craig, Introduction to Robotics (2005), ch. 5.10: forces at the tip and torques of joints"
     signature = "in contact, the errors of all joints match one force at the tip"
@@ -180,7 +180,7 @@ class Saturation(SensorEffect):
 
     name = "saturation"
     kind = Kind.SENSOR_STATICS
-    physics = "Beyond its range the sensor shows the end of the range."
+    physics = "Beyond its range, the sensor shows the limit of the range."
     equation = "reading = clip(effort, -limit, limit)"
     source = "E. O. Doebelin, Measurement Systems (2003), ch. 2: span"
     signature = "the largest readings are cut off flat at one value"
@@ -258,7 +258,7 @@ class Hysteresis(SensorEffect):
 
     name = "hysteresis"
     kind = Kind.SENSOR_STATICS
-    physics = "Inner friction of the sensor holds its reading back at each reversal of the effort."
+    physics = "Internal friction of the sensor delays its reading at each reversal of the effort."
     equation = "reading = play(effort, width)"
     source = "M. A. Krasnoselskii, A. V. Pokrovskii, Systems with Hysteresis (1989): play operator"
     signature = "readings are low while the effort rises and high while it falls, at any speed"
@@ -341,10 +341,10 @@ class Quantisation(SensorEffect):
 
     name = "quantisation"
     kind = Kind.SENSOR_STATICS
-    physics = "The converter knows only whole steps."
+    physics = "The converter has a finite resolution."
     equation = "reading = step round((effort + noise)/step), expected"
     source = "B. Widrow, I. Kollár, Quantization Noise (2008)"
-    signature = "readings take few values, with flat treads between jumps"
+    signature = "readings take few values, and are constant between jumps"
     signals = ("effort",)
     channels = frozenset(ChannelKind)
     inner = (

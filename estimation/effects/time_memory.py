@@ -54,7 +54,7 @@ class PowerLawRelaxation(MemoryEffect):
 
     name = "power_law_relaxation"
     kind = Kind.TIME_MEMORY
-    physics = "Elastic force relaxes on all time scales alike, as in muscle, cells and gels."
+    physics = "Elastic force relaxes on all time scales equally, as in muscle, cells and gels."
     equation = "F = integral (1 - share + share ((t - s)/1 s)^-alpha) dE(s), E elastic"
     source = (
         "R. L. Bagley, P. J. Torvik, J. Rheology 27 (1983); B. Fabry et al., Phys. Rev. Lett. 87 (2001): "

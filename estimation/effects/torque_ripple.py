@@ -28,13 +28,13 @@ class TorqueRipple(AdditiveEffect):
 
     name = "torque_ripple"
     kind = Kind.PERIODIC
-    physics = "Magnets, teeth and gear errors make effort rise and fall n times a turn."
+    physics = "Magnets, teeth and gear errors make effort rise and fall n times per turn."
     equation = "effort = sum_m s_m sin(m n q) + c_m cos(m n q)"
     source = (
         "J. Holtz, L. Springob, IEEE Trans. Industrial Electronics 43 (1996); Z. Q. Zhu, D. Howe, IEEE "
         "Trans. Energy Conversion 15 (2000): cogging"
     )
-    signature = "a wave or a pattern over position, the same at any speed and in either direction"
+    signature = "effort varies periodically with position, equally at any speed and in both directions"
     signals = ("position",)
     channels = JOINTS
     gains: ClassVar[tuple[Parameter, ...]] = (

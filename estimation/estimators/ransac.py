@@ -54,7 +54,10 @@ class Ransac(Estimator):
         if self.threshold is not None and not self.threshold > 0:
             raise InputError(f"ransac: threshold {self.threshold} must be positive")
         if self.trials < 1 or self.subset < 1 or self.refinements < 0:
-            raise InputError(f"ransac: {self.trials} trials of {self.subset} samples make no sense")
+            raise InputError(
+                f"ransac: trials {self.trials} and subset {self.subset} must be at least 1, refinements "
+                f"{self.refinements} at least 0"
+            )
 
     def fit(self, regression: Regression, *, rng: np.random.Generator) -> Estimate:
         size = max(self.subset, regression.columns.shape[1])

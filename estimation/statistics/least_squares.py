@@ -165,7 +165,8 @@ def solve_subsets(
     sound = eigenvalues[:, 0] > _DEGENERATE * np.maximum(eigenvalues[:, -1], np.finfo(float).tiny)
     if not sound.any():
         raise InputError(
-            f"none of {trials} random subsets determines the parameters: the motion excites too little"
+            f"none of {trials} random subsets determines the parameters: the motion does not excite them "
+            "enough"
         )
     moment = np.einsum("tsi,ts->ti", subset, effort[picked])
     solved = np.linalg.solve(gram[sound], moment[sound][..., None])[..., 0]

@@ -98,7 +98,7 @@ def channel_of(data: ChannelData, model: str, arm: Arm, held_out: tuple[int, ...
     context, sha256 = arm.context_of(data), data_sha256(data, arm)
     if held_out:
         if model == FITTED_ARM_MODEL:  # its joints share what all runs say of their masses
-            raise InputError(f"model '{model}' judges each run by the others: leave out held_out")
+            raise InputError(f"model '{model}' predicts each run from the others: leave out held_out")
         if not len(np.setdiff1d(data.runs, held_out)):
             raise InputError(
                 f"channel '{data.name}': all runs are held out; leave at least one run to fit to"

@@ -109,7 +109,7 @@ def choose_estimators(names: str | Sequence[str]) -> list[str]:
     if not chosen:
         raise InputError(f"estimator '{names}': give names with commas between them, or {ALL}")
     if twice := {name for name in chosen if chosen.count(name) > 1}:
-        raise InputError(f"estimator '{names}': {min(twice)} is there twice")
+        raise InputError(f"estimator '{names}': {min(twice)} appears twice")
     return [ESTIMATORS[name].name for name in chosen]
 
 
@@ -122,12 +122,12 @@ def only_runs(channel: ChannelData, runs: Sequence[int], source: Source) -> Chan
         source: the measurement.
 
     Raises:
-        InputError: the channel has no such run, or a run is there twice.
+        InputError: the channel has no such run, or a run appears twice.
     """
     if not (isinstance(runs, list | tuple) and all(isinstance(run, int) for run in runs)):
         raise InputError(f"runs {runs!r}: give a list of run numbers, such as [0, 2]")
     if len(set(runs)) < len(runs):
-        raise InputError(f"runs {runs!r}: a run is there twice")
+        raise InputError(f"runs {runs!r}: a run appears twice")
     recorded = sorted(set(source.recorded(channel)))
     if missing := sorted(set(runs).difference(recorded)):
         listed = ", ".join(map(str, recorded[:20]))

@@ -96,7 +96,7 @@ def read_kept(file: Path, model: type[Kept]) -> Kept:
     """
     try:
         if not file.is_file():  # a pipe might never end
-            raise ValueError("it is no regular file")
+            raise ValueError("it is not a regular file")
         if file.stat().st_size > MOST_BYTES:
             raise ValueError(f"it has more than {MOST_BYTES // 10**6} MB")
         content = json.loads(file.read_bytes())

@@ -219,7 +219,7 @@ def _lines(path: Path) -> list[dict[str, str]]:
 def _matcher(pattern: str) -> re.Pattern[str]:
     names = _FIELD.findall(pattern)
     if not names or len(set(names)) < len(names) or not all(name.isidentifier() for name in names):
-        raise InputError(f"--pattern '{pattern}': name each field once, as in '{{specimen}}_{{day}}.csv'")
+        raise InputError(f"--pattern '{pattern}': use each field once, as in '{{specimen}}_{{day}}.csv'")
     texts = map(re.escape, _FIELD.split(pattern)[::2])
     fields = [f"(?P<{name}>[^/]+?)" for name in names]
     return re.compile("".join(text + field for text, field in zip(texts, [*fields, ""], strict=True)))
@@ -238,14 +238,14 @@ def _add_metadata(listed: Mapping[Path, dict[str, str]], table: Path) -> None:
     for number, line in enumerate(lines, 2):
         key = tuple(line[name] for name in keys)
         if key in by_key:
-            raise InputError(f"{table}: line {number}: {', '.join(key)} is there twice")
+            raise InputError(f"{table}: line {number}: {', '.join(key)} appears twice")
         by_key[key] = line
     for file, fields in listed.items():
         own = [(name,) for name in (str(file), file.name, file.stem)]
         places = own if keys == [FILE] else [tuple(fields.get(name, "") for name in keys)]
         described = [by_key[place] for place in places if place in by_key]
         if not described:
-            raise InputError(f"{table}: says nothing of {file}")
+            raise InputError(f"{table}: has no row for {file}")
         fields |= {name: cell for name, cell in described[0].items() if name != FILE}
 
 

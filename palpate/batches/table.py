@@ -146,7 +146,9 @@ def read_table(path: Path) -> pa.Table:
     except (OSError, pa.ArrowException) as error:
         raise InputError(f"table {file}: cannot be read ({one_line(error)})") from error
     if not {"measurement", "channel"} <= set(table.column_names):
-        raise InputError(f"table {file}: lacks the columns measurement and channel; make it by palpate batch")
+        raise InputError(
+            f"table {file}: lacks the columns measurement and channel; make it with palpate batch"
+        )
     for name in table.column_names:
         if table.column_names.count(name) > 1:
             raise InputError(f"table {file}: has the column '{one_line(name)[:60]}' twice")

@@ -64,7 +64,8 @@ def batch_command(
     pool: Annotated[
         bool,
         typer.Option(
-            "--pool", help="Also combine the evidence of all measurements, for effects too small for one."
+            "--pool",
+            help="Combine the evidence of all measurements, to detect effects too small for one of them.",
         ),
     ] = False,
     add: Annotated[
@@ -90,10 +91,10 @@ def batch_command(
     ] = None,
     split: Annotated[
         str | None,
-        typer.Option(help="Each text in this column of the files is a measurement.", metavar="COLUMN"),
+        typer.Option(help="Rows with the same text in this column are one measurement.", metavar="COLUMN"),
     ] = None,
     group: Annotated[
-        str | None, typer.Option(help="Field by which measurements are compared.", metavar="FIELD")
+        str | None, typer.Option(help="Field whose groups of measurements are compared.", metavar="FIELD")
     ] = None,
     share: Annotated[
         list[str] | None,
@@ -110,11 +111,11 @@ def batch_command(
     ] = False,
     as_json: JsonOption = False,
 ) -> None:
-    """Estimate and compare many measurements, with --diagnose also say what is missing; one table, one page.
+    """Estimate and compare many measurements, with --diagnose find missing effects; write a table and a page.
 
-    Each file is a measurement; --join makes one of several files, --split several of one. A file that cannot
-    be read is a row with its reason; exit code 2 if no file can be read. After an interruption, the same
-    command continues.
+    Each file is a measurement; --join combines several files into one, --split divides a file into several. A
+    file that cannot be read becomes a row with the reason; exit code 2 if no file can be read. After an
+    interruption, the same command continues.
 
     palpate batch recordings --out result
 

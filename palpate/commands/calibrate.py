@@ -69,7 +69,7 @@ def force(
     *,
     column: Annotated[
         list[str] | None,
-        typer.Option(help="Name of the column with reading, reference or settled.", metavar="ROLE=COLUMN"),
+        typer.Option(help="Column of reading, reference or settled.", metavar="ROLE=COLUMN"),
     ] = None,
     reading_unit: Annotated[
         str | None, typer.Option(help="Unit of the readings, if the column's name does not end with it.")
@@ -86,15 +86,15 @@ def force(
     reference_percent: Annotated[
         float,
         typer.Option(
-            help="Standard uncertainty of all references together.", metavar="PERCENT", min=0, max=50
+            help="Standard uncertainty that all references share.", metavar="PERCENT", min=0, max=50
         ),
     ] = 0.0,
 ) -> None:
-    """Force sensor: scale, zero and curvature, from known weights or somebody's data; hysteresis is reported.
+    """Calibrate scale, zero and curvature of the force sensor, from weights or a file; report hysteresis.
 
-    On the robot: without power, the sensor's axis upright, you put on weight after weight, up and down.
+    On the robot: without power and with the sensor's axis upright, you put on and remove known weights.
 
-    From a file (CSV, Parquet, NPZ): one row a sample, with columns for the reading and for the reference.
+    From a file (CSV, Parquet, NPZ): one row per sample, with columns for the reading and for the reference.
     """
 
     def record(job: runs.CalibrationJob) -> None:
@@ -139,7 +139,8 @@ def encoder(
     pose: Annotated[
         str | None,
         typer.Option(
-            help="The arm is held here: 'home', or one angle per joint. Nothing moves.", metavar="RAD,..."
+            help="Pose in which the arm is held: 'home', or one angle per joint; nothing moves.",
+            metavar="RAD,...",
         ),
     ] = None,
     lower_stops: Annotated[
@@ -152,7 +153,7 @@ def encoder(
         float, typer.Option(help="Standard uncertainty of stops or pose.", metavar="MRAD", min=0, max=100)
     ] = 1.0,
 ) -> None:
-    """Encoders: the joints' zeros, against hard stops (slowly, with little torque) or in a known pose."""
+    """Calibrate the zeros of the encoders, against hard stops (slowly, at low torque) or in a known pose."""
     robot_file, stops_stated = options.robot_file, lower_stops is not None or upper_stops is not None
     if pose is not None and stops_stated:
         raise InputError("--pose: the arm does not move to its stops; leave out --lower-stops, --upper-stops")
@@ -181,9 +182,9 @@ def encoder(
 @group.command()
 @takes(MotionOptions)
 def torque(options: MotionOptions) -> None:
-    """Drives: gains and offsets of their torques, from a motion in free air against the arm's weight.
+    """Calibrate gains and offsets of the drives' torques, from a motion in free air under the arm's weight.
 
-    Friction is found beside them and reported; it is not compensated. The URDF's masses are taken as exact.
+    Friction is estimated and reported, but not compensated. The URDF's masses are assumed to be exact.
     """
     _move_in_free_air("torque", options, fits.torque_calibration)
 
@@ -191,9 +192,10 @@ def torque(options: MotionOptions) -> None:
 @group.command()
 @takes(MotionOptions)
 def gravity(options: MotionOptions) -> None:
-    """Base: how it is tilted, from slow motions through many postures, there and back.
+    """Calibrate the tilt of the base, from slow motions through many postures and back.
 
-    An arm that moves in one plane feels the tilt in that plane alone. The URDF's masses are taken as exact.
+    An arm that moves in one plane shows only the tilt in that plane. The URDF's masses are assumed to be
+    exact.
     """
     _move_in_free_air("gravity", options, fits.gravity_calibration)
 

@@ -179,7 +179,8 @@ def compare_command(
     other: Annotated[
         Path | None,
         typer.Argument(
-            help="Second measurement: a simulated twin, the same after a change, another specimen."
+            help="Second measurement, such as a simulated twin, a repetition after a change, or another "
+            "specimen."
         ),
     ] = None,
     model: ModelOption = None,
@@ -210,7 +211,7 @@ def compare_command(
     """Compare a model with the measurement: how far off it is, and where it fails most.
 
     Compares the base model; use --revision N for a later one. All errors are on runs that were not used for
-    the fit; the noise level is the error of a complete model.
+    the fit; the noise level is the error that a complete model would leave.
 
     With OTHER, compares two measurements: how well each model describes the other measurement (fit in %), how
     parameters differ, and the residuals of each model.

@@ -47,7 +47,7 @@ def demo_command(
     seed: Annotated[
         int | None,
         typer.Option(
-            help="Seed of all simulated noise, and of what is hidden; default: another each time.",
+            help="Seed of simulated noise and hidden effects; default: random.",
             min=0,
             max=MOST_SEED,
         ),
@@ -55,10 +55,9 @@ def demo_command(
     out: Annotated[Path | None, typer.Option("--out", "-o", help="Session file to write.")] = None,
     as_json: Annotated[bool, typer.Option("--json", help="Print the outcome as JSON.")] = False,
 ) -> None:
-    """Probe a simulated object, estimate its stiffness; then find a hidden effect in another one.
+    """Probe a simulated object and estimate its stiffness, then find a hidden effect in another object.
 
-    Writes two session files, and beside each a folder with recordings, plots and a report. Takes less than a
-    minute.
+    Writes two session files, each with a folder of recordings, plots and a report. Takes less than a minute.
     """
     world = load_scenario(scenario)
     if engine is not None:

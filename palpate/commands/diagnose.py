@@ -42,7 +42,7 @@ def diagnose_command(
         str | None, typer.Option(help=f"Only this channel, such as joint_2; default: {ALL_CHANNELS}.")
     ] = None,
     apply: Annotated[
-        bool, typer.Option("--apply", help="Add what is missing, and keep each step as a revision.")
+        bool, typer.Option("--apply", help="Add the missing effects, and keep each step as a revision.")
     ] = False,
     exit_code: Annotated[
         bool,
@@ -57,11 +57,11 @@ def diagnose_command(
     ] = None,
     force: ForceOption = False,
 ) -> None:
-    """Say whether a model lacks a physical effect, which one, and how certain that is.
+    """Diagnose whether a model lacks a physical effect, which one, and how certain that is.
 
-    Verdicts: adequate, missing, unexplained (structure that no known effect explains), or insufficient (this
-    data cannot say). All errors are on runs that were not used for the fit. Overwrites earlier results in the
-    session's folder.
+    Verdicts: adequate, missing, unexplained (structure that no known effect explains), or insufficient (the
+    data do not allow a verdict). All errors are on runs that were not used for the fit. Overwrites earlier
+    results in the session's folder.
     """
     from palpate.render.progress import diagnosis_progress  # noqa: PLC0415, loads what moves an arm
 
@@ -192,7 +192,7 @@ def estimate_command(
 ) -> None:
     """Estimate the parameters of a model with 95 % intervals, by least squares, a robust method and RANSAC.
 
-    Takes a session or a data file. Where the session was simulated, the truth and the errors are shown too.
+    Reads a session or a data file. For a simulated session, the true values and the errors are shown too.
     """
     if every and estimator is not None:
         raise InputError(f"--all and --estimator {estimator}: give one of them")

@@ -30,17 +30,15 @@ def doctor_command(  # noqa: PLR0917, one parameter an option
     robot: Annotated[
         str | None,
         typer.Option(
-            help="Examine this arm, before it gets power: a robot file.",
+            help="Robot file of the arm to examine, before it gets power.",
             metavar="FILE",
             autocompletion=robot_names,
         ),
     ] = None,
-    wire: Annotated[
-        bool, typer.Option("--wire", help="Emulate its devices: no hardware is touched.")
-    ] = False,
+    wire: Annotated[bool, typer.Option("--wire", help="Emulate its devices, without any hardware.")] = False,
     as_built: Annotated[
         str | None,
-        typer.Option(help="With --wire: the devices are as this robot file says.", metavar="FILE"),
+        typer.Option(help="With --wire: emulate the devices that this robot file describes.", metavar="FILE"),
     ] = None,
     move: Annotated[
         bool,
@@ -50,14 +48,14 @@ def doctor_command(  # noqa: PLR0917, one parameter an option
         ),
     ] = False,
     drivers: Annotated[
-        list[str] | None, typer.Option(help="Python package with drivers of your own.", metavar="PACKAGE")
+        list[str] | None, typer.Option(help="Python package with your own drivers.", metavar="PACKAGE")
     ] = None,
     yes: Annotated[
         bool, typer.Option("--yes", help="With --wire: do not ask before the arm gets power.")
     ] = False,
     as_json: Annotated[bool, typer.Option("--json", help="Print the findings as JSON.")] = False,
 ) -> None:
-    """Examine this machine; or with --robot an arm: limits, ports, devices, rates, and signs with --move.
+    """Examine this machine, or with --robot an arm: limits, ports, devices, rates, and signs with --move.
 
     The exit code is 0 if no check fails, else 1. The arm gets no power without --move and a confirmation.
     """
@@ -79,7 +77,7 @@ def doctor_command(  # noqa: PLR0917, one parameter an option
             _refuse({"--yes": yes}, "a real arm gets power only if somebody at the arm confirms")
         if move and not yes and not _has_terminal():
             remedy = "add --yes: its devices are emulated" if wire else "run it in a terminal at the arm"
-            raise InputError(f"--move needs somebody to confirm; {remedy}")
+            raise InputError(f"--move needs a person to confirm; {remedy}")
         check = ArmCheck(
             find_robot(robot),
             wired=wire,

@@ -21,13 +21,14 @@ def effects_command(
     name: Annotated[
         str | None,
         typer.Argument(
-            help="Effect to show in full, with a drawing.", metavar="[NAME]", autocompletion=effect_names
+            help="Effect to show in detail, with a drawing.", metavar="[NAME]", autocompletion=effect_names
         ),
     ] = None,
     on: Annotated[
         Path | None,
         typer.Option(
-            help="Session or data file on whose motion it is drawn, beside the fitted model.", metavar="FILE"
+            help="Session or data file; the effect is drawn on its motion, beside the fitted model.",
+            metavar="FILE",
         ),
     ] = None,
     as_json: JsonOption = False,

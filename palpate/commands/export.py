@@ -90,7 +90,7 @@ def export_command(
     ] = None,
     layout: Annotated[
         Program | None,
-        typer.Option(help="Write a layout file that shows the session in this program."),
+        typer.Option(help="Write a layout file for viewing the session in this program."),
     ] = None,
     folder: FolderOption = None,
     out: Annotated[
@@ -105,15 +105,15 @@ def export_command(
     force: Annotated[bool, typer.Option("--force", help="Replace a file that already exists.")] = False,
     as_json: JsonOption = False,
 ) -> None:
-    """Write the fitted models of object and joints as a scenario, so that they can be probed in simulation.
+    """Write the fitted models of object and joints as a scenario that can be probed in simulation.
 
-    What the simulator cannot represent is reported and left out.
+    Effects that the simulator cannot represent are reported and left out.
 
     With --format feedforward, writes gravity, inertia and friction of each joint as a table, and as a Python
     and a C function of the desired motion.
 
     With --format mjcf or urdf, writes friction, rotor, spring, gravity and payload of the joints into a copy
-    of the file of --patch; with isaaclab or bam, into a file of actuators.
+    of the file of --patch; with isaaclab or bam, into a file of actuator parameters.
 
     With --stream, writes recorded data as CSV or Parquet: a stream of a session, its events, or a channel in
     the form that palpate import reads.
@@ -288,7 +288,7 @@ def report_command(
     ] = False,
     as_json: JsonOption = False,
 ) -> None:
-    """Write measurement, models and diagnosis as one page that needs no network.
+    """Write measurement, models and diagnosis as one self-contained HTML page.
 
     palpate report press.csv -o press.html
     """

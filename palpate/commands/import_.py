@@ -50,7 +50,7 @@ def import_command(
     look: Annotated[bool, typer.Option("--look", help="Show what would be read; store nothing.")] = False,
     as_json: Annotated[bool, typer.Option("--json", help="Print the outcome as JSON.")] = False,
 ) -> None:
-    """Make a session from files of measurements as a laboratory writes them; one row a sample, named columns.
+    """Convert measurement files to a session; a table has one row per sample and named columns.
 
     A contact needs time, displacement (positive into the object) and force (positive in compression); a joint
     needs time, position and torque. Common column names and units are recognized and reported.
@@ -115,7 +115,7 @@ def _print_preview(
     named: Sequence[Path], files: Sequence[Path], options: ReadOptions, out: Path | None, *, as_json: bool
 ) -> None:
     if out is not None:
-        raise InputError("--look only shows, and stores nothing: leave out --out")
+        raise InputError("--look stores nothing: leave out --out")
     if as_json:
         console.print_json({"files": [look_as_data(file, options.options) for file in files]})
         return

@@ -22,26 +22,25 @@ def inspect_command(  # noqa: PLR0917, one parameter an option
     session: Annotated[Path, typer.Argument(help="Session file (.mcap).")],
     other: Annotated[
         Path | None,
-        typer.Argument(help="The other side's session (palpate teleop): both on one time line."),
+        typer.Argument(help="Session of the other side (palpate teleop), shown on the same time line."),
     ] = None,
     save: Annotated[
-        Path | None, typer.Option(help="Write the recording here, and open no window.", metavar="FILE.rrd")
+        Path | None,
+        typer.Option(help="Write the recording here instead of opening a window.", metavar="FILE.rrd"),
     ] = None,
     screenshot: Annotated[
         Path | None,
-        typer.Option(help="Save a picture while force is held.", metavar="FILE.png"),
+        typer.Option(help="Save a picture of the hold phase.", metavar="FILE.png"),
     ] = None,
-    plots: Annotated[
-        Path | None, typer.Option(help="Save a page of plots in this folder.", metavar="FOLDER")
-    ] = None,
+    plots: Annotated[Path | None, typer.Option(help="Save plots in this folder.", metavar="FOLDER")] = None,
     force: Annotated[bool, typer.Option("--force", help="Replace files that already exist.")] = False,
 ) -> None:
-    """See a session in Rerun: arm, object, forces, torques, phases, estimates and events over time.
+    """Show a session in Rerun: arm, object, forces, torques, phases, estimates and events over time.
 
-    Two sessions, of a leader and its follower (palpate teleop), are shown on one time line.
+    The sessions of a leader and its follower (palpate teleop) are shown on one time line.
 
-    Without a display the recording is written to a file that Rerun opens on any machine: --save, or a file in
-    the session's folder, which is overwritten.
+    Without a display, the recording is written to the file of --save, or to a file in the session's folder,
+    which is overwritten. Rerun opens this file on any machine.
     """
     opened, merged = open_session(session), None
     if other is not None:
@@ -49,7 +48,7 @@ def inspect_command(  # noqa: PLR0917, one parameter an option
 
         merged = merge_sessions(opened, open_session(other))
     elif LINK in opened.stream_names and TICK not in opened.stream_names:
-        raise InputError(f"{session}: is a leader's session: give that of its follower as well")
+        raise InputError(f"{session}: is a leader's session: give its follower's session as well")
     for output in (save, screenshot):
         if output is not None:
             output_file(output, force=force, keep=[session, *filter(None, [other])])
@@ -77,7 +76,7 @@ def inspect_command(  # noqa: PLR0917, one parameter an option
         out.print(f"picture: [bold]{shown(screenshot)}[/bold]", soft_wrap=True)
     elif save is None and plots is None and console.has_display():
         open_window(recording)
-        out.print("opened in a window of its own")
+        out.print("opened in a separate window")
     else:
         console.next_steps(
             (f"rerun {typed(recording)}", "open it (on any machine with rerun-sdk of the same version)")

@@ -50,17 +50,17 @@ def probe_command(
         str | None, typer.Option(help="Approach speeds, such as 150,90,60.", metavar="MM/S,...")
     ] = None,
     force_limit_n: Annotated[float | None, typer.Option(help="Load up to this force.", metavar="N")] = None,
-    hold_s: Annotated[float | None, typer.Option(help="How long to hold the force.", metavar="S")] = None,
-    repeats: Annotated[int | None, typer.Option(help="How often all speeds are run.")] = None,
+    hold_s: Annotated[float | None, typer.Option(help="Duration of the hold.", metavar="S")] = None,
+    repeats: Annotated[int | None, typer.Option(help="Number of repetitions of all speeds.")] = None,
     out: Annotated[Path | None, typer.Option("--out", "-o", help="Session file to write.")] = None,
     online: Annotated[
-        str, typer.Option(help=f"Estimator to run while probing: {', '.join(online_estimators())}, or none.")
+        str, typer.Option(help=f"Estimator to run while probing:  {', '.join(online_estimators())}, or none.")
     ] = "rls",
     yes: YesOption = False,
 ) -> None:
     """Probe an object: approach at several speeds, touch, load to a force, hold, retract.
 
-    Without a robot file of your own this runs in simulation. The session file holds every tick.
+    Without a robot file, this runs in simulation. The session file holds every tick.
 
     A real arm gets power only after a confirmation (or --yes) and a countdown.
     """
@@ -155,7 +155,7 @@ def replay_command(
 ) -> None:
     """Repeat the joint motion of a session: in a simulated world, or with a real arm.
 
-    The simulated world is --scenario; default: the session's own, without its hidden effects.
+    The simulated world is that of --scenario; default: that of the session, without its hidden effects.
     A real arm gets power only after a confirmation (or --yes) and a countdown. Its guard stops it at its
     limits; the force is not controlled.
 
@@ -218,8 +218,8 @@ def resolve_command(
 ) -> None:
     """Probe, diagnose and run the most informative experiment, until one explanation is left.
 
-    Each further experiment is the feasible plan whose data are expected to tell the explanations apart best.
-    Decisions are printed and logged beside the sessions. Every command takes the folder as one measurement.
+    Each further experiment is the feasible plan that is expected to separate the explanations best. Decisions
+    are printed and logged beside the sessions. Every command reads the folder as one measurement.
     A real arm gets power only after a confirmation of each probe (or --yes). Ctrl-C keeps what was recorded.
 
     Examples:

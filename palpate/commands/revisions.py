@@ -96,14 +96,14 @@ def remove_command(
     data: DataArguments,
     *,
     effect_name: Annotated[
-        str, typer.Argument(help="Effect to take out.", metavar="EFFECT", autocompletion=effect_names)
+        str, typer.Argument(help="Effect to remove.", metavar="EFFECT", autocompletion=effect_names)
     ],
     model: ModelOption = None,
     channel: Annotated[str | None, typer.Option(help="Channel of the effect, such as joint_2.")] = None,
     folder: FolderOption = None,
     as_json: JsonOption = False,
 ) -> None:
-    """Refit the newest model without one of the effects that were added, and keep that as a revision.
+    """Refit the newest model without one of its added effects, and keep the result as a revision.
 
     palpate remove press.csv bias
     """
@@ -120,7 +120,7 @@ def remove_command(
 
 @takes_data
 def revisions_command(data: DataArguments, as_json: JsonOption = False, folder: FolderOption = None) -> None:
-    """List the revisions of a measurement's models, each with what was added and its held-out error.
+    """List the revisions of a measurement's models, with their effects and held-out errors.
 
     Accepts the options of the other commands for reading a data file; they change nothing here.
     """

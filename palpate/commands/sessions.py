@@ -35,7 +35,7 @@ def info_command(
     session: Annotated[Path, typer.Argument(help="Session file (.mcap).")],
     as_json: Annotated[bool, typer.Option("--json", help="Print everything as JSON.")] = False,
 ) -> None:
-    """Show what a session holds: when and how it was made, streams, events, and whether it is complete."""
+    """Show the content of a session: time and origin, streams, events, and whether it is complete."""
     opened = open_session(session)
     data = describe_session(opened)
     if as_json:
@@ -153,7 +153,7 @@ def merge_command(
         raise InputError(f"{sessions[0]}: is one session; name two or more")
     places = [existing_file(path, "session").resolve() for path in sessions]
     if twice := [str(path) for n, path in enumerate(sessions) if places[n] in places[:n]]:
-        raise InputError(f"{twice[0]}: is named twice; its runs would count as repetitions")
+        raise InputError(f"{twice[0]}: is given twice; its runs would count as repeated measurements")
     file = output_session(out, keep=sessions)
     opened = [open_session(path) for path in sessions]
     streams = merged_streams(opened)
@@ -204,7 +204,7 @@ def merged_streams(sessions: Sequence[Session]) -> list[Merged]:
             with_arm, without = ("", " not") if first.metadata.urdf else (" not", "")
             raise InputError(
                 f"{session.path}: was{without} made by an arm, and {first.path} was{with_arm}; "
-                "merge like with like"
+                "merge only sessions of the same kind"
             )
         if set(session.stream_names) != set(first.stream_names):
             names = [", ".join(each.stream_names) or "none" for each in (session, first)]

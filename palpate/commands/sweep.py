@@ -152,9 +152,9 @@ def _print_plan(
         return
     out = console.stdout()
     each = ", ".join(f"{name} {cost:.2f} s" for name, cost in known.items())
-    out.print(f"{count(total, 'case')}, {done} done; measured cost of a case: {each}")
+    out.print(f"{count(total, 'case')}, {done} done; measured time per case: {each}")
     out.print(
-        f"left: {duration(left_s)} of processor time, {duration(left_s / processes)} on "
+        f"remaining: {duration(left_s)} of processor time, {duration(left_s / processes)} on "
         f"{count(processes, 'worker')}"
     )
 

@@ -36,18 +36,20 @@ MILLI, PERCENT = 1e-3, 0.01
 PLAN = ProbingPlan(hold_s=0.4, approach_clearance_m=0.08)
 
 group = command_group(
-    """Work on a virtual object that learns to feel like the real one.
+    """Teleoperate through a virtual object whose model is estimated from the real one.
 
 The operator moves a virtual arm, feels a virtual object and chooses places to probe (leader). Only these
-places travel. Another arm probes them by itself (follower) and sends back what the object is like; the
-virtual object changes to match.
+places are sent. Another arm probes them by itself (follower) and sends back a model of the object; the
+virtual object is updated with this model.
 
 [bold]palpate teleop demo --out DIR[/bold] runs both on this machine, without a device or an arm."""
 )
 
 
-NameOption = Annotated[str, typer.Option("--name", help="Name of the pair; the same on both sides.")]
-PortOption = Annotated[int, typer.Option("--port", help="On this machine's loopback, without --link.")]
+NameOption = Annotated[
+    str, typer.Option("--name", help="Name of the pair of leader and follower; the same on both sides.")
+]
+PortOption = Annotated[int, typer.Option("--port", help="Port on this machine's loopback, without --link.")]
 LinkOption = Annotated[
     Path | None,
     typer.Option(
@@ -58,7 +60,7 @@ KeyOption = Annotated[
     Path | None,
     typer.Option(
         "--key",
-        help="Secret of the pair, the same file on both sides; all other messages are ignored.",
+        help="Secret key file, the same on both sides; messages made with another key are refused.",
         metavar="FILE",
     ),
 ]
@@ -90,10 +92,10 @@ def follower(
     out: Annotated[Path | None, typer.Option("--out", "-o", help="Session file to write.")] = None,
     yes: YesOption = False,
 ) -> None:
-    """Probe the places that a leader chooses, and send back what the object there is like.
+    """Probe the places that a leader chooses, and send back a model of the object there.
 
-    The arm holds still until a leader is heard and while it is silent. How fast and how hard it probes is in
-    this side's own plan; its guard is in charge, whatever comes over the line. A real arm gets power only
+    The arm holds still until messages of a leader arrive, and while they are missing. The follower's own plan
+    sets speed and force, and its guard stops the arm whatever the messages say. A real arm gets power only
     after a confirmation (or --yes) and a countdown.
 
       palpate teleop follower --scenario stiff -o follower.mcap
@@ -178,7 +180,7 @@ def leader(  # noqa: PLR0917, one parameter an option
     jump_n: Annotated[
         float,
         typer.Option(
-            help=("Largest change of force in a millisecond when the model is updated."), metavar="N"
+            help=("Largest change of force per millisecond when the model is updated [N]."), metavar="N"
         ),
     ] = 0.05,
     name: NameOption = "arm",
@@ -192,9 +194,9 @@ def leader(  # noqa: PLR0917, one parameter an option
 ) -> None:
     """Move a virtual arm, feel a virtual object, and choose places for the follower to probe.
 
-    The device's button chooses the place below the tip; pressed again there, it cancels that target. Every
-    estimate that comes back changes the object that is felt, and says how far it can be trusted. An arm as
-    device (leader_arm) gets power only after a confirmation (or --yes) and a countdown.
+    The device's button chooses the place below the tip; pressed there again, it cancels that target. Every
+    estimate that arrives updates the virtual object, and states its uncertainty. An arm used as device
+    (leader_arm) gets power only after a confirmation (or --yes) and a countdown.
 
       palpate teleop leader --operator gamepad -o leader.mcap
       palpate teleop leader --operator touch.yaml --link router.json5
@@ -254,17 +256,19 @@ def demo(
     scenario: Annotated[
         str,
         typer.Option(
-            help=f"The real object: a scenario file, or one of {', '.join(shipped_scenarios())}.",
+            help="Simulated object of the follower: a scenario file, or one of "
+            f"{', '.join(shipped_scenarios())}.",
             autocompletion=scenario_names,
         ),
     ] = "stiff",
     bad_network: BadNetworkOption = None,
     as_json: Annotated[bool, typer.Option("--json", help="Print the outcome as JSON.")] = False,
 ) -> None:
-    """Both sides as two processes on this machine, with an operator by script; ends within a minute.
+    """Run both sides as two processes on this machine, with a scripted operator; takes less than a minute.
 
-    The operator chooses two places and presses on a virtual object that begins as a guess. The last line says
-    how far what was felt is from what is really there; where the machine was too slow, one more says so.
+    The operator chooses two places and presses on a virtual object that starts as a guess. The last line
+    states the difference between the felt and the real force; another line follows if the machine was too
+    slow.
 
       palpate teleop demo --out teleop-demo
       palpate teleop demo --out far --scenario hunt_crossley --bad-network 500,20,10

@@ -27,7 +27,8 @@ def trend_command(
     date: Annotated[
         str | None,
         typer.Option(
-            help="Field with dates (ISO 8601) or numbers; default: date, day, night or time, else the order.",
+            help="Field with dates (ISO 8601) or numbers; default: date, day, night or time, otherwise "
+            "the order.",
             metavar="FIELD",
         ),
     ] = None,
@@ -37,7 +38,7 @@ def trend_command(
     ] = None,
     out: Annotated[
         Path | None,
-        typer.Option("--out", "-o", help=("First judge the recordings and write the results here.")),
+        typer.Option("--out", "-o", help=("First process the recordings and write the results here.")),
     ] = None,
     model: Annotated[
         str | None, typer.Option(help="Base model of recordings.", autocompletion=model_names)
@@ -54,10 +55,10 @@ def trend_command(
     ] = False,
     as_json: JsonOption = False,
 ) -> None:
-    """Say which parameters step or drift by more than their scatter, when, and by how much.
+    """Find parameters that step or drift by more than their scatter, and report when and by how much.
 
-    Tests each parameter, the error over noise, and each kind's share of the error, in each group. The chance
-    of a change in a whole table in which nothing changes is 1 %. Writes trend.html beside the table.
+    Tests each parameter, the error over noise, and each kind's share of the error, in each group. If nothing
+    changes, the probability of a false alarm in a whole table is 1 %. Writes trend.html beside the table.
 
     palpate batch logs --pattern '{arm}_{date}.csv' --group arm --out nightly
 
@@ -66,7 +67,7 @@ def trend_command(
     palpate trend logs --out nightly --pattern '{date}.csv' --follow
     """
     if out is None and (given := [name for name, value in (("model", model), ("pattern", pattern)) if value]):
-        raise InputError(f"--{given[0]}: is for recordings, with --out FOLDER")
+        raise InputError(f"--{given[0]}: applies to recordings, together with --out FOLDER")
     seen: object = None
     while True:
         state = _state(data)

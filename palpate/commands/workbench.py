@@ -28,7 +28,7 @@ def workbench_command(
     *,
     model: ModelOption = None,
     port: Annotated[
-        int, typer.Option(min=0, max=65535, help="Port on this machine; 0 takes any free one.")
+        int, typer.Option(min=0, max=65535, help="Port on this machine; 0 selects a free port.")
     ] = 8090,
     no_browser: Annotated[bool, typer.Option("--no-browser", help="Only print the address.")] = False,
     foxglove: Annotated[
@@ -38,13 +38,13 @@ def workbench_command(
         ),
     ] = None,
     riddle: Annotated[
-        bool, typer.Option("--riddle", help="Hide an effect in the simulated object, for you to find.")
+        bool, typer.Option("--riddle", help="Hide an effect in a simulated object that you then diagnose.")
     ] = False,
 ) -> None:
-    """Serve a page on this machine: tick an effect, and see error, curves and parameters change at once.
+    """Serve a local page on which you tick effects and see how error, curves and parameters change.
 
-    FILE may also be a folder of sessions. Without FILE, drop a file onto the page, or probe there. Nothing
-    leaves this machine. Ctrl-C ends it.
+    FILE may also be a folder of sessions. Without FILE, drop a file onto the page, or probe there. No data
+    leave this machine. Ctrl-C ends the server.
 
     Examples: palpate workbench press.csv; palpate workbench sessions --no-browser; palpate workbench --riddle
     """

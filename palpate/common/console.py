@@ -24,7 +24,7 @@ from palpate.common.failures import JsonOutput
 from palpate.estimation.channel import ChannelKind
 
 _UNBOUNDED = 10_000  # columns: wider than any table
-# Columns when the output is no terminal and COLUMNS does not say how many: in 80, tables are squeezed.
+# Columns when the output is not a terminal and COLUMNS does not say how many: in 80, tables are squeezed.
 PIPE_WIDTH = 120
 
 

@@ -155,7 +155,7 @@ def different_files(*paths: Path | None) -> None:
     places = [os.path.realpath(path) for path in named]  # unlike Path.resolve, it accepts circular links
     for number, path in enumerate(named):
         if places[number] in places[:number]:
-            raise InputError(f"output {path}: is named twice; give each output a name of its own")
+            raise InputError(f"output {path}: is given twice; give each output its own name")
 
 
 @contextmanager

@@ -14,7 +14,8 @@ from typing import Annotated, Any, get_type_hints
 import typer
 
 WorkersOption = Annotated[
-    int | None, typer.Option(help="Processes on this machine; by default one a core.", min=1, max=1000)
+    int | None,
+    typer.Option(help="Number of processes on this machine; default: one per core.", min=1, max=1000),
 ]
 SchedulerOption = Annotated[
     str | None, typer.Option(help="Run on the workers of this dask scheduler.", metavar="ADDRESS")

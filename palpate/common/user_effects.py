@@ -121,7 +121,7 @@ def load_user_effect(text: str) -> Effect:
     path = existing_file(Path(file), "effect file")
     spec = importlib.util.spec_from_file_location(f"palpate_user_effect_{path.stem}", path)
     if spec is None or spec.loader is None:
-        raise InputError(f"effect file {path}: is no Python file (.py)")
+        raise InputError(f"effect file {path}: is not a Python file (.py)")
     module = importlib.util.module_from_spec(spec)
     sys.modules[spec.name] = module  # dataclasses look their module up
     with foreign_code(f"effect file {path}", LIMIT_S, str(path.absolute())):

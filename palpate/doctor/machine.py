@@ -70,7 +70,9 @@ def packages() -> Iterator[Finding]:
     if missing:
         yield fail("packages", f"not installed: {', '.join(missing)}", "make clean env")
     if untested:
-        yield warn("packages", f"other versions than tested: {', '.join(untested)}", "make clean env")
+        yield warn(
+            "packages", f"versions other than the tested ones: {', '.join(untested)}", "make clean env"
+        )
     if not missing and not untested:
         yield ok("packages", f"all {len(names)} there" + (", in the tested versions" if pinned else ""))
 

@@ -72,7 +72,7 @@ def write_simulator(
         }
     elif target is SimulatorFormat.ISAACLAB:
         if patch is not None:
-            raise InputError(f"--patch {patch}: Isaac Lab's actuators are written as a file of their own")
+            raise InputError(f"--patch {patch}: Isaac Lab's actuators are written to a separate file")
         texts = {path: _isaaclab_text(arm)}
     else:
         tip, axis = np.zeros(3), np.array([0.0, 1.0, 0.0])
@@ -81,7 +81,7 @@ def write_simulator(
             axis = axis * np.sign(axis[np.argmax(np.abs(axis))])
         mounting = Mounting(mounted.tip_frame, tip, axis, np.array(mounted.gravity_m_s2))
         if patch is None and (target is SimulatorFormat.MJCF or not mounted.urdf):
-            raise InputError(f"--format {target} patches a file of yours: name it with --patch FILE")
+            raise InputError(f"--format {target} changes a copy of your file: name it with --patch FILE")
         text, place = (mounted.urdf, mounted.origin) if patch is None else (read_text(patch), str(patch))
         if target is SimulatorFormat.MJCF:
             patched = patch_mjcf(text, place, arm, mounting, by_name=body is not None)
@@ -173,7 +173,7 @@ def _read_bam(path: Path) -> Mapping[str, object]:
     try:
         content = json.loads(read_text(path))
     except (OSError, ValueError) as error:
-        raise InputError(f"{path}: no parameter file of BAM ({error})") from error
+        raise InputError(f"{path}: not a BAM parameter file ({error})") from error
     if not isinstance(content, dict) or "actuator" not in content:
-        raise InputError(f'{path}: no parameter file of BAM: it names no "actuator"')
+        raise InputError(f'{path}: not a BAM parameter file: it names no "actuator"')
     return content

@@ -239,7 +239,7 @@ def print_library(console: Console, effects: Sequence[Effect]) -> None:
     roomy = console.width >= _ROOMY
     for group in GROUPS:
         chosen = [effect for effect in effects if group_of(effect) == group]
-        columns = ("effect", "what one sees", *(("confused with",) if roomy else ()))
+        columns = ("effect", "signature", *(("confused with",) if roomy else ()))
         made = table(group, *columns)
         made.columns[0].no_wrap = True
         for effect in chosen:
@@ -261,7 +261,7 @@ def print_effect(console: Console, effect: Effect, example: Example | None) -> N
     lines = {
         "physics": effect.physics,
         "equation": effect.equation,
-        "one sees": effect.signature,
+        "signature": effect.signature,
         "source": effect.source,
     }
     if effect.needs:
@@ -279,7 +279,7 @@ def print_effect(console: Console, effect: Effect, example: Example | None) -> N
         made.add_row(safe(parameter.name), safe(unit), f"{low:.3g} to {high:.3g}")
     console.print(made)
     if effect.confused_with:
-        rivals = table("Often confused with", "effect", "told apart by")
+        rivals = table("Often confused with", "effect", "how to distinguish")
         rivals.columns[0].no_wrap = True
         for name, experiment in effect.confused_with.items():
             rivals.add_row(f"[bold]{safe(name)}[/bold]", safe(experiment))

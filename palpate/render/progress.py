@@ -1,4 +1,4 @@
-"""Progress on stderr, drawn by rich; nothing is drawn where stderr is no terminal.
+"""Progress on stderr, drawn by rich; nothing is drawn where stderr is not a terminal.
 
 A real arm gets words instead of a bar: drawing would take time from its control loop.
 """

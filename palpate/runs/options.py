@@ -43,10 +43,12 @@ SHARES = (
 BEYOND_STOPS_RAD = 0.1  # an arm may be held against its stops, which are not quite where the URDF says
 _ROBOT = f"Robot file, or a shipped arm: {', '.join(shipped_robots())}."
 _SCENARIO = f"Simulated world: a file, or one of {', '.join(shipped_scenarios())}."
-ENGINE = "Physics engine of the simulated world; default: as the scenario says, or PyBullet if installed."
-_HIDDEN = "Hide effects in the simulated world: random, the name of an effect, or a YAML file with a list."
-_WIRE = "Real drivers, byte by byte, but emulated devices: no hardware is touched."
-_DRIVERS = "Python package with drivers of your own."
+ENGINE = "Physics engine of the simulated world; default: the scenario's, otherwise PyBullet if installed."
+_HIDDEN = (
+    "Hide effects in the simulated world: random, the name of an effect, or a YAML file that lists effects."
+)
+_WIRE = "Run the real drivers on emulated devices, without any hardware."
+_DRIVERS = "Python package with your own drivers."
 YesOption = Annotated[bool, typer.Option("--yes", help="Do not ask before a real arm gets power.")]
 
 
@@ -57,14 +59,17 @@ class RunOptions:
     robot: Annotated[str, typer.Option(help=_ROBOT, autocompletion=robot_names)] = DEFAULT
     scenario: Annotated[str | None, typer.Option(help=_SCENARIO, autocompletion=scenario_names)] = None
     engine: Annotated[EngineName | None, typer.Option(help=ENGINE)] = None
-    seed: Annotated[int | None, typer.Option(help="Seed of all simulated noise.", min=0, max=MOST_SEED)] = (
-        None
-    )
+    seed: Annotated[
+        int | None,
+        typer.Option(
+            help="Seed of all simulated noise; default: that of the scenario.", min=0, max=MOST_SEED
+        ),
+    ] = None
     hidden: Annotated[str | None, typer.Option(help=_HIDDEN, metavar="WHAT", autocompletion=hidden_names)] = (
         None
     )
     wire: Annotated[bool, typer.Option("--wire", help=_WIRE)] = False
-    realtime: Annotated[bool, typer.Option("--realtime", help="Simulate no faster than time passes.")] = False
+    realtime: Annotated[bool, typer.Option("--realtime", help="Simulate at most at real-time speed.")] = False
     drivers: Annotated[list[str] | None, typer.Option(help=_DRIVERS, metavar="PACKAGE")] = None
     as_json: Annotated[bool, typer.Option("--json", help="Print the outcome as JSON.")] = False
 
@@ -198,7 +203,7 @@ def pose_of(pose: str | None, robot_file: RobotFile) -> list[float] | None:
     for joint, (angle, low, high) in enumerate(zip(angles, lower_rad, upper_rad, strict=True), 1):
         if not low - BEYOND_STOPS_RAD <= angle <= high + BEYOND_STOPS_RAD:
             raise InputError(
-                f"--pose {pose!r}: joint {joint} turns from {low:g} to {high:g} rad by the URDF, "
+                f"--pose {pose!r}: joint {joint} moves from {low:g} to {high:g} rad in the URDF, "
                 f"not to {angle:g}"
             )
     return angles
@@ -253,12 +258,12 @@ def ask_for_power(motion: str, *, yes: bool, pause: Callable[[float], None] = ti
     """
     if not yes and not sys.stdin.isatty():
         raise InputError(
-            "a real arm would get power, which somebody must confirm: run this in a terminal, "
+            "a real arm would get power, which a person must confirm: run this in a terminal, "
             "or add --yes (--wire emulates the devices instead)"
         )
     talk = console.stderr()
     talk.print(f"[bold]{safe(motion)}[/bold]")
-    talk.print("Keep clear of it, also from below, with its switch in your hand.")
+    talk.print("Keep clear of the arm, also of the space below it, and hold its power switch in your hand.")
     if not yes:  # stdout is reserved for --json
         talk.print("Power the arm now? \\[y/N]: ", end="")
     if not yes and sys.stdin.readline().strip().lower() not in ("y", "yes"):
@@ -296,7 +301,7 @@ def ask_for_pose(pose_rad: Sequence[float], *, yes: bool) -> None:
         return
     if not sys.stdin.isatty():
         raise InputError(
-            "the arm is brought into the pose by hand: run this in a terminal, or, once it is held there, "
+            "a person must bring the arm into the pose: run this in a terminal, or, once it is held there, "
             "add --yes"
         )
     pose = ", ".join(f"{angle:.4g}" for angle in pose_rad)

@@ -240,7 +240,7 @@ def _joined(parts: Mapping[Path, pa.Table]) -> pa.Table:
 def _read(path: Path, columns: list[str] | None = None) -> pa.Table:
     """Read the rows of a file. InputError: it is damaged, or its rows belong to other cases."""
     if not path.is_file():  # a pipe might never end
-        raise _damaged(path, "is no regular file")
+        raise _damaged(path, "is not a regular file")
     try:
         with pq.ParquetFile(path, page_checksum_verification=True) as file:
             if file.metadata.num_rows > _MOST_ROWS:
@@ -339,7 +339,9 @@ def column(rows: Sequence[Row], name: str) -> FloatArray:
     values = [np.nan if row.get(name) is None else row[name] for row in rows]
     for value in values:
         if isinstance(value, bool) or not isinstance(value, int | float):
-            raise InputError(f"results: '{one_line(name)}' is {one_line(value)[:40]!r}, which is no number")
+            raise InputError(
+                f"results: '{one_line(name)}' is {one_line(value)[:40]!r}, which is not a number"
+            )
     return np.array(values, dtype=np.float64)
 
 

@@ -242,7 +242,7 @@ def _run(cluster: Cluster, todo: dict[str, Case], store: ResultStore) -> Iterato
         for worker, (is_there, versions) in seen.items():
             if not is_there:
                 raise InputError(
-                    f"worker {worker}: does not see {mark.parent}; --out must be on a shared disk"
+                    f"worker {worker}: cannot access {mark.parent}; --out must be on a shared disk"
                 )
             if versions != ours:
                 raise InputError(f"worker {worker}: runs another version of palpate or of its libraries")

@@ -189,10 +189,10 @@ def _run_both(folder: Path, commands: dict[str, list[str]]) -> bool:
                 log = folder / f"{side}.log"
                 lines = log.read_text(encoding="utf-8", errors="replace").strip().splitlines()
                 raise PalpateError(
-                    f"the {side} failed: {lines[-1] if lines else f'without a word (see {log})'}"
+                    f"the {side} failed: {lines[-1] if lines else f'without a message (see {log})'}"
                 )
     except subprocess.TimeoutExpired:
-        raise PalpateError(f"the {side} does not end; see {folder / side}.log") from None
+        raise PalpateError(f"the {side} did not end; see {folder / side}.log") from None
     finally:
         for process in running.values():
             if process.poll() is None:

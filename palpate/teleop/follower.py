@@ -172,7 +172,7 @@ class FollowerMessaging(threading.Thread):
         """Hear the leader, estimate, and send a report with the estimates that the leader lacks."""
         changed, self.queue.linked = self._messaging.receive(), self._messaging.linked
         if changed and self.queue.linked:
-            self._say("the leader is heard")
+            self._say("the leader responds")
         elif changed:
             self._say("the leader is silent: no further target is probed")
         if problem := self._messaging.problem():

@@ -129,7 +129,7 @@ class _Leader:
 
         def forget_follower() -> None:
             self._target_states.on_new_peer()
-            self._note("link", "another follower has begun")
+            self._note("link", "another follower has started")
 
         self._messaging = Messaging(line, clock, take=self._take, on_new_peer=forget_follower)
         self._sender = line.sender
@@ -151,7 +151,7 @@ class _Leader:
             now_s = self._clock.now_s()
             self._hear_operator()
             if self._telling is None and now_s - begun_s > _START_S:
-                raise PalpateError(f"the haptic process was not heard within {_START_S:g} s")
+                raise PalpateError(f"the haptic process did not respond within {_START_S:g} s")
             self._exchange()
             # Feel the estimate of the nearest place that was probed.
             chosen = self._target_states.choose(self._telling.tip_world_m) if self._telling else None
@@ -225,7 +225,7 @@ class _Leader:
         waiting = [each for each in self._queued() if dist(each.position_world_m, place) < _SAME_PLACE_M]
         for target in waiting:
             self._cancelled.append(target.number)
-            self._note("target", f"target {short_number(target.number)} called off")
+            self._note("target", f"target {short_number(target.number)} canceled")
         if not waiting:
             number = target_number(self._sender, len(self._targets))
             self._targets[number] = Target(number, place, DOWN)
@@ -236,7 +236,7 @@ class _Leader:
         """Exchange messages with the follower: reports in, targets out."""
         if self._messaging.receive():
             is_heard = self._messaging.linked
-            self._note("link", "the follower is heard" if is_heard else "the follower is silent")
+            self._note("link", "the follower responds" if is_heard else "the follower is silent")
         if problem := self._messaging.problem():
             self._note("link", problem)
         queued, cancelled = self._queued()[:MOST_TARGETS], self._cancelled[-MOST_TARGETS:]

@@ -98,7 +98,9 @@ class MergedSessions:
                 own_s = link["time_s"][known]
                 time_s = own_s if sign > 0 else own_s - offset_s
                 return np.column_stack((time_s, offset_s, link["round_trip_s"][known]))
-        raise InputError(f"{self.leader.path} and {self.follower.path}: neither heard the other")
+        raise InputError(
+            f"{self.leader.path} and {self.follower.path}: neither received a message from the other"
+        )
 
     @property
     def offset_s(self) -> float:

@@ -231,7 +231,10 @@ async def _permitted(force_n: float, arguments: list[str]) -> bool:
     )
     with ui.dialog().props("persistent") as dialog, ui.card():
         ui.label(f"The arm is going to move, and to press with {force_n:g} N.").classes("text-bold")
-        ui.label("Keep clear of it, also from below, with its switch in your hand. Power the arm now?")
+        ui.label(
+            "Keep clear of the arm, also of the space below it, and hold its power switch in your hand. "
+            "Power the arm now?"
+        )
         ui.label(command).classes("code")
         typed = ui.input("number that the terminal shows").props("dense outlined autofocus")
         with ui.row():

@@ -75,7 +75,7 @@ class DiagnosisProcess:
                     progress(*message)
             raise StoppedError("stopped; nothing was changed")
         except EOFError as error:
-            raise PalpateError("the diagnosis ended without an answer; was there enough memory?") from error
+            raise PalpateError("the diagnosis ended without a result, perhaps for lack of memory") from error
         finally:
             process.terminate()
             process.join()

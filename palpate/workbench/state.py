@@ -303,7 +303,7 @@ class WorkbenchState:
         self.study.check(revision)
         if self.study.channel(revision.channel).model.name != revision.model:
             raise InputError(
-                f"revision {revision.number} begins with {revision.model}: open the page with "
+                f"revision {revision.number} starts from {revision.model}: open the page with "
                 f"--model {revision.model}"
             )
         return self.choose(ModelSelection(revision.channel, tuple(revision.effects)))

@@ -63,12 +63,12 @@ class ReadOptions:
         ),
     ] = None
     context: Annotated[
-        list[str] | None, typer.Option(help="Further numeric column to keep.", metavar="COLUMN")
+        list[str] | None, typer.Option(help="Further numeric column to use as a signal.", metavar="COLUMN")
     ] = None
     fresh_runs: Annotated[
         bool,
         typer.Option(
-            "--fresh-runs", help=("Each run met a fresh specimen or spot, so no run affects another.")
+            "--fresh-runs", help=("Each run pressed a fresh specimen or spot, so no run affects another.")
         ),
     ] = False
     runs: Annotated[

@@ -157,15 +157,15 @@ class ForceCalibration(Calibration):
         if not self.values.scale.value > 0.0:
             raise problem_at(
                 "values.scale.value",
-                f"must be positive (is {self.values.scale.value:.3g}); turn the sign round in the driver's "
+                f"must be positive (is {self.values.scale.value:.3g}); reverse the sign in the driver's "
                 "settings",
             )
         if unit == "N" and not _SCALES[0] <= self.values.scale.value <= _SCALES[1]:
             raise problem_at(
                 "values.scale.value",
                 f"must be within {_SCALES[0]:g} and {_SCALES[1]:g} (is "
-                f"{self.values.scale.value:.3g}); farther off, put the driver's own setting right, such as "
-                "capacity_n, and see that the weights are those that were said",
+                f"{self.values.scale.value:.3g}); if it is farther off, correct the driver's setting, "
+                "such as capacity_n, and check that the weights are the stated ones",
             )
         return self
 
@@ -239,7 +239,7 @@ class GravityCalibration(Calibration):
     @model_validator(mode="after")
     def _plausible(self) -> "GravityCalibration":
         if self.values.pitch is None and self.values.roll is None:
-            raise problem_at("values", "pitch or roll must be there")
+            raise problem_at("values", "pitch or roll is required")
         _expect_units(self.values, {"pitch": "rad", "roll": "rad"})
         for name in ("pitch", "roll"):
             angle = getattr(self.values, name)
@@ -305,7 +305,7 @@ def calibration_from(document: YamlDocument, kind: str | None = None) -> Calibra
     stated = data.get("kind") if isinstance(data, Mapping) else None
     if stated is None and isinstance(data, Mapping):
         raise InputError(
-            f"{document.origin}: is no calibration, 'kind' is missing. Valid: {', '.join(_MODELS)}"
+            f"{document.origin}: is not a calibration, 'kind' is missing. Valid: {', '.join(_MODELS)}"
         )
     model = _MODELS.get(stated) if isinstance(stated, str) else None
     if model is None:

@@ -85,7 +85,7 @@ def decode_record(datagram: bytes) -> Record:
         ProtocolError: it has another size.
     """
     if len(datagram) != RECORD_SIZE:
-        raise ProtocolError(f"a record has {RECORD_SIZE} bytes, this one {len(datagram)}")
+        raise ProtocolError(f"a record must have {RECORD_SIZE} bytes, but this one has {len(datagram)}")
     sequence, measurement, status, *counts = _RECORD.unpack(datagram)
     return Record(sequence, measurement, status, tuple(counts))
 
@@ -231,7 +231,7 @@ def read_configuration(host: str, port: int) -> Configuration:
     try:
         return parse_configuration(page)
     except ProtocolError as error:
-        raise DeviceError(f"{where}: is no configuration of a Net F/T: {error}") from error
+        raise DeviceError(f"{where}: is not a configuration of a Net F/T: {error}") from error
 
 
 _LARGEST_DATAGRAM = 2048  # bytes
@@ -357,8 +357,9 @@ class NetFt(SerialForceSensor, Examinable):
         stated = newtons_per(own.unit) / own.counts_per_force
         if not abs(newtons_per_count / stated - 1.0) <= _AGREE:
             raise self._error(
-                f"counts {configuration.counts_per_force:.10g} for 1 {configuration.unit}, the robot file "
-                f"says {own.counts_per_force:.10g} for 1 {own.unit}: another configuration is active"
+                f"counts {configuration.counts_per_force:.10g} for 1 {configuration.unit}, but the "
+                f"robot file states {own.counts_per_force:.10g} for 1 {own.unit}: another configuration "
+                "is active"
             )
         if not configuration.is_streaming:
             raise self._error("RDT is disabled: enable it on its page 'Communications'")

@@ -59,7 +59,7 @@ class OdriveBusSettings(CanLineSettings):
             raise ValueError(f"axes: node ids {ids} are not all different")
         if self.firmware is Firmware.V0_5 and any(axis.torque_constant_nm_a is None for axis in self.axes):
             raise ValueError(
-                "axes: firmware 0.5 reports current, so that each needs its torque_constant_nm_a"
+                "axes: firmware 0.5 reports current, so each axis needs its torque_constant_nm_a"
             )
         return self
 
@@ -262,7 +262,7 @@ class OdriveBus(MotorBus):
             raise self._about(joint, "does not answer Get_Version, as firmware 0.6 would")
         if version is not None and f"{version[0]}.{version[1]}" != stated:
             firmware = ".".join(map(str, version))
-            raise self._about(joint, f"has firmware {firmware}, the robot file says {stated}")
+            raise self._about(joint, f"has firmware {firmware}, but the robot file states {stated}")
         _, encoder, torque = self._rate_commands
         if self._motion_at_s[joint] == -inf:
             raise self._about(joint, f"sends no encoder estimates; set {encoder}")

@@ -96,7 +96,7 @@ def parse_yaml(text: str, origin: str, max_bytes: int = MAX_BYTES) -> YamlDocume
         InputError: the text is too large, or not the strict YAML of this module.
     """
     if len(text) > max_bytes:
-        raise InputError(f"{origin}: larger than {max_bytes} bytes, which no such file needs to be")
+        raise InputError(f"{origin}: larger than {max_bytes} bytes, the limit for such a file")
     lines: dict[KeyPath, int] = {}
     try:
         node = _composed(text)
@@ -127,7 +127,7 @@ class _Composer(yaml.SafeLoader):
             if getattr(event, forbidden, None) is not None:
                 raise _error("an anchor (&), alias (*) or tag (!) is not allowed; quote text", event)
         if any("\ud800" <= letter <= "\udfff" for letter in getattr(event, "value", "")):
-            raise _error("half of a surrogate pair (\\ud800 to \\udfff) is no character", event)
+            raise _error("half of a surrogate pair (\\ud800 to \\udfff) is not a character", event)
         self._depth += 1
         if self._depth > MAX_DEPTH:
             raise _error(f"nested deeper than {MAX_DEPTH} levels", event)
@@ -200,7 +200,7 @@ def read_text(path: Path, most_bytes: int = MOST_BYTES) -> str:
     with path.open("rb") as file:
         content = file.read(most_bytes + 1)
     if len(content) > most_bytes:
-        raise ValueError(f"larger than {most_bytes} bytes, which no such file needs to be")
+        raise ValueError(f"larger than {most_bytes} bytes, the limit for such a file")
     try:
         return content.decode("utf-8")
     except UnicodeDecodeError as error:

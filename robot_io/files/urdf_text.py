@@ -148,7 +148,7 @@ def _check_tree(robot: Element) -> None:
     for joint in robot.findall("joint"):
         child, parent = (_linked(joint, role) for role in ("child", "parent"))
         if child in parents:
-            raise ValueError(f"link '{child}' hangs on two joints")
+            raise ValueError(f"link '{child}' has two parent joints")
         parents[child] = parent
         if len(parents) > MOST_LINKS:
             raise ValueError(f"more than {MOST_LINKS} joints")
@@ -157,7 +157,7 @@ def _check_tree(robot: Element) -> None:
         for _ in range(len(parents)):
             above = parents.get(above, "")
         if above in parents:
-            raise ValueError(f"link '{link}' hangs on itself: its joints go round in a circle")
+            raise ValueError(f"link '{link}' is its own ancestor: its joints form a loop")
 
 
 def _linked(joint: Element, role: str) -> str:

@@ -77,7 +77,7 @@ def held_name(path: Path) -> Iterator[None]:
         path: the name.
 
     Raises:
-        FileExistsError: another program holds it.
+        FileExistsError: another program uses it.
     """
     taken = path.with_name(f".{path.name}.taken")
     taken.touch(exist_ok=False)

@@ -206,7 +206,7 @@ def decode(data: bytes, seal: Seal = CHECKSUM) -> Frame:
         raise FrameError(seal.broken)
     frame = Frame._make((*_FIELDS.unpack_from(data, seal.size), data[begin:]))
     if frame.version != VERSION:
-        raise FrameError(f"version {frame.version} of the messages; this program speaks {VERSION}")
+        raise FrameError(f"version {frame.version} of the messages; this program supports version {VERSION}")
     if not -1e12 < frame.sent_s < 1e12 or not 0 <= frame.sequence < _MOST_FRAMES:
         raise FrameError(f"sequence {frame.sequence}, sent at {frame.sent_s} s: out of range")
     return frame

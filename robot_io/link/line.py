@@ -46,11 +46,11 @@ class Impairment:
 
     def __post_init__(self) -> None:
         if not (0.0 <= self.delay_s <= 60.0 and 0.0 <= self.jitter_s <= 60.0):
-            raise InputError(f"delay {self.delay_s} s, jitter {self.jitter_s} s: each 0 to 60 s")
+            raise InputError(f"delay {self.delay_s} s, jitter {self.jitter_s} s: each must be 0 to 60 s")
         if not 0.0 <= self.loss < 1.0:
-            raise InputError(f"loss {self.loss}: at least 0 and below 1")
+            raise InputError(f"loss {self.loss}: must be at least 0 and below 1")
         if not 0 <= self.seed < 2**63:
-            raise InputError(f"seed {self.seed}: at least 0 and below 2^63")
+            raise InputError(f"seed {self.seed}: must be at least 0 and below 2^63")
 
 
 class BadNetwork:
@@ -120,9 +120,9 @@ class LineSettings:
 
     def __post_init__(self) -> None:
         if not self.name.replace("-", "").replace("_", "").isalnum():
-            raise InputError(f"link name {self.name!r}: letters, digits, - and _ only")
+            raise InputError(f"link name {self.name!r}: use only letters, digits, - and _")
         if not 1024 <= self.port <= 65535:
-            raise InputError(f"port {self.port}: 1024 to 65535")
+            raise InputError(f"port {self.port}: must be 1024 to 65535")
 
 
 class Line:
@@ -266,14 +266,14 @@ def _config(zenoh: Any, role: Role, settings: LineSettings) -> Any:  # noqa: ANN
         try:
             config = zenoh.Config.from_file(str(settings.config))
         except zenoh.ZError as error:
-            raise InputError(f"{settings.config}: is no zenoh configuration: {cause(error)}") from None
+            raise InputError(f"{settings.config}: is not a zenoh configuration: {cause(error)}") from None
         # Check that certificates and keys exist; zenoh does not report missing ones.
         tls = json.loads(config.get_json(_TLS))
         for name, file in tls.items():
             if name.endswith(("_certificate", "_private_key")) and file:
                 where = f"{settings.config}: transport.link.tls.{name}"
                 if not Path(file).is_file():
-                    raise InputError(f"{where}: no file '{file}' (from where you are now)")
+                    raise InputError(f"{where}: no file '{file}' (relative to the current folder)")
                 if name.endswith("_private_key"):
                     check_secret(Path(file), where)
         return config

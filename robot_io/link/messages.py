@@ -162,7 +162,7 @@ def target_number(leader: int, count: int) -> int:
         InputError: there are too many targets.
     """
     if not 0 <= count < _NUMBERS:
-        raise InputError(f"target {count}: a leader may choose {_NUMBERS}")
+        raise InputError(f"target {count}: a leader may choose at most {_NUMBERS}")
     return leader % _LEADERS * _NUMBERS + count
 
 
@@ -205,7 +205,7 @@ class Target:
         _need_vector("target position", self.position_world_m, 100.0)
         _need_vector("target direction", self.direction_world, 1.0 + _UNIT)
         if abs(math.hypot(*self.direction_world) - 1.0) > _UNIT:
-            raise InputError(f"target direction {self.direction_world}: is no unit vector")
+            raise InputError(f"target direction {self.direction_world}: is not a unit vector")
 
 
 @dataclass(frozen=True, slots=True)
@@ -223,7 +223,7 @@ class Intent:
         _need_few("seen", self.seen, MOST_TARGETS)
         numbers = [target.number for target in self.targets]
         if len(set(numbers)) < len(numbers):
-            raise InputError(f"targets {numbers}: a number is there twice")
+            raise InputError(f"targets {numbers}: a number appears twice")
 
 
 @dataclass(frozen=True, slots=True)
@@ -325,17 +325,17 @@ Message = Intent | Report | ObjectEstimate
 
 def _need_count(what: str, value: int) -> None:
     if not 0 <= value < _MOST_COUNT:
-        raise InputError(f"{what} {value}: at least 0 and below 2^47")
+        raise InputError(f"{what} {value}: must be at least 0 and below 2^47")
 
 
 def _need_number(what: str, value: float, most: float) -> None:
     if not -most <= value <= most:  # also NaN
-        raise InputError(f"{what} {value}: not a number up to {most:g}")
+        raise InputError(f"{what} {value}: must be a number up to {most:g}")
 
 
 def _need_vector(what: str, values: Sequence[float], most: float) -> None:
     if len(values) != 3:
-        raise InputError(f"{what} {values}: three numbers are needed")
+        raise InputError(f"{what} {values}: must have three numbers")
     x, y, z = values
     if not (-most <= x <= most and -most <= y <= most and -most <= z <= most):  # also NaN
         raise InputError(f"{what} {tuple(values)}: not three numbers up to {most:g}")

@@ -82,7 +82,7 @@ class OperatorDevice(Opened):
 
         Raises:
             LifecycleError: not configured.
-            DeviceError: the device is gone.
+            DeviceError: the device has disappeared.
         """
         self._expect(self._is_open, "read", "configured")
         return self._hand()
@@ -99,7 +99,7 @@ class OperatorDevice(Opened):
         Raises:
             InputError: not three finite values; the last force holds.
             LifecycleError: not active.
-            DeviceError: the device is gone.
+            DeviceError: the device has disappeared.
         """
         self._expect(self._is_active, "set_force", "active")
         return self._push(frozen_array(force_world_n, (3,), what=f"{self.name}: force"))
@@ -214,7 +214,7 @@ class ScriptedSettings(HandSettings):
     def _times_rise(self) -> "ScriptedSettings":
         times_s = [waypoint.time_s for waypoint in self.path]
         if any(later <= earlier for earlier, later in pairwise(times_s)):
-            raise problem_at("path", "the times of the waypoints must rise")
+            raise problem_at("path", "the times of the waypoints must increase")
         return self
 
 

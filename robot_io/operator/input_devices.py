@@ -58,16 +58,16 @@ class RecordFile:
         """Return all records that have come since the last call.
 
         Raises:
-            DeviceError: the device is gone.
+            DeviceError: the device has disappeared.
         """
         try:
             come = os.read(self.file, _MOST_BYTES)
         except BlockingIOError:
             return []
         except OSError as error:
-            raise DeviceError(f"{self.path}: the device is gone ({error.strerror})") from error
+            raise DeviceError(f"{self.path}: the device has disappeared ({error.strerror})") from error
         if not come:
-            raise DeviceError(f"{self.path}: the device is gone (end of file)")
+            raise DeviceError(f"{self.path}: the device has disappeared (end of file)")
         come = self._rest + come
         whole = len(come) - len(come) % self._size
         self._rest = come[whole:]
@@ -139,7 +139,7 @@ class Keyboard(RecordHand):
             termios.tcsetattr(file, termios.TCSANOW, modes)
         except termios.error as error:
             super()._release()
-            raise DeviceError(f"{self.settings.terminal}: is no terminal") from error
+            raise DeviceError(f"{self.settings.terminal}: is not a terminal") from error
 
     def _goal(self, now_s: float) -> tuple[FloatArray, FloatArray, bool]:
         for key in self._records():
@@ -258,7 +258,7 @@ class TouchSettings(FileModel):
     origin_world_m: tuple[Number, Number, Number] = (0.4, 0.0, 0.15)  # of the device's own origin
     scale: Positive = 1.0  # world metres for each metre of the stylus
     watchdog_s: Positive = 0.02
-    oldest_s: Positive = 0.1  # longest time without a sample, after which the device is gone
+    oldest_s: Positive = 0.1  # longest time without a sample, after which the device has disappeared
     select_button: Annotated[int, Field(ge=1, le=4)] = 1
 
 
@@ -309,7 +309,9 @@ class TouchDevice(OperatorDevice):
     def _hand(self) -> HandState:
         state, oldest_s = self._state, self.settings.oldest_s
         if state is None or self._problem or self.clock.now_s() - state.sampled_at_s > oldest_s:
-            raise DeviceError(f"touch: no sample for {oldest_s:g} s, the device is gone{self._because()}")
+            raise DeviceError(
+                f"touch: no sample for {oldest_s:g} s, the device has disappeared{self._because()}"
+            )
         return state
 
     def _power(self, *, on: bool) -> None:

@@ -73,7 +73,7 @@ def scan(file: IO[bytes], formats: Formats | None = None) -> Scan:
     """
     file.seek(0)
     if file.read(len(MCAP0_MAGIC)) != MCAP0_MAGIC:
-        raise SessionError("no session of palpate: the file is not MCAP")
+        raise SessionError("not a palpate session: the file is not MCAP")
     scanner = _Scanner(file, formats)
     try:
         scanner.run()
@@ -84,7 +84,7 @@ def scan(file: IO[bytes], formats: Formats | None = None) -> Scan:
         if scanner.closed:
             raise
     if scanner.closed and not scanner.content.complete:
-        raise SessionError("damaged: its end is there, but not all that comes before")
+        raise SessionError("damaged: its end is present, but parts before it are missing")
     # Put messages into the order in which they were logged: chunks of a file may lie in any.
     content = scanner.content
     numbers = (np.asarray(content.sequence[topic]) for topic in content.decoded)
@@ -165,7 +165,7 @@ class _Scanner:
             record = file.read(length)
             if opcode == Opcode.DATA_END:
                 if DataEnd.read(_stream(record)).data_section_crc not in {0, checksum}:
-                    raise SessionError("damaged: the checksum of its data does not fit")
+                    raise SessionError("damaged: the checksum of its data does not match")
                 self.content.complete = self.closed
                 return
             checksum = zlib.crc32(record, zlib.crc32(head, checksum))
@@ -207,7 +207,7 @@ class _Scanner:
                     f"a chunk compressed with '{chunk.compression[:20]}'; sessions use lz4 or none"
                 )
             if len(data) != size or zlib.crc32(data) != chunk.uncompressed_crc:
-                raise SessionError("damaged: the checksum of a chunk does not fit")
+                raise SessionError("damaged: the checksum of a chunk does not match")
             self._take_chunk(data)
 
     def _take_chunk(self, chunk: bytes) -> None:

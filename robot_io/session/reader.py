@@ -69,7 +69,7 @@ class Session:
     def _from_scan(cls, path: Path, content: Scan) -> "Session":
         header = content.metadata.get(HEADER_RECORD)
         if header is None:
-            raise SessionError("no session of palpate, or cut off at its very beginning")
+            raise SessionError("not a palpate session, or cut off near its start")
         if header.get("format_version") not in FORMAT_VERSIONS:
             version = header.get("format_version", "")[:20]
             raise SessionError(f"format version '{version}'; this palpate reads {', '.join(FORMAT_VERSIONS)}")
@@ -175,7 +175,7 @@ class Follower:
 def _open(path: Path) -> IO[bytes]:
     size = path.stat().st_size
     if not path.is_file():
-        raise SessionError("no session: it is not a file")
+        raise SessionError("not a session: it is not a file")
     if size > MAX_FILE_BYTES:
         raise SessionError(f"{size} bytes; at most {MAX_FILE_BYTES}")
     return path.open("rb")

@@ -25,7 +25,7 @@ _WAIT_S, _POLL_S = 1.0, 0.01  # for a program that only checks for a lock
 
 
 def lock(file: BinaryIO) -> None:
-    """Hold the file until it is closed. SessionError: another program holds it.
+    """Hold the file until it is closed. SessionError: another program uses it.
 
     Args:
         file: open for writing.
@@ -36,7 +36,7 @@ def lock(file: BinaryIO) -> None:
             fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
         except BlockingIOError:
             if time.monotonic() > give_up_s:
-                raise SessionError("another program holds it") from None
+                raise SessionError("another program uses it") from None
             time.sleep(_POLL_S)
         except OSError:  # a file system without locks, on which exclusive creation keeps others away
             return
@@ -270,7 +270,7 @@ def open_memory(streams: Sequence[Stream], ring_slots: int) -> int:
     except OSError as error:
         os.close(memory)
         raise SessionError(
-            f"the log needs {size / 2**20:.1f} MiB of memory and cannot have it ({error.strerror}): "
+            f"the log needs {size / 2**20:.1f} MiB of memory and cannot get it ({error.strerror}): "
             "free some, or raise the limit on the size of files (ulimit -f)"
         ) from error
     return memory
@@ -293,7 +293,7 @@ def check_streams(streams: Sequence[Stream]) -> None:
     names = [stream.name for stream in streams]
     twice = sorted({name for name in names if names.count(name) > 1})
     if twice:
-        raise InputError(f"stream {', '.join(twice)} is there twice")
+        raise InputError(f"stream {', '.join(twice)} appears twice")
     if EVENT_STREAM in names:
         raise InputError(f"no stream can be called '{EVENT_STREAM}'; the session's events are kept there")
 

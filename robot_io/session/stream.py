@@ -39,13 +39,15 @@ class Column:
 
     def __post_init__(self) -> None:
         if not _NAME.fullmatch(self.name):
-            raise InputError(f"column name {self.name!r}: letters, digits and underscores, at most 64")
+            raise InputError(
+                f"column name {self.name!r}: use only letters, digits and underscores, at most 64"
+            )
         if not 1 <= self.width <= MAX_RECORD_BYTES:
             raise InputError(f"column '{self.name}': width {self.width} is not in 1..{MAX_RECORD_BYTES}")
         try:
             name = np.dtype(self.dtype).name
         except TypeError as error:
-            raise InputError(f"column '{self.name}': {self.dtype!r} is no type of number") from error
+            raise InputError(f"column '{self.name}': {self.dtype!r} is not a numeric type") from error
         if name not in DTYPES:
             raise InputError(f"column '{self.name}': type {name}; valid: {', '.join(DTYPES)}")
         object.__setattr__(self, "dtype", name)
@@ -78,17 +80,21 @@ class Stream:
     def __post_init__(self) -> None:
         object.__setattr__(self, "columns", tuple(self.columns))
         if not _NAME.fullmatch(self.name):
-            raise InputError(f"stream name {self.name!r}: letters, digits and underscores, at most 64")
+            raise InputError(
+                f"stream name {self.name!r}: use only letters, digits and underscores, at most 64"
+            )
         names = [column.name for column in self.columns]
         twice = sorted({name for name in names if names.count(name) > 1})
         if twice:
-            raise InputError(f"stream '{self.name}': column {', '.join(twice)} is there twice")
+            raise InputError(f"stream '{self.name}': column {', '.join(twice)} appears twice")
         if not any(c.name == TIME_COLUMN and c.width == 1 and c.dtype == "float64" for c in self.columns):
             raise InputError(f"stream '{self.name}': needs a scalar float64 column '{TIME_COLUMN}'")
         if len(names) > MAX_COLUMNS:
             raise InputError(f"stream '{self.name}': {len(names)} columns, at most {MAX_COLUMNS}")
         if not isinstance(self.batch, int) or self.batch < 1:
-            raise InputError(f"stream '{self.name}': {self.batch!r:.20} records in a message")
+            raise InputError(
+                f"stream '{self.name}': batch {self.batch!r:.20} is not a number of records per message"
+            )
         if (size := self.batch * self.dtype.itemsize) > MAX_RECORD_BYTES:
             what = "a record" if self.batch == 1 else f"{self.batch} records"
             raise InputError(f"stream '{self.name}': {what} of {size} bytes, at most {MAX_RECORD_BYTES}")
@@ -141,7 +147,7 @@ class Stream:
             try:
                 array = arrays[column.name] = np.asarray(columns[column.name])
             except ValueError as error:
-                raise InputError(f"{where}: no rectangular array") from error
+                raise InputError(f"{where}: not a rectangular array") from error
             if array.shape != count + column.shape:
                 raise InputError(f"{where}: shape {array.shape}, expected {count + column.shape}")
             if not np.can_cast(array.dtype, column.scalar_dtype, casting="same_kind"):

@@ -147,7 +147,7 @@ class WireFormat:
         raw, tags = np.frombuffer(messages, np.uint8).reshape(-1, self.dtype.itemsize), self._is_tag
         if (raw[:, tags] != self._template[tags]).any():
             raise SessionError(
-                f"stream '{self.stream.name}': a message's fields are not those of its columns"
+                f"stream '{self.stream.name}': the fields of a message do not match its columns"
             )
         return raw.reshape(-1).view(self.dtype)
 

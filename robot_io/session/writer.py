@@ -66,7 +66,7 @@ class SessionWriter:
         check_streams(streams)
         streams = [replace(stream, batch=1) for stream in streams]  # none waits in memory for others
         if ring_slots < 1:
-            raise InputError(f"ring_slots {ring_slots}: at least 1")
+            raise InputError(f"ring_slots {ring_slots}: must be at least 1")
         self.path = new_session_path(path)
         self._wait_for_room = wait_for_room
         self._patience_s = STALL_LIMIT_S

@@ -113,7 +113,7 @@ def test_a_session_of_another_kind_or_robot_is_refused(probed, tmp_path):
 @pytest.mark.parametrize("options", [("-o", "c.html"), ("-o", "c.yaml", "--session", "c.yaml")])
 def test_files_that_would_replace_each_other_are_refused(options, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
-    assert_refused(run("calibrate", "encoder", "--pose", "home", *options), "is named twice")
+    assert_refused(run("calibrate", "encoder", "--pose", "home", *options), "is given twice")
     assert list(tmp_path.iterdir()) == []
 
 

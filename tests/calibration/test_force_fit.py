@@ -127,8 +127,8 @@ def test_what_settles_is_left_out():
     [
         ([0.0, 1.0, 0.0, 1.0, 0.0, 1.0], [0, 1, 0, 1, 0, 1], "at 2 different forces"),
         ([0.0, 1.0, 2.0], [0, 1, 2], "3 plateaus"),
-        ([0.0, 1.0, 2.0, 3.0, 2.0, 1.0, 0.0], [0, -1, -2, -3, -2, -1, 0], "turn the sign"),
-        ([0.0, 1.0, 2.0, 3.0, 2.0, 1.0, 0.0], [5] * 7, "does not answer"),
+        ([0.0, 1.0, 2.0, 3.0, 2.0, 1.0, 0.0], [0, -1, -2, -3, -2, -1, 0], "reverse the sign"),
+        ([0.0, 1.0, 2.0, 3.0, 2.0, 1.0, 0.0], [5] * 7, "does not respond"),
     ],
 )
 def test_what_cannot_be_calibrated_is_refused(forces, readings, words):

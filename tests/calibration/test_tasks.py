@@ -216,7 +216,7 @@ def test_an_arm_that_stands_too_high_for_its_stops_is_told_what_to_do_instead():
     """A floor above the elbow at its stop: lowest point of the arm in its highest posture."""
     upright = np.array([np.pi / 2, 0.0, 0.0])
     stops = BODY.position_limits_rad
-    with pytest.raises(InputError, match=r"joint 1: .* m nearer to the ground .* higher; or .*--pose home"):
+    with pytest.raises(InputError, match=r"joint 1: .* m closer to the ground .* higher; or .*--pose home"):
         plan_stops(BODY, upright, FOLLOWER.limits, stops, reach_rad=0.15)
     nowhere = (np.full(3, np.nan), np.full(3, np.nan))
     with pytest.raises(InputError, match=r"joint 1: no stop of it is stated.*--pose home"):

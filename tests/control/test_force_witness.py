@@ -1,4 +1,4 @@
-"""What the joint torques say about the force: a dead sensor is found out, and an honest one never accused."""
+"""Comparison of joint torques and force sensor: a dead sensor is detected, a working one never reported."""
 
 from contextlib import closing
 
@@ -32,8 +32,8 @@ def test_a_dead_but_fresh_force_sensor_is_found_out_before_twice_the_limit(name,
     freeze(arm, 0.01)
     with closing(arm.robot):
         result = arm.run()
-    assert "joint torques say about" in result.cause
-    assert "where the force sensor says 0.0 N: is the sensor alive" in result.cause
+    assert "joint torques indicate about" in result.cause
+    assert "but the force sensor reads 0.0 N: does the sensor work" in result.cause
     tripped_s = arm.guard.tripped.time_s
     time_s, _, force_n, _ = arm.truth.T
     assert force_n[time_s <= tripped_s].max() < 1.4 * LIMIT_N
@@ -48,8 +48,8 @@ def test_a_sensor_of_the_wrong_sign_is_found_out_at_a_third_of_the_force_limit()
     sensor.read_force = lambda: honest()._replace(value=-honest().value)
     with closing(arm.robot):
         result = arm.run()
-    assert "joint torques say about" in result.cause
-    assert "where the force sensor says -" in result.cause
+    assert "joint torques indicate about" in result.cause
+    assert "but the force sensor reads -" in result.cause
     time_s, _, force_n, _ = arm.truth.T
     assert force_n[time_s <= arm.guard.tripped.time_s].max() < 0.35 * LIMIT_N
 
@@ -111,11 +111,11 @@ class TestOnTheReferencePlant:
             plant.surface_height_m -= 0.04 * TICK_S  # slowly, while the sensor says that all is well
             return measurement._replace(force_n=9.9)
 
-        with pytest.raises(SafetyTripError, match=r"about -?[0-2]\.\d N where the force sensor says 9.9 N"):
+        with pytest.raises(SafetyTripError, match=r"about -?[0-2]\.\d N, but the force sensor reads 9.9 N"):
             self.run(change=stick, hold_s=3.0)
 
     def test_a_sensor_that_shows_half_is_found_out(self):
-        with pytest.raises(SafetyTripError, match="joint torques say about"):
+        with pytest.raises(SafetyTripError, match="joint torques indicate about"):
             self.run(change=lambda plant, measured: measured._replace(force_n=0.3 * measured.force_n))
 
     def test_what_the_controller_leaves_to_the_pid_is_no_contradiction(self):
@@ -137,7 +137,7 @@ class TestOnTheReferencePlant:
         assert task.failures == ()
 
     def test_the_threshold_is_the_robot_files(self):
-        with pytest.raises(SafetyTripError, match="joint torques say"):
+        with pytest.raises(SafetyTripError, match="joint torques indicate"):
             self.run(Gains(witness=WitnessGains(share=0.0, floor_n=0.05)))
 
 

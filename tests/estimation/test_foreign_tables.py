@@ -103,7 +103,7 @@ def test_what_is_ambiguous_and_says_no_unit_is_asked_for_at_once(tmp_path):
 
 def test_a_clock_of_cycles_tells_runs_and_no_time(tmp_path):
     total = np.round(np.arange(600) * 0.01, 6)
-    total[300:] -= 0.01  # where a new step begins the time is there twice
+    total[300:] -= 0.01  # where a new step begins the time appears twice
     cycle = np.arange(600) % 100 * 0.01
     way = 17.0 - 0.2 * np.sin(np.pi * cycle)  # a position that falls into the object, and a negative force
     rows = lines(total, cycle, way, -30.0 * (17.0 - way), delimiter=";")
@@ -371,7 +371,7 @@ def test_a_position_that_nothing_holds_is_the_integral_of_the_velocity(tmp_path)
     assert channel.kind is ChannelKind.REVOLUTE
     np.testing.assert_allclose(channel.position, SWING_RAD - SWING_RAD[0], atol=2e-3 * np.ptp(SWING_RAD))
     np.testing.assert_allclose(channel.velocity, speed, atol=1e-6)
-    assert any("it is the integral of 'angular speed [rad/s]'" in note for note in imported.notes)
+    assert any("it is integrated from 'angular speed [rad/s]'" in note for note in imported.notes)
 
 
 def test_a_joint_without_a_time_is_read_row_by_row(tmp_path):
@@ -434,7 +434,10 @@ def test_a_few_rows_before_a_clock_begins_anew_are_left_out(tmp_path):
     path.write_text("Time [ms],Position [rad],Torque [Nm]\n0.0,0.0,0.0\n1.0,0.0,0.0\n" + rows)
     found = import_file(path)
     assert len(found.channels[0]) == 600
-    assert any("2 of 602 rows left out: a run of fewer than 5, the first in line 2" in n for n in found.notes)
+    assert any(
+        "2 of 602 rows left out because their run has fewer than 5, the first in line 2" in n
+        for n in found.notes
+    )
 
 
 @pytest.mark.parametrize("cells", ["{0:.2f} mm,{0:.1f} N", "{0:.2f},{0:.1f} N"])
@@ -450,7 +453,7 @@ def test_of_names_without_units_the_last_word_says_the_quantity(tmp_path):
     path = tmp_path / "zwick.txt"
     header = "Test time, Standard travel, Tool separation, Standard force\n"
     path.write_text(header + lines(TIME_S, 1e3 * WAY_M, 25.0 - 1e3 * WAY_M, FORCE_N))
-    with pytest.raises(InputError, match="'Standard travel', 'Standard force' do not say their units"):
+    with pytest.raises(InputError, match="'Standard travel', 'Standard force' do not state their units"):
         import_file(path)
     (channel,) = by_the_advice(path).channels
     np.testing.assert_allclose(channel.position, WAY_M, atol=1e-9)

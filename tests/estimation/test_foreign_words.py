@@ -66,7 +66,7 @@ def test_options_take_the_words_that_columns_have(tmp_path):
     columns = {"time": "a", "extension": "b", "load": "c"}
     units = {"time": "s", "extension": "mm", "load": "N"}
     check_press(import_file(path, ImportOptions(columns=columns, units=units)))
-    with pytest.raises(InputError, match="--column: 'nonsense' is no quantity"):
+    with pytest.raises(InputError, match="--column: 'nonsense' is not a quantity"):
         import_file(path, ImportOptions(columns={"nonsense": "b"}))
 
 
@@ -128,7 +128,7 @@ def test_lines_above_the_names_say_units(tmp_path, above):
 
 def test_a_unit_above_the_names_is_no_unit_of_another_column(tmp_path):
     path = write(tmp_path, ["Load unit,kN", "Stiffness unit,N", "Time,Displacement,Force"])
-    with pytest.raises(InputError, match="'Displacement', 'Force' do not say their units"):
+    with pytest.raises(InputError, match="'Displacement', 'Force' do not state their units"):
         import_file(path)
 
 

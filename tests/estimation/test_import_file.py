@@ -296,7 +296,7 @@ def test_what_would_fill_the_memory_is_refused(tmp_path, monkeypatch, contact, n
     else:
         content = contact().read_bytes()
         file.write_bytes(gzip.compress(content) if name.endswith(".gz") else content)
-    assert "cut it into pieces" in refusal(file)
+    assert "split it" in refusal(file)
 
 
 def test_what_is_small_only_while_it_is_packed_is_refused(tmp_path, monkeypatch):
@@ -374,7 +374,7 @@ TEMPERATURES = {"temp (C)": 20 + T, "temp [C]": 25 + T}
         (
             {"displacement_m": None, "force_N": None, "force": F, "depth": X},
             {},
-            "do not say their units; say them, as in --unit force=N --unit displacement=m",
+            "do not state their units; give them, as in --unit force=N --unit displacement=m",
         ),
         ({}, {"units": {"displacement": "N"}}, "measures no displacement"),
         ({}, {"units": {"force": "-0N"}}, "unit '-0N' cannot be converted"),
@@ -409,7 +409,7 @@ TEMPERATURES = {"temp (C)": 20 + T, "temp [C]": 25 + T}
             )
             for at in ("at_3", "at_40")
         ),
-        ({}, {"columns": {"colour_N": "force_N"}}, "no quantity with its unit"),
+        ({}, {"columns": {"colour_N": "force_N"}}, "not a quantity with a unit"),
         ({"displacement_mm": X}, {}, "'displacement_m' and 'displacement_mm' both hold displacement"),
         ({"run": ["long"] * 47 + ["short"] * 3}, {}, "run 'short' has 3 rows, at least 5"),
         (
@@ -489,7 +489,9 @@ def test_one_joint_with_a_clear_sign_turns_those_without_one(tmp_path):
 def test_rows_that_repeat_a_time_are_left_out_and_counted(contact):
     imported = import_file(contact(time_s=np.where(np.arange(50) == 20, T[19], T)))
     np.testing.assert_array_equal(imported.channels[0].effort, np.delete(F, 20))
-    assert "1 of 50 rows left out: the time of the row before again, the first in line 22" in imported.notes
+    assert (
+        "1 of 50 rows left out because they repeat the previous time, the first in line 22" in imported.notes
+    )
 
 
 def test_rows_that_a_logger_wrote_twice_are_left_out_and_counted(contact):

@@ -65,7 +65,7 @@ def test_a_position_goes_with_the_effort_of_its_number(log, names, joints):
 )
 def test_joints_that_count_from_different_numbers_are_asked_about(log, names):
     path = log(*names)
-    with pytest.raises(InputError, match="position count from 0, those of torque from 1; say") as error:
+    with pytest.raises(InputError, match="position start at 0, those of torque at 1; give") as error:
         pairs(path)
     assert "--column torque_0=torque_1_Nm --column torque_1=torque_2_Nm" in str(error.value)
     remedy = {"torque_0": "torque_1_Nm", "torque_1": "torque_2_Nm"}

@@ -103,7 +103,7 @@ def test_noise_is_no_press(press, wavers):
     t, x, f = (column[: len(column) // 4] for column in presses())
     one = press(**{TIME: t, WAY: 1e3 * x, LOAD: f + wavers * np.sin(20.0 * t)})
     assert len(contact_of(one, runs=1).runs) == 1
-    with pytest.raises(InputError, match="--runs 3: 1 press can be told apart at most"):
+    with pytest.raises(InputError, match="--runs 3: 1 press can be separated at most"):
         contact_of(one, runs=3)
 
 
@@ -194,10 +194,10 @@ RATE = {WAY: None, LOAD: None, "Angle [deg]": np.sin(T)}
             {},
             "its unit in a way that is known ('furlong'); say it, as in --",
         ),
-        ({TIME: None, "Time (ticks)": T}, {}, "'ticks' is no unit of time that is known; use --unit time=s"),
+        ({TIME: None, "Time (ticks)": T}, {}, "'ticks' is not a known unit of time; use --unit time=s"),
         ({LOAD: None, "Load setpoint [N]": T}, {}, "no channel can be made of"),
         ({LOAD: None, "Stress [MPa]": T}, {}, "no channel can be made of"),
-        ({"run": np.zeros(len(T), int)}, {"runs": 2}, "--runs 2: column 'run' says the runs already"),
+        ({"run": np.zeros(len(T), int)}, {"runs": 2}, "--runs 2: column 'run' already gives the runs"),
         ({"Current [mA]": T} | RATE, {"runs": 2}, "--runs 2: there is no contact"),
         ({}, {"units": {"force": "3 parsec"}}, "measures no force"),
     ],
@@ -232,7 +232,7 @@ def test_a_torque_is_preferred_to_a_current_and_a_column_is_not_used_twice(press
 def test_columns_without_units_are_asked_about_only_where_nothing_else_makes_a_channel(press):
     joint = {"q": np.sin(T), "tau": T}
     assert contact_of(press(**joint)).name == "contact"
-    with pytest.raises(InputError, match="'q', 'tau' do not say their units"):
+    with pytest.raises(InputError, match="'q', 'tau' do not state their units"):
         import_file(press(**joint, **{WAY: None}))
     said = ImportOptions(units={"position": "rad", "torque": "Nm"})
     assert [one.name for one in import_file(press(**joint), said).channels] == ["contact", "joint_1"]
@@ -263,7 +263,7 @@ def test_files_of_a_folder_are_runs_in_the_order_of_their_numbers(tmp_path):
         (channel,) = open_source(data).channels
         np.testing.assert_array_equal(channel.run, imported.channels[0].run)
     same = folder / ".." / folder.name / "run9.csv"
-    with pytest.raises(InputError, match=r"run9\.csv: is named twice"):
+    with pytest.raises(InputError, match=r"run9\.csv: is given twice"):
         import_files([*data_files(folder), same], ImportOptions())
     (folder / "second.csv").write_text(
         "time_s,position_rad,torque_Nm\n" + "".join(f"{i},1,{i}\n" for i in range(9))
@@ -317,10 +317,10 @@ def test_a_workbook_that_would_fill_the_memory_is_refused(tmp_path, monkeypatch)
     book = openpyxl.Workbook()
     book.active["A1"], book.active["XFD1048576"] = 1, 2
     book.save(path)
-    with pytest.raises(InputError, match="a sheet of 1048576 rows, 16384 columns; cut it into pieces"):
+    with pytest.raises(InputError, match="a sheet of 1048576 rows, 16384 columns; split it"):
         read_table(path)
     monkeypatch.setattr(file_columns, "MOST_BYTES", 100)
-    with pytest.raises(InputError, match="holds more than 0 MiB; cut it into pieces"):
+    with pytest.raises(InputError, match="holds more than 0 MiB; split it"):
         read_table(path)
 
 

@@ -207,7 +207,7 @@ def test_two_tables_of_one_sheet_are_runs(tmp_path):
 def test_a_column_in_use_that_is_there_twice_is_asked_about(tmp_path):
     path = tmp_path / "press.csv"
     path.write_text("Time [s],Way [mm],Load [N],Load [N]\n" + rows(behind=",7"))
-    with pytest.raises(InputError, match=r"'Load \[N\]' is there twice, with different values; choose with"):
+    with pytest.raises(InputError, match=r"'Load \[N\]' appears twice, with different values; choose with"):
         import_file(path)
     options = ImportOptions(columns={"force": "Load [N]"})
     np.testing.assert_allclose(import_file(path, options).channels[0].effort, FORCE_N, atol=1e-5)

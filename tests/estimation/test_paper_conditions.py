@@ -95,5 +95,5 @@ def test_numbers_too_small_to_be_squared_are_refused(what, size):
     x, v = 0.005 + 0.004 * np.sin(20 * t), 0.08 * np.cos(20 * t)
     moved, force = (size, 1.0) if what == "position" else (1.0, size)
     data = channel(force * (200 * x + v), moved * x, moved * v, t)
-    with pytest.raises(InputError, match=f"its {what} is nowhere larger than .*is the unit right"):
+    with pytest.raises(InputError, match=f"its {what} never exceeds .*is the unit right"):
         estimated(data)

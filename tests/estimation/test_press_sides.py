@@ -67,7 +67,7 @@ def test_a_damper_is_a_linear_axis_whichever_way_its_force_counts(force, sign):
     found = element(sign * force)
     (channel,) = found.channels
     assert channel.kind is ChannelKind.PRISMATIC
-    assert "taken for a linear axis; --column displacement=displacement_m makes" in found.notes[-1]
+    assert "read as a linear axis; --column displacement=displacement_m makes" in found.notes[-1]
     assert np.corrcoef(channel.velocity, channel.effort)[0, 1] > 0.8
     assert reject_reason(channel) is None
 
@@ -130,7 +130,7 @@ def test_a_coordinate_of_a_robot_counts_from_where_the_force_begins(way, from_m)
     found = imported(time_s=PRESS_T, run=PRESS_RUN, z_m=from_m + way * PRESS_X, force_N=PUSH)
     (channel,) = found.channels
     assert channel.position.max() == pytest.approx(PRESS_X.max(), abs=3e-4)
-    assert float(re.search(r"'z_m' counts from (\S+) m on", found.notes[-1])[1]) == pytest.approx(
+    assert float(re.search(r"the zero of 'z_m' is set to (\S+) m", found.notes[-1])[1]) == pytest.approx(
         from_m, abs=3e-4
     )
     assert reject_reason(channel) is None
@@ -189,7 +189,7 @@ def test_a_position_that_may_be_either_is_asked_about():
     options = ImportOptions(units={"position": "mm"})
     weight = np.full(len(PRESS_X), 9.0) + 0.01 * PRESS_V
     with pytest.raises(
-        InputError, match=r"of a press or of a linear axis; say --column displacement=position"
+        InputError, match=r"of a press or of a linear axis; use --column displacement=position"
     ):
         imported(options, time_s=PRESS_T, run=PRESS_RUN, force_N=weight, position=PRESS_X)
 
@@ -277,7 +277,7 @@ def test_a_stretched_fibre_that_relaxes_is_held_at_both_ends(sign):
     )
     (channel,) = found.channels
     assert channel.engaged.all()
-    assert "'force_N' settles at no displacement" in found.notes[0]
+    assert "'force_N' is steady at no displacement" in found.notes[0]
     assert "compression" not in found.notes[0]  # nothing is compressed
     assert ("the sign of 'force_N' is reversed; --unit force=1N" in found.notes[0]) == (sign < 0.0)
     assert reject_reason(channel) is None

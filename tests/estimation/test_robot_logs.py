@@ -132,7 +132,7 @@ def episode(tmp_path):
 
 
 def test_an_episode_s_arrays_are_joints(episode):
-    with pytest.raises(InputError, match=r"do not say their units.*--unit position=deg --unit torque=Nm"):
+    with pytest.raises(InputError, match=r"do not state their units.*--unit position=deg --unit torque=Nm"):
         import_file(episode)
     imported = import_file(episode, ImportOptions(units={"position": "deg", "torque": "Nm"}))
     assert imported.run_labels == {4: "4", 5: "5"}
@@ -223,7 +223,7 @@ def test_a_view_in_the_place_of_a_table_is_not_asked(tmp_path):
             "CREATE VIEW messages AS WITH RECURSIVE n(i) AS (SELECT 1 UNION ALL SELECT i + 1 FROM n) "
             "SELECT 1 AS topic_id, i AS timestamp, x'00' AS data FROM n"
         )
-    with pytest.raises(InputError, match="has no tables 'topics' and 'messages'"):
+    with pytest.raises(InputError, match="lacks the tables 'topics' and 'messages'"):
         import_file(path)
 
 

@@ -117,9 +117,9 @@ def test_a_voltage_or_a_pressure_stands_for_the_force_by_its_constant(column, un
         (
             "Load [kPa]",
             1e3,
-            "is a pressure that stands for the force: 1 Pa counts as 1 N; say the area, as in",
+            "is a pressure that stands for the force: 1 Pa counts as 1 N; give the area, as in",
         ),
-        ("Load [mV]", 1e-3, "is a voltage that stands for the force: 1 V counts as 1 N; say the sensor's"),
+        ("Load [mV]", 1e-3, "is a voltage that stands for the force: 1 V counts as 1 N; give the sensor's"),
     ],
 )
 def test_without_a_constant_it_counts_as_it_stands_and_a_note_says_so(column, factor, words):
@@ -131,7 +131,7 @@ def test_without_a_constant_it_counts_as_it_stands_and_a_note_says_so(column, fa
 
 
 def test_a_unit_that_is_not_understood_is_asked_for():
-    with pytest.raises(InputError, match=r"'cycles' is no unit of time that is known; use --unit time=s"):
+    with pytest.raises(InputError, match=r"'cycles' is not a known unit of time; use --unit time=s"):
         imported(**{"Time (cycles)": T, "Travel (mm)": 1e3 * X, "Load (N)": FORCE})
     with pytest.raises(
         InputError, match=r"in a way that is known \('MM'\); say it, as in --unit displacement"

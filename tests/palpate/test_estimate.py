@@ -311,7 +311,7 @@ def test_a_session_that_is_cut_off_is_said_to_be(probed, tmp_path):
 @pytest.mark.parametrize("content", [b"", b"nonsense", b"\0" * 100])
 def test_what_is_called_a_session_and_is_none_is_not_taken_for_a_data_file(tmp_path, content):
     (tmp_path / "x.mcap").write_bytes(content)
-    assert_refused(run("estimate", tmp_path / "x.mcap"), "no session")
+    assert_refused(run("estimate", tmp_path / "x.mcap"), "not a palpate session")
 
 
 def test_options_of_data_files_are_refused_for_a_session(probed):

@@ -189,7 +189,7 @@ def test_what_cannot_be_hidden_is_refused_and_nothing_is_written(what, words, tm
     [
         ("hiden: []", "did you mean 'hidden'"),
         ("hidden: [{effect: bias, channel: contact}]", "bias: is missing"),
-        ("hidden: [{effect: payload, joint: 4, mass_kg: 1}]", "joint 4 of an arm with 3 joints"),
+        ("hidden: [{effect: payload, joint: 4, mass_kg: 1}]", "joint 4 does not exist; the arm has 3 joints"),
     ],
 )
 def test_a_wrong_list_is_refused_and_nothing_is_written(text, words, tmp_path):

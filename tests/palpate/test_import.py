@@ -97,7 +97,7 @@ def test_what_is_no_data_file_is_refused(tmp_path):
     assert_refused(run("import", tmp_path / "none.csv"), "no such file")
     assert_refused(run("import", synthetic_session(tmp_path / "s.mcap"), "--look"), "is a session already")
     (tmp_path / "empty.mcap").touch()
-    assert_refused(run("import", tmp_path / "empty.mcap"), "no session")
+    assert_refused(run("import", tmp_path / "empty.mcap"), "not a palpate session")
     other = tmp_path / "notes.pdf"
     other.write_bytes(b"%PDF")
     assert_refused(run("import", other), "notes.pdf", ".csv")

@@ -119,7 +119,7 @@ def test_the_mark_of_a_sealed_answer_belongs_to_its_own_session(tmp_path):
     ("names", "words"),
     [
         (("A",), ("one session", "two or more")),
-        (("A", "A"), ("named twice",)),
+        (("A", "A"), ("given twice",)),
         (("A", "ARM"), ("another arm",)),
         (("A", "IMPORTED"), ("was not made by an arm, and", "a.mcap was;")),
         (("IMPORTED", "A"), ("a.mcap: was made by an arm, and", "was not;")),

@@ -110,8 +110,8 @@ def test_plots_and_pictures_replace_nothing_unasked_nor_each_other(session, tmp_
     asked = ("inspect", session, "--save", tmp_path / "x.rrd")
     assert_refused(run(*asked, "--plots", folder), "plots.html", "exists already", "--force")
     assert page.read_text() == "precious"
-    assert_refused(run(*asked, "--screenshot", tmp_path / "x.rrd"), "is named twice")
-    assert_refused(run(*asked, "--plots", folder, "--screenshot", page, "--force"), "is named twice")
+    assert_refused(run(*asked, "--screenshot", tmp_path / "x.rrd"), "is given twice")
+    assert_refused(run(*asked, "--plots", folder, "--screenshot", page, "--force"), "is given twice")
     assert not (tmp_path / "x.rrd").exists()
     different_files(tmp_path / "a", None, tmp_path / "b", None)
 
@@ -262,5 +262,5 @@ def test_a_link_that_leads_to_itself_is_one_output(tmp_path):
     circle = tmp_path / "circle"
     circle.symlink_to("circle")
     different_files(circle, tmp_path / "a")
-    with pytest.raises(InputError, match="named twice"):
+    with pytest.raises(InputError, match="given twice"):
         different_files(circle, circle)

@@ -103,7 +103,7 @@ def study(tmp_path_factory):
         (lambda s: s.estimate(3), "estimator 3: give names"),
         (lambda s: s.estimate(["lsq", 3]), "give names"),
         (lambda s: s.estimate(runs=3), r"runs 3: give a list .* \[0, 2\]"),
-        (lambda s: s.estimate(runs=[0, 0]), r"runs \[0, 0\]: a run is there twice"),
+        (lambda s: s.estimate(runs=[0, 0]), r"runs \[0, 0\]: a run appears twice"),
         (lambda s: s.estimate(runs=[77]), r"runs \[77\]: channel .* has no run 77"),
         (lambda s: s.add(), r"add\(\): give names of effects"),
         (lambda s: s.add(["bias"]), r"add\(\['bias'\]\): give names"),

@@ -226,7 +226,7 @@ def test_a_damaged_text_of_a_finished_file_is_refused(tmp_path, whole, text, dam
     assert whole.count(text) == 1
     path = tmp_path / "s.mcap"
     path.write_bytes(whole.replace(text, damaged))
-    with pytest.raises(SessionError, match="the checksum of its data does not fit"):
+    with pytest.raises(SessionError, match="the checksum of its data does not match"):
         Session.open(path)
 
 
@@ -323,16 +323,19 @@ def test_of_a_session_that_was_cut_off_a_damaged_chunk_is_left_out(tmp_path, fli
 @pytest.mark.parametrize(
     ("arguments", "word"),
     [
-        ({"header": None}, "no session of palpate"),
+        ({"header": None}, "not a palpate session"),
         ({"header": {"format_version": "3"}}, "format version '3'"),
         ({"header": {"streams": "nonsense"}}, "streams"),
-        ({"header": {"streams": streams_to_json((SLOW, SLOW))}}, "slow is there twice"),
+        ({"header": {"streams": streams_to_json((SLOW, SLOW))}}, "slow appears twice"),
         ({"header": {"streams": "[" * 50_000}}, "streams"),
         (
             {"header": {"streams": streams_to_json((SLOW,)).replace('"batch": 1', '"batch": 0')}},
-            "0 records in",
+            "batch 0 is not",
         ),
-        ({"header": {"streams": streams_to_json((SLOW,)).replace('"batch": 1', '"batch": "9"')}}, "'9' rec"),
+        (
+            {"header": {"streams": streams_to_json((SLOW,)).replace('"batch": 1', '"batch": "9"')}},
+            "batch '9' is not",
+        ),
         (
             {"header": {"streams": streams_to_json((SLOW,)).replace('"batch": 1', '"batch": 9999')}},
             "9999 rec",

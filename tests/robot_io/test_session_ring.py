@@ -181,7 +181,7 @@ def test_a_record_has_the_columns_in_order_without_gaps():
         (lambda: Column("x", "1", 1, "", "nonsense"), "nonsense"),
         (lambda: Stream("s", (Column("x", "m"),)), "time_s"),
         (lambda: Stream("s", (Column("time_s", "s", 2),)), "time_s"),
-        (lambda: Stream("s", (TIME, Column("x", "m"), Column("x", "m"))), "x is there twice"),
+        (lambda: Stream("s", (TIME, Column("x", "m"), Column("x", "m"))), "x appears twice"),
         (lambda: Stream("s", (TIME, *flags(1, 16_377))), "a record of 16385 bytes, at most 16384"),
         (lambda: Stream("s", (TIME, *flags(8)), batch=1025), "1025 records of 16400 bytes"),
         (lambda: Stream("s", (TIME, *flags(1000))), "1001 columns, at most 1000"),

@@ -327,7 +327,7 @@ def test_the_first_error_is_the_one_that_is_raised(tmp_path):
 
 
 def test_mistakes_in_the_program_are_named(tmp_path):
-    with pytest.raises(InputError, match="tick is there twice"):
+    with pytest.raises(InputError, match="tick appears twice"):
         SessionWriter(tmp_path / "s", [TICK, TICK], METADATA)
     with pytest.raises(InputError, match="'events'"):
         SessionWriter(tmp_path / "s", [Stream("events", TICK.columns)], METADATA)

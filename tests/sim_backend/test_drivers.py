@@ -113,11 +113,11 @@ def test_the_object_under_a_robot_can_change_and_be_chosen():
 
 def test_the_world_is_there_from_configure_to_close():
     robot = build()
-    with pytest.raises(LifecycleError, match="from configure to close"):
+    with pytest.raises(LifecycleError, match="between configure and close"):
         world_of(robot)
     with robot:
         assert world_of(robot).time_s == 0.0
-    with pytest.raises(LifecycleError, match="from configure to close"):
+    with pytest.raises(LifecycleError, match="between configure and close"):
         world_of(robot)
     robot.clock.sleep_until(1.0)  # a world that has ended does not mind
 

@@ -140,7 +140,7 @@ class TestEveryEffect:
             entry = at_strength(name, 5.0).model_copy(update={"channel": "joint_4"})
         else:
             return
-        with pytest.raises(InputError, match=rf"'{name}'.*4 of an arm with 3 joints"):
+        with pytest.raises(InputError, match=rf"'{name}'.*4 does not exist; the arm has 3 joints"):
             hidden_effects([entry], 3)
 
 

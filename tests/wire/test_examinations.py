@@ -99,8 +99,12 @@ def test_a_dynamixel_that_is_not_well_is_named(spoil, level, said, refused):
         ),
         (
             {2: {"model": "XM430-W350"}},
-            *("servo 2 (joint 2)", Level.FAIL, "XM430-W350, firmware 46; the robot file says XM540-W270"),
-            "servo 2 is a XM430-W350, the robot file says XM540-W270",
+            *(
+                "servo 2 (joint 2)",
+                Level.FAIL,
+                "XM430-W350, firmware 46, but the robot file states XM540-W270",
+            ),
+            "servo 2 is a XM430-W350, but the robot file states XM540-W270",
         ),
         ({2: {"id": 9}}, "other servos", Level.WARN, "id 9 on the line too", "no answer from servo 2"),
         (
@@ -158,8 +162,8 @@ def test_other_servos_than_stated_are_found(bolted, subject, level, said, refuse
         ),
         (DAMIAO, "watchdog_s: 0.1", "watchdog_s: 0.00002", "watchdog_s"),
         (CUBEMARS, "watchdog_s: 0.1", "watchdog_s: 0.1\n    check_watchdog: false", "check_watchdog"),
-        (DAMIAO, "watchdog_s: 0.1", "ask_with: enter", "not for motors of 'damiao'"),
-        (ROBSTRIDE, "watchdog_s: 0.1", "ask_with: enter", "not for motors of 'robstride'"),
+        (DAMIAO, "watchdog_s: 0.1", "ask_with: enter", "not allowed for motors of 'damiao'"),
+        (ROBSTRIDE, "watchdog_s: 0.1", "ask_with: enter", "not allowed for motors of 'robstride'"),
         (CUBEMARS, "unit: N", "unit: bar", "not a known unit"),
         (CUBEMARS, "load_code: 100", "load_code: 100, rate_hz: 999", "1000"),
     ],

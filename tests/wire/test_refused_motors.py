@@ -43,11 +43,16 @@ def shows_version(motor):
 
 AT_CONFIGURING = [  # robot file, its changes, the second motor or servo 3, what is said
     (ODRIVE, (), has(_firmware="0.5"), "Get_Version"),
-    (ODRIVE, V0_5, has(_firmware="0.6"), r"has firmware 0\.6\.10, the robot file says 0\.5"),
+    (ODRIVE, V0_5, has(_firmware="0.6"), r"has firmware 0\.6\.10, but the robot file states 0\.5"),
     (ODRIVE, (), shows_version, r"joint 2 \(node 1\): has firmware 0\.5\.6"),
     (ODRIVE, (), has(_cyclic_s=0.01), r"joint 2 \(node 1\): .* every 0.005 s; set .*encoder_msg_rate_ms = 1"),
     # The same bits would mean other speeds.
-    (DAMIAO, (), lambda motor: motor.registers.update({VMAX: 45.0}), "VMAX is 45, the robot file says 8"),
+    (
+        DAMIAO,
+        (),
+        lambda motor: motor.registers.update({VMAX: 45.0}),
+        "VMAX is 45, but the robot file states 8",
+    ),
     # States end at four turns of the output.
     (
         *(ROBSTRIDE, [("motor_id: 2,", "motor_id: 2, zero_rad: 8.0,")], has()),
@@ -55,7 +60,12 @@ AT_CONFIGURING = [  # robot file, its changes, the second motor or servo 3, what
     ),
     (MOTEUS, (), has(home=0), "joint 2 .motor 2.: has no reference for its position"),
     (MOTEUS, (), has(known=False), "joint 2 .motor 2.: does not know its position: no fault"),
-    (SO101, (), lambda servo: servo.put(MODEL, 2825), "servo 3 is a model number 2825, .* says STS3215-12V"),
+    (
+        SO101,
+        (),
+        lambda servo: servo.put(MODEL, 2825),
+        "servo 3 is a model number 2825, .* states STS3215-12V",
+    ),
     (SO101, (), lambda servo: servo.put(PHASE, 28, 1), "servo 3 counts over several turns: clear bit 4"),
     # 1.49 rad/s was read as 0.031, and one that was armed never moved.
     (SO101, (), lambda servo: servo.put(PHASE, 8, 1), r"servo 3 shows speeds in steps of 50 .*: set bit 2"),
@@ -79,7 +89,7 @@ AT_ACTIVATING = [
     (DAMIAO, stubborn("registers", TIMEOUT), "CAN timeout is 0 after it was set to 2000"),
     (DAMIAO, stubborn("registers", MODE, but={MODE: 2}), "control mode is 2"),
     (ROBSTRIDE, stubborn("parameters"), "its canTimeout is 0 after"),
-    (ROBSTRIDE, lambda motor: motor.parameters.pop(ROBSTRIDE_TIMEOUT), "does not say its canTimeout"),
+    (ROBSTRIDE, lambda motor: motor.parameters.pop(ROBSTRIDE_TIMEOUT), "does not report its canTimeout"),
     (ROBSTRIDE, ignores_its_timeout, "is still in motor mode after 0.15 s .*set its timeout to 0.1 s"),
     (MOTEUS, has(tell=lambda now_s: []), "is still in position mode after 0.15 s"),
     (MOTEUS, stays_hot, r"does not stop: joint 2 \(motor 2\) \(over temperature\)"),

@@ -186,7 +186,7 @@ def contact_channel(samples: Samples) -> ChannelData:
     """
     channels = contact_channels(samples, tared=True)
     if not channels:
-        raise InputError("nothing was touched, or too shortly")
+        raise InputError("nothing was touched, or only for too short a time")
     return channels[0]
 
 

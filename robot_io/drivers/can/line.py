@@ -79,7 +79,7 @@ def decode_line(line: bytes) -> "can.Message":
     size, data = int(match["size"]), bytes.fromhex(match["data"].decode())
     is_remote = kind in b"rR"
     if len(data) - (0 if is_remote else size) not in (0, 2):
-        raise ValueError(f"a frame of another length than it says: {line!r}")
+        raise ValueError(f"a frame whose length differs from its length field: {line!r}")
     return can.Message(
         arbitration_id=int(can_id, 16),
         is_extended_id=kind in b"TR",

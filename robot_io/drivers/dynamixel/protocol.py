@@ -114,7 +114,7 @@ def decode_status(packet: bytes) -> DynamixelStatus:
         raise ProtocolError(f"not a packet: {packet[:16].hex(' ')}")
     servo_id, length = packet[4], packet[5] | packet[6] << 8
     if length != len(packet) - _HEAD:
-        raise ProtocolError(f"a packet of {len(packet)} bytes that says {_HEAD + length}")
+        raise ProtocolError(f"a packet of {len(packet)} bytes whose length field says {_HEAD + length}")
     if packet[-_CRC:] != _checksum(packet[:-_CRC]):
         raise ProtocolError(f"CRC mismatch in a packet of servo {servo_id}")
     if packet[_HEAD] != _STATUS or servo_id > LARGEST_ID:

@@ -242,7 +242,7 @@ class DynamixelLine(ServoLine):
         number, firmware = self.registers.who(servo.id)
         if number != servo.servo_model.number:
             raise DeviceError(
-                f"servo {servo.id} is a {model_name(number)}, the robot file says {servo.model}"
+                f"servo {servo.id} is a {model_name(number)}, but the robot file states {servo.model}"
             )
         if firmware < WATCHDOG_FIRMWARE:
             raise DeviceError(
@@ -312,7 +312,7 @@ def examine_servo(access: DynamixelAccess, servo: ServoSettings, label: str) -> 
     number, firmware = access.who(servo.id)
     value = f"{model_name(number)}, firmware {firmware}"
     if number != servo.servo_model.number:
-        value += f"; the robot file says {servo.model}"
+        value += f", but the robot file states {servo.model}"
         yield fail(label, value, "correct the model, or the ids")
     elif firmware < WATCHDOG_FIRMWARE:
         value += ", without a bus watchdog"

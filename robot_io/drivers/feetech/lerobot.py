@@ -66,7 +66,7 @@ class LerobotCalibration(RootModel[Annotated[dict[str, LerobotMotor], Field(min_
         ids = [motor.id for motor in self.root.values()]
         twice = next((servo_id for servo_id in ids if ids.count(servo_id) > 1), None)
         if twice is not None:
-            raise ValueError(f"id {twice} is there twice")
+            raise ValueError(f"id {twice} appears twice")
         return self
 
 
@@ -84,7 +84,7 @@ def read_calibration(path: Path) -> dict[str, LerobotMotor]:
     try:
         return validate(LerobotCalibration, json.loads(read_text(path))).root
     except (OSError, ValueError, RecursionError, InputError) as error:
-        raise InputError(f"{path}: no calibration of LeRobot's ({error})") from error
+        raise InputError(f"{path}: not a LeRobot calibration ({error})") from error
 
 
 def main(arguments: list[str]) -> int:

@@ -83,7 +83,7 @@ def decode_status(packet: bytes) -> FeetechStatus:
         raise ProtocolError(f"not a packet: {packet[:16].hex(' ')}")
     servo_id, length = packet[2], packet[3]
     if length != size - 4:
-        raise ProtocolError(f"a packet of {size} bytes that says {4 + length}")
+        raise ProtocolError(f"a packet of {size} bytes whose length field says {4 + length}")
     if sum(packet) & 0xFF != _WHOLE_SUM:
         raise ProtocolError(f"wrong checksum in a packet of servo {servo_id}")
     if servo_id > LARGEST_ID:

@@ -107,7 +107,7 @@ class FeetechLine(ServoLine):
         number = read(servo_id, tables.MODEL_NUMBER)
         if number != servo.servo_model.number:
             raise DeviceError(
-                f"servo {servo_id} is a {model_name(number)}, the robot file says {servo.model}"
+                f"servo {servo_id} is a {model_name(number)}, but the robot file states {servo.model}"
             )
         if trouble := tables.phase_trouble(read(servo_id, tables.PHASE)):
             raise DeviceError(f"servo {servo_id} {trouble}")

@@ -109,7 +109,7 @@ class MitBus(AskedMotorBus[MitState]):
         finally:
             self._register_asked = None
         if not self._register_values:
-            raise self._about(joint, f"does not say its {register.name}")
+            raise self._about(joint, f"does not report its {register.name}")
         return self._register_values[0]
 
     def configure(self) -> None:
@@ -124,7 +124,7 @@ class MitBus(AskedMotorBus[MitState]):
             for register, stated in zip(self._dialect.range_registers, all_stated, strict=False):
                 reported = self._register(joint, register)
                 if not abs(reported - stated) <= _SAME_RANGE * stated:
-                    problem = f"its {register.name} is {reported:g}, the robot file says {stated:g}"
+                    problem = f"its {register.name} is {reported:g}, but the robot file states {stated:g}"
                     raise self._about(joint, f"{problem}: state its 'ranges', or set the motor")
             if self._dialect.position_register:
                 # Its position must agree with its states, on the same turn.

@@ -322,7 +322,7 @@ class MitFrames:
         if not _is_about_register(frame, motor_id) or data[2] != READ:
             raise ProtocolError(f"no answer of motor {motor_id} about a register: {data.hex(' ')}")
         if data[3] != register.number:
-            raise ProtocolError(f"register {data[3]} in place of {register.number}")
+            raise ProtocolError(f"the answer is about register {data[3]} instead of {register.number}")
         (value,) = struct.unpack(register.format, data[4:])
         return float(value)
 

@@ -230,7 +230,7 @@ class MitBusSettings(CanLineSettings):
             )
         if self.ask_with == "enter" and self.dialect.set_up:
             raise ValueError(
-                f"ask_with 'enter': not for motors of '{self.maker}': it would power them in any mode"
+                f"ask_with 'enter': not allowed for motors of '{self.maker}', because it would power them"
             )
         if self.dialect.has_answer_ids and self.host_id is not None:
             raise ValueError("host_id: Damiao motors have an 'answer_id' each instead")

@@ -229,7 +229,7 @@ class Loadstar(SerialForceSensor, Examinable):
         if abs(capacity_n - self._own.capacity_n) > 0.01 * self._own.capacity_n:
             raise self._error(
                 f"the interface is set for a load cell of {capacity_n:.4g} N, "
-                f"the robot file says {self._own.capacity_n:.4g} N"
+                f"but the robot file states {self._own.capacity_n:.4g} N"
             )
         self._identified = f"{model}, counts in {unit.split()[-1]}, load cell of {capacity_n:.4g} N"
         if self._own.tare:

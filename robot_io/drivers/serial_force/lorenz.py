@@ -338,7 +338,7 @@ class Lorenz(SerialForceSensor, Examinable):
         if (header.dimension_code, header.load_code) != (own.dimension_code, own.load_code):
             raise self._error(
                 f"sensor {header.serial_number} has dimension_code "
-                f"{header.dimension_code} and load_code {header.load_code}, the robot file says "
+                f"{header.dimension_code} and load_code {header.load_code}, but the robot file states "
                 f"{own.dimension_code} and {own.load_code}"
             )
         self._identified = (

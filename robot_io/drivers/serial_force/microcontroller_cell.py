@@ -177,12 +177,14 @@ class MicrocontrollerCell(SerialForceSensor, Examinable):
             raise self._error("no cell answers; check port, baud rate and firmware")
         version, chip, rate = words
         if version != VERSION:
-            raise self._error(f"speaks version {version}, this driver version {VERSION}")
+            raise self._error(f"uses protocol version {version}, but this driver supports version {VERSION}")
         if not rate.isdecimal():
-            raise self._error(f"says '{rate}' samples a second, which is no number")
+            raise self._error(f"says '{rate}' samples a second, which is not a number")
         rate_hz = int(rate)
         if rate_hz != own.rate_hz:
-            raise self._error(f"the {chip} makes {rate_hz} samples/s, the robot file says {own.rate_hz}")
+            raise self._error(
+                f"the {chip} delivers {rate_hz} samples/s, but the robot file states {own.rate_hz}"
+            )
         self._identified = (
             f"{chip}, {rate_hz} samples/s, load cell of {own.capacity_n:.4g} N by the robot file"
         )

@@ -136,7 +136,7 @@ class ServoBus(JointBus, Examinable):
         servo has restarted, let go or has a hardware error, or two of a joint differ, by name.
         """
         if self._reader is None:
-            raise LifecycleError("the servos can be read from configure to close")
+            raise LifecycleError("the servos can be read only between configure and close")
         feedback, asked_at_s = self._reader.read(deadline_s)
         complaint = "" if self._is_well(feedback) else self._complaints(feedback)
         motion = self._motion(feedback)

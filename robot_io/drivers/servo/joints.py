@@ -42,7 +42,7 @@ class ServoMounting(FileModel):
     @classmethod
     def _know_the_model(cls, name: str) -> str:
         if name not in cls.known_models:
-            raise ValueError(f"is no model that is known. Valid: {', '.join(cls.known_models)}")
+            raise ValueError(f"is not a known model. Valid: {', '.join(cls.known_models)}")
         return name
 
     @model_validator(mode="before")
@@ -59,7 +59,8 @@ class ServoMounting(FileModel):
             raise ValueError("second: two servos on a joint at most")
         if self.second and self.second.model != self.model:
             raise ValueError(
-                f"second: is a {self.second.model} beside a {self.model}; two servos on a joint must be alike"
+                f"second: model {self.second.model} differs from {self.model}; two servos on a joint "
+                "must have one model"
             )
         return self
 
@@ -77,7 +78,7 @@ class ServoMounting(FileModel):
         if self.homing_offset in (None, found):
             return None
         return (
-            f"has a homing offset of {found}, the robot file says {self.homing_offset}: "
+            f"has a homing offset of {found}, but the robot file states {self.homing_offset}: "
             "it has been calibrated anew, and its positions mean other angles"
         )
 
@@ -123,7 +124,7 @@ class ServoBusSettings(FileModel, Generic[ServoType]):
     def _can_share_a_bus(self) -> Self:
         twice = next((servo_id for servo_id in self.ids if self.ids.count(servo_id) > 1), None)
         if twice is not None:
-            raise ValueError(f"id {twice} is there twice")
+            raise ValueError(f"id {twice} appears twice")
         return self
 
 

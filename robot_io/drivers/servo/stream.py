@@ -129,7 +129,7 @@ class ServoDialect(ABC):
             ProtocolError: No servo can have this id, or the packet would be too long.
         """
         if not (0 <= servo_id <= LARGEST_ID or servo_id == BROADCAST_ID):
-            raise ProtocolError(f"{servo_id} is no servo id: 0 to {LARGEST_ID}, or {BROADCAST_ID} for all")
+            raise ProtocolError(f"{servo_id} is not a servo id: 0 to {LARGEST_ID}, or {BROADCAST_ID} for all")
         return self._packet(servo_id, instruction, parameters)
 
     def words(self, *values: int) -> bytes:

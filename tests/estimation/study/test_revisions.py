@@ -49,7 +49,7 @@ def test_only_what_is_a_revision_by_its_name_is_read(tmp_path):
 def test_a_pipe_is_not_waited_for(tmp_path):
     (tmp_path / "revisions").mkdir()
     os.mkfifo(tmp_path / "revisions" / "0002.json")
-    with pytest.raises(InputError, match=r"0002\.json: is damaged: it is no regular file"):
+    with pytest.raises(InputError, match=r"0002\.json: is damaged: it is not a regular file"):
         Revisions(tmp_path).all()
 
 

@@ -326,7 +326,7 @@ def test_sessions_and_a_damaged_one_are_measurements_as_well(probed, tmp_path):
     [
         ({"places": ["nowhere"]}, "nowhere: no such file"),
         ({"places": ["x/*.csv"]}, "no file has such a name"),
-        ({"pattern": "{a}_{a}.csv"}, "name each field once"),
+        ({"pattern": "{a}_{a}.csv"}, "use each field once"),
         ({"pattern": "{a}-{b}.csv"}, "does not fit the file name s0"),
         ({"join": "animal"}, "no such field. There are: none"),
         ({"split": "animal"}, "no such column. There are: time_s"),

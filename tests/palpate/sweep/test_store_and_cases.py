@@ -162,7 +162,7 @@ def test_a_file_that_does_not_say_whose_result_it_is_is_refused(name, columns, w
 
 def test_a_pipe_is_not_waited_for(tmp_path):
     os.mkfifo(tmp_path / "a.parquet")
-    with pytest.raises(InputError, match="no regular file"):
+    with pytest.raises(InputError, match="not a regular file"):
         ResultStore(tmp_path).finished()
 
 

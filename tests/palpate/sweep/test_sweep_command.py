@@ -80,7 +80,7 @@ def test_a_plan_says_what_is_left_by_the_measured_cost(done, mine):
     assert said["cases"] == 4
     assert said["left_cpu_s"] == pytest.approx((4 - said["finished"]) * cost)
     assert said["left_wall_s"] == pytest.approx(said["left_cpu_s"] / 4)
-    assert "measured cost of a case" in run("sweep", mine, "--out", out, "--plan").stdout
+    assert "measured time per case" in run("sweep", mine, "--out", out, "--plan").stdout
 
 
 @pytest.mark.parametrize(

@@ -46,7 +46,7 @@ def test_an_arm_in_the_operators_hand_gets_no_power_without_permission(tmp_path,
     monkeypatch.chdir(tmp_path)
     path = tmp_path / "operator.yaml"
     path.write_text(f"device: leader_arm\nrobot: {find_robot('follower').path}\n")
-    assert_refused(run("teleop", "leader", "--operator", path), "which somebody must confirm", "--yes")
+    assert_refused(run("teleop", "leader", "--operator", path), "which a person must confirm", "--yes")
     assert not list(tmp_path.glob("**/*.mcap"))
 
 

@@ -148,5 +148,5 @@ def test_both_sides_on_one_time_line_and_what_is_felt_is_what_is_there(tmp_path)
     result = done("inspect", sessions["follower"], sessions["leader"], "--save", tmp_path / "both.rrd")
     which = "ahead of" if merged.offset_s >= 0.0 else "behind"
     assert f"the follower's clock is {which} the leader's by" in result.stdout
-    assert_refused(run("inspect", sessions["leader"]), "give that of its follower as well")
+    assert_refused(run("inspect", sessions["leader"]), "give its follower's session as well")
     assert_refused(run("inspect", sessions["leader"], sessions["leader"]), "a leader and of its follower")

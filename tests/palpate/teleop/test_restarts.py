@@ -119,7 +119,7 @@ def test_what_may_be_wrong_is_said_once(led, line):
     for now_s in (9.0, 10.0, 11.0):
         line.now = now_s
         led._exchange()
-    assert [text for _, text in led._notes] == ["nobody was heard for 10 s: is it running?"]
+    assert [text for _, text in led._notes] == ["no message arrived for 10 s: is it running?"]
     line.malformed, line.refused = 3, "another key"
     for _ in range(2):
         led._exchange()

@@ -236,7 +236,7 @@ def test_the_text_for_the_session_says_the_same(tmp_path):
     assert again == found
     assert again.kinds == KINDS
     assert parse_calibrations("") == Calibrations()
-    with pytest.raises(InputError, match="'spam' is no calibration"):
+    with pytest.raises(InputError, match="'spam' is not a calibration"):
         parse_calibrations("spam: 1")
 
 

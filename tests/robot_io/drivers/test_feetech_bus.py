@@ -154,7 +154,7 @@ def test_a_servo_that_was_calibrated_anew_is_refused(bench, found, refused):
     stated = "- {id: 3, model: STS3215-12V,"
     arm = bench(SO101, [(stated, f"{stated} homing_offset: 85,")])
     servos(arm)[3].put(OFFSET, abs(found) | (0x800 if found < 0 else 0))
-    said = "homing offset of -85, the robot file says 85"
+    said = "homing offset of -85, but the robot file states 85"
     with pytest.raises(DeviceError, match=said) if refused else nullcontext():
         arm.robot.configure()
 
@@ -304,12 +304,12 @@ def test_a_calibration_of_lerobot_s_becomes_lines_of_a_robot_file(tmp_path, caps
 @pytest.mark.parametrize(
     ("text", "problem"),
     [
-        ("{", "no calibration"),
+        ("{", "not a LeRobot calibration"),
         ("[1]", "dictionary"),
         ("{}", "at least 1 item"),
         ("[" * 100_000, "recursion"),
         (json.dumps({"a": CALIBRATION["elbow_flex"] | {"range_min": 4095}}), "range_min 4095 is not below"),
-        (json.dumps({"a": CALIBRATION["elbow_flex"], "b": CALIBRATION["elbow_flex"]}), "id 3 is there twice"),
+        (json.dumps({"a": CALIBRATION["elbow_flex"], "b": CALIBRATION["elbow_flex"]}), "id 3 appears twice"),
         (json.dumps({"a": CALIBRATION["elbow_flex"] | {"id": True}}), "a.id"),
         ('{"a": {"id": 1}}', "a.drive_mode"),
         (json.dumps({"a": CALIBRATION["elbow_flex"] | {"range_max": 5000}}), "a.range_max"),

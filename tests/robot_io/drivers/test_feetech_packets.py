@@ -96,7 +96,7 @@ def test_an_echo_comes_once():
 
 @pytest.mark.parametrize("servo_id", [-1, 0xFD, 0xFF])
 def test_requests_that_no_servo_could_understand_are_not_made(servo_id):
-    with pytest.raises(ProtocolError, match="no servo id"):
+    with pytest.raises(ProtocolError, match="not a servo id"):
         protocol.DIALECT.ping(servo_id)
     with pytest.raises(ProtocolError, match="equally many"):
         protocol.DIALECT.sync_write(42, {1: b"\x00", 2: b"\x00\x00"})

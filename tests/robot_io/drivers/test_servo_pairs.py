@@ -153,7 +153,9 @@ def test_another_homing_offset_is_refused(make, place):
     arm.robot.configure()  # as they are bolted on
     arm.robot.deactivate()
     servos(arm)[place].memory.put(table.HOMING_OFFSET, 512)
-    with pytest.raises(DeviceError, match=f"servo {place}: has a homing offset of 512, the robot file says"):
+    with pytest.raises(
+        DeviceError, match=f"servo {place}: has a homing offset of 512, but the robot file states"
+    ):
         arm.robot.buses["motors"].configure()
     findings = {one.subject: one for one in arm.robot.buses["motors"].examine() if one.level is Level.FAIL}
     (found,) = findings.values()
@@ -283,9 +285,9 @@ STS = {"id": 1, "model": "STS3215-12V"}
 @pytest.mark.parametrize(
     ("model", "servo", "said"),
     [
-        (DynamixelSettings, ONE | {"second": {"id": 1}}, "id 1 is there twice"),
+        (DynamixelSettings, ONE | {"second": {"id": 1}}, "id 1 appears twice"),
         (DynamixelSettings, ONE | {"second": {}}, "servos entry 1.second.id: is missing"),
-        (DynamixelSettings, ONE | {"second": {"id": 4, "model": "XM430-W350"}}, "must be alike"),
+        (DynamixelSettings, ONE | {"second": {"id": 4, "model": "XM430-W350"}}, "must have one model"),
         (DynamixelSettings, ONE | {"second": {"id": 4, "mirrored": True}}, "mirrored: is not known"),
         (DynamixelSettings, ONE | {"second": 4}, "servos entry 1.second"),
         (

@@ -59,7 +59,7 @@ def test_frames_of_another_version_are_refused_by_name(monkeypatch):
     with monkeypatch.context() as newer_program:
         newer_program.setattr("palpate.robot_io.link.frame.VERSION", 4)
         newer = framed(MESSAGES[0])
-    with pytest.raises(FrameError, match="version 4 of the messages; this program speaks 3"):
+    with pytest.raises(FrameError, match="version 4 of the messages; this program supports version 3"):
         decode(newer)
 
 

@@ -114,10 +114,10 @@ def arm(bench):
 @pytest.mark.parametrize(
     ("old", "new", "problem"),
     [
-        ("rate_hz: 320", "rate_hz: 80", "makes 320 samples/s, the robot file says 80"),
+        ("rate_hz: 320", "rate_hz: 80", "delivers 320 samples/s, but the robot file states 80"),
         ("", b"cell 1 x 320*0000\n", "no cell answers"),
-        ("", cell_line("cell 2 x 320"), "speaks version 2, this driver version 1"),
-        ("", cell_line("cell 1 x fast"), "says 'fast' samples a second, which is no number"),
+        ("", cell_line("cell 2 x 320"), "uses protocol version 2, but this driver supports version 1"),
+        ("", cell_line("cell 1 x fast"), "says 'fast' samples a second, which is not a number"),
     ],
 )
 def test_another_cell_than_stated_is_refused(arm, old, new, problem):

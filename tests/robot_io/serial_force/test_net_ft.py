@@ -161,11 +161,11 @@ def sensor(arm):
 @pytest.mark.parametrize(
     ("spoil", "said"),
     [
-        ({"counts_per_force": 1000.0}, "counts 1000 for 1 N, the robot file says 1000000 for 1 N"),
-        ({"unit": "lbf"}, "counts 1000000 for 1 lbf, the robot file says"),
+        ({"counts_per_force": 1000.0}, "counts 1000 for 1 N, but the robot file states 1000000 for 1 N"),
+        ({"unit": "lbf"}, "counts 1000000 for 1 lbf, but the robot file states"),
         ({"enabled": False}, "RDT is disabled"),
         ({"hear": lambda data, now_s: b""}, "sends no records"),
-        ({"page": lambda: b"no"}, "is no configuration of a Net F/T"),
+        ({"page": lambda: b"no"}, "is not a configuration of a Net F/T"),
     ],
 )
 def test_a_sensor_that_is_set_up_otherwise_is_refused(arm, spoil, said):

@@ -359,7 +359,7 @@ def _streamed(
         (2, BRAKED, "the port was unplugged"),
         _SILENT,
         (4, BRAKED, "force sensor: at the end of its range", _CONFIRMED, "one reading"),
-        (reversed_ticks, BRAKED + reversed_ticks, "is the sensor alive", _CONTRADICTED, "2 N"),
+        (reversed_ticks, BRAKED + reversed_ticks, "does the sensor work", _CONTRADICTED, "2 N"),
         _STUCK,
     )
 
@@ -372,7 +372,7 @@ _FORCE_ROWS = {
         *[(OLD, BRAKED, "no reading for")] * 3,
         (2, BRAKED, "the port was unplugged"),
         *[(2, BRAKED, "force sensor: at the end of its range")] * 2,
-        (17, BRAKED + 17, "is the sensor alive", _CONTRADICTED, "2 N"),
+        (17, BRAKED + 17, "does the sensor work", _CONTRADICTED, "2 N"),
         _STUCK,
     ),
     "lines": _streamed(17, 22),
@@ -384,7 +384,7 @@ _FORCE_ROWS = {
         *[(11, BRAKED + 5, "no reading for")] * 2,
         (2, BRAKED + 2, "the sensor says 'broken gage (status 0x80000004)'"),
         (2, BRAKED + 2, "the sensor says 'force or torque out of range (status 0xc0000000)'"),
-        (24, BRAKED + 24, "is the sensor alive", _CONTRADICTED, "2 N"),
+        (24, BRAKED + 24, "does the sensor work", _CONTRADICTED, "2 N"),
         _STUCK,
     ),
     "bota": (
@@ -395,7 +395,7 @@ _FORCE_ROWS = {
         (2, BRAKED, "the port was unplugged"),
         (3, BRAKED + 2, "the sensor says 'invalid measurements'"),
         (3, BRAKED + 2, "force sensor: at the end of its range"),
-        (24, BRAKED + 24, "is the sensor alive", _CONTRADICTED, "2 N"),
+        (24, BRAKED + 24, "does the sensor work", _CONTRADICTED, "2 N"),
         _STUCK,
     ),
     "cell": (
@@ -406,7 +406,7 @@ _FORCE_ROWS = {
         (2, BRAKED, "the port was unplugged"),
         (4, BRAKED, "the cell says 'fault converter'", _RARE, "one reading"),
         (4, BRAKED, "force sensor: at the end of its range", _RARE, "one reading"),
-        (24, BRAKED + 24, "is the sensor alive", _CONTRADICTED, "2 N"),
+        (24, BRAKED + 24, "does the sensor work", _CONTRADICTED, "2 N"),
         (36, BRAKED + 24, "force sensor: stuck at", _ELEVEN, _FROZEN_FORCE),
     ),
 }
