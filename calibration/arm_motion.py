@@ -285,11 +285,10 @@ def choose_path(
     settings: ExcitationSettings,
     rng: np.random.Generator,
 ) -> FourierPath:
-    """Choose the most informative of some random paths about the posture that stands highest.
+    """Choose the most informative of several random paths around the highest posture.
 
     The most informative path has the largest determinant of the normal equations (D-optimal) of gains,
-    offsets, friction and tilt. Nothing goes lower than where the arm stands now. Equal seeds choose the same
-    path.
+    offsets, friction and tilt. No part goes below its present height. Equal seeds give the same path.
 
     Args:
         body: model of the arm.

@@ -76,10 +76,10 @@ class QuickEstimator:
         return within_bounds(Compliance(self._k, self._c))
 
     def update(self, depth_m: float, speed_m_s: float, force_n: float, dt_s: float) -> None:
-        """Learn from one sample; samples slower than 2 mm/s are left out.
+        """Update the estimate with one sample; samples slower than 2 mm/s are ignored.
 
         Args:
-            depth_m: way since the touch, positive into the object [m].
+            depth_m: travel since the touch, positive into the object [m].
             speed_m_s: positive into the object [m/s].
             force_n: positive in compression [N].
             dt_s: time since the last sample [s].

@@ -77,7 +77,7 @@ def probing_sites(
     position_rad: FloatArray,
     limits_rad: JointLimits,
 ) -> list[ProbingSite]:
-    """Compute the sites of a plan, with the elbow bent as it is now.
+    """Compute the sites of a plan, with the elbow on its present side.
 
     Args:
         arm: geometry of the arm.
@@ -87,10 +87,10 @@ def probing_sites(
         limits_rad: lowest and highest joint positions, shape (3,) each [rad].
 
     Returns:
-        One site a target.
+        One site per target.
 
     Raises:
-        InputError: an approach cannot be started, or there is no room behind its start to search.
+        InputError: an approach cannot be started, or the search distance behind its start does not fit.
     """
     direction = frozen_array(plan.press_direction_world)
     starts = [frozen_array(target) - plan.approach_clearance_m * direction for target in plan.targets_world_m]

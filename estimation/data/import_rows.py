@@ -47,11 +47,11 @@ def arrange_rows(columns: Columns, *, fresh: bool, count: int | None) -> Rows:
 
     Args:
         columns: columns of the table.
-        fresh: let the clock begin anew in each run, which is how one is told from an earlier one's sequel.
+        fresh: restart the clock in each run, which marks a run as independent of the previous ones.
         count: number of presses in the recording; None if unknown.
 
     Raises:
-        InputError: times do not increase in a run, a run is too short, a phase unknown.
+        InputError: times do not increase within a run, a run is too short, or a phase is unknown.
     """
     table, notes = columns.table, list[str]()
     if columns.run is None:

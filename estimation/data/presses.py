@@ -72,7 +72,7 @@ def cut_presses(force: FloatArray, displacement: FloatArray, piece: IntArray) ->
     Args:
         force: shape (n,), positive in compression.
         displacement: shape (n,), positive into the object.
-        piece: recordings that are apart already, shape (n,).
+        piece: number of the separate recording of each sample, shape (n,).
     """
     levels, peaks = force_levels(force, displacement), list[int]()
     for rows in blocks(piece):  # the largest force between a rise above the one level and the next
@@ -95,12 +95,12 @@ def cut_presses(force: FloatArray, displacement: FloatArray, piece: IntArray) ->
 def cut_into(
     force: FloatArray, displacement: FloatArray, piece: IntArray, count: int, where: str
 ) -> IntArray:
-    """Cut a recording into a given number of presses: those that come from furthest out.
+    """Cut a recording into a given number of presses: those that start farthest from the object.
 
     Args:
         force: shape (n,), positive in compression.
         displacement: shape (n,), positive into the object.
-        piece: recordings that are apart already, shape (n,).
+        piece: number of the separate recording of each sample, shape (n,).
         count: number of presses that the user states.
         where: file and option, for the error.
 

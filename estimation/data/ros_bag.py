@@ -111,7 +111,7 @@ class _MessageGroup:
         return same_size and message.startswith(self.text, _CDR_BYTES + _STAMP_BYTES)
 
     def numbers(self, kind: str, place: int, count: int) -> NDArray[Any]:
-        """Return numbers of each message from a byte on, shape (messages, count), of a NumPy kind."""
+        """Read `count` numbers from a given byte of each message on, shape (messages, count)."""
         size = np.dtype(kind).itemsize * count
         order = "<" if self.begins[1] & 1 else ">"
         matrix = np.frombuffer(b"".join(self.messages), np.uint8).reshape(-1, self.size)

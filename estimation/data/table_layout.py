@@ -140,11 +140,11 @@ _MARK = {b"clock": b"s"}  # beside the names of columns that hold seconds whatev
 
 
 def with_seconds(columns: pa.Table, decimal: str) -> tuple[pa.Table, tuple[str, ...]]:
-    """Convert columns of clock times to seconds since midnight of the first day, and describe it.
+    """Convert columns of clock times to seconds since midnight of the first day, with a note for the user.
 
     Args:
         columns: columns of a file.
-        decimal: mark in its numbers.
+        decimal: decimal mark of its numbers.
     """
     done = []
     for place, name in enumerate(columns.column_names):

@@ -266,9 +266,9 @@ class TextDialect:
 
 
 def find_dialect(content: bytes) -> TextDialect | None:
-    """Detect how a UTF-8 text is written; None if no names are followed by numbers.
+    """Detect delimiter and decimal mark of a UTF-8 text; None if no header is followed by numbers.
 
-    A first line that contains one of palpate's own names is a header, whatever follows. Otherwise each
+    A first line that contains one of palpate's own names is a header, whatever follows it. Otherwise each
     combination of delimiter and decimal mark is tried, and the combination whose longest table is widest is
     returned.
 
@@ -445,11 +445,12 @@ def same_columns(blocks: Sequence[Block], selected: str, place: Path) -> tuple[l
 
     Args:
         blocks: tables, at least one.
-        selected: title of one of them; empty for the longest, by names alone if none makes a channel.
-        place: the file, for the error.
+        selected: title of one table; empty for the longest (by names only if none makes a channel).
+        place: name of the file, for the error.
 
     Returns:
-        Indices of the tables, in their order, and a sentence on the others or nothing.
+        Indices of the tables, in their order, and a sentence about the other tables (empty if there are
+        none).
 
     Raises:
         InputError: no table has this title.

@@ -114,7 +114,7 @@ class GravityTilt(AdditiveEffect):
         return np.cos(data.position)[:, None]
 
     def applies_to(self, data: ChannelData) -> bool:
-        """See `Effect.applies_to`; an arm of several joints is no pendulum: its own form, or none."""
+        """See `Effect.applies_to`; an arm with several joints is not a pendulum and needs its own form."""
         return super().applies_to(data) and (_OF_ARM not in data.context or _is_known(data))
 
     def suited_to(self, data: ChannelData) -> "GravityTilt":

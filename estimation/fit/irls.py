@@ -84,13 +84,13 @@ class IrlsResult:
 def irls(
     evaluate: Evaluate, effort: FloatArray, start: FloatArray, known: NoiseLevel | None = None
 ) -> IrlsResult:
-    """Iterate from `start` to the M-estimate.
+    """Compute an M-estimate by iteratively reweighted least squares.
 
     Args:
         evaluate: the model.
-        effort: shape (n,).
-        start: parameters that most samples agree with, shape (p,).
-        known: noise that needs not be found; None to take it from the residuals.
+        effort: measured effort, shape (n,).
+        start: starting parameters, which must fit most samples, shape (p,).
+        known: noise level if it is known; None to estimate it from the residuals.
     """
     values = start
     predicted, slopes = evaluate(values)

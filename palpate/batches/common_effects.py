@@ -42,8 +42,9 @@ def find_common_effects(screen: Callable[[dict[str, Any]], pa.Table]) -> tuple[C
     """Add the effect with the largest gain, step by step, until no gain is significant.
 
     Args:
-        screen: tries candidates on all measurements beside the effects `added`, lists by channel, in
-            `channels` (None for all); a row for each measurement, channel and `candidate` with its `gain`.
+        screen: fits candidates to all measurements, beside the effects `added` (lists by channel), in
+            `channels` (None for all); returns a row with the `gain` of each measurement, channel and
+            `candidate`.
     """
     added: dict[str, list[str]] = {}
     chosen: list[CommonEffect] = []

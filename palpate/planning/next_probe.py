@@ -88,11 +88,11 @@ def next_probe(
     already in the data. A plan stated in saved diagnoses is used without planning again, unless it ran since.
 
     Args:
-        study: what was measured so far.
-        diagnoses: what is known of its channels.
+        study: study with all measurements so far.
+        diagnoses: diagnoses of its channels.
         longest_s: time that an experiment may take [s].
-        progress: told what is considered, and the share of it that is done.
-        processes: that share the rehearsals.
+        progress: called with the current step, and the share of it that is done.
+        processes: number of processes for the rehearsals.
 
     Raises:
         InputError: the session's own copies of robot file or plan are not valid.

@@ -78,10 +78,10 @@ class Example:
 
 
 def plain(kind: ChannelKind) -> tuple[ChannelData, Model, dict[str, float]]:
-    """A plain motion, two presses or swings, a plain model of it, and that model's parameters.
+    """Return a simple motion (two presses or swings), a simple model, and the model's parameters.
 
     Args:
-        kind: of the channel.
+        kind: kind of the channel.
     """
     t = np.arange(0.0, _PLAIN_S, _TIME_S)
     rate = 4.0 * np.pi / _PLAIN_S

@@ -42,10 +42,10 @@ class DiagnosisCard:
         self._judging: DiagnosisProcess | None = None  # as the page shows it
 
     def build(self, more: Callable[[], None] = lambda: None) -> None:
-        """Put the elements; `more` builds what belongs below the verdict.
+        """Create the elements of the panel.
 
         Args:
-            more: builds what belongs below the verdict.
+            more: creates the elements below the verdict.
         """
         self._more = more
         with ui.element("section").classes("card"):
@@ -229,7 +229,7 @@ class RiddleCard:
         self._state, self._diagnose = state, diagnose
 
     def build(self) -> None:
-        """Put the elements."""
+        """Create the elements of the panel."""
         with ui.element("section").classes("card"):
             heading("Riddle")
             ui.label(

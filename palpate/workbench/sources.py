@@ -87,7 +87,7 @@ def options_of(columns: Sequence[ColumnGuess]) -> ImportOptions:
     """Return the import options for these roles. InputError: two columns have the same role.
 
     Args:
-        columns: as the user left them.
+        columns: columns of the file, with the roles that the user chose.
     """
     used = [column for column in columns if column.quantity]
     names = [column.quantity for column in used]

@@ -102,15 +102,15 @@ def resolve(  # noqa: PLR0917 (what to do, and who is told of it)
     work: Work = lambda channels: nullcontext(lambda what, share: None),
     design: Design = Study.next_probe,
 ) -> Resolved:
-    """Run a first probe and those that follow from it; report each decision and log it.
+    """Run a first probe and the most informative further probes; report and log each decision.
 
     Args:
         job: the first probe; the folder of its session is the study's, and holds no session yet.
-        budget: how much may be done.
+        budget: maximum number and time of probes.
         channel: the channel to explain; None for all.
         tell: called with each decision.
         watch: observes the run of a plan.
-        work: shows what is being worked out about these channels.
+        work: shows the progress of the computation for these channels.
         design: chooses the next probe from the study, its diagnosis, and the time that it may take [s].
 
     Raises:

@@ -167,13 +167,13 @@ def target_number(leader: int, count: int) -> int:
 
 
 def short_number(number: int) -> int:
-    """Return the number of a target within its leader, for people.
+    """Return the short number of a target, which users see.
 
     Args:
-        number: of the target.
+        number: number of the target, which includes the leader's random bits.
 
     Returns:
-        Count of the leader's targets.
+        Position of the target in the leader's sequence.
     """
     return number % _NUMBERS
 

@@ -145,13 +145,13 @@ def has_ticks(session: Session) -> bool:
 
 
 def tick_columns(session: Session) -> Columns:
-    """Return columns of the "tick" stream; vectors stay vectors also for a single joint.
+    """Return the columns of the "tick" stream; vectors remain vectors for a single joint.
 
     Args:
-        session: of an arm.
+        session: session of an arm.
 
     Raises:
-        InputError: there are none.
+        InputError: the session has no ticks.
     """
     if not has_ticks(session):
         streams = ", ".join(session.stream_names)

@@ -247,7 +247,7 @@ class Port(Protocol):
         """
 
     def write(self, data: bytes, /) -> object:
-        """Send.
+        """Send bytes to the sensor.
 
         Args:
             data: bytes for the sensor.
@@ -446,7 +446,7 @@ class SerialLine(ForceLine):
 
     @property
     def baud_rate(self) -> int:
-        """By the robot file [bit/s]."""
+        """Baud rate of the robot file [bit/s]."""
         return self._own.baud_rate
 
     def configure(self) -> None:
