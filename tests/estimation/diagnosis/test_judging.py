@@ -1,5 +1,6 @@
 """How a channel is judged from its gate to its answer, with what decides replaced by what a test says."""
 
+from dataclasses import replace
 from importlib import import_module
 from types import SimpleNamespace
 from unittest.mock import Mock
@@ -18,10 +19,11 @@ from palpate.estimation.diagnosis.diagnose import (
 from palpate.estimation.diagnosis.result import Verdict
 from palpate.estimation.diagnosis.verdict import insufficient_diagnosis
 from palpate.estimation.effects import EFFECTS
+from palpate.estimation.fit.measurement_noise import measurement_noise
 from palpate.estimation.model import Model
 from tests.estimation.searches import PRESS, SWING, searched
 from tests.estimation.study.joints import joints
-from tests.estimation.swings import swings
+from tests.estimation.swings import NOISE_NM, swings
 
 module = import_module(
     "palpate.estimation.diagnosis.diagnose"
@@ -283,3 +285,14 @@ def test_a_constant_is_dropped_that_explains_little_beside_what_was_found_next_t
     end, tests = module._look_beyond_offset(search, Mock(), [], Mock(), Mock())
     assert end is (joint if kept else reduced)
     assert tests[-1] == ("beside" if kept else alone)
+
+
+def test_an_error_is_compared_with_a_constant_on_the_same_means():
+    """A torque below the noise of a reading, but above that of a mean of ten, is more than a constant."""
+    data = swings(1, rate_hz=1000.0)
+    noise = np.random.default_rng(0).normal(0.0, NOISE_NM, len(data))
+    search = searched(replace(data, effort=0.006 * data.effort + noise))
+    fit, effort = search.start, search.start.problem.blocked.effort
+    assert measurement_noise(fit).is_bound
+    assert np.sqrt(fit.held_out_mean_square) < np.std(effort) < fit.rmse
+    assert _Completeness(search).is_complete(fit)
