@@ -170,7 +170,7 @@ def test_a_force_before_the_arm_moves_is_not_tared_away(force_n):
 
 def test_a_touch_force_above_the_plan_s_share_is_refused_before_the_arm_moves():
     task = probing_task(ProbingPlan(force_limit_n=10.0), Gains(touch=TouchGains(touch_force_n=4.0)))
-    with pytest.raises(InputError, match=r"counts from 4 N on.* at most 3.5 N.*touch_force_n"):
+    with pytest.raises(InputError, match=r"counts above 4 N.* at most 3.5 N.*touch_force_n"):
         task.start(plant_above().measure())
 
 

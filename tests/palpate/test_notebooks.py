@@ -108,5 +108,5 @@ def test_an_address_is_a_link_in_a_notebook():
 
 def test_a_second_page_is_refused_with_the_address_of_the_first(monkeypatch, tmp_path):
     monkeypatch.setattr("palpate.workbench.server._pages", [PageAddress("http://127.0.0.1:1")])
-    with pytest.raises(InputError, match=r"open already, at http://127\.0\.0\.1:1"):
+    with pytest.raises(InputError, match=r"already open at http://127\.0\.0\.1:1"):
         Study(write_presses(tmp_path / "press.csv"), keep=False).workbench(browser=False)

@@ -104,7 +104,7 @@ def test_a_pose_is_read_once_somebody_holds_the_arm_there(monkeypatch, capsys):
 def test_the_pose_of_a_real_arm_is_not_read_without_anybody(tmp_path, monkeypatch, power):
     monkeypatch.chdir(tmp_path)
     own = ("--robot", write_mock_files(tmp_path), "--drivers", "tests.mock_robot", "--pose", "home")
-    assert_refused(run("calibrate", "encoder", *own), "by hand", "--yes")
+    assert_refused(run("calibrate", "encoder", *own), "a person must bring", "--yes")
     assert not list(tmp_path.rglob("*.mcap"))
     done("calibrate", "encoder", *own, "--yes", "-o", "e.yaml", "--session", "e.mcap")
     assert power == []

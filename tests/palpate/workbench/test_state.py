@@ -264,7 +264,7 @@ def test_a_unit_that_the_file_does_not_state_is_asked_for(press, tmp_path):
     plain = tmp_path / "plain.csv"
     plain.write_text("clock,z,load,run\n" + press.read_text().partition("\n")[2])
     options = options_of(guess(read_table(plain)))
-    with pytest.raises(InputError, match="do not say their units; say them"):
+    with pytest.raises(InputError, match="do not state their units; give them"):
         Study(plain, columns=options.columns, units=options.units, keep=False)
 
 
