@@ -6,14 +6,13 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from palpate.estimation.budget.laws import BaseColumns, Law
+from palpate.estimation.budget.laws import COLLINEAR, BaseColumns, Law
 from palpate.estimation.fit.blocks import BlockedData
 from palpate.estimation.kinds import Kind
 from palpate.estimation.statistics.least_squares import solve_within_bounds
 from palpate.robot_io.types import BoolArray, FloatArray, IntArray
 
 _RIDGES = (1e-6, 1e-4, 1e-2)  # ridge penalties, relative to the mean square of a column
-_COLLINEAR = 1e-9  # the same for columns of the base model, which are not shrunk
 _MOST_BLOCKS = 6000  # longer data are decimated
 _PIECES = 16  # of a run; alternating pieces fit and test the run's own coefficients
 _SINGULAR = 1e-9
@@ -148,7 +147,7 @@ class HeldOutError(SquaredErrors):
     def _predicted(self, kinds: Kinds) -> FloatArray:
         if kinds not in self._predictions:
             chosen = np.flatnonzero([need <= kinds for need in self._needs])
-            ridges = _RIDGES if kinds else (_COLLINEAR,)
+            ridges = _RIDGES if kinds else (COLLINEAR,)
             trials = [self._predict(chosen, ridge) for ridge in ridges]
             self._predictions[kinds] = min(trials, key=lambda fit: float(np.sum((self._target - fit) ** 2)))
         return self._predictions[kinds]
@@ -156,7 +155,7 @@ class HeldOutError(SquaredErrors):
     def _predict(self, chosen: IntArray, ridge: float) -> FloatArray:
         """Predict each fold from the others with these columns, shape (n,)."""
         is_base = chosen < self.base.columns.shape[1]
-        penalty = np.where(is_base, _COLLINEAR, ridge) * len(self._target)
+        penalty = np.where(is_base, COLLINEAR, ridge) * len(self._target)
         lower, upper = np.where(self._nonnegative[chosen], 0.0, -np.inf), np.full(len(chosen), np.inf)
         grams = self._grams[:, chosen[:, None], chosen]
         moments = self._moments[:, chosen]

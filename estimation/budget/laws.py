@@ -53,7 +53,7 @@ _WHOLE_TURN = 0.75  # turns; over a wider range, wave numbers are whole numbers 
 _LEAST_WAVES = 3  # over a narrower range; fewer waves resemble any smooth law
 # Forces of the object, which only push; friction may act at the sides of the tool, and adhesion pulls.
 _OF_OBJECT = (Kind.ELASTIC_SHAPE, Kind.RATE_DEPENDENCE, Kind.TIME_MEMORY, Kind.CONTACT_GEOMETRY)
-_COLLINEAR = 1e-9  # ridge of the base model's columns, relative to their mean square
+COLLINEAR = 1e-9  # ridge of the base model's columns, which are not shrunk, relative to their mean square
 _GRAVITY_RANGE = 0.3  # [rad]; over a narrower range gravity resembles a constant and a spring
 
 
@@ -227,7 +227,6 @@ def _sensor_dynamics(
         *(partial(shift, time_s=time_s, run=run, delay_s=lag) for lag in times),
     ]
     early = [partial(shift, time_s=time_s, run=run, delay_s=-lag) for lag in times]
-
     same = (float(np.sum((blocked.effort - effort)[used] ** 2)), effort)
 
     def refitted(sense: Callable[[FloatArray], FloatArray]) -> tuple[float, FloatArray]:
@@ -238,7 +237,7 @@ def _sensor_dynamics(
         size = np.where(size > 0.0, size, 1.0)
         columns = columns / size
         left = (blocked.effort - sense(effort))[used]
-        system = columns.T @ columns + _COLLINEAR * len(columns) * np.eye(len(size))
+        system = columns.T @ columns + COLLINEAR * len(columns) * np.eye(len(size))
         lower, upper = (base.lower - base.gains) * size, np.full(len(size), np.inf)
         change = solve_within_bounds(system, columns.T @ left, lower, upper)
         return float(np.sum((left - columns @ change) ** 2)), effort + base.columns @ (change / size)

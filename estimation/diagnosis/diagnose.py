@@ -319,9 +319,8 @@ class _Completeness:
             return False
         if measurement_noise(self._search.start).is_bound:
             effort = fit.problem.blocked.effort[fit.problem.used]
-            if fit.held_out_mean_square >= np.var(
-                effort
-            ):  # a constant predicts as well, and the noise may be smaller
+            # A constant predicts as well, and the noise may be smaller.
+            if fit.held_out_mean_square >= np.var(effort):
                 return False
         if fit.rmse <= (1.0 + SMALL) * fit.floor():
             return True
