@@ -229,14 +229,7 @@ class StopTask:
         self._move_along([self._start_rad, self._up_rad, self._approaches[0].posture_rad])
 
     def step(self, measurement: Measurement, dt_s: float) -> TaskOutput:
-        """Move to the next stop, or press against it.
-
-        Args:
-            measurement: state of the arm.
-            dt_s: time since the last tick [s].
-
-        Returns:
-            Command, reference and events.
+        """Move to the next stop, or press against it; see `palpate.control.loop.task.Task.step`.
 
         Raises:
             SafetyTripError: a stop is not where it is said to be.

@@ -115,11 +115,7 @@ class SimulatedBus(JointBus):
             self._world = None
 
     def poll(self, deadline_s: float) -> None:
-        """See `Bus.poll`; a simulated world is never late.
-
-        Args:
-            deadline_s: robot's clock [s].
-        """
+        """See `Bus.poll`; a simulated world is never late."""
         world, now_s = self.world, self._clock.now_s()
         world.advance_to(now_s)
         n, motion = self.joint_count, world.encoder.read(now_s)
@@ -129,12 +125,6 @@ class SimulatedBus(JointBus):
 
     def stage(self, torque_nm: FloatArray) -> FloatArray:
         """See `JointBus.stage`; rounded to the drives' steps, then clipped to the URDF's effort limits.
-
-        Args:
-            torque_nm: along the joint axes, shape (n,) [N m].
-
-        Returns:
-            The torques that the next `flush` applies, shape (n,) [N m].
 
         Raises:
             LifecycleError: the torque is off.

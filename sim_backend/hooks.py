@@ -70,15 +70,7 @@ class MaterialEffect(ContactEffect):
         return state
 
     def contact_force_n(self, state: ContactState, force_n: float) -> float:
-        """See `ContactEffect.contact_force_n`.
-
-        Args:
-            state: motion of the tip.
-            force_n: force so far [N].
-
-        Returns:
-            Force [N]; below zero the material would have to pull.
-        """
+        """See `ContactEffect.contact_force_n`."""
         return force_n
 
 

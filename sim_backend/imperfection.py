@@ -128,14 +128,7 @@ class ContactImperfection(Imperfection, ABC):
         return (CONTACT,)
 
     def effects(self, joint_count: int) -> HiddenEffects:
-        """See `Imperfection.effects`; the arm does not matter.
-
-        Args:
-            joint_count: of the arm.
-
-        Returns:
-            The effect, with its own memory.
-        """
+        """See `Imperfection.effects`; the arm does not matter."""
         return self._effects()
 
     @abstractmethod
@@ -160,12 +153,6 @@ class JointImperfection(Imperfection, ABC):
 
     def effects(self, joint_count: int) -> HiddenEffects:
         """See `Imperfection.effects`.
-
-        Args:
-            joint_count: of the arm.
-
-        Returns:
-            The effect, with its own memory.
 
         Raises:
             InputError: the arm has no such joint.
@@ -219,12 +206,6 @@ class SensorImperfection(Imperfection, ABC):
 
     def effects(self, joint_count: int) -> HiddenEffects:
         """See `Imperfection.effects`; it acts on one value of one kind of sensor.
-
-        Args:
-            joint_count: of the arm.
-
-        Returns:
-            The effect, with its own memory.
 
         Raises:
             InputError: the arm has no such joint.

@@ -165,13 +165,6 @@ class ProbingTask:
     def step(self, measurement: Measurement, dt_s: float) -> TaskOutput:
         """Compute one tick; see `palpate.control.loop.task.Task.step`.
 
-        Args:
-            measurement: state of the arm.
-            dt_s: time since the last tick [s].
-
-        Returns:
-            Command, reference and events.
-
         Raises:
             SafetyTripError: force sensor and joint torques contradict each other, an obstacle is in the way
                 back, or the arm does not come to rest there.

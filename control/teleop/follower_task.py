@@ -190,13 +190,6 @@ class FollowerTask:
     def step(self, measurement: Measurement, dt_s: float) -> TaskOutput:
         """Compute one tick; see `palpate.control.loop.task.Task.step`.
 
-        Args:
-            measurement: state of the arm.
-            dt_s: time since the last tick [s].
-
-        Returns:
-            Command, reference and events.
-
         Raises:
             Exception: whatever a `ProbingTask` raises.
         """

@@ -296,23 +296,14 @@ class NudgeTask:
         self._middle_rad = (np.array(limits.position_min_rad) + np.array(limits.position_max_rad)) / 2.0
 
     def start(self, measurement: Measurement) -> None:
-        """See `palpate.control.loop.task.Task`; each joint is moved to the side with more room.
-
-        Args:
-            measurement: of the first tick.
-        """
+        """See `palpate.control.loop.task.Task`; each joint is moved to the side with more room."""
         self._elapsed_s = 0.0
         self._start_rad = measurement.joint_position_rad.copy()
         self._towards = np.where(self._start_rad > self._middle_rad, -1.0, 1.0)
         self._free.start(measurement)
 
     def step(self, measurement: Measurement, dt_s: float) -> TaskOutput:
-        """See `palpate.control.loop.task.Task`; trips where something touches the tool.
-
-        Args:
-            measurement: of this tick.
-            dt_s: since the tick before [s].
-        """
+        """See `palpate.control.loop.task.Task`; trips where something touches the tool."""
         self._elapsed_s += dt_s
         # Half a wave for one joint at a time, at rest at both of its ends.
         joint, within_s = divmod(self._elapsed_s - _STAY_S, _NUDGE_S)

@@ -62,12 +62,6 @@ class JointBus(Bus):
     def stage(self, torque_nm: FloatArray) -> FloatArray:
         """See `JointTorque.stage_torque`.
 
-        Args:
-            torque_nm: torques of all joints, shape (n,) [N m].
-
-        Returns:
-            The torques that will be sent to the drives, shape (n,) [N m].
-
         Raises:
             LifecycleError: the torque is off.
         """

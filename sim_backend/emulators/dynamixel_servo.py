@@ -331,11 +331,7 @@ class EmulatedServo(LineServo):
         return bool(self.memory.get(HARDWARE_ERROR) & self.memory.get(SHUTDOWN))
 
     def watch(self, now_s: float) -> None:
-        """See `LineServo.watch`: checks the bus watchdog.
-
-        Args:
-            now_s: bench's clock [s].
-        """
+        """See `LineServo.watch`: checks the bus watchdog."""
         limit = self.memory.get(BUS_WATCHDOG)
         on = self.memory.get(TORQUE_ENABLE)
         if on and limit > 0 and now_s - self._heard_s > limit * WATCHDOG_UNIT_S:
@@ -351,12 +347,7 @@ class EmulatedServo(LineServo):
             self._exert()
 
     def reboot(self, now_s: float, away_s: float) -> None:
-        """See `LineServo.reboot`: RAM, turns and errors are forgotten.
-
-        Args:
-            now_s: bench's clock [s].
-            away_s: how long it has no power [s].
-        """
+        """See `LineServo.reboot`: RAM, turns and errors are forgotten."""
         self.memory.lose_power()
         self._turn_counts = None
         self._awake_s = now_s + away_s

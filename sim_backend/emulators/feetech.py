@@ -220,12 +220,7 @@ class EmulatedSts(LineServo):
         self.error |= OVERLOAD
 
     def reboot(self, now_s: float, away_s: float) -> None:
-        """See `LineServo.reboot`; values below address 40 are as last saved, the others as delivered.
-
-        Args:
-            now_s: bench's clock [s].
-            away_s: how long it has no power [s].
-        """
+        """See `LineServo.reboot`; values below address 40 are as last saved, the others as delivered."""
         delivered = {address: (size, value) for address, size, value in _TABLE if address >= EPROM_END}
         self._memory[:EPROM_END] = self._saved
         for address, (size, value) in delivered.items():

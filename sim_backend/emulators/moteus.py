@@ -131,14 +131,7 @@ class EmulatedMoteus(EmulatedMotor):
         self._exert(min(max(torque_nm, -limit_nm), limit_nm))
 
     def tell(self, now_s: float) -> list[can.Message]:
-        """See `EmulatedMotor.tell`; the watchdog came with the last command.
-
-        Args:
-            now_s: bench's clock [s].
-
-        Returns:
-            The frames; none.
-        """
+        """See `EmulatedMotor.tell`; the watchdog came with the last command."""
         watchdog_s = self._command[0x27] or 0.1
         if self.mode == POSITION and now_s - self._heard_s > watchdog_s:
             self.mode = TIMEOUT

@@ -64,14 +64,7 @@ class EmulatedNetFt(SerialSensor):
         return b""
 
     def reading(self, force_n: float) -> bytes:
-        """See `SerialSensor.reading`; without a value a gage is broken.
-
-        Args:
-            force_n: with the sensor's own sign [N]; NaN where there is none.
-
-        Returns:
-            The record.
-        """
+        """See `SerialSensor.reading`; without a value a gage is broken."""
         self._sequence += self._timer.passed
         self._measurement += self._timer.passed * self.measures * _INTERNAL_HZ // self.rate_hz
         status, counts = self.status, [17, -23, 31, 5, -7, 11]

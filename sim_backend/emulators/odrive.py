@@ -121,14 +121,7 @@ class EmulatedOdrive(EmulatedMotor):
         return []
 
     def tell(self, now_s: float) -> list[can.Message]:
-        """See `EmulatedMotor.tell`; estimates, torques and heartbeats, each at its rate.
-
-        Args:
-            now_s: bench's clock [s].
-
-        Returns:
-            The frames.
-        """
+        """See `EmulatedMotor.tell`; estimates, torques and heartbeats, each at its rate."""
         if now_s < self._silent_until_s:
             return []
         watchdog_s = math.inf if self.watchdog_s is None else self.watchdog_s

@@ -333,14 +333,7 @@ class HiddenGravityTilt(Imperfection):
         return tuple(channel_of(joint) for joint in (1, 2, 3))
 
     def effects(self, joint_count: int) -> HiddenEffects:
-        """See `Imperfection.effects`; gravity is that of the whole arm.
-
-        Args:
-            joint_count: of the arm.
-
-        Returns:
-            The effect.
-        """
+        """See `Imperfection.effects`; gravity is that of the whole arm."""
         return HiddenEffects(plant=(_Slope(self.pitch_rad, self.roll_rad),))
 
     @classmethod
