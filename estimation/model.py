@@ -1,6 +1,6 @@
 """A model: named effects in a fixed order, and what they predict together."""
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
 from functools import cached_property, lru_cache
 
@@ -10,6 +10,7 @@ from palpate.estimation.channel import ChannelData, ChannelKind
 from palpate.estimation.effect import (
     AdditiveEffect,
     Effect,
+    Inner,
     MemoryEffect,
     MotionEffect,
     Parameter,
@@ -20,7 +21,19 @@ from palpate.robot_io.errors import InputError
 from palpate.robot_io.types import BoolArray, FloatArray, IntArray
 
 Parameters = Mapping[str, float]  # "effect.parameter" -> value
+Columns = Callable[[AdditiveEffect, ChannelData, Inner], FloatArray]
 Parts = tuple[FloatArray, FloatArray]  # columns (n, p) and known effort (n,), before any sensor
+
+
+def effect_columns(effect: AdditiveEffect, data: ChannelData, inner: Inner) -> FloatArray:
+    """Compute the columns of an effect, shape (n, k).
+
+    Args:
+        effect: the effect.
+        data: the channel, with the motion that acts.
+        inner: values of the inner parameters by name.
+    """
+    return effect.columns(data, inner)
 
 
 @dataclass(frozen=True)
@@ -265,10 +278,10 @@ class Model:
         return slopes, effort
 
     @cached_property
-    def is_sum(self) -> bool:
-        """Whether means over samples can be fitted: unchanged motion, readings at most scaled."""
-        pointwise = sum(sensor.pointwise for sensor in self.sensors)
-        return len(self.additive) + pointwise == len(self.effects)
+    def acting(self) -> list[Effect]:
+        """The effects that act on others' columns: of motion, of memory, and sensors unless pointwise."""
+        added = (*self.additive, *(sensor for sensor in self.sensors if sensor.pointwise))
+        return [effect for effect in self.effects if effect not in added]
 
     @cached_property
     def additive(self) -> list[AdditiveEffect]:
@@ -297,12 +310,13 @@ class Model:
                 data = _moved(IdentityKey(effect), IdentityKey(data), tuple(own(effect, parameters).items()))
         return data
 
-    def parts(self, data: ChannelData, parameters: Parameters) -> Parts:
+    def parts(self, data: ChannelData, parameters: Parameters, columns_of: Columns = effect_columns) -> Parts:
         """Return columns and known effort on the motion that acts, before any sensor.
 
         Args:
             data: the channel with the measured motion.
             parameters: a value for every inner parameter; gains are ignored.
+            columns_of: computes the columns of an effect, or knows them.
 
         Returns:
             Effort per unit of each gain, shape (n, p), and effort without any gain, shape (n,).
@@ -312,7 +326,7 @@ class Model:
         known = np.zeros(len(data))
         for effect in self.additive:
             inner = own(effect, parameters)
-            blocks.append(self.faded(effect, effect.columns(data, inner), data, parameters).T)
+            blocks.append(self.faded(effect, columns_of(effect, data, inner), data, parameters).T)
             known = known + effect.known(data, inner)
         return np.concatenate(blocks).T, known  # each column in one piece: what comes is done by columns
 

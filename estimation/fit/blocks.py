@@ -3,6 +3,7 @@
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
 from functools import cached_property
+from types import MappingProxyType
 
 import numpy as np
 import scipy
@@ -10,7 +11,7 @@ import scipy
 from palpate.estimation.channel import ChannelData, ChannelKind
 from palpate.estimation.data.derivatives import reading_error
 from palpate.estimation.effect import AdditiveEffect, Inner
-from palpate.estimation.model import Model
+from palpate.estimation.model import Model, Parameters, own
 from palpate.estimation.signals.blocks import rows_of_runs
 from palpate.estimation.signals.cache_by_array import FitCache, IdentityKey
 from palpate.estimation.signals.runwise import sample_time
@@ -33,6 +34,8 @@ _WITHIN = 0.05  # share of the effort's variance that block averages may lose
 _SMOOTH = 0.75  # ratio to the step variance of white noise below which variation in a block is smooth
 _AGAIN = 0.9  # share of the first touch in a run's contact above which the run hardly presses again
 _REST = 0.05  # speed below which a joint rests, relative to its usual highest speed
+ALONE = Model("no model", ())
+NO_PARAMETERS: Parameters = MappingProxyType({})
 LOAD = "load"
 LUMPED = "lumped_inertia_effort"  # part of the load that the drive's rotor may carry before the gear
 # Effects in which weight acts, and all whose effort is a load;
@@ -86,34 +89,82 @@ class BlockedData:
         """Measured effort on blocks, shape (m,)."""
         return self.cache.get_or_compute("effort", lambda: self.reduce(self.data.effort))
 
-    def columns(self, effect: AdditiveEffect, inner: Inner) -> FloatArray:
-        """Return the columns of an effect on blocks, shape (m, k), on the motion as measured.
+    def columns(
+        self,
+        effect: AdditiveEffect,
+        inner: Inner,
+        beside: Model = ALONE,
+        parameters: Parameters = NO_PARAMETERS,
+    ) -> FloatArray:
+        """Return the columns of an effect on blocks, shape (m, k).
 
         Args:
             effect: the effect.
             inner: values of the inner parameters by name.
+            beside: model whose effects on motion, memory and sensor act on the columns, all of them linear.
+            parameters: inner parameters of that model by "effect.parameter".
         """
-        return self._cached("columns", effect, inner, effect.columns)
 
-    def known(self, effect: AdditiveEffect, inner: Inner) -> FloatArray:
+        def compute(data: ChannelData) -> FloatArray:
+            return beside.faded(effect, effect.columns(data, inner), data, parameters)
+
+        return self._cached("columns", effect, inner, beside, parameters, compute)
+
+    def known(
+        self,
+        effect: AdditiveEffect,
+        inner: Inner,
+        beside: Model = ALONE,
+        parameters: Parameters = NO_PARAMETERS,
+    ) -> FloatArray:
         """Return the effort on blocks that an effect adds without any gain, shape (m,).
 
         Args:
             effect: the effect.
             inner: values of the inner parameters by name.
+            beside: model whose effects on motion and sensor act, see `columns`.
+            parameters: inner parameters of that model by "effect.parameter".
         """
-        return self._cached("known", effect, inner, effect.known)
+        return self._cached(
+            "known", effect, inner, beside, parameters, lambda data: effect.known(data, inner)
+        )
 
-    def _cached(
+    def _cached(  # noqa: PLR0917
         self,
         what: str,
         effect: AdditiveEffect,
         inner: Inner,
-        compute: Callable[[ChannelData, Inner], FloatArray],
+        beside: Model,
+        parameters: Parameters,
+        compute: Callable[[ChannelData], FloatArray],
     ) -> FloatArray:
-        cache = self.load_cache if LOAD in effect.needs else self.cache  # it changes with the model
-        key = (what, IdentityKey(effect), *inner.values())
-        return cache.get_or_compute(key, lambda: self.reduce(compute(self.data, inner)))
+        acting = beside.acting
+        needs = (*effect.needs, *(name for acts in acting for name in acts.needs))
+        cache = self.load_cache if LOAD in needs else self.cache  # it changes with the model
+        around = [(IdentityKey(acts), *own(acts, parameters).values()) for acts in acting]
+
+        def on_blocks() -> FloatArray:
+            signal = compute(beside.moved(self.data, parameters))
+            for sensor in beside.sensors:
+                if not sensor.pointwise:
+                    signal = sensor.sense(signal, self.data, own(sensor, parameters))
+            return self.reduce(signal)
+
+        return cache.get_or_compute((what, IdentityKey(effect), *inner.values(), *around), on_blocks)
+
+    def at_full_rate(self, effect: AdditiveEffect, data: ChannelData, inner: Inner) -> FloatArray:
+        """Return the columns of an effect at each sample, shape (n, k); cached for the measured motion.
+
+        Args:
+            effect: the effect.
+            data: the channel, with the motion that acts.
+            inner: values of the inner parameters by name.
+        """
+        if data is not self.data:
+            return effect.columns(data, inner)
+        cache = self.load_cache if LOAD in effect.needs else self.cache
+        key = ("at full rate", IdentityKey(effect), *inner.values())
+        return cache.get_or_compute(key, lambda: effect.columns(data, inner))
 
     @cached_property
     def _sums(self) -> "scipy.sparse.csr_array":

@@ -234,7 +234,7 @@ def solve_gains(
     """
     data = problem.blocked.data
     if is_linear_on_blocks(data, model):
-        # A sum of effects that a sensor scales at most: all that is needed is on blocks.
+        # Each gain's column can be averaged over blocks by itself, and is known from one fit to the next.
         inner = {name: parameters.get(name, 0.0) for name in model.inner}
         columns, target = _on_blocks(problem, model, inner)
         linear_fit = problem.solve(columns, target, list(model.gains), model.held, model.gain_bounds)
@@ -246,7 +246,7 @@ def solve_gains(
     least = rounds or (2 if is_nonlinear else 1)
     most = least if model.is_linear_in_gains else max(_MOST_ROUNDS, least)
     expected, before = np.inf, np.empty(0, dtype=np.int64)
-    parts = parts or model.parts(data, now)
+    parts = parts or model.parts(data, now, problem.blocked.at_full_rate)
     for number in range(most):
         lifted = model.lifted(data, now, parts)
         if number and model.is_linear_in_gains and np.array_equal(lifted, before):
@@ -269,14 +269,14 @@ def solve_gains(
 def _on_blocks(
     problem: FitProblem, model: Model, inner: Mapping[str, float]
 ) -> tuple[FloatArray, FloatArray]:
-    """Columns (m, q) of a sum of effects at inner parameters, and the effort (m,) that they explain."""
+    """Columns (m, q) of a linear model at inner parameters, and the effort (m,) that they explain."""
     blocked = problem.blocked
     blocks, known = [np.empty((0, len(blocked)))], np.zeros(len(blocked))
     for effect in model.additive:
-        blocks.append(blocked.columns(effect, own(effect, inner)).T)
-        known = known + blocked.known(effect, own(effect, inner))
+        blocks.append(blocked.columns(effect, own(effect, inner), model, inner).T)
+        known = known + blocked.known(effect, own(effect, inner), model, inner)
     columns = np.concatenate(blocks).T
-    for sensor in model.sensors:
+    for sensor in [sensor for sensor in model.sensors if sensor.pointwise]:
         sensed = sensor.sense(np.column_stack([columns, known]), blocked.data, own(sensor, inner))
         columns, known = sensed[:, :-1], sensed[:, -1]
     return columns, blocked.effort - known
@@ -318,7 +318,7 @@ def residual_slopes(problem: FitProblem, solution: Solution, ahead: Mapping[str,
             columns, target = _on_blocks(problem, model, {**parameters, name: value})
             changes.append(target - columns @ gains - solution.residual)
     else:
-        parts = model.parts(data, parameters)
+        parts = model.parts(data, parameters, problem.blocked.at_full_rate)
         effort = model.linearise(data, parameters, parts)[1]
         of_sensors = {f"{sensor.name}.{p.name}" for sensor in model.sensors for p in sensor.inner}
         for name, value in ahead.items():
@@ -341,33 +341,35 @@ def is_linear_on_blocks(data: ChannelData, model: Model) -> bool:
         data: the channel.
         model: the model.
     """
-    return model.is_sum and data.kind is not ChannelKind.CONTACT
+    return model.is_linear_in_gains and data.kind is not ChannelKind.CONTACT
 
 
 def linearise_along(
-    data: ChannelData, model: Model, effect: Effect, parameters: Mapping[str, float]
+    blocked: BlockedData, model: Model, effect: Effect, parameters: Mapping[str, float]
 ) -> LinearisedParts:
     """Return a fast evaluation of `Model.parts` over one effect's inner parameters; None if none is faster.
 
     Args:
-        data: the channel.
+        blocked: the channel on blocks.
         model: ends with the effect, unless that is a sensor's.
         effect: the one that is searched.
         parameters: inner parameters of the others; zero for one that is not there.
     """
-    known = {name: parameters.get(name, 0.0) for name in model.inner}
-    if isinstance(effect, SensorEffect):  # what comes before a sensor does not depend on it
-        before = model.parts(data, known)
-        return lambda inner: before
+    data, known = blocked.data, {name: parameters.get(name, 0.0) for name in model.inner}
     is_last = model.effects[-1] is effect
-    if not isinstance(effect, AdditiveEffect) or not is_last or is_linear_on_blocks(data, model):
+    if is_linear_on_blocks(data, model):
+        return lambda inner: None
+    if isinstance(effect, SensorEffect):  # what comes before a sensor does not depend on it
+        before = model.parts(data, known, blocked.at_full_rate)
+        return lambda inner: before
+    if not isinstance(effect, AdditiveEffect) or not is_last:
         return lambda inner: None
     moved = model.moved(data, known)
-    columns, effort = model.without(effect.name).parts(data, known)
+    columns, effort = model.without(effect.name).parts(data, known, blocked.at_full_rate)
 
     def parts(inner: Inner) -> Parts:
         values = known | {f"{effect.name}.{n}": v for n, v in inner.items()}
-        own_columns = model.faded(effect, effect.columns(moved, inner), moved, values)
+        own_columns = model.faded(effect, blocked.at_full_rate(effect, moved, inner), moved, values)
         return np.concatenate([columns.T, own_columns.T]).T, effort + effect.known(moved, inner)
 
     return parts

@@ -77,7 +77,7 @@ def search_inner(
         parameters: known values by "effect.parameter".
         starts: inner parameters to try, by name.
     """
-    along = linearise_along(problem.blocked.data, model, effect, parameters)
+    along = linearise_along(problem.blocked, model, effect, parameters)
     places = list(starts)
     solutions = (_solve_at(problem, model, effect, parameters, inner, along) for inner in places)
     return grid_search(solutions, len(places))
@@ -111,7 +111,7 @@ def refine_inner(problem: FitProblem, model: Model, effect: Effect, searched: Gr
         searched: earlier search.
     """
     solutions = list(searched.solutions)
-    along = linearise_along(problem.blocked.data, model, effect, solutions[0].parameters)
+    along = linearise_along(problem.blocked, model, effect, solutions[0].parameters)
     grid = [
         {p.name: solution.parameters[f"{effect.name}.{p.name}"] for p in effect.inner}
         for solution in solutions

@@ -8,10 +8,11 @@ from itertools import permutations
 from math import perm
 
 import numpy as np
+import scipy
 
 from palpate.estimation.channel import ChannelData
 from palpate.estimation.signals.blocks import block_index, blocks, split_columns
-from palpate.estimation.signals.cache_by_array import cache_by_array
+from palpate.estimation.signals.cache_by_array import IdentityKey, cache_by_array
 from palpate.robot_io.types import FloatArray, IntArray
 
 _WINDOW = 5  # samples over which a derivative is smoothed
@@ -99,20 +100,21 @@ def shift(signal: FloatArray, time_s: FloatArray, run: IntArray, delay_s: float)
         return signal.copy()
     step_s = sample_time(time_s, run)
     if not is_even(time_s, run):
-        return _interpolate(signal, time_s, run, delay_s)
+        matrix = _known_interpolation(IdentityKey(time_s), IdentityKey(run), delay_s)
+        return np.stack([matrix @ column for column in np.atleast_2d(signal.T)]).T.reshape(signal.shape)
     newest = int(np.ceil(delay_s / step_s)) - 2  # samples ago, of the four
     weights = _cubic_weights(np.arange(4.0)[None, :], np.array([delay_s / step_s - newest]))[0]
     shifted = sum(weight * np.roll(signal, newest + i, axis=0) for i, weight in enumerate(weights.tolist()))
     place, end = np.arange(len(signal)) - newest, np.append(starts[1:], len(run))[piece]
     rows = np.flatnonzero((place - 3 < starts[piece]) | (place >= end))
-    shifted[rows] = _interpolate(signal, time_s, run, delay_s, rows)
+    shifted[rows] = _interpolation(time_s, run, delay_s, rows) @ signal
     return np.asarray(shifted)
 
 
-def _interpolate(
-    signal: FloatArray, time_s: FloatArray, run: IntArray, delay_s: float, rows: IntArray | slice = _ALL
-) -> FloatArray:
-    """Delay a signal at these rows, with samples at any times; see `shift`."""
+def _interpolation(
+    time_s: FloatArray, run: IntArray, delay_s: float, rows: IntArray | slice = _ALL
+) -> "scipy.sparse.csr_array":
+    """Matrix (rows, n) from a signal to its delayed values, with samples at any times; see `shift`."""
     starts, piece = block_index(run)
     # Times [s] (n,) that also increase from run to run, by more than `apart_s`.
     steps = np.diff(time_s, prepend=time_s[:1])
@@ -125,12 +127,17 @@ def _interpolate(
     before = np.where(alone, first, after - 1)
     inside = (before - 1 >= first) & (after + 1 <= last)
     part = (clock[after] - at) / np.where(alone, 1.0, clock[after] - clock[before])
-    part = part.reshape(-1, *([1] * (signal.ndim - 1)))
-    shifted: FloatArray = part * signal[before] + (1.0 - part) * signal[after]
-    around = after[inside][:, None] + np.arange(-2, 2)
-    weights = _cubic_weights(clock[around], at[inside])
-    shifted[inside] = np.einsum("nj,nj...->n...", weights, signal[around])
-    return shifted
+    around = np.stack([before, before, after, after], axis=1)
+    around[inside] = after[inside][:, None] + np.arange(-2, 2)
+    weights = np.stack([np.zeros(len(part)), part, 1.0 - part, np.zeros(len(part))], axis=1)
+    weights[inside] = _cubic_weights(clock[around[inside]], at[inside])
+    edges = np.arange(0, weights.size + 1, 4)
+    return scipy.sparse.csr_array((weights.ravel(), around.ravel(), edges), shape=(len(part), len(run)))
+
+
+@lru_cache(maxsize=4)
+def _known_interpolation(time_s: IdentityKey, run: IdentityKey, delay_s: float) -> "scipy.sparse.csr_array":
+    return _interpolation(time_s.thing, run.thing, delay_s)
 
 
 def _cubic_weights(times: FloatArray, at: FloatArray) -> FloatArray:

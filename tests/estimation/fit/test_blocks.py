@@ -8,6 +8,9 @@ import pytest
 from palpate.estimation.channel import ChannelData, ChannelKind
 from palpate.estimation.effects import EFFECTS
 from palpate.estimation.fit.blocks import block_average, block_length, decimate, merge_blocks
+from palpate.estimation.fit.fit_problem import FitProblem, columns_at
+from palpate.estimation.fit.normal_equations import WHITE
+from palpate.estimation.model import Model
 from tests.estimation.presses import kelvin_voigt
 from tests.estimation.swings import long_swings as swings
 
@@ -223,3 +226,40 @@ def test_blocks_that_are_joined_keep_their_runs_folds_and_means():
     assert np.array_equal(joined.trusted, blocked.trusted.reshape(-1, 4).all(axis=1))
     assert all(len(np.unique(blocked.data.run[rows])) == 1 for rows in joined.rows)
     assert merge_blocks(blocked, len(blocked)) is blocked
+
+
+@pytest.mark.parametrize(
+    ("names", "parameters"),
+    [
+        (("viscous_friction", "delay"), {"delay.time": 0.013}),
+        (("viscous_friction", "torque_gain", "lag"), {"torque_gain.gain": 1.2, "lag.tau": 0.02}),
+        (
+            ("backlash", "coulomb_friction"),
+            {
+                "backlash.gap": 0.05,
+                "backlash.motor_inertia": 0.0,
+                "backlash.motor_friction": 0.3,
+                "coulomb_friction.transition": 0.01,
+            },
+        ),
+    ],
+)
+def test_a_column_on_blocks_passes_through_the_effects_on_motion_and_sensor(names, parameters):
+    blocked = block_average(swings(1, runs=2))
+    model = Model("m", tuple(EFFECTS[name]() for name in ("inertia", *names)))
+    parameters = {name: inner.beginning for name, inner in model.inner.items()} | parameters
+    gains = dict.fromkeys(model.gains, 1.0)
+    slopes, _ = model.linearise(blocked.data, {**gains, **parameters})
+    columns = columns_at(FitProblem(blocked, WHITE), model, parameters)
+    np.testing.assert_allclose(columns, blocked.reduce(slopes), rtol=1e-9, atol=1e-12)
+    again = columns_at(FitProblem(blocked, WHITE), model, {**parameters, "viscous_friction.unused": 1.0})
+    np.testing.assert_array_equal(again, columns)
+
+
+def test_columns_at_the_full_rate_are_known_on_the_measured_motion_only():
+    blocked = block_average(swings(1, runs=1))
+    coulomb, inner = EFFECTS["coulomb_friction"](), {"transition": 0.01}
+    moved = replace(blocked.data, velocity=-blocked.data.velocity)
+    first = blocked.at_full_rate(coulomb, blocked.data, inner)
+    assert blocked.at_full_rate(coulomb, blocked.data, inner) is first
+    np.testing.assert_allclose(blocked.at_full_rate(coulomb, moved, inner), -first)
