@@ -33,7 +33,12 @@ from palpate.estimation.diagnosis.random_effects import add_run_variation
 from palpate.estimation.diagnosis.residual_checks import ResidualFinding, check_residuals, exceeds_noise
 from palpate.estimation.diagnosis.result import ChannelDiagnosis, Diagnosis
 from palpate.estimation.diagnosis.search import Progress, Search, prepare_search, select_effects
-from palpate.estimation.diagnosis.verdict import Evidence, decide_verdict, insufficient_diagnosis
+from palpate.estimation.diagnosis.verdict import (
+    Evidence,
+    decide_verdict,
+    effect_without_gain,
+    insufficient_diagnosis,
+)
 from palpate.estimation.effect import Effect
 from palpate.estimation.fit.fit_result import FitResult
 from palpate.estimation.fit.measurement_model import identify_measurement_model
@@ -137,13 +142,28 @@ def diagnose_channel(
     end, tests = _find_effects(search, checks, kinds, coarse_kinds)
     if not checks.is_complete(end):
         end, tests = _look_beyond_offset(search, end, tests, checks, kinds)
-    objection, complete = checks.objection(end), checks.is_complete(end)
+    evidence = _evidence(search, checks, end, tests, kinds, coarse_kinds)
+    while name := effect_without_gain(evidence):
+        end = search.without(end, name)
+        evidence = _evidence(search, checks, end, form_tests(kinds(), end), kinds, coarse_kinds)
     names = search.added_effects(end)
-    may_be_rounding = "quantisation" not in names if names else not complete
+    may_be_rounding = "quantisation" not in names if names else not evidence.complete
     if may_be_rounding and (reason := _too_few_levels(search.start)):
         return insufficient_diagnosis(data, reason)
+    return decide_verdict(evidence)
+
+
+def _evidence(  # noqa: PLR0917
+    search: Search,
+    checks: "_Completeness",
+    end: FitResult,
+    tests: list[FormTest],
+    kinds: Callable[[], PartiallyLinear],
+    coarse_kinds: Callable[[], PartiallyLinear],
+) -> Evidence:
+    complete = checks.is_complete(end)
     partials = (None, None) if complete else (kinds(), coarse_kinds())
-    return decide_verdict(Evidence(search, checks.measurement, end, complete, objection, tests, *partials))
+    return Evidence(search, checks.measurement, end, complete, checks.objection(end), tests, *partials)
 
 
 def _find_effects(

@@ -23,10 +23,10 @@ _MOST_STARTS = 3  # further start values from which a fit is repeated
 def fit_extended(data: ChannelData, parent: FitResult, effect: Effect) -> FitResult:
     """Fit a model with one more effect, from the start values at which the effect fits best.
 
-    The fit is repeated from several start values if several minima are likely. This is the case for pairs
-    such as the position of a surface and the curvature of its spring, and for effects with many inner
-    parameters. The fit with the lowest held-out error is returned. A fit with an unphysical gain must leave
-    clearly less than a fit without one.
+    The fit is repeated from several start values if several minima are likely: for pairs such as the position
+    of a surface and the curvature of its spring, for effects with many inner parameters, and if the fit
+    leaves more than the model without the effect. The fit with the lowest held-out error is returned. A fit
+    with an unphysical gain must leave clearly less than a fit without one.
 
     Args:
         data: the channel, with the runs to fit to.
@@ -43,10 +43,13 @@ def fit_extended(data: ChannelData, parent: FitResult, effect: Effect) -> FitRes
         tried = sorted(search.starts, key=lambda solution: solution.sse)
         if not search.best.is_physical:
             tried = [solution for solution in tried if solution.is_physical]
-        if not search.best.is_physical or len(effect.inner) > _FEW_INNER:
-            starts += [solution.parameters for solution in tried[:_MOST_STARTS]]
+        further = [solution.parameters for solution in tried[:_MOST_STARTS]]
+        several = not search.best.is_physical or len(effect.inner) > _FEW_INNER
+        starts += further if several else []
         starts = [start for number, start in enumerate(starts) if start not in starts[:number]]
         fits = [fit_model(data, search.best.model, start, good, cache) for start in starts]
+        if not several and min(fit.rmse for fit in fits) > parent.rmse:
+            fits += [fit_model(data, search.best.model, start, good, cache) for start in further]
         left = [fit.solution.held_out * (1.0 + SMALL * (not fit.solution.is_physical)) ** 2 for fit in fits]
         best = fits[int(np.argmin(left))]
         return replace(best, validation=parent.validation)

@@ -122,6 +122,21 @@ class Evidence:
         return [self.objection.depends_on] if self.objection else self.end.depends_on
 
 
+def effect_without_gain(evidence: Evidence) -> str | None:
+    """Return the last effect if its addition does not lower the held-out error that users see; else None.
+
+    The search may have fitted both effects jointly from other start values, at a minimum that no step from
+    the simpler model leads to.
+
+    Args:
+        evidence: where the search ended.
+    """
+    if len(evidence.stages) < 2 or evidence.stages[-1].rmse < evidence.stages[-2].rmse:
+        return None
+    before, after = ({effect.name for effect in fit.model.effects} for fit in evidence.stages[-2:])
+    return (after - before).pop()
+
+
 def insufficient_diagnosis(data: ChannelData, reason: str) -> ChannelDiagnosis:
     """State that a channel does not allow a diagnosis.
 

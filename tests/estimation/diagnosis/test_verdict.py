@@ -13,7 +13,13 @@ from palpate.estimation.diagnosis import diagnose
 from palpate.estimation.diagnosis.random_effects import add_run_variation, run_standard_deviation
 from palpate.estimation.diagnosis.residual_checks import ResidualFinding
 from palpate.estimation.diagnosis.result import Verdict
-from palpate.estimation.diagnosis.verdict import Evidence, _peaks, decide_verdict, insufficient_diagnosis
+from palpate.estimation.diagnosis.verdict import (
+    Evidence,
+    _peaks,
+    decide_verdict,
+    effect_without_gain,
+    insufficient_diagnosis,
+)
 from palpate.estimation.effects import EFFECTS
 from palpate.estimation.fit.fit_result import final_solution, fit_model
 from palpate.estimation.fit.intervals import estimate_parameters
@@ -343,3 +349,25 @@ def test_peaks_are_told_where_few_samples_hold_most_of_the_error(large, said):
     words = _peaks(SimpleNamespace(solution=solution, problem=problem))
     assert said in words
     assert bool(words) is bool(said)
+
+
+@pytest.mark.parametrize(("newtons", "name"), [(0.1, None), (0.0, "coulomb_friction")])
+def test_an_effect_has_no_gain_where_the_step_from_the_simpler_model_stays_where_it_was(
+    swung, monkeypatch, newtons, name
+):
+    """As where the step ends in another minimum than the search: the friction that is there stays at zero."""
+    search, end, measurement = swung
+    evidence = Evidence(search, measurement, end, complete=True, objection=None)
+
+    def step(fit, added):
+        model = fit.model.with_effect(EFFECTS[added]())
+        held = {"coulomb_friction.force": newtons} if added == "coulomb_friction" else {}
+        return fit_model(search.data, replace(model, held=held), fit.values, search.good)
+
+    monkeypatch.setattr(Evidence, "extended", lambda evidence, fit, added: step(fit, added))
+    assert effect_without_gain(evidence) == name
+
+
+def test_a_model_without_effects_has_none_without_gain(swung):
+    search, _, measurement = swung
+    assert effect_without_gain(Evidence(search, measurement, search.start, True, None)) is None
