@@ -1,4 +1,4 @@
-"""Base models: simple models to start from, by name."""
+"""Base models: the simple models that a diagnosis starts from."""
 
 import re
 from dataclasses import dataclass
@@ -9,31 +9,31 @@ from palpate.estimation.effect import Effect
 from palpate.estimation.effects.contact_geometry import ContactOffset
 from palpate.estimation.model import Model
 
-LEVEL_GRAVITY_M_S2 = (0.0, 0.0, -9.81)  # fall acceleration in the axes of a level base
+LEVEL_GRAVITY_M_S2 = (0.0, 0.0, -9.81)  # gravitational acceleration in the axes of a level base
 
 
 @dataclass(frozen=True)
 class ModelContext:
     """Information that a base model may need besides the data."""
 
-    joint: int | None = None  # number of the joint from 0 that the channel belongs to; None for a contact
+    joint: int | None = None  # index of the channel's joint, from 0; None for a contact
     urdf: str = ""  # text of the arm's URDF; empty if there is none
     tip_frame: str = ""  # name of the tip's frame in that URDF
-    urdf_origin: str = "URDF text"  # where that text comes from, for errors
-    # Shape (3,), fall acceleration in the axes of its root link [m/s^2].
+    urdf_origin: str = "URDF text"  # where that text comes from, for error messages
+    # Gravitational acceleration in the axes of the root link, shape (3,) [m/s^2].
     gravity_m_s2: tuple[float, float, float] = LEVEL_GRAVITY_M_S2
-    # Shape (n,), what its drives' rotors add to the joints, or empty [kg m^2].
+    # Rotor inertia that the drives add to each of the n joints, shape (n,) or empty [kg m^2].
     rotor_inertia_kg_m2: tuple[float, ...] = ()
-    # Whether a contact's surface was found from the data and so has an error of its own.
+    # Whether the contact's surface was estimated from the data and therefore has an error.
     surface_found: bool = False
 
 
 class BaseModel:
-    """A simple model to start from."""
+    """A simple model that a diagnosis starts from."""
 
     name: ClassVar[str]  # snake_case
     channels: ClassVar[frozenset[ChannelKind]]  # kinds of channel that it describes
-    effects: ClassVar[tuple[type[Effect], ...]] = ()  # its terms, where they depend on no context
+    effects: ClassVar[tuple[type[Effect], ...]] = ()  # its terms, if they do not depend on the context
 
     def build(self, context: ModelContext) -> Model:
         """Return the model for one channel.
@@ -48,10 +48,10 @@ class BaseModel:
         return Model(self.name, (*(effect() for effect in self.effects), *surface))
 
     def prepare(self, data: ChannelData, context: ModelContext) -> ChannelData:
-        """Return the channel with the signals that the model and the effects beside it need.
+        """Return the channel with the signals that the model and its additional effects need.
 
         Args:
-            data: the channel as it was measured.
+            data: the measured channel.
             context: further information that a model may need.
 
         Raises:
@@ -64,17 +64,17 @@ class BaseModel:
 class Arm:
     """The arm that made the measurement."""
 
-    urdf: str = ""  # text of its URDF, empty where it is not known
-    tip_frame: str = ""  # the tip's frame in it
-    origin: str = "URDF text"  # where the URDF comes from, for errors
-    # Shape (3,), fall acceleration in the axes of its base [m/s^2].
+    urdf: str = ""  # text of its URDF, empty if unknown
+    tip_frame: str = ""  # name of the tip's frame in the URDF
+    origin: str = "URDF text"  # where the URDF comes from, for error messages
+    # Gravitational acceleration in the axes of the base, shape (3,) [m/s^2].
     gravity_m_s2: tuple[float, float, float] = LEVEL_GRAVITY_M_S2
-    # Shape (n,), what its drives' rotors add to the joints, or empty [kg m^2].
+    # Rotor inertia that the drives add to each of the n joints, shape (n,) or empty [kg m^2].
     rotor_inertia_kg_m2: tuple[float, ...] = ()
-    notes: tuple[str, ...] = ()  # sentences on it that the reader should see
+    notes: tuple[str, ...] = ()  # notes on the arm for the user
 
     def context_of(self, channel: ChannelData) -> ModelContext:
-        """Return what a base model may need to know about a channel beside its data.
+        """Return the information that a base model may need about a channel besides its data.
 
         Args:
             channel: channel of a contact, or "joint_N" with N counted from 1.

@@ -16,10 +16,10 @@ from palpate.robot_io.types import BoolArray, FloatArray, IntArray
 _ARRAYS = ("time_s", "position", "velocity", "acceleration", "effort", "run", "phase")
 
 
-# encoder steps that a press must cover: half a step at either end changes the slope by a quarter
+# Encoder steps that a press must span: an error of half a step at each end changes the slope by a quarter.
 FEWEST_STEPS = 4.0
 _NO_DIRECTION = 1e-13  # eigenvalue relative to the largest below which columns are linearly dependent
-# Arrays that were checked, by what they are: a fit makes thousands of channels of the same ones.
+# Arrays already checked, by `id`, because a fit makes thousands of channels from the same arrays.
 _checked: WeakValueDictionary[int, NDArray[Any]] = WeakValueDictionary()
 
 
@@ -29,25 +29,25 @@ class Surface:
 
     position_m: float  # coordinate along the press direction, in the frame of the tip positions [m]
     std_err_m: float  # its standard error [m]; NaN if there is none
-    # The least coordinate at which the touch still allows it; -inf if nothing is known [m].
+    # Smallest coordinate of the surface that is compatible with the contact; -inf if unknown [m].
     highest_m: float = float("-inf")
-    deepest_m: float = float("inf")  # the greatest; inf if nothing is known [m]
+    deepest_m: float = float("inf")  # largest compatible coordinate; inf if unknown [m]
 
 
 @dataclass(frozen=True)
 class Tare:
     """Effort in free air for each of r runs, to be subtracted (tare).
 
-    A run's tare is a mean of noisy samples. Its error is the same in all samples of the run, so that more of
-    them do not average it out.
+    A run's tare is a mean of noisy samples. All samples of the run share its error, so more samples do not
+    average it out.
     """
 
-    run: IntArray  # their numbers, ascending, shape (r,)
-    effort: FloatArray  # mean in free air, shape (r,)
-    std_err: FloatArray  # its standard error, shape (r,)
+    run: IntArray  # run numbers, ascending, shape (r,)
+    effort: FloatArray  # mean effort in free air, shape (r,)
+    std_err: FloatArray  # standard error of that mean, shape (r,)
 
     def of(self, run: IntArray) -> FloatArray:
-        """Effort to subtract from each sample of these runs, shape (n,).
+        """Return the effort to subtract from each sample, shape (n,).
 
         Args:
             run: number of each sample's run, shape (n,).
@@ -56,7 +56,7 @@ class Tare:
         return offset
 
     def index(self, run: IntArray) -> IntArray:
-        """Place of each sample's run among the runs with a tare, shape (n,).
+        """Return the index of each sample's run in `self.run`, shape (n,).
 
         Args:
             run: number of each sample's run, shape (n,).
@@ -66,7 +66,7 @@ class Tare:
 
 @dataclass(frozen=True)
 class Information:
-    """A quadratic objective beta' matrix beta / 2 - vector' beta, of one fit or several."""
+    """Quadratic objective beta' matrix beta / 2 - vector' beta, or a stack of several."""
 
     matrix: FloatArray  # shape (..., s, s), symmetric
     vector: FloatArray  # shape (..., s)
@@ -75,18 +75,18 @@ class Information:
         return Information(self.matrix + other.matrix, self.vector + other.vector)
 
     def times(self, factor: float) -> "Information":
-        """Scale by a noise variance, for normal equations that are not divided by it.
+        """Multiply by a noise variance, for normal equations that are not divided by it.
 
         Args:
-            factor: variance of the noise, in the unit of the effort squared.
+            factor: variance of the noise [effort^2].
         """
         return Information(factor * self.matrix, factor * self.vector)
 
     def about(self, chosen: IntArray | BoolArray) -> "Information":
-        """Profile out all other parameters (Schur complement).
+        """Keep the chosen parameters and profile out all others (Schur complement).
 
         Args:
-            chosen: indices or mask of the parameters that are kept.
+            chosen: indices or mask of the parameters to keep.
         """
         kept = np.zeros(self.vector.shape[-1], dtype=np.bool_)
         kept[chosen] = True
@@ -97,10 +97,13 @@ class Information:
 
 
 def pseudo_inverse(matrices: FloatArray) -> FloatArray:
-    """Invert symmetric matrices (..., k, k), whatever the columns' units.
+    """Compute the pseudo-inverse of symmetric matrices, independently of the units of their columns.
 
     Args:
         matrices: symmetric, shape (..., k, k).
+
+    Returns:
+        Shape (..., k, k); directions whose relative eigenvalue is at most 1e-13 have inverse zero.
     """
     scale = np.sqrt(np.diagonal(matrices, axis1=-2, axis2=-1))
     scale = np.divide(1.0, scale, out=np.zeros_like(scale), where=scale > 0.0)
@@ -110,7 +113,7 @@ def pseudo_inverse(matrices: FloatArray) -> FloatArray:
 
 
 class ChannelKind(StrEnum):
-    """Kind of a channel, which determines the effects that apply."""
+    """Kind of a channel; it determines the units and the effects that apply."""
 
     CONTACT = "contact"  # position: depth into the object [m]; effort: force, positive in compression [N]
     REVOLUTE = "revolute"  # position: joint angle [rad]; effort: joint torque [N m]
@@ -144,47 +147,46 @@ JOINTS = frozenset({ChannelKind.REVOLUTE, ChannelKind.PRISMATIC, ChannelKind.SER
 
 @dataclass(frozen=True)
 class SharedGains:
-    """Information of an arm's other channels on gains that a channel shares with them."""
+    """Information from an arm's other channels on gains that a channel shares with them."""
 
-    names: tuple[str, ...]  # of the s gains, "effect.parameter"
-    # Matrix (1 + folds, s, s) and vector (1 + folds, s), from all runs and from all but each fold of runs, in
+    names: tuple[str, ...]  # names of the s gains, "effect.parameter"
+    # Matrix (1 + folds, s, s) and vector (1 + folds, s): first from all runs, then leaving out each fold, in
     # units of this channel's squared residuals.
     information: Information
 
 
 @dataclass(frozen=True)
 class ChannelData:
-    """One channel's samples; all arrays have length n, belong together row by row, and are read-only."""
+    """Samples of one channel; row i of every array (length n, read-only) belongs to sample i."""
 
     name: str  # "contact", "joint_1" ...
-    kind: ChannelKind  # decides the units, see `ChannelKind`
+    kind: ChannelKind  # determines the units, see `ChannelKind`
     time_s: FloatArray  # strictly increasing within a run [s]
     position: FloatArray  # see `ChannelKind`
     velocity: FloatArray  # derivative of position, without phase error
     acceleration: FloatArray  # second derivative of position, without phase error
-    effort: FloatArray  # what was measured and is to be explained
+    effort: FloatArray  # measured effort, which models explain
     run: IntArray  # number of the run (one approach, one recording) that each sample belongs to
     phase: IntArray  # numbers of `palpate.control.loop.task.Phase`, or -1 where unknown
-    # Other signals that an effect may need, by name, each of shape (n,) or (n, k); the face shows which are
-    # there. `joint_position`, `joint_velocity`, `joint_acceleration` (n, joints) for an arm; `load` (n,), the
-    # effort a joint carries apart from friction.
+    # Other signals that an effect may need, by name, each of shape (n,) or (n, k). An arm has
+    # `joint_position`, `joint_velocity` and `joint_acceleration` (n, joints); `load` (n,) is the effort of a
+    # joint without friction.
     context: Mapping[str, FloatArray] = field(default_factory=dict)
-    # Where the surface was found from which position counts; None where displacement was given.
+    # Estimated surface, from which position is measured; None if the recording gives the displacement.
     surface: Surface | None = None
-    tare: Tare | None = None  # what was subtracted from the measured effort; None if nothing
-    # Names of those signals of the context that a user recorded beside,
-    # such as a temperature; each of shape (n,).
+    tare: Tare | None = None  # tare that was subtracted from the measured effort; None if none was
+    # Names of the context signals that the user recorded in addition, such as a temperature; shape (n,) each.
     recorded: frozenset[str] = frozenset()
-    # Of the grid on which the position was read, such as an encoder's steps; 0 where there is none.
+    # Quantization step of the position, such as an encoder step; 0 if there is none.
     position_step: float = 0.0
-    # Samples of a contact that are known to press, however deep they seem,
-    # shape (n,); None where the depth alone says so.
+    # Samples of a contact that are known to be in contact at any depth, shape (n,); None if only the depth
+    # decides.
     touching: BoolArray | None = None
-    shared: SharedGains | None = None  # what other channels say of gains; None where nothing is shared
-    averaged: int = 1  # readings that each sample is the mean of
+    shared: SharedGains | None = None  # information on gains from other channels; None if there is none
+    averaged: int = 1  # number of readings averaged in each sample
 
     def __post_init__(self) -> None:
-        """Check lengths, finiteness, and that what was recorded is there.
+        """Check lengths, finiteness, and that the context contains all recorded signals.
 
         Raises:
             InputError: an array has the wrong length or shape, is missing, or is not finite.
@@ -205,7 +207,7 @@ class ChannelData:
                 )
 
     def __reduce__(self) -> tuple[type["ChannelData"], tuple[object, ...]]:
-        """Pickle the context as a dict, since a read-only view of it cannot be pickled."""
+        """Pickle the context as a dict, because its read-only view cannot be pickled."""
         values = {field.name: getattr(self, field.name) for field in fields(self)}
         return ChannelData, (*(values | {"context": dict(self.context)}).values(),)
 
@@ -215,7 +217,7 @@ class ChannelData:
 
     @property
     def engaged(self) -> BoolArray:
-        """Samples in which the object acts, shape (n,): contacts only while x > 0, other channels always."""
+        """Samples with an effort of the object, shape (n,): for contacts those with x > 0, else all."""
         if self.kind is ChannelKind.CONTACT:
             pressed: BoolArray = self.position > 0.0
             return pressed if self.touching is None else pressed | self.touching
@@ -228,17 +230,17 @@ class ChannelData:
 
     @property
     def range_of_motion(self) -> float:
-        """Largest less smallest position; 1 for a channel at rest."""
+        """Range of the position (maximum minus minimum); 1 for a channel at rest."""
         return float(np.ptp(self.position)) or 1.0
 
     @property
     def deepest(self) -> float:
-        """Largest position, at least 1e-9: the deepest indentation of a contact."""
+        """Largest position, at least 1e-9; for a contact the deepest indentation."""
         return max(float(np.max(self.position, initial=0.0)), 1e-9)
 
     @property
     def largest_effort(self) -> float:
-        """Largest absolute effort; 1 where there is none."""
+        """Largest absolute effort; 1 if all efforts are zero."""
         return float(np.max(np.abs(self.effort))) or 1.0
 
     @property
@@ -247,7 +249,7 @@ class ChannelData:
         return np.unique(self.run)
 
     def select(self, rows: BoolArray | IntArray) -> "ChannelData":
-        """Return the channel with only some rows.
+        """Return the channel with only the selected samples.
 
         Args:
             rows: a mask of shape (n,), or indices.
@@ -285,7 +287,7 @@ def _check(channel: str, what: str, values: FloatArray | IntArray, length: int) 
 
 
 def _read_only(values: NDArray[Any] | None) -> NDArray[Any] | None:
-    """A read-only view of an array that its owner can still write to; None stays None."""
+    """Return a read-only view of an array; its owner can still write to it. None stays None."""
     if values is None or not values.flags.writeable:
         return values
     view = values.view()

@@ -1,4 +1,4 @@
-"""Interface of estimators of a contact law, which take depth, speed and force."""
+"""Interface of estimators that fit a contact law to depth, speed and force."""
 
 from abc import ABC, abstractmethod
 from typing import ClassVar, NamedTuple
@@ -12,13 +12,16 @@ _NO_DEPTH_M = 1e-9  # smallest depth whose powers do not underflow
 
 
 class ContactLaw(NamedTuple):
-    """F = k d^n + b d^m v, d = x - surface; Kelvin-Voigt with n = 1, m = 0, Hunt-Crossley with m = n."""
+    """Contact law F = k d^n + b d^m v with depth d = x - surface.
+
+    Kelvin-Voigt has n = 1 and m = 0; Hunt-Crossley has m = n.
+    """
 
     stiffness: float  # k [N/m^n], positive
     damping: float  # b [N s/m^(m+1)]
     exponent: float = 1.0  # n
     damping_exponent: float = 0.0  # m
-    surface_m: float = 0.0  # where depth begins [m]
+    surface_m: float = 0.0  # coordinate x of the surface [m]
 
     def compliance(self, depth_m: float) -> tuple[float, float]:
         """Return stiffness [N/m] and damping [N s/m] at a depth at rest.
@@ -32,10 +35,10 @@ class ContactLaw(NamedTuple):
 
 
 def check_samples(name: str, *columns: FloatArray) -> None:
-    """Reject samples that a method cannot work on.
+    """Check that samples are finite and equal in number.
 
     Args:
-        name: name of the method, for the message.
+        name: name of the method, for the error message.
         columns: samples of equal shape (n,).
 
     Raises:
@@ -52,12 +55,12 @@ def check_samples(name: str, *columns: FloatArray) -> None:
 class ContactEstimator(ABC):
     """Method that estimates a contact law.
 
-    It serves laws that are nonlinear in their parameters, and methods that are more than an estimate of
-    gains; `Estimator` is the interface of methods that solve any linear problem.
+    Its law may be nonlinear in the parameters. `Estimator` is the interface of methods that solve any linear
+    problem.
     """
 
     name: ClassVar[str]  # as on the command line
-    model: ClassVar[str] = "hunt_crossley"  # name of the base model whose law it finds
+    model: ClassVar[str] = "hunt_crossley"  # name of the base model whose law it estimates
 
     @abstractmethod
     def fit(
@@ -67,12 +70,12 @@ class ContactEstimator(ABC):
 
         Args:
             depth_m: indentation, positive into the object, shape (n,) [m].
-            speed_m_s: its rate, shape (n,) [m/s].
-            force_n: positive in compression, shape (n,) [N].
+            speed_m_s: rate of indentation, shape (n,) [m/s].
+            force_n: force, positive in compression, shape (n,) [N].
             rng: random generator for methods that draw samples.
 
         Raises:
-            InputError: the method cannot work on these samples.
+            InputError: the method cannot use these samples.
         """
 
 
@@ -88,12 +91,12 @@ class OnlineContactLaw(ContactEstimator):
         """Update the law by one sample in contact.
 
         Args:
-            depth_m: tip beyond where the surface was felt [m].
-            speed_m_s: into the object [m/s].
-            force_n: positive in compression [N].
+            depth_m: distance of the tip beyond the position of the first contact [m].
+            speed_m_s: speed, positive into the object [m/s].
+            force_n: force, positive in compression [N].
 
         Returns:
-            The law after it; None before there is any.
+            The updated law; None before the first estimate.
         """
 
     def fit(
@@ -103,12 +106,15 @@ class OnlineContactLaw(ContactEstimator):
         return self.follow(depth_m, speed_m_s, force_n)[-1]
 
     def follow(self, depth_m: FloatArray, speed_m_s: FloatArray, force_n: FloatArray) -> list[ContactLaw]:
-        """Return the law after each sample from the first that gives one, from a fresh start.
+        """Reset, process all samples, and return the law after each one, from the first estimate on.
 
         Args:
             depth_m: indentation, positive into the object, shape (n,) [m].
-            speed_m_s: its rate, shape (n,) [m/s].
-            force_n: positive in compression, shape (n,) [N].
+            speed_m_s: rate of indentation, shape (n,) [m/s].
+            force_n: force, positive in compression, shape (n,) [N].
+
+        Raises:
+            InputError: no sample gives a law, or a sample is not finite.
         """
         check_samples(self.name, depth_m, speed_m_s, force_n)
         self.start()

@@ -1,9 +1,9 @@
-"""Effects: physical causes that can be fitted, named, and confused with others.
+"""Effects: physical causes of effort that can be fitted and named.
 
     effort(t) = sensor( sum_i effect_i(motion(t)) )
 
-An `AdditiveEffect` adds effort, a `MotionEffect` changes the motion that the effort comes from, a
-`MemoryEffect` lets elastic effort fade, and a `SensorEffect` changes the effort on its way to the reader.
+An `AdditiveEffect` adds effort. A `MotionEffect` changes the motion that causes the effort. A `MemoryEffect`
+relaxes elastic effort over time. A `SensorEffect` changes the effort between the object and the reading.
 """
 
 from abc import ABC, abstractmethod
@@ -24,20 +24,20 @@ Errors = Callable[[], Mapping[str, float]]
 Inner = Mapping[str, float]  # values of inner (nonlinear) parameters by name
 
 
-# What an effort can depend on; see `Effect.signals`.
+# Signals that an effort can depend on; see `Effect.signals`.
 SIGNALS = (
-    "offset",  # always there, whatever moves
+    "offset",  # constant, independent of the motion
     "time",
     "position",
     "velocity",
-    "direction",  # of the motion, at a reversal above all
+    "direction",  # of the motion, mainly at reversals
     "acceleration",
     "past motion",
     "effort",
     "past effort",
-    "load",  # of a joint, apart from friction
+    "load",  # effort of a joint without friction
     "other joints",
-    "recorded",  # a column that a user recorded beside, or the number of the run
+    "recorded",  # an additional column that a user recorded, or the number of the run
 )
 
 
@@ -46,19 +46,19 @@ class Parameter:
     """A parameter of an effect, determined by the fit."""
 
     name: str  # unique within its effect
-    unit: str  # SI unit; "{effort}", "{position}" and "{inertia}" stand for those of the channel
-    lower: float  # smallest value that makes physical sense
-    upper: float  # largest value that makes physical sense
-    typical: tuple[float, float]  # range met in practice; for an inner parameter also where its search begins
-    log: bool = False  # whether an inner search goes by ratio rather than by difference
+    unit: str  # SI unit; "{effort}", "{position}" and "{inertia}" stand for the channel's units
+    lower: float  # smallest physical value
+    upper: float  # largest physical value
+    typical: tuple[float, float]  # usual range in practice; for an inner parameter also its search grid
+    log: bool = False  # whether the search of an inner parameter uses a logarithmic scale
 
     @property
     def beginning(self) -> float:
-        """Start value without prior knowledge: zero if possible, otherwise the middle of the range."""
+        """Start value without prior knowledge: zero if allowed, otherwise the middle of the typical range."""
         return 0.0 if self.lower <= 0.0 <= self.upper else float(self.spread(3)[1])
 
     def unit_of(self, kind: ChannelKind) -> str:
-        """Return the unit in a channel of one kind, such as "N m/rad".
+        """Return the unit in a channel of the given kind, such as "N m/rad".
 
         Args:
             kind: kind of the channel; it sets the units of effort, position and inertia.
@@ -68,7 +68,7 @@ class Parameter:
         )
 
     def at_bound(self, value: float) -> bool:
-        """Return whether a search ended at a bound: then the data determine no value.
+        """Return whether a value is at a search bound, so that the data do not determine it.
 
         Args:
             value: value of the parameter, in its unit.
@@ -77,7 +77,7 @@ class Parameter:
         return not self.lower + near < value < self.upper - near
 
     def spread(self, count: int) -> FloatArray:
-        """Return values over the typical range, spaced evenly, or by a constant ratio where `log`.
+        """Return evenly spaced values over the typical range, on a logarithmic scale if `log` is set.
 
         Args:
             count: number of values.
@@ -101,36 +101,36 @@ def start_grid(**values: Iterable[float]) -> tuple[Inner, ...]:
 class Effect(ABC):
     """One physical effect; class attributes describe it, in the same form for all effects."""
 
-    name: ClassVar[str]  # snake_case, from the vocabulary where it is there
-    kind: ClassVar[Kind] = Kind.OTHER  # of physics that it belongs to, see `palpate.estimation.kinds`
-    also: ClassVar[frozenset[Kind]] = frozenset()  # further kinds, of a law that is a product
-    physics: ClassVar[str]  # one line of what happens
-    equation: ClassVar[str]  # its term, in plain text
-    source: ClassVar[str]  # where the equation comes from
-    signature: ClassVar[str]  # what one sees in the data, in words
-    # Those of `SIGNALS` on which its effort depends: where an impostor of it leaves structure.
+    name: ClassVar[str]  # snake_case, from the vocabulary if it has the effect
+    kind: ClassVar[Kind] = Kind.OTHER  # category of physics, see `palpate.estimation.kinds`
+    also: ClassVar[frozenset[Kind]] = frozenset()  # further kinds, if the law is a product of several
+    physics: ClassVar[str]  # one-line description of the physics
+    equation: ClassVar[str]  # equation of its term, in plain text
+    source: ClassVar[str]  # reference for the equation
+    signature: ClassVar[str]  # how the effect appears in the data, in words
+    # The `SIGNALS` on which its effort depends; a wrong effect in its place leaves structure in them.
     signals: ClassVar[tuple[str, ...]] = SIGNALS
-    channels: ClassVar[frozenset[ChannelKind]]  # kinds of channel it can occur in
+    channels: ClassVar[frozenset[ChannelKind]]  # kinds of channel in which it can occur
     gains: ClassVar[tuple[Parameter, ...]] = ()  # parameters in which the effort is linear, one per column
-    # The few others (exponent, speed, time), searched within their bounds.
+    # Nonlinear parameters (exponent, speed, time), searched within their bounds.
     inner: ClassVar[tuple[Parameter, ...]] = ()
-    essential: ClassVar[tuple[str, ...]] = ()  # gains without which it would be another, simpler effect
-    path: ClassVar[str] = ""  # inner parameter, a way without which it would be another, simpler effect
-    # Signals of `ChannelData.context` without which the effect cannot be tried.
+    essential: ClassVar[tuple[str, ...]] = ()  # gains whose absence would leave another, simpler effect
+    path: ClassVar[str] = ""  # inner parameter, a path length; at zero another, simpler effect remains
+    # Signals of `ChannelData.context` that the effect requires.
     needs: ClassVar[tuple[str, ...]] = ()
-    # Effects that data often cannot tell from this one, with the experiment that can.
+    # Effects that data often cannot distinguish from this one, each with an experiment that can.
     confused_with: ClassVar[Mapping[str, str]] = {}
     parts: ClassVar[tuple[str, ...]] = ()  # effects that together may describe the same curve
-    form: int = 0  # which of its forms it is, see `forms`
+    form: int = 0  # index of this form, see `forms`
 
     def starts(self, data: ChannelData) -> tuple[Inner, ...]:
-        """Return inner values from which a search begins; overridden where their scale depends on the data.
+        """Return start values of the inner parameters; subclasses override it if the scale needs the data.
 
         Args:
             data: the channel.
 
         Returns:
-            At least one; `({},)` for an effect without inner parameters.
+            At least one start; `({},)` for an effect without inner parameters.
         """
         count = 9 if len(self.inner) == 1 else 5
         return start_grid(**{p.name: p.spread(count) for p in self.inner})
@@ -149,22 +149,22 @@ class Effect(ABC):
     def is_misnamed(
         self, data: ChannelData, parameters: Mapping[str, float], errors: Errors, noise: float
     ) -> bool:
-        """Return whether the effect imitates something else with these parameters within their bounds.
+        """Return whether the effect imitates another effect at these parameters.
 
         A model with such an effect may fit well without being evidence for the effect.
 
         Args:
-            data: the channel, with the motion that acts.
+            data: the channel, with the motion that acts on the object.
             parameters: parameters of the whole model, by "effect.parameter".
-            errors: gives their standard errors by the same names, NaN where unknown; asked only if needed.
-            noise: root mean square of what the model leaves, in the unit of the effort.
+            errors: returns their standard errors by the same names, NaN if unknown; called only if needed.
+            noise: root mean square residual of the model [effort].
         """
         return False
 
     def suited_to(self, data: ChannelData) -> "Effect":
         """Return the form of the effect that suits the signals of a channel; most effects have one form.
 
-        A path is bounded by the shortest one that the readings of the position resolve.
+        The lower bound of a path length becomes the shortest path that the position readings resolve.
 
         Args:
             data: the channel.
@@ -179,15 +179,15 @@ class Effect(ABC):
         return suited
 
     def in_order(self, inner: Inner) -> Inner:
-        """Return equivalent inner parameters in the order that their names state, if two may change places.
+        """Return equivalent inner parameters in the order of their names, if two are interchangeable.
 
         Args:
-            inner: values by name.
+            inner: values of the inner parameters by name.
         """
         return inner
 
     def forms(self) -> tuple["Effect", ...]:
-        """Forms of the same name between which the data choose; for most effects there is one."""
+        """Return the forms of this effect, between which the data decide; most effects have one."""
         return (self,)
 
     def applies_to(self, data: ChannelData) -> bool:
@@ -202,10 +202,10 @@ class Effect(ABC):
 class AdditiveEffect(Effect):
     """An effect that adds effort, linear in its gains."""
 
-    # In a contact, whether it belongs to what can only push, the object; what sticks to the tool, and errors
-    # of the reader, can pull as well.
+    # Whether it is a force of the object in a contact, which can only push. Adhesion and sensor errors can
+    # also pull.
     one_sided: ClassVar[bool] = True
-    # Gains whose effort is that of a spring, which a `MemoryEffect` lets fade.
+    # Gains with elastic effort, which a `MemoryEffect` relaxes.
     elastic: ClassVar[tuple[str, ...]] = ()
 
     @abstractmethod
@@ -213,18 +213,19 @@ class AdditiveEffect(Effect):
         """Return the effort per unit of each gain.
 
         Args:
-            data: the channel, with the motion that acts: positive into the object, or along the joint.
+            data: the channel, with the motion that acts on the object; positive into the object or along the
+                joint.
             inner: values of the inner parameters by name.
 
         Returns:
-            Shape (n, len(gains)), in the effort's unit over the gain's; effort in compression is positive.
+            Shape (n, len(gains)) [effort / unit of the gain]; effort in compression is positive.
         """
 
     def known(self, data: ChannelData, inner: Inner) -> FloatArray:
-        """Return the effort that this effect adds without any gain; zero for most.
+        """Return the effort that this effect adds independently of its gains; zero for most effects.
 
         Args:
-            data: the channel, with the motion that acts.
+            data: the channel, with the motion that acts on the object.
             inner: values of the inner parameters by name.
 
         Returns:
@@ -234,7 +235,7 @@ class AdditiveEffect(Effect):
 
 
 class MotionEffect(Effect):
-    """An effect that changes the motion: the object moves differently from what the encoder measured."""
+    """An effect by which the motion of the object differs from the measured motion."""
 
     @abstractmethod
     def move(self, data: ChannelData, inner: Inner) -> ChannelData:
@@ -247,14 +248,14 @@ class MotionEffect(Effect):
 
 
 class MemoryEffect(Effect):
-    """An effect that lets the effort of springs relax over time; linear in that effort."""
+    """An effect that relaxes elastic effort over time; it is linear in that effort."""
 
     @abstractmethod
     def fade(self, elastic: FloatArray, data: ChannelData, inner: Inner) -> FloatArray:
-        """Return what remains of elastic efforts, computed run by run.
+        """Return the remaining elastic efforts after relaxation, computed run by run.
 
         Args:
-            elastic: efforts of springs, shape (n, k), one column each.
+            elastic: elastic efforts, one per column, shape (n, k).
             data: the channel.
             inner: values of the inner parameters by name.
 
@@ -267,8 +268,7 @@ class SensorEffect(Effect):
     """An effect of the sensor, between the true and the measured effort."""
 
     linear: ClassVar[bool]  # whether sense(a + b) == sense(a) + sense(b), so that it can act on columns
-    # Whether it is linear and each reading is of that moment's effort
-    # alone, the same at any time, so that it can act on means over samples.
+    # Whether it is linear, memoryless and time-invariant, so that it can act on means over samples.
     pointwise: ClassVar[bool] = False
 
     @abstractmethod
@@ -287,7 +287,7 @@ class SensorEffect(Effect):
     def follow(
         self, effort: FloatArray, columns: FloatArray, data: ChannelData, inner: Inner
     ) -> tuple[FloatArray, FloatArray]:
-        """Return the results of `slope` and `sense` together, since they often share their work.
+        """Return the results of `slope` and `sense` together, since they often share computations.
 
         Args:
             effort: true effort, shape (n,).
@@ -304,7 +304,7 @@ class SensorEffect(Effect):
         return self.slope(effort, columns, data, inner), self.sense(effort, data, inner)
 
     def slope(self, effort: FloatArray, columns: FloatArray, data: ChannelData, inner: Inner) -> FloatArray:
-        """Return how the reading changes along each column: a secant over 1 % of the effort.
+        """Return the change of the reading along each column: a secant over 1 % of the effort.
 
         Args:
             effort: true effort, shape (n,).

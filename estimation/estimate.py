@@ -12,16 +12,16 @@ import numpy as np
 
 from palpate.robot_io.types import BoolArray, FloatArray
 
-_WIDTH = 110  # columns of a terminal that the text fills
+_WIDTH = 110  # width of the text in characters
 _NARROWEST = 30  # columns for the last cell of a row, which is wrapped
 
 
 class Identifiability(StrEnum):
-    """Degree to which the data determine all parameters; not a judgement of the model."""
+    """Degree to which the data determine all parameters; it does not assess the model."""
 
     GOOD = "good"
     WEAK = "weak"  # some parameter is known only roughly; `note` says which and what to do
-    NONE = "none"  # some parameter could be anything
+    NONE = "none"  # the data do not determine some parameter
 
 
 class Determined(StrEnum):
@@ -41,8 +41,8 @@ class ParameterEstimate:
     value: float  # best estimate
     std_err: float  # standard error, NaN if the method has none
     interval: tuple[float, float]  # 95 % confidence interval (lower, upper)
-    at_bound: bool = False  # whether an inner parameter ended at a bound of its search: the data say no value
-    determined: Determined = Determined.YES  # by the data
+    at_bound: bool = False  # whether an inner parameter ended at a search bound, so the data give no value
+    determined: Determined = Determined.YES  # whether the data determine the value
 
     @property
     def half_interval(self) -> float:
@@ -52,7 +52,7 @@ class ParameterEstimate:
 
 @dataclass(frozen=True)
 class Estimate:
-    """The outcome of one estimation."""
+    """Result of one estimation: parameters, residuals and diagnostics."""
 
     estimator: str  # its registered name
     parameters: tuple[ParameterEstimate, ...]  # in the order of the model
@@ -66,10 +66,10 @@ class Estimate:
     history: FloatArray | None = None
     # Method-specific figures, such as trials or skipped subsets.
     details: dict[str, float] = field(default_factory=dict)
-    unphysical: tuple[str, ...] = ()  # gains that lie outside what is physical with their whole intervals
+    unphysical: tuple[str, ...] = ()  # gains whose whole interval lies outside the physical bounds
 
     def __getitem__(self, name: str) -> ParameterEstimate:
-        """The parameter called `name`. KeyError: there is none."""
+        """Return the parameter with this name. KeyError: no parameter has it."""
         for parameter in self.parameters:
             if parameter.name == name:
                 return parameter
@@ -82,7 +82,7 @@ class Estimate:
 
 
 class DisplayTable(NamedTuple):
-    """A caption, the names of the columns, and rows of what can be printed."""
+    """Table for display: caption, column names and rows of printable values."""
 
     caption: str
     columns: Sequence[str]
@@ -90,7 +90,7 @@ class DisplayTable(NamedTuple):
 
 
 def interval_text(estimated: ParameterEstimate) -> str:
-    """A parameter's 95 % interval, or that it is at the bound of its search.
+    """Format a parameter's 95 % interval, or state that the parameter is at its search bound.
 
     Args:
         estimated: the parameter.
@@ -106,7 +106,7 @@ class TableDisplay(ABC):
 
     @abstractmethod
     def _table(self) -> DisplayTable:
-        """The table to display."""
+        """Return the table to display."""
 
     def _repr_html_(self) -> str:
         caption, columns, rows = self._table()

@@ -1,4 +1,4 @@
-"""Estimate the parameters of a channel: the steps that all estimators share."""
+"""Estimate the parameters of a channel: the steps shared by all estimators."""
 
 from collections.abc import Iterable, Mapping
 from dataclasses import replace
@@ -28,15 +28,15 @@ _NOWHERE_M = 1e-9  # distances below this are zero
 _MANY_STEPS = 1000.0  # encoder steps from which rounding changes less than 0.1 %
 _DRAWS = 16
 _SEED = 1
-UNPHYSICAL = "the model lacks an effect, or the sign of effort or motion is reversed"  # why
+UNPHYSICAL = "the model lacks an effect, or the sign of effort or motion is reversed"  # possible causes
 _ROUNDING = 1e-9  # share of the effort below which a gain is a rounding error
 
 
 def fitting_rows(data: ChannelData) -> BoolArray:
-    """Return the samples that a model is fitted to, shape (n,).
+    """Return the mask of samples to which a model is fitted, shape (n,).
 
-    Of a contact, samples that are surely in contact if the surface was estimated, else samples below the
-    surface; of a joint, all samples.
+    For a contact with an estimated surface these are the samples that are certainly in contact. For any other
+    contact they are the samples below the surface. For a joint they are all samples.
 
     Args:
         data: the channel.
@@ -59,23 +59,23 @@ def estimate_channel(
 ) -> Estimate:
     """Estimate all parameters of a model that is linear in its gains.
 
-    `fit_samples` estimates inner parameters (the position of the surface, an exponent) with the estimator's
-    own loss. The estimator then estimates the gains, whose errors include the uncertainty of the inner
-    parameters.
+    `fit_samples` estimates the inner parameters (the position of the surface, an exponent) with the
+    estimator's loss. The estimator then estimates the gains. The errors of the gains include the uncertainty
+    of the inner parameters.
 
     Args:
         data: whole runs of a channel.
         model: model to estimate.
-        estimator: how.
+        estimator: method that estimates the gains.
         rng: see `Estimator.fit`.
         rows: samples to use, shape (n,); None for `fitting_rows`.
         searched: fits of other estimators to the same samples, see `fit_samples`.
 
     Returns:
-        Gains, then inner parameters, called "effect.parameter"; its arrays hold the samples used.
+        Gains, then inner parameters, named "effect.parameter"; the arrays contain only the samples used.
 
     Raises:
-        InputError: too few samples or none with an effort, or the estimator cannot work on them.
+        InputError: there are too few samples, all efforts are zero, or the estimator cannot use the samples.
     """
     used = fitting_rows(data) if rows is None else rows
     _check_samples(data, model, used)
@@ -84,8 +84,8 @@ def estimate_channel(
     if model.inner or data.tare is not None or data.position_step > 0.0:
         within = {}
         if data.surface is not None:
-            # The touch bounds the surface, which may be deeper if something pulls that the model does not
-            # know; it is where it was found if the press tells no slope.
+            # The contact gives only a lower bound of the surface's coordinate: with an unmodeled pull the
+            # surface may be deeper. If the press spans too few encoder steps for a slope, it is held fixed.
             within[_OFFSET] = (data.surface.highest_m - data.surface.position_m, float("inf"))
             if steps_spanned(data, used) < FEWEST_STEPS:
                 within[_OFFSET] = (-_NOWHERE_M, _NOWHERE_M)
@@ -101,7 +101,7 @@ def estimate_channel(
         for p in estimate.parameters
     )
     estimate = replace(estimate, parameters=parameters)
-    # Say so where a gain lies outside what is physical, and is no rounding error.
+    # Report gains that are outside their physical bounds by more than rounding errors.
     beyond = unphysical(model.gains, estimate.parameters, regression.columns, regression.effort)
     if beyond:
         note = f"{', '.join(beyond)}: outside the physical bounds; {UNPHYSICAL}"
@@ -112,7 +112,7 @@ def estimate_channel(
 
 
 def _check_samples(data: ChannelData, model: Model, used: BoolArray) -> None:
-    """Reject too few samples, zero efforts, and signals too small for any measurement."""
+    """Raise InputError for too few samples, zero efforts or implausibly small signals."""
     samples, parameters = np.count_nonzero(used), len(model.gains) + len(model.inner)
     if samples <= parameters:
         raise InputError(
@@ -133,13 +133,13 @@ def _check_samples(data: ChannelData, model: Model, used: BoolArray) -> None:
 
 
 def _combine(searched: SampleFit, data: ChannelData, rows: BoolArray, given: Estimate) -> Estimate:
-    """Combine an estimator's gains with searched inner parameters, and their errors.
+    """Combine an estimator's gains and the inner parameters from the search into one estimate.
 
-    Given the inner parameters p, the gains g have the estimator's covariance. The covariance C of p also
-    applies where p ended at a bound, which is no measurement. The gains follow p by G = dg/dp = -(X'X)^-1 X'
-    df/dp. Together: cov(g) + G C G' for g, G C between g and p. The mean effect of the encoder's steps on all
-    parameters is subtracted; the remaining effect may be as large, since the motion is known only through
-    these steps.
+    At fixed inner parameters p, the gains g have the estimator's covariance. Gains depend on p through
+    G = dg/dp = -(X'X)^-1 X' df/dp. With C = cov(p), the covariance of g becomes cov(g) + G C G', and that
+    between g and p is G C. C is computed without bounds, since a parameter at its bound was not measured.
+    The mean bias due to encoder steps is subtracted from all parameters. Its spread is added to the
+    covariance, since the motion is known only through these steps.
     """
     gain_count = len(given.parameters)
     values = np.array(list(searched.parameters.values()))
@@ -152,7 +152,7 @@ def _combine(searched: SampleFit, data: ChannelData, rows: BoolArray, given: Est
     matrix[:gain_count, gain_count:] = follow @ spread
     matrix[gain_count:, :gain_count] = (follow @ spread).T
     free = np.isfinite(searched.covariance.std_err)
-    if data.tare is not None and free.any():  # errors of the tare, as least squares would follow them
+    if data.tare is not None and free.any():  # errors of the tare, propagated through least squares
         matrix[np.ix_(free, free)] += common_error_covariance(
             searched.jacobian[given.inliers][:, free],
             data.tare.index(data.run[rows])[given.inliers],
@@ -183,7 +183,7 @@ def _combine(searched: SampleFit, data: ChannelData, rows: BoolArray, given: Est
 
 
 def mark_coarse(estimate: Estimate, data: ChannelData, rows: BoolArray) -> Estimate:
-    """Remove the intervals, and say why, if the motion spans too few encoder steps for a slope.
+    """Remove the intervals and state the reason if the motion spans too few encoder steps for a slope.
 
     Args:
         estimate: the estimate.
@@ -212,7 +212,7 @@ def mark_coarse(estimate: Estimate, data: ChannelData, rows: BoolArray) -> Estim
 
 
 def steps_spanned(data: ChannelData, rows: BoolArray) -> float:
-    """Return how many steps of its grid the position spans in these rows; infinite without a grid.
+    """Return the number of encoder steps that the position spans; infinite without an encoder step.
 
     Args:
         data: the channel.
@@ -224,7 +224,7 @@ def steps_spanned(data: ChannelData, rows: BoolArray) -> float:
 
 
 def in_steps(data: ChannelData, rows: BoolArray) -> str:
-    """Describe the steps that the position spans.
+    """Describe the number of encoder steps that the position spans.
 
     Args:
         data: the channel.
@@ -236,22 +236,22 @@ def in_steps(data: ChannelData, rows: BoolArray) -> str:
 
 
 def rounding_errors(model: Model, data: ChannelData, rows: BoolArray, parameters: Parameters) -> FloatArray:
-    """Simulate the change of the parameters for other offsets of the encoder's grid, shape (m, r).
+    """Simulate the parameter errors caused by the encoder's quantization.
 
-    The residuals do not show them: a hold lies within one step and has one error, steps make a derived
-    velocity noisy, and least squares treat both as a softer object (R. J. Carroll et al., Measurement Error
-    in Nonlinear Models (2006), ch. 3). Therefore the measurement is simulated: the smoothed motion and the
-    effort that the model predicts for it are read through the same grid at random offsets, and fitted again
-    by one Gauss-Newton step.
+    The residuals do not show these errors. During a hold the position error is constant, and quantization
+    makes a derived velocity noisy. Least squares then underestimates the stiffness (R. J. Carroll et al.,
+    Measurement Error in Nonlinear Models (2006), ch. 3). The simulation quantizes the smoothed motion with
+    random offsets of the grid and refits the predicted effort by one Gauss-Newton step.
 
     Args:
         model: fitted model.
         data: the channel.
-        rows: samples that count, shape (n,).
-        parameters: parameters as found, by "effect.parameter".
+        rows: samples used in the fit, a mask of shape (n,).
+        parameters: fitted parameters, by "effect.parameter".
 
     Returns:
-        Errors of gains and inner parameters, a column a repetition; none where the grid is fine enough.
+        Errors of the m gains and inner parameters in r simulations, shape (m, r); r = 0 if the grid is fine
+        enough.
     """
     if steps_spanned(data, rows) > _MANY_STEPS:
         return np.zeros((len(parameters), 0))
@@ -284,10 +284,13 @@ def unphysical(
     """Describe the gains whose whole interval lies outside their physical bounds, by name.
 
     Args:
-        gains: by "effect.parameter", in column order.
-        estimates: their estimates, and others.
+        gains: gains by "effect.parameter", in column order.
+        estimates: estimates of the gains; other parameters among them are ignored.
         columns: effort per unit of each gain, shape (n, p).
-        effort: what was explained, shape (n,).
+        effort: fitted effort, shape (n,).
+
+    Returns:
+        A sentence for each unphysical gain, by "effect.parameter".
     """
     parts = np.sqrt(np.mean(columns**2, axis=0) / max(float(np.mean(effort**2)), 1e-300))
     shares, beyond = dict(zip(gains, parts.tolist(), strict=True)), {}

@@ -1,4 +1,4 @@
-"""Interface of estimators, which solve a linear problem for parameters with their uncertainty."""
+"""Interface of estimators, which solve a linear problem for parameters and their uncertainty."""
 
 from abc import ABC, abstractmethod
 from typing import ClassVar
@@ -16,7 +16,7 @@ class Estimator(ABC):
     """Method that solves effort = columns @ gains + noise."""
 
     name: ClassVar[str]  # as on the command line
-    # In the search for parameters that the effort is not linear in, which comes before.
+    # Loss of the preceding search for inner (nonlinear) parameters.
     loss: ClassVar[Loss] = Loss.LINEAR
 
     @abstractmethod
@@ -25,10 +25,10 @@ class Estimator(ABC):
 
         Args:
             regression: the problem; samples of a run in order of time.
-            rng: source of every random choice; the same state gives the same estimate.
+            rng: random generator; the same state gives the same estimate.
 
         Raises:
-            InputError: the method cannot work on these samples.
+            InputError: the method cannot use these samples.
         """
 
     def _estimate(
@@ -62,7 +62,7 @@ class OnlineEstimator(Estimator):
 
     @abstractmethod
     def start(self, gain_count: int) -> None:
-        """Reset, and prepare for rows of a number of columns.
+        """Reset the estimator for a given number of columns.
 
         Args:
             gain_count: number of columns of each row.
@@ -73,9 +73,9 @@ class OnlineEstimator(Estimator):
         """Update the gains by one sample.
 
         Args:
-            row: shape (p,), one row of the columns.
-            effort: what was measured with it.
+            row: one row of the columns, shape (p,).
+            effort: measured effort of this sample.
 
         Returns:
-            The gains after it, shape (p,); the array is never written to again.
+            The updated gains, shape (p,); the estimator never writes to this array again.
         """

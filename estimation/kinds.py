@@ -1,13 +1,13 @@
-"""Kinds of effects: what the missing physics has to do with, before its form is known."""
+"""Kinds of effects: categories of missing physics, which can be identified before its exact form."""
 
 from enum import StrEnum
 
 
 class Kind(StrEnum):
-    """The kind that an effect belongs to; each has a flexible law of its own signals."""
+    """Category of an effect; each kind except OTHER has a flexible law of its own signals."""
 
-    word: str  # short name for bars and lists
-    description: str  # what the kind is called in a sentence
+    word: str  # short name for charts and lists
+    description: str  # name of the kind within a sentence
 
     def __new__(cls, value: str, word: str, description: str) -> "Kind":
         """Make a kind from its name in JSON, its short name and its description."""
@@ -35,8 +35,8 @@ class Kind(StrEnum):
     OTHER = "other", "other effects", "other effects"
 
 
-# In one pass at one speed these cannot be told from a law of the position: they need a return, a hold or
-# another speed. The effort is a curve of the position there, and so is whatever a sensor makes of it.
+# These kinds cannot be told from a law of the position in a single pass at one speed, where the effort and
+# the sensor's reading are functions of the position. They need a reversal, a hold or a second speed.
 UNSEEN_IN_ONE_PASS = frozenset(
     {
         Kind.RATE_DEPENDENCE,
@@ -85,11 +85,11 @@ _SEPARATING = {
 
 
 def separating_experiment(first: Kind, second: Kind) -> str:
-    """Return the experiment that separates two kinds; a general one where none is known.
+    """Describe an experiment that separates two kinds; a general one if no specific one is known.
 
     Args:
         first: kind of one effect.
-        second: kind of the effect that it may be confused with.
+        second: kind of the effect that may be confused with it.
     """
     known = _SEPARATING.get(frozenset({first, second}))
     return (

@@ -44,12 +44,12 @@ class Regression:
     effort: FloatArray  # shape (n,)
     names: tuple[str, ...]  # the p gains' names
     units: tuple[str, ...]  # the p gains' units
-    # Number of the run of each sample, shape (n,); the noise of samples of one run, in order of time, may be
-    # correlated, that of different runs is not. None for one run.
+    # Run number of each sample, shape (n,), in order of time within a run; None for a single run. Noise may
+    # be correlated within a run, but not between runs.
     run: IntArray | None = None
 
     def __post_init__(self) -> None:
-        """Check shapes. InputError: they do not belong together, or there are fewer samples than gains."""
+        """Check shapes. InputError: they do not match, or there are too few samples for the gains."""
         samples, gains = self.columns.shape
         if self.effort.shape != (samples,) or len(self.names) != gains or len(self.units) != gains:
             raise InputError(
@@ -61,7 +61,7 @@ class Regression:
             raise InputError(f"regression: {samples} samples cannot determine {gains} parameters")
 
     def select(self, rows: BoolArray | IntArray) -> "Regression":
-        """The problem with only these samples (a mask or indices).
+        """Return the problem with only the selected samples.
 
         Args:
             rows: mask or indices of samples.
@@ -72,12 +72,15 @@ class Regression:
 
 @dataclass(frozen=True)
 class Model:
-    """effort = sensor(sum of additive effects on the moved motion, those of springs faded)."""
+    """Model of a channel: the sensor effects act on the sum of the additive effects.
+
+    Motion effects change the motion on which additive effects act; memory effects relax their elastic part.
+    """
 
     name: str  # such as "kelvin_voigt"
     effects: tuple[Effect, ...]  # in the order in which they were added
-    held: Parameters = field(default_factory=dict)  # parameters that a fit leaves at these values
-    # Narrower bounds than physics has, of inner parameters that may be there.
+    held: Parameters = field(default_factory=dict)  # parameters that a fit holds at these values
+    # Bounds of inner parameters that are narrower than the physical bounds; absent parameters are ignored.
     within: Mapping[str, tuple[float, float]] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
@@ -91,7 +94,7 @@ class Model:
             )
 
     def with_effect(self, effect: Effect) -> "Model":
-        """Return the model with one more effect, last.
+        """Return the model with an effect appended.
 
         Args:
             effect: effect in the form that suits the channel.
@@ -102,7 +105,7 @@ class Model:
         return Model(self.name, (*self.effects, effect), self.held)
 
     def with_effect_first(self, effect: Effect) -> "Model":
-        """Return the model with one more effect, first, such as a sensor's fault before its filter.
+        """Return the model with an effect prepended, such as a sensor's fault before its filter.
 
         Args:
             effect: effect in the form that suits the channel.
@@ -113,7 +116,7 @@ class Model:
         return Model(self.name, (effect, *self.effects), self.held)
 
     def effect(self, name: str) -> Effect:
-        """Return the effect of this name.
+        """Return the effect with this name.
 
         Args:
             name: name of an effect of the model.
@@ -121,7 +124,7 @@ class Model:
         return next(effect for effect in self.effects if effect.name == name)
 
     def without(self, *names: str) -> "Model":
-        """The model less the effects of these names."""
+        """Return the model without the effects of these names."""
         kept = tuple(effect for effect in self.effects if effect.name not in names)
         return Model(self.name, kept, {n: v for n, v in self.held.items() if n.split(".")[0] not in names})
 
@@ -145,7 +148,7 @@ class Model:
         return known
 
     def at_bound(self, name: str, value: float) -> bool:
-        """Return whether an inner parameter is at a bound of its search; False for gains.
+        """Return whether an inner parameter is at a search bound; False for gains.
 
         Args:
             name: "effect.parameter".
@@ -155,18 +158,18 @@ class Model:
 
     @cached_property
     def is_linear_in_gains(self) -> bool:
-        """Whether, with the inner parameters fixed, the effort is linear in the gains."""
+        """Whether the effort is linear in the gains at fixed inner parameters."""
         return all(effect.linear for effect in self.sensors)
 
     def regression(self, data: ChannelData, inner: Parameters) -> Regression:
-        """The linear problem left when the inner parameters are fixed.
+        """Return the linear regression problem at fixed inner parameters.
 
         Args:
             data: the channel.
             inner: a value for each of `self.inner`.
 
         Returns:
-            Columns and the effort to be explained, without its known parts.
+            The columns and the measured effort minus its known part.
 
         Raises:
             InputError: a sensor effect of the model is not linear.
@@ -181,7 +184,7 @@ class Model:
         return Regression(columns, data.effort - known, tuple(self.gains), units, data.run)
 
     def in_order(self, parameters: Parameters) -> dict[str, float]:
-        """Return equivalent parameters in the order that their names state, see `Effect.in_order`.
+        """Return equivalent parameters in the order of their names, see `Effect.in_order`.
 
         Args:
             parameters: a value for every gain and inner parameter.
@@ -202,7 +205,7 @@ class Model:
         return tuple(p.unit_of(data.kind) for p in (*self.gains.values(), *self.inner.values()))
 
     def predict(self, data: ChannelData, parameters: Parameters) -> FloatArray:
-        """Return the effort that the model expects, shape (n,).
+        """Return the effort predicted by the model, shape (n,).
 
         Args:
             data: the channel; its effort is used only by effects that need it (tool compliance).
@@ -211,12 +214,13 @@ class Model:
         return self.linearise(data, parameters)[1]
 
     def inner_slopes(self, data: ChannelData, parameters: Parameters, step: float) -> list[FloatArray]:
-        """Slope of the prediction by each inner parameter at fixed gains, each of shape (n,).
+        """Compute the derivative of the prediction by each inner parameter at fixed gains, each (n,).
 
         Args:
             data: the channel.
             parameters: a value for every gain and inner parameter.
-            step: step of the difference quotient, relative to a value or its typical range.
+            step: step of the difference quotient, relative to the value (logarithmic parameters) or to the
+                typical range (others).
         """
         slopes = []
         for name, parameter in self.inner.items():
@@ -230,9 +234,10 @@ class Model:
         return slopes
 
     def lifted(self, data: ChannelData, parameters: Parameters, parts: Parts) -> IntArray:
-        """Return the samples of a contact where the object would pull, which it cannot: there it lets go.
+        """Return the samples of a contact where the object would have to pull, so that contact is lost.
 
-        The sum of the one-sided effects is cut off at zero, unless the sample is known to press.
+        In these samples the sum of the one-sided effects is negative and is set to zero. Samples that are
+        known to be in contact are not among them.
 
         Args:
             data: the channel.
@@ -240,7 +245,7 @@ class Model:
             parts: result of `parts` for the same data and inner parameters.
 
         Returns:
-            Rows, shape (k,); none for a joint.
+            Row indices, shape (k,); empty for a joint.
         """
         if data.kind is not ChannelKind.CONTACT:
             return np.empty(0, dtype=np.int64)
@@ -255,7 +260,7 @@ class Model:
         parts: Parts | None = None,
         lifted: IntArray | None = None,
     ) -> tuple[FloatArray, FloatArray]:
-        """Return the prediction's derivatives by the gains, and the prediction.
+        """Return the derivatives of the prediction by the gains, and the prediction.
 
         Args:
             data: the channel; its effort is used only by effects that need it (tool compliance).
@@ -264,7 +269,7 @@ class Model:
             lifted: result of `lifted` for the same arguments, if known.
 
         Returns:
-            Slopes (n, p) of the effort by each gain, and the effort (n,).
+            Derivatives of the effort by each gain, shape (n, p), and the effort, shape (n,).
         """
         slopes, known = parts = parts or self.parts(data, parameters)
         lifted = self.lifted(data, parameters, parts) if lifted is None else lifted
@@ -279,7 +284,7 @@ class Model:
 
     @cached_property
     def acting(self) -> list[Effect]:
-        """The effects that act on others' columns: of motion, of memory, and sensors unless pointwise."""
+        """The effects that act on the columns of others: motion, memory and non-pointwise sensor effects."""
         added = (*self.additive, *(sensor for sensor in self.sensors if sensor.pointwise))
         return [effect for effect in self.effects if effect not in added]
 
@@ -290,16 +295,16 @@ class Model:
 
     @cached_property
     def one_sided(self) -> BoolArray:
-        """Whether each gain is of an effect that can only push, shape (q,)."""
+        """Whether each gain belongs to an effect that can only push, shape (q,)."""
         return np.array([effect.one_sided for effect in self.additive for _ in effect.gains], dtype=np.bool_)
 
     @cached_property
     def sensors(self) -> list[SensorEffect]:
-        """The effects on the way to the reader, in order."""
+        """The sensor effects, in order."""
         return [e for e in self.effects if isinstance(e, SensorEffect)]
 
     def moved(self, data: ChannelData, parameters: Parameters) -> ChannelData:
-        """Return the channel with the motion that acts; unchanged where no effect changes the motion.
+        """Return the channel with the motion that acts on the object; unchanged without motion effects.
 
         Args:
             data: the channel with the measured motion.
@@ -311,15 +316,15 @@ class Model:
         return data
 
     def parts(self, data: ChannelData, parameters: Parameters, columns_of: Columns = effect_columns) -> Parts:
-        """Return columns and known effort on the motion that acts, before any sensor.
+        """Return the columns and the known effort before any sensor effect.
 
         Args:
             data: the channel with the measured motion.
             parameters: a value for every inner parameter; gains are ignored.
-            columns_of: computes the columns of an effect, or knows them.
+            columns_of: function that computes an effect's columns, or looks them up.
 
         Returns:
-            Effort per unit of each gain, shape (n, p), and effort without any gain, shape (n,).
+            Effort per unit of each gain, shape (n, p), and effort independent of the gains, shape (n,).
         """
         data = self.moved(data, parameters)
         blocks = [np.zeros((0, len(data)))]
@@ -328,15 +333,15 @@ class Model:
             inner = own(effect, parameters)
             blocks.append(self.faded(effect, columns_of(effect, data, inner), data, parameters).T)
             known = known + effect.known(data, inner)
-        return np.concatenate(blocks).T, known  # each column in one piece: what comes is done by columns
+        return np.concatenate(blocks).T, known  # contiguous columns: later steps work column by column
 
     def faded(
         self, effect: AdditiveEffect, columns: FloatArray, data: ChannelData, parameters: Parameters
     ) -> FloatArray:
-        """Return an effect's columns after the model's memory effects have acted on the elastic ones.
+        """Return an effect's columns after the model's memory effects relaxed the elastic ones.
 
         Args:
-            effect: effect whose columns they are.
+            effect: effect to which the columns belong.
             columns: effort per unit of each of its gains, shape (n, k).
             data: the channel.
             parameters: a value for every inner parameter.
@@ -355,7 +360,7 @@ class Model:
 
 
 def own(effect: Effect, parameters: Parameters) -> dict[str, float]:
-    """Return the inner parameters of one effect by their own names.
+    """Return the inner parameters of one effect, without the effect's name in their keys.
 
     Args:
         effect: the effect.
@@ -366,6 +371,6 @@ def own(effect: Effect, parameters: Parameters) -> dict[str, float]:
 
 @lru_cache(maxsize=8)
 def _moved(effect: IdentityKey, data: IdentityKey, inner: tuple[tuple[str, float], ...]) -> ChannelData:
-    """A channel moved by an effect: while others are searched, it is asked for again and again."""
+    """Return the channel moved by an effect; cached because searches of other effects need it repeatedly."""
     moved: ChannelData = effect.thing.move(data.thing, dict(inner))
     return moved

@@ -1,4 +1,4 @@
-"""Stiffness, damping and surface while the arm is probing."""
+"""Estimate stiffness, damping and the surface while the arm is probing."""
 
 import math
 from collections import deque
@@ -16,18 +16,18 @@ from palpate.robot_io.types import Measurement, Status
 
 _GAINS = 3
 _ENOUGH = 30  # samples needed to determine three gains
-_AIR_SAMPLES = 20  # first samples, which count as free air and determine the sensor's zero
-_GAP = 1.5  # median steps that count as a gap
+_AIR_SAMPLES = 20  # initial samples that are assumed to be in free air and determine the sensor's zero
+_GAP = 1.5  # ratio to the previous sample interval above which there is a gap
 _DEFAULT_TOUCH = TouchGains()
 
 
 class LinearKelvinVoigt:
-    """Kelvin-Voigt with an unknown surface, as three gains in which the force is linear.
+    """Kelvin-Voigt law with an unknown surface, written as a force that is linear in three gains.
 
-        F = k (x - x0) + c v = k x + c v - k x0,    x from where the first touch was felt
+        F = k (x - x0) + c v = k x + c v - k x0,    x measured from the position of the first contact
 
     Args:
-        estimator: takes one sample at a time.
+        estimator: online estimator of the three gains.
     """
 
     def __init__(self, estimator: OnlineEstimator) -> None:
@@ -43,16 +43,16 @@ class LinearKelvinVoigt:
 
 
 class OnlineContactEstimator:
-    """Follows touch, depth and speed of the tip, and lets an estimator learn from them.
+    """Detect contact, compute depth and speed of the tip, and update an estimator with them.
 
-    A force above that in free air counts as touch. The velocity comes from a polynomial through the samples
-    around each sample, so that it has no phase error (which would make stiffness look like damping);
-    estimates therefore lag `half_window` samples behind. Nothing is smoothed across a touch.
+    A force above that in free air counts as contact. The velocity comes from a polynomial fit to the samples
+    around each sample. It therefore has no phase error, which would make stiffness look like damping, but
+    estimates lag by `half_window` samples. No fit extends across the start of a contact.
 
     Args:
-        estimator: takes one sample at a time; a linear one is given Kelvin-Voigt with an unknown surface.
-        touch: what counts as contact, by the controller's own rule (see `palpate.control.laws.gains`).
-        half_window: samples on either side that go into a velocity.
+        estimator: online estimator; a linear one estimates Kelvin-Voigt with an unknown surface.
+        touch: thresholds of contact, the same as in the controller (see `palpate.control.laws.gains`).
+        half_window: number of samples on each side that are used for a velocity.
     """
 
     def __init__(
@@ -75,10 +75,10 @@ class OnlineContactEstimator:
         self.in_contact = False
 
     def observe(self, measurement: Measurement, output: TaskOutput) -> Estimates:
-        """Take in one tick; see `palpate.control.loop.tick_record.Observer`.
+        """Process one tick; see `palpate.control.loop.tick_record.Observer`.
 
         Returns:
-            The newest estimates, NaN before there are any.
+            The newest estimates; NaN before the first.
         """
         if measurement.force_status is not Status.OK or measurement.encoder_status is not Status.OK:
             return self.estimates
@@ -86,12 +86,12 @@ class OnlineContactEstimator:
         return self.update(measurement.force_at_s, along_m, measurement.force_n)
 
     def update(self, time_s: float, along_m: float, force_n: float) -> Estimates:
-        """Take in one sample.
+        """Process one sample.
 
         Args:
             time_s: time of the sample [s].
-            along_m: tip along the press direction [m].
-            force_n: positive in compression [N].
+            along_m: position of the tip along the press direction [m].
+            force_n: force, positive in compression [N].
 
         Returns:
             See `observe`.
@@ -102,7 +102,7 @@ class OnlineContactEstimator:
         elif self._air.count >= _AIR_SAMPLES and above_n > (
             touch_n := touch_force_n(self._air.standard_deviation, self._touch_gains.touch_force_n)
         ):
-            # The first sample is left out: it was chosen for its force.
+            # The first sample is excluded: it was selected by its force, which biases it.
             self.in_contact = True
             self._release_n = release_force_n(touch_n, self._touch_gains)
             self._window.clear()

@@ -1,7 +1,7 @@
 """Information on gains that joints of one arm share.
 
-Parameters that the motion does not show stay near the URDF, and physically consistent. A fit of one joint
-whose normal equations include the information of the others equals the fit of all joints together, see
+Parameters that the motion does not excite stay physically consistent and near the URDF. A fit of one joint
+whose normal equations include the information of the other joints equals the joint fit of all of them, see
 `palpate.estimation.arm.consistent_fit`.
 """
 
@@ -28,14 +28,15 @@ from palpate.estimation.model import Model
 
 
 def with_shared_gains(channels: Sequence[ChannelData], models: Sequence[Model]) -> list[ChannelData]:
-    """Add to the channels of a fitted arm what the other joints tell of its base parameters.
+    """Add to each channel the information of the arm's other joints on the base parameters.
 
     Args:
         channels: channels of one robot.
-        models: the base model of each.
+        models: the base model of each channel.
 
     Returns:
-        In the order given; as they are where no joint with fitted masses can be judged, or all was said.
+        Channels in the order given. They are unchanged if any has shared information already, or if no joint
+        with fitted base parameters passes the data checks.
     """
     if any(channel.shared is not None for channel in channels):
         return list(channels)
@@ -49,7 +50,7 @@ def with_shared_gains(channels: Sequence[ChannelData], models: Sequence[Model]) 
         return list(channels)
     names = [f"{effect.name}.{name}" for name in effect.arm.names]
     alone = []
-    for number in of_arm:  # dry friction and an offset would otherwise bias what a joint tells of its masses
+    for number in of_arm:  # without these two effects, friction or an offset biases the base parameters
         model, data = models[number], channels[number]
         present = {term.kind for term in model.effects}
         lacking = [term for term in (CoulombFriction(), Bias()) if term.kind not in present]
@@ -83,5 +84,5 @@ def _body_of(model: Model) -> RigidBodyFitted | None:
 
 
 def _noise(fitted: FitResult) -> float:
-    """Return the root mean squared residual of a joint's own fit on blocks."""
+    """Return the root mean square residual of a joint's own fit on blocks."""
     return float(np.sqrt(np.mean(fitted.solution.residual[fitted.problem.used] ** 2)))

@@ -1,4 +1,4 @@
-"""Worker processes that a signal ends at once, and linear algebra in a single thread."""
+"""Start and end worker processes, and limit linear algebra to a single thread."""
 
 import os
 import signal
@@ -11,27 +11,27 @@ from typing import Any
 
 
 def end_workers(pool: ProcessPoolExecutor) -> None:
-    """End a pool and its processes at once; running computations are lost.
+    """Terminate a pool and its processes at once; running computations are lost.
 
     Args:
-        pool: the pool; it takes no further work.
+        pool: the pool; it accepts no further work.
     """
     for process in list((pool._processes or {}).values()):
         process.terminate()
-    # else half a result would be waited for: only the process that ended could complete it
+    # Otherwise the pool waits for a partial result that only the terminated process could complete.
     pool._result_queue._writer.close()  # type: ignore[attr-defined]
     pool.shutdown(cancel_futures=True)
 
 
 def end_when_told() -> None:
-    """Prepare a worker: restore default signal handlers, and end with the parent process."""
+    """Prepare a worker: restore the default signal handlers and exit when the parent process exits."""
     end_with_parent()
     for number in (signal.SIGTERM, signal.SIGHUP):
         signal.signal(number, signal.SIG_DFL)
 
 
 def end_with_parent() -> None:
-    """Let this process end with its parent, also if the parent is killed and cannot end it."""
+    """Exit this process when its parent exits, even if the parent is killed."""
 
     def wait_for_parent() -> None:
         parent = parent_process()
@@ -44,7 +44,11 @@ def end_with_parent() -> None:
 
 @cache
 def _controller() -> Any:  # noqa: ANN401
-    """Find the loaded BLAS libraries, once: that takes longer than some fits. None without threadpoolctl."""
+    """Find the loaded BLAS libraries, only once because it takes longer than some fits.
+
+    Returns:
+        The controller, or None without threadpoolctl.
+    """
     try:
         from threadpoolctl import ThreadpoolController  # noqa: PLC0415, optional
     except ImportError:
@@ -53,9 +57,9 @@ def _controller() -> Any:  # noqa: ANN401
 
 
 def single_threaded() -> AbstractContextManager[Any]:
-    """Limit BLAS to one thread within the context, which is faster for small matrices.
+    """Return a context that limits BLAS to one thread, which is faster for small matrices.
 
-    Without threadpoolctl nothing changes.
+    Without threadpoolctl the context does nothing.
     """
     controller = _controller()
     limit: AbstractContextManager[Any] = nullcontext() if controller is None else controller.limit(limits=1)

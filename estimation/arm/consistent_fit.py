@@ -13,24 +13,24 @@ from palpate.robot_io.types import FloatArray
 
 @dataclass(frozen=True)
 class JointMoments:
-    """Cross products of one joint's columns and torque, fold by fold."""
+    """Cross products of one joint's columns and torque, by fold."""
 
-    # Shape (folds, s + k + 1, s + k + 1): first the s shared columns, in the same order for all joints (zero
-    # where the joint does not feel them), then the joint's own k, last the torque.
+    # Shape (folds, s + k + 1, s + k + 1): first the s shared columns in the same order for all joints (zero
+    # if the joint's torque does not depend on them), then the joint's own k columns, last the torque.
     products: FloatArray
-    shared: int  # s
+    shared: int  # number of shared columns s
     sigma: float  # standard deviation of the joint's noise in a sample [N m]
 
 
 def arranged(products: FloatArray, names: Sequence[str], shared: Sequence[str], sigma: float) -> JointMoments:
-    """Moments of one joint from cross products in another order.
+    """Reorder the cross products of one joint: shared columns, own columns, torque.
 
     Args:
-        products: shape (folds, q + 1, q + 1), the last of the torque.
+        products: shape (folds, q + 1, q + 1); the last row and column belong to the torque.
         names: names of the q columns.
-        shared: names of the shared columns in their common order; those that are not among `names`, the
-            joint does not feel. All other columns are the joint's own, in the order of `names`.
-        sigma: standard deviation of the joint's noise.
+        shared: names of the shared columns in their common order; those missing in `names` become zero. All
+            other columns are the joint's own, in the order of `names`.
+        sigma: standard deviation of the joint's noise [N m].
     """
     private = [name for name in names if name not in set(shared)]
     place = {name: index for index, name in enumerate([*shared, *private])}
@@ -41,65 +41,64 @@ def arranged(products: FloatArray, names: Sequence[str], shared: Sequence[str], 
 
 
 def training_sums(products: FloatArray) -> FloatArray:
-    """Sum products over all folds, and over all but each.
+    """Sum products over all folds, then leaving out each fold in turn.
 
     Args:
-        products: by fold, shape (folds, q, q).
+        products: products by fold, shape (folds, q, q).
 
     Returns:
-        Shape (1 + folds, q, q).
+        Shape (1 + folds, q, q): [0] over all folds, [1 + f] without fold f.
     """
     total = products.sum(axis=0, keepdims=True)
     return np.concatenate([total, total - products])
 
 
 def shared_information(joint: JointMoments) -> Information:
-    """Information of one joint on the shared parameters, its own gains profiled out.
+    """Compute the information of one joint on the shared parameters, with its own gains profiled out.
 
     Args:
         joint: normal equations of one joint.
 
     Returns:
-        Matrix (1 + folds, s, s): from all folds, then from all but each.
+        Matrix (1 + folds, s, s) and vector (1 + folds, s): [0] from all folds, [1 + f] without fold f.
     """
     total = training_sums(joint.products) / joint.sigma**2
     return Information(total[:, :-1, :-1], total[:, :-1, -1]).about(np.arange(joint.shared))
 
 
 def information_of_others(joints: Sequence[JointMoments], prior: Information) -> tuple[Information, ...]:
-    """Return for each joint the information of all others and the prior on the shared parameters.
+    """Return for each joint the information on the shared parameters from all other joints and the prior.
 
     Args:
-        joints: their moments, with the same folds.
-        prior: prior of the shared parameters, matrix (s, s) or (1 + folds, s, s), such as that of
-            `palpate.estimation.arm.consistent_fit`.
+        joints: cross products of all joints, with the same folds.
+        prior: prior of the shared parameters, matrix (s, s) or (1 + folds, s, s), for example from
+            `consistent_information`.
 
     Returns:
-        One a joint, matrix (1 + folds, s, s) and vector (1 + folds, s): [0] from all folds, [1 + f] from
-        all but fold f. To be added to the joint's own sums over the same folds, divided by its sigma^2; or
-        `times` its sigma^2 to sums that are not. The fit of the one joint is then the fit of all of them.
+        For each joint, matrix (1 + folds, s, s) and vector (1 + folds, s): [0] from all folds, [1 + f]
+        without fold f. Add it to the joint's own sums over the same folds after division by its sigma^2, or
+        add `times(sigma**2)` to the undivided sums. The fit of this joint then equals the fit of all joints.
     """
     by_joint = [shared_information(joint) for joint in joints]
     return tuple(sum([*by_joint[:j], *by_joint[j + 1 :]], start=prior) for j in range(len(by_joint)))
 
 
-URDF_SPREAD = 1.0  # relative uncertainty of the URDF's pseudo-inertias: a link may be wrong by its own size
+URDF_SPREAD = 1.0  # relative uncertainty of the URDF's pseudo-inertias: 1 means an error of 100 %
 
 
 def urdf_information(base: BaseParameters, urdf: FloatArray, at: FloatArray | None = None) -> Information:
-    """Prior on the base parameters from the URDF: `URDF_SPREAD`^-2 D, to second order.
+    """Compute the prior on the base parameters from the URDF: `URDF_SPREAD`^-2 D, to second order.
 
-    D is the entropic divergence, see `Divergence`, whose pull is the same in every
-    unit and frame, and as nothing against thousands of samples. The inertial parameters that no torque shows
-    are profiled out.
+    D is the entropic divergence, see `Divergence`. It does not depend on units or frames, and its weight is
+    negligible against thousands of samples. Inertial parameters that affect no torque are profiled out.
 
     Args:
         base: the arm's base parameters.
-        urdf: inertial parameters of the URDF, shape (10 links,); raised to bodies by `nearest_bodies`.
-        at: bodies at which D is expanded, shape (10 links,); None for the URDF's.
+        urdf: inertial parameters of the URDF, shape (10 links,); `nearest_bodies` makes them consistent.
+        at: consistent parameters at which D is expanded, shape (10 links,); None for those of the URDF.
 
     Returns:
-        Of the base parameters, matrix (b, b) and vector (b,).
+        Information on the base parameters, matrix (b, b) and vector (b,).
     """
     divergence = Divergence(nearest_bodies(urdf))
     point = divergence.origin if at is None else at
@@ -111,15 +110,16 @@ def urdf_information(base: BaseParameters, urdf: FloatArray, at: FloatArray | No
 
 
 def consistent_information(base: BaseParameters, urdf: FloatArray, total: Information) -> Information:
-    """Weight of the URDF prior for which the linear solution is physically consistent.
+    """Expand the URDF prior at the consistent fit, so that a linear fit with it is physically consistent.
 
     Args:
         base: the arm's base parameters.
         urdf: see `urdf_information`.
-        total: what all joints say of the base parameters, of f sets of runs: matrix (f, b, b), vector (f, b).
+        total: information of all joints on the base parameters from f sets of runs: matrix (f, b, b), vector
+            (f, b).
 
     Returns:
-        Of the base parameters, matrix (f, b, b) and vector (f, b).
+        The prior for each set of runs: matrix (f, b, b) and vector (f, b).
     """
     divergence, grouping = Divergence(nearest_bodies(urdf)), base.grouping
     pulls = []
@@ -131,21 +131,21 @@ def consistent_information(base: BaseParameters, urdf: FloatArray, total: Inform
 
 
 _FALL = 0.05  # factor on the prior's weight from one point of the path to the next
-_STEPS = 50  # Newton steps for one point
-_CLOSE = 0.1  # squared Newton decrement, relative to the prior's weight, that is enough on the path
-_CLOSEST = 1e-12  # the same at its end
+_STEPS = 50  # maximum number of Newton steps at one point
+_CLOSE = 0.1  # squared Newton decrement relative to the prior's weight at which a point of the path ends
+_CLOSEST = 1e-12  # the same at the last point of the path
 
 
 def fit_bodies(information: Information, divergence: Divergence, precision: float) -> FloatArray:
-    """Minimize the penalized objective along the path.
+    """Minimize the objective with weight * D as penalty, for weights that fall to the final precision.
 
     Args:
-        information: A (10 links, 10 links) and b (10 links,): what the data say, see `Information`.
-        divergence: divergence from the bodies that the parameters are drawn to.
-        precision: weight of D, see `palpate.estimation.arm.consistent_fit`.
+        information: quadratic objective of the data, matrix (10 links, 10 links) and vector (10 links,).
+        divergence: divergence D from the prior's inertial parameters.
+        precision: final weight of D.
 
     Returns:
-        Shape (10 links,); every link a body.
+        Physically consistent inertial parameters of all links, shape (10 links,).
     """
     problem = _Problem(information, divergence)
     inertial = divergence.origin
@@ -157,19 +157,22 @@ def fit_bodies(information: Information, divergence: Divergence, precision: floa
 
 
 class _Problem:
-    """Newton's method on the cost for one precision."""
+    """Newton's method for the penalized objective at a given precision."""
 
     def __init__(self, information: Information, divergence: Divergence) -> None:
         self._information, self._divergence = information, divergence
         self._root = _root(information.matrix)
 
     def descend(self, inertial: FloatArray, precision: float, close: float) -> FloatArray:
-        """From bodies to the bodies of least cost.
+        """Minimize the cost by damped Newton steps.
 
         Args:
-            inertial: parameters of all bodies, shape (10 links,).
-            precision: weight of the divergence from the bodies of origin.
-            close: squared decrement at which it ends, as a share of the precision.
+            inertial: consistent inertial parameters to start from, shape (10 links,).
+            precision: weight of the divergence from the prior's parameters.
+            close: squared Newton decrement at which the search ends, as a share of the precision.
+
+        Returns:
+            The minimizing inertial parameters, shape (10 links,).
         """
         current = self._cost(inertial, precision)
         for _ in range(_STEPS):
@@ -181,20 +184,20 @@ class _Problem:
                 proposed := self._cost(inertial - share * step, precision)
             ) > current - 0.1 * share * decrement:
                 share *= 0.5
-                if share < 1e-10:  # rounding errors: it goes no lower
+                if share < 1e-10:  # rounding errors prevent a further decrease
                     return inertial
             inertial, current = inertial - share * step, proposed
         return inertial
 
     def newton(self, inertial: FloatArray, precision: float) -> tuple[FloatArray, float]:
-        """Newton's step (10 links,), to be taken off, and its decrement squared.
+        """Compute the Newton step (10 links,), which is to be subtracted, and the squared decrement.
 
-        The curvature is factored by QR of its root: its eigenvalues can lie further apart than a double's
-        digits.
+        The Hessian is factored by QR of its root, because the ratio of its eigenvalues can exceed the
+        precision of a double.
 
         Args:
-            inertial: pseudo-inertia parameters of the links, shape (10 links,).
-            precision: weight of the divergence from the bodies of origin.
+            inertial: inertial parameters of the links, shape (10 links,).
+            precision: weight of the divergence from the prior's parameters.
         """
         slope = self._information.matrix @ inertial - self._information.vector
         slope = slope + precision * self._divergence.gradient(inertial)
@@ -210,7 +213,7 @@ class _Problem:
 
 
 def _root(matrix: FloatArray) -> FloatArray:
-    """R with R' R = matrix, whatever the units."""
+    """Return R with R' R = matrix; the result does not depend on the units of the columns."""
     size = np.sqrt(np.maximum(np.diag(matrix), 0.0))
     scale = np.divide(1.0, size, out=np.zeros_like(size), where=size > 0.0)
     values, axes = np.linalg.eigh(matrix * np.outer(scale, scale))

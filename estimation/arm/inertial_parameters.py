@@ -1,8 +1,8 @@
-"""Inertial parameters of an arm: which the torques show, which a body can have, how far two bodies differ.
+"""Inertial parameters of an arm: identifiability, physical consistency and divergence.
 
-Some parameters act on no joint, others only in fixed combinations. The base parameters are the smallest set
-that gives every torque: M. Gautier, J. Robotic Systems 8(4) (1991). They are the same for all joints of the
-arm.
+Some parameters affect no torque, others only in fixed combinations. The base parameters are the smallest set
+that determines all torques: M. Gautier, J. Robotic Systems 8(4) (1991). They are the same for all joints of
+the arm.
 
 A link's ten parameters (m, h = m c, I about the joint's frame) belong to a distribution of positive mass if
 and only if its pseudo-inertia is positive definite:
@@ -14,8 +14,9 @@ divergence
 
     D(P | P0) = tr(P0^-1 P) - log|P0^-1 P| - 4
 
-is convex in them, does not depend on units or frames, is zero at P0 and infinite where P is no body any more:
-T. Lee, P. Wensing, F. Park, IEEE T-RO 36(1) (2020). To second order D = |P0^-1/2 (P - P0) P0^-1/2|^2 / 2.
+is convex in the parameters and does not depend on units or frames. It is zero at P0, and infinite where P is
+not positive definite: T. Lee, P. Wensing, F. Park, IEEE T-RO 36(1) (2020). To second order
+D = |P0^-1/2 (P - P0) P0^-1/2|^2 / 2.
 """
 
 from dataclasses import dataclass
@@ -31,7 +32,7 @@ if TYPE_CHECKING:
 
 _POSTURES = 200
 _INDEPENDENT = (
-    1e-6  # of its length, what must be left of a column beside those before it; axes in URDFs are rounded
+    1e-6  # least relative residual of an independent column after projection; URDFs contain rounded axes
 )
 _NAMES = ("m", "mx", "my", "mz", "Ixx", "Ixy", "Iyy", "Ixz", "Iyz", "Izz")
 _UNITS = ("kg", *("kg m",) * 3, *("kg m^2",) * 6)
@@ -41,20 +42,20 @@ _UNITS = ("kg", *("kg m",) * 3, *("kg m^2",) * 6)
 class BaseParameters:
     """The base parameters of an arm: torque = Y phi = Y[:, columns] @ (grouping @ phi).
 
-    Each is one parameter phi_i of a link, i in `columns`, with what other parameters add to it, whose
-    columns of Y are sums of these. From the base outwards the first of several equivalent ones is taken, so
-    that a link's mass and what it shares with the link before are counted there, as in W. Khalil, E. Dombre
-    (2002), ch. 9.
+    Each base parameter is a link parameter phi_i, i in `columns`, plus a linear combination of the parameters
+    whose columns of Y depend linearly on the chosen ones. Of several equivalent parameters, the first one
+    from the base outwards is chosen, as in W. Khalil, E. Dombre (2002), ch. 9.
     """
 
-    # Of the regressor (see `palpate.control.arm.rigid_body.RigidBody.regressor`), ascending, shape (b,).
+    # Indices of independent columns of the regressor, ascending, shape (b,); see
+    # `palpate.control.arm.rigid_body.RigidBody.regressor`.
     columns: IntArray
-    grouping: FloatArray  # shape (b, 10 links)
-    felt: BoolArray  # joints whose torque depends on each, shape (joints, b)
+    grouping: FloatArray  # coefficients of the link parameters in each base parameter, shape (b, 10 links)
+    felt: BoolArray  # whether a joint's torque depends on each base parameter, shape (joints, b)
 
     @property
     def names(self) -> tuple[str, ...]:
-        """Such as "link2_Izz", in the order of `columns`."""
+        """Names such as "link2_Izz", in the order of `columns`."""
         return tuple(inertial_name(int(i)) for i in self.columns)
 
     @property
@@ -63,16 +64,16 @@ class BaseParameters:
         return tuple(inertial_unit(int(i)) for i in self.columns)
 
     def felt_columns(self, joint: int) -> IntArray:
-        """Return those of `columns` on which the torque of a joint depends.
+        """Return the members of `columns` on which the torque of a joint depends.
 
         Args:
-            joint: number of the joint, from 0.
+            joint: index of the joint, from 0.
         """
         return np.asarray(self.columns[self.felt[joint]])
 
 
 def inertial_name(column: int) -> str:
-    """Name the parameter of a column of the regressor, such as "link2_Izz".
+    """Return the name of the parameter of a regressor column, such as "link2_Izz".
 
     Args:
         column: column of the regressor, from 0.
@@ -81,7 +82,7 @@ def inertial_name(column: int) -> str:
 
 
 def inertial_unit(column: int) -> str:
-    """Return the unit of the parameter of a column of the regressor.
+    """Return the unit of the parameter of a regressor column.
 
     Args:
         column: column of the regressor, from 0.
@@ -90,7 +91,7 @@ def inertial_unit(column: int) -> str:
 
 
 def base_parameters(body: "RigidBody") -> BaseParameters:
-    """Find the base parameters of an arm from random postures, velocities and accelerations.
+    """Compute the base parameters of an arm from random postures, velocities and accelerations.
 
     Args:
         body: the arm.
@@ -99,7 +100,7 @@ def base_parameters(body: "RigidBody") -> BaseParameters:
     motions = rng.uniform(-2.0, 2.0, (_POSTURES, 3, body.joint_count))
     regressor = np.array([body.regressor(*motion) for motion in motions])
     rows = regressor.reshape(-1, regressor.shape[2])
-    # Columns that are not sums of those before them (Gram-Schmidt, each projection done twice).
+    # Select columns that are linearly independent of the previous ones (Gram-Schmidt, projected twice).
     lengths = np.linalg.norm(rows, axis=0)
     least = _INDEPENDENT * np.maximum(lengths, 1e-3 * lengths.max())
     basis, chosen = np.zeros((len(rows), 0)), []
@@ -126,7 +127,10 @@ _ROUNDING = 1e-13  # relative to the given body: smaller eigenvalues are not phy
 
 
 def _unit_pseudo_inertias() -> FloatArray:
-    """P of each parameter alone, shape (10, 4, 4), in Pinocchio's order m, h (3), Ixx Ixy Iyy Ixz Iyz Izz."""
+    """Return P for a unit of each parameter, shape (10, 4, 4).
+
+    The order is Pinocchio's: m, h (3), Ixx, Ixy, Iyy, Ixz, Iyz, Izz.
+    """
     units = np.zeros((PARAMETERS, 4, 4))
     units[0, 3, 3] = 1.0
     for axis in range(3):
@@ -151,7 +155,7 @@ def pseudo_inertias(inertial: FloatArray) -> FloatArray:
 
 
 def inertial_of(pseudo: FloatArray) -> FloatArray:
-    """Return the parameters, shape (10 links,), of pseudo-inertias.
+    """Return the inertial parameters, shape (10 links,), of pseudo-inertias.
 
     Args:
         pseudo: pseudo-inertias, shape (links, 4, 4).
@@ -163,10 +167,11 @@ def inertial_of(pseudo: FloatArray) -> FloatArray:
 
 
 def nearest_bodies(inertial: FloatArray) -> FloatArray:
-    """Parameters (10 links,) of bodies that are at least a little extended, near those given.
+    """Return physically consistent inertial parameters near the given ones, shape (10 links,).
 
-    URDFs have links without mass or inertia, and rounded inertias that no body has. Masses are raised to a
-    thousandth of the heaviest, and radii of gyration about the centre of mass to 2 % of the arm's largest.
+    URDFs contain links without mass or inertia, and rounded inertias that are not physical. Masses are raised
+    to a thousandth of the heaviest, and radii of gyration about the center of mass to 2 % of the arm's
+    largest.
 
     Args:
         inertial: parameters of all links, shape (10 links,), SI units.
@@ -188,13 +193,13 @@ def nearest_bodies(inertial: FloatArray) -> FloatArray:
 
 @dataclass(frozen=True)
 class Divergence:
-    """D from given bodies, summed over the links."""
+    """Entropic divergence D from given inertial parameters, summed over the links."""
 
-    origin: FloatArray  # parameters of the given bodies, consistent, shape (10 links,)
+    origin: FloatArray  # the given inertial parameters, physically consistent, shape (10 links,)
 
     @cached_property
     def _origin_factor(self) -> FloatArray:
-        """L^-1 of each given body, P0 = L L', shape (links, 4, 4)."""
+        """L^-1 of each given pseudo-inertia P0 = L L', shape (links, 4, 4)."""
         return np.asarray(np.linalg.inv(np.linalg.cholesky(pseudo_inertias(self.origin))))
 
     def value(self, inertial: FloatArray) -> float:
@@ -219,7 +224,7 @@ class Divergence:
         return np.asarray(np.einsum("lij,pij->lp", change, _PSEUDO_UNITS).ravel())
 
     def curvature_root(self, inertial: FloatArray) -> FloatArray:
-        """A root R of the second derivative R' R, shape (16 links, 10 links): L^-1 dP L^-T with P = L L'.
+        """Compute a root R of the Hessian R' R, shape (16 links, 10 links): L^-1 dP L^-T with P = L L'.
 
         Args:
             inertial: parameters of all links, shape (10 links,), SI units.

@@ -1,10 +1,10 @@
 """Shares of a base model's held-out error, by kind of effect.
 
 The share of a kind is its Shapley value within the smallest set of kinds that explains the error (R. H.
-Lindeman, P. F. Merenda, R. Z. Gold 1980; U. Groemping, J. Stat. Softw. 17 (2006)). Only orders in which
-differences between runs come last count, since a gain and a zero that are fitted to each run imitate much of
-any law (asymmetric Shapley values; C. Frye, C. Rowat, I. Feige, NeurIPS 33 (2020)). Its range goes from the
-share that is lost without the kind (necessary) to the share that the kind explains alone (sufficient).
+Lindeman, P. F. Merenda, R. Z. Gold 1980; U. Groemping, J. Stat. Softw. 17 (2006)). The average covers only
+orders in which differences between runs come last, because a gain and a zero fitted to each run can imitate
+much of any law (asymmetric Shapley values; C. Frye, C. Rowat, I. Feige, NeurIPS 33 (2020)). Two more figures
+are the share that is lost without the kind (necessary) and the share that it explains alone (sufficient).
 """
 
 from dataclasses import dataclass
@@ -21,9 +21,9 @@ _RELEVANT = 0.02  # least share of the squared error that a relevant kind explai
 _MOST_KINDS = 6  # relevant kinds, which are compared in all combinations
 _MOST_NAMED = 4  # kinds in the smallest set
 _CLOSE = 0.05  # share of the explainable error that the smallest set may leave beyond the best set
-_CLOSE_TO_LEFT = 0.03  # the same as a share of what the best set leaves; both are added
-_THOROUGH = 1.1  # ratio to the least mean squared error up to which a thorough set may leave more
-_REPLACES = 0.75  # least share of what a kind explains beside the others that a replacing kind must explain
+_CLOSE_TO_LEFT = 0.03  # further allowance, as a share of the error that the best set leaves; both are added
+_THOROUGH = 1.1  # largest ratio of a thorough set's mean squared error to the least one
+_REPLACES = 0.75  # share of a kind's contribution beside the others that a replacement must explain
 _SAMPLES = 200  # bootstrap samples of runs, for intervals
 
 # If several sets explain as much, effects of the object and the drive come before those of the sensor.
@@ -37,8 +37,8 @@ class BudgetEntry:
     kind: Kind
     share: float  # asymmetric Shapley value among the kinds of the smallest set
     interval: tuple[float, float]  # 95 %, over runs
-    necessary: float  # lost without it, beside all other kinds
-    sufficient: float  # explained by the kind alone
+    necessary: float  # share lost without it, beside all other kinds
+    sufficient: float  # share explained by the kind alone
     replaceable_by: tuple[Kind, ...]  # kinds that explain about as much in its place
 
 
@@ -46,8 +46,8 @@ class BudgetEntry:
 class ErrorBudget:
     """Division of the base model's squared held-out error among kinds; shares and `left` add up to 1."""
 
-    base: float  # root mean squared held-out error of the base model, on blocks [effort]
-    entries: tuple[BudgetEntry, ...]  # the largest share first
+    base: float  # root mean square held-out error of the base model, on blocks [effort]
+    entries: tuple[BudgetEntry, ...]  # in descending order of the share
     left: float  # share that these kinds do not explain
     flexible: float  # share that all kinds together do not explain
     alternatives: tuple[Kinds, ...] = ()  # other sets of as few kinds that explain about as much
@@ -65,7 +65,7 @@ def error_budget(error: SquaredErrors, rng: np.random.Generator, only: Kinds | N
     Args:
         error: held-out errors of sets of kinds.
         rng: resamples runs for the intervals.
-        only: the kinds, if they are known; None to select them.
+        only: kinds of the budget, if they are known; None to select them.
 
     Returns:
         The budget; without entries if no kind explains anything.
@@ -128,7 +128,7 @@ def _relevant(error: SquaredErrors, every: Kinds) -> Kinds:
 
 @dataclass(frozen=True)
 class _Sets:
-    """Errors of all sets of relevant kinds; the error of a set is that of its best subset."""
+    """Errors of all sets of relevant kinds; the error of a set is the error of its best subset."""
 
     error: SquaredErrors
     relevant: Kinds
@@ -161,7 +161,7 @@ class _Sets:
     def smallest(self, limit: float) -> list[Kinds]:
         """Find the smallest sets whose mean squared error is within a limit, the best first.
 
-        Sets without a gain and zero of each run come first, since these are many parameters.
+        Sets with differences between runs come last, since a gain and zero for each run are many parameters.
 
         Args:
             limit: highest mean squared error [effort^2].

@@ -1,4 +1,4 @@
-"""Held-out error of a base model beside the flexible laws of any set of kinds."""
+"""Held-out error of a base model with the flexible laws of any set of kinds."""
 
 from abc import ABC, abstractmethod
 from collections.abc import Sequence
@@ -14,7 +14,7 @@ from palpate.robot_io.types import BoolArray, FloatArray, IntArray
 
 _RIDGES = (1e-6, 1e-4, 1e-2)  # ridge penalties, relative to the mean square of a column
 _MOST_BLOCKS = 6000  # longer data are decimated
-_PIECES = 16  # of a run; alternating pieces fit and test the run's own coefficients
+_PIECES = 16  # pieces of a run; alternating pieces fit and test the run's own coefficients
 _SINGULAR = 1e-9
 _FEW = 1e-3  # share of blocks with lost contact below which the fit is not repeated
 _ROUNDS = 6  # fits until the blocks with lost contact stay the same
@@ -36,7 +36,7 @@ class SquaredErrors(ABC):
 
     @abstractmethod
     def residual(self, kinds: Kinds) -> FloatArray:
-        """Return the residual in held-out runs of a model with these kinds, shape (n,) [effort].
+        """Return the held-out residual of a model with these kinds, shape (n,) [effort].
 
         Args:
             kinds: kinds whose laws are added to the model.
@@ -74,11 +74,11 @@ class SquaredErrors(ABC):
 
 @dataclass
 class HeldOutError(SquaredErrors):
-    """Squared errors of a base model beside the flexible laws of some kinds.
+    """Squared held-out errors of a base model with the flexible laws of some kinds.
 
     Coefficients come from ridge regression on all other folds, with nonnegativity if physics fixes the sign.
-    Differences between runs have no columns: alternate pieces of a held-out run fit the run's own gain and
-    zero, which the other pieces test.
+    Differences between runs have no columns. Instead, a gain and a zero are fitted to every other piece of a
+    held-out run and tested on the remaining pieces.
     """
 
     base: BaseColumns
@@ -90,7 +90,7 @@ class HeldOutError(SquaredErrors):
     _squares: dict[Kinds, FloatArray] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
-        """Put all columns side by side, of unit size, and prepare the products by fold."""
+        """Concatenate all columns, scale them to unit size, and prepare the products by fold."""
         rows = np.flatnonzero(self.used)
         rows = rows[:: -(-len(rows) // _MOST_BLOCKS)]
         shared = [law for law in self.laws if Kind.RUN_DIFFERENCES not in law.kinds]
@@ -112,7 +112,7 @@ class HeldOutError(SquaredErrors):
         self._nonnegative: BoolArray = np.concatenate(signs)
         self._latest = np.ones(
             len(self._nonnegative)
-        )  # coefficients of the latest, similar fit, to start from
+        )  # coefficients of the latest fit, as start values of the next one
         sides = [self.base.one_sided, *(np.full(law.columns.shape[1], law.one_sided) for law in shared)]
         self._one_sided: BoolArray = np.concatenate(sides)
         self._run: IntArray = np.unique(self.blocked.run[rows], return_inverse=True)[1]
@@ -124,7 +124,7 @@ class HeldOutError(SquaredErrors):
 
     @property
     def kinds(self) -> list[Kind]:
-        """Kinds that have a law of their own, and differences between runs where there are several."""
+        """Kinds with a law of their own, plus differences between runs if there are several runs."""
         own = [kind for kind in Kind if any(law.kinds == {kind} for law in self.laws)]
         if Kind.PERIODIC not in own and self._of_runs:
             own.append(Kind.PERIODIC)
@@ -166,7 +166,7 @@ class HeldOutError(SquaredErrors):
         for fold, rows in enumerate(self._folds):
             system, moment = all_folds - grams[fold], all_moments - moments[fold]
             coefficients = solve_within_bounds(system, moment, lower, upper, self._latest[chosen])
-            # Where the object would have to pull, contact is lost and its columns do not act.
+            # If the object had to pull, contact is lost and its columns do not act.
             lifted = self._may_lift & (pushing @ coefficients[pushes] < 0.0)
             for _ in range(_ROUNDS if lifted.mean() > _FEW else 0):
                 train = np.flatnonzero(lifted & (self._fold != fold))
@@ -187,7 +187,7 @@ class HeldOutError(SquaredErrors):
 
 
 def fit_each_run(signal: FloatArray, columns: FloatArray, run: IntArray) -> FloatArray:
-    """Fit columns to alternating pieces of each run, and predict the other pieces (two-fold validation).
+    """Fit columns to alternating pieces of each run and predict the others (two-fold cross-validation).
 
     Args:
         signal: shape (n,).

@@ -1,8 +1,8 @@
 """Narrow flexible laws, one for each kind of effect.
 
-A law is additive, single-valued in the kind's own signals, and has few parameters. Wider laws would replace
-each other, so that no kind would seem necessary. Columns whose coefficient has a sign fixed by physics are
-marked: friction, relaxation and inertia oppose the motion.
+A law is additive, is a single-valued function of the kind's signals, and has few parameters. Wider laws would
+replace each other, so that no kind would seem necessary. `Law.nonnegative` marks columns whose sign is fixed
+by physics: friction, relaxation and inertia oppose the motion.
 """
 
 from collections.abc import Callable
@@ -51,7 +51,7 @@ _WAVE_SHARE = 0.02  # least share of the residual energy that one more wave must
 _BINS = 8192  # of the spectrum over position
 _WHOLE_TURN = 0.75  # turns; over a wider range, wave numbers are whole numbers per turn
 _LEAST_WAVES = 3  # over a narrower range; fewer waves resemble any smooth law
-# Forces of the object, which only push; friction may act at the sides of the tool, and adhesion pulls.
+# Forces of the object, which can only push. Friction may act on the sides of the tool, and adhesion pulls.
 _OF_OBJECT = (Kind.ELASTIC_SHAPE, Kind.RATE_DEPENDENCE, Kind.TIME_MEMORY, Kind.CONTACT_GEOMETRY)
 COLLINEAR = 1e-9  # ridge of the base model's columns, which are not shrunk, relative to their mean square
 _GRAVITY_RANGE = 0.3  # [rad]; over a narrower range gravity resembles a constant and a spring
@@ -84,14 +84,14 @@ def flexible_laws(
 
     Args:
         blocked: the channel on its blocks.
-        base: columns of the model on blocks, which the law of the sensor's dynamics fits again; None to keep
-            its fit.
+        base: columns of the model on blocks, which are refitted for the sensor's dynamics; None to keep the
+            fit.
         effort: prediction of the model on blocks, shape (m,) [N or N m].
         residual: residual of the model on blocks, shape (m,); it selects the waves of the periodic law.
         used: blocks that the model is fitted to, shape (m,).
 
     Returns:
-        At most one law for each kind or pair of kinds. Differences between runs have no columns, see
+        Laws with at least one column. Differences between runs have no columns, see
         `palpate.estimation.budget.held_out`.
     """
     data, run = blocked.data, blocked.run
@@ -144,13 +144,12 @@ def flexible_laws(
 
 
 def unseen_kinds(data: ChannelData) -> frozenset[Kind]:
-    """Find the kinds that the motion of a contact does not excite: they look like laws of the position.
+    """Find the kinds that cannot be distinguished from a law of the position in the motion of a contact.
 
-    Path memory needs a run that returns. Any memory, and the curve of a sensor without a
-    bias in free air, need several passes or speeds. Rate dependence needs
-    more than one speed; otherwise it cannot be told from friction or from the base model's damping.
-    A drift needs several runs, or free air at both ends of the run: within one contact, slow relaxation
-    changes the effort in the same way.
+    Path memory needs a run that returns. Any memory, and a sensor's characteristic curve without a bias in
+    free air, need several passes or speeds. Rate dependence needs more than one speed, else it looks like
+    friction or the base model's damping. A drift needs several runs, or free air at both ends of the run:
+    within one contact, slow relaxation changes the effort in the same way.
 
     Args:
         data: the channel.
@@ -181,10 +180,10 @@ def _unit(signal: FloatArray) -> FloatArray:
 
 
 def _bends(signal: FloatArray) -> FloatArray:
-    """Evaluate piecewise linear functions of a signal (m,), which extrapolate linearly; shape (m, k).
+    """Evaluate hinge functions of a signal (m,), which extrapolate linearly; shape (m, k).
 
-    Hat functions would fall to zero beyond the fitted runs, which the run with the largest range would
-    reject.
+    Hat functions would fall to zero outside the range of the training runs, so that they would fail in the
+    held-out run with the largest range.
     """
     low, high = float(signal.min()), float(signal.max())
     steps = np.quantile(np.abs(signal[signal != 0.0]), _BENDS) if np.any(signal) else np.zeros(1)
@@ -213,11 +212,10 @@ def _fading(
 def _sensor_dynamics(
     blocked: BlockedData, base: BaseColumns | None, effort: FloatArray, time_s: FloatArray, used: BoolArray
 ) -> list[Law]:
-    """Build the laws of a reading that follows the effort late: a lag or a delay by several times, or early.
+    """Build the laws of a sensor with a lag, a delay or a lead, for several time constants.
 
-    A sensor's dynamics act on the effort that is there, and a model that was fitted without them can be far
-    from it: readings that come late make an inertia vanish. With a base, its columns are therefore fitted
-    again under each lag and delay.
+    A model fitted without the sensor's dynamics can be far from the true effort: delayed readings can hide an
+    inertia. If `base` is given, its columns are therefore refitted for each lag and delay.
     """
     run = blocked.run
     step = sample_time(time_s, run)
@@ -252,7 +250,7 @@ def _sensor_dynamics(
 
 
 def _dissipation(unit_speed: FloatArray) -> list[FloatArray]:
-    """Forces against the motion that grow with speed: linear, faster, and slower."""
+    """Return forces that oppose the motion and grow with speed: linearly, faster and slower."""
     return [
         unit_speed,
         unit_speed * np.abs(unit_speed),
@@ -279,9 +277,9 @@ def _contact_geometry(
 ) -> list[Law]:
     """Build laws of a shifted surface, of a plastic set, and of adhesion.
 
-    A deeper surface reduces the force of a spring by a constant, down to zero. A set by a share of the
-    deepest indentation so far reduces the strain of a spring by as much, and the force of a quadratic spring
-    by the difference of squares.
+    A deeper surface reduces the force of a spring by a constant, down to zero. A plastic set is a share of
+    the deepest indentation so far. It reduces the strain of a spring by this amount, and the force of a
+    quadratic spring by the difference of squares.
     """
     touched = running_max((position > 0.0).astype(np.float64), run) * (position <= 0.0)
     reaches = np.max(position, initial=1e-9) * np.array(_REACHES)
@@ -300,8 +298,8 @@ def _contact_geometry(
 def _sensor_statics(predicted: FloatArray, measured: FloatArray, run: IntArray, *, has_bias: bool) -> Law:
     """Build the law of a sensor's bias, saturation, dead band and hysteresis.
 
-    There is no bias if free air shows that the zero is right. Hysteresis of the sensor lowers the reading
-    while the effort grows; friction raises it.
+    Free air rules out a bias if it shows a correct zero. Hysteresis of the sensor lowers the reading while
+    the effort grows; friction raises it.
     """
     low, high = np.quantile(measured, [0.001, 0.999])
     cut = [
@@ -365,7 +363,7 @@ def periodic_columns(
 
 
 def _without(columns: FloatArray, signal: FloatArray, parts: list[IntArray]) -> FloatArray:
-    """Residual of a signal (m,) after a fit of columns (m, k) to each part separately."""
+    """Return the residual of a signal (m,) after separate fits of columns (m, k) to each part."""
     left = np.empty(len(signal))
     for rows in parts:
         left[rows] = (

@@ -1,4 +1,4 @@
-"""Estimators of contact laws; a new one is one new class here."""
+"""Estimators of contact laws; add a class in this folder to register a new one."""
 
 from palpate.estimation.contact_estimator import ContactEstimator
 from palpate.robot_io.registry import Registry

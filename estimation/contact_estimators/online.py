@@ -1,4 +1,4 @@
-"""Online estimators of a contact's stiffness and damping, each with a law of its own."""
+"""Estimators of a contact's stiffness and damping, each with its own contact law."""
 
 import math
 
@@ -16,19 +16,18 @@ _EXPONENT_RANGE = (0.5, 4.0)
 
 
 class DoubleStageRls(OnlineContactLaw):
-    """Alternate between gains k and b for a fixed exponent n, and the exponent for these gains.
+    """Alternate between estimating the gains k and b at fixed exponent n, and n at fixed gains.
 
         F = k d^n + b d^n v,        ln(F / (k + b v)) = n ln d
 
-    It converges if n begins near enough, and slowly: an error of n is made up for by k and b for as long as
-    depths are alike.
+    Convergence is slow and needs a start value near n: at similar depths, k and b compensate an error of n.
 
     Source: N. Diolaiti, C. Melchiorri, S. Stramigioli, Contact Impedance Estimation for Robotic Systems, IEEE
     Trans. Robotics 21 (2005).
 
     Args:
         forgetting: weight kept by each sample per step, in (0, 1], in both stages.
-        exponent: n to begin with.
+        exponent: start value of n.
     """
 
     name = "double_stage_rls"
@@ -43,7 +42,7 @@ class DoubleStageRls(OnlineContactLaw):
     def start(self) -> None:
         self._gains.start(2)
         self._exponent = self._first_exponent
-        self._information = 1.0  # of n, in sums of squared logarithms
+        self._information = 1.0  # information on n: sum of squared logarithms of the depth
 
     def update(self, depth_m: float, speed_m_s: float, force_n: float) -> ContactLaw | None:
         if depth_m <= 0.0:
@@ -64,16 +63,16 @@ _HYSTERESIS = 1.1
 
 
 class HybridSprls(OnlineContactLaw):
-    """Two self-perturbing recursive least squares, one a law; a stiff object is given the linear one.
+    """Run two self-perturbing recursive least squares, and use the linear law if the object is stiff.
 
     Source: A. Pappalardo, A. Albakri, C. Liu, L. Bascetta, E. De Momi, P. Poignet, Hunt-Crossley Model Based
     Force Control for Minimally Invasive Robotic Surgery, Biomed. Signal Proc. Control 29 (2016).
 
     Args:
-        switch_n_m: stiffness that Kelvin-Voigt finds, above which its law is the answer [N/m].
-        beta: as for `Sprls`.
-        gamma: as for `Sprls`, per squared newton for Kelvin-Voigt; the logarithm of a force has no unit, and
-            only a change of the force by more than a factor of two perturbs it.
+        switch_n_m: stiffness of the Kelvin-Voigt estimate above which this law is used [N/m].
+        beta: see `Sprls`.
+        gamma: see `Sprls`; per squared newton for Kelvin-Voigt, without unit for the logarithm of the force,
+            which is perturbed only if the force changes by more than a factor of two.
     """
 
     name = "hybrid_sprls"
@@ -96,24 +95,24 @@ class HybridSprls(OnlineContactLaw):
         return ContactLaw(stiffness, damping) if self._is_stiff else power
 
 
-_LIKELY = (1000.0, 100.0)  # N/m, N s/m: relative size of the gains' steps
+_LIKELY = (1000.0, 100.0)  # typical gains [N/m, N s/m], which scale their steps
 
 
 class IndirectAdaptive(OnlineContactLaw):
-    """F = k x + c v by the normalised gradient of the squared force error.
+    """Estimate F = k x + c v by the normalized gradient of the squared force error.
 
-        e = F - k x - c v,     theta' = theta + rate G phi e / (noise + phi' G phi)
+        e = F - k x - c v,     theta' = theta + rate G phi e / (noise^2 + phi' G phi)
 
-    with phi = (x, v) and G diagonal, x from where the surface was felt. The gradient needs no matrix and is
-    stable by Lyapunov; it forgets within about 1 / rate samples, and what the motion does not
-    excite stays where it was: add an excitation to the plan (A. Misra, A. M. Okamura, Environment Parameter
-    Estimation during Bilateral Telemanipulation, Haptics Symposium 2006).
+    Here phi = (x, v), G is diagonal, and x is measured from the position of the first contact. The method
+    needs no matrix, is Lyapunov stable, and forgets within about 1 / rate samples. Directions that the motion
+    does not excite stay unchanged, so the plan should include an excitation (A. Misra, A. M. Okamura,
+    Environment Parameter Estimation during Bilateral Telemanipulation, Haptics Symposium 2006).
 
     Source: H. Seraji, R. Colbaugh, Force Tracking in Impedance Control, Int. J. Robotics Research 16 (1997).
 
     Args:
-        rate: rate of the adaptation, in (0, 2).
-        noise_n: force at which a step is halved [N].
+        rate: adaptation rate, in (0, 2).
+        noise_n: predicted force of typical gains at which the step is halved [N].
     """
 
     name = "indirect_adaptive"
@@ -140,18 +139,18 @@ class IndirectAdaptive(OnlineContactLaw):
         return ContactLaw(self._k, self._c)
 
 
-LEAST_LOAD_N = 0.05  # below this the logarithm is mostly noise
+LEAST_LOAD_N = 0.05  # force below which the logarithm is mostly noise
 _MOST_LOG = 50.0  # largest logarithm of a gain, to avoid overflow
 
 
 class LogLinear(OnlineContactLaw):
-    """ln F = ln k + n ln d + (b / k) v, by any linear estimator.
+    """Estimate ln F = ln k + n ln d + (b / k) v with any linear estimator.
 
-    Right for b v / k and a noise over the force that are both far below 1: the logarithm of 1 + b v / k is
-    taken for b v / k, and that of a noisy force has a mean of its own.
+    The law holds only if b v / k and the relative noise of the force are both far below 1. It approximates
+    ln(1 + b v / k) by b v / k, and noise biases the mean of ln F.
 
     Args:
-        linear: finds ln k, n and b / k.
+        linear: estimator of ln k, n and b / k.
     """
 
     def __init__(self, linear: OnlineEstimator) -> None:
@@ -171,7 +170,7 @@ class LogLinear(OnlineContactLaw):
 
 
 class LogLinearEwrls(LogLinear):
-    """The same by exponentially weighted recursive least squares; `forgetting` as for `Ewrls`.
+    """`LogLinear` with exponentially weighted recursive least squares; `forgetting` as in `Ewrls`.
 
     Source: A. Haddadi, K. Hashtrudi-Zaad, Real-Time Identification of Hunt-Crossley Dynamic Models of Contact
     Environments, IEEE Trans. Robotics 28 (2012).
@@ -183,24 +182,24 @@ class LogLinearEwrls(LogLinear):
         super().__init__(Ewrls(forgetting))
 
 
-_SCALE_M = 1e-4  # change between samples with the weight of the normalisation's other terms
+_SCALE_M = 1e-4  # regularization of the normalization: moves far below this adapt little
 
 
 class ModelReference(OnlineContactLaw):
-    """Pure stiffness: a reference model follows the force, driven by the motion and the present estimate.
+    """Estimate the stiffness with a reference model of the force, driven by motion and current estimate.
 
         f_m' = f_m + pull (F - f_m) + k dx,     e = F - f_m,     k' = k + rate dx e / (dx^2 + scale^2)
 
-    The error dies out with the model's pole and drives the stiffness (series-parallel identifier, stable by
-    Lyapunov). It works on moves alone: no surface has to be known, a constant force error does not count, and
-    while nothing moves nothing is learnt. What damping adds to the force passes for stiffness.
+    The error decays with the model's pole and adapts the stiffness (series-parallel identifier, Lyapunov
+    stable). Only changes of position count, so neither the surface nor a constant force error matters, and
+    the estimate stays constant at rest. Damping forces are attributed to the stiffness.
 
     Source: K. S. Narendra, A. M. Annaswamy, Stable Adaptive Systems (1989), ch. 3; for force control see
     `palpate.control.laws.force_laws`.
 
     Args:
-        rate: rate of the adaptation, in (0, 1).
-        pull: share of its error that the model makes up for per sample, in (0, 1).
+        rate: adaptation rate, in (0, 1).
+        pull: share of its error that the model corrects per sample, in (0, 1).
     """
 
     name = "model_reference"
@@ -237,19 +236,20 @@ _LEAST_DEPTH_M = 1e-5
 
 
 class ReducedKalman(OnlineContactLaw):
-    """F = (k + b v) (x - s)^n with n from the tool's shape; state k, b and the surface s.
+    """Estimate k, b and the surface s in F = (k + b v) (x - s)^n by a Kalman filter; the tool gives n.
 
     The reduction of the contact to one dimension gives n = 1 for a flat punch, 1.5 for a ball and 2 for a
-    cone, so that only the material is left to find. The variance of the measured force follows the errors,
-    less what the state's own spread explains, and that of the state grows by a share each sample.
+    cone, so that only the material is unknown. The noise variance of the force is estimated from the squared
+    innovations minus the part explained by the state's covariance. The covariance of k and b grows by a fixed
+    share with each sample.
 
     Source: L. Beber et al., Towards Robotised Palpation for Cancer Detection through Online Tissue
     Viscoelastic Characterisation with a Collaborative Robotic Arm (2024), arXiv 2404.09542; noise: R. K.
     Mehra, Approaches to Adaptive Filtering, IEEE Trans. Automatic Control 17 (1972).
 
     Args:
-        exponent: n.
-        drift: by which share the standard deviation of k and b may change from sample to sample.
+        exponent: exponent n.
+        drift: relative standard deviation of the change of k and b per sample.
     """
 
     name = "reduced_kalman"
@@ -295,11 +295,11 @@ _FEWEST = 10  # samples
 
 
 class RobustHuntCrossley(ContactEstimator):
-    """MM estimate of ln k, b / k and n together, with weights that follow the noise.
+    """MM estimate of ln k, b / k and n jointly, with weights that follow the noise.
 
-    The start is the least median of squares over pairs of samples, each solved for k and b at a dozen
-    exponents at once; a few biweight steps lead from there to the efficient estimate, see `m_steps`. It is
-    what `robust` is for a linear model; the surface must be known.
+    The start is the least median of squares over pairs of samples, each solved for k and b at twelve
+    exponents. A few biweight steps then lead to the efficient estimate, see `irls`. The estimator corresponds
+    to `robust` for linear models; the surface must be known.
 
     Source: V. J. Yohai, High Breakdown-Point and High Efficiency Robust Estimates for Regression, Ann. Stat.
     15 (1987).
@@ -318,13 +318,19 @@ class RobustHuntCrossley(ContactEstimator):
     def settle(
         self, depth_m: FloatArray, speed_m_s: FloatArray, force_n: FloatArray, rng: np.random.Generator
     ) -> tuple[IrlsResult, float]:
-        """Estimate ln(k u^n), b / k and n with the residuals, and the unit of depth u [m].
+        """Estimate ln(k u^n), b / k and n with their residuals, for a unit of depth u.
 
         Args:
-            depth_m: indentation of each sample, shape (n,) [m].
-            speed_m_s: its rate, shape (n,) [m/s].
-            force_n: measured force, shape (n,) [N].
+            depth_m: indentation of each sample, positive into the object, shape (n,) [m].
+            speed_m_s: rate of indentation, shape (n,) [m/s].
+            force_n: measured force, positive in compression, shape (n,) [N].
             rng: random generator for random subsets.
+
+        Returns:
+            The result of `irls`, and the unit of depth u [m].
+
+        Raises:
+            InputError: too few samples are in contact, or no pair of them has a positive stiffness.
         """
         check_samples(self.name, depth_m, speed_m_s, force_n)
         touching = depth_m > 0.0
@@ -339,12 +345,11 @@ class RobustHuntCrossley(ContactEstimator):
             predicted = spring * (1.0 + values[1] * speed)
             return predicted, np.column_stack([predicted, spring * speed, predicted * log_depth])
 
-        # Ln k, b / k and n of the pair and exponent that leave the smallest median of residuals, shape
-        # (3,).
+        # Choose ln k, b / k and n of the pair and exponent with the smallest median absolute residual.
         first, two = rng.integers(len(force), size=(2, _PAIRS))
         some = rng.permutation(len(force))[:_START_SAMPLES]
         springs = np.exp(_EXPONENTS[:, None] * log_depth)
-        # At a given exponent F / d^n = k + b v: a line through two points.
+        # At a given exponent, F / d^n = k + b v is a line through two points.
         push = force / springs
         difference = speed[two] - speed[first]
         slopes = (push[:, two] - push[:, first]) / np.where(np.abs(difference) > 0.0, difference, np.inf)

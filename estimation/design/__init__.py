@@ -1,4 +1,4 @@
-"""Choose the experiment that separates explanations which the data so far do not."""
+"""Choose the experiment that separates explanations which the present data do not separate."""
 
 from palpate.estimation.design.discrimination import Choice, Experiment, Rivals, choose
 

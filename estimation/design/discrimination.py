@@ -1,13 +1,13 @@
-"""How well an experiment would separate rival models.
+"""Predict how well an experiment separates rival models.
 
     lead(i, j) = 1 - sqrt( E_i^2 / E_j^2 ),    E_j^2 = 1/n min_theta |y_i - f_j(theta)|^2
 
-where y_i are the data so far together with the prediction of rival i for the experiment, with the present
-noise. A diagnosis separates effects by the same figure (`palpate.estimation.diagnosis.bootstrap`); its value
-for the data so far is subtracted. For models that are linear around their parameters, and noise n s^2,
-E_j^2 - E_i^2 is the criterion of T-optimality (A. C. Atkinson, V. V. Fedorov, The design of experiments for
-discriminating between two rival models, Biometrika 62 (1975) 57). `Rivals.predicted_leads` computes it within
-milliseconds. `Rivals.expected` simulates the noise and fits all models again, inner parameters too.
+Here y_i are the present data and the prediction of rival i for the experiment, with the present noise. A
+diagnosis separates effects by the same figure (`palpate.estimation.diagnosis.bootstrap`); its value for the
+present data is subtracted. For models that are linear in their parameters, E_j^2 - E_i^2 is the T-optimality
+criterion (A. C. Atkinson, V. V. Fedorov, The design of experiments for discriminating between two rival
+models, Biometrika 62 (1975) 57). `Rivals.predicted_leads` computes it within milliseconds.
+`Rivals.simulated_leads` simulates the noise and refits all models with their inner parameters.
 """
 
 from collections.abc import Collection, Sequence
@@ -24,7 +24,7 @@ from palpate.estimation.fit.measurement_model import shuffle_noise
 from palpate.estimation.signals.cache_by_array import FitCache
 from palpate.robot_io.types import BoolArray, FloatArray
 
-# relative difference of errors that decides nothing, see `palpate.estimation.diagnosis.bootstrap`
+# Relative difference of errors that is inconclusive, see `palpate.estimation.diagnosis.bootstrap`.
 SMALL = 0.05
 CLEAR = 3.0 * SMALL  # a lead that needs no further data
 _STEP = 1e-3  # step of finite differences of an inner parameter
@@ -35,12 +35,12 @@ class Rivals:
     """Models of one channel that the data do not separate, on one sample per block."""
 
     data: ChannelData  # the channel as it was recorded
-    good: BoolArray  # samples that count, shape (n,)
+    good: BoolArray  # samples used in the fits, shape (n,)
     fits: tuple[FitResult, ...]  # the models
 
     @classmethod
     def of(cls, fits: Sequence[FitResult]) -> "Rivals":
-        """Build from models that were fitted to the same channel.
+        """Refit models of the same channel to one sample per block.
 
         Args:
             fits: models fitted to the same channel.
@@ -53,12 +53,13 @@ class Rivals:
         return cls(data, blocked.trusted, tuple(rough))
 
     def predicted_leads(self, planned: ChannelData) -> FloatArray:
-        """Return leads (r, r) to first order in the parameters, for an experiment with the planned motion.
-
-        Rows are the true model, columns the model compared with it.
+        """Predict the leads of a planned experiment to first order in the parameters.
 
         Args:
             planned: the channel with the planned motion; its effort is ignored.
+
+        Returns:
+            Shape (r, r); the row is the true model, the column the model compared with it.
         """
         motion, good = _coarse(planned)
         combined = joined_channels((self.data, motion))
@@ -79,11 +80,14 @@ class Rivals:
         return self._gained_leads(leads, [fit.solution.sse for fit in self.fits])
 
     def simulated_leads(self, planned: ChannelData, rng: np.random.Generator) -> FloatArray:
-        """Return leads (r, r) in held-out runs, with models refitted to data simulated from each.
+        """Simulate the planned experiment with each model as truth, refit all models, and return the leads.
 
         Args:
             planned: the channel with the planned motion; its effort is ignored.
             rng: random generator for the noise of the simulated data.
+
+        Returns:
+            Leads by held-out error, shape (r, r); the row is the true model, the column the compared one.
         """
         motion, good = _coarse(planned)
         used = np.concatenate([self.good, good])
@@ -99,16 +103,16 @@ class Rivals:
         return self._gained_leads(leads, [fit.solution.held_out for fit in self.fits])
 
     def _gained_leads(self, leads: FloatArray, squared_errors: Sequence[float]) -> FloatArray:
-        """Subtract the leads that the data so far give."""
+        """Subtract the leads in the present data."""
         now = 1.0 - np.sqrt(np.array(squared_errors)[:, None] / np.maximum(squared_errors, 1e-300))
         beyond: FloatArray = leads - np.maximum(now, 0.0)
         return beyond
 
     def evidence(self, leads: FloatArray, planned: ChannelData) -> float:
-        """Convert leads, which are ratios of errors, to a log likelihood ratio.
+        """Convert leads to a log likelihood ratio, summed over all pairs of models.
 
         Args:
-            leads: ratios of errors, shape (r, r).
+            leads: leads of the models, shape (r, r).
             planned: the channel with the planned motion.
         """
         count = len(self.data) + len(_coarse(planned)[0])
@@ -116,7 +120,7 @@ class Rivals:
 
     @property
     def _noise(self) -> FloatArray:
-        """Error of the best model."""
+        """Residual of the best model in the samples used, shape (k,)."""
         best = min(self.fits, key=lambda fit: fit.solution.sse)
         return best.solution.residual[best.problem.blocked.trusted]
 
@@ -131,8 +135,8 @@ def _refit_globally(
 ) -> FitResult:
     """Refit a rival from its parameters and from other start values of effects that not all rivals share.
 
-    A diagnosis searches the whole range of inner parameters. A law that contains the true law is then no
-    worse than that, however far from it the data so far have placed its parameters.
+    A diagnosis searches the whole range of inner parameters. A local refit could leave a law that contains
+    the true law in a worse optimum.
     """
     model = rival.solution.model
     best = fit_model(data, model, rival.solution.parameters, good, cache)
@@ -148,13 +152,13 @@ def _refit_globally(
 
 
 def _expected(rival: FitResult, motion: ChannelData) -> FloatArray:
-    """Effort that a rival predicts for a motion, shape (n,)."""
+    """Return the effort that a rival predicts for a motion, shape (n,)."""
     model, known = rival.solution.model, rival.solution.parameters
     return model.predict(with_load(motion, model, known), known)
 
 
 def _slopes(rival: FitResult, motion: ChannelData) -> FloatArray:
-    """Sensitivity of that prediction to each parameter, shape (n, p)."""
+    """Return the derivative of a rival's prediction by each parameter, scaled to unit norm, shape (n, p)."""
     model, known = rival.solution.model, rival.solution.parameters
     loaded = with_load(motion, model, known)
     gains, predicted = model.linearise(loaded, known)
@@ -176,18 +180,18 @@ NEARLY = 0.9  # ratio to the best experiment's lead above which experiments are 
 class Experiment:
     """A possible experiment, with its expected separation of rival models."""
 
-    words: str  # what an experimenter does
-    duration_s: float  # how long that takes [s]
-    # For each undecided channel, the expected lead of each rival over each other, shape (r, r) each; see
+    words: str  # instruction for the experimenter
+    duration_s: float  # duration [s]
+    # For each undecided channel, the expected leads between all rivals, shape (r, r); see
     # `palpate.estimation.design.discrimination`.
     leads: tuple[FloatArray, ...]
-    evidence: float = 0.0  # what it weighs, where that is known; see `Rivals.evidence`
+    evidence: float = 0.0  # expected log likelihood ratio, 0 if unknown; see `Rivals.evidence`
 
     @property
     def separation(self) -> float:
-        """Share of pairs of rivals that it is expected to separate, as the mean over undecided channels.
+        """Expected share of pairs of rivals that the experiment separates, averaged over undecided channels.
 
-        A lead that is not clear counts in part.
+        A lead below `CLEAR` counts in proportion.
         """
         pairs = [lead[~np.eye(len(lead), dtype=bool)] for lead in self.leads if len(lead) > 1]
         shares = [float(np.mean(np.clip(lead / CLEAR, 0.0, 1.0))) for lead in pairs]
@@ -195,20 +199,18 @@ class Experiment:
 
     @property
     def separates(self) -> bool:
-        """Whether any wrong rival is expected to fall behind by more than a small share."""
+        """Whether the expected lead over any wrong rival exceeds `SMALL`."""
         return any(bool(np.any(lead > SMALL)) for lead in self.leads)
 
     def combined_with(self, other: "Experiment") -> "Experiment":
-        """Combine two experiments, one after the other: squared errors of a wrong model add up.
+        """Combine two consecutive experiments; the squared errors of a wrong model add up.
 
         Args:
-            other: the experiment that follows.
+            other: the second experiment.
         """
         leads = []
         for first, second in zip(self.leads, other.leads, strict=True):
-            squared_error = (
-                (1.0 - first) ** -2.0 + (1.0 - second) ** -2.0 - 1.0
-            )  # beside those of the true model
+            squared_error = (1.0 - first) ** -2.0 + (1.0 - second) ** -2.0 - 1.0  # relative to the true model
             leads.append(1.0 - np.maximum(squared_error, 1e-3) ** -0.5)
         words, duration_s = f"{self.words}, and {other.words}", self.duration_s + other.duration_s
         return Experiment(words, duration_s, tuple(leads))
@@ -218,22 +220,22 @@ class Experiment:
 class Choice:
     """The chosen experiment and the reason."""
 
-    index: int  # of the experiment among those offered
-    experiment: Experiment  # what is done
+    index: int  # index of the experiment among those offered
+    experiment: Experiment  # the chosen experiment
     reason: str  # one sentence
 
 
 def choose(offered: Sequence[Experiment]) -> Choice | None:
     """Choose the experiment that separates rivals best; of nearly equal ones, the one with most evidence.
 
-    A rival with many parameters and little evidence against it gives way in one place and returns in another,
-    so evidence counts. If the evidence is unknown, the shortest experiment is chosen.
+    Evidence matters because a rival with many parameters can adapt to a weak experiment. If the evidence is
+    unknown, the shortest of the nearly equal experiments is chosen.
 
     Args:
-        offered: feasible experiments with what each is expected to separate.
+        offered: feasible experiments with their expected leads.
 
     Returns:
-        None where no experiment is expected to separate anything.
+        The choice, or None if no experiment is expected to separate anything.
     """
     useful = [number for number, experiment in enumerate(offered) if experiment.separates]
     if not useful:

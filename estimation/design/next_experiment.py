@@ -1,7 +1,6 @@
 """Propose the next experiment in words.
 
-A probing arm can do more than repeat a motion in another way: its plan comes from
-`palpate.planning.next_probe`.
+The proposals here vary a recorded motion. For a probing arm, `palpate.planning.next_probe` plans new motions.
 """
 
 from collections.abc import Iterator, Mapping, Sequence
@@ -22,7 +21,7 @@ if TYPE_CHECKING:
 
 LONGEST_S = 120.0  # longest experiment for a probing arm [s]
 _OF_THE_ARM = {"joint_position": 0, "joint_velocity": 1, "joint_acceleration": 2}  # derivatives of position
-_CHANGES = (  # speed factor, depth factor, and words
+_CHANGES = (  # factor on the speed, factor on the range, and instruction
     (3.0, 1.0, "repeat the motion three times as fast"),
     (1.0 / 3.0, 1.0, "repeat the motion at a third of its speed"),
     (1.0, 1.5, "move over one and a half times the range"),
@@ -31,10 +30,10 @@ _CHANGES = (  # speed factor, depth factor, and words
 
 
 def changed_motions(data: ChannelData) -> Iterator[tuple[str, float, ChannelData]]:
-    """Yield changed motions: the change in words, its duration [s], and the channel as it would move.
+    """Yield changed motions: the change in words, its duration [s], and the channel with that motion.
 
-    The effort of the changed channel has no meaning. Nothing is yielded if signals of the context depend on
-    the motion of a whole arm.
+    The effort of the changed channel has no meaning. Nothing is yielded if the context has signals that
+    cannot be computed for the changed motion, such as the regressor of an arm.
 
     Args:
         data: the channel.
@@ -78,7 +77,7 @@ def extent(data: ChannelData) -> str:
     return f"{deep} {far}, at up to {fast}"
 
 
-FEW_READINGS = "different readings"  # part of a reason: the resolution of the sensor is too coarse
+FEW_READINGS = "different readings"  # part of the reason for a sensor whose resolution is too coarse
 _RUNS = (
     "repeat the motion at least three times, slowly and fast, each as a run of its own; in a data file, a "
     "column `run` numbers them"
@@ -102,9 +101,9 @@ class NextExperiment(BaseModel):
 
     model_config = ConfigDict(frozen=True, extra="forbid")
 
-    purpose: str  # what it would tell
-    separates: list[str]  # the effects that it would tell apart
-    instruction: str  # in words
+    purpose: str  # purpose of the experiment
+    separates: list[str]  # effects that it would separate
+    instruction: str  # instruction for the experimenter
     # Settings for `palpate probe --experiment`, by name.
     probe: dict[str, float | int | str | list[float] | list[list[float]] | dict[str, float | str]]
 
@@ -113,19 +112,19 @@ class NextExperiment(BaseModel):
 class NextProbe:
     """The next experiment as a command for the arm that made the recording."""
 
-    plan: "ProbingPlan"  # what the arm does
-    proposal: NextExperiment  # the same as a diagnosis states it
-    reason: str  # why it was chosen
-    channels: tuple[str, ...]  # channels that it informs
+    plan: "ProbingPlan"  # motion of the arm
+    proposal: NextExperiment  # the experiment in the form used by a diagnosis
+    reason: str  # reason for the choice
+    channels: tuple[str, ...]  # channels about which it gives information
 
 
 def separating(effect: Effect, fits: Mapping[str, FitResult], data: ChannelData) -> NextExperiment:
-    """Choose the experiment that separates an effect from those it is confused with.
+    """Choose the experiment that separates an effect from the effects with which it may be confused.
 
     Args:
         effect: effect that was accepted.
-        fits: the model with it, and with each rival in its place, by name.
-        data: the channel as it was recorded.
+        fits: fit of the model with the effect, and with each rival in its place, by name of the effect.
+        data: the recorded channel.
     """
     names = list(fits)
     rivals = Rivals.of(list(fits.values()))
@@ -148,10 +147,10 @@ def separating(effect: Effect, fits: Mapping[str, FitResult], data: ChannelData)
 
 
 def exploring(signals: Sequence[str], data: ChannelData) -> NextExperiment:
-    """Propose the experiment that shows more of an effect without a name.
+    """Propose an experiment that shows more of an unidentified effect.
 
     Args:
-        signals: names of signals that the remaining error depends on.
+        signals: names of signals on which the remaining error depends, the most important first.
         data: the channel.
     """
     first = signals[0] if signals else "position"
@@ -166,15 +165,15 @@ def exploring(signals: Sequence[str], data: ChannelData) -> NextExperiment:
 
 
 def _recorded(data: ChannelData) -> str:
-    """Description of the user's motion, from which to vary it."""
+    """Describe the recorded motion, so that the user can vary it."""
     return f"the motion recorded here goes {extent(data)}"
 
 
 def sufficient(reason: str, kind: ChannelKind) -> NextExperiment:
-    """Propose the experiment that provides what the data lack.
+    """Propose the experiment that makes a rejected channel usable.
 
     Args:
-        reason: why the channel cannot be judged.
+        reason: why the channel cannot be diagnosed.
         kind: kind of the channel.
     """
     remedy = reason.partition("; ")[2]

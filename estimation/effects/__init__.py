@@ -1,4 +1,4 @@
-"""Physical effects in families by kind of physics; a new effect is one new class here."""
+"""Physical effects, grouped by kind of physics; add a class in this folder to register a new effect."""
 
 from palpate.estimation.effect import Effect
 from palpate.robot_io.registry import Registry

@@ -1,4 +1,4 @@
-"""Contact geometry: where the surface lies, and what holds on to it."""
+"""Contact geometry: position of the surface, adhesion and permanent set."""
 
 from dataclasses import replace
 
@@ -13,7 +13,7 @@ from palpate.robot_io.types import FloatArray
 
 
 class ContactOffset(MotionEffect):
-    """The true depth is x - offset: positive where the surface lies deeper than assumed."""
+    """The true depth is x - offset; the offset is positive if the surface lies deeper than assumed."""
 
     name = "contact_offset"
     kind = Kind.CONTACT_GEOMETRY
@@ -33,13 +33,13 @@ class ContactOffset(MotionEffect):
         return replace(data, position=data.position - inner["offset"])
 
     def starts(self, data: ChannelData) -> tuple[Inner, ...]:
-        """See `Effect.starts`: shares of the deepest indentation, either way."""
+        """See `Effect.starts`: shares of the deepest indentation, with both signs."""
         shares = (-0.5, -0.2, -0.08, -0.03, -0.01, 0.01, 0.03, 0.08, 0.2, 0.5)
         return start_grid(offset=np.array(shares) * data.deepest)
 
 
 class Adhesion(AdditiveEffect):
-    """F = -f while in contact, fading as exp(x / reach) where the tool has left the surface again (x < 0)."""
+    """F = -f in contact; after the tool leaves the surface (x < 0), F decays as exp(x / reach)."""
 
     name = "adhesion"
     kind = Kind.CONTACT_GEOMETRY
@@ -59,7 +59,7 @@ class Adhesion(AdditiveEffect):
     }
 
     def applies_to(self, data: ChannelData) -> bool:
-        """See `Effect.applies_to`: an element that is held at both ends has no surface to leave."""
+        """See `Effect.applies_to`: not to an element attached at both ends, which has no surface."""
         is_held = data.touching is not None and bool(data.touching.all())
         return super().applies_to(data) and not is_held
 
@@ -69,14 +69,15 @@ class Adhesion(AdditiveEffect):
         return -(touched * neck)[:, None]
 
 
-_TOUCHING = 1e-300  # depth that strains nothing
+_TOUCHING = 1e-300  # depth of a contact without strain
 
 
 class PlasticSet(MotionEffect):
-    """The surface sinks by a share of the deepest indentation so far: x_true = x - share * max(x so far).
+    """Permanent indentation in proportion to the deepest one so far: x_true = x - share * max(x so far).
 
-    Of the dent that a run leaves, a part is still there when the next one presses. A surface that sinks lets
-    go of the tool; what crushes within, such as foam, stays at the tool, and damps it in the dent too.
+    The share `kept` of a run's dent remains when the next run begins. If the surface sinks, the tool loses
+    contact within the dent. The second form is a material that crushes inside, such as foam: it stays in
+    contact with the tool, so that damping also acts within the dent.
     """
 
     name = "plastic_set"
@@ -111,11 +112,11 @@ class PlasticSet(MotionEffect):
         )
 
     def forms(self) -> tuple["PlasticSet", ...]:
-        """See `Effect.forms`: a surface that sinks, or one that stays at the tool."""
+        """See `Effect.forms`: a surface that sinks, or one that stays in contact with the tool."""
         return self, _AtTheTool()
 
     def starts(self, data: ChannelData) -> tuple[Inner, ...]:
-        """See `Effect.starts`: dents that are gone by the next run, and dents that stay."""
+        """See `Effect.starts`: dents that recover before the next run, and dents that remain."""
         share, kept = self.inner
         return start_grid(share=share.spread(10), kept=kept.spread(2))
 
@@ -129,9 +130,9 @@ class _AtTheTool(PlasticSet):
 
 
 def _deepest(data: ChannelData, kept: float) -> FloatArray:
-    """The deepest indentation that each sample's surface remembers, shape (n,).
+    """Return the deepest indentation so far that affects the surface at each sample, shape (n,).
 
-    A run that begins before the last one's end was recorded by itself, and met no dent.
+    If a run begins before the end of the previous run, it was recorded separately and meets no dent.
     """
     deepest, remaining, ended_s = np.zeros(len(data)), 0.0, np.inf
     for rows in runs_by_time(data.time_s, data.run):

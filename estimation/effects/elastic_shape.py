@@ -15,16 +15,16 @@ from palpate.estimation.signals.cache_by_array import cache_by_channel_arrays
 from palpate.estimation.signals.runwise import shifted_motion
 from palpate.robot_io.types import FloatArray
 
-_STRAIGHT = 0.1  # distance from a power of one within which the law is a straight line
-_CLEARLY = 2.0  # standard errors
-_SHOWN = 0.03  # share of the upper layer's force that a sensor must show
+_STRAIGHT = 0.1  # distance of the exponent from 1 within which the law is practically linear
+_CLEARLY = 2.0  # standard errors by which a slope must exceed zero
+_SHOWN = 0.03  # share of the upper layer's force that must exceed the sensor's dead band
 _OTHER_SPRINGS = {"hunt_crossley.k", "stress_relaxation.k1"}
-_STEEPEST = 50.0  # b |x| beyond which nothing is computed
+_STEEPEST = 50.0  # limit of b |x|, to avoid overflow
 _STARTS = (0.5, 1.0, 2.0, 4.0, 7.0, 12.0)  # b times the largest |x|
 
 
 class Stiffness(AdditiveEffect):
-    """F = k x; in a contact the spring pushes only while it is pressed (x > 0)."""
+    """F = k x; in a contact the spring acts only for x > 0."""
 
     name = "stiffness"
     kind = Kind.ELASTIC_SHAPE
@@ -46,7 +46,7 @@ class Stiffness(AdditiveEffect):
 
 
 class CubicStiffness(AdditiveEffect):
-    """F = k3 x^3; in a contact only while pressed."""
+    """F = k3 x^3; in a contact only for x > 0."""
 
     name = "cubic_stiffness"
     kind = Kind.ELASTIC_SHAPE
@@ -75,10 +75,10 @@ class CubicStiffness(AdditiveEffect):
 
 
 class PowerLawStiffness(AdditiveEffect):
-    """F = k |x|^n sign(x), beside whatever other stiffness there is; in a contact only while pressed.
+    """F = k |x|^n sign(x), in addition to other springs; in a contact only for x > 0.
 
-    With n = 1.5 it is Hertz's contact of a sphere, with n = 2 Sneddon's of a cone; below 1 it softens, as
-    rubber does in tension (L. R. G. Treloar, The Physics of Rubber Elasticity (1975)).
+    n = 1.5 is Hertz's contact of a sphere, n = 2 Sneddon's contact of a cone. For n < 1 the spring softens,
+    as rubber does in tension (L. R. G. Treloar, The Physics of Rubber Elasticity (1975)).
     """
 
     name = "power_law_stiffness"
@@ -106,7 +106,7 @@ class PowerLawStiffness(AdditiveEffect):
     def is_misnamed(
         self, data: ChannelData, parameters: Mapping[str, float], errors: Errors, noise: float
     ) -> bool:
-        """See `Effect.is_misnamed`: a power of about one is a straight spring."""
+        """See `Effect.is_misnamed`: with an exponent near 1 it is a linear spring."""
         return abs(parameters[f"{self.name}.n"] - 1.0) < _STRAIGHT
 
     def columns(self, data: ChannelData, inner: Inner) -> FloatArray:
@@ -115,7 +115,7 @@ class PowerLawStiffness(AdditiveEffect):
 
 
 class LayeredStiffness(AdditiveEffect):
-    """F = k2 max(x - d, 0): a second spring from depth d on."""
+    """F = k2 max(x - d, 0): a second spring acts beyond depth d."""
 
     name = "layered_stiffness"
     kind = Kind.ELASTIC_SHAPE
@@ -147,12 +147,12 @@ class LayeredStiffness(AdditiveEffect):
     def is_misnamed(
         self, data: ChannelData, parameters: Mapping[str, float], errors: Errors, noise: float
     ) -> bool:
-        """See `Effect.is_misnamed`: one of the two layers is not seen to press back.
+        """See `Effect.is_misnamed`: the data do not show that both layers push.
 
-        Without the upper one it is a gap or a dead band, without the lower one the end of the sensor's range.
-        Nor is the upper one seen where the sensor's dead band swallows next to all of its press: what is left
-        is an object that begins at the kink, a surface that lies deeper. Where something else than a spring
-        and its cubic is elastic too, nothing is said.
+        Without the upper layer it is a gap or a dead band, without the lower one a saturated sensor. The
+        upper layer is also invisible if the sensor's dead band hides nearly all of its force: the object then
+        seems to begin at the kink, like a deeper surface. The check applies only if linear and cubic springs
+        are the only other elastic effects.
         """
         if "stiffness.k" not in parameters or _OTHER_SPRINGS & parameters.keys():
             return False
@@ -164,18 +164,18 @@ class LayeredStiffness(AdditiveEffect):
         if min(visible, lower) < noise or visible < _SHOWN * upper:
             return True
         if k3 != 0.0:
-            return False  # no single slope then tells what a layer carries
+            return False  # with a cubic term, no single slope describes a layer
         known = errors()
         return not (_presses(k, known["stiffness.k"]) and _presses(k + k2, known[f"{self.name}.k2"]))
 
 
 def _presses(slope: float, std_err: float) -> bool:
-    """Return whether a layer's slope is clearly positive; by its sign alone if its error is unknown."""
+    """Return whether a layer's slope is clearly positive; if its error is unknown, only the sign counts."""
     return slope >= (0.0 if np.isnan(std_err) else _CLEARLY * std_err)
 
 
 class JointSpring(AdditiveEffect):
-    """effort = k q + p: a spring at rest where q = -p / k."""
+    """effort = k q + p: a spring whose rest position is q = -p / k."""
 
     name = "joint_spring"
     kind = Kind.ELASTIC_SHAPE
@@ -202,7 +202,7 @@ class JointSpring(AdditiveEffect):
 
 
 class JointElasticity(MotionEffect):
-    """q_true = q - load / k: the link stands behind the motor that the encoder reads."""
+    """q_true = q - load / k: under load the link lags behind the motor, which the encoder measures."""
 
     name = "joint_elasticity"
     kind = Kind.ELASTIC_SHAPE
@@ -220,11 +220,11 @@ class JointElasticity(MotionEffect):
     }
 
     def __init__(self, form: int = 0) -> None:
-        """`form`: by how many of `HALF_WINDOWS` the windows of the load's derivatives are wider."""
+        """Create a form; `form` is the number of steps in `HALF_WINDOWS` by which the windows are wider."""
         self.form = form
 
     def forms(self) -> tuple["JointElasticity", ...]:
-        """See `Effect.forms`: how far errors of the load's acceleration reach is not known."""
+        """See `Effect.forms`: several window widths, since the noise of the load's derivatives is unknown."""
         return tuple(JointElasticity(wider) for wider in _CHANGES)
 
     def move(self, data: ChannelData, inner: Inner) -> ChannelData:
@@ -235,14 +235,14 @@ class JointElasticity(MotionEffect):
         )
 
     def starts(self, data: ChannelData) -> tuple[Inner, ...]:
-        """See `Effect.starts`: winding up by from a thousandth to a third of the range of motion."""
+        """See `Effect.starts`: deflections from 0.03 % to 30 % of the standard deviation of the position."""
         load = float(np.std(data.context["load"])) or 1.0
         span = float(np.std(data.position)) or 1.0
         return start_grid(compliance=np.geomspace(3e-4, 0.3, 10) * span / load)
 
 
 def _changes(data: ChannelData, wider: int) -> Motion:
-    """First and second derivative of the load."""
+    """Return the first and second derivative of the load."""
     return differentiate(data.time_s, data.context["load"], data.run, rounding=0.0, wider=wider)
 
 
@@ -253,11 +253,11 @@ _CHANGES = {
 
 
 class ToolCompliance(MotionEffect):
-    """x_true = x - c F: the tip goes less deep than the encoders say."""
+    """x_true = x - c F: the tip is less deep than the encoders indicate."""
 
     name = "tool_compliance"
     kind = Kind.ELASTIC_SHAPE
-    also = frozenset({Kind.TIME_MEMORY})  # in series with a damper it relaxes
+    also = frozenset({Kind.TIME_MEMORY})  # a spring in series with a damper relaxes
     physics = "Tool, sensor and links bend, so that the object sees less than the encoders report."
     equation = "x_true = x - c F, v_true = v - c dF/dt"
     source = "two springs in series; A. Albu-Schäffer et al., Int. J. Robotics Research 26 (2007)"
@@ -279,23 +279,23 @@ class ToolCompliance(MotionEffect):
         )
 
     def starts(self, data: ChannelData) -> tuple[Inner, ...]:
-        """See `Effect.starts`: yielding by from a thousandth of the depth to as much as that."""
+        """See `Effect.starts`: deflections from a thousandth of the range of depth to the whole range."""
         yielding = float(np.ptp(data.position) / (np.ptp(data.effort) or 1.0))
         return start_grid(compliance=np.geomspace(1e-3, 1.0, 7) * yielding)
 
 
 @cache_by_channel_arrays("time_s", "run", "effort", "position", "touching")
 def _smooth_force(data: ChannelData) -> Motion:
-    """The force and its rate, by a window that its own noise calls for."""
+    """Return the smoothed force and its rate; the noise of the force determines the window."""
     return differentiate(
         data.time_s, data.effort, number_stretches(data.engaged, data.run), rounding=0.0, calm=False
     )
 
 
 class ExponentialStiffness(AdditiveEffect):
-    """F = a (exp(b |x|) - 1 - b |x|) sign(x): what a fibrous tissue adds to the straight line of its toe.
+    """F = a (exp(b |x|) - 1 - b |x|) sign(x): the nonlinear part of Fung's law for fibrous tissue.
 
-    The straight part, a b x of Fung's law, is left to the spring beside.
+    The linear part a b x of Fung's law belongs to `stiffness`.
     """
 
     name = "exponential_stiffness"
@@ -321,6 +321,6 @@ class ExponentialStiffness(AdditiveEffect):
         return np.asarray(np.sign(pressed) * (np.expm1(steep) - steep))[:, None]
 
     def starts(self, data: ChannelData) -> tuple[Inner, ...]:
-        """See `Effect.starts`: from hardly bent to steep within the range of motion."""
+        """See `Effect.starts`: from nearly linear to steep within the range of motion."""
         deepest = float(np.max(np.abs(data.position), initial=0.0)) or 1.0
         return start_grid(b=np.clip(np.array(_STARTS) / deepest, 1e-3, 1e9))

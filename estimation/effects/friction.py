@@ -14,7 +14,7 @@ TRANSITION = Parameter("transition", "{position}/s", 1e-9, 1e3, (1e-4, 0.05), lo
 
 
 class CoulombFriction(AdditiveEffect):
-    """effort = f tanh(v / transition): a constant against the motion."""
+    """effort = f tanh(v / transition): a constant force against the motion."""
 
     name = "coulomb_friction"
     kind = Kind.FRICTION
@@ -43,12 +43,12 @@ class CoulombFriction(AdditiveEffect):
         return np.tanh(data.velocity / inner["transition"])[:, None]
 
     def starts(self, data: ChannelData) -> tuple[Inner, ...]:
-        """See `Effect.starts`: smoothing at a small share of the usual speed."""
+        """See `Effect.starts`: transitions at small shares of the rms speed."""
         return start_grid(transition=np.array((0.003, 0.01, 0.03, 0.08)) * data.rms_speed)
 
 
 class AsymmetricFriction(CoulombFriction):
-    """effort = f+ for v > 0, -f- for v < 0, plus viscous parts d+ v and d- v of their own."""
+    """effort = f+ for v > 0 and -f- for v < 0, plus d+ v or d- v for the direction of motion."""
 
     name = "asymmetric_friction"
     kind = Kind.FRICTION
@@ -71,24 +71,24 @@ class AsymmetricFriction(CoulombFriction):
 
     def columns(self, data: ChannelData, inner: Inner) -> FloatArray:
         direction = np.tanh(data.velocity / inner["transition"])
-        forward, backward = np.maximum(direction, 0.0), np.minimum(direction, 0.0)  # at rest nothing pushes
+        forward, backward = np.maximum(direction, 0.0), np.minimum(direction, 0.0)  # both are zero at rest
         return np.column_stack([forward, backward, forward * data.velocity, -backward * data.velocity])
 
     def simpler(self, columns: FloatArray) -> FloatArray:
-        """See `Effect.simpler`: alike in both directions beside a bias, which differs at rest alone."""
+        """See `Effect.simpler`: symmetric friction and a bias, which differ from this effect only at rest."""
         symmetric = np.column_stack([columns[:, 0] + columns[:, 1], columns[:, 2] + columns[:, 3]])
         return np.column_stack([symmetric, np.ones(len(symmetric))])
 
 
-_LUMPED = "lumped_inertia_effort"  # which a joint has whose rotor and link are one inertia in its model
+_LUMPED = "lumped_inertia_effort"  # signal of a joint whose model lumps the inertias of rotor and link
 _SHARES = (1.0, 0.6)
 
 
 class LoadDependentFriction(CoulombFriction):
-    """effort = mu |load| tanh(v / transition), load the effort that the joint carries apart from friction.
+    """effort = mu |load| tanh(v / transition); the load is the effort of the joint without friction.
 
-    What accelerates the rotor does not pass through the gear (Hamon et al. take it off the load, too). Where
-    the model has one inertia for rotor and link, the share of it that is the link's is a parameter.
+    The torque that accelerates the rotor does not pass through the gear, so it is not part of the load (see
+    Hamon et al.). If the model has one inertia for rotor and link, the link's share of it is a parameter.
     """
 
     name = "load_dependent_friction"
@@ -123,7 +123,7 @@ class _WithRotor(LoadDependentFriction):
     inner = (*LoadDependentFriction.inner, Parameter("link_share", "1", 0.0, 1.0, (0.3, 1.0)))
 
     def _load(self, data: ChannelData, inner: Inner) -> FloatArray:
-        lumped = data.context.get(_LUMPED, 0.0)  # none where the search has taken the weight off the model
+        lumped = data.context.get(_LUMPED, 0.0)  # absent if the search removed the weight from the model
         return np.asarray(data.context["load"] - (1.0 - inner["link_share"]) * lumped)
 
     def starts(self, data: ChannelData) -> tuple[Inner, ...]:
@@ -134,8 +134,8 @@ class _WithRotor(LoadDependentFriction):
 class PositionDependentFriction(AdditiveEffect):
     """effort = (f + s sin(n q) + c cos(n q)) tanh(v / transition).
 
-    Periodic with n = 1 once a turn (an eccentric seal, a bent shaft) or faster; with less than a wave within
-    the range of motion it is any friction that varies smoothly along it.
+    For n = 1 it repeats once a turn (an eccentric seal, a bent shaft). With less than one wave within the
+    range of motion, it describes any friction that varies smoothly with position.
     """
 
     name = "position_dependent_friction"
@@ -167,14 +167,14 @@ class PositionDependentFriction(AdditiveEffect):
         return np.column_stack([sliding, sliding * np.sin(angle), sliding * np.cos(angle)])
 
     def starts(self, data: ChannelData) -> tuple[Inner, ...]:
-        """See `Effect.starts`: from half a wave to ten within the range of motion."""
+        """See `Effect.starts`: from half a wave to ten waves within the range of motion."""
         waves = np.array((0.5, 1.0, 1.5, 2.0, 2.5, 3.0, 4.0, 5.0, 6.0, 7.0, 8.0, 9.0, 10.0))
         cycles = 2.0 * np.pi * waves / data.range_of_motion
         return start_grid(cycles=cycles, transition=np.array((0.01, 0.05)) * data.rms_speed)
 
 
-# Of the rise, that friction must really exceed its level at speed by. By the equation that takes a speed of
-# the rise three to four times that of the transition (twice, for a rise far larger than the level).
+# Share of `rise` by which the maximum friction must exceed the Coulomb level. It requires a `speed` of three
+# to four times `transition` (twice, if the rise is far larger than the level).
 _SEEN = 0.5
 
 
@@ -209,16 +209,16 @@ class StribeckFriction(AdditiveEffect):
         return np.column_stack([sliding, sliding * np.exp(-((data.velocity / inner["speed"]) ** 2))])
 
     def starts(self, data: ChannelData) -> tuple[Inner, ...]:
-        """See `Effect.starts`: shares of the usual speed."""
+        """See `Effect.starts`: shares of the rms speed."""
         speed = np.geomspace(0.04, 1.2, 6) * data.rms_speed
         return start_grid(speed=speed, transition=np.array((0.003, 0.01, 0.03)) * data.rms_speed)
 
     def is_misnamed(
         self, data: ChannelData, parameters: Mapping[str, float], errors: Errors, noise: float
     ) -> bool:
-        """See `Effect.is_misnamed`: friction does not rise, since all of the rise is within the transition.
+        """See `Effect.is_misnamed`: friction never rises visibly, since the rise lies within the transition.
 
-        What is left then is Coulomb friction, whose transition has a shape of its own.
+        The law is then Coulomb friction with a different shape of the transition.
         """
         level, rise, speed, transition = (
             parameters[f"{self.name}.{p.name}"] for p in (*self.gains, *self.inner)

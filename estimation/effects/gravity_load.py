@@ -12,7 +12,7 @@ from palpate.robot_io.types import FloatArray
 
 
 class KnownRigidBody(AdditiveEffect):
-    """torque = ID(q, v, a) of the URDF as it is, the signal `rigid_body_torque`; and J^T F of the tip."""
+    """torque = ID(q, v, a) of the unchanged URDF (signal `rigid_body_torque`), plus J^T F at the tip."""
 
     name = "rigid_body"
     kind = Kind.GRAVITY_LOAD
@@ -29,7 +29,7 @@ class KnownRigidBody(AdditiveEffect):
     }
 
     def columns(self, data: ChannelData, inner: Inner) -> FloatArray:
-        """See `AdditiveEffect.columns`; shape (n, 0): nothing is free."""
+        """See `AdditiveEffect.columns`; shape (n, 0), since there are no gains."""
         return np.zeros((len(data), 0))
 
     def known(self, data: ChannelData, inner: Inner) -> FloatArray:
@@ -37,15 +37,16 @@ class KnownRigidBody(AdditiveEffect):
 
 
 class RigidBodyFitted(AdditiveEffect):
-    """torque = Y(q, v, a) pi; the signal `rigid_body_regressor`; and J^T F where the tip presses.
+    """torque = Y(q, v, a) pi (signal `rigid_body_regressor`), plus J^T F while the tip presses.
 
-    The gains are base parameters of the whole arm: of one name in all its joints, they are one parameter.
+    The gains are base parameters of the whole arm. Gains with the same name in several joints are the same
+    parameter.
 
     Args:
-        chosen: columns of the regressor, ten a link (`palpate.control.arm.rigid_body.RigidBody.regressor`),
-            of the arm's base parameters that the joint feels (`palpate.estimation.arm.inertial_parameters`).
-        arm: all base parameters of the arm; None where joints are fitted each by itself.
-        urdf: inertial parameters of its URDF, shape (10 links,).
+        chosen: columns of the regressor (`palpate.control.arm.rigid_body.RigidBody.regressor`, ten per link)
+            for the base parameters that affect the joint (`palpate.estimation.arm.inertial_parameters`).
+        arm: all base parameters of the arm; None if each joint is fitted separately.
+        urdf: inertial parameters of the arm's URDF, shape (10 links,).
     """
 
     name = "rigid_body_fitted"
@@ -81,16 +82,16 @@ class RigidBodyFitted(AdditiveEffect):
         return data.context.get("contact_torque", np.zeros(len(data)))
 
 
-_STARTS = (0.003, 0.01, 0.03, 0.1, 0.3, 1.0)  # rad, to either side
+_STARTS = (0.003, 0.01, 0.03, 0.1, 0.3, 1.0)  # start values of the tilt, with both signs [rad]
 _OF_TILT = ("tilt_effort_per_rad", "weight_effort")
-_OF_ARM = "payload_effort_per_kg"  # which every joint of an arm has whose kinematics are known
+_OF_ARM = "payload_effort_per_kg"  # signal that all joints have if the arm's kinematics are known
 
 
 class GravityTilt(AdditiveEffect):
-    """effort = tilt * cos(q) beside a pendulum, whose sin(q) absorbs the reduction of its weight by the tilt.
+    """effort = tilt * cos(q) in addition to a pendulum; its sin(q) absorbs the change of the weight.
 
-    An arm of known weight g has nothing to take that up: with the base turned by t about the axis of the
-    first joint, effort = sin(t) dg/dt + (cos(t) - 1) g.
+    An arm of known weight g cannot absorb this change. If its base is turned by t about the axis of the first
+    joint, effort = sin(t) dg/dt + (cos(t) - 1) g.
     """
 
     name = "gravity_tilt"
@@ -114,7 +115,7 @@ class GravityTilt(AdditiveEffect):
         return np.cos(data.position)[:, None]
 
     def applies_to(self, data: ChannelData) -> bool:
-        """See `Effect.applies_to`; an arm with several joints is not a pendulum and needs its own form."""
+        """See `Effect.applies_to`: the joint of an arm is not a pendulum and needs the tilt signals."""
         return super().applies_to(data) and (_OF_ARM not in data.context or _is_known(data))
 
     def suited_to(self, data: ChannelData) -> "GravityTilt":
@@ -139,12 +140,12 @@ class _TiltOfKnownArm(GravityTilt):
 
 
 def _is_known(data: ChannelData) -> bool:
-    """Return whether the signals of a tilt are known; they are not if the first axis is not level."""
+    """Return whether the tilt signals exist; they are missing if the first axis is not level."""
     return set(_OF_TILT) <= set(data.context)
 
 
 class Payload(AdditiveEffect):
-    """effort = m * (effort per kilogram at the tip), from the arm's kinematics."""
+    """effort = m * (effort per kilogram at the tip), computed from the arm's kinematics."""
 
     name = "payload"
     kind = Kind.GRAVITY_LOAD
@@ -191,9 +192,9 @@ class Pendulum(AdditiveEffect):
 
 
 class Weight(AdditiveEffect):
-    """torque = g1 sin(q) + g2 cos(q), whatever angle is called zero.
+    """torque = g1 sin(q) + g2 cos(q), for any zero of the angle.
 
-    For a joint whose model has no weight; that of an arm is in its kinematics.
+    It is for joints whose model has no weight. For an arm, the kinematics give the weight.
     """
 
     name = "weight"

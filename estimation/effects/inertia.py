@@ -1,4 +1,4 @@
-"""Inertia of a joint, its rotor and a coupled neighbour."""
+"""Inertia of a joint, its rotor and a coupled neighbor."""
 
 from collections.abc import Mapping
 
@@ -34,7 +34,7 @@ class Inertia(AdditiveEffect):
 
 
 class Armature(AdditiveEffect):
-    """effort = Ja a of the joint itself."""
+    """effort = Ja a, with the acceleration of the joint itself."""
 
     name = "armature"
     kind = Kind.INERTIA
@@ -55,18 +55,18 @@ class Armature(AdditiveEffect):
         return data.acceleration[:, None]
 
 
-_FELT = 0.2  # least speed that the neighbour adds, relative to the joint's own
+_FELT = 0.2  # least rms speed that the neighbor adds, relative to the joint's own
 
 
 class JointCoupling(AdditiveEffect):
     """effort = J (a_i + r a_j) + d (v_i + r v_j) + f tanh((v_i + r v_j) / transition).
 
-    Where a gear train passes through a wrist, the motor of joint i turns by the sum of two joints' angles,
-    and its rotor and its friction follow that sum. The own part of it is that of `armature`,
-    `viscous_friction` and `coulomb_friction`; what only the coupling brings goes with joint j.
+    In a wrist with a coupled gear train, the motor of joint i turns by the sum of two joint angles. Its rotor
+    inertia and its friction follow that sum. Without motion of joint j, the effect is the same as `armature`,
+    `viscous_friction` and `coulomb_friction`.
 
     Args:
-        neighbour: number of joint j from 0, which `suited_to` finds.
+        neighbour: index of joint j, from 0; `suited_to` determines it.
     """
 
     name = "joint_coupling"
@@ -99,7 +99,7 @@ class JointCoupling(AdditiveEffect):
         self._neighbour = neighbour
 
     def suited_to(self, data: ChannelData) -> "JointCoupling":
-        """See `Effect.suited_to`: with the neighbour whose motion explains more of the effort."""
+        """See `Effect.suited_to`: with the neighbor whose motion explains more of the effort."""
         velocity = data.context["joint_velocity"]
         joint = int(np.argmin(np.sum((velocity - data.velocity[:, None]) ** 2, axis=0)))
         neighbours = [j for j in (joint + 1, joint - 1) if 0 <= j < velocity.shape[1]]
@@ -108,7 +108,7 @@ class JointCoupling(AdditiveEffect):
         return JointCoupling(min(neighbours, key=lambda j: _left(data, joint, j)))
 
     def applies_to(self, data: ChannelData) -> bool:
-        """See `Effect.applies_to`: an arm of two joints or more."""
+        """See `Effect.applies_to`: to an arm with at least two joints."""
         if not super().applies_to(data):
             return False
         velocity = data.context["joint_velocity"]
@@ -122,18 +122,18 @@ class JointCoupling(AdditiveEffect):
     def is_misnamed(
         self, data: ChannelData, parameters: Mapping[str, float], errors: Errors, noise: float
     ) -> bool:
-        """See `Effect.is_misnamed`: a neighbour that hardly turns this motor leaves plain friction."""
+        """See `Effect.is_misnamed`: if the neighbor hardly turns this motor, the effect is plain friction."""
         turned = parameters[f"{self.name}.ratio"] * data.context["joint_velocity"][:, self._neighbour]
         return float(np.mean(turned**2)) < _FELT**2 * float(np.mean(data.velocity**2))
 
     def starts(self, data: ChannelData) -> tuple[Inner, ...]:
-        """See `Effect.starts`: turning with the neighbour or against it."""
+        """See `Effect.starts`: coupling ratios of both signs."""
         transition = np.minimum(np.array((0.01, 0.05)) * data.rms_speed, 1.0)
         return start_grid(ratio=(1.0, -1.0, 0.4, -0.4), transition=transition)
 
 
 def _left(data: ChannelData, own: int, neighbour: int) -> float:
-    """Return the squared error of the effort fitted by the motion of two joints."""
+    """Return the squared error of the effort after a fit to the motion of two joints."""
     v, a = (data.context[f"joint_{what}"][:, [own, neighbour]] for what in ("velocity", "acceleration"))
     columns = np.column_stack([v, a, np.sign(v), np.sign(v[:, 0] + v[:, 1]), np.ones(len(data))])
     gains = np.linalg.lstsq(columns, data.effort, rcond=None)[0]

@@ -1,4 +1,4 @@
-"""Dry friction and play that depend on the past path."""
+"""Dry friction and backlash that depend on the past path."""
 
 from collections.abc import Mapping
 from typing import ClassVar
@@ -19,11 +19,11 @@ from palpate.estimation.signals.runwise import (
 )
 from palpate.robot_io.types import FloatArray
 
-_PLAIN = 1e-3  # energy that plain friction leaves if the path is too short to be seen
+_PLAIN = 1e-3  # least relative squared difference from Coulomb friction, else the path is too short
 
 
 class PreslidingFriction(AdditiveEffect):
-    """effort = f s; s goes to the sign of motion over the path `presliding`, and keeps its value at rest."""
+    """effort = f s; s tends to the sign of motion over the path `presliding` and is constant at rest."""
 
     name = "presliding_friction"
     kind = Kind.FRICTION
@@ -53,7 +53,7 @@ class PreslidingFriction(AdditiveEffect):
     def is_misnamed(
         self, data: ChannelData, parameters: Mapping[str, float], errors: Errors, noise: float
     ) -> bool:
-        """See `Effect.is_misnamed`: over a path too short to be seen it is friction that just turns round."""
+        """See `Effect.is_misnamed`: with too short a path, the effect is Coulomb friction."""
         (path,) = self.inner
         built, plain = (
             self.columns(data, {path.name: length})
@@ -97,11 +97,11 @@ class LoadDependentPresliding(PreslidingFriction):
 
 
 class DryFriction(AdditiveEffect):
-    """F = f s; the direction of motion s takes a short path to turn round, and stays at rest.
+    """F = f s; the state s tends to the direction of motion over a short path and is constant at rest.
 
-    Each touch begins unstrained, s = 0: what rubs has nothing to hold on to before. Slower than `transition`,
-    a film between the surfaces gives way, and s goes to less than the sign of the motion. With the shortest
-    path that may be, there is nothing but the film: s = tanh(v/transition), also at rest.
+    Each contact begins without strain, s = 0. At speeds below `transition`, a film between the surfaces
+    yields, and s tends to less than the sign of the motion. At the lower bound of the path, only the film is
+    left: s = tanh(v/transition), which is zero at rest.
     """
 
     name = "dry_friction"
@@ -133,7 +133,7 @@ class DryFriction(AdditiveEffect):
         if inner["presliding"] > self.inner[0].lower:
             touch = number_stretches(data.engaged, data.run)
             way = smooth_jitter(data.position, data.time_s, data.run)
-            # The filter of the channel's velocity is wide: a small reversal would come late, or not at all.
+            # The channel's velocity is smoothed too strongly and shows small reversals late or not at all.
             velocity = derivative(way, data.time_s, data.run)
             s = direction(way, touch, inner["presliding"], np.tanh(velocity / inner["transition"]))
         else:
@@ -141,11 +141,11 @@ class DryFriction(AdditiveEffect):
         return np.where(data.engaged, s, 0.0)[:, None]
 
     def forms(self) -> tuple["DryFriction", ...]:
-        """See `Effect.forms`: of layers within the object, which can only push, or at the tool's sides."""
+        """See `Effect.forms`: friction within the object, which can only push, or at the tool's sides."""
         return self, _AtTheSides()
 
     def starts(self, data: ChannelData) -> tuple[Inner, ...]:
-        """See `Effect.starts`: a path up to a tenth of the depth, or a small share of the usual speed."""
+        """See `Effect.starts`: paths up to a tenth of the depth, or transitions relative to the rms speed."""
         speed = float(np.sqrt(np.mean(data.velocity[data.engaged] ** 2))) if data.engaged.any() else 1.0
         paths = [(part, 1e-3) for part in np.geomspace(1e-3, 1e-1, 5)]
         speeds = [(0.0, part) for part in (0.003, 0.01, 0.03, 0.1)]
@@ -164,10 +164,10 @@ class _AtTheSides(DryFriction):
 
 
 class BoucWenHysteresis(AdditiveEffect):
-    """effort = f w, with w in [-1, 1] the normalised state of Bouc and Wen; see `bouc_wen`.
+    """effort = f w with the normalized Bouc-Wen state w in [-1, 1]; see `bouc_wen`.
 
-    In a contact only while pressed, and each touch begins unstrained. With sharpness 1 and unloading 1 it is
-    Dahl's law, with a high sharpness an elastic and perfectly plastic spring.
+    In a contact it acts only for x > 0, and each contact begins without strain. With sharpness 1 and
+    unloading 1 it is Dahl's law. With a high sharpness it is an elastic, perfectly plastic spring.
     """
 
     name = "bouc_wen_hysteresis"
@@ -207,7 +207,7 @@ class BoucWenHysteresis(AdditiveEffect):
         return column
 
     def starts(self, data: ChannelData) -> tuple[Inner, ...]:
-        """See `Effect.starts`: from a hundredth to half of the range of motion."""
+        """See `Effect.starts`: paths from a hundredth to half of the range of motion."""
         paths = np.geomspace(0.01, 0.5, 5) * data.range_of_motion
         return start_grid(
             path=np.maximum(paths, self.inner[0].lower), sharpness=(1.0, 3.0), unloading=(0.0, 1.0)
@@ -217,7 +217,7 @@ class BoucWenHysteresis(AdditiveEffect):
 class Backlash(MotionEffect):
     """The load follows the encoder only after the gap is crossed: q_true = play(q, gap/2).
 
-    The motor turns on: its shares of inertia and viscous friction are moved as the encoder says.
+    The motor keeps turning within the gap: its shares of inertia and viscous friction follow the encoder.
     """
 
     name = "backlash"
@@ -256,7 +256,7 @@ class Backlash(MotionEffect):
         )
 
     def starts(self, data: ChannelData) -> tuple[Inner, ...]:
-        """See `Effect.starts`: from a thousandth to a third of the range; with and without a motor."""
+        """See `Effect.starts`: gaps from a thousandth to a third of the range, with and without a motor."""
         span = data.range_of_motion
         return tuple(
             {"gap": float(part * span), "motor_inertia": 0.5 * motor, "motor_friction": motor}
@@ -266,11 +266,12 @@ class Backlash(MotionEffect):
 
 
 class LoadedBacklash(MotionEffect):
-    """q_true = q - gap/2 s; s goes to 1 as the load exceeds `threshold`, to -1 below -threshold.
+    """q_true = q - gap/2 s; s becomes 1 if the load exceeds `threshold`, and -1 below -threshold.
 
-    Between the two friction holds the link where it is: s is the load's play operator, cut off at the flanks,
-    and goes over between half and one and a half times the threshold. A load that always pulls one way keeps
-    the link on one flank, and nothing of the gap is seen. The link's own motion across is not modelled.
+    Between these loads friction holds the link in place: s is a play operator on the load, limited to
+    [-1, 1]. At a reversal of the load, s changes from -1 to 1 while the load rises from half to one and a
+    half times the threshold. A load of constant sign keeps the link on one flank, so that the gap has no
+    effect. The motion of the link across the gap is not modeled.
     """
 
     name = "loaded_backlash"

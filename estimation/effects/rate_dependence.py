@@ -11,7 +11,7 @@ from palpate.robot_io.types import FloatArray
 
 
 class Damping(AdditiveEffect):
-    """F = c v; in a contact the damper acts only while the object is pressed (x > 0)."""
+    """F = c v; in a contact the damper acts only for x > 0."""
 
     name = "damping"
     kind = Kind.RATE_DEPENDENCE
@@ -57,7 +57,7 @@ class ViscousFriction(AdditiveEffect):
 
 
 class QuadraticDamping(AdditiveEffect):
-    """F = c2 v |v| while pressed."""
+    """F = c2 v |v| for x > 0."""
 
     name = "quadratic_damping"
     kind = Kind.RATE_DEPENDENCE
@@ -99,7 +99,7 @@ class QuadraticFriction(AdditiveEffect):
 
 
 class HuntCrossley(AdditiveEffect):
-    """F = k x^n + b x^n v for x > 0: spring and damper both grow with depth, so that touch brings no jump."""
+    """F = k x^n + b x^n v for x > 0; both terms vanish at the surface, so the force does not jump there."""
 
     name = "hunt_crossley"
     kind = Kind.RATE_DEPENDENCE
@@ -134,10 +134,10 @@ class HuntCrossley(AdditiveEffect):
     def is_misnamed(
         self, data: ChannelData, parameters: Mapping[str, float], errors: Errors, noise: float
     ) -> bool:
-        """See `Effect.is_misnamed`: the damper shows a power of the depth that the spring does not have."""
+        """See `Effect.is_misnamed`: only the damper, not the spring, shows a visible power of the depth."""
         k, b, n = (parameters[f"{self.name}.{p.name}"] for p in (*self.gains, *self.inner))
         depth = np.maximum(data.position, 0.0)
-        bends = []  # root mean squares of spring and damper, less what is proportional to the depth
+        bends = []  # rms of spring and damper terms without their parts in proportion to the depth
         for factor in (np.ones(len(data)), data.velocity):
             power, straight = depth**n * factor, depth * factor
             share = float(power @ straight) / max(float(straight @ straight), 1e-300)

@@ -1,4 +1,4 @@
-"""Differences between runs: random effects, and what was recorded beside."""
+"""Differences between runs: random effects, and dependence on recorded quantities."""
 
 from abc import abstractmethod
 from typing import ClassVar
@@ -14,27 +14,27 @@ from palpate.robot_io.types import BoolArray, FloatArray, IntArray
 
 _TELLING = 0.25  # share of a run's samples, from its start, that determine the run's own value
 _FEWEST_RUNS = 3
-_COMMON = 2.0  # ratio of mean to standard deviation of runs that chance does not reach
-_JUMPS = 0.5  # least share of the change between runs that occurs at their borders
+_COMMON = 2.0  # ratio of mean to standard deviation over runs that chance does not reach
+_JUMPS = 0.5  # least ratio of the jumps between consecutive runs to the changes from run to run
 _SINGULAR = 1e-10
 
 
 class RunVariation(SensorEffect):
-    """A random effect: each run has values of its own, drawn from a Gaussian about zero.
+    """Random effect: each run has its own values, drawn from a Gaussian with mean zero.
 
         reading = effort + B(q) b_r,  b_r ~ N(0, spread^2) in run r
 
-    A run that is held out cannot know its b_r from other runs. So every run tells it by itself: least squares
-    over its first part (`first_part`), shrunken by `share`,
+    Other runs do not determine the b_r of a held-out run. Each run's value is therefore estimated by least
+    squares from its first part (`first_part`) and shrunk by `share`:
 
         reading = effort + share B(q) b_first,  share = spread^2 / (spread^2 + variance of b_first)
 
-    the best linear prediction of the rest (Henderson 1975). Share 1 means that runs do differ and stay as
-    they begin, 0 that what the first part shows is noise. As the first part of a run is used like that
-    whether it is held out or not, no gain is fitted to a held-out run, and one formula does for all.
+    This is the best linear unbiased prediction of the rest (Henderson 1975). Share 1 means that runs differ
+    and keep their initial values; share 0 means that the first part shows only noise. Training and held-out
+    runs are treated alike, and no gain is fitted to a held-out run.
 
-    Judging: the samples of `first_part` are left out of the error wherever a model with such an effect is
-    compared with one without, since their own effort has been used; `spread` is for the report.
+    Comparisons with other models exclude the samples of `first_part`, since their effort is used in the
+    prediction. `spread` is only reported.
     """
 
     signals: ClassVar[tuple[str, ...]] = ("recorded",)
@@ -44,7 +44,7 @@ class RunVariation(SensorEffect):
 
     @abstractmethod
     def basis(self, data: ChannelData, inner: Inner) -> FloatArray:
-        """Return the columns that a run's values multiply, shape (n, k).
+        """Return the columns by which a run's values are multiplied, shape (n, k).
 
         Args:
             data: the channel, n samples.
@@ -52,11 +52,11 @@ class RunVariation(SensorEffect):
         """
 
     def applies_to(self, data: ChannelData) -> bool:
-        """See `Effect.applies_to`; fewer runs than three say nothing of how runs vary."""
+        """See `Effect.applies_to`: at least three runs, fewer do not determine the variation."""
         return super().applies_to(data) and len(data.runs) >= _FEWEST_RUNS
 
     def first_part(self, data: ChannelData) -> BoolArray:
-        """Samples that tell their run's own values, shape (n,).
+        """Return the mask of samples that determine their run's values, shape (n,).
 
         Args:
             data: channel with the readings.
@@ -68,25 +68,25 @@ class RunVariation(SensorEffect):
     def values(
         self, effort: FloatArray, data: ChannelData, inner: Inner, rows: BoolArray | None = None
     ) -> FloatArray:
-        """Each run's own values b, by least squares over its first part, shape (runs, k).
+        """Estimate each run's values b by least squares over its first part, shape (runs, k).
 
         Args:
-            effort: effort that the model expects without variation, shape (n,).
+            effort: predicted effort without variation between runs, shape (n,).
             data: channel with the readings.
             inner: inner parameters.
-            rows: samples to use instead, shape (n,), such as all of them.
+            rows: mask of samples to use instead of the first part, shape (n,).
         """
         chosen = self.first_part(data) if rows is None else rows
         residual = (data.effort - effort)[:, None]
         return _least_squares(self.basis(data, inner), chosen, residual, block_index(data.run)[0])[:, :, 0]
 
     def spread(self, effort: FloatArray, data: ChannelData, inner: Inner) -> FloatArray:
-        """Standard deviation of the values between runs, shape (k,), without the noise of the first parts.
+        """Estimate the standard deviation of the values between runs, shape (k,), without noise.
 
-        About their mean: what all runs have in common, the model lacks.
+        Deviations are taken from the mean over runs, since the mean is missing from the model.
 
         Args:
-            effort: effort that the model expects without variation, shape (n,).
+            effort: predicted effort without variation between runs, shape (n,).
             data: channel with the readings.
             inner: inner parameters.
         """
@@ -94,10 +94,10 @@ class RunVariation(SensorEffect):
         return np.asarray(np.sqrt(inner["share"] * np.var(values, axis=0, ddof=1)))
 
     def is_common(self, effort: FloatArray, data: ChannelData, inner: Inner) -> bool:
-        """Whether the runs have more in common than they differ by: then the model lacks a constant.
+        """Return whether the mean over runs far exceeds their spread, so that the model lacks a constant.
 
         Args:
-            effort: effort that the model expects without variation, shape (n,).
+            effort: predicted effort without variation between runs, shape (n,).
             data: channel with the readings.
             inner: inner parameters.
         """
@@ -106,12 +106,13 @@ class RunVariation(SensorEffect):
         return bool(np.linalg.norm(np.mean(values, axis=0)) > _COMMON * spread)
 
     def is_gradual(self, effort: FloatArray, data: ChannelData, inner: Inner) -> bool:
-        """Whether values change within runs rather than between them, so that no run has values of its own.
+        """Return whether values change within runs rather than between them, as they do for a drift.
 
-        They do where all runs change by more than they differ, or where a run begins as the last one ended.
+        This is so if the mean change within a run exceeds the spread between runs, or if runs begin with the
+        values at which the previous runs ended.
 
         Args:
-            effort: effort that the model expects without variation, shape (n,).
+            effort: predicted effort without variation between runs, shape (n,).
             data: channel with the readings.
             inner: inner parameters.
         """
@@ -130,7 +131,7 @@ class RunVariation(SensorEffect):
     def follow(
         self, effort: FloatArray, columns: FloatArray, data: ChannelData, inner: Inner
     ) -> tuple[FloatArray, FloatArray]:
-        """See `SensorEffect.follow`: what the model explains of a run's first part is not the run's own."""
+        """See `SensorEffect.follow`; each run's values are fitted to the residual of the model."""
         own = self._of_runs(np.column_stack([columns, data.effort - effort]), data, inner)
         return columns - own[:, :-1], effort + own[:, -1]
 
@@ -150,7 +151,7 @@ class RunVariation(SensorEffect):
 
 
 def _least_squares(basis: FloatArray, rows: BoolArray, target: FloatArray, starts: IntArray) -> FloatArray:
-    """Solutions (runs, k, m) for targets (n, m); zero in directions that a run's rows do not show."""
+    """Return solutions (runs, k, m) for targets (n, m); zero in directions that a run does not determine."""
     chosen = rows[:, None] * basis
     squares = np.add.reduceat(chosen[:, :, None] * basis[:, None, :], starts)
     sums = np.add.reduceat(chosen[:, :, None] * target[:, None, :], starts)
@@ -158,7 +159,7 @@ def _least_squares(basis: FloatArray, rows: BoolArray, target: FloatArray, start
 
 
 class RunOffset(RunVariation):
-    """reading = effort + b_r in run r, b_r Gaussian about zero; estimated from the run's first part."""
+    """reading = effort + b_r in run r; b_r is Gaussian and estimated from the run's first part."""
 
     name = "run_offset"
     kind = Kind.RUN_DIFFERENCES
@@ -181,9 +182,9 @@ _TELLING_EFFORT = 0.25  # share of a run's squared effort that its first part co
 
 
 class RunGain(RunVariation):
-    """reading = (1 + b_r) effort in run r, b_r Gaussian about zero; estimated from the run's first part.
+    """reading = (1 + b_r) effort in run r; b_r is Gaussian and estimated from the run's first part.
 
-    That part lasts until a quarter of the squared effort has occurred, since free air does not show a gain.
+    The first part contains a quarter of the run's squared effort, since free air does not show a gain.
     """
 
     name = "run_gain"
@@ -200,13 +201,13 @@ class RunGain(RunVariation):
     }
 
     def basis(self, data: ChannelData, inner: Inner) -> FloatArray:
-        """See `RunVariation.basis`: here it is the effort itself, which only the model knows."""
+        """See `RunVariation.basis`; it is zero, since the basis is the model's effort, see `values`."""
         return np.zeros((len(data), 1))
 
     def values(
         self, effort: FloatArray, data: ChannelData, inner: Inner, rows: BoolArray | None = None
     ) -> FloatArray:
-        """See `RunVariation.values`: by how much each run's effort is larger; nothing where there is none."""
+        """See `RunVariation.values`: relative change of each run's effort; zero for a run without effort."""
         chosen = self.first_part(data) if rows is None else rows
         starts, _ = block_index(data.run)
         squares = np.add.reduceat(chosen * effort**2, starts)
@@ -222,7 +223,7 @@ class RunGain(RunVariation):
     def follow(
         self, effort: FloatArray, columns: FloatArray, data: ChannelData, inner: Inner
     ) -> tuple[FloatArray, FloatArray]:
-        """See `SensorEffect.follow`; the runs' gains as they are."""
+        """See `SensorEffect.follow`; the gains of the runs are held fixed."""
         times = 1.0 + inner["share"] * self.values(effort, data, inner)[block_index(data.run)[1]]
         return columns * times, effort * times[:, 0]
 
@@ -262,12 +263,12 @@ class RunRipple(RunVariation):
 
 
 class RecordedDependence(SensorEffect):
-    """reading = (1 + c u) effort, u the recorded column less its mean, in standard deviations.
+    """reading = (1 + c u) effort, where u is the standardized recorded column.
 
-    `suited_to` makes one such parameter for each column that was recorded, by its name.
+    `suited_to` creates one parameter for each recorded column, named after it.
 
     Args:
-        columns: name, mean and standard deviation of each.
+        columns: name, mean and standard deviation of each recorded column.
     """
 
     name = "recorded_dependence"
@@ -301,7 +302,7 @@ class RecordedDependence(SensorEffect):
         return RecordedDependence(tuple(column for column in statistics if column[2] > 0.0))
 
     def applies_to(self, data: ChannelData) -> bool:
-        """See `Effect.applies_to`: something was recorded, and it varies."""
+        """See `Effect.applies_to`: at least one recorded column varies."""
         varies = any(float(np.ptp(data.context[name])) > 0.0 for name in data.recorded)
         return super().applies_to(data) and varies
 
@@ -312,7 +313,7 @@ class RecordedDependence(SensorEffect):
         return gain.reshape(-1, *([1] * (effort.ndim - 1))) * effort
 
     def starts(self, data: ChannelData) -> tuple[Inner, ...]:
-        """See `Effect.starts`: one column after the other, to either side."""
+        """See `Effect.starts`: a change of either sign in one column at a time."""
         names = [parameter.name for parameter in self.inner]
         return tuple(
             {name: change if name == changed else 0.0 for name in names}

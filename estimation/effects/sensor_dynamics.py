@@ -1,4 +1,4 @@
-"""Sensor dynamics and drift: delay, lag and a wandering zero."""
+"""Sensor dynamics and drift: delay, lag and a drifting zero."""
 
 from collections.abc import Mapping
 
@@ -15,9 +15,9 @@ from palpate.robot_io.types import FloatArray
 
 
 class Delay(SensorEffect):
-    """reading(t) = effort(t - T), also by a part of a sample, such as between converters that take turns.
+    """reading(t) = effort(t - T); T may be a fraction of a sample, as between multiplexed converters.
 
-    T < 0, the motion later than the effort, by no more than a sample: beyond, it only bends the effort.
+    T < 0 (the motion is delayed against the effort) is plausible only up to one sample, see `is_misnamed`.
     """
 
     name = "delay"
@@ -42,11 +42,11 @@ class Delay(SensorEffect):
     def is_misnamed(
         self, data: ChannelData, parameters: Mapping[str, float], errors: Errors, noise: float
     ) -> bool:
-        """See `Effect.is_misnamed`: the effort comes ahead of the motion by more than a sample."""
+        """See `Effect.is_misnamed`: the effort precedes the motion by more than a sample."""
         return parameters[f"{self.name}.time"] < -sample_time(data.time_s, data.run)
 
     def starts(self, data: ChannelData) -> tuple[Inner, ...]:
-        """See `Effect.starts`: from a quarter of a sample to 150 samples, and to one the other way."""
+        """See `Effect.starts`: delays from 0.25 to 150 samples, and leads of less than one sample."""
         step = sample_time(data.time_s, data.run)
         late = np.geomspace(0.25, 150.0, 13)
         return start_grid(time=step * np.array((*-late[late < 1.0][::-1], 0.0, *late)))
@@ -75,16 +75,16 @@ class Lag(SensorEffect):
         return low_pass(effort, data.time_s, data.run, inner["tau"])
 
     def starts(self, data: ChannelData) -> tuple[Inner, ...]:
-        """See `Effect.starts`: from a fraction of a sample to 400 samples."""
+        """See `Effect.starts`: time constants from 0.2 to 400 samples."""
         return start_grid(tau=sample_time(data.time_s, data.run) * np.geomspace(0.2, 400.0, 14))
 
 
 _OFF = 0.5  # largest difference of the rate in free air, relative to the rate
-_SIGMAS = 3.0  # largest difference in standard errors
+_SIGMAS = 3.0  # largest difference of the rate in standard errors; the larger limit applies
 
 
 class Drift(AdditiveEffect):
-    """reading = effort + d (t - t0), t over the whole session."""
+    """reading = effort + d (t - t0), with the time t of the whole session."""
 
     name = "drift"
     kind = Kind.DRIFT
@@ -106,13 +106,13 @@ class Drift(AdditiveEffect):
     }
 
     def applies_to(self, data: ChannelData) -> bool:
-        """See `Effect.applies_to`: the motion returns, else time cannot be told from position."""
+        """See `Effect.applies_to`: the motion must return, else time cannot be told from position."""
         return super().applies_to(data) and not is_one_way(data.position, data.run)
 
     def is_misnamed(
         self, data: ChannelData, parameters: Mapping[str, float], errors: Errors, noise: float
     ) -> bool:
-        """See `Effect.is_misnamed`: readings before and after the contact do not drift at that rate."""
+        """See `Effect.is_misnamed`: readings in free air do not drift at the fitted rate."""
         zero = zero_in_free_air(data)
         if zero is None or zero.rate is None:
             return False

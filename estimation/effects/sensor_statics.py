@@ -1,4 +1,4 @@
-"""Sensor statics: zero, gain, range, dead band, hysteresis and steps of the reader."""
+"""Sensor statics: zero, gain, range, dead band, hysteresis and quantization."""
 
 from collections.abc import Mapping
 
@@ -38,7 +38,7 @@ class Bias(AdditiveEffect):
     }
 
     def applies_to(self, data: ChannelData) -> bool:
-        """See `Effect.applies_to`: without free air, the offset of a contact is where its surface lies."""
+        """See `Effect.applies_to`: a contact needs free air, else a bias looks like a shifted surface."""
         is_contact = data.kind is ChannelKind.CONTACT
         return super().applies_to(data) and not (is_contact and zero_in_free_air(data) is None)
 
@@ -70,7 +70,7 @@ class TorqueGain(SensorEffect):
     pointwise = True
 
     def starts(self, data: ChannelData) -> tuple[Inner, ...]:
-        """See `Effect.starts`: closer and closer to one, since few constants are far off."""
+        """See `Effect.starts`: gains that are densest near one, since most constants are nearly right."""
         deviations = np.array([0.003, 0.01, 0.03, 0.1, 0.25, 0.5])
         return tuple({"gain": float(gain)} for gain in np.exp([*-deviations[::-1], *deviations]))
 
@@ -79,10 +79,10 @@ class TorqueGain(SensorEffect):
 
 
 class ForceSensorError(AdditiveEffect):
-    """effort = share J^T p e, e the force beyond the reading that all other joints carry, see `arm_signals`.
+    """effort = share J^T p e with the force sensor's error e, estimated from all other joints.
 
-    Whatever a force sensor does (it lags, it hangs behind, it is cut off), all joints carry the same
-    difference to its reading. The contact's own diagnosis says what it is.
+    See `arm_signals` for e. Any error of the force sensor (lag, hysteresis, saturation) appears in all joints
+    as the same difference from its reading. The diagnosis of the contact channel identifies the error.
     """
 
     name = "force_sensor_error"
@@ -93,7 +93,7 @@ class ForceSensorError(AdditiveEffect):
     signature = "in contact, the errors of all joints match one force at the tip"
     signals = ("load",)
     channels = frozenset({ChannelKind.REVOLUTE, ChannelKind.PRISMATIC})
-    # About one: noise of the other joints' torques lowers it.
+    # The share is near one; noise in the torques of the other joints lowers it.
     gains = (Parameter("share", "1", 0.5, 1.5, (0.9, 1.1)),)
     needs = ("contact_torque_per_newton", "force_beyond_reading")
     confused_with = {
@@ -128,7 +128,7 @@ class Deadband(SensorEffect):
         return effort - np.clip(effort, -inner["width"], inner["width"])
 
     def slope(self, effort: FloatArray, columns: FloatArray, data: ChannelData, inner: Inner) -> FloatArray:
-        """See `SensorEffect.slope`: none within the width."""
+        """See `SensorEffect.slope`: zero within the dead band."""
         return np.where(np.abs(effort) > inner["width"], 1.0, 0.0)[:, None] * columns
 
     def starts(self, data: ChannelData) -> tuple[Inner, ...]:
@@ -137,9 +137,9 @@ class Deadband(SensorEffect):
 
 
 class ForceDeadband(AdditiveEffect):
-    """effort = w J^T p while the tip touches, p the press direction: what the force sensor swallows.
+    """effort = w J^T p in contact with press direction p: the force hidden by the force sensor's dead band.
 
-    To the contact, a dead band of its sensor is a surface that lies deeper; the joints carry the difference.
+    In the contact channel a dead band looks like a deeper surface; the joints carry the hidden force.
     """
 
     name = "force_deadband"
@@ -165,14 +165,16 @@ class ForceDeadband(AdditiveEffect):
         return (data.context["contact_torque_per_newton"] * data.context["touching"])[:, None]
 
 
-_NOISE, _OF_THOSE = 4.0, 0.05  # multiple of the noise, and largest share of readings beyond the limit by more
-_ORDER = 6  # order of the polynomial that such readings are compared with
+# At most the share `_OF_THOSE` of readings beyond the limit may exceed it by more than `_NOISE` standard
+# deviations.
+_NOISE, _OF_THOSE = 4.0, 0.05
+_ORDER = 6  # order of the polynomial that is fitted to readings beyond the limit
 _FEWEST_OF_CURVE = 10 * _ORDER  # readings needed in a run
-# Of their variance beyond that of white noise, that it leaves: of a random walk, the slowest noise, it leaves
-# 2 % or more in 99 of 100 cases.
+# Readings follow a curve if the polynomial leaves less than this share of their variance beyond white noise.
+# For a random walk, the slowest noise, it leaves 2 % or more in 99 of 100 cases.
 _OF_CURVE = 0.02
 _OF_WHITE = 20.0  # variance of third differences of white noise of variance 1
-_ABOVE_NOISE = 2.0  # ratio to the variance of white noise below which readings are one value
+_ABOVE_NOISE = 2.0  # ratio to the variance of white noise below which readings count as constant
 
 
 class Saturation(SensorEffect):
@@ -197,13 +199,13 @@ class Saturation(SensorEffect):
         return np.clip(effort, -inner["limit"], inner["limit"])
 
     def slope(self, effort: FloatArray, columns: FloatArray, data: ChannelData, inner: Inner) -> FloatArray:
-        """See `SensorEffect.slope`: none beyond the limit."""
+        """See `SensorEffect.slope`: zero beyond the limit."""
         return np.where(np.abs(effort) < inner["limit"], 1.0, 0.0)[:, None] * columns
 
     def is_misnamed(
         self, data: ChannelData, parameters: Mapping[str, float], errors: Errors, noise: float
     ) -> bool:
-        """See `Effect.is_misnamed`: readings go on beyond the limit by more than noise, or follow a curve."""
+        """See `Effect.is_misnamed`: readings exceed the limit by more than noise, or follow a curve."""
         above = np.abs(data.effort) - parameters[f"{self.name}.limit"]
         beyond = above > 0.0
         if np.sum(above > _NOISE * noise) > _OF_THOSE * np.sum(beyond):
@@ -222,14 +224,14 @@ class Saturation(SensorEffect):
 
 
 def _follows_a_curve(readings: FloatArray, signals: FloatArray, run: IntArray) -> bool:
-    """Return whether readings that should be constant follow signals smoothly in each run.
+    """Return whether readings beyond a limit follow signals smoothly in each run.
 
-    An end of a range is the same however far the effort is beyond it. What yields goes on, bends and falls.
+    A saturated reading is constant for any effort. Readings of an unsaturated sensor vary with the motion.
 
     Args:
-        readings: shape (m,).
-        signals: a polynomial of the first is fitted, and the others as they are; shape (m, k).
-        run: shape (m,).
+        readings: readings beyond the limit, shape (m,) [effort].
+        signals: regressors, shape (m, k): the first enters as a polynomial, the others linearly.
+        run: run number of each reading, shape (m,).
     """
     total, sse, white = 0.0, 0.0, 0.0
     for number in np.unique(run):
@@ -246,14 +248,14 @@ def _follows_a_curve(readings: FloatArray, signals: FloatArray, run: IntArray) -
     return total > _ABOVE_NOISE * white and sse - white < _OF_CURVE * (total - white)
 
 
-_STILL = 0.1  # change relative to the width below which an effort has not moved
+_STILL = 0.1  # change relative to the width below which an effort counts as constant
 
 
 class Hysteresis(SensorEffect):
-    """reading = play(effort, width): it follows after a gap of twice the width is crossed.
+    """reading = play(effort, width): after a reversal it follows once a gap of twice the width is crossed.
 
-    Where in the gap a run begins depends on what came before it (a reading stays up after a press), so that
-    is taken from the reading in free air; a joint has no such rest, and starts in the middle of the gap.
+    The initial state in the gap depends on the past: a reading stays high after a press. In a contact it is
+    taken from the readings in free air. A joint has no such rest and starts in the middle of the gap.
     """
 
     name = "hysteresis"
@@ -275,7 +277,7 @@ class Hysteresis(SensorEffect):
     linear = False
 
     def applies_to(self, data: ChannelData) -> bool:
-        """See `Effect.applies_to`: a press that does not return shows a bias at most."""
+        """See `Effect.applies_to`: a contact must return, else hysteresis looks like a bias."""
         is_one_pass = data.kind is ChannelKind.CONTACT and is_one_way(data.position, data.run)
         return super().applies_to(data) and not is_one_pass
 
@@ -285,9 +287,9 @@ class Hysteresis(SensorEffect):
         return play(effort, data.run, width, at_first)
 
     def slope(self, effort: FloatArray, columns: FloatArray, data: ChannelData, inner: Inner) -> FloatArray:
-        """See `SensorEffect.slope`: while the reading is held, that of the moment when it last followed.
+        """See `SensorEffect.slope`: while the reading is held, the slope when it last followed the effort.
 
-        None before it first did.
+        In a contact the slope is zero until the reading first follows.
         """
         return self.follow(effort, columns, data, inner)[0]
 
@@ -309,10 +311,9 @@ class Hysteresis(SensorEffect):
 
 
 def _first_readings(effort: FloatArray, data: ChannelData, width: float) -> FloatArray:
-    """Mean reading of each run until the effort first moves, shape (runs,) or (runs, p) with p columns.
+    """Return the mean reading of each run before the effort changes, shape (runs,) or (runs, p).
 
-    Of a run that is held out these readings are used too: where its sensor stood before it was pressed, which
-    no other run tells.
+    Held-out runs use their own readings too, since other runs do not determine the sensor's initial state.
     """
     starts, piece = block_index(data.run)
     moved = np.abs(effort - effort[starts][piece]) > _STILL * width
@@ -326,17 +327,17 @@ def _first_readings(effort: FloatArray, data: ChannelData, width: float) -> Floa
 
 
 _EDGES = (0.5, 1.5)  # edges that noise can reach, in steps
-_FURTHEST = 8.5  # standard deviations that noise carries anything; beyond, it is less than rounding
-_SMOOTH = 0.5  # noise in steps, from which on the treads are gone
-_REACH, _TREAD = 0.2, 0.1  # in steps, about an edge where it is steep; slope elsewhere, so that none is free
-_REPEATED = 0.5  # distinct readings of all
+_FURTHEST = 8.5  # standard deviations beyond which the effect of noise is below rounding errors
+_SMOOTH = 0.5  # noise, in steps, at which the expected reading has no steps left
+_REACH, _TREAD = 0.2, 0.1  # half width [steps] of the difference quotient, and least slope to avoid zero
+_REPEATED = 0.5  # largest share of distinct readings
 _SHARES = (0.01, 0.05, 0.2)  # start values of the noise, in steps
 
 
 class Quantisation(SensorEffect):
-    """reading = step * round((effort + noise) / step), on the average over the noise ahead of the steps.
+    """reading = step * round((effort + noise) / step), averaged over the noise before quantization.
 
-    Near an edge the noise decides which of two steps is shown; between edges it is not seen at all.
+    Near an edge the noise decides between two readings; between edges it has no effect.
     """
 
     name = "quantisation"
@@ -358,7 +359,7 @@ class Quantisation(SensorEffect):
     linear = False
 
     def applies_to(self, data: ChannelData) -> bool:
-        """See `Effect.applies_to`; where hardly a reading comes twice there are no steps to see."""
+        """See `Effect.applies_to`: readings must repeat, else there are no visible steps."""
         return super().applies_to(data) and len(np.unique(data.effort)) < _REPEATED * len(data)
 
     def sense(self, effort: FloatArray, data: ChannelData, inner: Inner) -> FloatArray:
@@ -370,9 +371,9 @@ class Quantisation(SensorEffect):
         return np.asarray(step * (whole + _carried_over(steps, noise) - _carried_over(-steps, noise)))
 
     def starts(self, data: ChannelData) -> tuple[Inner, ...]:
-        """See `Effect.starts`: the mean distance between neighbouring readings, and shares of it.
+        """See `Effect.starts`: the mean distance between adjacent readings, with several noise levels.
 
-        A single distance would not do: readings that are rounded once more lie at uneven distances.
+        A single distance is unreliable, since further rounding makes the distances uneven.
         """
         levels = np.unique(data.effort)
         if len(levels) < 2:
@@ -383,9 +384,9 @@ class Quantisation(SensorEffect):
         return tuple({"step": step, "noise": share * step} for share in _SHARES)
 
     def slope(self, effort: FloatArray, columns: FloatArray, data: ChannelData, inner: Inner) -> FloatArray:
-        """See `SensorEffect.slope`: steep about an edge, next to nothing on a tread, one on average.
+        """See `SensorEffect.slope`: steep at an edge, nearly zero between edges, and one on average.
 
-        What is held on a tread says nothing of the effort, however long it lasts; only where edges are does.
+        Constant readings between edges give almost no information on the effort; the edges do.
         """
         reach = _REACH * inner["step"]
         ahead, behind = (self.sense(effort + side * reach, data, inner) for side in (1.0, -1.0))
@@ -394,7 +395,7 @@ class Quantisation(SensorEffect):
 
 
 def _carried_over(part: FloatArray, noise: float) -> FloatArray:
-    """Edges above `part` that noise carries it over, expected, same shape; both in steps."""
+    """Return the expected number of edges above `part` that noise crosses, same shape; both in steps."""
     over = np.zeros_like(part)
     for edge in _EDGES:
         near = part > edge - _FURTHEST * noise

@@ -1,4 +1,4 @@
-"""Memory over time: elastic force that fades, on one, two or all scales of time."""
+"""Memory over time: elastic force that relaxes on one, two or all time scales."""
 
 from itertools import combinations
 
@@ -13,9 +13,9 @@ from palpate.robot_io.types import FloatArray
 
 
 class StressRelaxation(AdditiveEffect):
-    """A Maxwell branch beside the spring: F = k1 z with z' = x' - z / tau, z = 0 before the first run.
+    """Maxwell branch parallel to the spring: F = k1 z with z' = x' - z / tau, z = 0 before the first run.
 
-    A press soon after another meets an object that has not recovered yet: see `faded`.
+    The state z persists between runs, since an object may not have recovered at the next press.
     """
 
     name = "stress_relaxation"
@@ -46,10 +46,10 @@ class StressRelaxation(AdditiveEffect):
 
 
 class PowerLawRelaxation(MemoryEffect):
-    """F = integral ((1 - share) + share ((t - s) / 1 s)^-alpha) dE(s); E is what all springs give.
+    """F = integral ((1 - share) + share ((t - s) / 1 s)^-alpha) dE(s), where E is the elastic force.
 
-    Quasi-linear viscoelasticity with a springpot, between a spring (alpha 0) and a dashpot (alpha 1), beside
-    the part that lasts. Stiffness means that one second after a sudden press.
+    This is quasi-linear viscoelasticity with a springpot, between a spring (alpha 0) and a dashpot (alpha 1),
+    and a permanent part. Stiffness refers to one second after a sudden press.
     """
 
     name = "power_law_relaxation"
@@ -80,7 +80,7 @@ class PowerLawRelaxation(MemoryEffect):
         return (1.0 - share) * elastic + share * fading
 
     def starts(self, data: ChannelData) -> tuple[Inner, ...]:
-        """See `Effect.starts`: from a spring that fades a little to what is nearly a dashpot."""
+        """See `Effect.starts`: from a spring with little relaxation to nearly a dashpot."""
         return start_grid(share=(0.2, 0.5, 0.9), alpha=(0.08, 0.2, 0.4, 0.7))
 
 
@@ -88,10 +88,10 @@ _BRANCH_SHARES = (0.15, 0.4)
 
 
 class RelaxationSpectrum(MemoryEffect):
-    """F = (1 - f - s) E + f Z_f + s Z_s, Z' = E' - Z / tau; E is what all springs give at once.
+    """F = (1 - f - s) E + f Z_f + s Z_s, Z' = E' - Z / tau, where E is the instantaneous elastic force.
 
-    Quasi-linear viscoelasticity with two branches: what relaxes is the elastic force, whatever its law, so
-    that stiffness means that of a sudden press. One branch of a straight spring is `stress_relaxation`.
+    This is quasi-linear viscoelasticity with two branches: the elastic force relaxes for any elastic law.
+    Stiffness refers to a sudden press. `stress_relaxation` is one branch with a linear spring.
     """
 
     name = "relaxation_spectrum"
@@ -122,7 +122,7 @@ class RelaxationSpectrum(MemoryEffect):
         return np.asarray((1.0 - shares.sum()) * elastic + fading)
 
     def in_order(self, inner: Inner) -> Inner:
-        """See `Effect.in_order`: the fast branch is the one of the shorter time."""
+        """See `Effect.in_order`: the fast branch has the shorter time constant."""
         if inner["fast_time"] <= inner["slow_time"]:
             return inner
         return {
@@ -133,7 +133,7 @@ class RelaxationSpectrum(MemoryEffect):
         }
 
     def starts(self, data: ChannelData) -> tuple[Inner, ...]:
-        """See `Effect.starts`: from a few samples to the length of the runs."""
+        """See `Effect.starts`: time constants from four samples to the duration of the longest run."""
         step_s = finest_step(data.time_s, data.run)
         longest_s = max(float(np.ptp(data.time_s[data.run == run])) for run in data.runs)
         times = np.geomspace(4.0 * step_s, max(longest_s, 40.0 * step_s), 4)

@@ -1,4 +1,4 @@
-"""Torque that ripples with the angle."""
+"""Torque ripple: effort that varies periodically with the angle."""
 
 from typing import ClassVar
 
@@ -11,19 +11,20 @@ from palpate.estimation.kinds import Kind
 from palpate.estimation.signals.periodicity import harmonics
 from palpate.robot_io.types import FloatArray
 
-_LEAST_WAVES = 1.5  # within the range of motion; less of a wave could be any curve
-_AT_ONCE = 4096  # samples whose waves stay in the processor's cache
+_LEAST_WAVES = 1.5  # least number of waves within the range of motion; fewer could be any curve
+_AT_ONCE = 4096  # samples per batch, so that the waves stay in the processor's cache
 
 
 class TorqueRipple(AdditiveEffect):
-    """effort = sum_m s_m sin(m n q) + c_m cos(m n q); one wave, or the multiples that data shows.
+    """effort = sum_m s_m sin(m n q) + c_m cos(m n q): one wave, or a wave with harmonics.
 
-    `suited_to` finds n and its multiples in what the motion leaves of the effort, see `harmonics`: a motor's
-    cogging has several at once.
+    `suited_to` finds n and the harmonics m in the part of the effort that the motion does not explain, see
+    `harmonics`. The cogging of a motor has several harmonics.
 
     Args:
-        multiples: m, ascending; the gains of m = 1 are called sine and cosine, others sine_m and cosine_m.
-        cycles: where the search for n begins beside waves that go twice or more into the motion's range.
+        multiples: harmonics m, ascending; gains of m = 1 are named sine and cosine, others sine_m and
+            cosine_m.
+        cycles: additional start value of n [1/rad or 1/m].
     """
 
     name = "torque_ripple"
@@ -77,7 +78,7 @@ class TorqueRipple(AdditiveEffect):
         return TorqueRipple(multiples, cycles) if multiples else self
 
     def starts(self, data: ChannelData) -> tuple[Inner, ...]:
-        """See `Effect.starts`: about what was found; for one wave, so close that none is missed."""
+        """See `Effect.starts`: values near `cycles`; for a single wave also a fine grid of wave numbers."""
         span = data.range_of_motion
         half_wave = np.pi / (span * self._multiples.max())  # half a wave of the shortest from end to end
         starts = (
@@ -88,7 +89,7 @@ class TorqueRipple(AdditiveEffect):
 
 
 def _power(powers: dict[int, NDArray[np.complex128]], exponent: int) -> NDArray[np.complex128]:
-    """A power by those of half the exponent, which are kept: products take a fraction of sines' time."""
+    """Compute a power by products of cached powers, which is faster than computing sines."""
     if exponent not in powers:
         half = exponent // 2
         powers[exponent] = _power(powers, half) * _power(powers, exponent - half)

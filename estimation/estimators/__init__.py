@@ -1,4 +1,4 @@
-"""Estimators by family; a new one is a new class in this folder."""
+"""Estimators by family; add a class in this folder to register a new one."""
 
 from palpate.estimation.estimator import Estimator
 from palpate.robot_io.registry import Registry

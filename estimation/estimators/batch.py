@@ -13,7 +13,7 @@ from palpate.robot_io.types import FloatArray
 
 
 class Lsq(Estimator):
-    """Minimise the sum of squared residuals.
+    """Minimize the sum of squared residuals.
 
     Source: the paper, eq. (2), solved by the pseudo-inverse.
     """
@@ -31,10 +31,10 @@ _ROUNDS = 5  # the weights depend only weakly on the gains and have converged by
 
 
 class Weighted(Estimator):
-    """Least squares, repeated with weights 1/sigma from a noise that grows with the predicted effort.
+    """Iterated weighted least squares for noise that grows with the predicted effort (weights 1/sigma).
 
-    Weights come from the prediction, not from the measured effort, which would favour samples whose noise
-    happens to be negative.
+    The weights use the predicted effort. The measured effort would favor samples whose noise happens to be
+    negative.
 
     Source: R. J. Carroll, D. Ruppert, Transformation and Weighting in Regression (1988), ch. 2.
     """
@@ -55,7 +55,7 @@ class Weighted(Estimator):
         return self._estimate(regression, gains, covariance, details=details)
 
 
-_STARTS = 150  # subsets of the start: of p = 4, at 40 % outliers, none is clean with probability 1e-9
+_STARTS = 150  # random subsets; for 4 gains and 40 % outliers, none is clean with probability 1e-9
 _START_SAMPLES = 400  # samples on which the starts are compared
 _ABSOLUTE_ROUNDS = 15
 _FEWEST_INSIDE = 0.55  # share of inliers below which the rest is a misfit, not outliers
@@ -69,8 +69,8 @@ class Robust(Estimator):
     weighted correctly.
 
     Such a start can fit one half of the samples perfectly, for example a long rest, and reject the other half
-    as outliers. If that many samples are rejected, the model is wrong rather than the samples; the estimate
-    then starts from the least absolute residuals, which use all samples.
+    as outliers. So many rejected samples indicate a wrong model, not outliers. The estimate then starts from
+    least absolute residuals, which use all samples.
 
     Source: V. J. Yohai, High Breakdown-Point and High Efficiency Robust Estimates for Regression, Ann. Stat.
     15 (1987).
@@ -80,7 +80,7 @@ class Robust(Estimator):
     loss = Loss.BIWEIGHT
 
     def fit(self, regression: Regression, *, rng: np.random.Generator) -> Estimate:
-        # Gains of the subset whose median absolute residual is smallest, shape (p,).
+        # Choose the gains of the subset with the smallest median absolute residual, shape (p,).
         columns, effort = regression.columns, regression.effort
         candidates = solve_subsets(columns, effort, columns.shape[1], _STARTS, rng).gains
         rows = rng.permutation(len(effort))[:_START_SAMPLES]
@@ -90,8 +90,7 @@ class Robust(Estimator):
         best: FloatArray = candidates[int(np.argmin(medians))]
         settled = _settle(regression, best)
         if settled.inside.mean() < _FEWEST_INSIDE:
-            # Gains (p,) that nearly minimise the sum of absolute residuals, and the even noise that they
-            # leave.
+            # Gains (p,) that nearly minimize the sum of absolute residuals, and their constant noise level.
             share = np.ones(len(regression.effort))
             for _ in range(_ABSOLUTE_ROUNDS):
                 gains = solve(regression.columns, regression.effort, np.sqrt(share)).gains

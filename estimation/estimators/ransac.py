@@ -44,7 +44,7 @@ class Ransac(Estimator):
     threshold: float | None = None  # largest residual of an inlier, in the effort's unit; None: see above
     subset: int = 5  # samples in a random subset
     trials: int = 1000  # number of subsets
-    refinements: int = 100  # how often, at most, the inliers are chosen anew after the fit to them
+    refinements: int = 100  # largest number of refits to newly selected inliers
 
     name = "ransac"
     loss = Loss.CAUCHY
@@ -63,7 +63,7 @@ class Ransac(Estimator):
         size = max(self.subset, regression.columns.shape[1])
         subsets = solve_subsets(regression.columns, regression.effort, size, self.trials, rng)
         threshold = self.threshold or self._noise_threshold(regression, subsets.gains, rng)
-        # Number of inliers of each candidate (trials, p), shape (trials,).
+        # Count the inliers of each candidate, shape (trials,).
         candidates = subsets.gains
         design = np.column_stack([regression.columns, regression.effort]).T.copy()
         signed = np.column_stack([candidates, -np.ones(len(candidates))])
@@ -88,7 +88,7 @@ class Ransac(Estimator):
     def _noise_threshold(
         self, regression: Regression, candidates: FloatArray, rng: np.random.Generator
     ) -> float:
-        """Threshold that follows the noise [effort]; candidates have shape (trials, p)."""
+        """Return a threshold in proportion to the noise [effort]; candidates have shape (trials, p)."""
         columns, effort = regression.columns, regression.effort
         least = _ROUNDING * float(np.sqrt(np.mean(effort**2))) or 1.0
         rows = rng.permutation(len(effort))[:_PILOT_SAMPLES]
@@ -104,7 +104,7 @@ class Ransac(Estimator):
     def _refine(
         self, regression: Regression, gains: FloatArray, threshold: float
     ) -> tuple[FloatArray, BoolArray]:
-        """Fit the inliers, choose them anew, and so on until they stay the same."""
+        """Fit the inliers and select them again until they no longer change."""
         inliers = _inliers(regression, gains, threshold)
         for _ in range(self.refinements + 1):
             if np.count_nonzero(inliers) <= regression.columns.shape[1]:
@@ -127,13 +127,13 @@ def _inliers(regression: Regression, gains: FloatArray, threshold: float) -> Boo
 def _covariance(
     regression: Regression, residuals: FloatArray, rivals: FloatArray, threshold: float
 ) -> Covariance:
-    """Return the covariance of the refined fit, or the spread of the subsets that fit as well.
+    """Return the covariance of the refined fit, or the spread of the subsets that fit equally well.
 
-    The fit to the inliers alone would give errors many times too small if the threshold is below the noise,
-    since a small change of the gains exchanges samples near the threshold. For Gaussian noise of standard
-    deviation s this reduces the slope of the score by 2 t phi(t), t = threshold / s. Far below the noise the
-    refined fit is no better than its initial subset; the spread of `rivals` (m, p), the subsets whose inlier
-    counts are within one standard deviation of the best, then gives the error.
+    If the threshold is below the noise, the usual covariance of the fit to the inliers is many times too
+    small, because a small change of the gains exchanges samples near the threshold. For Gaussian noise of
+    standard deviation s, this reduces the slope of the score by 2 t phi(t), t = threshold / s. Far below the
+    noise the refined fit is no better than its initial subset. The error is then the spread of `rivals`
+    (m, p): the deviations of subsets whose inlier counts are within one standard deviation of the best.
     """
     inside = np.abs(residuals) < threshold
     ratio = min(threshold / max(robust_sigma(residuals), np.finfo(float).tiny), _FAR_ABOVE)
@@ -161,18 +161,18 @@ _SEED = 1
 
 
 class PreemptiveRansac(Rls):
-    """Least squares of the samples that agree with it, for as long as no rival agrees better with most.
+    """Recursive least squares of the inliers, with a pool of rival hypotheses that can replace the estimate.
 
-    Every few samples, as many recent samples as there are gains are drawn and solved; the hypothesis replaces
-    the worst of a pool. Each sample updates the running median of every hypothesis' errors. The recursive
-    estimate is one of the pool; it is updated by its inliers only, and restarts at a rival whose median is
+    Every few samples, a random minimal subset of recent samples gives a new hypothesis, which replaces the
+    worst one of the pool. Each sample updates the running median of every hypothesis' errors. The recursive
+    estimate is a member of the pool. Only its inliers update it, and it restarts at a rival whose median is
     clearly smaller. Each sample takes the same time.
 
     Source: D. Nister, Preemptive RANSAC for Live Structure and Motion Estimation, ICCV 2003.
 
     Args:
-        threshold: largest error of an inlier, in the effort's unit; None for four times the noise, which is
-            taken from the running median.
+        threshold: largest error of an inlier [effort]; None for four times the noise, estimated from the
+            running median.
         variance: variance of each gain at the start.
     """
 

@@ -11,7 +11,7 @@ from palpate.robot_io.errors import InputError
 from palpate.robot_io.types import FloatArray
 
 INITIAL_VARIANCE = 1e8  # variance of a gain before the first sample; allows a stiffness of 10 000 N/m
-_INITIAL_EFFORT = 1e3  # effort that any gain may contribute, where all samples are known beforehand
+_INITIAL_EFFORT = 1e3  # root mean square effort that any gain may contribute, if all samples are known
 _FORGOTTEN = 1e-9  # weight of a sample below which earlier samples are ignored
 
 
@@ -23,8 +23,8 @@ class RecursiveEstimator(OnlineEstimator):
         error = y - h g;  K = P h / (forgetting + h P h);  g += K error;  P = next(P - K h P)
 
     Args:
-        variance: initial variance of each gain over that of the noise; `fit`, which knows all samples, begins
-            with more where a gain of that size would hardly show in the effort.
+        variance: initial variance of each gain relative to that of the noise. `fit` knows all samples, and
+            starts with a larger variance for gains that have little effect on the effort.
     """
 
     forgetting = 1.0
@@ -36,7 +36,7 @@ class RecursiveEstimator(OnlineEstimator):
         self.start(0)
 
     def _next_covariance(self, reduced: FloatArray, error: float) -> FloatArray:
-        """Covariance for the next sample, (p, p), from the covariance after this sample and its error."""
+        """Return the covariance for the next sample, (p, p), from that after this sample and its error."""
         return reduced
 
     def start(self, gain_count: int) -> None:
@@ -58,7 +58,7 @@ class RecursiveEstimator(OnlineEstimator):
         return self._gains
 
     def fit(self, regression: Regression, *, rng: np.random.Generator) -> Estimate:
-        """See `Estimator.fit`; the samples are taken in their order, the last gains are the estimate."""
+        """See `Estimator.fit`; the estimate is the gains after the last sample."""
         rows, efforts = regression.columns, regression.effort.tolist()
         count, gain_count = rows.shape
         level = np.sqrt(np.mean(rows**2, axis=0))
@@ -69,8 +69,8 @@ class RecursiveEstimator(OnlineEstimator):
             kalman_gains[index] = self._kalman_gain
         gains = history[-1]
         residuals = regression.effort - regression.columns @ gains
-        # Derivative of the last gains by each sample's noise, (n, p): each later sample t multiplies the
-        # gains' error by (I - K_t h_t).
+        # Compute the derivative of the last gains by each sample's noise, (n, p). Each later sample t
+        # multiplies the error of the gains by (I - K_t h_t).
         carried, effect = np.eye(gain_count), np.zeros_like(kalman_gains)
         scale = np.abs(kalman_gains[-1]).max()
         for index in range(count - 1, -1, -1):
@@ -85,7 +85,7 @@ class RecursiveEstimator(OnlineEstimator):
 
 
 class Rls(RecursiveEstimator):
-    """Least squares, one sample after the other; every sample counts the same for ever.
+    """Recursive least squares; all samples keep the same weight.
 
     Source: L. Ljung, T. Söderström, Theory and Practice of Recursive Identification (1983), sec. 2.2.
     """
@@ -94,16 +94,17 @@ class Rls(RecursiveEstimator):
 
 
 class Ewrls(RecursiveEstimator):
-    """Exponentially weighted: a sample t steps back counts forgetting^t.
+    """Exponentially weighted recursive least squares: a sample t steps ago has weight forgetting^t.
 
-    Without excitation the covariance would grow without limit, and noise would then change the gains by much;
-    it stops growing at its initial size.
+    Without excitation the covariance would grow without limit, so that noise would change the gains strongly.
+    It therefore stops growing at its initial size.
 
     Source: A. Haddadi, K. Hashtrudi-Zaad, Real-Time Identification of Hunt-Crossley Models, IEEE T-RO 28
     (2012).
 
     Args:
-        forgetting: weight kept by each sample per step, in (0, 1]; 0.999 at 1 kHz remembers about a second.
+        forgetting: factor on the weight of past samples per step, in (0, 1]; 0.999 at 1 kHz is a memory of
+            about 1 s.
         variance: variance of each gain at the start.
     """
 
@@ -121,12 +122,12 @@ class Ewrls(RecursiveEstimator):
 
 
 class Sprls(RecursiveEstimator):
-    """Self-perturbing: the covariance grows by beta * nint(gamma * error^2) * I after each sample.
+    """Self-perturbing recursive least squares: beta * nint(gamma * error^2) * I is added to the covariance.
 
-    nint is the nearest integer, so the term is zero for small errors and acts for LARGE errors (gamma *
-    error^2 >= 1/2): it reactivates the filter after a change. The paper says that the term acts when the
-    error gets too small, which contradicts the formula that it cites; this class follows the formula. With
-    beta = 0 it is RLS.
+    nint is the nearest integer, so the term is zero for small errors and acts on large errors (gamma *
+    error^2 >= 1/2): it reactivates the filter after a change. The paper states that the term acts when the
+    error gets too small. This contradicts the formula that it cites; this class follows the formula. With
+    beta = 0 the method is RLS.
 
     Source: D. J. Park, B. E. Jun, Self-Perturbing Recursive Least Squares Algorithm with Fast Tracking
     Capability, Electronics Letters 28 (1992); beta and gamma of the paper, sec. VI-C.
@@ -159,7 +160,7 @@ _ROUNDING2 = 1e-18  # rounding relative to the squared effort
 
 
 class _Noise:
-    """variance = floor + share * effort^2, from squared errors that fade."""
+    """Noise model variance = floor + share * effort^2, from exponentially weighted squared errors."""
 
     def __init__(self) -> None:
         self._count = self._square = self._fourth = self._errors = self._products = 0.0
@@ -169,21 +170,21 @@ class _Noise:
         """Return the variance of the noise at an effort.
 
         Args:
-            effort: measured.
+            effort: measured effort.
         """
         return self._floor + self._share * effort * effort + _ROUNDING2 * effort * effort
 
     @property
     def mean_variance(self) -> float:
-        """Mean variance of the samples seen so far."""
+        """Weighted mean variance of the samples so far."""
         return self._errors / self._count if self._count else 0.0
 
     def learn(self, error: float, effort: float, *, cut: bool) -> None:
         """Update the noise by one error, clipped at `_FAR` deviations if `cut`.
 
         Args:
-            error: measured less predicted effort.
-            effort: measured.
+            error: measured minus predicted effort.
+            effort: measured effort.
             cut: whether the error may be an outlier.
         """
         square, error2 = effort * effort, error * error
@@ -194,7 +195,7 @@ class _Noise:
         self._fourth = _MEMORY * self._fourth + square * square
         self._errors = _MEMORY * self._errors + error2
         self._products = _MEMORY * self._products + error2 * square
-        # Least squares of the two, neither negative.
+        # Least squares for share and floor, both nonnegative.
         determinant = self._count * self._fourth - self._square * self._square
         if determinant > 1e-6 * self._count * self._fourth:
             self._share = (self._count * self._products - self._square * self._errors) / determinant
@@ -203,18 +204,19 @@ class _Noise:
 
 
 class CusumRls(Rls):
-    """All samples count the same, until a change: then only those after it.
+    """Recursive least squares that restarts when a CUSUM test detects a change.
 
-    For every gain, the products of column and error over their usual size are summed in both directions, less
-    an allowance (Page's CUSUM). Without a change the sums return to zero, and the estimate is recursive least
-    squares, whose variance falls with 1/n. After a change one sum reaches its limit within a few samples, and
-    the covariance is reset. The noise is estimated online, with a part that grows with the effort.
+    For every gain, Page's CUSUM adds up the normalized products of column and error minus an allowance, for
+    both signs. Without a change the sums return to zero, and the estimate is recursive least squares with a
+    variance in proportion to 1/n. After a change, one sum reaches its limit within a few samples and the
+    covariance is reset. The noise is estimated online, with a part that grows with the effort.
 
     Source: E. S. Page, Continuous Inspection Schemes, Biometrika 41 (1954); F. Gustafsson, Adaptive Filtering
     and Change Detection (2000), ch. 5.
 
     Args:
-        limit: limit of the sums, in standard deviations; more alarms below, later ones above.
+        limit: limit of the sums, in standard deviations; a lower limit gives more false alarms, a higher one
+            later alarms.
         variance: variance of each gain at the start.
     """
 
@@ -230,7 +232,7 @@ class CusumRls(Rls):
         super()._begin(variance)
         self._size2 = [0.0] * len(variance)
         self._noise = _Noise()
-        self.changes = 0  # found since the start
+        self.changes = 0  # number of changes detected since the start
         self._restart()
 
     def _restart(self) -> None:

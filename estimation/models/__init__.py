@@ -1,4 +1,4 @@
-"""Base models by family; a new one is one new class here."""
+"""Base models by family; add a class in this folder to register a new one."""
 
 from palpate.estimation.base_model import BaseModel
 from palpate.robot_io.registry import Registry

@@ -1,4 +1,4 @@
-"""Base models of contacts and masses."""
+"""Base models of contacts and of spring-mass-damper systems."""
 
 from dataclasses import replace
 
@@ -32,14 +32,14 @@ _SPRINGY = 0.5  # correlation of force and displacement beyond the surface; free
 
 
 class SpringMassDamper(BaseModel):
-    """F = m a + c v + k x, pulling as well as pushing: the spring is held at both ends."""
+    """F = m a + c v + k x; the force can also pull, as with a spring that is attached at both ends."""
 
     name = "spring_mass_damper"
     channels = frozenset(ChannelKind)
     effects = (Inertia, Damping, Stiffness)
 
     def prepare(self, data: ChannelData, context: ModelContext) -> ChannelData:
-        """Let the spring of a contact pull as well, if the force beyond the surface follows the position."""
+        """Mark all samples as in contact if the force outside the object follows the position."""
         out = data.position < 0.0
         x, force = data.position[out], data.effort[out]
         is_contact = data.kind is ChannelKind.CONTACT

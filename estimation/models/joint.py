@@ -1,4 +1,4 @@
-"""Base models of joints: by itself, or in an arm whose URDF is known."""
+"""Base models of joints: a single joint, or a joint in an arm whose URDF is known."""
 
 from typing import TYPE_CHECKING
 
@@ -25,12 +25,12 @@ class InertiaModel(BaseModel):
 
 
 class PositionServoModel(BaseModel):
-    """goal - position = (J a + (d + kt^2/R) v) / K, K = kp V kt/R: a servo whose effort nobody measured.
+    """goal - position = (J a + (d + kt^2/R) v) / K, K = kp V kt/R: a servo without measured effort.
 
-    The firmware applies the voltage kp V (goal - position) to the motor, which produces kt/R of it as torque,
-    less kt^2/R v of back-EMF (M. Duclusaud, G. Passault, V. Padois, O. Ly, arXiv:2410.08650). Without a
-    measured effort, K and the parts of the damping cannot be separated: all parameters are in rad of goal
-    error.
+    The firmware applies the voltage kp V (goal - position) to the motor. The torque is kt/R times this
+    voltage minus the back-EMF term kt^2/R v (M. Duclusaud, G. Passault, V. Padois, O. Ly, arXiv:2410.08650).
+    Without a measured effort, K and the parts of the damping cannot be separated, so all parameters refer to
+    rad of goal error.
     """
 
     name = "position_servo"
@@ -47,14 +47,14 @@ class PendulumModel(BaseModel):
 
 
 def arm_of(context: ModelContext, model: str) -> tuple["RigidBody", int]:
-    """The arm, and the index of the joint from 0.
+    """Return the arm of a context, and the index of the joint from 0.
 
     Args:
-        context: with the URDF and the number of the joint.
-        model: name that an error shows.
+        context: context with the URDF and the index of the joint.
+        model: name of the model for error messages.
 
     Raises:
-        InputError: the context names no URDF or no joint, or a joint that the arm does not have.
+        InputError: the context has no URDF or no joint, or the arm does not have this joint.
     """
     if not context.urdf or context.joint is None:
         raise InputError(f"model '{model}' needs a joint channel and the arm's URDF (--urdf FILE)")
@@ -73,7 +73,7 @@ def arm_of(context: ModelContext, model: str) -> tuple["RigidBody", int]:
 
 
 class RigidBodyModel(BaseModel):
-    """tau = M(q) a + C(q, v) v + g(q), nothing free: a payload or a wrong mass shows."""
+    """tau = M(q) a + C(q, v) v + g(q) without free parameters: residuals show a payload or a wrong mass."""
 
     name = "rigid_body"
     channels = frozenset({ChannelKind.REVOLUTE, ChannelKind.PRISMATIC})
@@ -87,7 +87,7 @@ class RigidBodyModel(BaseModel):
 
 
 class RigidBodyFittedModel(BaseModel):
-    """tau = Y(q, v, a) pi + d v, with the arm's base parameters pi, as far as the joint feels them."""
+    """tau = Y(q, v, a) pi + d v, with the base parameters pi that affect the joint's torque."""
 
     name = "rigid_body_fitted"
     channels = frozenset({ChannelKind.REVOLUTE, ChannelKind.PRISMATIC})
