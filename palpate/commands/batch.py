@@ -19,7 +19,7 @@ from palpate.workflows.data_options import EffectOption, JsonOption, ReadOptions
 if TYPE_CHECKING:
     import pyarrow as pa
 
-    from palpate.batches.pooling import BatchResult, PooledParameter, SharedParameter
+    from palpate.batches.pooling import PooledParameter, SharedParameter
 
 _MOST_SHOWN = 8  # errors, outliers and parameters in the terminal; the page has all
 
@@ -122,6 +122,27 @@ def batch_command(
     palpate batch 'data/*.csv' --pattern '{specimen}_{day}.csv' --group day --diagnose --out result
 
     palpate batch spots.csv --split run --out result
+
+    Args:
+        data: the measurements, and how they are read.
+        out: output folder.
+        model: base model, or "suggest"; None for what suits each channel.
+        diagnose: whether missing effects are looked for.
+        pool: whether the evidence of all measurements is combined.
+        add: effects fitted to every measurement.
+        pattern: fields in the file names.
+        metadata: file with further fields.
+        join: field whose equal texts make one measurement of several files.
+        split: column whose different texts make several measurements of one file.
+        group: field whose groups are compared.
+        share: effects with the same parameters in all channels of a group.
+        workers: number of processes; None for one per core.
+        scheduler: address of a dask scheduler; None for this machine.
+        retry: whether measurements that could not be judged are tried again.
+        as_json: whether the result is printed as JSON.
+
+    Raises:
+        InputError: an option does not suit the measurements, or none of them is readable.
     """
     from palpate.batches.run import batch  # noqa: PLC0415, its libraries take a second
     from palpate.batches.table import texts  # noqa: PLC0415, as above
@@ -164,7 +185,14 @@ def batch_command(
         )
         raise
     if len(result.errors) == result.measurements:
-        raise InputError(_unreadable(result))
+        name, reason = next(iter(result.errors.items()))
+        reason = reason if name in reason else f"{name}: {reason}"
+        if result.measurements > 1:
+            reason = (
+                f"none of {result.measurements} measurements is readable; {reason} "
+                f"(all reasons: {result.folder / 'table.csv'})"
+            )
+        raise InputError(reason)
 
     def show() -> None:
         to, table = console.stdout(), result.table
@@ -199,16 +227,6 @@ def batch_command(
         to.print(f"page  [bold]{shown(result.page)}[/bold]")
 
     console.present(result.as_data(), show, as_json=as_json)
-
-
-def _unreadable(result: "BatchResult") -> str:
-    """Compose the error for a batch without a readable measurement, with the first reason."""
-    name, reason = next(iter(result.errors.items()))
-    reason = reason if name in reason else f"{name}: {reason}"
-    if result.measurements == 1:
-        return reason
-    table = result.folder / "table.csv"
-    return f"none of {result.measurements} measurements is readable; {reason} (all reasons: {table})"
 
 
 def _shared(entry: "SharedParameter") -> str:

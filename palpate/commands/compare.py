@@ -44,7 +44,7 @@ class ComparedPair:
 
     Args:
         data: the first, and how both are read.
-        other: file of the second; None for the same.
+        path: file of the second; None for the same.
         models: base models of both; None for what suits.
         channel: only this one; None for all that both have.
         revisions: of both, whose models are compared instead; without one of the second, the models of the
@@ -116,11 +116,17 @@ class ComparedPair:
 
 
 def chosen_revisions(study: Study, numbers: Sequence[int]) -> list[Revision]:
-    """Look up revisions by number. InputError: one does not exist, or two are of one channel.
+    """Look up revisions by number.
 
     Args:
         study: the measurement and its revisions.
         numbers: of the revisions.
+
+    Returns:
+        each revision once, in the order of the numbers.
+
+    Raises:
+        InputError: one does not exist, or two are of one channel.
     """
     kept = [study.revision(number) for number in dict.fromkeys(numbers)]
     names = [revision.channel for revision in kept]
@@ -218,6 +224,22 @@ def compare_command(
 
     Examples: palpate compare a.mcap; palpate compare before.csv after.csv --out comparison; palpate compare
     a.mcap --model kelvin_voigt --other-model hunt_crossley
+
+    Args:
+        data: the measurement, and how it is read.
+        other: second measurement; None for the same.
+        model: base model; None for what suits each channel.
+        other_model: base model of the second measurement.
+        channel: only this one.
+        revision: numbers of the revisions to compare instead of the base model.
+        other_revision: the same, of the second measurement.
+        folder: where revisions are kept.
+        as_json: whether the result is printed as JSON.
+        out: folder of result and report.
+        force: whether existing files in that folder are replaced.
+
+    Raises:
+        InputError: options contradict each other, the data cannot be used, or a file cannot be written.
     """
     named = {"--model": model, "--other-model": other_model, "--channel": channel}
     if (revision or other_revision) and (given := [name for name, value in named.items() if value]):

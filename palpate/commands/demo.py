@@ -8,7 +8,7 @@ import numpy as np
 import typer
 
 from palpate.common import console
-from palpate.common.console import as_shell_word, shown, significant, typed
+from palpate.common.console import as_command, shown, significant, typed
 from palpate.common.files import output_file, output_session
 from palpate.common.options import scenario_names
 from palpate.render.build import result_view
@@ -58,6 +58,16 @@ def demo_command(
     """Probe a simulated object and estimate its stiffness, then find a hidden effect in another object.
 
     Writes two session files, each with a folder of recordings, plots and a report. Takes less than a minute.
+
+    Args:
+        scenario: name or file of the simulated world.
+        engine: of its physics; None for the scenario's.
+        seed: of noise and hidden effects; None for a random one.
+        out: first session file to write.
+        as_json: whether the outcome is printed as JSON.
+
+    Raises:
+        InputError: there is no such scenario, or a file cannot be written.
     """
     world = load_scenario(scenario)
     if engine is not None:
@@ -69,14 +79,14 @@ def demo_command(
     second = output_file(session.with_name(f"{session.stem}-hidden.mcap")) if can_hide else None
     if seed is None and second is not None:
         seed = drawn_seed()
-    # Command that repeats this demo.
-    words = ["palpate", "demo", *(["--scenario", scenario] if scenario != DEFAULT else [])]
-    words += ["--engine", engine] if engine is not None else []
-    words += ["--seed", str(seed)] if seed is not None else []
-    again = " ".join(map(as_shell_word, words))
+    given = {"--scenario": None if scenario == DEFAULT else scenario, "--engine": engine, "--seed": seed}
+    chosen = [word for name, value in given.items() if value is not None for word in (name, str(value))]
+    again = as_command(["demo", *chosen])
     talk = console.stderr()
-    by = "" if seed is None else f" (seed {seed})"
-    talk.print(f"A simulated arm probes [bold]{world.description or scenario}[/bold] at three speeds{by}.")
+    seeded = "" if seed is None else f" (seed {seed})"
+    talk.print(
+        f"A simulated arm probes [bold]{world.description or scenario}[/bold] at three speeds{seeded}."
+    )
     with probing_progress(PLAN, live=True) as watcher:
         probe_demo(session, world, seed, watcher, command_line=again)
     with talk.status("estimating, recording and plotting"):
@@ -84,11 +94,11 @@ def demo_command(
     if not as_json:
         out_ = console.stdout()
         print_estimates(out_, demo.estimates, demo.study.truth_of(demo.estimates.channel))
-        out_.print(f"\nsession    [bold]{shown(demo.session)}[/bold]", soft_wrap=True)
-        if demo.recording is not None:
-            out_.print(f"recording  [bold]{shown(demo.recording)}[/bold]", soft_wrap=True)
+        out_.print()
+        recording = {} if demo.recording is None else {"recording": demo.recording}
+        print_files(out_, {"session": demo.session, **recording})
         for number, plot in enumerate(demo.plots):
-            out_.print(f"{'' if number else 'plots':<10} [bold]{shown(plot)}[/bold]", soft_wrap=True)
+            print_files(out_, {"" if number else "plots": plot})
     hidden = None
     if second is not None:
         talk.print("\n[bold]Now the object has a hidden effect that the model lacks.[/bold]")
@@ -140,6 +150,7 @@ def _as_data(demo: Demo, hidden: HiddenDemo | None) -> dict[str, Any]:
 
 
 def _print_hidden(hidden: HiddenDemo) -> None:
+    """Print the diagnosis of the second part, and what the sealed answer says."""
     out = console.stdout()
     print_stages(out, result_view(hidden.result))
     answer = "; ".join(

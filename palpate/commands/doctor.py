@@ -58,6 +58,19 @@ def doctor_command(  # noqa: PLR0917, one parameter an option
     """Examine this machine, or with --robot an arm: limits, ports, devices, rates, and signs with --move.
 
     The exit code is 0 if no check fails, else 1. The arm gets no power without --move and a confirmation.
+
+    Args:
+        robot: robot file of the arm; None for this machine alone.
+        wire: whether its devices are emulated.
+        as_built: robot file of the emulated devices; None for the same.
+        move: whether signs are checked, by hand and under power.
+        drivers: packages with further drivers.
+        yes: whether an emulated arm gets power without a question.
+        as_json: whether the findings are printed as JSON.
+
+    Raises:
+        InputError: options contradict each other, or nobody can confirm.
+        typer.Exit: with 1 if a check fails.
     """
     if robot is None:
         given = {"--wire": wire, "--as-built": as_built, "--move": move, "--yes": yes, "--drivers": drivers}
@@ -91,15 +104,18 @@ def doctor_command(  # noqa: PLR0917, one parameter an option
         well = "is not checked completely" if NOT_POWERED in findings else "passes all checks"
         verdict = (f"'{name}' {well}", f"'{name}' must not be powered like this")
     failed = any(finding.level is Level.FAIL for finding in findings)
-    if as_json:
-        console.print_json({"findings": [vars(finding) for finding in findings]})
-    else:
-        levels = [finding.level for finding in findings]
-        warned, broken = levels.count(Level.WARN), levels.count(Level.FAIL)
-        counts = f"{count(len(levels), 'check')}, {count(warned, 'warning')}, {count(broken, 'failure')}"
-        console.stdout().print(f"{verdict[failed]}: {counts}")
-        if check is not None and robot is not None:
-            console.next_steps(*_next_steps(check, robot, as_built, failed, NOT_POWERED in findings))
+    levels = [finding.level for finding in findings]
+    warned, broken = levels.count(Level.WARN), levels.count(Level.FAIL)
+    counts = f"{count(len(levels), 'check')}, {count(warned, 'warning')}, {count(broken, 'failure')}"
+    steps = []
+    if check is not None and robot is not None:
+        steps = _next_steps(check, robot, as_built, failed, NOT_POWERED in findings)
+    console.present(
+        {"findings": [vars(finding) for finding in findings]},
+        lambda: console.stdout().print(f"{verdict[failed]}: {counts}"),
+        steps,
+        as_json=as_json,
+    )
     if failed:
         raise typer.Exit(1)
 
@@ -138,11 +154,10 @@ def _examine(check: ArmCheck, *, quiet: bool) -> list[Finding]:
 def _print_line(finding: Finding, *, quiet: bool) -> None:
     if quiet:
         return
-    out = console.stdout()
     mark = MARKS[finding.level] + " " * (4 - len(finding.level))
-    out.print(f"{mark}  {safe(finding.subject):<{_SUBJECT_WIDTH}}  {safe(finding.text)}", soft_wrap=True)
+    console.say(f"{mark}  {safe(finding.subject):<{_SUBJECT_WIDTH}}  {safe(finding.text)}")
     if finding.remedy:
-        out.print(f"{'':<{_SUBJECT_WIDTH + 8}}[cyan]→ {safe(finding.remedy)}[/cyan]", soft_wrap=True)
+        console.say(f"{'':<{_SUBJECT_WIDTH + 8}}[cyan]→ {safe(finding.remedy)}[/cyan]")
 
 
 def _next_steps(

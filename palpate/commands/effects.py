@@ -9,7 +9,6 @@ from palpate.common import console
 from palpate.common.console import typed
 from palpate.common.files import existing_data
 from palpate.common.options import effect_names
-from palpate.estimation.effect import Effect
 from palpate.estimation.effects import EFFECTS
 from palpate.render.effects import Example, as_data, kind_of, library, print_effect, print_library
 from palpate.robot_io.errors import InputError
@@ -36,6 +35,14 @@ def effects_command(
     """List the effects that a model may lack, or show one with its equation and a drawing.
 
     Examples: palpate effects; palpate effects backlash; palpate effects cubic_stiffness --on press.csv
+
+    Args:
+        name: of the effect to show in detail; None for the list.
+        on: measurement on whose motion it is drawn.
+        as_json: whether the result is printed as JSON.
+
+    Raises:
+        InputError: there is no such effect, or it does not apply to the measurement.
     """
     if name is None:
         if on is not None:
@@ -54,7 +61,27 @@ def effects_command(
     if as_json:
         console.print_json(as_data(effect))
         return
-    example = Example.plain(effect, kind_of(effect)) if on is None else _example_from(effect, on)
+    if on is None:
+        example = Example.plain(effect, kind_of(effect))
+    else:  # the first channel to which the effect applies
+        from palpate.study import Study  # noqa: PLC0415, takes a second
+
+        study = Study(existing_data(on), keep=False)
+        fits = (
+            study.fit(channel)
+            for channel in study.channels
+            if channel.kind in effect.channels
+            and effect.name not in {part.name for part in channel.model.effects}
+        )
+        examples = (
+            Example.beside(fitted, suited)
+            for fitted in fits
+            if (suited := effect.suited_to(fitted.data)).applies_to(fitted.data)
+        )
+        example = next(examples, None)
+        if example is None:
+            channels = ", ".join(f"{channel.name} ({channel.model.name})" for channel in study.channels)
+            raise InputError(f"{on}: {effect.name} does not apply to any of its channels: {channels}")
     print_effect(console.stdout(), effect, example)
     steps = [(f"palpate effects {name} --on FILE", "draw it on a motion of your own")] if on is None else []
     if name in IMPERFECTIONS:
@@ -64,26 +91,3 @@ def effects_command(
     file = "FILE" if on is None else typed(on)
     steps.append((f"palpate add {file} {name}", "add it to the model of a measurement"))
     console.next_steps(*steps)
-
-
-def _example_from(effect: Effect, file: Path) -> Example:
-    """Return the effect in the first channel of a file to which it applies.
-
-    Raises:
-        InputError: there is none, or it cannot be judged.
-    """
-    from palpate.study import Study  # noqa: PLC0415, takes a second
-
-    study = Study(existing_data(file), keep=False)
-    for channel in study.channels:
-        if (
-            effect.name in {part.name for part in channel.model.effects}
-            or channel.kind not in effect.channels
-        ):
-            continue
-        fitted = study.fit(channel)
-        suited = effect.suited_to(fitted.data)
-        if suited.applies_to(fitted.data):
-            return Example.beside(fitted, suited)
-    channels = ", ".join(f"{channel.name} ({channel.model.name})" for channel in study.channels)
-    raise InputError(f"{file}: {effect.name} does not apply to any of its channels: {channels}")

@@ -1,10 +1,10 @@
 """`palpate export` and `report`: write models, recorded data or a report."""
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from enum import StrEnum
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any, NamedTuple
 
 import typer
 
@@ -19,10 +19,9 @@ from palpate.common.files import (
     write_text,
 )
 from palpate.estimation.channel import ChannelKind
-from palpate.estimation.study.revisions import Revision, own_effects
+from palpate.estimation.study.revisions import own_effects
 from palpate.export.table import LAYOUT_ENDINGS, Program, check_ending, layout_of, recorded_table, write_table
 from palpate.render.build import REPORT, is_own_page
-from palpate.render.terminal import print_files
 from palpate.render.view import NOISE
 from palpate.robot_io.errors import InputError
 from palpate.workflows.data_options import DataArguments, FolderOption, JsonOption, ModelOption, takes_data
@@ -45,6 +44,7 @@ class Format(StrEnum):
     BAM = "bam"
 
 
+_ADD = " (palpate diagnose --apply adds what is missing)"
 # Name of the file that is written by default.
 _FILES = {
     Format.SCENARIO: SCENARIO,
@@ -54,6 +54,15 @@ _FILES = {
     Format.ISAACLAB: "actuators.py",
     Format.BAM: "bam.json",
 }
+
+
+class _Export(NamedTuple):
+    """Result of an export."""
+
+    content: Mapping[str, Any]  # as plain data
+    lines: Sequence[str]  # for people: the written files
+    steps: Sequence[tuple[str, str]] = ()  # commands to try next, with their purposes
+    advice: str = ""  # for people, on stderr
 
 
 @takes_data
@@ -121,6 +130,21 @@ def export_command(
     Examples: palpate export stiff.mcap; palpate export swing.csv --format feedforward -o arm.yaml;
     palpate export arm.csv --urdf arm.urdf --format mjcf --patch arm.xml -o better.xml;
     palpate export stiff.mcap --stream tick -o ticks.parquet
+
+    Args:
+        data: the measurement, and how it is read.
+        revision: numbers of the revisions to export.
+        form: what is written from the models.
+        patch: file to copy and complete.
+        stream: stream or channel to write instead of models.
+        layout: program to write a layout for instead of models.
+        folder: where revisions are kept.
+        out: file to write; by default one in the folder of results.
+        force: whether an existing file is replaced.
+        as_json: whether the result is printed as JSON.
+
+    Raises:
+        InputError: options contradict each other, the data cannot be used, or the file cannot be written.
     """
     given = [
         name
@@ -132,50 +156,119 @@ def export_command(
     if len(given) > 1:
         raise InputError(f"{' and '.join(given)}: one file is written; choose one of them")
     if layout is not None:
-        _export_layout(data.file, layout, out, force=force, as_json=as_json)
-        return
-    if stream is not None:
-        _export_table(data, stream, out, force=force, as_json=as_json)
-        return
-    place = folder_to_read(data.file, folder)
-    study = data.study(None, place)
-    path, force = out or place / _FILES[form], force or out is None
-    if patch is not None and form in (Format.SCENARIO, Format.FEEDFORWARD):
-        raise InputError(f"--patch {patch}: --format {form} patches no file. Valid: mjcf, urdf, bam")
-    if form is Format.FEEDFORWARD:
-        _export_feedforward(data, study, path, revision or (), force=force, as_json=as_json)
-        return
-    if form is not Format.SCENARIO:
-        output_file(path, force=force, keep=[data.file])
-        written = study.export_simulator(path, form.value, patch, revision or [])
-        _warn_of_base_models(study, revision or ())
-        paths = [str(file) for file in written.files]
-
-        def show_files() -> None:
-            for file in written.files:
-                print_files(console.stdout(), {form.value: file})
-            _print_lines(written.used, written.left_out)
-
-        content = {"file": str(data.file), "format": form.value, "files": paths}
-        console.present(
-            content | {"used": written.used, "left_out": written.left_out}, show_files, as_json=as_json
-        )
-        return
-    output_file(path, force=force, keep=[data.file])
-    before = len(study.revisions)
-    kept = study.to_export(revision or ())
-    if len(study.revisions) > before:
-        remark = "nothing was added to the contact's model yet: the base model is exported"
-        console.stderr().print(f"[yellow]{remark}[/yellow] (palpate diagnose --apply adds what is missing)")
-    for item in kept:
-        _warn_of_misfit(item)
-    export = study.export(path, [item.number for item in kept])
+        made = export_layout(data, layout, out, force=force)
+    elif stream is not None:
+        made = export_table(data, stream, out, force=force)
+    else:
+        place = folder_to_read(data.file, folder)
+        study = data.study(None, place)
+        path, force = out or place / _FILES[form], force or out is None
+        if patch is not None and form in (Format.SCENARIO, Format.FEEDFORWARD):
+            raise InputError(f"--patch {patch}: --format {form} patches no file. Valid: mjcf, urdf, bam")
+        if form is Format.SCENARIO:
+            made = export_scenario(data, study, path, revision or (), folder, force=force)
+        else:
+            made = export_joints(data, study, path, revision or (), form, patch, force=force)
 
     def show() -> None:
-        console.stdout().print(f"scenario  [bold]{shown(path)}[/bold]", soft_wrap=True)
-        _print_lines(export.used, export.left_out)
+        for line in made.lines:
+            console.say(line)
+        for key, mark in (("used", "[green]in[/green]   "), ("left_out", "[yellow]out[/yellow]  ")):
+            for term in made.content.get(key, ()):
+                console.stdout().print(f"  {mark}{safe(term)}")
+        if made.advice:
+            console.stderr().print(made.advice, soft_wrap=True)
 
-    content = {"file": str(data.file), "scenario": str(path), "used": export.used}
+    console.present({"file": str(data.file), **made.content}, show, made.steps, as_json=as_json)
+
+
+def export_layout(data: DataArguments, program: Program, out: Path | None, *, force: bool) -> _Export:
+    """Write a viewer's layout.
+
+    Args:
+        data: a session.
+        program: the viewer.
+        out: file to write; None for one in the session's folder of results.
+        force: whether an existing file is replaced.
+
+    Raises:
+        InputError: it is no session, or the file cannot be written.
+    """
+    session = open_session(data.file)
+    path = out or derived_folder(data.file) / f"{program}{LAYOUT_ENDINGS[program]}"
+    text = layout_of(session, program)
+    write_text(output_file(path, force=force or out is None, keep=[data.file]), text)
+    advice = f"open {shown(data.file)} in {PROGRAMS[program]}, and then this layout"
+    long = [stream for name in session.stream_names if (stream := session.samples(name).stream).batch > 1]
+    if long:
+        advice += f"; it shows every {long[0].batch}th sample (palpate inspect draws the peaks of all)"
+    content = {"layout": str(path), "program": str(program)}
+    return _Export(content, [f"layout  [bold]{shown(path)}[/bold]"], advice=advice)
+
+
+def export_table(data: DataArguments, name: str, out: Path | None, *, force: bool) -> _Export:
+    """Write a stream or channel as a table.
+
+    Args:
+        data: session or data file.
+        name: of the stream or channel.
+        out: file to write; None for one in the folder of results.
+        force: whether an existing file is replaced.
+
+    Raises:
+        InputError: there is no such stream or channel, or the file cannot be written.
+    """
+    existing_data(data.file)
+    path = out or derived_folder(data.file) / f"{name}.csv"
+    check_ending(path)
+    table = recorded_table(data.file, data.options, name)
+    write_table(table, output_file(path, force=force or out is None, keep=[data.file]))
+    columns = table.column_names
+    size = f"{count(table.num_rows, 'row')}, {count(table.num_columns, 'column')}"
+    is_measurement = "displacement_m" in columns or any("torque_Nm" in column for column in columns)
+    return _Export(
+        {"stream": name, "table": str(path), "columns": columns},
+        [f"table  [bold]{shown(path)}[/bold]: {size}"],
+        [(f"palpate import {typed(path)}", "import it as a measurement")] if is_measurement else [],
+    )
+
+
+def export_scenario(
+    data: DataArguments,
+    study: "Study",
+    path: Path,
+    revisions: Sequence[int],
+    folder: Path | None,
+    *,
+    force: bool,
+) -> _Export:
+    """Write the models as a simulated world, and warn of a model that leaves more than the noise.
+
+    Args:
+        data: the measurement.
+        study: of this measurement.
+        path: file to write.
+        revisions: numbers of the revisions to export; none for the newest of each channel.
+        folder: where revisions are kept, as typed.
+        force: whether an existing file is replaced.
+
+    Raises:
+        InputError: there is no such revision, or the file cannot be written.
+    """
+    output_file(path, force=force, keep=[data.file])
+    before = len(study.revisions)
+    kept = study.to_export(revisions)
+    if len(study.revisions) > before:
+        console.warn("nothing was added to the contact's model yet: the base model is exported", _ADD)
+    for item in kept:
+        times = item.rmse / item.noise_floor if item.noise_floor > 0.0 else math.inf
+        if times >= NOISE:
+            name = " + ".join([item.model, *item.effects])
+            console.warn(
+                f"{item.channel}: {name} leaves an error of {times:.3g} times the noise",
+                "; a simulation with it differs from the measurement",
+            )
+    export = study.export(path, [item.number for item in kept])
     numbers, own = [str(each.number) for each in kept], own_effects(kept)
     again = data.typed(revision=numbers, folder=folder, effect=[*(data.effect or ()), *own])
     steps = [(f"palpate probe --scenario {typed(path)}", "probe the model as if it were the object")]
@@ -183,43 +276,53 @@ def export_command(
         twin = f"palpate replay {typed(data.file)} --scenario {typed(path)}"
         steps.append((twin, "repeat the recorded motion on the model"))
     steps.append((f"palpate compare {again}", "compare the model with the measurement"))
-    console.present(content | {"left_out": export.left_out}, show, steps, as_json=as_json)
+    return _Export(
+        {"scenario": str(path), "used": export.used, "left_out": export.left_out},
+        [f"scenario  [bold]{shown(path)}[/bold]"],
+        steps,
+    )
 
 
-def _export_feedforward(
-    data: DataArguments, study: "Study", table: Path, revisions: Sequence[int], *, force: bool, as_json: bool
-) -> None:
-    """Write the feedforward of the joints as a table with functions in Python and C."""
-    if table.suffix not in {".yaml", ".yml"}:
-        raise InputError(f"output {table}: a feedforward is written as .yaml, with .py and .c beside it")
-    files = {"table": table, "python": table.with_suffix(".py"), "c": table.with_suffix(".c")}
-    for file in files.values():
-        output_file(file, force=force, keep=[data.file])
-    made = study.export_feedforward(table, list(revisions))
-    _warn_of_base_models(study, revisions)
+def export_joints(  # noqa: PLR0917, what was typed
+    data: DataArguments,
+    study: "Study",
+    path: Path,
+    revisions: Sequence[int],
+    form: Format,
+    patch: Path | None,
+    *,
+    force: bool,
+) -> _Export:
+    """Write the models of the joints as a feedforward or for a simulator, and warn of base models.
 
-    def show() -> None:
-        print_files(console.stdout(), files)
-        _print_lines(made.used, made.left_out)
+    Args:
+        data: the measurement.
+        study: of this measurement.
+        path: file to write; a feedforward's functions in Python and C are written beside it.
+        revisions: numbers of the revisions to export; none for the newest of each channel.
+        form: what is written.
+        patch: file to copy and complete; None for the form's own.
+        force: whether existing files are replaced.
 
-    paths = {name: str(file) for name, file in files.items()}
-    content = {"file": str(data.file), **paths, "used": made.used, "left_out": made.left_out}
-    console.present(content, show, as_json=as_json)
-
-
-def _warn_of_misfit(revision: Revision) -> None:
-    """Warn of a model that leaves more than the noise: a simulation with it differs from the data."""
-    times = revision.rmse / revision.noise_floor if revision.noise_floor > 0.0 else math.inf
-    if times >= NOISE:
-        name = " + ".join([revision.model, *revision.effects])
-        remark = f"{revision.channel}: {name} leaves an error of {times:.3g} times the noise"
-        console.stderr().print(
-            f"[yellow]{safe(remark)}[/yellow]; a simulation with it differs from the measurement"
-        )
-
-
-def _warn_of_base_models(study: "Study", revisions: Sequence[int]) -> None:
-    """Warn of joints without a revision, whose base models were written."""
+    Raises:
+        InputError: there is no such revision, or a file cannot be written.
+    """
+    content: dict[str, Any]
+    if form is Format.FEEDFORWARD:
+        if path.suffix not in {".yaml", ".yml"}:
+            raise InputError(f"output {path}: a feedforward is written as .yaml, with .py and .c beside it")
+        files = [("table", path), ("python", path.with_suffix(".py")), ("c", path.with_suffix(".c"))]
+        for _, file in files:
+            output_file(file, force=force, keep=[data.file])
+        made = study.export_feedforward(path, list(revisions))
+        content = {name: str(file) for name, file in files}
+        used, left_out = made.used, made.left_out
+    else:
+        output_file(path, force=force, keep=[data.file])
+        written = study.export_simulator(path, form.value, patch, list(revisions))
+        files = [(form.value, file) for file in written.files]
+        content = {"format": form.value, "files": [str(file) for file in written.files]}
+        used, left_out = written.used, written.left_out
     chosen = {study.revision(number).channel for number in revisions}
     plain = [
         item.name
@@ -227,51 +330,9 @@ def _warn_of_base_models(study: "Study", revisions: Sequence[int]) -> None:
         if item.kind is not ChannelKind.CONTACT and item.name not in chosen and study.newest(item) is None
     ]
     if plain:
-        remark = f"no effect was added to {', '.join(plain)}: the base model is exported"
-        console.stderr().print(f"[yellow]{remark}[/yellow] (palpate diagnose --apply adds what is missing)")
-
-
-def _export_table(data: DataArguments, name: str, out: Path | None, *, force: bool, as_json: bool) -> None:
-    """Write a stream or channel, by default into the session's folder of results."""
-    existing_data(data.file)
-    path = out or derived_folder(data.file) / f"{name}.csv"
-    check_ending(path)
-    table = recorded_table(data.file, data.options, name)
-    write_table(table, output_file(path, force=force or out is None, keep=[data.file]))
-    columns = table.column_names
-    content = {"file": str(data.file), "stream": name, "table": str(path), "columns": columns}
-    size = f"{count(table.num_rows, 'row')}, {count(table.num_columns, 'column')}"
-    is_measurement = "displacement_m" in columns or any("torque_Nm" in column for column in columns)
-    console.present(
-        content,
-        lambda: console.stdout().print(f"table  [bold]{shown(path)}[/bold]: {size}", soft_wrap=True),
-        [(f"palpate import {typed(path)}", "import it as a measurement")] if is_measurement else [],
-        as_json=as_json,
-    )
-
-
-def _export_layout(file: Path, program: Program, out: Path | None, *, force: bool, as_json: bool) -> None:
-    """Write a viewer's layout, by default into the session's folder of results."""
-    session = open_session(file)
-    path = out or derived_folder(file) / f"{program}{LAYOUT_ENDINGS[program]}"
-    text = layout_of(session, program)
-    write_text(output_file(path, force=force or out is None, keep=[file]), text)
-    if as_json:
-        console.print_json({"file": str(file), "layout": str(path), "program": str(program)})
-        return
-    console.stdout().print(f"layout  [bold]{shown(path)}[/bold]", soft_wrap=True)
-    advice = f"open {shown(file)} in {PROGRAMS[program]}, and then this layout"
-    long = [stream for name in session.stream_names if (stream := session.samples(name).stream).batch > 1]
-    if long:
-        advice += f"; it shows every {long[0].batch}th sample (palpate inspect draws the peaks of all)"
-    console.stderr().print(advice, soft_wrap=True)
-
-
-def _print_lines(used: Sequence[str], left_out: Sequence[str]) -> None:
-    for line in used:
-        console.stdout().print(f"  [green]in[/green]   {safe(line)}")
-    for line in left_out:
-        console.stdout().print(f"  [yellow]out[/yellow]  {safe(line)}")
+        console.warn(f"no effect was added to {', '.join(plain)}: the base model is exported", _ADD)
+    lines = [f"{what:<10} [bold]{shown(file)}[/bold]" for what, file in files]
+    return _Export(content | {"used": used, "left_out": left_out}, lines)
 
 
 @takes_data
@@ -291,13 +352,25 @@ def report_command(
     """Write measurement, models and diagnosis as one self-contained HTML page.
 
     palpate report press.csv -o press.html
+
+    Args:
+        data: the measurement, and how it is read.
+        model: base model; None for what suits each channel.
+        folder: where revisions are kept.
+        out: page to write.
+        force: whether a page of another program is replaced.
+        as_json: whether the result is printed as JSON.
+
+    Raises:
+        InputError: the data cannot be used, or the page cannot be written.
     """
     path = output_file(out, force=force or is_own_page(out), keep=[data.file])
     study = data.study(model, folder_to_read(data.file, folder))
     with console.stderr().status("fitting and drawing"):
         study.report(path, [f"palpate report {data.typed(model=model, folder=folder)}"])
-    if as_json:
-        console.print_json({"file": str(data.file), "report": str(path)})
-        return
-    console.stdout().print(f"report  [bold]{shown(path)}[/bold]", soft_wrap=True)
-    console.next_steps((f"palpate workbench {data.typed()}", "an interactive page to try effects on"))
+    console.present(
+        {"file": str(data.file), "report": str(path)},
+        lambda: console.say(f"report  [bold]{shown(path)}[/bold]"),
+        [(f"palpate workbench {data.typed()}", "an interactive page to try effects on")],
+        as_json=as_json,
+    )

@@ -1,7 +1,7 @@
 """`palpate import`: convert measurements from data files to a session."""
 
 import sys
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from datetime import UTC, datetime
 from importlib.metadata import version
 from pathlib import Path
@@ -56,10 +56,38 @@ def import_command(
     needs time, position and torque. Common column names and units are recognized and reported.
 
     Examples: palpate import press.csv --look; palpate import 1.xlsx 2.xlsx -o both.mcap
+
+    Args:
+        options: how the files are read.
+        files: data files, and folders of them.
+        out: session file to write.
+        look: whether the files are only shown.
+        as_json: whether the outcome is printed as JSON.
+
+    Raises:
+        InputError: a file cannot be read, or the session cannot be written.
     """
-    tables = [file for path in files for file in _data_in(path)]
+    tables: list[Path] = []
+    for path in files:
+        inside = data_files(path) if path.is_dir() else [existing_file(path, "data file")]
+        for file in inside:
+            if is_session(file):
+                open_session(file)  # raises for a file that only has a session's name
+                raise InputError(f"{file}: is a session already; all commands read it directly")
+        if not inside:
+            raise InputError(f"{path}: is a folder without a data file")
+        tables += inside
     if look:
-        _print_preview(files, tables, options, out, as_json=as_json)
+        if out is not None:
+            raise InputError("--look stores nothing: leave out --out")
+        if as_json:
+            console.print_json({"files": [look_as_data(file, options.options) for file in tables]})
+            return
+        roles = None
+        for file in tables:
+            roles = look_at(file, options.options, roles)
+        words = [*map(typed, files[:-1]), retyped(files[-1], **options.given)]
+        console.next_steps((" ".join(["palpate import", *words]), "store it as a session"))
         return
     stem = files[0].name.removesuffix(".gz").rpartition(".")[0] or files[0].stem
     session = output_session(out or Path("sessions") / f"{stem}.mcap")
@@ -86,8 +114,8 @@ def import_command(
             samples, runs = count(fact["samples"], "sample"), count(fact["runs"], "run")
             lasts = duration(fact["recorded_s"])
             title = safe(imported.title(fact["channel"]))
-            console.stdout().print(f"{title} ({fact['kind']}): {samples}, {runs}, {lasts}", soft_wrap=True)
-        console.stdout().print(f"written: [bold]{shown(session)}[/bold]", soft_wrap=True)
+            console.say(f"{title} ({fact['kind']}): {samples}, {runs}, {lasts}")
+        console.say(f"written: [bold]{shown(session)}[/bold]")
 
     content = {"session": str(session), "channels": facts(imported), "notes": list(notes)}
     steps = (
@@ -97,43 +125,6 @@ def import_command(
         (f"palpate info {typed(session)}", "what is in the file"),
     )
     console.present(content, show, steps, as_json=as_json)
-
-
-def _data_in(path: Path) -> list[Path]:
-    """Return the file, or the data files of a folder. InputError: none, or a session (needs no import)."""
-    files = data_files(path) if path.is_dir() else [existing_file(path, "data file")]
-    for file in files:
-        if is_session(file):
-            open_session(file)  # raises for a file that only has a session's name
-            raise InputError(f"{file}: is a session already; all commands read it directly")
-    if not files:
-        raise InputError(f"{path}: is a folder without a data file")
-    return files
-
-
-def _print_preview(
-    named: Sequence[Path], files: Sequence[Path], options: ReadOptions, out: Path | None, *, as_json: bool
-) -> None:
-    if out is not None:
-        raise InputError("--look stores nothing: leave out --out")
-    if as_json:
-        console.print_json({"files": [look_as_data(file, options.options) for file in files]})
-        return
-    roles = None
-    for file in files:
-        roles = look_at(file, options.options, roles)
-    given = {
-        "column": options.column,
-        "unit": options.unit,
-        "where": options.where,
-        "context": options.context,
-        "table": options.table,
-    }
-    runs = None if options.runs is None else str(options.runs)
-    more = " ".join(typed(file) for file in named[:-1])
-    last = retyped(named[-1], **given, **{"fresh-runs": options.fresh_runs, "runs": runs})
-    command = " ".join(filter(None, ["palpate import", more, last]))
-    console.next_steps((command, "store it as a session"))
 
 
 _VALUES = 3  # number of values shown of each column

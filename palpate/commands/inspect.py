@@ -41,6 +41,17 @@ def inspect_command(  # noqa: PLR0917, one parameter an option
 
     Without a display, the recording is written to the file of --save, or to a file in the session's folder,
     which is overwritten. Rerun opens this file on any machine.
+
+    Args:
+        session: file of the session.
+        other: session of the other side of a teleoperation.
+        save: recording to write instead of opening a window.
+        screenshot: picture to write.
+        plots: folder of plots.
+        force: whether existing files are replaced.
+
+    Raises:
+        InputError: a session cannot be used, or a file cannot be written.
     """
     opened, merged = open_session(session), None
     if other is not None:
@@ -57,7 +68,6 @@ def inspect_command(  # noqa: PLR0917, one parameter an option
         spare_files(plots, [PLOTS], force=force, keep=[session])
         output_folder(plots)
     recording = save or output_folder(opened.derived_dir) / (RECORDING if merged is None else BOTH)
-    out = console.stdout()
     if merged is None:
         inspection = look_into(opened)
         moment_s = inspection.record(recording)
@@ -67,16 +77,16 @@ def inspect_command(  # noqa: PLR0917, one parameter an option
         from palpate.teleop.recording import record_both  # noqa: PLC0415, as above
 
         moment_s = record_both(merged, recording)
-        out.print(merged.clock_summary())
-    out.print(f"recording: [bold]{shown(recording)}[/bold]", soft_wrap=True)
+        console.stdout().print(merged.clock_summary())
+    console.say(f"recording: [bold]{shown(recording)}[/bold]")
     if plots is not None:
-        out.print(f"plot: [bold]{shown(inspection.plot(plots))}[/bold]", soft_wrap=True)
+        console.say(f"plot: [bold]{shown(inspection.plot(plots))}[/bold]")
     if screenshot is not None:
         take_picture(recording, screenshot, moment_s, PIXELS)
-        out.print(f"picture: [bold]{shown(screenshot)}[/bold]", soft_wrap=True)
+        console.say(f"picture: [bold]{shown(screenshot)}[/bold]")
     elif save is None and plots is None and console.has_display():
         open_window(recording)
-        out.print("opened in a separate window")
+        console.stdout().print("opened in a separate window")
     else:
         console.next_steps(
             (f"rerun {typed(recording)}", "open it (on any machine with rerun-sdk of the same version)")

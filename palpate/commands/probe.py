@@ -63,6 +63,21 @@ def probe_command(
     Without a robot file, this runs in simulation. The session file holds every tick.
 
     A real arm gets power only after a confirmation (or --yes) and a countdown.
+
+    Args:
+        options: which arm runs.
+        experiment: plan to start from.
+        speed_mm_s: approach speeds with commas [mm/s].
+        force_limit_n: force to load up to [N].
+        hold_s: duration of the hold [s].
+        repeats: number of repetitions of all speeds.
+        out: session file to write.
+        online: estimator that runs while probing, or "none".
+        yes: whether a real arm gets power without a question.
+
+    Raises:
+        InputError: the plan is invalid, power was refused, or the file cannot be written.
+        PalpateError: the arm was stopped, or nothing was touched.
     """
     robot_file = options.robot_file
     speeds_m_s = None
@@ -132,10 +147,10 @@ def _print(outcome: ProbingOutcome, planned: int) -> None:
             "power), and start again"
         )
     session = typed(outcome.session)
-    out.print(f"written: [bold]{shown(outcome.session)}[/bold]", soft_wrap=True)
+    console.say(f"written: [bold]{shown(outcome.session)}[/bold]")
     if outcome.sealed:
         reveal = f"to open it: palpate reveal {escape(session)}"
-        out.print(f"sealed:  [bold]{shown(outcome.sealed)}[/bold] ({reveal})", soft_wrap=True)
+        console.say(f"sealed:  [bold]{shown(outcome.sealed)}[/bold] ({reveal})")
     estimate = (f"palpate estimate {session}", "stiffness and damping with their intervals")
     inspect = (f"palpate inspect {session}", "see it in Rerun")
     info = (f"palpate info {session}", "what is in the file")
@@ -161,6 +176,16 @@ def replay_command(
 
     Example: palpate export real.mcap -o twin.yaml; palpate replay real.mcap --scenario twin.yaml
     -o twin.mcap; palpate compare real.mcap twin.mcap
+
+    Args:
+        options: which arm runs.
+        session: whose motion is repeated.
+        out: session file to write.
+        yes: whether a real arm gets power without a question.
+
+    Raises:
+        InputError: the session holds no motion of this arm, power was refused, or a file cannot be written.
+        PalpateError: the arm was stopped.
     """
     recorded = open_session(session)
     references, robot_file = references_of(recorded), options.robot_file
@@ -177,22 +202,23 @@ def replay_command(
         job = replace(job, scenario=scenario_of(recorded))
     with motion_progress("repeating the motion", live=job.simulated) as watcher:
         result, sealed = run_replay(job, references, watcher(references.duration_s))
-    if options.as_json:
-        content = {"session": str(file), "replay_of": str(session), "outcome": str(result.outcome)}
-        console.print_json(content | {"cause": result.cause, "sealed": str(sealed) if sealed else None})
-    else:
-        done = (
-            "done"
-            if result.outcome is Outcome.FINISHED
-            else f"[red]{result.outcome}[/red]: {safe(result.cause)}"
-        )
-        out_ = console.stdout()
-        out_.print(f"{count(runs, 'run')} repeated, {done}")
-        out_.print(f"written: [bold]{shown(file)}[/bold]", soft_wrap=True)
-        console.next_steps(
+    finished = result.outcome is Outcome.FINISHED
+    done = "done" if finished else f"[red]{result.outcome}[/red]: {safe(result.cause)}"
+
+    def show() -> None:
+        console.stdout().print(f"{count(runs, 'run')} repeated, {done}")
+        console.say(f"written: [bold]{shown(file)}[/bold]")
+
+    content = {"session": str(file), "replay_of": str(session), "outcome": str(result.outcome)}
+    console.present(
+        content | {"cause": result.cause, "sealed": str(sealed) if sealed else None},
+        show,
+        [
             (f"palpate compare {typed(session)} {typed(file)}", "both side by side"),
             (f"palpate inspect {typed(file)}", "see it in Rerun"),
-        )
+        ],
+        as_json=options.as_json,
+    )
     raise_for_end(result)
 
 
@@ -226,6 +252,19 @@ def resolve_command(
       palpate resolve --hidden random --seed 7
 
       palpate resolve --robot my_arm.yaml --probes 3 --seconds 120
+
+    Args:
+        options: which arm runs.
+        experiment: plan of the first probe.
+        probes: maximum number of probes.
+        seconds: maximum time of probing [s].
+        channel: the only one to explain.
+        out: folder of the sessions.
+        yes: whether a real arm gets power without a question.
+
+    Raises:
+        InputError: there is no such channel, the folder holds sessions, or power was refused.
+        PalpateError: the arm was stopped.
     """
     from palpate.workflows.resolve import DECISIONS, Budget, resolve  # noqa: PLC0415, the study takes a second
 

@@ -35,7 +35,15 @@ def info_command(
     session: Annotated[Path, typer.Argument(help="Session file (.mcap).")],
     as_json: Annotated[bool, typer.Option("--json", help="Print everything as JSON.")] = False,
 ) -> None:
-    """Show the content of a session: time and origin, streams, events, and whether it is complete."""
+    """Show the content of a session: time and origin, streams, events, and whether it is complete.
+
+    Args:
+        session: file of the session.
+        as_json: whether everything is printed as JSON.
+
+    Raises:
+        InputError: it is no session.
+    """
     opened = open_session(session)
     data = describe_session(opened)
     if as_json:
@@ -43,7 +51,30 @@ def info_command(
         return
     out = console.stdout()
     out.print(f"[bold]{shown(opened.path)}[/bold]")
-    for label, value in _facts(data).items():
+    merged = data["extra"].get(NOT_WHOLE, "")
+    killed = "the program was killed before it closed the file, which holds everything logged until then"
+    lacking = [
+        reason
+        for applies, reason in (
+            (data["unclosed"], killed),
+            (data["truncated"], "the end is missing (the program was killed, or is still writing)"),
+            (data["dropped"], f"{count(data['dropped'], 'record')} dropped because the disk was too slow"),
+            (merged, f"merged from incomplete sessions: {safe(merged)}"),
+        )
+        if applies
+    ]
+    facts = {
+        "made": safe(f"{data['created_utc'] or 'unknown'} by palpate {data['software_version'] or '?'}"),
+        "with": safe(data["command_line"]) or "unknown",
+        "source": safe(data["extra"].get("source", "simulated" if data["simulated"] else "measured")),
+        "seed": "none" if data["seed"] is None else str(data["seed"]),
+        "calibrated": ", ".join(data["calibrations"]) or "nothing",
+        "duration": duration(data["duration_s"]),
+        "whole": f"[yellow]no:[/yellow] {'; '.join(lacking)}" if lacking else "yes",
+    }
+    known = {*facts, RUN_LABELS, NOT_WHOLE}  # labels of runs are in --json only
+    further = ((key, value) for key, value in data["extra"].items() if key not in known and len(value) < 100)
+    for label, value in (*facts.items(), *((safe(key), safe(value)) for key, value in further)):
         out.print(f"  {label:<10} {value}")
     numbers = ("samples", "rate", "runs")
     table = console.table("Streams", "stream", *numbers, "columns", right=numbers)
@@ -111,35 +142,6 @@ def describe_session(session: Session) -> dict[str, Any]:
     }
 
 
-def _facts(data: dict[str, Any]) -> dict[str, str]:
-    merged = data["extra"].get(NOT_WHOLE, "")
-    lacks = data["truncated"] or data["dropped"] or data["unclosed"] or merged
-    whole = "[yellow]no:[/yellow] " if lacks else "yes"
-    if data["unclosed"]:
-        whole += (
-            "the program was killed before it closed the file, which holds everything logged until then; "
-        )
-    if data["truncated"]:
-        whole += "the end is missing (the program was killed, or is still writing); "
-    if data["dropped"]:
-        whole += f"{count(data['dropped'], 'record')} dropped because the disk was too slow; "
-    if merged:
-        whole += f"merged from incomplete sessions: {safe(merged)}"
-    version = data["software_version"] or "?"
-    facts = {
-        "made": safe(f"{data['created_utc'] or 'unknown'} by palpate {version}"),
-        "with": safe(data["command_line"]) or "unknown",
-        "source": safe(data["extra"].get("source", "simulated" if data["simulated"] else "measured")),
-        "seed": "none" if data["seed"] is None else str(data["seed"]),
-        "calibrated": ", ".join(data["calibrations"]) or "nothing",
-        "duration": duration(data["duration_s"]),
-        "whole": whole.rstrip("; "),
-    }
-    known = {*facts, RUN_LABELS, NOT_WHOLE}  # labels of runs are in --json only
-    further = ((key, value) for key, value in data["extra"].items() if key not in known and len(value) < 100)
-    return facts | {safe(key): safe(value) for key, value in further}
-
-
 def merge_command(
     sessions: Annotated[list[Path], typer.Argument(help="Sessions of one arm, or imported ones, in order.")],
     out: Annotated[Path, typer.Option("--out", "-o", help="Session file to write.")],
@@ -148,6 +150,14 @@ def merge_command(
     """Merge several sessions into one; runs are renumbered, and a diagnosis treats them as one measurement.
 
     Example: palpate merge monday.mcap tuesday.mcap -o both.mcap
+
+    Args:
+        sessions: files of one arm, or of imported measurements, in order.
+        out: session file to write.
+        as_json: whether the result is printed as JSON.
+
+    Raises:
+        InputError: fewer than two sessions, a session twice, or sessions that do not match.
     """
     if len(sessions) < 2:
         raise InputError(f"{sessions[0]}: is one session; name two or more")
@@ -161,17 +171,20 @@ def merge_command(
     write_session(file, streams, metadata, [event for session in opened for event in session.events])
     samples = {stream.name: len(columns["time_s"]) for stream, columns in streams}
     console.say_read("", [*not_whole(opened), *surfaces_apart(opened)])
-    if as_json:
-        console.print_json(
-            {"session": str(file), "merged": [str(path) for path in sessions], "samples": samples}
-        )
-        return
-    for name, number in samples.items():
-        console.stdout().print(f"{name}: {count(number, 'sample')} of {count(len(sessions), 'session')}")
-    console.stdout().print(f"written: [bold]{shown(file)}[/bold]", soft_wrap=True)
-    console.next_steps(
-        (f"palpate info {typed(file)}", "what is in the file"),
-        (f"palpate diagnose {typed(file)}", "which physical effect is missing"),
+
+    def show() -> None:
+        for name, number in samples.items():
+            console.stdout().print(f"{name}: {count(number, 'sample')} of {count(len(sessions), 'session')}")
+        console.say(f"written: [bold]{shown(file)}[/bold]")
+
+    console.present(
+        {"session": str(file), "merged": [str(path) for path in sessions], "samples": samples},
+        show,
+        [
+            (f"palpate info {typed(file)}", "what is in the file"),
+            (f"palpate diagnose {typed(file)}", "which physical effect is missing"),
+        ],
+        as_json=as_json,
     )
 
 
@@ -328,7 +341,15 @@ def reveal_command(
     session: Annotated[Path, typer.Argument(help="Session file (.mcap) that was probed with --hidden.")],
     as_json: Annotated[bool, typer.Option("--json", help="Print the answer as JSON.")] = False,
 ) -> None:
-    """Open the sealed answer beside a session: which effects were hidden, where, and how strong."""
+    """Open the sealed answer beside a session: which effects were hidden, where, and how strong.
+
+    Args:
+        session: file of the session.
+        as_json: whether the answer is printed as JSON.
+
+    Raises:
+        InputError: it is no session, or the sealed answer is missing or another session's.
+    """
     sealed = open_session(session)
     answer = (
         open_answer(sealed) if was_sealed(sealed) else SealedAnswer((), None, sealed.metadata.created_utc)
@@ -351,8 +372,9 @@ def reveal_command(
             *((f"palpate effects {name}", "what this effect is") for name in known[:1]), diagnosed
         )
     else:
-        message = f"nothing is sealed beside {shown(session)}: nothing was hidden with palpate probe --hidden"
-        console.stdout().print(message, soft_wrap=True)
+        console.say(
+            f"nothing is sealed beside {shown(session)}: nothing was hidden with palpate probe --hidden"
+        )
         console.next_steps(("palpate probe --hidden random -o secret.mcap", "hide an effect"))
 
 

@@ -52,6 +52,19 @@ def sweep_command(
     palpate sweep mine.yaml --plan
 
     palpate sweep mine.yaml --scheduler tcp://10.0.0.5:8786 --out /shared/mine
+
+    Args:
+        what: "paper", or a file with a grid.
+        out: output folder.
+        workers: number of processes; None for one per core.
+        scheduler: address of a dask scheduler; None for this machine.
+        limit: number of cases to run; None for all.
+        plan: whether the remaining cases and their time are shown instead.
+        as_json: whether the outcome is printed as JSON.
+
+    Raises:
+        InputError: there is no such grid, or the folder holds other files.
+        PalpateError: cases without a result.
     """
     from palpate.sweep import Cluster, ResultStore, run_cases  # noqa: PLC0415, its libraries take a second
 
@@ -78,7 +91,29 @@ def sweep_command(
     seconds = {part: [row["seconds"] for row in own if row["first"]] for part, own in rows.items()}
     done = sum(len(of_part) for of_part in seconds.values())
     if plan:
-        _print_plan(parts, seconds, workers, as_json)
+        known = {name: sum(own) / len(own) for name, own in seconds.items() if own}
+        fallback, processes = max(known.values()), workers or os.cpu_count() or 1
+        left_s = sum(
+            (len(part) - len(seconds[name])) * known.get(name, fallback) for name, part in parts.items()
+        )
+        each = ", ".join(f"{name} {mean_s:.2f} s" for name, mean_s in known.items())
+        content = {
+            "cases": len(cases),
+            "finished": done,
+            "cpu_s_per_case": known,
+            "left_cpu_s": left_s,
+            "workers": processes,
+            "left_wall_s": left_s / processes,
+        }
+        console.present(
+            content,
+            lambda: console.stdout().print(
+                f"{count(len(cases), 'case')}, {done} done; measured time per case: {each}\n"
+                f"remaining: {duration(left_s)} of processor time, {duration(left_s / processes)} on "
+                f"{count(processes, 'worker')}"
+            ),
+            as_json=as_json,
+        )
         return
     cost = sum(map(sum, seconds.values()))
     facts = {
@@ -127,38 +162,6 @@ def _cases(what: str) -> tuple[Mapping[str, Sequence[Any]], Any, str]:
     return {"grid": list(grid.cases())}, grid, path.stem
 
 
-def _print_plan(
-    parts: Mapping[str, Sequence[Any]],
-    seconds: Mapping[str, Sequence[float]],
-    workers: int | None,
-    as_json: bool,
-) -> None:
-    processes = workers or os.cpu_count() or 1
-    known = {name: sum(own) / len(own) for name, own in seconds.items() if own}
-    fallback = max(known.values())
-    left_s = sum((len(part) - len(seconds[name])) * known.get(name, fallback) for name, part in parts.items())
-    total = sum(map(len, parts.values()))
-    done = sum(map(len, seconds.values()))
-    data = {
-        "cases": total,
-        "finished": done,
-        "cpu_s_per_case": known,
-        "left_cpu_s": left_s,
-        "workers": processes,
-        "left_wall_s": left_s / processes,
-    }
-    if as_json:
-        console.print_json(data)
-        return
-    out = console.stdout()
-    each = ", ".join(f"{name} {cost:.2f} s" for name, cost in known.items())
-    out.print(f"{count(total, 'case')}, {done} done; measured time per case: {each}")
-    out.print(
-        f"remaining: {duration(left_s)} of processor time, {duration(left_s / processes)} on "
-        f"{count(processes, 'worker')}"
-    )
-
-
 def _print(outcome: Mapping[str, Any], page: Path | None, before: int) -> None:
     out = console.stdout()
     done, total = outcome["finished"], outcome["cases"]
@@ -169,8 +172,7 @@ def _print(outcome: Mapping[str, Any], page: Path | None, before: int) -> None:
     if outcome["errors"]:
         out.print(f"[yellow]{count(outcome['errors'], 'case')} failed[/yellow]; see the page")
     if page is not None:
-        text = f"written: [bold]{shown(page)}[/bold], with figures, tables and results beside it"
-        out.print(text, soft_wrap=True)
+        console.say(f"written: [bold]{shown(page)}[/bold], with figures, tables and results beside it")
     if done < total:
         again = f"palpate sweep {outcome['what']} --out {typed(Path(outcome['folder']))}"
         rest = "and write the page" if page is None else "and write the page anew"

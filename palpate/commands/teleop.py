@@ -100,6 +100,23 @@ def follower(
 
       palpate teleop follower --scenario stiff -o follower.mcap
       palpate teleop follower --robot my_arm.yaml --experiment gentle.yaml --link router.json5
+
+    Args:
+        options: which arm runs.
+        experiment: probing plan for every target.
+        on_silence: what happens to the current target if the leader is silent.
+        diagnose: whether missing effects are looked for.
+        name: of the pair of leader and follower.
+        port: on this machine, without `link`.
+        link: zenoh configuration.
+        key: secret key file.
+        bad_network: delay and jitter [ms] and loss [%] of this side's messages.
+        out: session file to write.
+        yes: whether a real arm gets power without a question.
+
+    Raises:
+        InputError: an option is invalid, or power was refused.
+        PalpateError: the arm was stopped.
     """
     robot_file = options.robot_file
     plan = load_probing_plan(existing_file(experiment, "experiment")) if experiment else PLAN
@@ -141,7 +158,7 @@ def follower(
         stdout.print(f"targets: {states or 'none'}; {count(outcome.estimates, 'estimate')} sent{end}")
         if outcome.talk_error:
             stdout.print(f"  [yellow]the link failed: {safe(outcome.talk_error)}[/yellow]")
-        stdout.print(f"written: [bold]{shown(job.session)}[/bold]", soft_wrap=True)
+        console.say(f"written: [bold]{shown(job.session)}[/bold]")
         typed_session = typed(job.session)
         steps = {
             f"palpate estimate {typed_session}": "stiffness and damping of every place",
@@ -200,6 +217,24 @@ def leader(  # noqa: PLR0917, one parameter an option
 
       palpate teleop leader --operator gamepad -o leader.mcap
       palpate teleop leader --operator touch.yaml --link router.json5
+
+    Args:
+        operator: name or file of the device that the operator moves.
+        robot: virtual arm.
+        scenario: virtual object before the first estimate.
+        jump_n: largest change of force per millisecond when the model is updated [N].
+        name: of the pair of leader and follower.
+        port: on this machine, without `link`.
+        link: zenoh configuration.
+        key: secret key file.
+        bad_network: delay and jitter [ms] and loss [%] of this side's messages.
+        out: session file to write.
+        yes: whether an arm used as device gets power without a question.
+        as_json: whether the outcome is printed as JSON.
+
+    Raises:
+        InputError: an option is invalid, or power was refused.
+        typer.Exit: with 1 if the other side sent nothing.
     """
     command_line = as_command(sys.argv[1:])
     device = build_operator(operator, MonotonicClock())  # checks the file before anything starts
@@ -235,7 +270,7 @@ def leader(  # noqa: PLR0917, one parameter an option
             f"haptic loop: {late.count} ticks, late p99 {1e6 * late.p99_s:.0f} us, "
             f"p99.9 {1e6 * late.p999_s:.0f} us"
         )
-    out_.print(f"written: [bold]{shown(session)}[/bold]", soft_wrap=True)
+    console.say(f"written: [bold]{shown(session)}[/bold]")
     if outcome.heard:
         console.next_steps(
             (
@@ -272,6 +307,15 @@ def demo(
 
       palpate teleop demo --out teleop-demo
       palpate teleop demo --out far --scenario hunt_crossley --bad-network 500,20,10
+
+    Args:
+        out: folder for everything.
+        scenario: object of the follower.
+        bad_network: delay and jitter [ms] and loss [%] of both sides' messages.
+        as_json: whether the outcome is printed as JSON.
+
+    Raises:
+        InputError: an option is invalid, or the folder cannot be written.
     """
     _line("arm", 7447, None, None, bad_network)  # checks the option before anything starts
     network = [] if bad_network is None else ["--bad-network", bad_network]
@@ -297,14 +341,14 @@ def demo(
     sessions = " ".join(typed(made.files[side]) for side in ("leader", "follower"))
     print_files(console.stdout(), made.files)
     console.stdout().print(f"models over the follower's own measurements: {made.modelled.summary()}")
-    console.stdout().print(made.verdict_summary(), soft_wrap=True)
+    console.say(made.verdict_summary())
     console.next_steps(
         (f"palpate inspect {sessions}", "both sides on one time line"),
         (f"palpate estimate {typed(made.files['follower'])}", "stiffness and damping of every place"),
     )
-    console.stdout().print(made.force_summary(), soft_wrap=True)
+    console.say(made.force_summary())
     if slowness := made.slowness_summary():
-        console.stdout().print(f"[yellow]{slowness}[/yellow]", soft_wrap=True)
+        console.say(f"[yellow]{slowness}[/yellow]")
 
 
 def _line(

@@ -190,6 +190,25 @@ def present(
         next_steps(*commands)
 
 
+def say(text: str) -> None:
+    """Print a line of results, which only the terminal wraps.
+
+    Args:
+        text: with markup.
+    """
+    stdout().print(text, soft_wrap=True)
+
+
+def warn(remark: str, more: str = "") -> None:
+    """Print a warning on stderr.
+
+    Args:
+        remark: the warning, which may quote a file.
+        more: advice behind it, with markup.
+    """
+    stderr().print(f"[yellow]{safe(remark)}[/yellow]{more}")
+
+
 def say_read(read: str, notes: Iterable[str]) -> None:
     """Report on stderr how the columns of a data file were interpreted; nothing for a session.
 
@@ -197,11 +216,10 @@ def say_read(read: str, notes: Iterable[str]) -> None:
         read: the file's columns and their roles; empty for a session.
         notes: sentences that the reader should see.
     """
-    console = stderr()
     if read:
-        console.print(f"[dim]read: {safe(read)}[/dim]")
+        stderr().print(f"[dim]read: {safe(read)}[/dim]")
     for note in notes:
-        console.print(f"[yellow]{safe(note)}[/yellow]")
+        warn(note)
 
 
 def command_group(about: str) -> typer.Typer:

@@ -85,6 +85,19 @@ class ReadOptions:
     ] = None
 
     @property
+    def given(self) -> dict[str, str | list[str] | bool | None]:
+        """The options as `retyped` takes them."""
+        return {
+            "column": self.column,
+            "unit": self.unit,
+            "where": self.where,
+            "context": self.context,
+            "table": self.table,
+            "fresh-runs": self.fresh_runs,
+            "runs": None if self.runs is None else str(self.runs),
+        }
+
+    @property
     def options(self) -> ImportOptions:
         """How to read a data file. InputError: one is not of the form NAME=VALUE, or is given twice."""
         return ImportOptions(
@@ -184,13 +197,13 @@ class DataArguments(ReadOptions):
             console.stderr().print(words)
 
     def typed(self, **more: str | Path | list[str] | bool | None) -> str:
-        """The file with these and all further options as one would type them again; see `retyped`."""
-        given = {"effect": self.effect, "urdf": self.urdf, "tip-frame": self.tip_frame}
-        given |= {"held-out": self.held_out}
-        given |= {"column": self.column, "unit": self.unit, "where": self.where, "context": self.context}
-        given |= {"table": self.table}
-        number = None if self.runs is None else str(self.runs)
-        return retyped(self.file, **{**given, "fresh-runs": self.fresh_runs, "runs": number, **more})
+        """Return the file with all options as one would type them again.
+
+        Args:
+            more: further options, or others instead of those given; see `retyped`.
+        """
+        arm = {"effect": self.effect, "urdf": self.urdf, "tip-frame": self.tip_frame}
+        return retyped(self.file, **{**arm, "held-out": self.held_out, **self.given, **more})
 
 
 def _run_numbers(text: str | None) -> list[int]:
