@@ -19,6 +19,7 @@ from palpate.robot_io.errors import InputError, UnknownNameError
 from palpate.robot_io.types import BoolArray
 
 AT_NOISE = 1.1  # ratio to the noise below which an error is within the noise
+FAR = 3.0  # ratio to the noise above which a model is far off
 _MOST_SPLITS = 3  # splits that are described
 _LEAST_MEAN_SHARE = 0.1  # mean relative to a part's error below which it is not described
 

@@ -9,11 +9,12 @@ from palpate.estimation.model import Model
 from palpate.estimation.models import MODELS
 from palpate.estimation.signals.blocks import time_in_run
 from palpate.estimation.study.channels import StudyChannel
+from palpate.estimation.study.comparison import FAR, Comparison
 from palpate.estimation.study.fitting import fit_base
 from palpate.estimation.study.study import ModelStudy
 from palpate.robot_io.errors import InputError
 
-FAR_BETTER = 0.5  # ratio of held-out errors below which another base model is suggested
+_FAR_BETTER = 0.5  # ratio of held-out errors below which another base model is suggested
 _NO_WORSE = 1.02  # ratio to the error of a complete model
 
 
@@ -43,6 +44,21 @@ def better_model(
     return min(good, key=lambda tried: tried[1], default=None)
 
 
+def far_better_model(
+    study: ModelStudy, channel: StudyChannel, usual: Comparison | None
+) -> tuple[str, float] | None:
+    """Return the base model that fits far better than one that is far off, and its held-out error.
+
+    Args:
+        study: study of the measurement.
+        channel: with the usual base model.
+        usual: comparison of that model; None if the data cannot be judged.
+    """
+    if usual is None or usual.lack_of_fit < FAR:
+        return None
+    return better_model(study, channel, _FAR_BETTER * usual.rmse)
+
+
 def better_explanation(
     study: ModelStudy, channel: StudyChannel, diagnosis: ChannelDiagnosis
 ) -> tuple[str, float] | None:
@@ -60,8 +76,8 @@ def better_explanation(
     if base is None or final is None or diagnosis.verdict is Verdict.ADEQUATE:
         return None
     if diagnosis.verdict is Verdict.UNEXPLAINED or diagnosis.complete is False:
-        return better_model(study, channel, FAR_BETTER * final.rmse)
-    most = min(FAR_BETTER * base.rmse, _NO_WORSE * final.rmse)
+        return better_model(study, channel, _FAR_BETTER * final.rmse)
+    most = min(_FAR_BETTER * base.rmse, _NO_WORSE * final.rmse)
     return better_model(study, channel, most, len(final.parameters))
 
 

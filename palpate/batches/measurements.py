@@ -39,6 +39,56 @@ class BatchMeasurement:
 
 
 @dataclass(frozen=True)
+class MetadataTable:
+    """A table of further fields, found by a column `file` or by fields that the files have already."""
+
+    path: Path
+    keys: Sequence[str]  # columns by which a line is found
+    lines: Mapping[tuple[str, ...], Mapping[str, str]]  # by the texts in these columns
+
+    @classmethod
+    def read(cls, path: Path, fields: Iterable[Mapping[str, str]]) -> "MetadataTable":
+        """Read a table.
+
+        Args:
+            path: a CSV file.
+            fields: those of each file.
+
+        Raises:
+            InputError: no column tells the files apart, or two lines are of the same file.
+        """
+        lines = _lines(path)
+        known = {name for each in fields for name in each}
+        keys = [FILE] if lines and FILE in lines[0] else sorted(known.intersection(lines[0] if lines else ()))
+        if not keys:
+            columns = ", ".join(lines[0] if lines else ())
+            raise InputError(
+                f"{path}: has columns {columns}; one must be '{FILE}', or a field ({', '.join(known)})"
+            )
+        by_key: dict[tuple[str, ...], dict[str, str]] = {}
+        for number, line in enumerate(lines, 2):
+            key = tuple(line[name] for name in keys)
+            if key in by_key:
+                raise InputError(f"{path}: line {number}: {', '.join(key)} appears twice")
+            by_key[key] = line
+        return cls(path, keys, by_key)
+
+    def fields_of(self, file: Path, fields: Mapping[str, str]) -> dict[str, str]:
+        """Look up the further fields of a file. InputError: no line is of this file.
+
+        Args:
+            file: named by its path, its name, or its name without the ending.
+            fields: that the file has already.
+        """
+        own = [(name,) for name in (str(file), file.name, file.stem)]
+        places = own if self.keys == [FILE] else [tuple(fields.get(name, "") for name in self.keys)]
+        for place in places:
+            if place in self.lines:
+                return {name: cell for name, cell in self.lines[place].items() if name != FILE}
+        raise InputError(f"{self.path}: has no row for {file}")
+
+
+@dataclass(frozen=True)
 class MeasurementCase(Case):
     """The case of a measurement; its address depends on the content of the files, not on their place."""
 
@@ -87,32 +137,35 @@ def find_measurements(
     listed: dict[Path, dict[str, str]] = {}
     episodes: set[Path] = set()
     for place in map(str, places):
-        path = Path(place)
-        if _is_list(path):
-            listed |= {path.parent / line.pop(FILE): line for line in _lines(path)}
-        else:
-            files = _files(place)
-            listed |= {file: {} for file in files}
-            episodes.update(files if _is_data_set(path) else ())
+        found = _listed(place)
+        listed |= found
+        episodes.update(found if _is_data_set(Path(place)) else ())
     if not listed:
         raise InputError(f"{', '.join(map(str, places)) or 'no file'}: there is nothing to measure")
     if pattern is not None:
-        matcher = _matcher(pattern)
+        names = _FIELD.findall(pattern)
+        if not names or len(set(names)) < len(names) or not all(name.isidentifier() for name in names):
+            raise InputError(f"--pattern '{pattern}': use each field once, as in '{{specimen}}_{{day}}.csv'")
+        parts = [re.escape(text) for text in _FIELD.split(pattern)]
+        parts[1::2] = [f"(?P<{name}>[^/]+?)" for name in names]
+        matcher = re.compile("".join(parts))
         for file in listed:
             text = "/".join(file.parts[-1 - pattern.count("/") :])
             if (match := matcher.fullmatch(text)) is None:
                 raise InputError(f"--pattern '{pattern}': does not fit the file name {text}")
             listed[file] |= match.groupdict()
     if metadata is not None:
-        _add_metadata(listed, existing_file(Path(metadata), "metadata table"))
+        table = MetadataTable.read(existing_file(Path(metadata), "metadata table"), listed.values())
+        for file in listed:
+            listed[file] |= table.fields_of(file, listed[file])
     if join is not None and split is not None:
         raise InputError(f"--join {join} and --split {split}: give one of them")
     if join is not None:
         return _joined(listed, join)
     # Name each file with as many of its folders as make all names different.
-    parts = [str(path).split(os.sep) for path in listed]
-    for depth in range(1, max(map(len, parts)) + 1):
-        names = ["/".join(own[-depth:]) for own in parts]
+    paths = [str(path).split(os.sep) for path in listed]
+    for depth in range(1, max(map(len, paths)) + 1):
+        names = ["/".join(own[-depth:]) for own in paths]
         if len(set(names)) == len(names):
             break
     return [
@@ -152,9 +205,14 @@ def content_hash(path: Path) -> str:
         return file_digest(file, "sha256").hexdigest() + "".join(path.suffixes[-2:]).lower()
 
 
-def _files(place: str) -> list[Path]:
-    """The measurements of a folder, of a pattern, or one file."""
+def _listed(place: str) -> dict[Path, dict[str, str]]:
+    """Return the measurements of a folder, of a pattern, one file, or those of a list with their fields."""
     path = Path(place)
+    if path.suffix.lower() in _TEXTS and path.is_file():
+        with path.open("rb") as file:  # a text file may as well be a long data file of any encoding
+            names = _header(file.readline(_MOST_BYTES).decode("utf-8-sig", "replace"))[1]
+        if FILE in names:
+            return {path.parent / line.pop(FILE): line for line in _lines(path)}
     if path.is_dir() and not is_bag(path):
         entries = path.glob("data/**/*.parquet") if _is_data_set(path) else path.iterdir()
         files = [
@@ -175,20 +233,12 @@ def _files(place: str) -> list[Path]:
         files = [Path(file) for file in glob.glob(place, recursive=True)]
         if not files:
             raise InputError(f"{place}: no file has such a name")
-    return sorted(files, key=natural_key)
+    return {file: {} for file in sorted(files, key=natural_key)}
 
 
 def _is_data_set(folder: Path) -> bool:
     """Whether a folder is a data set of LeRobot, whose files hold one or several episodes."""
     return (folder / "meta" / "info.json").is_file()
-
-
-def _is_list(path: Path) -> bool:
-    """Whether a text file has a column `file`; it may as well be a long data file of any encoding."""
-    if path.suffix.lower() not in _TEXTS or not path.is_file():
-        return False
-    with path.open("rb") as file:
-        return FILE in _header(file.readline(_MOST_BYTES).decode("utf-8-sig", "replace"))[1]
 
 
 def _header(line: str) -> tuple[str, list[str]]:
@@ -214,39 +264,6 @@ def _lines(path: Path) -> list[dict[str, str]]:
             raise InputError(f"{path}: line {number}: its column '{FILE}' is empty")
         lines.append({name: cell.strip() for name, cell in line.items()})
     return lines
-
-
-def _matcher(pattern: str) -> re.Pattern[str]:
-    names = _FIELD.findall(pattern)
-    if not names or len(set(names)) < len(names) or not all(name.isidentifier() for name in names):
-        raise InputError(f"--pattern '{pattern}': use each field once, as in '{{specimen}}_{{day}}.csv'")
-    texts = map(re.escape, _FIELD.split(pattern)[::2])
-    fields = [f"(?P<{name}>[^/]+?)" for name in names]
-    return re.compile("".join(text + field for text, field in zip(texts, [*fields, ""], strict=True)))
-
-
-def _add_metadata(listed: Mapping[Path, dict[str, str]], table: Path) -> None:
-    lines = _lines(table)
-    known = {name for fields in listed.values() for name in fields}
-    keys = [FILE] if lines and FILE in lines[0] else sorted(known.intersection(lines[0] if lines else ()))
-    if not keys:
-        columns = ", ".join(lines[0] if lines else ())
-        raise InputError(
-            f"{table}: has columns {columns}; one must be '{FILE}', or a field ({', '.join(known)})"
-        )
-    by_key: dict[tuple[str, ...], dict[str, str]] = {}
-    for number, line in enumerate(lines, 2):
-        key = tuple(line[name] for name in keys)
-        if key in by_key:
-            raise InputError(f"{table}: line {number}: {', '.join(key)} appears twice")
-        by_key[key] = line
-    for file, fields in listed.items():
-        own = [(name,) for name in (str(file), file.name, file.stem)]
-        places = own if keys == [FILE] else [tuple(fields.get(name, "") for name in keys)]
-        described = [by_key[place] for place in places if place in by_key]
-        if not described:
-            raise InputError(f"{table}: has no row for {file}")
-        fields |= {name: cell for name, cell in described[0].items() if name != FILE}
 
 
 def _joined(listed: Mapping[Path, dict[str, str]], join: str) -> list[BatchMeasurement]:

@@ -1,13 +1,14 @@
 """Page of a batch: missing effects, distributions, pooled model, differences and outliers."""
 
 from collections import Counter
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import plotly.graph_objects as go
+import pyarrow as pa
 from markupsafe import Markup
 from plotly.offline import get_plotlyjs
 from plotly.subplots import make_subplots
@@ -60,16 +61,31 @@ def write_page(batch: BatchResult) -> None:
         "unreadable": f"{len(batch.errors):,}",
         "processor time": f"{duration(float(seconds))}",
     }
-    lines = list(batch.errors.items())
+    names, files = texts(batch.table, "measurement"), texts(batch.table, "files")
+    outliers = [
+        (
+            Markup('<a href="#row-{}">{}</a>').format(entry.row, names[entry.row]),
+            entry.parameter,
+            f"{significant(entry.value)} {entry.unit}",
+            f"{entry.z:+.1f}",
+            f"palpate report {' '.join(map(as_shell_word, files[entry.row].split('; ')))}",
+        )
+        for entry in sorted(batch.outliers, key=lambda entry: -abs(entry.z))[:_MOST_ROWS]
+    ]
+    about_outliers = (
+        "Values more than 3.5 from the median of their group, over the median absolute deviation (times 1.48)"
+        " and the value's standard error.",
+    )
+    errors = list(batch.errors.items())[:_MOST_ROWS]
     sections = [
         _overview(batch),
-        _common(batch),
+        _COMMON.section(batch.common_effects),
         _distributions(batch),
-        _pooled(batch),
-        _shared(batch),
-        _differences(batch),
-        _outliers(batch),
-        PageSection("Measurements that could not be judged", ("measurement", "reason"), lines[:_MOST_ROWS]),
+        _POOLED.section(batch.pooled),
+        _SHARED.section(batch.shared),
+        _DIFFERENCES.section(sorted(batch.differences, key=lambda entry: entry.p_corrected)),
+        PageSection("Outliers", _OUTLIER, outliers, words=about_outliers),
+        PageSection("Measurements that could not be judged", ("measurement", "reason"), errors),
         _rows(batch),
     ]
     _write(batch.page, f"Batch {batch.folder.name}", facts, sections)
@@ -178,26 +194,6 @@ def _overview(batch: BatchResult) -> PageSection:
     return PageSection("What is missing where", columns, lines, as_html(figure) if any(bars) else None, words)
 
 
-def _common(batch: BatchResult) -> PageSection:
-    columns = ("channel", "effect", "share of the squared error", "improved", "p corrected", "gains as much")
-    lines = [
-        (
-            entry.channel,
-            entry.effect,
-            f"{100 * entry.share:.2g} %",
-            f"{entry.improved} of {entry.measurements}",
-            f"{entry.p_value:.2g}",
-            ", ".join(entry.confused_with),
-        )
-        for entry in batch.common_effects
-    ]
-    words = (
-        "Evidence of all measurements together: mean gain in logarithmic score on held-out runs, one effect "
-        "after the other; the chance of naming one where none is missing is at most 1 % for each step.",
-    )
-    return PageSection("Missing in the measurements together", columns, lines, words=words)
-
-
 def _distributions(batch: BatchResult) -> PageSection:
     """Each parameter with its 95 % intervals, by group."""
     columns = list(parameter_columns(batch.table))
@@ -261,107 +257,95 @@ def _distributions(batch: BatchResult) -> PageSection:
     return PageSection("Parameters", figure=as_html(made), words=tuple(words))
 
 
-def _pooled(batch: BatchResult) -> PageSection:
-    first = ("channel", "parameter", "group", "measurements", "mean", "95 % interval")
-    columns = (*first, "spread", "95 % of measurements", "I²", "unit")
-    lines = [
-        (
-            entry.channel,
-            entry.parameter,
-            entry.group,
-            entry.effects.count,
-            significant(entry.effects.mean, entry.effects.std_err),
-            range_text(entry.effects.interval, entry.effects.std_err),
-            significant(entry.effects.spread, entry.effects.std_err),
-            range_text(entry.effects.prediction, entry.effects.std_err),
-            f"{100 * entry.effects.inconsistency:.0f} %",
-            entry.unit,
-        )
-        for entry in batch.pooled
-    ]
-    words = (
-        "Random effects: each measurement has a true value of its own around the mean. Spread: standard "
-        "deviation of the true values. I²: share of the variance between the values that is not due to their "
-        "standard errors. The columns “shrunk” of the table are each measurement's value, drawn towards the "
-        "mean as far as its standard error exceeds the spread.",
-    )
-    return PageSection("Pooled model, and how much measurements differ", columns, lines, words=words)
+@dataclass(frozen=True)
+class _EntryTable:
+    """A section that tabulates entries of a batch, one a row."""
+
+    title: str
+    columns: Mapping[str, Callable[[Any], object]]  # cells by the heads of their columns
+    words: str  # below the table
+
+    def section(self, entries: Sequence[Any]) -> PageSection:
+        """Tabulate entries.
+
+        Args:
+            entries: in the order of the rows.
+        """
+        rows = [[cell(entry) for cell in self.columns.values()] for entry in entries]
+        return PageSection(self.title, tuple(self.columns), rows, words=(self.words,))
 
 
-def _shared(batch: BatchResult) -> PageSection:
-    columns = ("parameter", "group", "channels", "estimates", "shared value", "95 % interval", "unit", "p")
-    lines = [
-        (
-            entry.parameter,
-            entry.group,
-            ", ".join(entry.channels),
-            entry.count,
-            "contradicted" if entry.contradicted else significant(entry.value, entry.std_err),
-            range_text(entry.interval, entry.std_err),
-            entry.unit,
-            f"{entry.p_corrected:.2g}",
-        )
-        for entry in batch.shared
-    ]
-    words = (
-        "p: chance of estimates as unlike as these if they share one value (Cochran's Q, corrected by Holm). "
-        "Below 0.01 they contradict it, and no shared value is given.",
-    )
-    return PageSection("Shared by all channels of a group", columns, lines, words=words)
-
-
-def _differences(batch: BatchResult) -> PageSection:
-    columns = (
-        "channel",
-        "parameter",
-        "groups",
-        "difference",
-        "95 % interval",
-        "p",
-        "p corrected",
-        "unit",
-        "",
-    )
-    lines = [
-        (
-            entry.channel,
-            entry.parameter,
-            f"{entry.groups[1]} − {entry.groups[0]}",
-            significant(entry.difference, (entry.interval[1] - entry.interval[0]) / 4.0),
-            range_text(entry.interval, (entry.interval[1] - entry.interval[0]) / 4.0),
-            f"{entry.p_value:.2g}",
-            f"{entry.p_corrected:.2g}",
-            entry.unit,
-            "differs" if entry.p_corrected < _SIGNIFICANT else "",
-        )
-        for entry in sorted(batch.differences, key=lambda entry: entry.p_corrected)
-    ]
-    words = (
-        "Welch's test of the groups' means; corrected by Holm over all parameters and pairs of groups. It "
-        "takes the measurements as independent: several files of one specimen belong into one measurement "
-        "(--join specimen).",
-    )
-    return PageSection("Do groups differ?", columns, lines, words=words)
-
-
-def _outliers(batch: BatchResult) -> PageSection:
-    names, files = texts(batch.table, "measurement"), texts(batch.table, "files")
-    lines = [
-        (
-            Markup('<a href="#row-{}">{}</a>').format(entry.row, names[entry.row]),
-            entry.parameter,
-            f"{significant(entry.value)} {entry.unit}",
-            f"{entry.z:+.1f}",
-            f"palpate report {' '.join(map(as_shell_word, files[entry.row].split('; ')))}",
-        )
-        for entry in sorted(batch.outliers, key=lambda entry: -abs(entry.z))[:_MOST_ROWS]
-    ]
-    columns = ("measurement", "parameter", "value", "z", "its own report")
-    words = (
-        "Values more than 3.5 from the median of their group, over the median absolute deviation (times 1.48)"
-        " and the value's standard error.",
-    )
-    return PageSection("Outliers", columns, lines, words=words)
+_COMMON = _EntryTable(
+    "Missing in the measurements together",
+    {
+        "channel": lambda entry: entry.channel,
+        "effect": lambda entry: entry.effect,
+        "share of the squared error": lambda entry: f"{100 * entry.share:.2g} %",
+        "improved": lambda entry: f"{entry.improved} of {entry.measurements}",
+        "p corrected": lambda entry: f"{entry.p_value:.2g}",
+        "gains as much": lambda entry: ", ".join(entry.confused_with),
+    },
+    "Evidence of all measurements together: mean gain in logarithmic score on held-out runs, one effect "
+    "after the other; the chance of naming one where none is missing is at most 1 % for each step.",
+)
+_POOLED = _EntryTable(
+    "Pooled model, and how much measurements differ",
+    {
+        "channel": lambda entry: entry.channel,
+        "parameter": lambda entry: entry.parameter,
+        "group": lambda entry: entry.group,
+        "measurements": lambda entry: entry.effects.count,
+        "mean": lambda entry: significant(entry.effects.mean, entry.effects.std_err),
+        "95 % interval": lambda entry: range_text(entry.effects.interval, entry.effects.std_err),
+        "spread": lambda entry: significant(entry.effects.spread, entry.effects.std_err),
+        "95 % of measurements": lambda entry: range_text(entry.effects.prediction, entry.effects.std_err),
+        "I²": lambda entry: f"{100 * entry.effects.inconsistency:.0f} %",
+        "unit": lambda entry: entry.unit,
+    },
+    "Random effects: each measurement has a true value of its own around the mean. Spread: standard "
+    "deviation of the true values. I²: share of the variance between the values that is not due to their "
+    "standard errors. The columns “shrunk” of the table are each measurement's value, drawn towards the "
+    "mean as far as its standard error exceeds the spread.",
+)
+_SHARED = _EntryTable(
+    "Shared by all channels of a group",
+    {
+        "parameter": lambda entry: entry.parameter,
+        "group": lambda entry: entry.group,
+        "channels": lambda entry: ", ".join(entry.channels),
+        "estimates": lambda entry: entry.count,
+        "shared value": lambda entry: (
+            "contradicted" if entry.contradicted else significant(entry.value, entry.std_err)
+        ),
+        "95 % interval": lambda entry: range_text(entry.interval, entry.std_err),
+        "unit": lambda entry: entry.unit,
+        "p": lambda entry: f"{entry.p_corrected:.2g}",
+    },
+    "p: chance of estimates as unlike as these if they share one value (Cochran's Q, corrected by Holm). "
+    "Below 0.01 they contradict it, and no shared value is given.",
+)
+_DIFFERENCES = _EntryTable(
+    "Do groups differ?",
+    {
+        "channel": lambda entry: entry.channel,
+        "parameter": lambda entry: entry.parameter,
+        "groups": lambda entry: f"{entry.groups[1]} − {entry.groups[0]}",
+        "difference": lambda entry: significant(
+            entry.difference, (entry.interval[1] - entry.interval[0]) / 4.0
+        ),
+        "95 % interval": lambda entry: range_text(
+            entry.interval, (entry.interval[1] - entry.interval[0]) / 4.0
+        ),
+        "p": lambda entry: f"{entry.p_value:.2g}",
+        "p corrected": lambda entry: f"{entry.p_corrected:.2g}",
+        "unit": lambda entry: entry.unit,
+        "": lambda entry: "differs" if entry.p_corrected < _SIGNIFICANT else "",
+    },
+    "Welch's test of the groups' means; corrected by Holm over all parameters and pairs of groups. It "
+    "takes the measurements as independent: several files of one specimen belong into one measurement "
+    "(--join specimen).",
+)
+_OUTLIER = ("measurement", "parameter", "value", "z", "its own report")  # heads of the table of outliers
 
 
 def _rows(batch: BatchResult) -> PageSection:
@@ -373,16 +357,16 @@ def _rows(batch: BatchResult) -> PageSection:
     columns = [
         name for name in (*_ALREADY, *dict.fromkeys(heads)) if name in shown.column_names and name != "files"
     ]
-    lines = zip(*(shown[name].to_pylist() for name in columns), strict=True)
-    cells = [tuple(_cell(value) for value in line) for line in lines]
+    cells = {name: texts(shown, name) for name in columns}
+    for name in columns:
+        if pa.types.is_floating(shown.schema.field(name).type):
+            cells[name] = [
+                "" if value is None else f"{value:.4g}" if np.isfinite(value) else "–"
+                for value in shown[name].to_pylist()
+            ]
+    lines = list(zip(*cells.values(), strict=True))
     words = (f"{len(places):,} of {len(batch.table):,} rows.",) if len(places) < len(batch.table) else ()
-    return PageSection("Measurements", tuple(columns), cells, words=words, anchors=places)
-
-
-def _cell(value: object) -> str:
-    if isinstance(value, float):
-        return f"{value:.4g}" if np.isfinite(value) else "–"
-    return "" if value is None else str(value)
+    return PageSection("Measurements", tuple(columns), lines, words=words, anchors=places)
 
 
 def range_text(interval: tuple[float, float], std_err: float) -> str:

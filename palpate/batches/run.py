@@ -128,8 +128,20 @@ def batch(
     }
     output_folder(folder)
     store, cluster = ResultStore(folder / RESULTS), Cluster(scheduler, workers)
-    if model == SUGGEST:
-        options["model"] = _suggested_model(measurements, options, store, cluster)
+
+    def ask(some: Sequence[BatchMeasurement], question: Mapping[str, Any], progress: Progress) -> pa.Table:
+        """Run cases of some measurements with further options, and return their rows."""
+        asked = _cases(some, {**options, **question}, {}).values()
+        run_cases(list(asked), store, cluster, progress)
+        return store.table(case.address for case in asked)
+
+    if model == SUGGEST:  # the model that more than half of a sample suggest
+        sampled = np.unique(np.linspace(0, len(measurements) - 1, _SAMPLE).round().astype(int))
+        sample = [measurements[number] for number in sampled]
+        rows = ask(sample, {"model": None, "suggest": True}, lambda done, total: None)
+        models = Counter(texts(rows, "suggested"))
+        best, votes = models.most_common(1)[0] if models else ("", 0)
+        options["model"] = (best or None) if votes > models.total() / 2 else None
     failures: dict[str, str] = {}
     cases = _cases(measurements, options, failures)
     addresses = [cases[each.name].address if each.name in cases else None for each in measurements]
@@ -145,15 +157,11 @@ def batch(
         finished = len(set(texts(table, "measurement")))
         return _write(folder, table, len(measurements), finished, common=common, share=share)
 
-    def screen(asked: dict[str, Any]) -> pa.Table:
-        asked_cases = _cases(measurements, {**options, "screen": asked}, {}).values()
-        run_cases(list(asked_cases), store, cluster, progress)
-        return store.table(case.address for case in asked_cases)
-
     try:
         failures |= _run(cases, store, cluster, progress)
         del cases  # they take as much memory as the table
-        common = find_common_effects(screen) if pool else ()
+        if pool:
+            common = find_common_effects(lambda asked: ask(measurements, {"screen": asked}, progress))
     except (KeyboardInterrupt, SystemExit, PalpateError):
         result()
         raise
@@ -186,19 +194,6 @@ def _cases(
         except OSError as error:
             failures[measurement.name] = f"{error.filename}: {error.strerror}"
     return cases
-
-
-def _suggested_model(
-    measurements: Sequence[BatchMeasurement], options: Mapping[str, Any], store: ResultStore, cluster: Cluster
-) -> str | None:
-    """Return the base model that most of a sample of measurements suggest, or None if they disagree."""
-    places = np.unique(np.linspace(0, len(measurements) - 1, _SAMPLE).round().astype(int))
-    asked = {**options, "model": None, "suggest": True}
-    cases = list(_cases([measurements[place] for place in places], asked, {}).values())
-    run_cases(cases, store, cluster)
-    models = Counter(texts(store.table([case.address for case in cases]), "suggested"))
-    best, votes = models.most_common(1)[0] if models else ("", 0)
-    return (best or None) if votes > models.total() / 2 else None
 
 
 def _write(

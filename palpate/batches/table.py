@@ -109,9 +109,16 @@ def make_table(
         table = table.set_column(place, "error", pc.coalesce(table["error"], failed))
     else:
         table = table.append_column("error", failed)
+
+    def sort_key(column: str) -> tuple[str, int]:
+        """Value, ends of the interval and standard error of one parameter beside each other."""
+        name, _, unit = column.rpartition(" [")
+        end = next((end for end in _ENDS if name.endswith(end)), "")
+        return f"{name.removesuffix(end)} [{unit}", (("", *_ENDS)).index(end)
+
     available = set(table.column_names) - {"seed", "first"}
     budget = [BUDGET + kind for kind in _KINDS]
-    parameters = sorted(available.difference(FIRST, fields, NUMBERS, budget, LAST), key=_order)
+    parameters = sorted(available.difference(FIRST, fields, NUMBERS, budget, LAST), key=sort_key)
     order = [*FIRST[:3], *fields, *FIRST[3:], *NUMBERS, *budget, *parameters, *LAST]
     return table.select([name for name in order if name in available])
 
@@ -220,10 +227,3 @@ def texts(table: pa.Table, name: str) -> list[str]:
     if name not in table.column_names:
         return [""] * len(table)
     return ["" if cell is None else str(cell) for cell in table[name].to_pylist()]
-
-
-def _order(column: str) -> tuple[str, int]:
-    """Value, ends of the interval and standard error of one parameter beside each other."""
-    name, _, unit = column.rpartition(" [")
-    end = next((end for end in _ENDS if name.endswith(end)), "")
-    return f"{name.removesuffix(end)} [{unit}", (("", *_ENDS)).index(end)

@@ -19,7 +19,7 @@ from palpate.workflows.data_options import EffectOption, JsonOption, ReadOptions
 if TYPE_CHECKING:
     import pyarrow as pa
 
-    from palpate.batches.pooling import PooledParameter, SharedParameter
+    from palpate.batches.pooling import PooledParameter
 
 _MOST_SHOWN = 8  # errors, outliers and parameters in the terminal; the page has all
 
@@ -196,8 +196,7 @@ def batch_command(
 
     def show() -> None:
         to, table = console.stdout(), result.table
-        measurements = count(result.measurements, "measurement")
-        to.print(f"[bold]{measurements}[/bold], {len(result.errors)} unreadable")
+        to.print(f"[bold]{count(result.measurements, 'measurement')}[/bold], {len(result.errors)} unreadable")
         for verdict, number in Counter(filter(None, texts(table, "verdict"))).most_common():
             to.print(f"  {verdict}: {number}")
         effects = Counter(name for text in texts(table, "effects") for name in text.split(", ") if name)
@@ -214,11 +213,17 @@ def batch_command(
         for entry in result.pooled[:_MOST_SHOWN]:
             to.print(f"  {safe(_mean(entry))}")
         for shared in result.shared:
-            to.print(f"  {_shared(shared)}")
+            group = "" if shared.group == "all" else f"{shared.group} "
+            where = safe(f"{group}{shared.parameter} in {count(shared.count, 'estimate')}")
+            if shared.contradicted:
+                problem = f"{where} is not shared: they differ by more than their intervals"
+                to.print(f"  [yellow]{problem}[/yellow] (corrected p {shared.p_corrected:.2g})")
+            else:
+                value = _with_interval(shared.value, shared.interval, shared.unit)
+                to.print(f"  {where}, shared: {safe(value)}")
         for difference in result.differences:
             if difference.p_corrected < 0.05:
-                first, second = difference.groups
-                words = f"{difference.parameter} differs between {first} and {second}"
+                words = f"{difference.parameter} differs between {' and '.join(difference.groups)}"
                 to.print(f"  [yellow]{safe(words)}[/yellow] (corrected p {difference.p_corrected:.2g})")
         for name, error in list(result.errors.items())[:_MOST_SHOWN]:
             to.print(f"  [yellow]{safe(error if name in error else f'{name}: {error}')}[/yellow]")
@@ -227,18 +232,6 @@ def batch_command(
         to.print(f"page  [bold]{shown(result.page)}[/bold]")
 
     console.present(result.as_data(), show, as_json=as_json)
-
-
-def _shared(entry: "SharedParameter") -> str:
-    """Shared value with the half width of its 95 % interval, or that the estimates contradict it."""
-    group = "" if entry.group == "all" else f"{entry.group} "
-    where = f"{group}{entry.parameter} in {count(entry.count, 'estimate')}"
-    if entry.contradicted:
-        p = f"(corrected p {entry.p_corrected:.2g})"
-        return f"[yellow]{safe(where)} is not shared: they differ by more than their intervals[/yellow] {p}"
-    half = entry.interval[1] - entry.value
-    words = f"{significant(entry.value, half)} ± {significant(half, half)} {entry.unit} (95 %)"
-    return safe(f"{where}, shared: {words}")
 
 
 def _misfits(table: "pa.Table") -> Iterator[str]:
@@ -267,8 +260,14 @@ def _mean(entry: "PooledParameter") -> str:
     name = f"{group} {entry.channel} {entry.parameter}".strip()
     if effects.count < 2:
         return f"{name}: {significant(effects.mean, effects.std_err)} {entry.unit}, of one measurement"
-    half = effects.interval[1] - effects.mean
+    spread = significant(effects.spread, effects.interval[1] - effects.mean)
     return (
-        f"{name}: mean {significant(effects.mean, half)} ± {significant(half, half)} {entry.unit} (95 %), "
-        f"spread between measurements {significant(effects.spread, half)} {entry.unit}"
+        f"{name}: mean {_with_interval(effects.mean, effects.interval, entry.unit)}, "
+        f"spread between measurements {spread} {entry.unit}"
     )
+
+
+def _with_interval(value: float, interval: tuple[float, float], unit: str) -> str:
+    """Format a value with the half width of its 95 % interval."""
+    half = interval[1] - value
+    return f"{significant(value, half)} ± {significant(half, half)} {unit} (95 %)"

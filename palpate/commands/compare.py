@@ -13,14 +13,13 @@ from palpate.common.files import folder_to_fill, folder_to_read, output_folder, 
 from palpate.common.options import model_names
 from palpate.estimation.study import ChannelResult, Comparison
 from palpate.estimation.study.channels import ALL_CHANNELS
-from palpate.estimation.study.model_suggestions import FAR_BETTER, better_model
+from palpate.estimation.study.model_suggestions import far_better_model
 from palpate.estimation.study.paired_comparison import Grown, side_by_side
 from palpate.estimation.study.revisions import Revision, own_effects
 from palpate.render.build import NAMES, REPORT, result_view, view_of, write_outcome
 from palpate.render.build import as_json as json_text
 from palpate.render.paired import PairView, as_data, print_pair, sides_view
 from palpate.render.terminal import print_comparison, print_files
-from palpate.render.view import FAR
 from palpate.robot_io.errors import InputError
 from palpate.study import Study
 from palpate.workflows.data_options import (
@@ -368,9 +367,7 @@ def _after(  # noqa: PLR0917, what was typed
         steps.append((f"palpate compare {since}", "with the effects added since"))
     elif model is None and data.urdf is None:
         for result in results:  # suggest a far better base model if the usual one does not fit
-            if result.comparison is None or result.comparison.lack_of_fit < FAR:
-                continue
-            better = better_model(study, result.channel, FAR_BETTER * result.comparison.rmse)
+            better = far_better_model(study, result.channel, result.comparison)
             if better is not None:
                 left = f"a base model with an error of {better[1]:.3g} {result.channel.effort_unit}"
                 steps.append((f"palpate compare {data.typed(channel=channel, model=better[0])}", left))

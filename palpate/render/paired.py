@@ -12,9 +12,10 @@ from rich.text import Text
 
 from palpate.common.console import natural_width, safe, significant, table
 from palpate.estimation.statistics.correlation import Correlation
+from palpate.estimation.study.comparison import FAR
 from palpate.estimation.study.paired_comparison import ParameterDifference, Side, Sides
 from palpate.render.terminal import safe_text
-from palpate.render.view import FAR, ChannelView
+from palpate.render.view import ChannelView
 
 LETTERS = ("A", "B")
 _CHANCE = 0.05  # share of lags outside a 99 % band, above which it is no chance

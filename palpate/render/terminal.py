@@ -23,8 +23,8 @@ from palpate.common.console import (
 from palpate.estimation.diagnosis.forms import Form
 from palpate.estimation.effects.contact_geometry import ContactOffset
 from palpate.estimation.study import Revision
+from palpate.estimation.study.comparison import FAR
 from palpate.render.view import (
-    FAR,
     NOISE,
     BudgetView,
     ChannelView,

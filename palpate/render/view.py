@@ -16,7 +16,6 @@ from palpate.robot_io.types import BoolArray, FloatArray, IntArray
 
 NOISE = 1.1  # multiple of the noise level below which an error is within the noise
 _MOST_PARTS = 8
-FAR = 3.0  # multiple of the noise level above which a model is far off
 
 
 @dataclass(frozen=True)

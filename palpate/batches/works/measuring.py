@@ -13,8 +13,7 @@ from palpate.estimation.estimate import ParameterEstimate
 from palpate.estimation.fit.intervals import SIGMAS_95
 from palpate.estimation.study import StudyChannel
 from palpate.estimation.study.estimates import BEST, USUAL, ChannelEstimates
-from palpate.estimation.study.model_suggestions import FAR_BETTER, better_model
-from palpate.render.view import FAR
+from palpate.estimation.study.model_suggestions import far_better_model
 from palpate.robot_io.errors import InputError
 from palpate.study import Study, arm_from_urdf
 from palpate.sweep.case import Row
@@ -44,9 +43,7 @@ def measure(files: Sequence[Path], parameters: Mapping[str, Any]) -> list[Row]:
         **options["read"] | {"where": options["read"]["where"] | parameters["where"]},
     )
     if options.get("suggest"):
-        return [
-            {"channel": channel.name, "suggested": _suggested(study, channel)} for channel in study.channels
-        ]
+        return [_suggestion(study, channel) for channel in study.channels]
     if "screen" in options:
         return _gains(study, options["screen"])
     try:
@@ -103,13 +100,9 @@ def _row(
         row |= _all_columns(comparison.parameters)
     elif estimates is not None:
         row |= _all_columns({parameter.name: parameter for parameter in estimates.best.parameters})
-    if diagnosis is not None:
-        row |= _diagnosed(diagnosis)
-    return row | {"warnings": "; ".join(warnings)}
-
-
-def _diagnosed(diagnosis: ChannelDiagnosis) -> Row:
-    row: Row = {
+    if diagnosis is None:
+        return row | {"warnings": "; ".join(warnings)}
+    row |= {
         "verdict": diagnosis.verdict.value,
         "reason": diagnosis.reason,
         "effects": ", ".join(entry.effect for entry in diagnosis.accepted),
@@ -117,13 +110,13 @@ def _diagnosed(diagnosis: ChannelDiagnosis) -> Row:
     }
     if diagnosis.final is not None:
         row["rmse_final"] = diagnosis.final.rmse
-    if diagnosis.budget:
-        row |= {f"budget {entry.kind.word}": entry.share for entry in diagnosis.budget}
+    row |= {f"budget {entry.kind.word}": entry.share for entry in diagnosis.budget or ()}
     if diagnosis.rest is not None:
         row |= {"budget noise": diagnosis.rest.noise, "budget unexplained": diagnosis.rest.unexplained}
-    for entry in diagnosis.accepted:
-        row |= _all_columns({f"{entry.effect}.{name}": value for name, value in entry.parameters.items()})
-    return row
+    for accepted in diagnosis.accepted:
+        named = {f"{accepted.effect}.{name}": value for name, value in accepted.parameters.items()}
+        row |= _all_columns(named)
+    return row | {"warnings": "; ".join(warnings)}
 
 
 def _all_columns(parameters: Mapping[str, ParameterEstimate | ParameterValue]) -> Row:
@@ -161,12 +154,10 @@ def _gains(study: Study, screen: Mapping[str, Any]) -> list[Row]:
     return rows or [{"channel": ""}]
 
 
-def _suggested(study: Study, channel: StudyChannel) -> str:
-    """Return the base model that fits far better than the usual one, or an empty string."""
+def _suggestion(study: Study, channel: StudyChannel) -> Row:
+    """Name the base model that fits far better than the usual one; empty if there is none."""
     try:
-        usual = study.comparison(channel)
-        far_off = usual.lack_of_fit >= FAR
-        better = better_model(study, channel, FAR_BETTER * usual.rmse) if far_off else None
+        better = far_better_model(study, channel, study.comparison(channel))
     except InputError:
         better = None
-    return better[0] if better else ""
+    return {"channel": channel.name, "suggested": better[0] if better else ""}
