@@ -34,23 +34,6 @@ def _viscous(p: Values) -> float:
     return 0.5 * (p["viscous_forward"] + p["viscous_backward"])
 
 
-def _ripple(p: Values) -> list[Entry]:
-    multiples = [int(name.partition("_")[2] or 1) for name in p if name.startswith("sine")]
-    waves: list[Entry] = []
-    for m in multiples:
-        end = f"_{m}" if m > 1 else ""
-        sine, cosine = p[f"sine{end}"], p[f"cosine{end}"]
-        waves.append(
-            {
-                "effect": "torque_ripple",
-                "amplitude_nm": hypot(sine, cosine),
-                "cycles": m * p["cycles"],
-                "phase_rad": atan2(cosine, sine),
-            }
-        )
-    return waves
-
-
 def lost(effect: str, p: Values) -> Iterator[str]:
     """Describe what the simulator does differently for a fitted effect, in a sentence.
 
@@ -115,7 +98,17 @@ JOINT: Mapping[str, Term] = {
     ),
     # fitted: reading over true torque; simulated: true torque over reading
     "torque_gain": lambda p: [{"effect": "torque_gain", "gain": 1.0 / p["gain"]}],
-    "torque_ripple": _ripple,
+    # one entry for each multiple of the cycles: sine, sine_2 ... with their cosines
+    "torque_ripple": lambda p: [
+        {
+            "effect": "torque_ripple",
+            "amplitude_nm": hypot(sine, p[f"co{name}"]),
+            "cycles": int(name.partition("_")[2] or 1) * p["cycles"],
+            "phase_rad": atan2(p[f"co{name}"], sine),
+        }
+        for name, sine in p.items()
+        if name.startswith("sine")
+    ],
     "viscous_friction": _one("viscous_friction", viscous_nms_rad="d"),
 }
 

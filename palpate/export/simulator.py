@@ -1,7 +1,6 @@
 """Fitted joints as a patched MJCF or URDF, as Isaac Lab's actuators, or as BAM's parameters."""
 
-import json
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -10,8 +9,9 @@ import numpy as np
 from palpate.common.files import output_file, write_text
 from palpate.control.arm.rigid_body import RigidBody
 from palpate.estimation.study import Arm
+from palpate.export.actuators import bam_texts, isaaclab_text
 from palpate.export.feedforward import FittedJoint
-from palpate.export.target_terms import SimulatorFormat, TargetArm, TargetJoint, as_comment, express
+from palpate.export.target_terms import SimulatorFormat, express
 from palpate.export.xml_model import Mounting, patch_mjcf, patch_urdf
 from palpate.robot_io.errors import InputError
 from palpate.robot_io.files.file_model import read_text
@@ -59,21 +59,18 @@ def write_simulator(
     used = [f"{joint.channel} '{joint.name}': {line}" for joint in arm.joints for line in joint.lines()]
     texts: dict[Path, str]
     if target is SimulatorFormat.BAM:
-        motor = {} if patch is None else _read_bam(patch)
         if patch is None:
             line = 'BAM needs "actuator", "kt" and "R" of the motor: name a parameter file of it with --patch'
             arm = replace(arm, left_out=(*arm.left_out, line))
         several = len(arm.joints) > 1
         texts = {
-            (path.with_stem(f"{path.stem}_{joint.channel}") if several else path): _bam_text(
-                arm, joint, motor
-            )
-            for joint in arm.joints
+            (path.with_stem(f"{path.stem}_{joint.channel}") if several else path): text
+            for joint, text in zip(arm.joints, bam_texts(arm, patch), strict=True)
         }
     elif target is SimulatorFormat.ISAACLAB:
         if patch is not None:
             raise InputError(f"--patch {patch}: Isaac Lab's actuators are written to a separate file")
-        texts = {path: _isaaclab_text(arm)}
+        texts = {path: isaaclab_text(arm)}
     else:
         tip, axis = np.zeros(3), np.array([0.0, 1.0, 0.0])
         if body is not None:  # the axis of the first joint, pointing along world x or y
@@ -95,85 +92,3 @@ def write_simulator(
     for file, text in texts.items():
         write_text(file, text)
     return Written(tuple(texts), tuple(used), arm.left_out)
-
-
-def _isaaclab_text(arm: TargetArm) -> str:
-    """Write actuator configurations of Isaac Lab, a Python module with one dict `ACTUATORS`.
-
-    Args:
-        arm: expressed for `SimulatorFormat.ISAACLAB`.
-    """
-    lines = [
-        f'"""Actuators of Isaac Lab, written by palpate export from {as_comment(arm.source)}.',
-        "",
-        "Friction is an effort [N m, N of a linear axis], as in Isaac Sim 5 and newer.",
-        "stiffness and damping are gains of the drive and stay those of the USD.",
-        '"""',
-        "",
-        "from isaaclab.actuators import ImplicitActuatorCfg",
-        "",
-        *(f"# not in it: {as_comment(line)}" for line in arm.left_out),
-        "ACTUATORS = {",
-    ]
-    for joint in arm.joints:
-        lines += [
-            f"    {joint.name!r}: ImplicitActuatorCfg(",
-            f"        joint_names_expr=[{joint.name!r}],",
-            "        stiffness=None,",
-            "        damping=None,",
-        ]
-        for key, value in joint.values.items():
-            lines.append(f"        {key}={value.number!r},  # {as_comment('; '.join(value.fitted))}")
-        lines.append("    ),")
-    return "\n".join([*lines, "}", ""])
-
-
-# Values of BAM's models; values that were not fitted are set to zero, unlike BAM's defaults.
-_BAM_MODELS: Mapping[str, tuple[str, ...]] = {
-    "m1": ("friction_base", "friction_viscous"),
-    "m2": ("friction_base", "friction_viscous", "friction_stribeck", "dtheta_stribeck", "alpha"),
-    "m3": ("friction_base", "friction_viscous", "load_friction_base"),
-    "m4": (
-        *("friction_base", "friction_viscous", "friction_stribeck", "dtheta_stribeck", "alpha"),
-        *("load_friction_base", "load_friction_stribeck"),
-    ),
-}
-_OF_BAM = frozenset({"armature", *_BAM_MODELS["m4"]})
-
-
-def _bam_text(arm: TargetArm, joint: TargetJoint, motor: Mapping[str, object]) -> str:
-    """Write a parameter file of BAM (better-actuator-models) for the servo of one joint.
-
-    Args:
-        arm: expressed for `SimulatorFormat.BAM`.
-        joint: one of its joints.
-        motor: parameters of the motor that friction says nothing of (actuator, kt, R ...), kept as they are.
-    """
-    model = next(
-        name for name, keys in _BAM_MODELS.items() if not (joint.values.keys() - {"armature"}) - {*keys}
-    )
-    known = {key: value.number for key, value in joint.values.items()}
-    content = {key: value for key, value in motor.items() if key not in _OF_BAM}
-    content |= {"model": model} | {key: known.get(key, 0.0) for key in _BAM_MODELS[model]}
-    if (armature := known.get("armature", motor.get("armature"))) is not None:
-        content["armature"] = armature
-    content["palpate"] = {"source": arm.source, "values": joint.lines(), "not_in_it": list(joint.lost)}
-    return json.dumps(content, indent=4, ensure_ascii=True) + "\n"
-
-
-def _read_bam(path: Path) -> Mapping[str, object]:
-    """Read a parameter file of BAM.
-
-    Args:
-        path: JSON, one object.
-
-    Raises:
-        InputError: it is no such file.
-    """
-    try:
-        content = json.loads(read_text(path))
-    except (OSError, ValueError) as error:
-        raise InputError(f"{path}: not a BAM parameter file ({error})") from error
-    if not isinstance(content, dict) or "actuator" not in content:
-        raise InputError(f'{path}: not a BAM parameter file: it names no "actuator"')
-    return content

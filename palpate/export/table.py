@@ -2,7 +2,7 @@
 
 import json
 import re
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from enum import StrEnum
 from pathlib import Path
 from typing import Any
@@ -149,7 +149,6 @@ class Program(StrEnum):
 
 
 LAYOUT_ENDINGS = {Program.FOXGLOVE: ".json", Program.PLOTJUGGLER: ".xml"}
-Plots = Mapping[str, Sequence[tuple[Stream, Column]]]  # by title
 
 
 def layout_of(session: Session, program: Program) -> str:
@@ -169,40 +168,14 @@ def layout_of(session: Session, program: Program) -> str:
                 plots.setdefault(f"{stream.name}: run and phase", []).append((stream, column))
     if not plots:
         raise InputError(f"{session.path}: has no stream with anything to plot")
-    return _foxglove(plots) if program is Program.FOXGLOVE else _plotjuggler(plots)
-
-
-def _series(plot: Sequence[tuple[Stream, Column]], name: Callable[[str, str], str]) -> list[str]:
-    """Return each curve's name for a viewer; a wide column has one a value.
-
-    Where a message holds many records of a long stream, the first of each is shown.
-    """
-    return [
-        name(stream.name, column.name) + ("" if column.width * stream.batch == 1 else f"[{number}]")
-        for stream, column in plot
-        for number in range(column.width)
-    ]
-
-
-def _foxglove(plots: Plots) -> str:
-    panels = {}
-    for number, (title, plot) in enumerate(plots.items()):
-        names = _series(plot, lambda stream, column: f"{stream}.{column}")
-        paths = [{"value": name, "enabled": True, "timestampMethod": "receiveTime"} for name in names]
-        panels[f"Plot!{number}"] = {"title": title, "paths": paths, "showLegend": True, "isSynced": True}
-    whole = {"configById": panels, "globalVariables": {}, "userNodes": {}, "playbackConfig": {"speed": 1}}
-    return json.dumps(whole | {"layout": _stacked(list(panels))}, indent=2) + "\n"
-
-
-def _stacked(panels: Sequence[str]) -> Any:  # noqa: ANN401, a tree of names
-    """Stack panels of equal height."""
-    if len(panels) == 1:
-        return panels[0]
-    tree = {"direction": "column", "first": panels[0], "second": _stacked(panels[1:])}
-    return tree | {"splitPercentage": 100.0 / len(panels)}
-
-
-def _plotjuggler(plots: Plots) -> str:
+    if program is Program.FOXGLOVE:
+        panels = {}
+        for number, (title, plot) in enumerate(plots.items()):
+            names = _series(plot, lambda stream, column: f"{stream}.{column}")
+            paths = [{"value": name, "enabled": True, "timestampMethod": "receiveTime"} for name in names]
+            panels[f"Plot!{number}"] = {"title": title, "paths": paths, "showLegend": True, "isSynced": True}
+        whole = {"configById": panels, "globalVariables": {}, "userNodes": {}, "playbackConfig": {"speed": 1}}
+        return json.dumps(whole | {"layout": _stacked(list(panels))}, indent=2) + "\n"
     root = ElementTree.Element("root")
     window = ElementTree.SubElement(root, "tabbed_widget", {"name": "Main Window", "parent": "main_window"})
     tab = ElementTree.SubElement(window, "Tab", tab_name="palpate", containers="1")
@@ -220,3 +193,23 @@ def _plotjuggler(plots: Plots) -> str:
     ElementTree.SubElement(window, "currentTabIndex", index="0")
     ElementTree.indent(root)
     return ElementTree.tostring(root, encoding="unicode", xml_declaration=True) + "\n"
+
+
+def _series(plot: Sequence[tuple[Stream, Column]], name: Callable[[str, str], str]) -> list[str]:
+    """Return each curve's name for a viewer; a wide column has one a value.
+
+    Where a message holds many records of a long stream, the first of each is shown.
+    """
+    return [
+        name(stream.name, column.name) + ("" if column.width * stream.batch == 1 else f"[{number}]")
+        for stream, column in plot
+        for number in range(column.width)
+    ]
+
+
+def _stacked(panels: Sequence[str]) -> Any:  # noqa: ANN401, a tree of names
+    """Stack panels of equal height."""
+    if len(panels) == 1:
+        return panels[0]
+    tree = {"direction": "column", "first": panels[0], "second": _stacked(panels[1:])}
+    return tree | {"splitPercentage": 100.0 / len(panels)}

@@ -211,7 +211,15 @@ class _Mjcf:
         if "gear" in number:
             self._scale_actuators(element, joint, number["gear"])
         if "sensor_delay_s" in number:
-            self._add_sensor(element, joint, number["sensor_delay_s"])
+            if element.get("name") is None:
+                element.set("name", joint.channel)
+            section = self._root.find("sensor")
+            section = SubElement(self._root, "sensor") if section is None else section
+            sensor = SubElement(section, "jointactuatorfrc", {"name": f"{joint.channel}_effort"})
+            sensor.set("joint", element.get("name", ""))
+            sensor.set("delay", f"{number['sensor_delay_s']:.9g}")
+            sensor.set("nsample", str(ceil(number["sensor_delay_s"] / self._step_s()) + 1))
+            _comment(self._root, sensor, "delay", joint.values["sensor_delay_s"].fitted)
 
     def _step_s(self) -> float:
         options = [each for each in self._root.findall("option") if each.get("timestep")]
@@ -274,17 +282,6 @@ class _Mjcf:
             kinds = ", ".join(f"<{each.tag}>" for each in actuators) or "none"
             line = f"'torque_gain' scales the gear of a <motor>; actuators of this joint: {kinds}"
             self.left_out.append(f"{joint.channel}: {line}")
-
-    def _add_sensor(self, element: Element, joint: TargetJoint, delay_s: float) -> None:
-        if element.get("name") is None:
-            element.set("name", joint.channel)
-        section = self._root.find("sensor")
-        section = SubElement(self._root, "sensor") if section is None else section
-        sensor = SubElement(section, "jointactuatorfrc", {"name": f"{joint.channel}_effort"})
-        sensor.set("joint", element.get("name", ""))
-        sensor.set("delay", f"{delay_s:.9g}")
-        sensor.set("nsample", str(ceil(delay_s / self._step_s()) + 1))
-        _comment(self._root, sensor, "delay", joint.values["sensor_delay_s"].fitted)
 
     def add_payload(self, payload: Value, mounting: Mounting) -> None:
         """Add a point mass at the tip.
