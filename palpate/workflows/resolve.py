@@ -44,6 +44,26 @@ class StopReason(StrEnum):
     INSUFFICIENT = "insufficient"  # the data cannot say
 
 
+_ENDS = {
+    StopReason.SEPARATED: "one explanation is left",
+    StopReason.SIMPLEST: (
+        "no further experiment is expected to show more than the simplest explanation "
+        "left, "
+        "which the others contain"
+    ),
+    StopReason.UNSEEN: (
+        "an effect seen in an earlier probe is too small to be significant in all probes together"
+    ),
+    StopReason.UNEXPLAINED: (
+        "no effect of the library explains the remaining error, as far as this arm can show"
+    ),
+    StopReason.INSEPARABLE: "no experiment of this arm is expected to separate the remaining explanations",
+    StopReason.PROBES: "the budget of probes is used up",
+    StopReason.SECONDS: "the experiment that would separate them takes longer than the remaining time",
+    StopReason.INSUFFICIENT: "the data cannot say more",
+}
+
+
 @dataclass(frozen=True)
 class Decision:
     """Result of one probe, and what follows."""
@@ -56,6 +76,54 @@ class Decision:
     end: StopReason | None  # why it was the last; None if another follows
     next: str  # description of the next step; empty after the last
     sentence: str  # all this in one sentence
+
+    @classmethod
+    def of(  # noqa: PLR0917 (what it is made of)
+        cls,
+        number: int,
+        session: Path,
+        seconds: float,
+        diagnoses: Sequence[ChannelDiagnosis],
+        end: StopReason | None,
+        following: NextProbe | None,
+    ) -> "Decision":
+        """Describe the result of a probe.
+
+        Args:
+            number: of the probe, from 1.
+            session: its file.
+            seconds: that it took on the robot's clock.
+            diagnoses: of all probes so far, one for each channel.
+            end: why it was the last; None if another follows.
+            following: the next probe; None after the last.
+        """
+        explanations = []
+        for item in diagnoses:
+            if item.verdict is Verdict.INSUFFICIENT:
+                explanations.append(f"{item.channel} cannot be judged ({item.reason})")
+            elif not _is_adequate(item):
+                names = " and ".join(" or ".join([e.effect, *e.confused_with]) for e in item.accepted)
+                signals = ", ".join(item.depends_on) or "no signal"
+                rest = "" if item.complete else f"something that depends on {signals}"
+                explanations.append(f"{item.channel} shows {' and '.join(filter(None, (names, rest)))}")
+        what = "; ".join(explanations) or "nothing is missing"
+        if following is not None:
+            then = f"next, to {following.proposal.purpose}: {following.reason}"
+        else:
+            then = _ENDS[end or StopReason.SEPARATED]
+        return cls(
+            number,
+            session.name,
+            seconds,
+            {
+                item.channel: [[e.effect, *e.confused_with] for e in item.accepted]
+                for item in diagnoses
+                if item.accepted
+            },
+            end,
+            following.proposal.instruction if following else "",
+            f"after {count(number, 'probe')}: {what}; {then}",
+        )
 
 
 @dataclass(frozen=True)
@@ -147,7 +215,7 @@ def resolve(  # noqa: PLR0917 (what to do, and who is told of it)
                     end = StopReason.SIMPLEST
                 diagnosis = diagnosis.model_copy(update={"channels": judged})
         write_text(output_folder(folder / "study") / RESULT, as_json(study.diagnosis_data(diagnosis)))
-        decision = _decision(number + 1, ran.session, outcome.loop.duration_s, judged, end, following)
+        decision = Decision.of(number + 1, ran.session, outcome.loop.duration_s, judged, end, following)
         decisions.append(decision)
         with (folder / DECISIONS).open("a", encoding="utf-8") as log:
             log.write(json.dumps(asdict(decision)) + "\n")
@@ -199,67 +267,3 @@ def _decide(  # noqa: PLR0917 (all that it depends on)
 
 def _is_adequate(diagnosis: ChannelDiagnosis) -> bool:
     return diagnosis.verdict is Verdict.ADEQUATE
-
-
-def _decision(  # noqa: PLR0917 (what it is made of)
-    number: int,
-    session: Path,
-    seconds: float,
-    diagnoses: Sequence[ChannelDiagnosis],
-    end: StopReason | None,
-    following: NextProbe | None,
-) -> Decision:
-    left = {
-        item.channel: [[e.effect, *e.confused_with] for e in item.accepted]
-        for item in diagnoses
-        if item.accepted
-    }
-    what = (
-        "; ".join(_explanation(item) for item in diagnoses if not _is_adequate(item)) or "nothing is missing"
-    )
-    if following is not None:
-        then = f"next, to {following.proposal.purpose}: {following.reason}"
-    else:
-        then = _ENDS[end or StopReason.SEPARATED]
-    return Decision(
-        number,
-        session.name,
-        seconds,
-        left,
-        end,
-        following.proposal.instruction if following else "",
-        f"after {count(number, 'probe')}: {what}; {then}",
-    )
-
-
-_ENDS = {
-    StopReason.SEPARATED: "one explanation is left",
-    StopReason.SIMPLEST: (
-        "no further experiment is expected to show more than the simplest explanation "
-        "left, "
-        "which the others contain"
-    ),
-    StopReason.UNSEEN: (
-        "an effect seen in an earlier probe is too small to be significant in all probes together"
-    ),
-    StopReason.UNEXPLAINED: (
-        "no effect of the library explains the remaining error, as far as this arm can show"
-    ),
-    StopReason.INSEPARABLE: "no experiment of this arm is expected to separate the remaining explanations",
-    StopReason.PROBES: "the budget of probes is used up",
-    StopReason.SECONDS: "the experiment that would separate them takes longer than the remaining time",
-    StopReason.INSUFFICIENT: "the data cannot say more",
-}
-
-
-def _explanation(diagnosis: ChannelDiagnosis) -> str:
-    """Describe a channel with its possible explanations."""
-    if diagnosis.verdict is Verdict.INSUFFICIENT:
-        return f"{diagnosis.channel} cannot be judged ({diagnosis.reason})"
-    names = " and ".join(" or ".join([e.effect, *e.confused_with]) for e in diagnosis.accepted)
-    rest = (
-        ""
-        if diagnosis.complete
-        else "something that depends on " + (", ".join(diagnosis.depends_on) or "no signal")
-    )
-    return f"{diagnosis.channel} shows {' and '.join(filter(None, (names, rest)))}"
