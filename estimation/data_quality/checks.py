@@ -5,12 +5,18 @@ the figure and the remedy, such as the option that overrides an assumption.
 """
 
 from collections.abc import Callable, Iterable, Iterator
-from itertools import pairwise
 
 import numpy as np
 import scipy
 
-from palpate.estimation.channel import ChannelData, ChannelKind
+from palpate.estimation.channel import ChannelData
+from palpate.estimation.data_quality.extent import (
+    LEAST_SAMPLES,
+    never_repeated,
+    no_shared_depth,
+    single_speed,
+    wrong_size,
+)
 from palpate.estimation.data_quality.motion_and_effort import (
     angle_in_degrees,
     at_rest,
@@ -34,24 +40,18 @@ from palpate.estimation.data_quality.readings import (
     unchanging,
 )
 from palpate.estimation.data_quality.timing import lost_rows, time_offset
-from palpate.estimation.fit.blocks import PIECES, block_average, block_length
+from palpate.estimation.fit.blocks import block_average, block_length
 from palpate.estimation.fit.normal_equations import ORDER, ArNoise
 from palpate.estimation.model import Model
-from palpate.estimation.signals.motion import is_one_pace, is_one_speed, never_returns
 from palpate.estimation.signals.runwise import apply_per_run, sample_time
 from palpate.robot_io.types import BoolArray, FloatArray, IntArray
 
-LEAST_SAMPLES = 100
-SINGLE_RUN = "a single run"  # start of the reason if only the division into runs is missing
-_MOST_BLOCKS = 300_000  # 25 minutes of blocks of 5 ms: memory grows with them
 _GLITCH = 25.0  # ratio to the usual distance between neighboring readings
 _MOST_GLITCHES = 0.01
-_LITTLE_SHARED = 0.1  # share of a run's depths that another run must reach for a prediction
 _SPIKE = 0.2  # size relative to the effort's range below which outliers are harmless
 # Ranges of all other readings, that a code for a missing value or a wrong digit stands off by; and those at
 # which a single one is too large for the precision of a fit that excludes it (measured: 1e8).
 _CODE, _HUGE = 20.0, 1e6
-_TRAVELLED = 3.0  # ranges of positions that a single recording of repeated motion covers
 _QUICKEST_S = 1e-5  # step between samples below which the unit of time is doubtful
 
 
@@ -230,68 +230,6 @@ def _warn_of_outliers(data: ChannelData) -> Iterator[tuple[str, str]]:
             yield "enough", f"{reason}; diagnosis and comparison exclude such readings"
 
 
-def _check_size(data: ChannelData) -> str | None:
-    """Reject too few samples, and too many before anything takes time and memory."""
-    if len(data) < LEAST_SAMPLES:
-        return f"only {len(data)} samples; record at least {LEAST_SAMPLES}"
-    lengths = np.unique(data.run, return_counts=True)[1]
-    count = int(np.sum(lengths // block_length(data)))
-    if count > _MOST_BLOCKS:
-        more = f"{count} blocks are more than can be searched, {_MOST_BLOCKS}"
-        several = f"some of the {len(lengths)} runs with --where run=N,N ..."
-        return f"{more}; take {several if len(lengths) > 1 else 'shorter recordings'}"
-    return None
-
-
-def _check_runs(data: ChannelData) -> str | None:
-    """Require two runs with a contact of similar depth, so that one can be held out."""
-    if data.kind is not ChannelKind.CONTACT or len(data.runs) == 1:
-        return None
-    depths = [data.position[data.engaged & (data.run == run)] for run in data.runs]
-    ranges = sorted((float(depth.min()), float(depth.max())) for depth in depths if len(depth))
-    if len(ranges) == 1:
-        return f"{SINGLE_RUN} of {len(data.runs)} touches; record at least three that do"
-    spans = [_LITTLE_SHARED * (high - low) for low, high in ranges]
-    shared = (before[1] - after[0] for before, after in pairwise(ranges))
-    if ranges and all(depth <= min(pair) for depth, pair in zip(shared, pairwise(spans), strict=True)):
-        return (
-            f"each of {len(ranges)} runs has depths of its own, so that none can be predicted from the "
-            "others; press repeatedly to the same depth"
-        )
-    return None
-
-
-def _check_repetition(data: ChannelData) -> str | None:
-    """Report kinds that monotonic motion cannot tell apart; pieces of a single run are held out elsewhere."""
-    if len(data.runs) > 1:
-        if data.kind is not ChannelKind.CONTACT or not never_returns(data.position, data.run):
-            return None
-        if is_one_speed(data.time_s, data.position, data.run):
-            return (
-                "all runs go one way at one speed: relaxation, friction, damping and the range of the sensor "
-                "cannot be told from the shape of the elastic law; hold, return, or add runs at another speed"
-            )
-        return "no run returns: friction cannot be told from the shape of the elastic law; let one return"
-    travelled = sum(np.ptp(part) for part in np.array_split(data.position, PIECES))
-    if travelled >= _TRAVELLED * np.ptp(data.position):
-        return None
-    return (
-        f"{SINGLE_RUN} that goes through its motion once: changes with time and with position cannot be "
-        "separated; record at least three runs"
-    )
-
-
-def _check_speeds(data: ChannelData) -> str | None:
-    """Report a single speed, where runs return."""
-    is_one = data.kind is ChannelKind.CONTACT and is_one_pace(data.velocity[data.engaged])
-    if not is_one or never_returns(data.position, data.run):
-        return None
-    return (
-        "all motion is at one speed: dependence on the rate cannot be told from friction and damping; add "
-        "runs at another speed"
-    )
-
-
 def _check_blocks(data: ChannelData, good: BoolArray) -> str | None:
     """Require blocks to fit to, and blocks in another run to hold out, as the fit itself forms them.
 
@@ -319,21 +257,21 @@ def _check_blocks(data: ChannelData, good: BoolArray) -> str | None:
 
 _Check = Callable[[ChannelData], str | None]
 _REJECTED: tuple[tuple[str, _Check], ...] = (  # by kind, in the order of `reject_reason`
-    ("enough", _check_size),
+    ("enough", wrong_size),
     ("excitation", unchanging),
     ("excitation", at_rest),
-    ("enough", _check_runs),
+    ("enough", no_shared_depth),
     ("units", mistaken_times),
     ("excitation", no_contact),
     ("readings", too_coarse),
     ("readings", rectified),
 )
 _IMPLAUSIBLE: tuple[tuple[str, _Check], ...] = (
-    ("enough", _check_repetition),
+    ("enough", never_repeated),
     ("units", mistaken_units),
     ("sync", misaligned),
     ("sync", lost_rows),
-    ("excitation", _check_speeds),
+    ("excitation", single_speed),
     ("excitation", unrelated),
     ("excitation", late_touch),
 )

@@ -1,0 +1,95 @@
+"""Checks of how much a channel holds: its samples, runs, depths and speeds."""
+
+from itertools import pairwise
+
+import numpy as np
+
+from palpate.estimation.channel import ChannelData, ChannelKind
+from palpate.estimation.fit.blocks import PIECES, block_length
+from palpate.estimation.signals.motion import is_one_pace, is_one_speed, never_returns
+
+LEAST_SAMPLES = 100
+SINGLE_RUN = "a single run"  # start of the reason if only the division into runs is missing
+_MOST_BLOCKS = 300_000  # 25 minutes of blocks of 5 ms: memory grows with them
+_LITTLE_SHARED = 0.1  # share of a run's depths that another run must reach for a prediction
+_TRAVELLED = 3.0  # ranges of positions that a single recording of repeated motion covers
+
+
+def wrong_size(data: ChannelData) -> str | None:
+    """Report too few samples, or more than can be searched; None otherwise.
+
+    Args:
+        data: the channel.
+    """
+    if len(data) < LEAST_SAMPLES:
+        return f"only {len(data)} samples; record at least {LEAST_SAMPLES}"
+    lengths = np.unique(data.run, return_counts=True)[1]
+    count = int(np.sum(lengths // block_length(data)))
+    if count > _MOST_BLOCKS:
+        more = f"{count} blocks are more than can be searched, {_MOST_BLOCKS}"
+        several = f"some of the {len(lengths)} runs with --where run=N,N ..."
+        return f"{more}; take {several if len(lengths) > 1 else 'shorter recordings'}"
+    return None
+
+
+def no_shared_depth(data: ChannelData) -> str | None:
+    """Report a contact without two runs of similar depth, so that none can be held out; None otherwise.
+
+    Args:
+        data: the channel.
+    """
+    if data.kind is not ChannelKind.CONTACT or len(data.runs) == 1:
+        return None
+    depths = [data.position[data.engaged & (data.run == run)] for run in data.runs]
+    ranges = sorted((float(depth.min()), float(depth.max())) for depth in depths if len(depth))
+    if len(ranges) == 1:
+        return f"{SINGLE_RUN} of {len(data.runs)} touches; record at least three that do"
+    spans = [_LITTLE_SHARED * (high - low) for low, high in ranges]
+    shared = (before[1] - after[0] for before, after in pairwise(ranges))
+    if ranges and all(depth <= min(pair) for depth, pair in zip(shared, pairwise(spans), strict=True)):
+        return (
+            f"each of {len(ranges)} runs has depths of its own, so that none can be predicted from the "
+            "others; press repeatedly to the same depth"
+        )
+    return None
+
+
+def never_repeated(data: ChannelData) -> str | None:
+    """Report kinds of effects that monotonic motion cannot tell apart; None otherwise.
+
+    Pieces of a single run are held out elsewhere.
+
+    Args:
+        data: the channel.
+    """
+    if len(data.runs) > 1:
+        if data.kind is not ChannelKind.CONTACT or not never_returns(data.position, data.run):
+            return None
+        if is_one_speed(data.time_s, data.position, data.run):
+            return (
+                "all runs go one way at one speed: relaxation, friction, damping and the range of the sensor "
+                "cannot be told from the shape of the elastic law; hold, return, or add runs at another speed"
+            )
+        return "no run returns: friction cannot be told from the shape of the elastic law; let one return"
+    travelled = sum(np.ptp(part) for part in np.array_split(data.position, PIECES))
+    if travelled >= _TRAVELLED * np.ptp(data.position):
+        return None
+    return (
+        f"{SINGLE_RUN} that goes through its motion once: changes with time and with position cannot be "
+        "separated; record at least three runs"
+    )
+
+
+def single_speed(data: ChannelData) -> str | None:
+    """Report a single speed, where runs return; None otherwise.
+
+    Args:
+        data: the channel.
+    """
+    is_one = data.kind is ChannelKind.CONTACT and is_one_pace(data.velocity[data.engaged])
+    if not is_one or never_returns(data.position, data.run):
+        return None
+    return (
+        "all motion is at one speed: dependence on the rate cannot be told from friction and damping; add "
+        "runs at another speed"
+    )
