@@ -6,7 +6,7 @@ from palpate.estimation.channel import ChannelData, ChannelKind
 from palpate.estimation.data.import_file import mistaken_scale
 from palpate.estimation.fit.blocks import HEAVY
 from palpate.estimation.model import Model
-from palpate.estimation.signals.runwise import sample_time
+from palpate.estimation.signals.runwise import is_even, sample_time
 from palpate.estimation.statistics.correlation import correlation_coefficient
 from palpate.estimation.statistics.least_squares import solve
 from palpate.robot_io.types import FloatArray
@@ -73,11 +73,14 @@ def mistaken_units(data: ChannelData) -> str | None:
 def mistaken_times(data: ChannelData) -> str | None:
     """Report by how much the velocity contradicts the position: wrong times, or a wrong unit.
 
-    The import discards such a velocity in a file; this check serves other sources.
+    The import discards such a velocity in a file; this check serves other sources. Means over unevenly spaced
+    readings give no answer, since a mean of such velocities is not the velocity of the mean position.
 
     Args:
         data: the channel.
     """
+    if data.averaged > 1 and not is_even(data.time_s, data.run):
+        return None
     ratio = mistaken_scale(data.time_s, data.position, data.velocity, data.run)
     if ratio is None:
         return None

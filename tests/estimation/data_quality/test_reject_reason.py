@@ -130,6 +130,17 @@ def test_what_cannot_be_computed_is_rejected_with_a_remedy(words):
     assert words in reject_reason(REJECTED[words]())
 
 
+@pytest.mark.parametrize(("averaged", "is_rejected"), [(1, True), (2, False)])
+def test_means_over_uneven_readings_do_not_tell_whether_the_velocity_has_the_right_scale(
+    averaged, is_rejected
+):
+    """An uneven recording whose readings were averaged in pairs: their velocity seems twice too large."""
+    uneven = swinging()
+    uneven = uneven.select(np.random.default_rng(0).random(len(uneven)) < 0.7)
+    data = replace(uneven, velocity=2.0 * uneven.velocity, averaged=averaged)
+    assert ("check times and units" in (reject_reason(data) or "")) == is_rejected
+
+
 @pytest.mark.parametrize("still", ["position", "effort"])
 def test_nothing_more_is_said_of_a_signal_that_never_changes(still):
     data = replace(DATA, **{still: np.full(len(DATA), 2.0)})
