@@ -43,6 +43,7 @@ COLORS = {
     "insufficient": "magenta",
 }
 _ROOMY, _NARROW = 100, 80  # columns of a terminal
+_FOLDED = 12  # columns for the words of a kind, where there are few
 _MOST_RANKED = 5
 _RANGE = "necessary to\nsufficient"
 _BOUNDS = {"": "", "at most": "≤ ", "at least": "≥ "}
@@ -104,19 +105,35 @@ def print_budget(console: Console, channel: str, budget: BudgetView) -> None:
     """
     console.print(Text.from_markup(f"[bold]{safe(channel)}[/bold]  {safe(budget.sentence)}"))
     if len(budget.parts) > 1:
-        # Share, range, form and effects of each part; narrow, with the effects below the form.
-        roomy = console.width >= _ROOMY
-        last = ("effects",) if roomy else ()
-        made = table("", "", "", "share", _RANGE, "form", *last, right=("share", _RANGE))
-        for part in budget.parts:
-            share = f"{_BOUNDS[part.bound]}{percent(part.share, bound=part.bound)}"
-            effects = safe(part.effects_text)
-            form = part.form if roomy or not effects else f"{part.form}\n[dim]{effects}[/dim]"
-            bar = _bar(part.share, part.color, console.width)
-            made.add_row(safe(part.word), bar, share, part.range_text, form, *[effects] * len(last))
+        room = console.width - 2
+        for is_beside, bars in ((True, _ROOMY), (False, _ROOMY), (False, _NARROW), (False, 0)):
+            made = _budget_table(budget, bars, is_beside=is_beside)
+            if natural_width(made) <= room:
+                break
         console.print(Padding(made, (0, 0, 0, 2)))
     for sentence in budget.confusions:
         console.print(Padding(Text(safe_text(sentence), style="yellow"), (0, 0, 1, 2)))
+
+
+def _budget_table(budget: BudgetView, bars: int, *, is_beside: bool) -> Table:
+    """Share, range, form and effects of each part.
+
+    Args:
+        budget: shares of the error.
+        bars: columns of a terminal that the bars are made for.
+        is_beside: whether the effects stand beside the form, else below it.
+    """
+    last = ("effects",) if is_beside else ()
+    made = table("", "", "", "share", _RANGE, "form", *last, right=("share", _RANGE))
+    for part in budget.parts:
+        share = f"{_BOUNDS[part.bound]}{percent(part.share, bound=part.bound)}"
+        effects = ",\n".join(map(safe, part.effects_text.split(", ")))  # no name is broken
+        form = part.form if is_beside or not effects else f"{part.form}\n[dim]{effects}[/dim]"
+        bar = _bar(part.share, part.color, bars)
+        made.add_row(safe(part.word), bar, share, part.range_text, form, *[effects] * len(last))
+    if bars < _NARROW:
+        made.columns[0].max_width = _FOLDED
+    return made
 
 
 def print_comparison(console: Console, view: StudyView) -> None:
