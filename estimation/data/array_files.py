@@ -1,4 +1,4 @@
-"""Read Parquet (also LeRobot data sets), NPZ and MATLAB files, and arrays in memory, as columns."""
+"""Read the columns of Parquet files (including LeRobot data sets), NPZ and MATLAB files, and arrays."""
 
 from __future__ import annotations
 
@@ -18,8 +18,8 @@ from palpate.estimation.data.column_names import parse_role
 from palpate.estimation.data.file_columns import FileColumns, check_size
 from palpate.robot_io.errors import InputError
 
-_MOST_PACKED = 50  # unpacked over packed size of a MATLAB file whose variables cannot be listed
-_LEAST_CELL = 4  # least bytes of a value of any type
+_MOST_PACKED = 50  # assumed compression ratio of a MATLAB file whose variables cannot be listed
+_LEAST_CELL = 4  # assumed least number of bytes per value
 _BATCH_ROWS = 256
 
 
@@ -30,14 +30,14 @@ def read_parquet(path: Path) -> FileColumns:
         path: path of the file.
 
     Raises:
-        InputError: it holds too much.
+        InputError: the file is too large.
     """
     from pyarrow.parquet import ParquetFile  # noqa: PLC0415, slow to import
 
-    with path.open("rb") as opened, ParquetFile(opened) as file:  # Arrow takes no name but UTF-8
+    with path.open("rb") as opened, ParquetFile(opened) as file:  # Arrow only accepts UTF-8 file names
         check_size(path, _LEAST_CELL * file.metadata.num_rows * file.metadata.num_columns)
         batches, size = [], 0
-        for batch in file.iter_batches(_BATCH_ROWS, use_threads=False):  # what a row takes is known only then
+        for batch in file.iter_batches(_BATCH_ROWS, use_threads=False):  # gives the actual size of the rows
             size += batch.nbytes
             check_size(path, size)
             batches.append(batch)
@@ -52,7 +52,7 @@ def read_npz(path: Path) -> FileColumns:
         path: path of the file.
 
     Raises:
-        InputError: it holds too much, or arrays of objects or of different lengths.
+        InputError: the file is too large, or has arrays of objects or of different lengths.
     """
     with zipfile.ZipFile(path) as archive:
         check_size(path, sum(entry.file_size for entry in archive.infolist()))
@@ -64,22 +64,22 @@ def read_npz(path: Path) -> FileColumns:
             except ValueError as error:
                 reason = "holds objects, which might be code, and is not read; save it as numbers or text"
                 raise InputError(f"{path}: column '{name}' {reason}") from error
-            if array.ndim == 1 or parse_role(name):  # others, such as a sampling rate, are no columns
+            if array.ndim == 1 or parse_role(name):  # other arrays, such as a sampling rate, are not columns
                 arrays[name] = array
     return FileColumns(arrow_table(arrays, path))
 
 
 def read_mat(path: Path) -> FileColumns:
-    """Read the vectors of a MATLAB file and of its structs; of several lengths, the most frequent is kept.
+    """Read the vectors of a MATLAB file and of its structs; only those of the most frequent length are kept.
 
-    Each line of a matrix along its longer side is a column, "name 1", "name 2" and so on. Cells that hold
-    rows of equal length count as a matrix.
+    A matrix is split along its longer side into columns "name 1", "name 2" and so on. Cells with rows of
+    equal length are treated as a matrix.
 
     Args:
         path: path of the file.
 
     Raises:
-        InputError: it holds too much or no vectors, or is of version 7.3.
+        InputError: the file is too large, has no vectors, or has format version 7.3.
     """
     from scipy.io import loadmat, whosmat  # noqa: PLC0415, slow to import
 
@@ -118,14 +118,16 @@ def read_mat(path: Path) -> FileColumns:
 
 
 def arrow_table(arrays: Mapping[str, NDArray[Any]], place: Path) -> pa.Table:
-    """Convert arrays of numbers or text to an Arrow table, by the names of their columns.
+    """Convert arrays of numbers or text to an Arrow table.
 
     Args:
-        arrays: one a column, shape (n,) each.
-        place: where they come from, for errors.
+        arrays: columns by name, shape (n,) each.
+        place: source of the arrays, for error messages.
 
     Raises:
-        InputError: they are not all of one length, not one value a row, or not of real numbers or text.
+        InputError: the arrays have different lengths, are not one-dimensional, or contain neither real
+        numbers
+            nor text.
     """
     for name, array in arrays.items():
         if array.ndim != 1:
@@ -148,7 +150,7 @@ def arrow_table(arrays: Mapping[str, NDArray[Any]], place: Path) -> pa.Table:
 
 
 _TIME, _EPISODE, _STATE = "timestamp", "episode_index", "observation.state"
-_CALLED = {  # arrays by the quantity that they hold; an action is what was asked for, and no channel's
+_CALLED = {  # quantity of each array; an action is a command and belongs to no channel
     _STATE: "position",
     "observation.position": "position",
     "observation.velocity": "velocity",
@@ -157,7 +159,7 @@ _CALLED = {  # arrays by the quantity that they hold; an action is what was aske
     "observation.current": "current",
     "action": "action",
 }
-_QUANTITIES = {  # endings of LeRobot's names of elements, and what one of them is called here
+_QUANTITIES = {  # quantity by the ending of LeRobot's element names
     "pos": "position",
     "vel": "velocity",
     "torque": "torque",
@@ -170,7 +172,7 @@ _PALPATE_UNITS = {
     "torque": "Nm",
     "action": "deg",
     "force": "N",
-    "time": "s",  # replaces the data set's time, which is a frame's number over the rate
+    "time": "s",  # replaces the data set's time, which is the frame number divided by the rate
 }
 _MOST_JOINTS = 64
 _MOST_INFO_BYTES = 1 << 20
@@ -179,11 +181,11 @@ _MOST_INFO_BYTES = 1 << 20
 def _lerobot_columns(table: pa.Table, path: Path) -> FileColumns:
     """Split arrays of a LeRobot episode into one column per element, with palpate's names for time and run.
 
-    The data set states no units. The user states those of positions and torques, except for robots of type
-    `lerobot_robot_palpate`. Arrays whose length changes from row to row are left out. LeRobot 0.6 puts all
-    numbers of an observation into one array: an element with a position is a joint; other names are kept.
+    The data set states no units. The user must state those of positions and torques, except for robots of
+    type `lerobot_robot_palpate`. Arrays of variable length are omitted. LeRobot 0.6 writes all numbers of an
+    observation into one array: an element with a position is a joint; other elements keep their names.
     """
-    info: Any = {}  # the description of the data set around the file, if there is one
+    info: Any = {}  # description of the data set that contains the file, if there is one
     for folder in path.absolute().parents[:4]:
         description = folder / "meta" / "info.json"
         if description.is_file() and description.stat().st_size < _MOST_INFO_BYTES:
@@ -224,7 +226,7 @@ def _lerobot_columns(table: pa.Table, path: Path) -> FileColumns:
 
 
 def _element_names(info: Mapping[str, Any], array: str) -> list[str]:
-    """Return the names of an array's elements in the data set's description; empty without any."""
+    """Return the names of an array's elements from the data set's description; empty if it has none."""
     try:
         names = info["features"][array]["names"]
     except (KeyError, TypeError):

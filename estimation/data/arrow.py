@@ -1,4 +1,4 @@
-"""pyarrow, loaded when something in it is used for the first time, since loading it takes long."""
+"""Lazy import of pyarrow, which takes long to load."""
 
 from typing import TYPE_CHECKING
 

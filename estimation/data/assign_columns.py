@@ -45,13 +45,13 @@ from palpate.robot_io.types import FloatArray
 class Columns:
     """A table with the meaning of its columns."""
 
-    table: Table  # the rows
-    assigned: dict[Key, Assigned]  # the columns in use
+    table: Table  # the table
+    assigned: dict[Key, Assigned]  # the columns in use, by quantity
     run: str | None  # column with the run of each row, or None
     phase: str | None  # column with the phase of each row, or None
-    choice_notes: tuple[str, ...] = ()  # notes on how they were chosen
-    two_sided: bool = False  # whether the element of displacement and force pulls as well as pushes
-    shift: int = 0  # what the joints' numbers have more than in the file
+    choice_notes: tuple[str, ...] = ()  # notes on how the columns were chosen
+    two_sided: bool = False  # whether the element of displacement and force can also pull
+    shift: int = 0  # offset of the joint numbers from those in the file
 
     def __contains__(self, key: object) -> bool:
         return key in self.assigned
@@ -60,7 +60,7 @@ class Columns:
         """Return a quantity in SI units, shape (n,).
 
         Args:
-            key: key of the quantity, which must be among the columns.
+            key: key of a quantity in `assigned`.
         """
         source = self.assigned[key]
         return source.factor * self.table.numbers(source.column) - source.zero
@@ -69,13 +69,13 @@ class Columns:
         """Return the name of a quantity's column in the file.
 
         Args:
-            key: key of the quantity, which must be among the columns.
+            key: key of a quantity in `assigned`.
         """
         return self.assigned[key].column
 
     @property
     def used(self) -> frozenset[str | None]:
-        """Names of the columns that hold a quantity, a run or a phase."""
+        """Names of the columns with a quantity, a run or a phase."""
         return frozenset({source.column for source in self.assigned.values()} | {self.run, self.phase})
 
     @cached_property
@@ -86,7 +86,7 @@ class Columns:
 
     @cached_property
     def run_candidate(self) -> str:
-        """An unused column that could number the runs; empty if there is none, or runs are known."""
+        """Name of an unused column that could number the runs; empty if none could or a run column exists."""
         looked_at = () if self.run else self.unused
         return next((name for name in looked_at if in_blocks(self.table.numbers(name))), "")
 
@@ -110,7 +110,7 @@ class Columns:
 
     @property
     def matched(self) -> str:
-        """Assignment of columns in a few words; empty if all have palpate's own names."""
+        """Short description of the assignment; empty if all columns have palpate's own names."""
         if all(_own_name(source.column) for source in self.assigned.values()):
             return ""
         words = [
@@ -122,10 +122,10 @@ class Columns:
 
 
 def in_blocks(values: FloatArray) -> bool:
-    """Return whether each whole number occupies one block of rows, as numbers of runs do.
+    """Return whether values are whole numbers that each occupy one block of rows, as run numbers do.
 
     Args:
-        values: shape (n,), in the order of the rows.
+        values: values of a column in the order of the rows, shape (n,).
     """
     if np.any(values != np.round(values)):
         return False
@@ -137,7 +137,7 @@ def assign_columns(table: Table, options: ImportOptions) -> Columns:
     """Assign columns to quantities: by options first, then by palpate's own names, then by common names.
 
     Args:
-        table: the rows of the file, with the names of their columns.
+        table: table of the file.
         options: options for columns, units and rows.
 
     Raises:
@@ -157,7 +157,7 @@ def assign_columns(table: Table, options: ImportOptions) -> Columns:
                 )
             chosen[role.key] = (role, column)
     chosen, notes = _assign_own_names(table, options, chosen, shift)
-    if any(quantity in EFFORTS for quantity, _ in chosen):  # a goal counts only where no effort is there
+    if any(quantity in EFFORTS for quantity, _ in chosen):  # a goal is used only if there is no effort
         chosen = {
             key: (role, name)
             for key, (role, name) in chosen.items()
@@ -174,7 +174,7 @@ def assign_columns(table: Table, options: ImportOptions) -> Columns:
                 f"--column NAME={shlex.quote(column)} or NAME={shlex.quote(again)}, or rename one"
             )
     run = _special_column(table, options, RUN)
-    if run is None:  # a column such as `trial` or `Cycle` whose numbers each fill one block of rows
+    if run is None:  # use a column such as `trial` or `Cycle` whose numbers each occupy one block of rows
         names = (guess.column for guess in guess_columns(table.names) if guess.quantity == RUN)
         run = next((n for n in names if table.is_numeric(n) and in_blocks(table.numbers(n))), None)
     if TIME in chosen:
@@ -184,7 +184,7 @@ def assign_columns(table: Table, options: ImportOptions) -> Columns:
         notes += [note] if note else []
     elif chosen:
         filled = np.logical_and.reduce([table.filled_rows(column) for _, column in chosen.values()])
-        if filled.any() and not filled.all():  # columns of other lengths, or gaps
+        if filled.any() and not filled.all():  # shorter columns, or gaps
             listed = ", ".join(f"'{column}'" for _, column in chosen.values())
             notes.append(f"{np.sum(~filled)} of {len(table)} rows left out: no value in one of {listed}")
             table = table.select(filled)
@@ -208,7 +208,7 @@ def _assign_own_names(
     """Add columns whose names state quantity and unit, such as force_N, and note duplicates.
 
     Raises:
-        InputError: two of them are for the same quantity and hold different values.
+        InputError: two columns of the same quantity have different values.
     """
     notes = []
     for name in table.names:
@@ -227,10 +227,10 @@ def _assign_own_names(
 
 
 def _displacement_or_axis(units: ColumnUnits, chosen: Chosen) -> Iterator[str]:
-    """Decide whether a position is the displacement of a press or that of a linear axis, and note it.
+    """Decide whether a position belongs to a press or to a linear axis, and yield notes on the decision.
 
     Raises:
-        InputError: a column whose name says no unit may be the position of either.
+        InputError: the column's name states no unit and the position may belong to either.
     """
     if DISPLACEMENT in chosen or not {POSITION, FORCE} <= set(chosen) or ("torque", 0) in chosen:
         return
@@ -262,13 +262,13 @@ def _displacement_or_axis(units: ColumnUnits, chosen: Chosen) -> Iterator[str]:
 def _orient_signs(
     units: ColumnUnits, assigned: dict[Key, Assigned], shift: int
 ) -> tuple[dict[Key, Assigned], bool, str]:
-    """Reverse displacement and force if needed, so that compression is positive; detect elements that pull.
+    """Make displacement and force positive in compression, and detect elements that can pull.
 
-    A unit with a number, such as 1N, prevents the reversal. A displacement that --column names belongs to a
+    A unit with a number, such as 1N, prevents a change of sign. A displacement named by --column belongs to a
     contact.
 
     Returns:
-        The columns, whether the element is held at both ends, and a note or nothing.
+        The columns, whether the element is attached at both ends, and a note (empty if there is none).
     """
     if DISPLACEMENT not in assigned or FORCE not in assigned:
         return assigned, False, ""
@@ -287,7 +287,7 @@ def _orient_signs(
         keep = " ".join(f"--unit {key[0]}=1{assigned[key].unit}" for key in turned)
         are, signs = ("are", "their signs are") if len(turned) > 1 else ("is", "its sign is")
         reason = f"{' and '.join(map(repr, turned.values()))} {are} negative in compression"
-        if sides.never_free:  # a stretched element is never compressed
+        if sides.never_free:  # an element in tension, which is never compressed
             reason = f"'{force.column}' and '{way.column}' count in opposite directions"
             signs = f"the sign of '{force.column}' is"
         notes = [f"{reason}: {signs} reversed; {keep} prevents this"]
@@ -329,28 +329,31 @@ def _special_column(table: Table, options: ImportOptions, name: str) -> str | No
     return options.columns.get(name, name if name in table.names else None)
 
 
-_SYSTEMATIC = 0.1  # share of empty cells; fewer are faults of the file
+_SYSTEMATIC = 0.1  # least share of empty cells of a slower sensor; fewer are faults of the file
 _SLOW = 2.0  # ratio to the slowest rate up to which an effort counts as slow
-_SHARED = 0.5  # share of the slowest column's values in complete rows
+_SHARED = 0.5  # least share of the slowest column's values that must be in complete rows
 
 
 def with_one_rate(
     table: Table, time: str, efforts: Sequence[str], motions: Sequence[str], run: str | None
 ) -> tuple[Table, str]:
-    """Select or interpolate rows so that all columns in use have a value in each, and describe that.
+    """Select or interpolate rows so that all columns in use have a value in each row.
 
-    If each sensor wrote rows of its own, hardly any row is complete. Then the other columns are interpolated
-    at the times of an effort, whose noise must not change, or of the slowest column.
+    If each sensor wrote its own rows, hardly any row is complete. The other columns are then interpolated at
+    the times of an effort, because interpolation would change its noise, or at those of the slowest column.
 
     Args:
-        table: the rows.
-        time: column of the times, which every row has.
-        efforts: columns in use of forces and torques.
-        motions: the other columns in use.
-        run: column of the runs, or None.
+        table: the table.
+        time: name of the time column, which has a value in every row.
+        efforts: names of the force and torque columns in use.
+        motions: names of the other columns in use.
+        run: name of the run column, or None.
+
+    Returns:
+        The table, and a note on what was done (empty if it is unchanged).
 
     Raises:
-        InputError: that cannot be, since runs or times are not in order.
+        InputError: interpolation is impossible because runs or times are not in order.
     """
     names = (*efforts, *motions)
     filled_by_name = {name: table.filled_rows(name) for name in (time, *names)}

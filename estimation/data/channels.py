@@ -1,4 +1,4 @@
-"""Channels of sessions, probed or imported, and the streams that store imported channels."""
+"""Channels of probing sessions and imported sessions, and the streams that store imported channels."""
 
 import json
 import re
@@ -16,10 +16,10 @@ from palpate.estimation.signals.runwise import sample_time
 from palpate.robot_io.errors import InputError, SessionError
 from palpate.robot_io.session import Column, Samples, Session, Stream
 
-RUN_LABELS = "run_labels"  # key in the session's metadata of what the data file called its runs, as JSON
+RUN_LABELS = "run_labels"  # metadata key of the data file's run names, as JSON
 _NUMBER = re.compile("[0-9]{1,18}$")
-_HELD = "touching"  # column of samples that press or pull, however deep they seem
-_CONTEXT = "context_"  # begins the name of a further signal
+_HELD = "touching"  # column that marks samples in contact at any depth
+_CONTEXT = "context_"  # prefix of the names of context signals
 
 _COLUMNS = {
     ChannelKind.CONTACT: ("displacement_m", "velocity_m_s", "acceleration_m_s2", "force_n"),
@@ -36,10 +36,10 @@ _DOCS = {
 
 
 def import_streams(imported: Imported) -> list[tuple[Stream, Mapping[str, ArrayLike]]]:
-    """Convert each imported channel to a stream of that name with its columns, for `write_session`.
+    """Convert each imported channel to a stream and its columns, for `write_session`.
 
     Args:
-        imported: data file as imported by `import_file`.
+        imported: result of `import_file`.
     """
     streams = list[tuple[Stream, Mapping[str, ArrayLike]]]()
     for channel in imported.channels:
@@ -65,19 +65,19 @@ def import_streams(imported: Imported) -> list[tuple[Stream, Mapping[str, ArrayL
 
 
 def import_extra(imported: Imported) -> dict[str, str]:
-    """Return the metadata that an imported session keeps beside its streams.
+    """Return the metadata of an imported session: the names of its runs.
 
     Args:
-        imported: data file as imported by `import_file`.
+        imported: result of `import_file`.
     """
     return {RUN_LABELS: json.dumps(imported.run_labels)}
 
 
 def run_labels(session: Session) -> dict[str, int]:
-    """Return the number of each run by its label in the data file; empty if the session has no valid labels.
+    """Return the run numbers by the runs' labels in the data file; empty if there are no valid labels.
 
     Args:
-        session: session of an import.
+        session: imported session.
     """
     try:
         labels = json.loads(session.metadata.extra.get(RUN_LABELS, "{}"))
@@ -92,7 +92,7 @@ def _imported_channel(name: str, samples: Samples) -> ChannelData:
     if not kinds:
         raise SessionError(f"stream '{name}' is not a channel: its columns are {', '.join(samples)}")
     _check(name, samples, ("time_s", "run", "phase", *_COLUMNS[kinds[0]]))
-    late = np.diff(samples["time_s"]) < FINEST_S  # as the import has it
+    late = np.diff(samples["time_s"]) < FINEST_S  # the same limit as in the import
     if (late & (np.diff(samples["run"]) == 0)).any():
         raise InputError(f"stream '{name}', column 'time_s': times must increase within a run")
     position, velocity, acceleration, effort = (samples[column] for column in _COLUMNS[kinds[0]])
@@ -118,7 +118,7 @@ def _imported_channel(name: str, samples: Samples) -> ChannelData:
 
 
 def _check(name: str, samples: Samples, columns: tuple[str, ...]) -> None:
-    """Reject columns that are missing, of another shape, or hold invalid values."""
+    """Raise an error if a column is missing, has another shape, or has invalid values."""
     for column in columns:
         if column not in samples:
             raise SessionError(f"stream '{name}': no column '{column}'")
@@ -135,18 +135,18 @@ def _check(name: str, samples: Samples, columns: tuple[str, ...]) -> None:
 def session_channels(
     session: Session, *more: Session, tared: bool = False, joints: bool = True
 ) -> tuple[ChannelData, ...]:
-    """Return the channels of a session, or of several probings by one arm: contact first, then joints.
+    """Return the channels of one session, or of several probing sessions of one arm; contacts come first.
 
     Args:
-        session: session of a probing or an import.
-        more: further probings by the same arm, which go on with the numbers of the runs.
-        tared: take the force in free air off a contact's force, which is what a stiffness needs; else it is
-            as it was measured, which is what the search for a sensor's bias needs. Imported channels stay
-            as they are.
-        joints: whether the joints of a probing are wanted; they take most of the memory.
+        session: probing session or imported session.
+        more: further probing sessions of the same arm; their run numbers continue.
+        tared: subtract the force in free air from the contact force, as the estimation of a stiffness needs;
+            False to keep the measured force, as the search for a sensor's bias needs. Imported channels are
+            unchanged.
+        joints: whether to return the joints of a probing session, which need most of the memory.
 
     Raises:
-        InputError: the session has none, or there are several that do not belong together.
+        InputError: the session has no channels, or the sessions cannot be joined.
     """
     names = [name for name in session.stream_names if name == "contact" or name.startswith("joint_")]
     try:

@@ -1,4 +1,4 @@
-"""Choose the columns that make channels, and number their joints."""
+"""Choose the columns that form channels, and number their joints."""
 
 import shlex
 from collections.abc import Collection, Iterable, Mapping
@@ -27,26 +27,27 @@ from palpate.robot_io.types import FloatArray
 POSITION = ("position", 0)
 EFFORTS = ("force", "torque")
 _DERIVABLE = frozenset({"velocity", "acceleration"})
-_OTHER_SIGN = 0.2  # largest force of the other sign in a press, relative to the largest force
-_GOES_WITH = 0.3  # correlation of position and force
-_BEGINNING = 0.05  # first share of the way, in which an axis already needs its force
+_OTHER_SIGN = 0.2  # largest force of opposite sign in a press, relative to the largest force
+_GOES_WITH = 0.3  # least correlation of position and force in a press
+_BEGINNING = 0.05  # first share of the travel, in which a linear axis already needs its force
 
 
 def choose_columns(
     units: ColumnUnits, known: Collection[Key], reserved: Collection[str], shift: int
 ) -> Chosen:
-    """Choose the columns that make channels together with known ones.
+    """Choose the columns that form channels together with the known columns.
 
-    Columns without a unit are considered only if no other columns make a channel.
+    Columns without a unit are considered only if no other columns form a channel.
 
     Args:
         units: units of the table's columns.
-        known: quantities that palpate's own names and the options say already.
-        reserved: columns of these, and those that must not be used.
-        shift: number to add to those of the joints.
+        known: quantities already assigned by palpate's own names or by options.
+        reserved: columns of the known quantities, and columns that must not be used.
+        shift: number to add to the joint numbers in the file.
 
     Raises:
-        InputError: two columns that a channel needs match equally well, or one of them is spoilt by a cell.
+        InputError: two columns match a required quantity equally well, or a required column has a cell that
+            is not a number.
     """
     table = units.table
     guessed = guess_columns(table.names, clocks_of(table.columns))
@@ -55,13 +56,13 @@ def choose_columns(
         for g in guessed
     ]
     named = [g for g in numbered if g.quantity and g.column not in reserved and g.key not in known]
-    if any(quantity in OF_JOINTS and joint == 0 for quantity, joint in known):  # the user means one joint
+    if any(quantity in OF_JOINTS and joint == 0 for quantity, joint in known):  # the user named one joint
         named = [guess for guess in named if guess.quantity not in OF_JOINTS or not guess.joint]
     free = [guess for guess in named if table.is_mostly_numeric(guess.column)]
     available = {*known, *(guess.key for guess in free)}
     if not (keys_of_channels(available) and TIME in available):
         keys = keys_of_channels({*known, *(guess.key for guess in named)})
-        for guess in named:  # say which cell is no number, where a channel could be made but for it
+        for guess in named:  # report the invalid cell if the column would complete a channel
             if guess.key in keys and guess.key not in available:
                 table.numbers(guess.column)
     of_user = {g for g in free if units.option_names(Role(*g.key, g.unit, shift), g.column)}
@@ -71,7 +72,7 @@ def choose_columns(
     for guess in guesses:
         guesses_of.setdefault(guess.key, []).append(guess)
     keys = [key for key in keys_of_channels({*known, *guesses_of}) if key in guesses_of]
-    keys += [  # what could be derived is read too where the user says its unit
+    keys += [  # velocity and acceleration are also read if the user states their unit
         guess.key
         for guess in clear
         if guess.quantity in _DERIVABLE and guess.key not in keys and guess in of_user
@@ -95,12 +96,12 @@ def choose_columns(
 def is_pressed(position: FloatArray, force: FloatArray) -> bool:
     """Return whether a position and a force look like those of a press rather than of a linear axis.
 
-    The force of a press has one sign; it grows with the position, or is zero when the motion begins. The
+    The force of a press has one sign. It grows with the position, or is zero when the motion begins. The
     force of an axis has both signs, or begins with the first movement, as friction does.
 
     Args:
-        position: shape (n,), in any unit.
-        force: shape (n,), of either sign.
+        position: position in any unit, shape (n,).
+        force: force in any unit and of any sign convention, shape (n,).
     """
     low, high = np.quantile(force, [0.005, 0.995])
     largest = max(abs(low), abs(high))
@@ -108,7 +109,7 @@ def is_pressed(position: FloatArray, force: FloatArray) -> bool:
         return False
     moved = np.abs(position - position[0])
     begins = slice(int(np.argmax(moved > 0.0)), int(np.argmax(moved > _BEGINNING * np.ptp(position))))
-    peak = int(np.argmax(np.abs(force))) + 1  # then it may tear; an axis may have its peak where it begins
+    peak = int(np.argmax(np.abs(force))) + 1  # after the peak an object may tear; an axis may start with it
     parts = [slice(begins.start, end) for end in (len(force), peak) if end > begins.stop]
     if any(abs(correlation_coefficient(position[part], force[part])) > _GOES_WITH for part in parts):
         return True
@@ -116,12 +117,12 @@ def is_pressed(position: FloatArray, force: FloatArray) -> bool:
 
 
 def _best_matches(table: Table, key: Key, guesses: list[Guess]) -> list[Guess]:
-    """Return the columns whose names fit best and whose values differ; of several times, a rising one."""
+    """Return the columns with the best fitting names and different values; of several times, rising ones."""
     if len(guesses) > 1:
         guesses = [guess for guess in guesses if len(table.labels(guess.column)[0]) > 1] or guesses
     if len(guesses) > 1 and key == TIME:
         guesses = [guess for guess in guesses if table.varies(guess.column)] or guesses
-        for goes_on in (np.greater, np.greater_equal):  # a clock may say a time twice
+        for goes_on in (np.greater, np.greater_equal):  # a clock may repeat a time
             onward = [guess for guess in guesses if goes_on(np.diff(table.numbers(guess.column)), 0.0).all()]
             if onward:
                 guesses = onward
@@ -133,11 +134,11 @@ def _best_matches(table: Table, key: Key, guesses: list[Guess]) -> list[Guess]:
 
 
 def have_equal_values(table: Table, key: Key, first: tuple[str, str], second: tuple[str, str]) -> bool:
-    """Return whether two columns hold equal values, possibly in two units.
+    """Return whether two columns have equal values, possibly in different units.
 
     Args:
-        table: the rows.
-        key: quantity of both columns; of times, only differences count.
+        table: the table.
+        key: quantity of both columns; times are compared relative to the first one.
         first: name and unit of a column.
         second: name and unit of the other column.
     """
@@ -159,18 +160,18 @@ Numbered = dict[str, dict[int, str]]  # column of each joint of each quantity
 
 
 def joint_shift(table: Table, columns: Mapping[str, str]) -> int:
-    """Return what to add to the numbers of joints so that they count from 1.
+    """Return the number to add to the joint numbers so that they count from 1.
 
     Args:
-        table: the rows.
-        columns: what the user says, which goes before their names.
+        table: the table.
+        columns: columns by quantity as stated by the user, which take precedence over names.
 
     Raises:
-        InputError: positions and another quantity count from different numbers.
+        InputError: the joint numbers of positions and of another quantity start at different numbers.
     """
     own = _numbered(name for name in table.names if name not in columns.values())
     positions = own.get("position", {})
-    for quantity, columns_of in own.items():  # refuse what may be one joint's or the next one's
+    for quantity, columns_of in own.items():  # reject numbers that are ambiguous by one joint
         if len(positions) == len(columns_of) and {min(positions), min(columns_of)} == {0, 1}:
             first, pairs = min(positions), zip(sorted(positions), sorted(columns_of), strict=True)
             remedy = " ".join(
@@ -189,7 +190,7 @@ def _numbered(names: Iterable[str]) -> Numbered:
     for guess in map(guess_column, names):
         if guess.quantity in OF_JOINTS and guess.joint is not None:
             numbered.setdefault(guess.quantity, {})[guess.joint] = guess.column
-    if "position" not in numbered:  # then the forces are those of presses
+    if "position" not in numbered:  # the forces then belong to presses
         numbered.pop("force", None)
     if {*numbered} & {*EFFORTS} or len(numbered.get("goal", ())) != len(numbered.get("position", ())):
         numbered.pop("goal", None)

@@ -1,4 +1,4 @@
-"""Quantities and units that the names of columns suggest."""
+"""Guess quantities and units from the names of columns."""
 
 import re
 import unicodedata
@@ -11,7 +11,7 @@ from palpate.estimation.data.units import SI, dimension_of, normalise, read_as
 
 RUN, PHASE = "run", "phase"
 
-Key = tuple[str, int]  # quantity and number of the joint, 0 where there is none
+Key = tuple[str, int]  # quantity and number of the joint, 0 if there is none
 TIME, DISPLACEMENT, FORCE = ("time", 0), ("displacement", 0), ("force", 0)
 
 QUANTITIES: Mapping[str, tuple[str, ...]] = MappingProxyType(
@@ -35,13 +35,13 @@ STANDS_FOR: Mapping[str, tuple[str, str, str]] = MappingProxyType(
         "pressure": ("N", "area", "5e-4N/Pa"),
     }
 )
-"""What may stand for an effort: the effort's unit, the constant between them, and an example of it."""
+"""Dimensions that may represent an effort: unit of the effort, name of the constant, and example of it."""
 
 OF_JOINTS = frozenset({"position", "velocity", "acceleration", "torque", "force", "goal"})
 
 _ALSO = {"depth": "displacement", "angle": "position"}
 _NAME = re.compile(rf"({'|'.join([*QUANTITIES, *_ALSO])})(?:_(\d+))?(?:_(.+))?", re.IGNORECASE)
-_BRACKETED = re.compile(r"\s*[\[({<]\s*(?!\d+\s*\])([^\])}>]*?)\s*[\])}>]\s*$")  # an index is no unit
+_BRACKETED = re.compile(r"\s*[\[({<]\s*(?!\d+\s*\])([^\])}>]*?)\s*[\])}>]\s*$")  # excludes indices
 _BEHIND_THE_UNIT = re.compile(  # as in "Force (N) Run #1"
     r"(?<=[])}]) (?:run|test|trial|specimen) ?#? ?\d+$", re.IGNORECASE
 )
@@ -55,9 +55,9 @@ class Role:
     """Quantity, joint and unit of a column."""
 
     quantity: str  # key of `QUANTITIES`
-    joint: int  # number of the joint from 1, or 0 where the name has none
-    unit: str  # as in the name, normalised; empty where it has none
-    shift: int = 0  # what the joint's number has more than in the file, whose joints may count from 0
+    joint: int  # number of the joint from 1, or 0 if the name has none
+    unit: str  # normalized unit in the name; empty if it has none
+    shift: int = 0  # offset of the joint number from that in the file, whose joints may count from 0
 
     @property
     def key(self) -> tuple[str, int]:
@@ -66,7 +66,7 @@ class Role:
 
     @property
     def numbered(self) -> str:
-        """Quantity with the joint's number in the file, as in options: position_2, force."""
+        """Quantity with the joint's number in the file, as in options: "position_2" or "force"."""
         return f"{self.quantity}_{self.joint - self.shift}" if self.joint else self.quantity
 
 
@@ -74,8 +74,8 @@ def parse_role(name: str, shift: int = 0) -> Role | None:
     """Parse a name such as `position_2_rad`, `force_N` or `time`; None for other names.
 
     Args:
-        name: name of a column, or of an option's value.
-        shift: number to add to that of a joint.
+        name: name of a column, or value of an option.
+        shift: number to add to the joint number.
     """
     match = _NAME.fullmatch(name.strip())
     if not match:
@@ -86,17 +86,17 @@ def parse_role(name: str, shift: int = 0) -> Role | None:
     unit = read_as(normalise(ending), QUANTITIES[quantity])
     if unit and dimension_of(unit) not in QUANTITIES[quantity]:
         return None
-    if named == "angle" and dimension_of(unit) != "angle":  # without its unit it may be any angle
+    if named == "angle" and dimension_of(unit) != "angle":  # without a unit it may be any angle
         return None
     return Role(quantity, joint, unit, shift)
 
 
 def role_of_option(name: str, shift: int) -> Role | None:
-    """Return the role that a user names in an option, also by a word such as `extension`; None for others.
+    """Return the role named in an option, possibly by a word such as `extension`; None for other names.
 
     Args:
         name: name as the user wrote it.
-        shift: added to the number of a joint.
+        shift: number to add to the joint number.
     """
     if role := parse_role(name, shift):
         return role
@@ -108,7 +108,7 @@ def role_of_option(name: str, shift: int) -> Role | None:
 
 
 def split_unit(name: str) -> tuple[str, str]:
-    """Split a column's name into the part before its unit and the normalised unit; empty if unknown.
+    """Split a column's name into the part before its unit and the normalized unit; empty if unknown.
 
     Units are in brackets, after a slash, a comma or "in", or at the end: "Weg / mm", "load_mN", "Load N",
     "force..N." (R replaces brackets), "ForceN". The number of a run may follow the brackets.
@@ -116,7 +116,7 @@ def split_unit(name: str) -> tuple[str, str]:
     Args:
         name: name of a column.
     """
-    name = without_run(unicodedata.normalize("NFKC", name))  # brackets and units of full width too
+    name = without_run(unicodedata.normalize("NFKC", name))  # also converts full-width characters
     match = _BRACKETED.search(name)
     stem, _, last = name.strip().rpartition(" ")
     if joined := _joined_unit(name.strip()):
@@ -140,7 +140,7 @@ def split_unit(name: str) -> tuple[str, str]:
 
 
 def without_run(name: str) -> str:
-    """Remove the number of a run behind the unit, as in "Force (N) Run #1".
+    """Remove the number of a run after the unit, as in "Force (N) Run #1".
 
     Args:
         name: name of a column.
@@ -164,7 +164,7 @@ def _joined_unit(name: str) -> tuple[str, str] | None:
 
 
 def unknown_unit(name: str) -> str:
-    """Return the text in brackets at the end of a name if it is not a known unit; else empty.
+    """Return the text in brackets at the end of a name if it is not a known unit, else an empty string.
 
     Args:
         name: name of a column.
@@ -174,7 +174,7 @@ def unknown_unit(name: str) -> str:
 
 
 def unit_in_name(name: str) -> str:
-    """Return the unit in a column's name, normalised; empty without a known unit.
+    """Return the normalized unit in a column's name; empty without a known unit.
 
     Args:
         name: name of a column.
@@ -183,7 +183,7 @@ def unit_in_name(name: str) -> str:
 
 
 def si_unit(dimension: str) -> str:
-    """Return the SI unit of a dimension, as names spell it.
+    """Return the SI unit of a dimension, as it is spelled in column names.
 
     Args:
         dimension: dimension, such as "force".
@@ -202,24 +202,24 @@ _NOT_MEASURED = frozenset(
         *("sollwert", "sollweg", "sollkraft", "consigne", "cible", "objetivo", "zadana", "zadane"),
     ]
 )
-# What a position servo was asked for, which counts only where nothing tells its effort.
+# Words for the goal of a position servo, which is used only if there is no effort.
 _GOAL = frozenset(
     "goal target desired des cmd command commanded set setpoint soll reference ref action".split()  # noqa: SIM905
 )
 _KNOWN = tuple((quantity, known) for quantity, known in WORDS.items() if quantity != RUN)
 _BY_DIMENSION = {"length": "displacement", "angle": "position"} | {n: n for n in ("time", "force", "torque")}
 OWN_NAME, _BY_NAME, _BY_WORD, _BY_UNIT, _BY_PAIR = 4, 3, 2, 1, 0
-# "Position des Kolbens" is that of the piston, "Allongement des mors" that of the jaws, "Position des" a
-# desired position.
+# "Position des Kolbens" is the position of the piston, "Allongement des mors" the extension of the jaws, but
+# "Position des" is a desired position.
 _ARTICLE = re.compile(
     rf"(?i:\b({'|'.join(word for words in WORDS.values() for word in sorted(words) if len(word) > 2)})) des "
     r"(?=[A-Z][a-z]{3}|(?!joint|axis|pos|vel|angle|torque|force)[a-z]{3})"
 )
-_AGAIN = re.compile(r"(.+) \((\d+)\)")  # a name that is there more than once
+_AGAIN = re.compile(r"(.+) \((\d+)\)")  # a repeated name
 _UNNAMED = re.compile(r"column \d+")
-_JOINTLY = ("position", "velocity", "torque")  # quantities that a file has for each joint
+_JOINTLY = ("position", "velocity", "torque")  # quantities that a file may have for each joint
 _RADIANS = {"position": "rad", "velocity": "rad_s"}
-_INTERFACES = (  # whose names have units by their specifications: ROS (REP 103), RTDE, libfranka, Arduino
+_INTERFACES = (  # names whose units are specified: ROS (REP 103), RTDE, libfranka, Arduino
     (re.compile(r"joint_states\W"), _RADIANS | {"torque": "Nm"}),
     (re.compile(r"^actual_(q|qd|current)_\d$"), _RADIANS | {"torque": "A"}),
     (re.compile(r"^(q|dq|tau_J)\[\d\]$"), _RADIANS | {"torque": "Nm"}),
@@ -230,24 +230,24 @@ _INTERFACES = (  # whose names have units by their specifications: ROS (REP 103)
 
 @dataclass(frozen=True)
 class Guess:
-    """Quantity that a column seems to hold."""
+    """Quantity that a column probably contains."""
 
-    column: str  # its name in the file
+    column: str  # name of the column in the file
     quantity: str  # key of `QUANTITIES`, or "run"; empty for none
-    joint: int | None = None  # number in the name, None where it has none
-    unit: str = ""  # as the name says it, normalised; empty where it says none
-    rank: int = _BY_NAME  # how well the name fits; the highest is a name of palpate's own
-    why: str = ""  # in words
-    of: tuple[str, ...] = ()  # what else the name says, such as whose position it is
+    joint: int | None = None  # joint number in the name, None if it has none
+    unit: str = ""  # normalized unit in the name; empty if it has none
+    rank: int = _BY_NAME  # how well the name fits; palpate's own names rank highest
+    why: str = ""  # reason in words
+    of: tuple[str, ...] = ()  # further words in the name, such as the object whose position it is
 
     @property
     def key(self) -> tuple[str, int]:
-        """Quantity and number of the joint, 0 where there is none."""
+        """Quantity and number of the joint, 0 if there is none."""
         return self.quantity, self.joint or 0
 
     @property
     def fit(self) -> tuple[bool, int, bool]:
-        """Sort key for columns of one quantity: units that stand for an effort come last."""
+        """Sort key for columns of one quantity: units that represent an effort come last."""
         return dimension_of(self.unit) not in STANDS_FOR, self.rank, bool(self.unit)
 
 
@@ -256,9 +256,9 @@ def guess_columns(names: Sequence[str], clocks: Collection[str] = ()) -> list[Gu
 
     Args:
         names: names of the columns.
-        clocks: those that hold seconds of a clock, whatever unit the name says.
+        clocks: columns with clock times in seconds, for any unit in their names.
     """
-    # Where the header holds units alone, they say what is measured: "mm", "kN", "s".
+    # If the header contains only units ("mm", "kN", "s"), they determine the quantities.
     units = {name: normalise(name.strip("[]() ")) for name in names if not is_unnamed(name)}
     units_only = sum(map(bool, map(dimension_of, units.values()))) >= max(2.0, 0.6 * len(units))
     guesses = [
@@ -271,8 +271,8 @@ def guess_columns(names: Sequence[str], clocks: Collection[str] = ()) -> list[Gu
         else guess_column(name)
         for name in names
     ]
-    # Joints that have names, "/elbow/position", get numbers where they have a position and a torque. A word
-    # alone, without a unit, says something only in such a pair.
+    # Named joints, such as "/elbow/position", get numbers if they have a position and a torque. A word
+    # without a unit determines a quantity only in such a pair.
     loose = [
         guess
         for guess in guesses
@@ -284,11 +284,11 @@ def guess_columns(names: Sequence[str], clocks: Collection[str] = ()) -> list[Gu
     }
     joints = [of for of, quantities in has.items() if {"position", "torque"} <= quantities]
     number = {of: place for place, of in enumerate(joints, 1)} if len(joints) > 1 else dict.fromkeys(joints)
-    # A torque that is nobody's may go with any position.
+    # A torque without a joint name may belong to any position.
     shared = len(joints) < 2 and any(
         guess.quantity == "torque" and guess.joint is None and guess.rank > _BY_PAIR for guess in guesses
     )
-    # Where the names make no channel, the last word of a name without a unit counts too: "Standard force".
+    # If the names form no channel, the last word of a name without a unit is used too: "Standard force".
     missing = {"time"} - {guess.quantity for guess in guesses}
     if not keys_of_channels({guess.key for guess in guesses if guess.quantity}):
         missing |= {"displacement", "force"} - {guess.quantity for guess in guesses}
@@ -306,7 +306,7 @@ def guess_columns(names: Sequence[str], clocks: Collection[str] = ()) -> list[Gu
 
 
 def is_unnamed(name: str) -> bool:
-    """Return whether a column has no name but its place.
+    """Return whether a column is named only by its position, such as "column 2".
 
     Args:
         name: name of the column.
@@ -315,7 +315,7 @@ def is_unnamed(name: str) -> bool:
 
 
 def keys_of_channels(available: Collection[Key]) -> list[Key]:
-    """Return the keys that make channels of given quantities, and their time; empty if none can be made.
+    """Return the keys of time and of all channels that the quantities allow; empty if they allow none.
 
     Args:
         available: quantities, each with the number of its joint.
@@ -329,9 +329,9 @@ def keys_of_channels(available: Collection[Key]) -> list[Key]:
             if effort in available and effort not in keys:
                 keys += [("position", joint), effort]
                 break
-    if not keys:  # a servo, whose goal error stands for an effort that nobody measured
+    if not keys:  # a servo: the goal error replaces the effort, which was not measured
         keys = [key for j in joints if ("goal", j) in available for key in (("position", j), ("goal", j))]
-    if not keys and not joints:  # the position is then the integral of the velocity
+    if not keys and not joints:  # the position is computed as the integral of the velocity
         moving = sorted({joint for quantity, joint in available if quantity == "velocity"})
         efforts = {
             j: [(effort, j) for effort in ("torque", "force") if (effort, j) in available] for j in moving
@@ -341,11 +341,11 @@ def keys_of_channels(available: Collection[Key]) -> list[Key]:
 
 
 def quantity_in(name: str, *, last: bool = False) -> str:
-    """Return the quantity of any word in a name, whatever its unit; "none" for words of unmeasured signals.
+    """Return the quantity of any word in a name, for any unit; "none" for words of unmeasured signals.
 
     Args:
         name: name of a column.
-        last: consider only the last word, of three letters or more, as in "log:timestamp".
+        last: consider only the last word, which must have at least three letters, as in "log:timestamp".
     """
     words = re.findall(r"[^\W\d_]+", plain(name))
     if _NOT_MEASURED & set(words):
@@ -356,10 +356,10 @@ def quantity_in(name: str, *, last: bool = False) -> str:
 
 
 def guess_column(name: str) -> Guess:
-    """Guess the quantity of a column by its own name alone.
+    """Guess the quantity of a column from its name alone.
 
     Args:
-        name: name of the column, as in the file.
+        name: name of the column in the file.
     """
     if (match := _NAME.fullmatch(name.strip())) and (role := parse_role(name)):
         rank, joint = OWN_NAME if role.unit else _BY_NAME, int(match[2]) if match[2] else None
@@ -385,7 +385,7 @@ def guess_column(name: str) -> Guess:
         return Guess(name, "")
     if quantity not in _JOINTLY:
         joint = None
-    uninformative = WORDS.get(quantity, frozenset()) | _SAYS_NOTHING  # an acceleration has no own words
+    uninformative = WORDS.get(quantity, frozenset()) | _SAYS_NOTHING  # `WORDS` has none for acceleration
     of = tuple(word.lower() for word in words if plain(word) not in uninformative)
     why = ("by its name and others'", "by its unit", "by a word in its name", "by its name")[rank]
     specified = next((units.get(quantity, "") for pattern, units in _INTERFACES if pattern.search(name)), "")
@@ -403,7 +403,7 @@ def _match_words(whole: str, words: Sequence[str], unit: str) -> tuple[str, int]
     for quantity, known in _KNOWN:
         if _fits(quantity, unit) and not known.isdisjoint(long):
             return quantity, _BY_WORD
-    is_effort = dimension not in {"voltage", "pressure"}  # by itself either may be anything
+    is_effort = dimension not in {"voltage", "pressure"}  # these alone may belong to any quantity
     by_unit = next((quantity for quantity in QUANTITIES if is_effort and _fits(quantity, unit)), "")
     by_pair = next((quantity for quantity in _JOINTLY if words[-1] in WORDS[quantity]), "")
     return (by_unit, _BY_UNIT) if by_unit else (by_pair, _BY_PAIR)

@@ -1,4 +1,4 @@
-"""Units of columns: what the user, a column's name or its numbers say."""
+"""Determine the units of columns from options, names and numbers."""
 
 import math
 import shlex
@@ -34,7 +34,7 @@ from palpate.robot_io.errors import InputError
 
 Chosen = dict[Key, tuple[Role, str]]  # role and column of each quantity
 
-_LARGE = {  # the unit that is likely where the numbers span more
+_LARGE = {  # largest plausible range in SI, and the likely unit of a larger range
     "displacement": (0.2, "mm"),
     "position": (4.0 * np.pi, "deg"),
     "goal": (4.0 * np.pi, "deg"),
@@ -43,21 +43,21 @@ _LARGE = {  # the unit that is likely where the numbers span more
 
 @dataclass(frozen=True)
 class Assigned:
-    """One quantity's column."""
+    """Column of one quantity."""
 
-    column: str  # its name in the file
-    dimension: str  # what it measures
-    unit: str  # of its numbers
-    factor: float  # turns its numbers into SI
-    note: str = ""  # what the reader should know, or empty
-    zero: float = 0.0  # what its numbers count from, in SI
+    column: str  # name of the column in the file
+    dimension: str  # dimension of the quantity, such as "length"
+    unit: str  # unit of the numbers
+    factor: float  # factor from this unit to SI
+    note: str = ""  # note for the user, or empty
+    zero: float = 0.0  # zero of the quantity, in SI; subtracted from the numbers
 
 
 @dataclass(frozen=True)
 class ColumnUnits:
-    """Finds the units of a table's columns.
+    """Units of a table's columns.
 
-    In all methods `role` says what a column is for, `column` is its name in the file, and `chosen` are the
+    In all methods `role` is the role of a column, `column` is its name in the file, and `chosen` are the
     columns in use.
     """
 
@@ -65,9 +65,9 @@ class ColumnUnits:
     options: ImportOptions
 
     def option_names(self, role: Role, column: str) -> list[str]:
-        """Names in --unit that refer to a column: its own, its quantity, or its quantity and joint.
+        """Return the names in --unit that refer to a column: its name, quantity, or quantity and joint.
 
-        The name of another column refers to that column alone, unless --column gives it another meaning.
+        The name of another column refers only to that column, unless --column gives it another meaning.
         """
         columns = self.options.columns
         exact = {name for name in self.table.names if name not in columns or name in columns.values()}
@@ -78,20 +78,20 @@ class ColumnUnits:
         return [name for name in self.options.units if name == column or name in of_role]
 
     def unit_of(self, role: Role, column: str) -> str:
-        """The unit by --unit, the column's name, or the role's name, in this order; empty if unknown."""
+        """Return the unit from --unit, the column's name or the role, in this order; empty if unknown."""
         own = read_as(self._named_unit(column), QUANTITIES[role.quantity])
         fits = dimension_of(own) in QUANTITIES[role.quantity]
         return self._user_unit(role, column) or (own if fits else "") or role.unit
 
     def is_scaled_by_user(self, role: Role, column: str) -> bool:
-        """Whether --unit gives a number before the unit, which also fixes the sign."""
+        """Return whether --unit has a number before the unit, which also fixes the sign."""
         return any(is_scaled(self.options.units[name]) for name in self.option_names(role, column))
 
     def assign(self, role: Role, column: str) -> Assigned:
-        """Find the unit of a column and its factor to SI.
+        """Determine the unit of a column and its factor to SI.
 
         Raises:
-            InputError: the unit does not measure the quantity, or the column holds clock times.
+            InputError: the unit does not fit the quantity, or the column contains clock times.
         """
         dimensions, place = QUANTITIES[role.quantity], f"{self.table.path}: column '{column}'"
         if role.quantity != "time" and column in clocks_of(self.table.columns):
@@ -131,7 +131,7 @@ class ColumnUnits:
         return Assigned(column, dimension, user_unit if scale != 1.0 else unit, factor, note)
 
     def missing(self, chosen: Chosen) -> list[tuple[str, str]]:
-        """The columns of unknown unit, each with the option that gives the likely one."""
+        """Return the columns of unknown unit, each with the option that states the likely unit."""
         missing = []
         for role, column in chosen.values():
             if role.quantity != "time" and not self.unit_of(role, column):
@@ -141,10 +141,10 @@ class ColumnUnits:
         return missing
 
     def check_known(self, chosen: Chosen) -> None:
-        """Ask for the units that nothing says, and suggest likely ones.
+        """Check that all units are known.
 
         Raises:
-            InputError: a unit is unknown.
+            InputError: a unit is unknown; the message suggests likely units.
         """
         if missing := self.missing(chosen):
             columns = ", ".join(f"'{column}'" for column, _ in missing)
@@ -158,10 +158,10 @@ class ColumnUnits:
             raise InputError(f"{self.table.path}: {problem}")
 
     def check_force_of_angle(self, chosen: Chosen) -> None:
-        """Ask for the lever arm where a joint has an angle and a force, and no other channel can be made.
+        """Check that no joint has an angle and a force if there is no other channel.
 
         Raises:
-            InputError: the lever arm is needed.
+            InputError: the lever arm is needed to convert a force to a torque.
         """
         if DISPLACEMENT in chosen or any(quantity in {"torque", "goal"} for quantity, _ in chosen):
             return
@@ -180,10 +180,10 @@ class ColumnUnits:
                 )
 
     def check_used(self, chosen: Chosen) -> None:
-        """Refuse a --unit that applies to no column in use: it would be lost without a word.
+        """Check that each --unit applies to a column in use, since others would be ignored silently.
 
         Raises:
-            InputError: there is such a unit.
+            InputError: a --unit applies to no column in use.
         """
         used = {name for role, column in chosen.values() for name in self.option_names(role, column)}
         for name in self.options.units:
@@ -198,13 +198,13 @@ class ColumnUnits:
         return normalise(next((self.options.units[name] for name in self.option_names(role, column)), ""))
 
     def _named_unit(self, column: str) -> str:
-        """The unit in a column's name, but seconds where it held clock times."""
+        """Return the unit in a column's name, or seconds if the column has clock times."""
         return "s" if column in clocks_of(self.table.columns) else unit_in_name(column)
 
     def _likely_unit(self, role: Role, column: str, *, linear: bool = False) -> str:
-        """The SI unit, or the usual unit of laboratories where the numbers are too large for SI.
+        """Return the SI unit, or the usual laboratory unit if the numbers are too large for SI.
 
-        `linear`: the position is of a linear axis, whose effort is a force.
+        `linear` states that the position belongs to a linear axis, whose effort is a force.
         """
         values = self.table.numbers(column) if self.table.is_numeric(column) else np.zeros(1)
         span = float(np.ptp(values))

@@ -1,4 +1,4 @@
-"""Samples of each run in contact, and the position of the surface."""
+"""Find the samples of each run in contact, and estimate the position of the surface."""
 
 from dataclasses import dataclass, replace
 
@@ -13,25 +13,25 @@ from palpate.estimation.statistics.noise import sum_covariance
 from palpate.estimation.statistics.uncertainty import common_error_covariance, sandwich
 from palpate.robot_io.types import BoolArray, FloatArray, IntArray
 
-_LASTING = 3  # samples in a row
-_FREE = (Phase.FREE_AIR, Phase.APPROACH)  # the first of these that a run has tells its noise
+_LASTING = 3  # least number of consecutive samples of a contact
+_FREE = (Phase.FREE_AIR, Phase.APPROACH)  # the first of these phases in a run determines its noise
 
 
 @dataclass(frozen=True)
 class Contact:
     """Contact of one run."""
 
-    run: int  # its number
-    rows: IntArray  # indices of the samples that are surely in contact, in order of time; may be empty
-    # Indices of the last sample before and the first after it whose force
-    # is no touch; fewer where the run has none.
+    run: int  # number of the run
+    rows: IntArray  # indices of the samples that are certainly in contact, in order of time; may be empty
+    # Indices of the last sample before and the first sample after the contact without a contact force; fewer
+    # if the run has none.
     free: IntArray
-    baseline_n: float  # force in free air [N]
-    baseline_std_err_n: float  # its standard error, also where the noise is correlated in time [N]
+    baseline_n: float  # mean force in free air [N]
+    baseline_std_err_n: float  # its standard error, valid for autocorrelated noise [N]
     noise_n: float  # standard deviation of the force in free air [N]
 
     def among(self, kept: BoolArray) -> "Contact":
-        """Return the contact with indices among the kept samples, which include all its own.
+        """Return the contact with indices relative to the kept samples, which must include its own.
 
         Args:
             kept: mask of all samples, shape (n,).
@@ -44,28 +44,28 @@ def find_contacts(force_n: FloatArray, run: IntArray, phase: IntArray) -> tuple[
     """Find the contact of each run, in order of run number.
 
     Args:
-        force_n: shape (n,), positive in compression [N].
-        run: shape (n,).
-        phase: shape (n,), numbers of `palpate.control.loop.task.Phase`.
+        force_n: force, positive in compression, shape (n,) [N].
+        run: run number of each sample, shape (n,).
+        phase: numbers of `palpate.control.loop.task.Phase`, shape (n,).
     """
     contacts = []
     for number in np.unique(run):
         rows = np.flatnonzero(run == number)
         force, phase_in_run = force_n[rows], phase[rows]
         free = force[:_LASTING]
-        for before in _FREE:  # the first half of the approach, if nothing better is there
+        for before in _FREE:  # without a phase in free air, the first half of the approach is used
             samples: FloatArray = force[phase_in_run == before]
             if len(samples) > 2 * _LASTING:
                 free = samples if before is Phase.FREE_AIR else samples[: len(samples) // 2]
                 break
         baseline_n, noise_n = float(np.mean(free)), float(np.std(free))
         highest_n, retracted = baseline_n, force[phase_in_run == Phase.RETRACT]
-        if len(retracted) > 2 * _LASTING:  # the end of the retract is free air too
+        if len(retracted) > 2 * _LASTING:  # the end of the retraction is also in free air
             highest_n = max(baseline_n, float(np.mean(retracted[len(retracted) // 2 :])))
         touching = _drop_short_stretches(force > highest_n + touch_force_n(noise_n))
         inside = np.flatnonzero(touching)[1:-1]
         beside = list[int]()
-        if len(inside):  # a bounce is no contact, a single low sample within it is noise
+        if len(inside):  # a bounce is not a contact; a single low sample within a contact is noise
             beside = [at for at in (inside[0] - 2, inside[-1] + 2) if 0 <= at < len(rows)]
             lifted = _drop_short_stretches(~touching[inside[0] : inside[-1] + 1])
             inside = inside[0] + np.flatnonzero(~lifted)
@@ -77,12 +77,12 @@ def find_contacts(force_n: FloatArray, run: IntArray, phase: IntArray) -> tuple[
 
 
 def contact_rows(force_n: FloatArray, run: IntArray, phase: IntArray) -> BoolArray:
-    """Return a mask of all samples that are surely in contact, shape (n,).
+    """Return the mask of all samples that are certainly in contact, shape (n,).
 
     Args:
-        force_n: shape (n,), positive in compression [N].
-        run: shape (n,).
-        phase: shape (n,), numbers of `palpate.control.loop.task.Phase`.
+        force_n: force, positive in compression, shape (n,) [N].
+        run: run number of each sample, shape (n,).
+        phase: numbers of `palpate.control.loop.task.Phase`, shape (n,).
     """
     mask = np.zeros(len(force_n), dtype=np.bool_)
     for contact in find_contacts(force_n, run, phase):
@@ -91,24 +91,26 @@ def contact_rows(force_n: FloatArray, run: IntArray, phase: IntArray) -> BoolArr
 
 
 def _drop_short_stretches(mask: BoolArray) -> BoolArray:
-    """Keep only true samples in stretches of at least `_LASTING`."""
+    """Keep only true samples in stretches of at least `_LASTING` samples."""
     _, row = block_index(mask)
     return np.asarray(mask & (np.bincount(row)[row] >= _LASTING))
 
 
-_SOFTEST_START = 3.0  # power of the depth with which the force of an object may begin
+_SOFTEST_START = 3.0  # largest assumed power of the depth in the force law near the surface
 
 
 @dataclass(frozen=True)
 class Touch:
-    """Range of positions in which the first contact at one place allows the surface to be."""
+    """Range of positions of the surface that the contacts at one place allow.
 
-    highest_m: float  # no object begins above [m]; -inf where no free air was recorded
-    # The shallowest of the last samples before, and the first after a
-    # contact; or as `first_m`, if that is shallower [m].
+    Coordinates are measured along the press direction; a larger coordinate is deeper.
+    """
+
+    highest_m: float  # upper bound of the surface [m]; -inf if no free air was recorded
+    # Shallowest of the samples in free air directly before and after the contacts, at most `first_m` [m].
     air_m: float
-    first_m: float  # the shallowest sample in contact [m]
-    step_m: float  # of the grid that these coordinates were read on; 0 if there is none [m]
+    first_m: float  # shallowest sample in contact [m]
+    step_m: float  # quantization step of these coordinates; 0 if there is none [m]
 
     @property
     def deepest_m(self) -> float:
@@ -116,7 +118,7 @@ class Touch:
         return self.first_m + self.step_m / 2
 
     def alone(self) -> Surface:
-        """Surface by the touch alone: uniformly distributed between free air and contact."""
+        """Return the surface from the contact alone: uniformly distributed between free air and contact."""
         width_m = self.first_m - self.air_m + self.step_m
         return Surface((self.air_m + self.first_m) / 2, width_m / np.sqrt(12), self.highest_m, self.deepest_m)
 
@@ -124,17 +126,17 @@ class Touch:
 def find_surface(  # noqa: PLR0917
     along_m: FloatArray, speed_m_s: FloatArray, force_n: FloatArray, run: IntArray, tare: Tare, touch: Touch
 ) -> Surface:
-    """Estimate the surface that runs at one place share: where a spring and damper fit would begin.
+    """Estimate the common surface of runs at one place: the zero of a fit of a spring and a damper.
 
-    The surface is not deeper than the shallowest sample in contact, which bounds objects that do not begin
-    like a spring, nor above the bound by the touch. If the press spans only a few encoder steps, the touch
-    alone determines the surface.
+    The surface is not deeper than the shallowest sample in contact, since the force of an object may begin
+    more gradually than that of a spring. It is not above the bound from the contact. If the press spans only
+    a few encoder steps, the contact alone determines the surface.
 
     Args:
-        along_m: tip along the press direction, shape (n,), samples in contact only [m].
-        speed_m_s: its derivative, shape (n,) [m/s].
-        force_n: force above that in free air, shape (n,) [N].
-        run: shape (n,).
+        along_m: position of the tip along the press direction, samples in contact only, shape (n,) [m].
+        speed_m_s: derivative of that position, shape (n,) [m/s].
+        force_n: force above that in free air, positive in compression, shape (n,) [N].
+        run: run number of each sample, shape (n,).
         tare: offset subtracted from the force.
         touch: result of `touch_of`.
     """
@@ -147,7 +149,7 @@ def find_surface(  # noqa: PLR0917
     residuals = force_n - columns @ gains
     covariance = sandwich(columns, residuals, np.ones(len(residuals)), run)
     deeper_m = -float(offset_n / stiffness)
-    slope = np.array([-deeper_m, 0.0, -1.0]) / stiffness  # of deeper_m with the gains
+    slope = np.array([-deeper_m, 0.0, -1.0]) / stiffness  # derivative of deeper_m by the gains
     matrix = covariance.matrix + common_error_covariance(columns, tare.index(run), tare.std_err)
     std_err_m = float(np.sqrt(slope @ matrix @ slope))
     position_m = max(touch.first_m + min(deeper_m, 0.0), touch.highest_m)
@@ -155,16 +157,16 @@ def find_surface(  # noqa: PLR0917
 
 
 def touch_of(along_m: FloatArray, force_n: FloatArray, contacts: list[Contact], step_m: float) -> Touch:
-    """Bound the surface by the samples around the touches of one place.
+    """Bound the surface by the samples around the contacts at one place.
 
-    If the force of an object grows with a power p of the depth, the last sample of free air has the share
-    (x_air / x_max)^p of the largest force, which is less than the threshold of a touch.
+    If the force of an object grows with a power p of the depth, the last sample in free air has the share
+    (x_air / x_max)^p of the largest force. This force is below the threshold of contact.
 
     Args:
-        along_m: tip along the press direction, shape (n,), all samples [m].
-        force_n: force above that in free air, shape (n,) [N].
-        contacts: those at one place.
-        step_m: step of the grid that the coordinates were read on; 0 if there is none [m].
+        along_m: position of the tip along the press direction, all samples, shape (n,) [m].
+        force_n: force above that in free air, positive in compression, shape (n,) [N].
+        contacts: contacts at one place.
+        step_m: quantization step of the coordinates; 0 if there is none [m].
     """
     rows = np.concatenate([contact.rows for contact in contacts])
     free = np.concatenate([contact.free for contact in contacts])

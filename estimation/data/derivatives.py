@@ -1,16 +1,16 @@
-"""Velocity and acceleration from positions, without phase error.
+"""Compute velocity and acceleration from positions, without phase error.
 
 A cubic is fitted to the samples around each sample, see `local_fit`. Each piece of the motion is fitted
-separately, so that nothing is smoothed from one run into the next.
+separately, so that smoothing does not extend across runs.
 
-The window is chosen for each derivative separately, since noise and curvature have different weight in each.
-While windows are too narrow for the noise, each wider window changes the velocity; windows that are too wide
-for the motion change it again. The pilot window lies where the velocity changes least (in the manner of O. V.
-Lepskii, Theory Probab. Appl. 35 (1991)). Cross-validation would follow correlated errors of neighbours, such
-as those of several encoders' steps (J. D. Hart, JRSS B 53 (1991)). From the noise estimated with the pilot
-window, an unbiased risk estimate gives the error of wider windows in velocity and in acceleration (J. Fan, I.
-Gijbels, Local Polynomial Modelling and Its Applications (1996), ch. 4). The noise estimate is at least the
-rounding error of the positions' grid.
+Each derivative has its own window, since noise and curvature affect the derivatives differently. Wider
+windows change the velocity if the present window is too narrow for the noise, or too wide for the motion. The
+pilot window is the one at which the velocity changes least (in the manner of O. V. Lepskii, Theory Probab.
+Appl. 35 (1991)). Cross-validation would follow correlated errors of neighboring samples, such as those of
+encoder steps (J. D. Hart, JRSS B 53 (1991)). The pilot window gives an estimate of the noise, which is at
+least the quantization error of the positions. An unbiased risk estimate then gives the errors of velocity and
+acceleration for wider windows (J. Fan, I. Gijbels, Local Polynomial Modelling and Its Applications (1996),
+ch. 4).
 """
 
 from collections.abc import Sequence
@@ -28,25 +28,25 @@ from palpate.estimation.signals.cache_by_array import cache_by_channel_arrays
 from palpate.robot_io.types import BoolArray, FloatArray, IntArray
 
 HALF_WINDOWS = (2, 3, 4, 5, 7, 10, 14, 20, 28, 40, 56, 80)
-_TOLERANCE = 1.1  # a wider window is taken if its error is at most 10 % more: it calms the derivatives
+_TOLERANCE = 1.1  # a wider, smoother window is preferred if its error is at most 10 % larger
 _RISEN = 1.25  # ratio to the least change so far above which windows bias the motion
 _TRIALS = 4000  # samples on which windows are compared
 _ON_GRID = 0.01  # largest distance from a grid point, in steps
-_ARITHMETIC = 1e4  # spacings of floating-point numbers: smaller moves are rounding of the numbers themselves
-_STAIRCASE = 0.8  # share of the slowest positions that repeat a neighbour's, as at an encoder's steps
-_SLOWEST, _REACH = 0.1, 10  # share of the samples; samples to either side by which their speed is told
-_BLOCK = 20_000  # samples that are even or uneven together
-_AT_ONCE = 4096  # samples fitted at once: sums of their windows stay in the processor's cache
+_ARITHMETIC = 1e4  # floating-point spacings; smaller changes of position are floating-point errors
+_STAIRCASE = 0.8  # least share of the slowest positions that repeat a neighbor's, as with encoder steps
+_SLOWEST, _REACH = 0.1, 10  # share of the slowest samples; samples on each side that determine the speed
+_BLOCK = 20_000  # samples whose steps are checked together for evenness
+_AT_ONCE = 4096  # samples fitted at once, so that sums of their windows stay in the processor's cache
 
 
 @dataclass(frozen=True)
 class Motion:
-    """Derivatives of a position."""
+    """Smoothed position with its derivatives."""
 
-    position: FloatArray  # shape (n,), smoothed by the window of the velocity
-    velocity: FloatArray  # shape (n,), unit of the position per second
-    acceleration: FloatArray  # shape (n,)
-    # Samples on either side that went into each fit, for velocity and for acceleration.
+    position: FloatArray  # position smoothed by the window of the velocity, shape (n,)
+    velocity: FloatArray  # shape (n,) [unit of the position / s]
+    acceleration: FloatArray  # shape (n,) [unit of the position / s^2]
+    # Number of samples on each side in the fits of velocity and of acceleration.
     half_windows: tuple[int, int]
 
 
@@ -64,22 +64,22 @@ def differentiate(
     """Estimate velocity and acceleration of a sampled position.
 
     Args:
-        time_s: shape (n,), strictly increasing within a piece [s].
-        position: shape (n,).
-        piece: shape (n,), the same number for samples that belong to one smooth motion; in one block each.
-        half_window: samples on either side; None to find out.
-        rounding: variance of the positions' rounding; None to see from their steps.
-        calm: take the widest of the acceleration's windows with about equal error; else the narrowest, which
-            leaves more noise and less bias, as averages need.
-        wider: places in `HALF_WINDOWS` by which windows are widened, for a signal whose errors are smooth:
-            neighbours share them, and narrow windows follow them.
+        time_s: times, strictly increasing within a piece, shape (n,) [s].
+        position: positions, shape (n,).
+        piece: number of the smooth motion that each sample belongs to, in one block each, shape (n,).
+        half_window: number of samples on each side; None to select it.
+        rounding: variance of the positions' quantization; None to estimate it.
+        calm: of the acceleration windows with about equal error, select the widest; False for the narrowest,
+            which leaves more noise and less bias, as averages need.
+        wider: number of steps in `HALF_WINDOWS` by which windows are widened, for a signal with smooth
+            errors, which narrow windows would follow.
         tried: mask of the samples on which windows are compared, shape (n,); None for all.
     """
     if rounding is None:
         rounding = rounding_variance(time_s, position, piece, grid_step(position))
     pieces = list(blocks(piece))
     measured, position = position, _relative_to_start(position, pieces)
-    if half_window is None:  # the windows whose error is nearly the least
+    if half_window is None:  # select the windows with nearly the least error
         rows = slice(None) if tried is None else np.flatnonzero(tried)
         smallest, velocity, acceleration = HALF_WINDOWS[0], HALF_WINDOWS[0], HALF_WINDOWS[0]
         long_enough = [part for part in blocks(piece[rows]) if part.stop - part.start > 2 * smallest + 1]
@@ -113,13 +113,13 @@ def differentiate(
 
 
 def grid_step(position: FloatArray) -> float:
-    """Return the step of the grid on which all positions lie, such as an encoder's; 0 without a grid.
+    """Return the quantization step of the positions, such as an encoder step; 0 without quantization.
 
-    At a speed of about one step per sample, rounding errors change so slowly that any narrow window follows
-    them.
+    The step matters because at about one step per sample, quantization errors change so slowly that any
+    narrow window follows them.
 
     Args:
-        position: shape (n,), as it was read.
+        position: measured positions, shape (n,).
     """
     moves = np.abs(np.diff(position))
     moves = moves[moves > _ARITHMETIC * np.spacing(np.abs(position).max(initial=0.0))]
@@ -130,20 +130,20 @@ def grid_step(position: FloatArray) -> float:
 
 
 def rounding_variance(time_s: FloatArray, position: FloatArray, piece: IntArray, step: float) -> float:
-    """Estimate the variance of the positions' rounding.
+    """Estimate the variance of the positions' quantization error.
 
-    The tip of an arm is on no grid: it makes steps of several sizes, one for each encoder. Halfway in time
-    between two different readings, the tip is about halfway between them.
+    The tip of an arm has no single step: each encoder makes steps of its own size. The estimate assumes that
+    halfway in time between two different readings, the tip is about halfway between them.
 
     Args:
-        time_s: shape (n,) [s].
-        position: shape (n,).
-        piece: shape (n,), the same number for samples that belong to one smooth motion.
-        step: step of the grid on which the positions lie; 0 where they lie on none.
+        time_s: times, shape (n,) [s].
+        position: positions, shape (n,).
+        piece: number of the smooth motion that each sample belongs to, shape (n,).
+        step: quantization step of the positions; 0 if there is none.
     """
     same = (np.diff(position) == 0.0) & (np.diff(piece) == 0)
     waits = np.append(False, same) | np.append(same, False)
-    # The samples around which least way is made, but some, (n,): a reader in steps waits there.
+    # Select the samples with the slowest nonzero motion, (n,): quantized readings repeat there.
     ahead = np.append(position[_REACH:], np.full(_REACH, position[-1]))[: len(position)]
     behind = np.append(np.full(_REACH, position[0]), position[:-_REACH])[: len(position)]
     way = np.abs(ahead - behind)
@@ -168,18 +168,18 @@ def _middles(signal: FloatArray, before: IntArray) -> FloatArray:
 def position_error(
     time_s: FloatArray, position: FloatArray, run: IntArray, rounding: float
 ) -> tuple[FloatArray, int]:
-    """Estimate the reading error of each position, and the half window of the smooth motion.
+    """Estimate the reading error of each position, (n,), and the half window of the smooth motion.
 
     Errors that are slower than the half window count as motion.
 
-    The smooth motion is a fit with the pilot window. Each error is divided by the square root of one less its
-    leverage, since the fit follows part of it.
+    The smooth motion is a fit with the pilot window. Each residual is divided by the square root of one minus
+    its leverage, since the fit follows part of the error.
 
     Args:
-        time_s: shape (n,), strictly increasing within a run [s].
-        position: shape (n,).
-        run: run of each sample, shape (n,).
-        rounding: variance of the positions' rounding; 0 where they lie on no grid.
+        time_s: times, strictly increasing within a run, shape (n,) [s].
+        position: positions, shape (n,).
+        run: run number of each sample, shape (n,).
+        rounding: variance of the positions' quantization; 0 if there is none.
     """
     pieces = [rows for rows in blocks(run) if rows.stop - rows.start > 2 * HALF_WINDOWS[0] + 1]
     error = np.zeros(len(position))
@@ -195,7 +195,7 @@ def position_error(
 
 
 def _relative_to_start(position: FloatArray, pieces: list[slice]) -> FloatArray:
-    """Subtract each piece's first position (n,), so that rest has exactly zero velocity."""
+    """Subtract each piece's first position, so that the velocity at rest is exactly zero; shape (n,)."""
     moved = np.empty(len(position))
     for rows in pieces:
         moved[rows] = position[rows] - position[rows.start]
@@ -206,8 +206,8 @@ def _relative_to_start(position: FloatArray, pieces: list[slice]) -> FloatArray:
 class _WindowFit:
     """Fits with one window at n samples."""
 
-    half: int  # samples on either side
-    rounding: float  # variance of the positions' rounding
+    half: int  # number of samples on each side
+    rounding: float  # variance of the positions' quantization
     residual: FloatArray  # measured minus fitted position, shape (n,)
     fitted: FloatArray  # see `LocalFit`
     variance: FloatArray  # see `LocalFit`
@@ -219,14 +219,14 @@ class _WindowFit:
         return max(float(np.mean(self.residual**2 / unleveraged)), self.rounding)
 
     def risk(self, pilot: "_WindowFit", order: int) -> float:
-        """Mean squared error of a derivative, unbiased if the pilot's residual is noise alone.
+        """Estimate the mean squared error of a derivative, unbiased if the pilot's residual is only noise.
 
-        A fit is the best linear estimate in its window. Its covariance with a narrower window's fit is
+        A fit is the best linear estimate in its window. Its covariance with the fit of a narrower window is
         therefore its own variance, and the variance of their difference is the difference of the variances
         (C. L. Mallows, Some Comments on C_p, Technometrics 15 (1973), for a derivative).
 
         Args:
-            pilot: the window that follows the motion.
+            pilot: fit with the pilot window.
             order: order of the derivative, 1 or 2.
         """
         squared_difference = np.mean((self.fitted[:, order] - pilot.fitted[:, order]) ** 2)
@@ -235,11 +235,11 @@ class _WindowFit:
 
 
 def wider_window(half: int, by: int) -> int:
-    """Return the window that is `by` places wider in `HALF_WINDOWS`, at most the widest.
+    """Return the window that is `by` steps wider in `HALF_WINDOWS`, at most the widest.
 
     Args:
-        half: samples on either side, one of `HALF_WINDOWS`.
-        by: how many of `HALF_WINDOWS` wider.
+        half: number of samples on each side, one of `HALF_WINDOWS`.
+        by: number of steps in `HALF_WINDOWS`.
     """
     return HALF_WINDOWS[min(HALF_WINDOWS.index(half) + by, len(HALF_WINDOWS) - 1)]
 
@@ -261,10 +261,10 @@ def _fit_windows(
 
 
 def _pilot_window(trials: list[_WindowFit]) -> _WindowFit:
-    """Return the window before the two between which the velocity changes least.
+    """Return the window before the pair of windows between which the velocity changes least.
 
-    The first such place is taken, since windows that are far too wide agree again. Places where the residual
-    is no larger than the rounding error do not count: such windows follow the steps.
+    The search stops at the first minimum, since windows that are far too wide agree again. It continues while
+    the residual does not exceed the quantization error, since such windows follow the steps.
     """
     velocity = [trial.fitted[:, 1] for trial in trials]
     changes = [float(np.mean((wider - narrow) ** 2)) for narrow, wider in pairwise(velocity)]
@@ -278,7 +278,7 @@ def _pilot_window(trials: list[_WindowFit]) -> _WindowFit:
 
 
 DEGREE = 3
-_EVEN = 1e-4  # steps that differ by less, as a share of a step, count as even
+_EVEN = 1e-4  # relative difference of time steps below which they count as even
 
 
 @dataclass(frozen=True)
@@ -286,8 +286,7 @@ class LocalFit:
     """Local polynomial fits around n samples."""
 
     fitted: FloatArray  # position, velocity and acceleration, shape (n, 3)
-    # Of each of them for noise of variance 1, shape (n, 3); that of a
-    # position is also the share of its own measurement in it.
+    # Their variances for noise of variance 1, shape (n, 3); the variance of a position is also its leverage.
     variance: FloatArray
 
 
@@ -295,10 +294,10 @@ def local_fit(time_s: FloatArray, position: FloatArray, centres: IntArray, half:
     """Fit a polynomial around each of the samples `centres` of one piece.
 
     Args:
-        time_s: shape (n,), strictly increasing [s].
-        position: shape (n,).
+        time_s: times, strictly increasing, shape (n,) [s].
+        position: positions, shape (n,).
         centres: indices of the samples, shape (m,).
-        half: samples on either side of each.
+        half: number of samples on each side.
     """
     return _fits_by_piece(time_s, position, [slice(0, len(time_s))], [centres], half)
 
@@ -306,14 +305,14 @@ def local_fit(time_s: FloatArray, position: FloatArray, centres: IntArray, half:
 def local_fits(
     time_s: FloatArray, position: FloatArray, pieces: Sequence[slice], centres: Sequence[IntArray], half: int
 ) -> LocalFit:
-    """Fit a polynomial around samples of several pieces; centres are counted from the start of each.
+    """Fit a polynomial around samples of several pieces.
 
     Args:
-        time_s: shape (n,), strictly increasing within a piece [s].
-        position: shape (n,).
+        time_s: times, strictly increasing within a piece, shape (n,) [s].
+        position: positions, shape (n,).
         pieces: rows of each smooth motion.
-        centres: centres of each piece, from its start.
-        half: samples on either side of each.
+        centres: for each piece, indices of the samples relative to its start.
+        half: number of samples on each side.
     """
     width, chosen = 2 * half + 1, list(zip(pieces, centres, strict=True))
     steps = np.concatenate([np.diff(time_s[rows]) for rows in pieces])
@@ -329,7 +328,7 @@ def local_fits(
 def _fits_by_piece(
     time_s: FloatArray, position: FloatArray, pieces: Sequence[slice], centres: Sequence[IntArray], half: int
 ) -> LocalFit:
-    """Fit pieces that have time steps of their own; see `local_fits`."""
+    """Fit pieces with different or uneven time steps; see `local_fits`."""
     counts = [len(chosen) for chosen in centres]
     last = np.cumsum(counts)
     fitted, variance = np.zeros((2, last[-1], 3))
@@ -373,7 +372,7 @@ def _uneven_fit(
     unit_s: FloatArray,
     terms: int,
 ) -> tuple[FloatArray, FloatArray]:
-    """Solve the normal equations of windows with uneven steps, accumulated offset by offset."""
+    """Accumulate and solve the normal equations of windows with uneven steps."""
     moments, products = np.zeros((2 * terms - 1, len(centres))), np.zeros((terms, len(centres)))
     at_s, at = time_s[centres], position[centres]
     for offset in range(width[0]):
@@ -400,10 +399,10 @@ def local_derivative(time_s: FloatArray, signal: FloatArray, half: int, order: i
     """Differentiate a signal (n,) of one piece by local fits around all samples; see `local_fit`.
 
     Args:
-        time_s: shape (n,), strictly increasing [s].
-        signal: shape (n,).
-        half: samples on either side.
-        order: 1 or 2.
+        time_s: times, strictly increasing, shape (n,) [s].
+        signal: signal, shape (n,).
+        half: number of samples on each side.
+        order: order of the derivative, 1 or 2.
     """
     width, steps = 2 * half + 1, np.diff(time_s)
     if len(signal) < width or np.ptp(steps) > _EVEN * steps.max():
@@ -420,16 +419,16 @@ def uneven_derivative_operator(
     """Return the matrix (n, n) that applies `local_derivative` to each piece of a signal.
 
     Args:
-        time_s: times [s], shape (n,), at any steps.
-        pieces: rows of each smooth motion, which follow each other from the first to the last sample.
-        half: samples to either side of each, that a polynomial is fitted to.
+        time_s: times with any steps, shape (n,) [s].
+        pieces: consecutive rows of each smooth motion, which together contain all samples.
+        half: number of samples on each side in a fit.
         order: order of the derivative, 0 to 2.
     """
     count = len(time_s)
     first = np.array([rows.start for rows in pieces])
     lengths = np.diff(first, append=count)
     spans_s = time_s[first + lengths - 1] - time_s[first]
-    # As many as a fit has terms, or as samples in a window where these are more.
+    # Window size: at least as many samples as a fit has terms, at most the length of the piece.
     sizes = np.minimum(lengths, max(2 * half + 1, DEGREE + 1))
     ends = np.append(0, np.cumsum(np.repeat(np.minimum(2 * half + 1, lengths), lengths)))
     weights, columns = np.zeros(ends[-1]), np.zeros(ends[-1], dtype=np.int64)
@@ -455,7 +454,7 @@ def uneven_derivative_operator(
 def _even_fit(
     step_s: float, position: FloatArray, centres: IntArray, starts: IntArray, width: int
 ) -> LocalFit:
-    """Fit windows with even steps: the same weights in the middle, and others for each place at an end."""
+    """Fit windows with even steps: common weights in the middle, and special weights near the ends."""
     place = centres - starts
     middle = even_coefficients(width, width // 2)
     fitted = np.array([np.correlate(position, weights)[starts] for weights in middle]).T
@@ -487,12 +486,12 @@ def even_coefficients(width: int, place: int) -> FloatArray:
 
 @lru_cache(maxsize=64)
 def _coefficients_at_each_place(width: int) -> FloatArray:
-    """Return the weights for all places of a window, shape (width, 3, width)."""
+    """Return the weights of `even_coefficients` for all places of a window, shape (width, 3, width)."""
     return np.array([even_coefficients(width, place) for place in range(width)])
 
 
 def _inverse(matrix: FloatArray) -> FloatArray:
-    """Invert symmetric matrices (n, k, k); pseudo-inverses where repeated times make them singular."""
+    """Invert symmetric matrices (n, k, k); use pseudo-inverses if repeated times make one singular."""
     try:
         return np.asarray(np.linalg.inv(matrix), dtype=np.float64)
     except np.linalg.LinAlgError:
@@ -504,7 +503,7 @@ def reading_error(data: ChannelData) -> FloatArray:
     """Estimate the reading error of each position of a channel, shape (n,); see `position_error`.
 
     Args:
-        data: the channel, with the positions as they were read.
+        data: the channel with the measured positions.
     """
     step = data.position_step or grid_step(data.position)
     rounding = rounding_variance(data.time_s, data.position, data.run, step)
@@ -512,9 +511,9 @@ def reading_error(data: ChannelData) -> FloatArray:
 
 
 def least_path(data: ChannelData) -> float:
-    """Return the shortest path that the readings of the position resolve: half a step if they are rounded.
+    """Return the shortest path that the position readings resolve: half a step if they are quantized.
 
     Args:
-        data: the channel, with the positions as they were read.
+        data: the channel with the measured positions.
     """
     return float(np.sqrt(3.0 * np.mean(reading_error(data) ** 2)))

@@ -1,4 +1,4 @@
-"""Read an Excel workbook of measurements: its sheets hold one table each, or parts of one."""
+"""Read an Excel workbook of measurements, whose sheets contain separate tables or parts of one table."""
 
 import re
 import zipfile
@@ -30,25 +30,25 @@ from palpate.estimation.data.text_dialect import (
 )
 from palpate.robot_io.errors import InputError
 
-_LOOKED_AT = 200  # rows of a sheet, among which its table begins
-_MOST_CELLS = 30_000_000  # cells of a sheet with empty ones, since the reader keeps them all
+_LOOKED_AT = 200  # first rows of a sheet in which the start of a table is searched
+_MOST_CELLS = 30_000_000  # cells of a sheet including empty ones, since the reader stores all of them
 _CELL = re.compile(r"([A-Z]{1,3})(\d{1,7})")
-_BELOW = 8  # rows below one of words
+_BELOW = 8  # rows below a row of words that are examined
 _MOST_SHEETS = 200
 _BEGINNINGS = (b"PK", bytes.fromhex("D0CF11E0A1B11AE1"))  # of .xlsx, a ZIP archive, and of .xls, [MS-CFB] 2.2
 
 
 @dataclass(frozen=True)
 class _Sheet:
-    """Table of one sheet: names, rows below them, and lines above them."""
+    """Table of one sheet: names, the rows below them, and the number of lines above them."""
 
     title: str
     names: tuple[str, ...]
     rows: list[list[Any]]
     skipped: int
     titles: tuple[str, ...]
-    decimal: str  # mark in those numbers that are text
-    numbers: list[int]  # of the rows in the sheet
+    decimal: str  # decimal mark of numbers that are stored as text
+    numbers: list[int]  # row numbers in the sheet
 
 
 def read_excel_table(path: Path, selected: str) -> FileColumns:
@@ -56,19 +56,19 @@ def read_excel_table(path: Path, selected: str) -> FileColumns:
 
     Args:
         path: path of the workbook.
-        selected: sheet of another table; empty for the longest one.
+        selected: name of the sheet to read; empty for the longest table.
 
     Raises:
-        InputError: it is too large, or no sheet holds names of columns above rows of numbers.
+        InputError: the workbook is too large, or no sheet has column names above rows of numbers.
     """
-    # Refuse what only has a workbook's name: machines write text that is called .xls.
+    # Reject files that are not workbooks: some machines write text files with the ending .xls.
     with path.open("rb") as file:
         if not file.read(8).startswith(_BEGINNINGS):
             raise InputError(f"{path}: is not an Excel workbook; if it is a text file, rename it to .csv")
-    if zipfile.is_zipfile(path):  # long sheets take much memory, and so do few cells that are far apart
+    if zipfile.is_zipfile(path):  # memory depends on the extent of a sheet, even if most cells are empty
         with zipfile.ZipFile(path) as archive:
             check_size(path, sum(entry.file_size for entry in archive.infolist()))
-            for entry in archive.infolist():  # any of them may be a sheet
+            for entry in archive.infolist():  # any entry may be a sheet
                 height, width = _extent(archive.read(entry))
                 if height * width > _MOST_CELLS:
                     raise InputError(f"{path}: a sheet of {height} rows, {width} columns; split it")
@@ -93,12 +93,12 @@ def read_excel_table(path: Path, selected: str) -> FileColumns:
         if all(isinstance(cell, int | float) and not isinstance(cell, bool) for cell in cells):
             columns.append(pa.array([float(cell) for cell in cells]))
             continue
-        if any(isinstance(cell, datetime) for cell in cells):  # then a bare date is one too, at midnight
+        if any(isinstance(cell, datetime) for cell in cells):  # a date without time then means midnight
             cells = [datetime(*cell.timetuple()[:3]) if type(cell) is date else cell for cell in cells]
         columns.append(pa.array([_text(cell, first.decimal) for cell in cells]))
     table = pa.table(columns, names=list(first.names))
     titles = list(dict.fromkeys(sheet.title for sheet in same_tables))
-    if len(same_tables) > 1:  # the sheet is the run, or one of its tables
+    if len(same_tables) > 1:  # each sheet, or each table of a sheet, is a run
         parts, begin = [], 0
         for number, sheet in enumerate(same_tables, 1):
             label = sheet.title if len(titles) == len(same_tables) else f"{sheet.title} {number}"
@@ -135,11 +135,11 @@ def _extent(sheet: bytes) -> tuple[int, int]:
 
 
 def _tables(sheet: CalamineSheet, *, nameless: bool = False) -> list[_Sheet]:
-    """Return the tables of a sheet in order; if nameless, a table of numbers from the first row on."""
+    """Return the tables of a sheet in order; `nameless` also accepts a table of numbers without names."""
     rows: list[list[Any]] = sheet.to_python(skip_empty_area=True)
     decimal = _decimal_mark(rows)
     looked_at = set(range(min(len(rows), _LOOKED_AT)))
-    for place, row in enumerate(rows):  # rows of words, and those below them
+    for place, row in enumerate(rows):  # examine rows of words and the rows below them
         words = sum(isinstance(cell, str) and cell != "" for cell in row)
         if words > 1 and sum(isinstance(cell, int | float) for cell in row) < FEWEST_NUMBERS:
             looked_at.update(range(place, min(len(rows), place + _BELOW)))
@@ -173,13 +173,13 @@ def _tables(sheet: CalamineSheet, *, nameless: bool = False) -> list[_Sheet]:
 
 
 def _decimal_mark(rows: Sequence[Sequence[Any]]) -> str:
-    """Return the decimal mark of numbers that are stored as text."""
+    """Return the decimal mark of those numbers that are stored as text."""
     text = [[cell for cell in row if isinstance(cell, str)] for row in rows[:_LOOKED_AT]]
     return "," if commas_decide(text) else "."
 
 
 def _text(cell: object, decimal: str) -> str:
-    """Write a cell as in a CSV file with this decimal mark."""
+    """Format a cell as in a CSV file with this decimal mark."""
     if isinstance(cell, timedelta):
         minutes, seconds = divmod(cell, timedelta(minutes=1))
         return f"{minutes // 60}:{minutes % 60:02}:{seconds.seconds:02}.{seconds.microseconds:06}"

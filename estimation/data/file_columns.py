@@ -1,4 +1,4 @@
-"""Columns of one file, its size limits, and how to tell kinds of files."""
+"""Columns of one file, size limits, and detection of file types."""
 
 from __future__ import annotations
 
@@ -12,25 +12,25 @@ from palpate.robot_io.errors import InputError
 from palpate.robot_io.files.whole_file import most_unpacked
 from palpate.robot_io.types import IntArray
 
-BAGS = (".mcap", ".db3")  # of ROS 2
-MOST_BYTES = 2**30  # ten hours at 1 kHz; more is refused before the memory is full
+BAGS = (".mcap", ".db3")  # endings of ROS 2 recordings
+MOST_BYTES = 2**30  # size limit, ten hours at 1 kHz, to protect the memory
 
 
 @dataclass(frozen=True)
 class FileColumns:
     """Columns of a file."""
 
-    columns: pa.Table  # by their names; those of a text file are text
-    decimal: str = "."  # mark in numbers that are text
-    words: tuple[str, ...] = ()  # how the file is written, where that is worth a word
-    titles: tuple[str, ...] = ()  # what stands above each column's name, such as that of a test
+    columns: pa.Table  # columns by name; those of a text file contain text
+    decimal: str = "."  # decimal mark of numbers that are text
+    words: tuple[str, ...] = ()  # notes on the format of the file
+    titles: tuple[str, ...] = ()  # text above each column's name, such as the name of a test
     # Number of each row in the file, as an editor or spreadsheet shows it, shape (n,); None to count from 1.
     rows: IntArray | None = None
-    row_word: str = "row"  # what such a number counts: "row" or "line"
+    row_word: str = "row"  # unit of these numbers: "row" or "line"
 
 
 def is_bag(path: Path) -> bool:
-    """Return whether a folder is one ROS 2 recording.
+    """Return whether a folder is a ROS 2 recording.
 
     Args:
         path: path of the folder.
@@ -39,20 +39,20 @@ def is_bag(path: Path) -> bool:
 
 
 def most_bytes(path: Path) -> int:
-    """Return the largest size that a file may unpack to.
+    """Return the largest allowed unpacked size of a file [bytes].
 
     Args:
-        path: path of the file; a packed one may hold less.
+        path: path of the file, which may be compressed.
     """
     return min(MOST_BYTES, most_unpacked(path.stat().st_size))
 
 
 def check_size(path: Path, size: int) -> None:
-    """Reject a file that holds too many bytes.
+    """Raise InputError if a file is too large.
 
     Args:
-        path: path of the file, for the error.
-        size: bytes that it holds.
+        path: path of the file.
+        size: its unpacked size [bytes].
     """
     most = most_bytes(path)
     if size > most:
@@ -60,24 +60,24 @@ def check_size(path: Path, size: int) -> None:
 
 
 def natural_key(path: Path) -> list[tuple[int, str]]:
-    """Return a sort key by which numbers within names sort as numbers.
+    """Return a sort key by which numbers within file names are ordered numerically.
 
     Args:
-        path: path to sort by its name.
+        path: path whose name is the key.
     """
     words = "".join(char if char.isdecimal() else f" {char} " for char in path.name.lower()).split()
     return [(int(word), "") if word.isdecimal() else (-1, word) for word in words]
 
 
 _MCAP_MAGIC = b"\x89MCAP"
-_ROS = b"\x04\x00\x00\x00ros2"  # the profile, behind the magic number and the header's length
+_ROS = b"\x04\x00\x00\x00ros2"  # the profile, which follows the magic number and the header's length
 _HEAD_BYTES = 25
 
 
 def is_session(path: str | os.PathLike[str]) -> bool:
-    """Return whether a file is or should be a session, by its ending or its first bytes.
+    """Return whether a file is a session, by its ending or its first bytes.
 
-    A recording of ROS 2 is an MCAP file too, but counts as a data file.
+    A ROS 2 recording is also an MCAP file, but counts as a data file. A missing file is judged by its ending.
 
     Args:
         path: path of the file, which need not exist.
@@ -86,7 +86,7 @@ def is_session(path: str | os.PathLike[str]) -> bool:
     if not place.is_file():
         return place.suffix == ".mcap"
     head = b""
-    with suppress(OSError), place.open("rb") as file:  # whoever reads it says what is wrong
+    with suppress(OSError), place.open("rb") as file:  # errors are reported when the file is read
         head = file.read(_HEAD_BYTES)
     mcap = head.startswith(_MCAP_MAGIC)
     return (mcap or place.suffix == ".mcap") and not (mcap and _ROS in head)

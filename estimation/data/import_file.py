@@ -1,4 +1,4 @@
-"""Make channels from data files of other programs."""
+"""Create channels from data files of other programs."""
 
 import os
 import re
@@ -36,14 +36,14 @@ from palpate.robot_io.errors import InputError
 from palpate.robot_io.types import FloatArray, IntArray
 
 OF_THE_ARM = ("joint_position", "joint_velocity", "joint_acceleration")
-# Derived signals of a joint: a column of that name, perhaps a mass, would pass for what a model needs.
+# Derived signals of a joint; a column with such a name would be mistaken for the signal that a model needs.
 DERIVED = ("load", "rigid_body_torque", "rigid_body_regressor", "payload_effort_per_kg")
-_LONGEST_SIGNAL = 50  # letters; a session allows 64, some of which say what it is
+_LONGEST_SIGNAL = 50  # characters; a session allows 64 including a prefix
 _TAKEN = frozenset({*OF_THE_ARM, *DERIVED})
-_QUICKEST_S = 1e-5  # time from sample to sample, below which its unit is asked about, as above `SLOWEST_S`
-# What else a column may hold, which is then no torque.
+_QUICKEST_S = 1e-5  # smallest plausible step between samples; a step below it or above `SLOWEST_S` is noted
+# Quantities of columns that cannot be a torque.
 _NO_EFFORT = {"time", "position", "velocity", "acceleration", "run", "phase", "goal", "none"}
-_SHOWN_CELLS = 12  # cells of a row that an error shows
+_SHOWN_CELLS = 12  # cells of a row that an error message shows
 _SPECIMEN = re.compile(
     r"specimen|sample|probek?(?!\w)|prüfling|éprouvette|échantillon|probeta|试样|試料", re.IGNORECASE
 )
@@ -54,7 +54,7 @@ _OF_SPECIMENS = (
 )
 _DEFAULT = ImportOptions()
 _DRIVEN = frozenset({ChannelKind.REVOLUTE, ChannelKind.PRISMATIC})
-_CERTAIN = 0.5  # correlation of effort and velocity, beyond which the effort's sign is certain
+_CERTAIN = 0.5  # absolute correlation of effort and velocity above which the effort's sign is certain
 
 
 @dataclass(frozen=True)
@@ -62,21 +62,21 @@ class Imported:
     """Channels of a data file."""
 
     channels: tuple[ChannelData, ...]  # "contact", and "joint_1" ...
-    run_labels: dict[int, str]  # what the file calls each run, by its number
-    notes: tuple[str, ...]  # sentences that the reader should see
-    unused: tuple[str, ...]  # columns of numbers that could be kept as context
-    # What was taken for what, in a few words; empty where all columns have palpate's own names.
+    run_labels: dict[int, str]  # name of each run in the file, by its number
+    notes: tuple[str, ...]  # notes for the user
+    unused: tuple[str, ...]  # numeric columns that could be kept as context
+    # Short description of the column assignment; empty if all columns have palpate's own names.
     read: str = ""
-    # What each column in use holds, in a few words, by its name.
+    # Quantity and unit of each column in use, by the column's name.
     roles: Mapping[str, str] = field(default_factory=dict)
-    # Columns of position and effort of each joint's channel, by its name, where they are not palpate's own.
+    # Columns of position and effort by joint channel, for names other than palpate's own.
     columns: Mapping[str, tuple[str, str]] = field(default_factory=dict)
 
     def title(self, channel: str) -> str:
-        """Return a channel's name, with the columns of a joint's channel.
+        """Return a channel's name, followed by its columns if they are known.
 
         Args:
-            channel: its name.
+            channel: name of the channel.
         """
         columns = " and ".join(f"'{column}'" for column in self.columns.get(channel, ()))
         return f"{channel} of {columns}" if columns else channel
@@ -85,30 +85,30 @@ class Imported:
 def import_file(path: str | os.PathLike[str], options: ImportOptions = _DEFAULT) -> Imported:
     """Read a data file of any format that `read_table` supports.
 
-    Contact: `time_s, displacement_m` (positive into the object), `force_N` (positive in compression). Joint:
-    `time_s, position_rad, torque_Nm`, or `position_m, force_N` for a prismatic one; several joints number
-    them, `position_1_rad, torque_1_Nm` ... Optional: velocity and acceleration (else derived run by run
-    without phase error), `run`, `phase`.
+    A contact needs `time_s`, `displacement_m` (positive into the object) and `force_N` (positive in
+    compression). A joint needs `time_s`, `position_rad` and `torque_Nm`, or `position_m` and `force_N` if it
+    is prismatic. Several joints have numbered columns: `position_1_rad`, `torque_1_Nm`. Velocity and
+    acceleration (else derived run by run without phase error), `run` and `phase` are optional.
 
     Args:
-        path: the file.
+        path: path of the file.
         options: names and units of columns, and the rows to read.
 
     Raises:
-        InputError: the file cannot be used; one line with row, column and remedy.
+        InputError: the file cannot be used; the one-line message states row, column and remedy.
     """
     return import_table(read_table(path, options.table), options)
 
 
 def import_table(table: Table, options: ImportOptions = _DEFAULT) -> Imported:
-    """Make channels of a table in memory; see `import_file`.
+    """Create channels from a table in memory; see `import_file`.
 
     Args:
-        table: rows and columns.
+        table: the table.
         options: names and units of columns, and the rows to read.
 
     Raises:
-        InputError: the table cannot be used; one line with row, column and remedy.
+        InputError: the table cannot be used; the one-line message states row, column and remedy.
     """
     for name, given in options.where.items():
         texts, index = table.labels(name)
@@ -122,7 +122,7 @@ def import_table(table: Table, options: ImportOptions = _DEFAULT) -> Imported:
     sources = _channel_sources(columns)
     _check_options_are_used(columns, sources, options)
     rows = arrange_rows(columns, fresh=options.fresh, count=options.runs)
-    signals: dict[str, str] = {}  # further columns by their names as signals
+    signals: dict[str, str] = {}  # additional columns by their signal names
     for column in options.context:
         if column in columns.used:
             listed = ", ".join(columns.unused) or "none"
@@ -142,7 +142,7 @@ def import_table(table: Table, options: ImportOptions = _DEFAULT) -> Imported:
             "the servo's position gain (model position_servo)"
         )
     step_s = sample_time(rows.time_s, rows.run)
-    if TIME in columns and not _QUICKEST_S <= step_s <= SLOWEST_S:  # as a mistaken unit makes them
+    if TIME in columns and not _QUICKEST_S <= step_s <= SLOWEST_S:  # the unit of time may be wrong
         time = columns.assigned[TIME]
         notes.append(
             f"column '{time.column}': samples are {step_s:.3g} s apart; if this unit is wrong, give "
@@ -165,7 +165,7 @@ def import_table(table: Table, options: ImportOptions = _DEFAULT) -> Imported:
 
 
 def _signal_name(column: str) -> str:
-    """Return the name of a further column as a signal, such as a session can hold."""
+    """Convert a column name to a signal name that a session can store."""
     return re.sub(r"\W+", "_", column, flags=re.ASCII)[:_LONGEST_SIGNAL]
 
 
@@ -175,11 +175,11 @@ def chosen_texts(name: str, given: str, texts: Collection[str], place: str) -> l
     Args:
         name: name of the column.
         given: the user's text.
-        texts: texts that the column has.
-        place: where it stands, for errors.
+        texts: distinct texts of the column.
+        place: name of the file, for error messages.
 
     Raises:
-        InputError: one is not there.
+        InputError: the column does not contain one of the texts.
     """
     text = " ".join(given.split())
     parts = [text] if text in texts else [part.strip() for part in text.split(",")]
@@ -195,21 +195,21 @@ class _Source:
 
     name: str
     kind: ChannelKind
-    position: Key  # or the velocity, of which it is the integral
+    position: Key  # key of the position, or of the velocity that is integrated to a position
     effort: Key
 
     @property
     def keys(self) -> tuple[Key, ...]:
-        """All columns that the channel would use, whether the file has them or not."""
+        """All columns that the channel uses if the file has them."""
         joint = self.position[1]
         return self.position, self.effort, ("velocity", joint), ("acceleration", joint)
 
 
 def _check_options_are_used(columns: Columns, sources: Collection[_Source], options: ImportOptions) -> None:
-    """Reject options for a quantity that no channel uses, which would be ignored silently.
+    """Check that each quantity named in the options is used, since others would be ignored silently.
 
     Raises:
-        InputError: the user named one.
+        InputError: no channel uses a quantity that the user named.
     """
     used = {TIME, *(key for source in sources for key in source.keys)}
     for key, assigned in columns.assigned.items():
@@ -231,7 +231,7 @@ def _check_options_are_used(columns: Columns, sources: Collection[_Source], opti
 
 
 def _channel_sources(columns: Columns) -> list[_Source]:
-    """Return the channels that the columns allow."""
+    """Return the channels for which there are columns."""
     sources = []
     if ("displacement", 0) in columns and ("force", 0) in columns:
         sources.append(_Source("contact", ChannelKind.CONTACT, ("displacement", 0), ("force", 0)))
@@ -270,7 +270,7 @@ def _channel_sources(columns: Columns) -> list[_Source]:
 
 
 def _note_specimens(columns: Columns, rows: Rows, options: ImportOptions) -> list[str]:
-    """Note that runs are of several specimens, by their labels or by an unused column."""
+    """Return a note if run labels or an unused column show that the runs belong to several specimens."""
     if options.fresh or options.where or len(rows.labels) < _FEWEST_SPECIMENS:
         return []
     if columns.run is not None and all(map(_SPECIMEN.search, rows.labels.values())):
@@ -286,7 +286,7 @@ def _note_specimens(columns: Columns, rows: Rows, options: ImportOptions) -> lis
 
 
 def _remedy(columns: Columns) -> str:
-    """Describe what channels need, and options that make one if a column seems to hold an effort."""
+    """Describe the columns that channels need, and options for a column that probably is an effort."""
     table = columns.table
     guesses = {guess.column: guess.quantity for guess in guess_columns(table.names)}
     quantity_by_name = {name: guesses.get(name) or quantity_in(name) for name in table.names}
@@ -319,7 +319,7 @@ def _remedy(columns: Columns) -> str:
         clock = clock or (next(rising, "") if NAMELESS in table.words and len(free) > 2 else "")
         options += [f"--column time={shlex.quote(clock)}"] if clock else []
         free = [name for name in free if name != clock]
-    # Of columns that say nothing, the displacement is the one that goes to and fro the least.
+    # Of columns with uninformative names, the smoothest one is suggested as the displacement.
     free.sort(key=table.roughness)
     for quantity, unit, last in (("displacement", "mm", 0), ("force", "N", -1)):
         if (quantity, 0) in columns:
@@ -338,7 +338,7 @@ def _remedy(columns: Columns) -> str:
 
 
 def _make_channel(source: _Source, columns: Columns, rows: Rows, notes: list[str]) -> ChannelData:
-    """Make one channel and append its notes."""
+    """Create one channel and append its notes to `notes`."""
     joint = source.position[1]
     position = columns.values(source.position)[rows.order]
     piece = number_pieces(rows.time_s, rows.run)
@@ -379,11 +379,11 @@ def _turn_reactions(
 ) -> tuple[list[ChannelData], str]:
     """Reverse the efforts of joints if they are reactions to the drive.
 
-    All joints of a file are turned if the sign of some is certain and no other one contradicts. A unit with a
-    number, such as 1Nm, prevents it.
+    All joints of a file are reversed if the sign is certain for some and contradicted by none. A unit with a
+    number, such as 1Nm, prevents the reversal.
 
     Returns:
-        The channels, and a note or nothing.
+        The channels, and a note (empty if nothing was reversed).
     """
     power = {
         channel.name: _passive_power(channel.position, channel.velocity, channel.acceleration, channel.effort)
@@ -414,11 +414,12 @@ def _turn_reactions(
 def _passive_power(
     position: FloatArray, velocity: FloatArray, acceleration: FloatArray, effort: FloatArray
 ) -> float:
-    """Correlate the velocity of a joint with what neither position nor inertia explains of its effort.
+    """Correlate a joint's velocity with the part of its effort that position and inertia do not explain.
 
-    A joint takes up the energy of the drive that moves it, so that this is positive for the drive's effort
-    and negative for the reaction to it. It is zero if the sign is uncertain: a positive inertia explains more
-    of the effort than a negative damping does, as where the effort is read earlier than the motion.
+    A joint dissipates the energy of its drive. The correlation is therefore positive for the effort of the
+    drive, and negative for the reaction to it. It is zero if the sign is uncertain: the fitted damping is
+    negative and the inertia explains more of the effort, as it does if the effort is sampled before the
+    motion.
 
     Source: J. C. Willems, Arch. Rational Mech. Anal. 45 (1972), dissipative systems.
 
@@ -429,7 +430,7 @@ def _passive_power(
         effort: shape (n,) [N m or N].
 
     Returns:
-        A number from -1 to 1.
+        Correlation from -1 to 1.
     """
     place = (position - position.mean()) / (float(np.ptp(position)) or 1.0)
     columns = np.column_stack([place**power for power in range(4)])
@@ -446,15 +447,15 @@ def _passive_power(
 def _file_derivative(  # noqa: PLR0917
     columns: Columns, key: Key, source: _Source, rows: Rows, signal: FloatArray, derived: FloatArray
 ) -> tuple[FloatArray | None, str]:
-    """Return a derivative in the file if it is usable; otherwise a note that says why not.
+    """Return a derivative from the file if it is usable, otherwise None and a note on the reason.
 
     Args:
         columns: columns of the file.
         key: key of the derivative.
         source: source of the channel.
         rows: rows of the table.
-        signal: integral of the derivative, shape (n,).
-        derived: the derivative as that signal says it, shape (n,).
+        signal: signal of which the column is the derivative, shape (n,).
+        derived: derivative computed from that signal, shape (n,).
     """
     if key not in columns:
         return None, ""
@@ -481,31 +482,31 @@ def _file_derivative(  # noqa: PLR0917
     return given, ""
 
 
-_SAME_SHAPE = 0.7  # correlation, half of the variance: it is this position's velocity, whatever its scale
-_OTHER_SCALE = 1.5  # smoothing takes less than a third off a velocity; a mistaken unit is off by ten and more
-_SPANS = tuple(2**power for power in range(12))  # samples over which the two are compared
+_SAME_SHAPE = 0.7  # least correlation (half of the variance) for a velocity of this position at any scale
+_OTHER_SCALE = 1.5  # least ratio of a wrong unit: smoothing changes a velocity by less than a third
+_SPANS = tuple(2**power for power in range(12))  # numbers of samples over which the two are compared
 _PAUSE = 5.0  # ratio to the usual step above which sampling paused
 _LEAST_SPANS = 0.5  # least share of the samples at which a span begins
-_HALVES = (1, 2, 3, 4, 5, 8, 10, 16, 32)  # samples to either side of a central difference
-_REACHES = (*((half, half) for half in _HALVES), (1, 0), (0, 1))  # and the backward and forward ones
-_DIFFERENCE_NOISE = 0.5  # difference from a finite difference, relative to its noise energy
+_HALVES = (1, 2, 3, 4, 5, 8, 10, 16, 32)  # number of samples on each side of a central difference
+_REACHES = (*((half, half) for half in _HALVES), (1, 0), (0, 1))  # central, backward and forward
+_DIFFERENCE_NOISE = 0.5  # largest squared deviation from a finite difference, relative to its noise
 
 
 def mistaken_scale(
     time_s: FloatArray, position: FloatArray, velocity: FloatArray, run: IntArray
 ) -> float | None:
-    """Return the ratio of a given velocity to the slope of the position if it is not one; else None.
+    """Return the ratio of a measured velocity to the slope of the position if it is wrong, else None.
 
-    The function compares displacements of the position with integrals of the velocity, over the time span at
-    which they are most correlated: long enough that steps and noise of the position matter little, and short
-    enough that the integrated error of the velocity does too. A joint at rest gives no answer. Spans over a
-    pause without samples do not count.
+    The function compares changes of position with integrals of the velocity over the time span at which they
+    correlate most. Long spans reduce the influence of encoder steps and noise, short spans that of the
+    integrated velocity error. The result is None for a joint at rest. Spans across a pause in sampling are
+    excluded.
 
     Args:
-        time_s: shape (n,) [s].
-        position: shape (n,).
-        velocity: given velocity, shape (n,).
-        run: run of each sample, shape (n,).
+        time_s: times, shape (n,) [s].
+        position: position, shape (n,).
+        velocity: measured velocity, shape (n,).
+        run: run number of each sample, shape (n,).
     """
     steps_s = np.diff(time_s)
     breaks = (np.diff(run) != 0) | (steps_s > _PAUSE * sample_time(time_s, run))
@@ -531,22 +532,22 @@ def is_difference(
     """Return whether a derivative has the noise of a finite difference of the positions.
 
     Such a column contains no information beyond the positions and is noisier than necessary: a central
-    difference (such as `numpy.gradient`) passes on the errors of two readings.
+    difference (such as `numpy.gradient`) contains the errors of two readings.
 
     Args:
-        time_s: shape (n,) [s].
-        position: shape (n,), or another signal.
-        given: its derivative as the file has it, shape (n,).
-        calm: its derivative by windows as wide as the motion allows, shape (n,).
-        run: run of each sample, shape (n,).
+        time_s: times, shape (n,) [s].
+        position: position or another signal, shape (n,).
+        given: derivative of the signal in the file, shape (n,).
+        calm: derivative of the signal by windows as wide as the motion allows, shape (n,).
+        run: run number of each sample, shape (n,).
     """
-    if not np.ptp(given) > 0.0:  # a joint that rests has no difference
+    if not np.ptp(given) > 0.0:  # a joint at rest
         return False
     at = np.arange(len(position))
     first, last = np.empty_like(at), np.empty_like(at)
     for rows in blocks(run):
         first[rows], last[rows] = rows.start, rows.stop - 1
-    for back, ahead in _REACHES:  # differences of each run, shorter at its ends
+    for back, ahead in _REACHES:  # differences within each run, over shorter spans at its ends
         before, after = np.maximum(at - back, first), np.minimum(at + ahead, last)
         apart_s = time_s[after] - time_s[before]
         moved = position[after] - position[before]
@@ -557,7 +558,7 @@ def is_difference(
 
 
 def with_arm(channels: Sequence[ChannelData]) -> tuple[ChannelData, ...]:
-    """Add the motion of all joints, (n, joints) each, to the context of each joint's channel.
+    """Add position, velocity and acceleration of all joints, (n, joints), to the context of joint channels.
 
     Args:
         channels: channels of one recording, all of equal length.

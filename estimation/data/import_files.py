@@ -1,4 +1,4 @@
-"""Import several data files as one measurement; each holds one run or several."""
+"""Import several data files, each with one or more runs, as one measurement."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import replace
@@ -20,14 +20,14 @@ _MOST_FILES = 2000
 def data_files(folder: Path) -> list[Path]:
     """List the data files in a folder in natural order: run2 before run10.
 
-    A folder that is one ROS 2 recording is itself the file; of a LeRobot data set, the files of its episodes
-    are listed.
+    If the folder is a ROS 2 recording, it is the only entry. For a LeRobot data set, the list contains the
+    files of its episodes.
 
     Args:
-        folder: with the files.
+        folder: folder with the files.
 
     Raises:
-        InputError: there are very many.
+        InputError: the folder has more than 2000 data files.
     """
     if is_bag(folder):
         return [folder]
@@ -47,12 +47,12 @@ def import_files(
     """Read files one by one with `import_file`, and concatenate their runs.
 
     Args:
-        paths: files, at least one.
-        options: how to read each of them.
-        progress: told what is being done, and the share of all that is done.
+        paths: paths of the files, at least one.
+        options: options for reading each file.
+        progress: callback that receives the current step and the completed share, from 0 to 1.
 
     Raises:
-        InputError: one is named twice, cannot be used, or lacks a channel that the first one has.
+        InputError: a file is named twice, cannot be used, or lacks a channel of the first file.
     """
     places = [path.resolve() for path in paths]
     if twice := [path for number, path in enumerate(paths) if places[number] in places[:number]]:
@@ -80,7 +80,7 @@ def import_files(
         run_names = part.run_labels.values()
         labels += [path.name] if len(run_names) == 1 else [f"{path.name} {label}" for label in run_names]
         for note in part.notes:
-            noted.setdefault(note, path.name)  # the first file that it is of
+            noted.setdefault(note, path.name)  # keep the first file with this note
     notes = tuple(f"{name}: {note}" for note, name in noted.items())
     unused = tuple(name for name in parts[0].unused if all(name in part.unused for part in parts))
     ways = list(dict.fromkeys(part.read for part in parts if part.read))
@@ -90,12 +90,12 @@ def import_files(
 
 
 def joined_channels(parts: Sequence[ChannelData]) -> ChannelData:
-    """Concatenate one channel of several recordings; runs are renumbered, clocks stay as they are.
+    """Concatenate one channel of several recordings; runs are renumbered, times are unchanged.
 
-    All parts must count positions from the same surface. Signals that a part lacks are left out.
+    All parts must measure positions from the same surface. Signals that are missing in a part are dropped.
 
     Args:
-        parts: at least one, in order of time.
+        parts: the channel in each recording, at least one, in order of time.
     """
     first = parts[0]
     runs, count = [], 0

@@ -8,20 +8,20 @@ from palpate.robot_io.errors import InputError
 
 @dataclass(frozen=True)
 class ImportOptions:
-    """Options for reading a data file. Raises InputError if one of them has another type."""
+    """Options for reading a data file. InputError: an option has a wrong type."""
 
-    # Column for each quantity that is called something else, such as {"force_N": "load"}.
+    # Column name by quantity, if the names are not palpate's own, such as {"force_N": "load"}.
     columns: Mapping[str, str] = field(default_factory=dict)
-    # Unit of a quantity or of a column where the name does not say it, such as {"force": "mN"}.
+    # Unit by quantity or column, if the column name does not state it, such as {"force": "mN"}.
     units: Mapping[str, str] = field(default_factory=dict)
-    # Only rows in which a column has this text, such as {"specimen": "P002"}.
+    # Text that a column must have in the rows to read, such as {"specimen": "P002"}.
     where: Mapping[str, str] = field(default_factory=dict)
-    context: tuple[str, ...] = ()  # further columns of numbers to keep beside the channels
-    # Each run met an object, or a spot of it, that was never pressed before, on whatever clock.
+    context: tuple[str, ...] = ()  # additional numeric columns to keep as context of the channels
+    # Whether each run pressed a new object or a new spot, even if the clock continues across runs.
     fresh: bool = False
-    runs: int | None = None  # how many presses the recording holds; None to find them
+    runs: int | None = None  # number of presses in the recording; None to detect them
 
-    table: str = ""  # sheet, or line of the header, of another table than the file's longest
+    table: str = ""  # sheet or header line of the table to read; empty for the longest table
 
     def __post_init__(self) -> None:
         for name, example in _PAIRS.items():
@@ -45,18 +45,18 @@ _PAIRS = {"columns": "{'force_N': 'load'}", "units": "{'force': 'mN'}", "where":
 
 
 def parse_pairs(texts: Iterable[str], option: str) -> dict[str, str]:
-    """Read options of the form NAME=VALUE.
+    """Parse options of the form NAME=VALUE.
 
     Args:
         texts: texts as the user wrote them.
-        option: option by which they were given, such as "--unit".
+        option: name of the option, such as "--unit".
 
     Raises:
-        InputError: one of them has another form, or a name comes twice.
+        InputError: a text does not have this form, or a name occurs twice.
     """
     pairs: dict[str, str] = {}
     for text in texts:
-        # a column's name may hold the sign, and no unit does
+        # A column name may contain "=", a unit does not.
         name, equals, value = text.rpartition("=") if option == "--unit" else text.partition("=")
         name, value = name.strip(), value.strip()
         if not (equals and name and value):

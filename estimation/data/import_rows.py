@@ -16,14 +16,14 @@ from palpate.robot_io.errors import InputError
 from palpate.robot_io.types import BoolArray, FloatArray, IntArray
 
 UNKNOWN_PHASE = -1
-_LONGEST_NUMBER = 18  # digits; what is longer is a name, as are serial numbers
-_MOST_REPEATED = 0.05  # share of rows that may repeat the time of the row before
-_GAP, _QUICK = 1.5, 0.75  # ratio to the usual step of a gap, and of a late stamp
-_FEW_GAPS, _LONGEST_BURST = 0.05, 50  # gaps among all steps; steps of one gap and its burst
-_CYCLE_RANGE = 0.3  # share of the position's range that a cycle covers
-_CYCLE_SHARE = 0.8  # share of the stretches between restarts of a clock that must be cycles
-_FEWEST = 5  # samples of a run: fewer have no acceleration that means anything
-_REPEATED = (  # notes, with the number of rows and the column
+_LONGEST_NUMBER = 18  # digits of a run number; longer ones are names, such as serial numbers
+_MOST_REPEATED = 0.05  # largest share of rows that may repeat the time of the previous row
+_GAP, _QUICK = 1.5, 0.75  # least step of a gap and largest step in a burst, relative to the usual step
+_FEW_GAPS, _LONGEST_BURST = 0.05, 50  # largest share of gaps; most steps of a gap and its burst
+_CYCLE_RANGE = 0.3  # least share of the position's range that a cycle covers
+_CYCLE_SHARE = 0.8  # least share of the stretches between clock restarts that must be cycles
+_FEWEST = 5  # least number of samples in a run; with fewer the acceleration is meaningless
+_REPEATED = (  # note with the number of rows and the column
     "repeats its times: {0} rows are spread evenly up to the next one; if it is not the time of each row, "
     "leave it out with --context {1}"
 )
@@ -34,12 +34,12 @@ _LATE = "stamps {0} rows late, in bursts behind gaps: they are spread evenly ove
 class Rows:
     """Rows of a table, one block for each run."""
 
-    order: IntArray  # index in the table of each row, shape (n,)
-    time_s: FloatArray  # shape (n,), strictly increasing within a run [s]
-    run: IntArray  # shape (n,)
-    phase: IntArray  # shape (n,), numbers of `palpate.control.loop.task.Phase`, or -1 where unknown
-    labels: dict[int, str]  # what the file calls each run
-    notes: tuple[str, ...] = ()  # how runs were found, if the file does not say them, and what was repaired
+    order: IntArray  # index of each row in the table, shape (n,)
+    time_s: FloatArray  # times, strictly increasing within a run, shape (n,) [s]
+    run: IntArray  # run number of each row, shape (n,)
+    phase: IntArray  # numbers of `palpate.control.loop.task.Phase`, or -1 if unknown, shape (n,)
+    labels: dict[int, str]  # name of each run in the file, by its number
+    notes: tuple[str, ...] = ()  # notes on the detection of runs and on repairs
 
 
 def arrange_rows(columns: Columns, *, fresh: bool, count: int | None) -> Rows:
@@ -47,7 +47,7 @@ def arrange_rows(columns: Columns, *, fresh: bool, count: int | None) -> Rows:
 
     Args:
         columns: columns of the table.
-        fresh: restart the clock in each run, which marks a run as independent of the previous ones.
+        fresh: whether to restart the clock in each run, which marks runs as independent of each other.
         count: number of presses in the recording; None if unknown.
 
     Raises:
@@ -61,7 +61,7 @@ def arrange_rows(columns: Columns, *, fresh: bool, count: int | None) -> Rows:
     else:
         if count is not None:
             raise InputError(f"--runs {count}: column '{columns.run}' already gives the runs")
-        # Number of each row's run: the file's own if they are different whole numbers, else as they appear.
+        # Run numbers are those of the file if they are distinct whole numbers, else in order of appearance.
         names, index = table.labels(columns.run)
         numbers = list(range(len(names)))
         if all(name.isdecimal() and len(name) <= _LONGEST_NUMBER for name in names):
@@ -85,7 +85,7 @@ def arrange_rows(columns: Columns, *, fresh: bool, count: int | None) -> Rows:
         )
         order, time_s = order[~same], time_s[~same]
     counts = np.bincount(run[order]) if columns.run is None else np.array([_FEWEST])
-    if counts.min() < _FEWEST <= counts.max():  # nobody named these runs, so nobody misses them
+    if counts.min() < _FEWEST <= counts.max():  # these runs were only detected, so they can be dropped
         short = counts[run[order]] < _FEWEST
         notes.append(
             f"{np.sum(short)} of {len(order)} rows left out because their run has fewer than {_FEWEST}, "
@@ -112,11 +112,11 @@ def arrange_rows(columns: Columns, *, fresh: bool, count: int | None) -> Rows:
 
 
 def new_rows(columns: Columns) -> BoolArray | None:
-    """Mask the rows (n,) that repeat no earlier row, if such repeats alone make the clock go back; else None.
+    """Return the mask (n,) of rows that repeat no earlier row, if only repeats make the clock go back.
 
-    A logger that writes its buffer twice makes them: the same samples again, with the same times. Rows that
-    differ in any column, such as the name of a specimen, are no repeats. A clock that goes back to where it
-    began does not count, since it begins a run, which may repeat another.
+    A logger that writes its buffer twice repeats samples with their times. Rows that differ in any column,
+    such as the name of a specimen, are not repeats. If the clock returns to its start, a new run begins,
+    which may legitimately repeat another run. The result is then None, as it is without repeats.
 
     Args:
         columns: columns of the table.
@@ -140,7 +140,7 @@ def _times(columns: Columns) -> FloatArray:
 
 
 def _detect_runs(columns: Columns, time_s: FloatArray, count: int | None) -> tuple[IntArray, str]:
-    """Detect the run of each row where no column states it, and describe how.
+    """Detect the run of each row if no column states it, and return a note on the method.
 
     A restart of the clock begins a run; presses of a contact are separated in free air.
     """
@@ -175,8 +175,8 @@ def _detect_runs(columns: Columns, time_s: FloatArray, count: int | None) -> tup
 def _cycles(columns: Columns) -> tuple[IntArray, str]:
     """Number the cycles of a repeated test by a second clock that restarts, and return its column.
 
-    Very many or very short cycles remain one run, and the column is empty. So do steps of a programme, which
-    do not return to where they began.
+    The rows remain one run, and the column name is empty, if there are very many or very short cycles, or if
+    most of them do not return to their initial position.
     """
     moved = next((key for key in columns.assigned if key[0] in {"displacement", "position"}), None)
     for guess in guess_columns(columns.unused):
@@ -195,7 +195,7 @@ def _cycles(columns: Columns) -> tuple[IntArray, str]:
 
 
 def _spread_repeated_times(time_s: FloatArray, run: IntArray) -> FloatArray:
-    """Spread rows with equal times evenly up to the next time, for clocks coarser than the row rate.
+    """Distribute rows with equal times evenly up to the next time, for clocks coarser than the row rate.
 
     A run whose clock never advances, or decreases, is unchanged.
     """
@@ -203,7 +203,7 @@ def _spread_repeated_times(time_s: FloatArray, run: IntArray) -> FloatArray:
     for rows in blocks(run):
         read = time_s[rows]
         steps = np.diff(read)
-        first = np.flatnonzero(np.append(True, steps > FINEST_S))  # rows at which the clock goes on
+        first = np.flatnonzero(np.append(True, steps > FINEST_S))  # rows at which the clock advances
         if (steps < 0.0).any() or len(first) in {1, len(read)}:
             continue
         usual_s = (read[first[-1]] - read[0]) / first[-1]
@@ -213,7 +213,7 @@ def _spread_repeated_times(time_s: FloatArray, run: IntArray) -> FloatArray:
 
 
 def _spread_late_stamps(time_s: FloatArray, run: IntArray) -> FloatArray:
-    """Spread rows with late time stamps, in a burst after a gap, evenly over both.
+    """Distribute rows with late time stamps evenly over the burst and the gap before it.
 
     A busy logger stamps delayed samples in quick succession. A speed derived from such times would be many
     times too large.
@@ -267,7 +267,7 @@ def _check_times(columns: Columns, rows: Rows) -> None:
         )
     before, after = (table.rows[rows.order[late[0] + step]] for step in (0, 1))
     in_run = f" of run '{rows.labels[int(rows.run[late[0]])]}'" if len(rows.labels) > 1 else ""
-    in_order = ""  # a column not in use of texts, each in one block of rows, within which times increase
+    in_order = ""  # unused text column whose values each occupy one block of rows with increasing times
     increases = np.diff(_times(columns)) > 0.0
     for text_column in table.names:
         if text_column not in columns.used:

@@ -1,4 +1,4 @@
-"""Read tables in JSON: records, columns, or rows of numbers."""
+"""Read JSON tables: records, columns, or rows of numbers."""
 
 import json
 from collections.abc import Iterator, Mapping
@@ -14,20 +14,20 @@ from palpate.estimation.data.text_dialect import NAMELESS
 from palpate.estimation.data.text_table import as_utf8
 from palpate.robot_io.errors import InputError
 
-_FEWEST = 3  # rows of a table
+_FEWEST = 3  # least number of rows of a table
 
 
 def read_json(path: Path) -> FileColumns:
-    """Read the longest table of a JSON file, or the records of a file with one per line.
+    """Read the longest table of a JSON file, or the records of a file with one record per line.
 
-    A table is a list of records, whose nested values are named "joint.position"; a mapping of columns of
-    equal length; or a list of rows, whose columns an adjacent list may name.
+    A table is a list of records, a mapping of columns of equal length, or a list of rows. Nested values of
+    records get names such as "joint.position". An adjacent list may name the columns of rows.
 
     Args:
         path: path of the file.
 
     Raises:
-        InputError: it is too large, is no JSON, or holds no table.
+        InputError: the file is too large, is not JSON, or has no table.
     """
     check_size(path, path.stat().st_size)
     text = as_utf8(path.read_bytes(), path)[0].decode()
@@ -55,7 +55,7 @@ def _is_nested(value: object) -> TypeGuard[list[Any] | Mapping[str, Any]]:
 
 
 def _tables(content: object) -> Iterator[tuple[dict[str, list[Any]], list[str]]]:
-    """Yield all tables in a JSON document, each with the names of columns of other lengths."""
+    """Yield all tables in a JSON document, each with the names of lists that have another length."""
     pending = [content]
     while pending:
         value = pending.pop()
@@ -81,7 +81,7 @@ def _tables(content: object) -> Iterator[tuple[dict[str, list[Any]], list[str]]]
 
 
 def _rows(rows: list[Any], names: list[list[str]]) -> Iterator[dict[str, list[Any]]]:
-    """Convert a list of equally long rows to a table, named by a list of names or by its first row."""
+    """Convert a list of equally long rows to a table; its first row or a list of names gives the names."""
     width = len(rows[0]) if rows and isinstance(rows[0], list) else 0
     if width > 1 and len(rows) >= _FEWEST and all(isinstance(r, list) and len(r) == width for r in rows):
         if all(isinstance(cell, str) for cell in rows[0]):

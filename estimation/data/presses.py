@@ -1,4 +1,4 @@
-"""Separate the presses in a recording, find their phases, and determine the sign of compression."""
+"""Separate the presses in a recording, determine their phases, and find the sign of compression."""
 
 from dataclasses import dataclass
 from itertools import pairwise
@@ -12,31 +12,31 @@ from palpate.estimation.statistics.correlation import correlation_coefficient
 from palpate.robot_io.errors import InputError
 from palpate.robot_io.types import BoolArray, FloatArray, IntArray
 
-FEWEST_ROWS = 20  # rows of a detected run: a press, or a block of equal numbers
-MOST_RUNS = 500  # runs that presses are cut into; of more, several form one run
-# of the usual range of the force: a press goes from below the one above the other
+FEWEST_ROWS = 20  # least number of rows of a detected run (a press or a block of equal numbers)
+MOST_RUNS = 500  # most runs into which a recording is cut; with more presses, several form one run
+# Thresholds relative to the range of the force: a press rises from below `_RELEASED` to above `_PRESSED`.
 _PRESSED, _RELEASED = 0.1, 0.05
-_SIGMAS = (8.0, 4.0)  # thresholds in standard deviations of the noise, if larger
-_TO_SIGMA = 1.4826 / np.sqrt(2.0)  # converts the median step between neighbours to sigma of normal noise
-_FEW = 0.02  # share of samples in free air that determine a baseline
-_AIR = 0.1  # rise of the force in free air between two presses, relative to the lower press
+_SIGMAS = (8.0, 4.0)  # the same thresholds in standard deviations of the noise; the larger ones apply
+_TO_SIGMA = 1.4826 / np.sqrt(2.0)  # converts the median step between samples to sigma of normal noise
+_FEW = 0.02  # least share of samples in free air that determine a baseline
+_AIR = 0.1  # largest rise of the force in free air between two presses, relative to the lower press
 
 
 @dataclass(frozen=True)
 class Levels:
     """Force levels [N] that separate a press from free air."""
 
-    pressed: float  # above it something is pressed
-    released: float  # below it nothing is
-    free: float  # in free air
+    pressed: float  # force above which the tool is in contact
+    released: float  # force below which the tool is in free air
+    free: float  # force in free air
 
 
 def force_levels(force: FloatArray, displacement: FloatArray) -> Levels:
     """Estimate the force levels of a contact.
 
     Args:
-        force: shape (n,), positive in compression.
-        displacement: shape (n,), positive into the object.
+        force: force, positive in compression, shape (n,) [N].
+        displacement: displacement, positive into the object, shape (n,) [m].
     """
     outside = displacement <= 0.0
     free = force[outside] if np.mean(outside) > _FEW else force
@@ -51,10 +51,10 @@ def force_levels(force: FloatArray, displacement: FloatArray) -> Levels:
 
 
 def restarts(time_s: FloatArray) -> IntArray:
-    """Number the recordings at restarts of a clock, shape (n,); all 0 without a restart.
+    """Number the recordings that begin at restarts of a clock, shape (n,); all 0 without a restart.
 
     Args:
-        time_s: shape (n,), in the order of the file [s].
+        time_s: times in the order of the file, shape (n,) [s].
     """
     back = np.flatnonzero(np.diff(time_s) < 0.0) + 1
     if not len(back):
@@ -67,15 +67,18 @@ def restarts(time_s: FloatArray) -> IntArray:
 
 
 def cut_presses(force: FloatArray, displacement: FloatArray, piece: IntArray) -> tuple[IntArray, int]:
-    """Cut runs in the middle of the free air between presses; also return the presses per run.
+    """Cut a recording into runs in the middle of the free air between presses.
 
     Args:
-        force: shape (n,), positive in compression.
-        displacement: shape (n,), positive into the object.
-        piece: number of the separate recording of each sample, shape (n,).
+        force: force, positive in compression, shape (n,).
+        displacement: displacement, positive into the object, shape (n,).
+        piece: number of the separate recording that each sample belongs to, shape (n,).
+
+    Returns:
+        Run number of each sample, shape (n,), and the number of presses per run.
     """
     levels, peaks = force_levels(force, displacement), list[int]()
-    for rows in blocks(piece):  # the largest force between a rise above the one level and the next
+    for rows in blocks(piece):  # find the largest force of each press
         sides = np.where(force[rows] > levels.pressed, 1, np.where(force[rows] < levels.released, -1, 0))
         decided = np.flatnonzero(sides)
         if len(decided):
@@ -84,7 +87,7 @@ def cut_presses(force: FloatArray, displacement: FloatArray, piece: IntArray) ->
             ends = np.append(begins, rows.stop)[1:]
             peaks += [a + int(np.argmax(force[a:b])) for a, b in zip(begins, ends, strict=True)]
     tops = peaks[:1]
-    for peak in peaks[1:]:  # only after the displacement came back: a force may rise twice in one press
+    for peak in peaks[1:]:  # require that the displacement returned: a force may rise twice in one press
         back = displacement[tops[-1]] - displacement[tops[-1] : peak].min(initial=np.inf)
         if back > _RELEASED * np.ptp(displacement):
             tops.append(peak)
@@ -98,14 +101,14 @@ def cut_into(
     """Cut a recording into a given number of presses: those that start farthest from the object.
 
     Args:
-        force: shape (n,), positive in compression.
-        displacement: shape (n,), positive into the object.
-        piece: number of the separate recording of each sample, shape (n,).
-        count: number of presses that the user states.
-        where: file and option, for the error.
+        force: force, positive in compression, shape (n,).
+        displacement: displacement, positive into the object, shape (n,).
+        piece: number of the separate recording that each sample belongs to, shape (n,).
+        count: number of presses stated by the user.
+        where: file and option, for the error message.
 
     Raises:
-        InputError: there are fewer presses.
+        InputError: fewer presses can be separated.
     """
     from scipy.signal import find_peaks, peak_prominences  # noqa: PLC0415, slow to import
 
@@ -142,13 +145,13 @@ def _cut_between(
     return run if counts.min() >= fewest else piece
 
 
-_SLOW = 0.05  # speed of a hold, relative to the usual speed
-_TURNS = 0.3  # median speed within a reversal, relative to the speed beside it: 0.5 for a sine
-_FEWEST_RESTING = 3  # samples: a turn of a saw tooth has less
-_EDGE = 0.5  # smoothed velocity where the motion begins, relative to the usual speed
-_SPRINGY = 0.5  # correlation of position and force: above, the force follows it; in free air it does not
-_LASTING = 9  # samples that decide together, so that noise makes no phases
-_PHASES = np.array(  # of what is free and what is pressed, by the way it moves
+_SLOW = 0.05  # largest speed of a hold, relative to the usual speed
+_TURNS = 0.3  # least median speed within a reversal, relative to the speed around it (0.5 for a sine)
+_FEWEST_RESTING = 3  # least number of samples at rest; a reversal of a triangle wave has fewer
+_EDGE = 0.5  # smoothed velocity at the start of a motion, relative to the usual speed
+_SPRINGY = 0.5  # correlation of position and force above which the force follows the position
+_LASTING = 9  # samples that determine a phase jointly, so that noise does not create phases
+_PHASES = np.array(  # phase by contact (rows: free air, pressed) and direction of motion (columns)
     [[Phase.RETRACT, Phase.FREE_AIR, Phase.APPROACH], [Phase.UNLOADING, Phase.HOLD, Phase.LOADING]],
     dtype=np.int64,
 )
@@ -163,14 +166,15 @@ def press_phases(
 ) -> IntArray:
     """Determine the phase of each sample, as numbers of `palpate.control.loop.task.Phase`, shape (n,).
 
-    A sample presses if it is below the surface, or has a force if the displacement does not show the surface.
+    A sample is in contact if it is below the surface. If the displacement does not show the surface, the
+    force decides.
 
     Args:
-        position: displacement, shape (n,), positive into the object.
-        velocity: shape (n,).
-        force: shape (n,), positive in compression.
-        run: shape (n,), one block of samples for each run.
-        pressed: where something is pressed or pulled, shape (n,); None to find out.
+        position: displacement, positive into the object, shape (n,).
+        velocity: its derivative, shape (n,).
+        force: force, positive in compression, shape (n,).
+        run: run number of each sample, one block of samples for each run, shape (n,).
+        pressed: mask of samples that are pressed or pulled, shape (n,); None to determine it.
     """
     if pressed is None and position.min() <= 0.0:
         pressed = np.asarray(position > 0.0)
@@ -180,11 +184,11 @@ def press_phases(
             pressed = np.ones(len(position), dtype=np.bool_)
     usual = _typical_size(velocity)
     moves = np.abs(velocity) > _SLOW * usual
-    # A velocity that was derived over many samples begins before the motion, and ends after it.
+    # A velocity that was derived over many samples starts before the motion and ends after it.
     change, half = np.empty(len(position)), _LASTING // 2
-    for rows in blocks(run):  # how far it is from some samples before, and to some after each one, the less
+    for rows in blocks(run):  # smaller of the displacements over some samples before and after each sample
         displacement = position[rows]
-        padded = np.pad(displacement, half, mode="reflect", reflect_type="odd")  # as if the motion went on
+        padded = np.pad(displacement, half, mode="reflect", reflect_type="odd")  # extrapolates the motion
         before, after = displacement - padded[: -2 * half], padded[2 * half :] - displacement
         change[rows] = np.minimum(np.abs(before), np.abs(after))
     moves &= (np.abs(velocity) > _EDGE * usual) | (change > _SLOW * _typical_size(change))
@@ -195,7 +199,7 @@ def press_phases(
             scipy.ndimage.median_filter(way[rows], min(_LASTING, rows.stop - rows.start), mode="nearest")
         )
         parts, speed = list(blocks(of_run)), np.abs(velocity[rows])
-        # Where the motion only reverses, it does not rest: a sine decelerates evenly.
+        # A mere reversal is not a hold: a sine decelerates evenly.
         for left, rest, right in zip(parts, parts[1:], parts[2:], strict=False):
             lasts = rest.stop - rest.start
             moves_on = min(left.stop - left.start, right.stop - right.start) >= max(2 * lasts, _LASTING)
@@ -215,21 +219,21 @@ def _typical_size(signal: FloatArray) -> float:
     return float(np.quantile(sizes, 0.9)) if len(sizes) else 0.0
 
 
-_TAILS = (0.005, 0.995)  # quantiles, between which a signal has its range
-_FAR = 3.0  # ratio of the larger to the smaller side of a one-sided signal
-_GOES_WITH = 0.3  # correlation of displacement and force of a press, of which most may be free air
-_DRAGGED = -0.3  # correlation of velocity and force, below which the force is counted the other way
+_TAILS = (0.005, 0.995)  # quantiles that define the range of a signal
+_FAR = 3.0  # least ratio of the larger to the smaller side of a one-sided signal
+_GOES_WITH = 0.3  # least correlation of displacement and force in a press, with much free air
+_DRAGGED = -0.3  # correlation of velocity and force below which the force has the opposite sign
 _OTHER_SIDE = 0.2  # least range on the smaller side, relative to the larger
 _MOVES = 0.3  # least standard deviation of the force on one side, relative to the other
 _FARTHER = 0.5  # least displacement that counts as far out, relative to the extreme
-_FARTHEST = 0.9  # least displacement that counts as farthest out
-_RESTS = 0.2  # force at rest farthest out, relative to its deviation on that side
-_RESTLESS = 0.5  # least deviation of a force that does not rest farthest out, relative to its deviation
-_FEWEST = 20  # samples far out, or about a level of the force
-_SHALLOW = 0.02  # quantile of pressed depths; no force begins deeper
+_FARTHEST = 0.9  # least displacement that counts as farthest out, relative to the extreme
+_RESTS = 0.2  # largest force at rest farthest out, relative to its deviation on that side
+_RESTLESS = 0.5  # least relative deviation of a force that does not rest farthest out
+_FEWEST = 20  # least number of samples far out, or near a level of the force
+_SHALLOW = 0.02  # quantile of pressed depths; the force begins at most there
 _PULLS = 0.5  # least force of the weaker sign, relative to the stronger
-_NOT_NOISE = 0.5  # correlation of neighboring readings, which noise in free air does not have
-_FINE, _MOSTLY_HELD = 1e-3, 0.5  # step relative to the range; share of samples below which most are held
+_NOT_NOISE = 0.5  # least correlation of consecutive readings that are not only noise
+_FINE, _MOSTLY_HELD = 1e-3, 0.5  # least relative step of a move; share of moves below which holds dominate
 _OF_AIR = 0.1  # share of the displacement's range that free air must span
 
 
@@ -237,35 +241,35 @@ _OF_AIR = 0.1  # share of the displacement's range that free air must span
 class PressSides:
     """Signs and zero of a displacement and its force."""
 
-    displacement: float = 1.0  # what turns it positive into the object: 1 or -1
-    force: float = 1.0  # what turns it positive in compression: 1 or -1
-    zero_m: float = 0.0  # where the force begins, if the displacement counts from far away, after turning [m]
-    two_sided: bool = False  # whether the element pulls as well: a spring or damper held at both ends
+    displacement: float = 1.0  # factor that makes the displacement positive into the object: 1 or -1
+    force: float = 1.0  # factor that makes the force positive in compression: 1 or -1
+    zero_m: float = 0.0  # displacement, after multiplication, at which the force begins [m]; often 0
+    two_sided: bool = False  # whether the element can also pull: a spring or damper attached at both ends
     springy: bool = True  # whether the force follows the displacement
-    never_free: bool = False  # whether the force rests nowhere, so that no displacement is free air
+    never_free: bool = False  # whether no displacement is free air, since the force is nowhere at rest
 
 
 def press_sides(displacement: FloatArray, force: FloatArray) -> PressSides:
     """Determine signs and zero of displacement and force of a press, spring or damper.
 
-    Displacement, force, or both may count compression negative. The force of an object that can only push has
-    one sign. An element that also pulls has displacements and forces of both signs.
+    Displacement, force, or both may be negative in compression. The force of an object that can only push has
+    one sign. An element that can also pull has displacements and forces of both signs.
 
     Args:
-        displacement: shape (n,), in the order of time.
-        force: shape (n,).
+        displacement: displacement in order of time, shape (n,).
+        force: force of each sample, shape (n,).
     """
     sides = _sides_of_object(displacement, force)
     is_two_sided = _is_two_sided(displacement, force)
-    # In free air a force rests: its neighboring readings differ as much as any others. A force that changes
-    # smoothly farthest outside the object belongs to an element that is held at both ends.
+    # In free air a force is at rest: consecutive readings differ as much as any others. A force that changes
+    # smoothly farthest outside the object belongs to an element that is attached at both ends.
     depth = sides.displacement * displacement - sides.zero_m
     farthest = force[depth <= _FARTHEST * min(depth.min(), 0.0)]
     is_held = len(farthest) >= _FEWEST and bool(np.std(farthest) > _RESTLESS * np.std(force))
     is_held = is_held and correlation_coefficient(farthest[1:], farthest[:-1]) > _NOT_NOISE
     if is_two_sided or is_held:
         correlation = correlation_coefficient(displacement, force)
-        if is_held and abs(np.mean(displacement)) > np.ptp(displacement):  # counted from the element's length
+        if is_held and abs(np.mean(displacement)) > np.ptp(displacement):  # includes the element's length
             correlation = np.sign(np.mean(displacement) * np.mean(force))
         if abs(correlation) > _SPRINGY:
             return PressSides(force=float(np.sign(correlation)), two_sided=True, never_free=is_held)
@@ -278,20 +282,20 @@ def press_sides(displacement: FloatArray, force: FloatArray) -> PressSides:
 def _sides_of_object(displacement: FloatArray, force: FloatArray) -> PressSides:
     """Determine signs and zero of displacement and force (n,) of an object that can only push."""
     correlation = correlation_coefficient(displacement, force)
-    until = int(np.argmax(np.abs(force))) + 1  # then it may soften or tear
+    until = int(np.argmax(np.abs(force))) + 1  # afterwards the object may soften or tear
     before = correlation_coefficient(displacement[:until], force[:until]) if until >= _FEWEST else 0.0
     if abs(before) > _GOES_WITH > correlation * np.sign(before):
         displacement, force = displacement[:until], force[:until]
         correlation = before
     way, push = 1.0, 1.0
-    if correlation > _GOES_WITH and _is_negative(force):  # the reader of the motion may count from anywhere
+    if correlation > _GOES_WITH and _is_negative(force):  # the zero of the displacement is arbitrary
         way = push = -1.0
     elif correlation < -_GOES_WITH:
         way, push = (1.0, -1.0) if _is_negative(force) else (-1.0, 1.0)
     zero_m = _find_zero(way * displacement, push * force)
     near = _SHALLOW * float(np.ptp(displacement))
     if way < 0.0 and max(displacement[0] - displacement.min(), abs(displacement.min())) <= near:
-        return PressSides()  # a way from about zero on would hardly press if it were turned
+        return PressSides()  # a displacement from about zero on would hardly press with the opposite sign
     return PressSides(way, push, zero_m)
 
 
@@ -302,11 +306,11 @@ def _is_negative(signal: FloatArray) -> bool:
 
 
 def _find_zero(displacement: FloatArray, force: FloatArray) -> float:
-    """Find where the force of a press begins [m], if the displacement counts from elsewhere; else 0.
+    """Return the displacement at which the force of a press begins [m]; 0 if the displacement starts there.
 
-    The displacement counts from elsewhere if it is never positive, or so far from zero that no press is as
-    deep and there is free air. The force begins where a fit of a spring and damper to pressed samples crosses
-    zero. A hold counts as one sample, since it may last longer than all motion.
+    The displacement has another zero if it is never positive, or if there is free air and its values are too
+    large for the depth of a press. The force begins where a fit of a spring and damper to pressed samples
+    crosses zero. A hold counts as one sample, since it may last longer than all motion.
     """
     moved = (
         np.diff(np.floor(displacement / (_FINE * float(np.ptp(displacement)) or 1.0)), prepend=np.inf) != 0
@@ -314,7 +318,7 @@ def _find_zero(displacement: FloatArray, force: FloatArray) -> float:
     if np.mean(moved) < _MOSTLY_HELD:
         displacement, force = displacement[moved], force[moved]
     if correlation_coefficient(displacement, force) < _GOES_WITH:
-        return 0.0  # nothing says that it presses
+        return 0.0  # there is no evidence of a press
     low, high = np.quantile(displacement, _TAILS)
     levels = force_levels(force, displacement if low < 0.0 < high else np.ones_like(displacement))
     free = displacement[force <= levels.released]
@@ -331,12 +335,12 @@ def _find_zero(displacement: FloatArray, force: FloatArray) -> float:
 
 
 def _is_two_sided(displacement: FloatArray, force: FloatArray) -> bool:
-    """Return whether displacement and force (n,) are those of an element that pulls.
+    """Return whether displacement and force (n,) belong to an element that can pull.
 
-    The force takes both signs alike far from zero displacement: an object that can only push does so there in
-    any direction of motion, and an object that sticks pulls farther out. Or both reach both signs. In free
-    air the force rests, except while an object sticks. An object that sticks longer pulls until it tears off,
-    and the force rests farthest out; the force of an element held at both ends does not.
+    In the first case, the force has both signs far from zero displacement. There an object that can only push
+    does so for any direction of motion, and a sticking object pulls farther out. In the second case,
+    displacement and force both reach both signs. A sticking object pulls until it detaches, and then the
+    force is at rest farthest out. The force of an element attached at both ends is not.
     """
     if len(force) > 1 and correlation_coefficient(force[1:], force[:-1]) >= _NOT_NOISE:
         extreme = displacement[np.argmax(np.abs(displacement))]

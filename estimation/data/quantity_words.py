@@ -1,4 +1,4 @@
-"""Words that name time, motion and effort in column headers, in the languages of testing machines."""
+"""Words for time, motion and effort in column headers, in the languages of testing machines."""
 
 import unicodedata
 from collections.abc import Mapping
@@ -19,7 +19,7 @@ def without_accents(text: str) -> str:
 
 
 def plain(text: str) -> str:
-    """Return a text in lower case without accents, which is how `WORDS` spells words.
+    """Return a text in lower case without accents, the spelling used in `WORDS`.
 
     Args:
         text: a word or a name, in any script.
@@ -27,8 +27,8 @@ def plain(text: str) -> str:
     return without_accents(text).lower()
 
 
-# One line a language: English, German, French, Spanish, Italian and Portuguese, Polish and Czech, Russian,
-# Dutch and Swedish, Turkish, Chinese, Japanese, Korean. Words for strain and stress are not among them.
+# One line per language: English, German, French, Spanish, Italian and Portuguese, Polish and Czech, Russian,
+# Dutch and Swedish, Turkish, Chinese, Japanese, Korean. Words for strain and stress are excluded.
 _BY_QUANTITY = {
     "time": """
         t time times timestamp sec seconds clock millis micros
@@ -110,14 +110,14 @@ _BY_QUANTITY = {
 WORDS: Mapping[str, frozenset[str]] = MappingProxyType(
     {quantity: frozenset(map(plain, words.split())) for quantity, words in _BY_QUANTITY.items()}
 )
-"""Words for each quantity, as `plain` spells them; a word of three letters or more may stand among others."""
+"""Words for each quantity, spelled as by `plain`; words of three or more letters may be part of a name."""
 
 CURRENT = frozenset(
     map(plain, "current currents i iq strom motorstrom courant corriente corrente 电流 電流".split())  # noqa: SIM905
 )
-"""Words for a motor's current, which may stand for a torque."""
+"""Words for a motor's current, which may represent a torque."""
 
 FOREIGN_WORDS = frozenset(
     word for words in _BY_QUANTITY.values() for word in words.split() if not word.isascii() and len(word) > 1
 )
-"""Words with letters beyond ASCII, which tell the encoding of a text."""
+"""Words with non-ASCII letters, which reveal the encoding of a text."""

@@ -1,4 +1,4 @@
-"""Read joint states of ROS 2 bags: MCAP or SQLite, in one file or a folder."""
+"""Read joint states of ROS 2 bags (MCAP or SQLite) from one file or a folder."""
 
 import sqlite3
 import struct
@@ -31,7 +31,7 @@ def _messages(path: Path) -> Iterator[tuple[str, bytes]]:
         if part.suffix == ".db3":
             check_size(part, part.stat().st_size)
             beside = part.with_name(part.name + "-wal")
-            if beside.is_file() and beside.stat().st_size > 0:  # reading the last messages there would write
+            if beside.is_file() and beside.stat().st_size > 0:  # reading its messages would modify the bag
                 raise InputError(
                     f"{part}: messages are still in {beside.name}; end the recording, or join them with: "
                     f"sqlite3 {part.name} 'PRAGMA wal_checkpoint(TRUNCATE)'"
@@ -40,7 +40,7 @@ def _messages(path: Path) -> Iterator[tuple[str, bytes]]:
             with closing(sqlite3.connect(read_only, uri=True)) as database:
                 database.execute("PRAGMA trusted_schema=OFF")
                 database.setlimit(sqlite3.SQLITE_LIMIT_LENGTH, _MOST_MESSAGE_BYTES)
-                # From tables only: a view in an untrusted file may never end.
+                # Read tables only: a view in an untrusted file may never end.
                 rows = database.execute("SELECT name FROM sqlite_schema WHERE type='table'")
                 if not {"topics", "messages"} <= {name for (name,) in rows}:
                     raise InputError(
@@ -73,7 +73,7 @@ def _records(path: Path) -> Iterator[Any]:
                 continue
             size += record.uncompressed_size
             check_size(path, size)
-            # Its data may take no more than it says.
+            # The data must not exceed the size stated in the header.
             most, data = record.uncompressed_size, record.data
             if record.compression == "lz4":
                 data = LZ4FrameDecompressor().decompress(data, max_length=most)
@@ -87,7 +87,7 @@ def _records(path: Path) -> Iterator[Any]:
 
 _TYPE = "sensor_msgs/msg/JointState"
 _ARRAYS = {"position": "position_{}_rad", "velocity": "velocity_{}_rad_s", "torque": "torque_{}_Nm"}
-_CDR_BYTES = 4  # before the first field: how numbers are written
+_CDR_BYTES = 4  # header before the first field; it states the byte order
 _STAMP_BYTES = 8  # seconds and nanoseconds
 _NANO = 10**9
 _MOST_KINDS = 1000
@@ -99,10 +99,10 @@ class _MessageGroup:
 
     topic: str
     joints: tuple[str, ...]
-    begins: bytes  # how the numbers are written
-    text: bytes  # name of a frame and of the joints, as they stand behind the time stamp
-    size: int  # of each message [bytes]
-    places: dict[str, int]  # byte at which each array begins that has a number for each joint
+    begins: bytes  # header of the message, which states the byte order
+    text: bytes  # names of the frame and the joints, as encoded after the time stamp
+    size: int  # size of each message [bytes]
+    places: dict[str, int]  # first byte of each array that has a number for each joint
     messages: list[bytes] = field(default_factory=list)
 
     def accepts(self, message: bytes) -> bool:
@@ -111,7 +111,7 @@ class _MessageGroup:
         return same_size and message.startswith(self.text, _CDR_BYTES + _STAMP_BYTES)
 
     def numbers(self, kind: str, place: int, count: int) -> NDArray[Any]:
-        """Read `count` numbers from a given byte of each message on, shape (messages, count)."""
+        """Read `count` numbers that start at byte `place` of each message, shape (messages, count)."""
         size = np.dtype(kind).itemsize * count
         order = "<" if self.begins[1] & 1 else ">"
         matrix = np.frombuffer(b"".join(self.messages), np.uint8).reshape(-1, self.size)
@@ -121,14 +121,14 @@ class _MessageGroup:
 def read_ros_table(path: Path) -> FileColumns:
     """Read position, velocity and effort of each joint as columns, in the order of the first message.
 
-    The layout of the type is built in, not taken from the file. Joints count as revolute, since a message
-    does not state it.
+    The message layout is built in and not read from the file. Joints are treated as revolute, since a message
+    does not state their type.
 
     Args:
-        path: MCAP or SQLite file, or the folder of a recording that lies in several.
+        path: MCAP or SQLite file, or the folder of a recording in several files.
 
     Raises:
-        InputError: it is too large, or holds no joint states with an effort.
+        InputError: the recording is too large, or has no joint states with an effort.
     """
     groups = _joint_states(path)
     if not groups:
@@ -139,7 +139,7 @@ def read_ros_table(path: Path) -> FileColumns:
     topic = max(with_torque, key=with_torque.__getitem__)
     groups_of_topic = [group for group in groups if group.topic == topic]
     sets = Counter[frozenset[str]]()
-    for group in groups_of_topic:  # those with the most usual joints: a gripper may speak on the same topic
+    for group in groups_of_topic:  # keep the most frequent set of joints: a gripper may use the same topic
         sets[frozenset(group.joints)] += len(group.messages)
     usual = sets.most_common(1)[0][0]
     groups_of_topic = [group for group in groups_of_topic if frozenset(group.joints) == usual]
@@ -148,7 +148,7 @@ def read_ros_table(path: Path) -> FileColumns:
     for group in groups_of_topic:
         seconds, nanos = group.numbers("i4", _CDR_BYTES, 1), group.numbers("u4", _CDR_BYTES + 4, 1)
         stamps.append(seconds[:, 0].astype(np.int64) * _NANO + nanos[:, 0])
-    # Since the first stamp: nanoseconds since 1970 need more digits than a float has.
+    # Times are relative to the first stamp: nanoseconds since 1970 exceed the precision of a float.
     time_ns = np.concatenate(stamps)
     columns: dict[str, Any] = {"time_s": (time_ns - time_ns.min()) / _NANO}
     for what, pattern in _ARRAYS.items():
@@ -202,7 +202,7 @@ def _parse_layout(topic: str, message: bytes) -> _MessageGroup:
     """Locate the arrays in a message (OMG CDR: a number begins at a multiple of its size).
 
     Raises:
-        struct.error: it ends too soon.
+        struct.error: the message ends too early.
     """
     order = "<" if message[1] & 1 else ">"
     place = _CDR_BYTES + _STAMP_BYTES
@@ -234,7 +234,7 @@ def _parse_layout(topic: str, message: bytes) -> _MessageGroup:
 
 
 def _in_order(group: _MessageGroup, what: str, joints: Sequence[str]) -> FloatArray:
-    """Return one array of a group (messages, joints), with joints in a given order."""
+    """Return one array of a group with the joints in a given order, shape (messages, joints)."""
     places = [group.joints.index(name) for name in joints]
     numbers = group.numbers("f8", group.places[what], len(joints))
     return np.array(numbers[:, places], dtype=np.float64)

@@ -24,30 +24,30 @@ from palpate.robot_io.errors import InputError, UnknownNameError
 from palpate.robot_io.extras import LazyModule
 from palpate.robot_io.types import BoolArray, FloatArray, IntArray
 
-_SHOWN = 60  # characters of a value in an error
+_SHOWN = 60  # characters of a value in an error message
 _LONGEST_LABEL = 1000  # characters of the name of a run or a phase
-_MOST_NAMES = 20  # names that an error lists
+_MOST_NAMES = 20  # names that an error message lists
 _HEAD_BYTES = 1 << 14
-_LOOKED_AT = 100  # rows that say whether a column holds numbers
-_GROUPED = {  # by the mark between thousands
+_LOOKED_AT = 100  # first filled rows that decide whether a column contains numbers
+_GROUPED = {  # numbers with thousands separators, by the separator
     ",": r"^[+-]?[1-9]\d{0,2}(,\d{3})+(\.\d*)?$",
     ".": r"^[+-]?[1-9]\d{0,2}(\.\d{3})+(,\d*)?$",
 }
-_BLANKS = "[ \u00a0\u202f]"  # that may stand between thousands
+_BLANKS = "[ \u00a0\u202f]"  # blanks used as thousands separators
 _BLANKS_GROUP = rf"^[+-]?[1-9]\d{{0,2}}({_BLANKS}\d{{3}})+([.,]\d*)?([eE][+-]?\d+)?$"
-_HAS_POINT_TOO = r",\d{3}\.\d+$"  # so that it is no decimal comma
+_HAS_POINT_TOO = r",\d{3}\.\d+$"  # a comma before a decimal point is not a decimal comma
 
 
 @dataclass(frozen=True)
 class Table:
     """Named columns of equal length."""
 
-    path: Path  # where they come from, for errors
-    columns: pa.Table  # as Arrow holds them; those of a text file are text
+    path: Path  # source of the table, for error messages
+    columns: pa.Table  # Arrow columns; those of a text file contain text
     rows: IntArray  # number of each row in the file, as an editor or spreadsheet shows it, shape (n,)
-    decimal: str = "."  # mark in numbers that are text
-    words: tuple[str, ...] = ()  # how the file is written, where that is worth a word
-    row_word: str = "row"  # what `rows` counts: "row", or "line" of a text file
+    decimal: str = "."  # decimal mark of numbers that are text
+    words: tuple[str, ...] = ()  # notes on the format of the file
+    row_word: str = "row"  # unit of `rows`: "row", or "line" of a text file
     _numbers: dict[str, FloatArray] = field(default_factory=dict, init=False, repr=False, compare=False)
 
     def __len__(self) -> int:
@@ -78,7 +78,7 @@ class Table:
             try:
                 numbers = None
                 if self.decimal == "." or not is_text(column.type):
-                    with suppress(pa.ArrowInvalid):  # as plain numbers, without a search for marks and blanks
+                    with suppress(pa.ArrowInvalid):  # fast path for plain numbers without separators
                         numbers = pc.cast(column, pa.float64())
                 if numbers is None:
                     trimmed = pc.utf8_trim_whitespace(_with_decimal_points(column, self.decimal))
@@ -99,7 +99,7 @@ class Table:
         return self._numbers[name]
 
     def varies(self, name: str) -> bool:
-        """Return whether a column holds numbers that are not all the same.
+        """Return whether a column contains numbers that are not all equal.
 
         Args:
             name: name of the column.
@@ -110,10 +110,10 @@ class Table:
             return False
 
     def roughness(self, name: str) -> float:
-        """Return the sum of a column's absolute steps over its range: 1 for a monotonic column.
+        """Return the sum of a column's absolute steps divided by its range: 1 for a monotonic column.
 
         Args:
-            name: name of the column, whose numbers are not all the same.
+            name: name of a numeric column that varies.
         """
         numbers = self.numbers(name)
         return float(np.sum(np.abs(np.diff(numbers))) / np.ptp(numbers))
@@ -125,7 +125,7 @@ class Table:
             name: name of the column.
 
         Raises:
-            InputError: there is no such column, or a text is too long to be a name.
+            InputError: there is no such column, or a text is too long for a label.
         """
         column, place = self._column(name), f"{self.path}: column '{name}'"
         kind = column.type.value_type if pa.types.is_dictionary(column.type) else column.type
@@ -133,7 +133,7 @@ class Table:
             coded = column.cast(kind).dictionary_encode("encode").combine_chunks()
         except pa.ArrowException as error:
             raise InputError(f"{place} holds {kind!s:.60}, expected text or numbers") from error
-        texts = [  # whole numbers without decimal point, so that runs read the same in every format
+        texts = [  # whole numbers without decimal point, so that run labels are equal in all formats
             str(int(value))
             if isinstance(value, float) and value.is_integer()
             else " ".join(str(value).split())
@@ -208,14 +208,14 @@ class Table:
 
 
 def read_table(path: str | os.PathLike[str], selected: str = "") -> Table:
-    """Read a data file by the ending of its name.
+    """Read a data file; the ending of its name determines the format.
 
     Args:
         path: path of the file.
-        selected: sheet, or line of the header, of another table than the longest one.
+        selected: sheet or header line of the table to read; empty for the longest table.
 
     Raises:
-        InputError: it cannot be read, is empty, or is of no known kind.
+        InputError: the file cannot be read, is empty, or has an unknown format.
     """
     place = Path(path)
     bag = place.is_dir() and is_bag(place)
@@ -239,7 +239,7 @@ def read_table(path: str | os.PathLike[str], selected: str = "") -> Table:
         return replace(table, words=(*columns.words, *table.words), row_word=columns.row_word)
     except InputError:
         raise
-    except Exception as error:  # a broken file can make the libraries raise almost anything
+    except Exception as error:  # libraries may raise almost any exception for a broken file
         raise InputError(f"{place}: cannot be read: {' '.join(str(error).split())[:200]}") from error
 
 
@@ -249,17 +249,17 @@ def table_of(
     """Build a table from Arrow columns: clock times become seconds, tests side by side become runs.
 
     Args:
-        cells: columns.
-        place: where they come from, for errors.
+        cells: columns by name.
+        place: source of the columns, for error messages.
         titles: text above each column's name.
-        decimal: mark in numbers that are text.
+        decimal: decimal mark of numbers that are text.
         rows: number of each row in the file, shape (n,); None to count from 1.
 
     Raises:
-        InputError: it has no rows.
+        InputError: the table has no rows.
     """
     columns = cells.rename_columns([" ".join(name.split()) for name in cells.column_names])
-    held = [  # without the columns that have neither a name nor a value
+    held = [  # omit columns that have neither a name nor a value
         place
         for place, name in enumerate(columns.column_names)
         if name != f"column {place + 1}" or is_filled(columns.column(place)).any()
@@ -271,7 +271,7 @@ def table_of(
         columns, places = stack_tests(columns, tests, titles, decimal)
         rows = rows[places]
         names, words = columns.column_names, [f"{len(tests)} tests side by side, taken as runs"]
-    unique: list[str] = []  # the second "GPa" becomes "GPa (2)"
+    unique: list[str] = []  # unique names: the second "GPa" becomes "GPa (2)"
     for name in names:
         number = unique.count(name) and 2
         while number and f"{name} ({number})" in {*names, *unique}:
@@ -285,7 +285,7 @@ def table_of(
 
 
 def _is_text(path: Path) -> bool:
-    """Return whether a file holds text, whatever its ending."""
+    """Return whether a file contains text, for any ending of its name."""
     with path.open("rb") as file:
         head = file.read(_HEAD_BYTES)
     try:
@@ -295,7 +295,7 @@ def _is_text(path: Path) -> bool:
 
 
 def _read_excel(path: Path, selected: str) -> FileColumns:
-    if path.name.lower().endswith(".xls") and _is_text(path):  # machines write text that is called so
+    if path.name.lower().endswith(".xls") and _is_text(path):  # some machines write text so
         return read_text_table(path, selected)
     from palpate.estimation.data.excel_table import read_excel_table  # noqa: PLC0415, seldom needed
 
@@ -313,7 +313,7 @@ def _remedy(excerpt: str, *, whole: bool) -> str:
 
 
 def _with_decimal_points(column: pa.ChunkedArray, decimal: str) -> pa.ChunkedArray:
-    """Write numbers in text with a decimal point and no thousands separators; other columns are unchanged."""
+    """Convert numbers in text to a decimal point without thousands separators; keep other columns."""
     if not is_text(column.type):
         return column
     trimmed, mark = pc.utf8_trim_whitespace(column), "." if decimal == "," else ","
@@ -343,5 +343,5 @@ _READERS: tuple[tuple[tuple[str, ...], Callable[..., FileColumns]], ...] = (
     (BAGS, lambda path: _ros_bag.read_ros_table(path)),  # noqa: PLW0108, imported when it is used
     (_JSON, read_json),
 )
-# Of the data files in a folder; JSON beside them describes them.
+# Endings of data files in a folder; JSON files there are descriptions.
 ENDINGS = tuple(ending for endings, _ in _READERS for ending in endings if ending not in _JSON)

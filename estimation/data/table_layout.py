@@ -14,19 +14,22 @@ from palpate.estimation.data.column_names import RUN, guess_columns, split_unit,
 from palpate.estimation.data.text_dialect import MISSING
 from palpate.robot_io.types import BoolArray, FloatArray, IntArray
 
-_FEWEST = 2  # columns that each test has of its own: one that appears twice is a mistake
+_FEWEST = 2  # least number of repeated columns in each test; a single repeated column is a mistake
 _NUMBER = re.compile(r"[ _.(#-]*\d+\)?\s*$")
 _OF_A_PRESS = {"time", "displacement", "force"}
 
 
 def find_tests(names: Sequence[str]) -> list[dict[str, int]]:
-    """Find tests side by side: the index of each column by its name, for each test; empty for a single test.
+    """Find tests side by side in one table.
 
-    A column that occurs once belongs to all tests. If names end in the number of the test, "Force 2", tests
-    are distinguished from joints by what repeats: a press and its clock.
+    A column that occurs once belongs to all tests. Names may end in the number of a test, such as "Force 2".
+    Then time, displacement and force must all repeat, to distinguish tests from joints.
 
     Args:
         names: names of the columns, in their order.
+
+    Returns:
+        For each test, the index of each column by its name; empty for a single test.
     """
     if tests := _repeated_names([without_run(name) for name in names]):
         return tests
@@ -42,13 +45,13 @@ def find_tests(names: Sequence[str]) -> list[dict[str, int]]:
 def stack_tests(
     columns: pa.Table, tests: Sequence[Mapping[str, int]], titles: Sequence[str], decimal: str
 ) -> tuple[pa.Table, IntArray]:
-    """Stack the rows of tests, with a column of the run; also return the original index of each row.
+    """Stack the rows of tests and add a run column; also return the original index of each row.
 
     Args:
         columns: columns of n rows.
         tests: result of `find_tests`.
-        titles: text above each column, which names the tests if there is one for each.
-        decimal: mark in numbers that are text.
+        titles: text above each column; it names the tests if there is a distinct title for each.
+        decimal: decimal mark of numbers that are text.
     """
     repeated = [name for name, place in tests[0].items() if tests[1][name] != place]
     named = [title for title in titles if title]
@@ -57,7 +60,7 @@ def stack_tests(
     for test, label in zip(tests, labels, strict=True):
         cells = {name: columns.column(place) for name, place in test.items()}
         filled = np.logical_or.reduce([is_filled(cells[name]) for name in repeated])
-        for name, column in cells.items():  # text, since a shorter test may be real where another is integer
+        for name, column in cells.items():  # to text, since types may differ between tests
             if pa.types.is_floating(column.type) or pa.types.is_integer(column.type):
                 cells[name] = pc.replace_substring(column.cast(pa.string()), ".", decimal)
         part = pa.table(cells)
@@ -67,7 +70,7 @@ def stack_tests(
 
 
 def matching_places(names: Sequence[str], reference: Sequence[str]) -> list[int]:
-    """Index in `names` of each of the reference names; names that repeat keep their order.
+    """Return the index in `names` of each reference name; repeated names keep their order.
 
     Args:
         names: names of columns.
@@ -78,14 +81,14 @@ def matching_places(names: Sequence[str], reference: Sequence[str]) -> list[int]
 
 
 def with_run(columns: pa.Table, label: str) -> pa.Table:
-    """Add a column with the run's label, appended to the values of an existing run column.
+    """Add a run column with a label, or append the label to the values of an existing run column.
 
     Args:
         columns: columns of one test.
         label: name of the test.
     """
     places = [place for place, name in enumerate(columns.column_names) if name == RUN]
-    for place in places:  # several where tests are side by side
+    for place in places:  # there are several if tests are side by side
         labels = pc.binary_join_element_wise(columns.column(place).cast(pa.string()), label, " ")
         columns = columns.set_column(place, RUN, labels)
     return columns if places else columns.append_column(RUN, pa.repeat(label, len(columns)))
@@ -101,13 +104,13 @@ def is_filled(column: pa.ChunkedArray) -> BoolArray:
     if is_text(column.type):
         plain = pc.utf8_lower(pc.utf8_trim_whitespace(column))
         held = pc.and_(held, pc.invert(pc.is_in(plain, pa.array(sorted(MISSING)))))
-    elif pa.types.is_floating(column.type):  # frames fill up what is shorter with NaN
+    elif pa.types.is_floating(column.type):  # data frames fill shorter columns with NaN
         held = pc.and_kleene(held, pc.invert(pc.is_nan(column)))
     return np.asarray(pc.fill_null(held, False).to_numpy(zero_copy_only=False), dtype=np.bool_)
 
 
 def is_text(kind: pa.DataType) -> bool:
-    """Return whether a column of this type holds text.
+    """Return whether a column of this type contains text.
 
     Args:
         kind: type of the column.
@@ -134,9 +137,9 @@ _CLOCK = re.compile(
     r"\s*(?P<half>[AaPp][Mm])?(?:Z|[+-]\d\d:?\d\d)?\s*$",
     re.ASCII,  # as Arrow's expressions are
 )
-_BLANKS = "[\u00a0\u202f]"  # that some write before AM and PM
+_BLANKS = "[\u00a0\u202f]"  # blanks that may precede AM and PM
 _DAY_S = 86400.0
-_MARK = {b"clock": b"s"}  # beside the names of columns that hold seconds whatever their names say
+_MARK = {b"clock": b"s"}  # metadata of columns converted to seconds, whose names may state another unit
 
 
 def with_seconds(columns: pa.Table, decimal: str) -> tuple[pa.Table, tuple[str, ...]]:
@@ -160,7 +163,7 @@ def with_seconds(columns: pa.Table, decimal: str) -> tuple[pa.Table, tuple[str, 
         texts = {key: pc.struct_field(parts, key) for key in ("day", "hour", "minute", "second", "half")}
         try:
             days, order = _days(texts["day"])
-        except ValueError:  # such as the 0th of a month, which stands for no date
+        except ValueError:  # an invalid date, such as the 0th of a month
             continue
         points = (pc.replace_substring_regex(texts[key], "[,:]", ".") for key in ("hour", "minute", "second"))
         filled = (pc.cast(pc.if_else(pc.equal(part, ""), "0", part), pa.float64()) for part in points)
@@ -169,10 +172,10 @@ def with_seconds(columns: pa.Table, decimal: str) -> tuple[pa.Table, tuple[str, 
         hour = np.where(half == "PM", hour % 12 + 12, np.where(half == "AM", hour % 12, hour))
         since_s = days * _DAY_S + 3600.0 * hour + 60.0 * minute + second
         known = np.isfinite(since_s)
-        if texts["day"][0].as_py() in ("", None) and np.max(since_s[known]) < _DAY_S:  # beyond midnight
+        if texts["day"][0].as_py() in ("", None) and np.max(since_s[known]) < _DAY_S:  # pass midnight
             since_s[known] += _DAY_S * np.cumsum(np.diff(since_s[known], prepend=0.0) < -_DAY_S / 2.0)
         seconds = pa.array(since_s, from_pandas=True)
-        if parts.null_count > len(parts) - np.sum(is_filled(text)):  # so that an error can name such a cell
+        if parts.null_count > len(parts) - np.sum(is_filled(text)):  # keep invalid cells for error messages
             written = pc.replace_substring(seconds.cast(pa.string()), ".", decimal)
             seconds = pc.if_else(pc.is_null(parts), text, written)
         columns = columns.set_column(place, pa.field(name, seconds.type, metadata=_MARK), seconds)
@@ -195,7 +198,7 @@ def _days(text: pa.ChunkedArray) -> tuple[FloatArray, str]:
     """Return the days since the first day, and a note on the order of day and month.
 
     Raises:
-        ValueError: one of them is none, in either order.
+        ValueError: a text is not a date in either order.
     """
     coded = text.combine_chunks().dictionary_encode()
     texts = coded.dictionary.to_pylist()
@@ -212,7 +215,7 @@ def _days(text: pa.ChunkedArray) -> tuple[FloatArray, str]:
             read[order] = np.array(days, dtype=np.float64)
     if not read:
         raise ValueError(texts)
-    order = min(read, key=lambda order: float(np.ptp(read[order])))  # the shortest recording is likely
+    order = min(read, key=lambda order: float(np.ptp(read[order])))  # a shorter recording is more likely
     values = read[order][coded.indices.fill_null(0).to_numpy(zero_copy_only=False)]
     order_matters = np.ptp(values) > 0.0 and any("/" in (day or "")[:3] for day in texts)
     return np.asarray(values - values.min()), f" as {order}" if order_matters else ""

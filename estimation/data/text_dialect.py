@@ -19,17 +19,17 @@ from palpate.estimation.data.column_names import (
 from palpate.estimation.data.units import dimension_of, normalise
 from palpate.robot_io.errors import InputError
 
-_NUMBER = (  # of a mark between thousands and a decimal mark; blanks may stand between thousands too
+_NUMBER = (  # pattern with thousands separator {0} and decimal mark {1}; blanks may also separate thousands
     r"[+-]?(\d+({1}\d*)?|[1-9]\d{{0,2}}(({0}\d{{3}})+|([ \u00a0\u202f]\d{{3}})+)({1}\d*)?|{1}\d+)"
     r"(e[+-]?\d+)?|[+-]?(nan|inf)"
 )
-NUMBER = {  # by the decimal mark; thousands may be grouped by the other one
+NUMBER = {  # pattern by decimal mark; the other mark may separate thousands
     ".": re.compile(_NUMBER.format(",", r"\."), re.IGNORECASE),
     ",": re.compile(_NUMBER.format(r"\.", ","), re.IGNORECASE),
 }
-_ALIKE = 3  # lines in a row that make a table
-FEWEST_NUMBERS = 2  # in such a line
-_MOST_SETTINGS = 4  # rows between the names and the numbers
+_ALIKE = 3  # consecutive lines that are checked to be a table
+FEWEST_NUMBERS = 2  # least number of numbers in such a line
+_MOST_SETTINGS = 4  # most rows between the names and the numbers
 _UNITS_OF = re.compile(r"\W*(?:(\w[\w ]*?)[ _-])?units?\W+(.+?)\W*", re.IGNORECASE)  # "Force unit: N"
 _COMMENT = "#%/;! \ufeff"
 _COMMENT_SIGNS = frozenset("#%/;!")
@@ -45,23 +45,23 @@ MISSING = frozenset(
 class Layout:
     """Position of names and numbers among rows of cells."""
 
-    names: tuple[str, ...]  # of the columns, with the units of a row of units in brackets
+    names: tuple[str, ...]  # column names; units from a row of units follow in brackets
     first: int  # index of the first row of numbers
     header: int  # index of the row of names
-    titles: tuple[str, ...] = ()  # the row above the names
+    titles: tuple[str, ...] = ()  # cells of the row above the names
 
 
 def find_layouts(rows: Sequence[Sequence[str]], decimal: str) -> Iterator[Layout]:
     """Yield the layout of each table: a row of names, and perhaps one of units, directly above numbers.
 
     Args:
-        rows: cells of rows of the file, as text.
-        decimal: mark in numbers.
+        rows: cells of the file's rows, as text.
+        decimal: decimal mark.
     """
     for first in range(1, len(rows)):
         body = rows[first : first + _ALIKE]
         few = (sum(_numbers(row, decimal)) < FEWEST_NUMBERS for row in body if any(row) or row is body[0])
-        columns = zip_longest(*body, fillvalue="")  # each holds numbers or words alone; cells may be empty
+        columns = zip_longest(*body, fillvalue="")  # each contains only numbers or only words, or empty cells
         kinds = ({is_number(cell, decimal) for cell in column if not is_missing(cell)} for column in columns)
         if any(few) or any(len(kind) > 1 for kind in kinds):
             continue
@@ -78,7 +78,7 @@ def find_layouts(rows: Sequence[Sequence[str]], decimal: str) -> Iterator[Layout
         for place in range(first - 1, -1, -1):
             if not any(char.isalnum() for cell in rows[place] for char in cell):
                 continue  # blank, or a line of dashes
-            # A number above an empty column counts the tests, and is no name.
+            # A number above an empty column numbers the tests and is not a name.
             row = [
                 "" if column not in held and is_number(cell, decimal) else cell
                 for column, cell in enumerate(rows[place])
@@ -93,7 +93,7 @@ def find_layouts(rows: Sequence[Sequence[str]], decimal: str) -> Iterator[Layout
             )
             if not header and first - place <= _MOST_SETTINGS and (is_remark or is_setting):
                 continue
-            if labelled and len(_strip_empty(row)) == width - 1:  # as R writes names of rows
+            if labelled and len(_strip_empty(row)) == width - 1:  # R writes no name for the row labels
                 row = ["", *row]
             if len(row) < width or filled < 2 or any(_numbers(row, decimal)):
                 break
@@ -133,7 +133,7 @@ def _remarks_above(
 
 
 def _units_above(rows: Sequence[Sequence[str]], names: Sequence[str], decimal: str) -> tuple[str, ...]:
-    """Add units in lines of a preamble to the names, such as "Force unit: N" or "# Units: s mm N"."""
+    """Add units from a preamble to the names, such as "Force unit: N" or "# Units: s mm N"."""
     units: dict[str, str] = {}
     for row in reversed(rows):
         if sum(_numbers(row, decimal)) >= FEWEST_NUMBERS:
@@ -164,11 +164,11 @@ def preamble_words(lines: int) -> tuple[str, ...]:
 
 
 def is_number(cell: str, decimal: str) -> bool:
-    """Return whether a cell holds a number with this decimal mark.
+    """Return whether a cell contains a number with this decimal mark.
 
     Args:
-        cell: its text.
-        decimal: mark in numbers, a point or a comma.
+        cell: text of the cell.
+        decimal: decimal mark, a point or a comma.
     """
     return bool(NUMBER[decimal].fullmatch(cell.strip()))
 
@@ -178,7 +178,7 @@ def _numbers(row: Sequence[str], decimal: str) -> list[bool]:
 
 
 def _strip_empty(row: Sequence[str]) -> Sequence[str]:
-    """Strip empty cells at the end."""
+    """Remove empty cells at the end of a row."""
     width = len(row)
     while width and not row[width - 1].strip():
         width -= 1
@@ -186,16 +186,16 @@ def _strip_empty(row: Sequence[str]) -> Sequence[str]:
 
 
 def is_missing(cell: str) -> bool:
-    """Return whether a cell marks a missing value: empty, "-", "#N/A" and the like.
+    """Return whether a cell marks a missing value: empty, "-", "#N/A" or similar.
 
     Args:
-        cell: its text.
+        cell: text of the cell.
     """
     return cell.strip().lower() in MISSING
 
 
 def _units(row: Sequence[str], width: int) -> list[str] | None:
-    """Return the units in a row that holds nothing else and at least two known ones; else None."""
+    """Return the units in a row that contains only units, at least two of them known; else None."""
     units = [cell.strip().strip(_BRACKETS).strip() for cell in row[:width]]
     units = [unit if any(char.isalnum() or char in "%°" for char in unit) else "" for unit in units]
     known, filled = sum(dimension_of(normalise(unit)) is not None for unit in units), sum(map(bool, units))
@@ -207,7 +207,7 @@ def _units(row: Sequence[str], width: int) -> list[str] | None:
 def _clean_names(
     rows: Sequence[Sequence[str]], header: int, row: Sequence[str], width: int
 ) -> tuple[str, ...]:
-    """Names without comment signs, or a column's number; LabVIEW's units stand far above them."""
+    """Return names without comment signs, or "column N"; add LabVIEW's units from its preamble."""
     cells = [" ".join(cell.split()) for cell in row[: max(width, len(_strip_empty(row)))]]
     cells[0] = cells[0].lstrip(_COMMENT)
     names = tuple(cell or f"column {number}" for number, cell in enumerate(cells, 1))
@@ -221,19 +221,19 @@ def _clean_names(
 
 NAMELESS = "no names of columns"
 DELIMITERS = (",", ";", "\t", "|")
-BLANKS = " "  # one or more between cells
+BLANKS = " "  # one or more blanks between cells
 _LOOKED_AT = 1 << 18  # bytes
 _MOST_LINES = 400
 _LINE = re.compile(rb"[^\r\n]*(\r\n|\r|\n|$)")
-_WORDS = re.compile(  # a line that begins with a word, perhaps behind the number of a test
+_WORDS = re.compile(  # a line that begins with a word, possibly after the number of a test
     rb"[\r\n][ \t,;|\"']*(?:\d+[\"']?[ \t]*[,;|\t][ \t,;|\"']*)?[A-Za-z(\[{<#%/!\x80-\xff][^\r\n]*"
 )
 _CELLS = re.compile(
     rb"(?:^|[\r\n\t,;|])[ \"]*[-+]?[\d.,]*\d(?:[eE][-+]?\d+)?[ \"]*(?=$|[\t,;|])"
-)  # with numbers
-_MOST_HEADERS, _BELOW = 10_000, 8  # lines with words, and lines below each, that are looked at
+)  # cells with numbers
+_MOST_HEADERS, _BELOW = 10_000, 8  # most lines with words, and lines below each, that are examined
 _LEFT_OUT = "(lines left out)"
-_BLANK = re.compile(r"[ \t]+(?![\[(])")  # none between a name and its unit
+_BLANK = re.compile(r"[ \t]+(?![\[(])")  # except a blank between a name and its unit
 _ANY_BLANK, _ONLY_UNITS = re.compile(r"[ \t]+"), re.compile(r"([\[(][^])]*[])][ \t]*)+")  # "(s) (mm) (N)"
 
 
@@ -241,20 +241,20 @@ _ANY_BLANK, _ONLY_UNITS = re.compile(r"[ \t]+"), re.compile(r"([\[(][^])]*[])][ 
 class TextTable:
     """Position of one table in a text file."""
 
-    names: tuple[str, ...]  # of the columns
-    head: int  # byte at which the header begins
-    start: int  # byte at which the first row of numbers begins
+    names: tuple[str, ...]  # column names
+    head: int  # first byte of the header
+    start: int  # first byte of the first row of numbers
     titles: tuple[str, ...] = ()  # cells of the row above the header
-    counts: bool = False  # whether the first column holds numbers
+    counts: bool = False  # whether the first column contains numbers
 
 
 @dataclass(frozen=True)
 class TextDialect:
     """Delimiter, decimal mark and tables of a text file."""
 
-    delimiter: str  # between cells
-    decimal: str  # mark in numbers
-    tables: tuple[TextTable, ...]  # at least one, in their order
+    delimiter: str  # delimiter between cells
+    decimal: str  # decimal mark
+    tables: tuple[TextTable, ...]  # tables in their order, at least one
 
     @property
     def words(self) -> tuple[str, ...]:
@@ -268,9 +268,8 @@ class TextDialect:
 def find_dialect(content: bytes) -> TextDialect | None:
     """Detect delimiter and decimal mark of a UTF-8 text; None if no header is followed by numbers.
 
-    A first line that contains one of palpate's own names is a header, whatever follows it. Otherwise each
-    combination of delimiter and decimal mark is tried, and the combination whose longest table is widest is
-    returned.
+    If the first line contains one of palpate's own names, it is a header. Otherwise each delimiter is tried
+    with the decimal mark that suits it, and the dialect whose longest table has most columns is returned.
 
     Args:
         content: content of the file.
@@ -281,7 +280,7 @@ def find_dialect(content: bytes) -> TextDialect | None:
     first = max(DELIMITERS, key=lines[0][1].count)
     match = re.compile(rb"\r\n|\r|\n|$").search(content, lines[0][0])
     begin, end = lines[0][0], match.end() if match else len(content)
-    # Whole: in the sample a line may be cut off.
+    # Read the whole header line, since a line of the sample may be truncated.
     header = content[begin:end].decode(errors="replace").rstrip("\r\n")
     names = [" ".join(name.split()) for name in next(_cells([header], first), [])]
     if any(role and role.unit for role in map(parse_role, names)):
@@ -292,7 +291,7 @@ def find_dialect(content: bytes) -> TextDialect | None:
         return replace(dialect, tables=(own, *(table for table in dialect.tables if table.head > own.head)))
     dialects = [_dialect(lines, delimiter) for delimiter in (*DELIMITERS, BLANKS)]
     if not any(dialect.tables for dialect in dialects):
-        # Rows of numbers without names: the first delimiter that leaves fewest other cells is taken.
+        # For rows of numbers without names, choose the first delimiter with the fewest other cells.
         nameless = list[tuple[int, TextDialect]]()
         comments = next((n for n, (_, text) in enumerate(lines) if text[:1] not in _COMMENT_SIGNS), 0)
         begin, texts = lines[comments][0], [text for _, text in lines[comments:][:_ALIKE]]
@@ -316,9 +315,10 @@ def find_dialect(content: bytes) -> TextDialect | None:
 
 
 def _sample_lines(content: bytes) -> list[tuple[int, str]]:
-    """Return position and text of the lines that decide on the dialect: the first ones, and lines of words.
+    """Return position and text of the lines that determine the dialect.
 
-    They include lines below each line of words. A truncated last line is left out.
+    These are the first lines of the file, and each later line of words with the lines below it. A truncated
+    last line is omitted.
     """
     lines: list[tuple[int, str]] = []
 
@@ -351,12 +351,12 @@ def blanks_as_tabs(content: bytes) -> bytes:
 
 
 def _dialect(lines: list[tuple[int, str]], delimiter: str) -> TextDialect:
-    """Return the dialect with this delimiter, and the tables that it finds in these lines, perhaps none."""
+    """Return the dialect for this delimiter with the tables that it gives in these lines, possibly none."""
     rows = list(_cells([text for _, text in lines], delimiter))
     decimal = "," if commas_decide(rows, in_doubt=delimiter != ",") else "."
     tables = []
     for layout in find_layouts(rows, decimal):
-        # As many names as the rows have cells: both may end with the delimiter or a remark.
+        # Use as many names as the rows have cells: both may end with the delimiter or a remark.
         width, names = max(len(row) for row in rows[layout.first :][:3]), list(layout.names)
         is_remark = any(not is_unnamed(word) for word in names[width:])  # words beyond the last column
         if delimiter == BLANKS and is_remark and not _is_measurement(names):
@@ -369,12 +369,12 @@ def _dialect(lines: list[tuple[int, str]], delimiter: str) -> TextDialect:
 
 
 def is_footer(cells: Sequence[str], decimal: str, *, counts: bool) -> bool:
-    """Return whether a row below others is not part of the table: empty, or words.
+    """Return whether a row after a table is not part of it because it is empty or contains words.
 
     Args:
         cells: cells of the row, as text.
-        decimal: mark in numbers.
-        counts: whether the rows begin with a number.
+        decimal: decimal mark.
+        counts: whether the rows of the table begin with a number.
     """
     filled = [cell for cell in cells if cell.strip()]
     numbers = [is_number(cell, decimal) for cell in filled]
@@ -386,8 +386,8 @@ def line_cells(line: str, delimiter: str) -> list[str]:
     """Split a line into cells.
 
     Args:
-        line: without its end.
-        delimiter: between cells.
+        line: text of the line without its end.
+        delimiter: delimiter between cells.
     """
     return next(_cells([line], delimiter), [])
 
@@ -409,11 +409,11 @@ def _cells(lines: list[str], delimiter: str) -> Iterator[list[str]]:
 def commas_decide(rows: list[list[str]], *, in_doubt: bool = True) -> bool:
     """Return whether numbers have decimal commas rather than decimal points.
 
-    "1,234" is ambiguous. With a delimiter other than a comma, it counts as a little more than one.
+    "1,234" is ambiguous: it can mean 1.234 or 1234.
 
     Args:
         rows: cells of the first rows, as text.
-        in_doubt: whether "1,234" is a little more than one where nothing else says so.
+        in_doubt: whether "1,234" means 1.234 if no other number decides.
     """
     marked = [cell for row in rows for cell in map(str.strip, row) if "," in cell or "." in cell]
     readings = [(bool(NUMBER[","].fullmatch(cell)), bool(NUMBER["."].fullmatch(cell))) for cell in marked]
@@ -426,7 +426,7 @@ def commas_decide(rows: list[list[str]], *, in_doubt: bool = True) -> bool:
 
 
 def _is_measurement(names: Sequence[str]) -> bool:
-    """Return whether these names alone make a channel: a time, a motion and an effort."""
+    """Return whether these names form a channel: a time, a motion and an effort."""
     available = {guess.key for guess in guess_columns(names) if guess.quantity}
     return TIME in available and bool(keys_of_channels(available))
 
@@ -435,22 +435,22 @@ def _is_measurement(names: Sequence[str]) -> bool:
 class Block:
     """Names and length of one table of a file."""
 
-    title: str  # its sheet, or the line at which it begins
-    names: tuple[str, ...]  # of its columns
+    title: str  # name of its sheet, or number of its first line
+    names: tuple[str, ...]  # column names
     rows: int
 
 
 def same_columns(blocks: Sequence[Block], selected: str, place: Path) -> tuple[list[int], list[str]]:
-    """Select the longest table that makes a channel, or the chosen one, and all with the same columns.
+    """Select the longest table that forms a channel, or the requested one, and all with the same columns.
 
     Args:
         blocks: tables, at least one.
-        selected: title of one table; empty for the longest (by names only if none makes a channel).
-        place: name of the file, for the error.
+        selected: title of the requested table; empty for the longest table that forms a channel, or the
+            longest of all if none does.
+        place: path of the file, for the error message.
 
     Returns:
-        Indices of the tables, in their order, and a sentence about the other tables (empty if there are
-        none).
+        Indices of the tables in their order, and notes on the omitted tables (empty if there are none).
 
     Raises:
         InputError: no table has this title.
@@ -468,7 +468,7 @@ def same_columns(blocks: Sequence[Block], selected: str, place: Path) -> tuple[l
     listed = ", ".join(sizes) + (" ..." if len(omitted) > 5 else "")
     option = f"--table {shlex.quote(omitted[0].title)}"
     note = f"not read, since their columns differ: {listed}; {option} selects one"
-    # A line of words among the rows, such as a remark with as many cells, looks like the names of a table.
+    # A line of words among the rows, such as a remark with as many cells, looks like column names.
     alike = (block for block in omitted if len(block.names) == len(longest.names))
     doubtful = next((block.title for block in alike if not _is_measurement(block.names)), "")
     if doubtful.isdecimal() and not selected:

@@ -1,4 +1,4 @@
-"""Read a text file of measurements with any delimiter, decimal mark, encoding and preamble, packed or not."""
+"""Read a text file of measurements with any delimiter, decimal mark, encoding and preamble, also gzipped."""
 
 from __future__ import annotations
 
@@ -36,21 +36,21 @@ from palpate.estimation.data.text_dialect import (
 from palpate.robot_io.errors import InputError
 from palpate.robot_io.types import IntArray
 
-_LONGEST_LINE = 2**20 - 1  # bytes; the reader takes blocks of 1 MiB, and the line must end in one
-_MOST_COLUMNS = 20_000  # each name is compared with all words for a quantity
-_SHOWN = 60  # characters of a line that is refused
-_SYSTEMATIC = 0.25  # share of rows that may end before the last column; fewer are damaged
+_LONGEST_LINE = 2**20 - 1  # bytes; the reader uses blocks of 1 MiB, each of which must contain a line end
+_MOST_COLUMNS = 20_000  # limits computing time, since each name is compared with all words for a quantity
+_SHOWN = 60  # characters of a rejected line that an error message shows
+_SYSTEMATIC = 0.25  # least share of short rows that are intentional; fewer are damaged rows
 
 
 def read_text_table(path: Path, selected: str) -> FileColumns:
-    """Read the columns of a text file as text, by the names above the rows of its longest table.
+    """Read the columns of the longest table of a text file as text.
 
     Args:
-        path: path of the file; packed if its name ends in .gz.
-        selected: line at which another table's header begins; empty for the longest table.
+        path: path of the file; gzipped if its name ends in .gz.
+        selected: number of the header line of another table; empty for the longest table.
 
     Raises:
-        InputError: it is too large, is no text, has no header, or a row has too few or too many cells.
+        InputError: the file is too large, is not text, has no header, or a row has a wrong number of cells.
     """
     open_file = gzip.open if path.name.lower().endswith(".gz") else open
     with open_file(path, "rb") as file:
@@ -64,7 +64,7 @@ def read_text_table(path: Path, selected: str) -> FileColumns:
         raise InputError(f"{path}: its first line is longer than 1 MiB; put the names of the columns there")
     content = _labels_as_header(content)
     dialect = find_dialect(content)
-    if dialect is None:  # perhaps because names have line breaks in quotes, as a spreadsheet writes them
+    if dialect is None:  # names may have quoted line breaks, as spreadsheets write them
         content = _NAMES_IN_QUOTES.sub(_one_line, content[:_LOOKED_AT]) + content[_LOOKED_AT:]
         dialect = find_dialect(content) or _raise_no_table(content, path)
     if (columns := max(len(table.names) for table in dialect.tables)) > _MOST_COLUMNS:
@@ -79,7 +79,7 @@ def read_text_table(path: Path, selected: str) -> FileColumns:
     spans = [(table, table.start, _end_of_rows(content, table, end, dialect)) for table, end in pairs]
     below = [line for line in content[spans[-1][2] :].splitlines() if line.strip()]
     filled = [span for span in spans if span[2] > span[1]]
-    if not filled:  # then a reader can say best what is wrong with these lines
+    if not filled:  # the parser then reports the error in these lines
         filled, below = [(dialect.tables[0], dialect.tables[0].start, len(content))], []
     blocks = []
     for table, begin, end in filled:
@@ -113,8 +113,8 @@ def read_text_table(path: Path, selected: str) -> FileColumns:
 def _labels_as_header(content: bytes) -> bytes:
     """Convert lines such as "Time: 12 ms, Force: 1.5 N" to a table; other text is unchanged.
 
-    Names and units of the first such line become the header in the line above. Lines with other labels become
-    empty, so that line numbers stay, except if the first line is already a row.
+    Names and units of the first such line become the header in the line above it. Lines with other labels
+    become empty, so that line numbers are preserved, except if the first line is already a row.
     """
     lines = content.splitlines() if _PAIR.search(content[:_LOOKED_AT]) else []
     first = next((n for n, line in enumerate(lines[:_MOST_ABOVE]) if len(_PAIR.findall(line)) > 1), None)
@@ -132,11 +132,11 @@ def _labels_as_header(content: bytes) -> bytes:
     return b"\n".join([*[b""] * (first - 1), names, *rows])
 
 
-_NAMES_IN_QUOTES = re.compile(rb'(?:[^"\r\n]|"[^"]{0,1000}")+')  # one line of cells, with breaks in quotes
+_NAMES_IN_QUOTES = re.compile(rb'(?:[^"\r\n]|"[^"]{0,1000}")+')  # one row with quoted line breaks
 
 
 def _one_line(match: re.Match[bytes]) -> bytes:
-    """Move line breaks inside quotes behind their line, so that the numbers of the lines below it stay."""
+    """Move quoted line breaks to the end of their row, so that later line numbers are preserved."""
     cells: bytes = match.group()
     return re.sub(rb"[ \t]*\r?\n[ \t]*", b" ", cells) + b"\n" * cells.count(b"\n")
 
@@ -146,7 +146,7 @@ def _is_one_recording(parts: Sequence[pa.Table], decimal: str) -> bool:
 
     Args:
         parts: columns of text with the same names.
-        decimal: mark in numbers.
+        decimal: decimal mark.
     """
     clocks = [guess.column for guess in guess_columns(parts[0].column_names) if guess.key == TIME]
     if len(clocks) != 1:
@@ -165,7 +165,7 @@ def _is_one_recording(parts: Sequence[pa.Table], decimal: str) -> bool:
 def _parse_rows(
     content: bytes, begin: int, end: int, dialect: TextDialect, place: str
 ) -> tuple[pa.Table, IntArray, list[str]]:
-    """Parse the rows between two bytes without a copy; also return the line of each row, and remarks."""
+    """Parse the rows between two bytes without a copy; also return the line of each row, and notes."""
     rows = pa.py_buffer(content).slice(begin, end - begin)
     if dialect.delimiter == BLANKS:
         rows = pa.py_buffer(blanks_as_tabs(content[begin:end]))
@@ -199,11 +199,11 @@ def _repair_rows(
 
     Args:
         rows: text of the table.
-        lines: number in the file of each line that is not empty, shape (n,).
+        lines: line number in the file of each nonempty line, shape (n,).
         dialect: dialect of the text.
 
     Returns:
-        The text, the number of each row's line, and remarks; None where nothing can be mended.
+        The repaired text, the line number of each row, and notes; None if the rows cannot be repaired.
     """
     table, delimiter = dialect.tables[0], "\t" if dialect.delimiter == BLANKS else dialect.delimiter
     texts = [line for line in rows.decode(errors="replace").splitlines() if line.strip(" ")]
@@ -238,13 +238,13 @@ def _repair_rows(
 
 
 def _line_numbers(content: bytes, begin: int, end: int, count: int | None = None) -> IntArray:
-    """Return the line numbers, from 1, of the lines between two bytes that are not empty.
+    """Return the line numbers, from 1, of the nonempty lines between two bytes.
 
     Args:
         content: content of the file.
-        begin: first byte.
-        end: byte after the last.
-        count: how many rows were read of them; None for as many as there are lines.
+        begin: index of the first byte.
+        end: index after the last byte.
+        count: number of rows that were read from them; None for one row per line.
     """
     mark = b"\n" if b"\n" in content else b"\r"
     first = 1 + _line_ends(content, 0, begin)
@@ -252,7 +252,7 @@ def _line_numbers(content: bytes, begin: int, end: int, count: int | None = None
         return np.arange(first, first + count)
     lines = content[begin:end].split(mark)
     filled = first + np.flatnonzero([bool(line.strip(b" \r")) for line in lines])
-    # Where a cell in quotation marks holds the end of a line, lines are more than rows.
+    # If quoted cells contain line ends, there are more lines than rows.
     return filled if count is None or count == len(filled) else np.arange(first, first + count)
 
 
@@ -261,7 +261,7 @@ def _line_ends(content: bytes, begin: int, end: int) -> int:
 
 
 def number_of(text: object) -> float:
-    """Convert a cell to a number; NaN if it holds none.
+    """Convert a cell to a number; NaN if it is not a number.
 
     Args:
         text: text of a cell, with a decimal point.
@@ -304,7 +304,7 @@ def _parse(
 ) -> pa.Table:
     names = list(dialect.tables[0].names)
     delimiter = "\t" if dialect.delimiter == BLANKS else dialect.delimiter
-    # In one thread where rows may be skipped: only then are they numbered.
+    # Rows to skip are only numbered if the reader uses a single thread.
     return pa_csv.read_csv(
         pa.BufferReader(rows),
         read_options=pa_csv.ReadOptions(column_names=names, use_threads=skip is None),
@@ -313,19 +313,19 @@ def _parse(
     )
 
 
-_PAIR = re.compile(  # a label, its number, and perhaps a unit
-    # Bounded, or a long cell would be searched from each of its letters to its end.
+_PAIR = re.compile(  # a label, its number, and possibly a unit
+    # The repetitions are bounded, since the search in a long cell would otherwise take quadratic time.
     rb"([A-Za-z\x80-\xff][\w \x80-\xff]{0,60}?)[ \t]{0,8}[:=][ \t]{0,8}([-+]?\d+(?:\.\d*)?(?:[eE][-+]?\d+)?)"
     rb"[ \t]?([A-Za-z\xb0-\xff%/]{0,5})(?=[\s,;|]|$)"
 )
-_MOST_ABOVE, _FEWEST_LABELLED = 100, 5  # lines above such rows; rows
+_MOST_ABOVE, _FEWEST_LABELLED = 100, 5  # most lines above labeled rows; least number of such rows
 _ENDS = (b"\n", b"\r")
 
 
 def _end_of_rows(content: bytes, table: TextTable, end: int, dialect: TextDialect) -> int:
-    """Byte after the last row of a table, without the lines before `end` that are no rows."""
+    """Return the index of the byte after the last row of a table; lines before `end` may not be rows."""
     begin = table.start
-    ends = dict.fromkeys(_ENDS, end)  # where each was met last, so that every byte is looked at once
+    ends = dict.fromkeys(_ENDS, end)  # last position of each line end, so that each byte is searched once
     while end > begin:
         line = end - (2 if content.endswith(b"\r\n", begin, end) else 1)
         ends |= {mark: content.rfind(mark, begin, line) for mark, place in ends.items() if place >= line}
@@ -339,12 +339,12 @@ def _end_of_rows(content: bytes, table: TextTable, end: int, dialect: TextDialec
 
 _MARKS = ((codecs.BOM_UTF16_LE, "utf-16"), (codecs.BOM_UTF16_BE, "utf-16"))
 _ENCODINGS = ("cp1252", "gb18030", "cp932", "cp949", "cp1250", "cp1251")  # after UTF-8 and UTF-16
-_ONE_STEP = 2.0  # steps of a clock from one part of a recording to the next, at most
+_ONE_STEP = 2.0  # largest interval between two parts of a recording, in steps of the clock
 _WITH_UNIT = re.compile(r"(?<![\w.])[+-]?\d+(?:[.,]\d+)? ?[A-Za-zµ°%]{1,6}\b")  # a cell such as "0.5 mm"
 _FEW_ZEROS = 1e-3  # largest share of zero bytes in a text
-_CONTROLS = bytes(set(range(32)) - set(b"\t\n\r\f\x1a\x1b")) + b"\x7f\x81\x8d\x8f\x90\x9d"  # none in a text
+_CONTROLS = bytes(set(range(32)) - set(b"\t\n\r\f\x1a\x1b")) + b"\x7f\x81\x8d\x8f\x90\x9d"  # not in a text
 _LOOKED_AT = 1 << 16  # bytes
-_OTHERS = (  # how files begin that are called text by mistake, and what to do with them
+_OTHERS = (  # first bytes of other file types, and the remedy
     (b"\x89PNG", "is a picture; save the measurements themselves"),
     (b"\xff\xd8\xff", "is a picture; save the measurements themselves"),
     (b"%PDF", "is a PDF; save the measurements themselves"),
@@ -355,19 +355,19 @@ _OTHERS = (  # how files begin that are called text by mistake, and what to do w
 
 
 def as_utf8(content: bytes, path: Path) -> tuple[bytes, str]:
-    """Convert a text to UTF-8 without byte order mark, and name its encoding if it was another.
+    """Convert a text to UTF-8 without byte order mark, and return its encoding if it was not UTF-8.
 
-    UTF-16 is recognised by its byte order mark, or by zeros between Latin letters. For other text that is not
-    UTF-8, the encoding is the first in which it contains a known word, such as the Chinese word for force;
-    otherwise, without control characters, Windows' Western European (cp1252), in which testing machines write
-    degree signs and umlauts. A few zeros are ends of strings and are removed.
+    UTF-16 is recognized by its byte order mark, or by zero bytes between Latin letters. For other text that
+    is not UTF-8, the encoding is the first one in which the text contains a known word, such as the Chinese
+    word for force. Otherwise, text without control characters is read as Western European (cp1252), which
+    testing machines use for degree signs and umlauts. A few zero bytes are ends of strings and are removed.
 
     Args:
         content: content of the file.
-        path: path of the file, for errors.
+        path: path of the file, for error messages.
 
     Raises:
-        InputError: it is no text.
+        InputError: the content is not text.
     """
     if content.startswith(codecs.BOM_UTF8):
         content = content[len(codecs.BOM_UTF8) :]
@@ -388,7 +388,7 @@ def as_utf8(content: bytes, path: Path) -> tuple[bytes, str]:
     except UnicodeDecodeError:
         if encoding:
             raise _no_text(content, path) from None
-        head = content[:_LOOKED_AT]  # the last character may be cut off
+        head = content[:_LOOKED_AT]  # the last character may be truncated
         texts = {name: codecs.getincrementaldecoder(name)("replace").decode(head) for name in _ENCODINGS}
         texts = {name: text.lower() for name, text in texts.items() if "�" not in text}
         known = (name for name, text in texts.items() if any(word in text for word in FOREIGN_WORDS))

@@ -1,4 +1,4 @@
-"""Channels of a probing session, from the checked records of its ticks."""
+"""Create channels from the checked tick records of a probing session."""
 
 from collections.abc import Sequence
 from typing import Any
@@ -20,8 +20,8 @@ from palpate.robot_io.types import BoolArray, FloatArray, IntArray, Status
 
 USELESS = (Phase.IDLE, Phase.STOPPED)
 _MOST_JOINTS = 100
-_FAR_S = 60.0  # between a tick and a sample in it, which no age limit allows
-MAY_LACK = {  # what nothing is worked out from
+_FAR_S = 60.0  # time between a tick and a sample in it that exceeds any age limit
+MAY_LACK = {  # columns that no computation uses
     "tick",
     "guard_tripped",
     *("joint_velocity_rad_s", "reference_velocity_rad_s", "tip_velocity_world_m_s", "torque_commanded_nm"),
@@ -38,15 +38,15 @@ _OF_A_RUN = ("tip_position_world_m", "press_direction_world")
 def checked_ticks(session: Session) -> Samples:
     """Return the stream "tick" after checking it.
 
-    All columns that are used exist in the form of `tick_stream`. They contain finite numbers of a plausible
-    size wherever the device reports a valid sample. The time is always valid, and decreases only between the
-    runs of two sessions.
+    All columns in use must exist in the form of `tick_stream`. They must contain finite numbers of plausible
+    size wherever the device reports a valid sample. The time must always be valid, and may decrease only
+    between the runs of two sessions.
 
     Args:
-        session: session of a probing.
+        session: probing session.
 
     Raises:
-        InputError: one of this is not so, or the session has no such stream.
+        InputError: a check fails, or the session has no such stream.
     """
     ticks = session.samples(STREAM_NAME)
     place = f"{session.path}, stream '{STREAM_NAME}'"
@@ -66,7 +66,7 @@ def checked_ticks(session: Session) -> Samples:
         if values.dtype.kind != np.dtype(column.dtype).kind:
             raise SessionError(f"{column_place}: is {values.dtype}, expected {column.dtype}")
     _check_values(session, ticks, "time_s", np.ones(len(ticks), dtype=np.bool_))
-    # Where sessions were merged, a clock may begin anew; else ticks are in order of time.
+    # The clock may restart where sessions were merged; otherwise ticks must be in order of time.
     run, late_s = ticks["run"].astype(np.int64), np.diff(ticks["time_s"])
     to_come = np.minimum.accumulate(np.where(run == NO_RUN, np.iinfo(np.int64).max, run)[::-1])[::-1]
     late = np.flatnonzero((late_s < 0.0) & (np.maximum.accumulate(run)[:-1] >= to_come[1:]))
@@ -79,7 +79,7 @@ def checked_ticks(session: Session) -> Samples:
     for status, names in _BY_DEVICE.items():
         for name in names:
             _check_values(session, ticks, name, good[status])
-        # No clock jumps so, and no motion has it.
+        # Sample times must be close to the tick time.
         far = np.flatnonzero(good[status] & (np.abs(ticks[names[1]] - ticks["time_s"]) > _FAR_S))
         if len(far):
             sampled_s, own_s = (ticks[name][far[0]] for name in (names[1], "time_s"))
@@ -107,25 +107,25 @@ def _check_values(session: Session, ticks: Samples, name: str, rows: BoolArray) 
 
 
 DIRECTION = "press_direction_world"
-# Columns that the channels are made of; a long session has several times as many.
+# Columns that the channels need; loading only these saves memory in a long session.
 _OF_BOTH = {"run", "phase", "joint_position_rad", "encoder_at_s", "force_n", "force_at_s", DIRECTION}
 _OF_CONTACTS = {*_OF_BOTH, "tip_position_world_m"}
 _OF_JOINTS = {*_OF_BOTH, "torque_measured_nm", "torque_at_s", "force_status"}
-_SAME_PLACE_M = 0.005  # touches nearer to each other than this, across the press direction, probe one place
+_SAME_PLACE_M = 0.005  # largest distance across the press direction between contacts at one place
 _SAME_DIRECTION = np.cos(np.radians(2.0))
-_BESIDE_S = 0.05  # before and after a contact is surely one
-_FEWEST = 20  # samples in contact without which there is nothing to estimate
+_BESIDE_S = 0.05  # time before and after a certain contact in which there may also be contact
+_FEWEST = 20  # least number of samples in contact for an estimate
 
 
 def joined(ticks: Sequence[Samples]) -> Samples:
     """Concatenate the ticks of several sessions of one arm; runs are renumbered.
 
-    Clocks are unchanged. If one clock continues through all sessions, an object or sensor keeps its memory;
-    if the clock restarts, as in a simulated world, each session begins without memory, see `runs_by_time`.
-    Samples after the last run of a session belong to no run, and are left out of all but the last session.
+    Times are unchanged. If one clock continues through all sessions, effects with memory persist across them.
+    If the clock restarts, as in simulations, each session begins without memory, see `runs_by_time`. Samples
+    after the last run of a session are dropped, except in the last session.
 
     Args:
-        ticks: the streams "tick", in the order in which they were recorded.
+        ticks: the streams "tick", in order of recording.
     """
     if len(ticks) == 1:
         return ticks[0]
@@ -145,21 +145,21 @@ def joined(ticks: Sequence[Samples]) -> Samples:
 def contact_channels(ticks: Samples, *, tared: bool) -> tuple[ChannelData, ...]:
     """Return the contact force at each probed place as a channel.
 
-    The position is the depth below the surface (see `find_surface`) along the press direction, at the time
-    when the force was sampled.
+    The position is the depth below the surface (see `find_surface`) along the press direction, at the times
+    at which the force was sampled.
 
     Args:
         ticks: the stream "tick".
-        tared: take the force in free air, run by run, off the force; else the force is as it was measured.
+        tared: whether to subtract each run's force in free air from the force.
 
     Returns:
-        One channel called "contact", or "contact_1", "contact_2" ... in the order in which the places were
-        probed; none if nothing was touched.
+        One channel named "contact", or "contact_1", "contact_2" ... in order of probing; empty without
+        contact.
     """
     good = _valid_ticks(ticks, "encoder_status", "force_status") & (ticks["run"] != NO_RUN)
     chosen = ticks.select(good, _OF_CONTACTS)
     contacts = find_contacts(chosen["force_n"], chosen["run"], chosen["phase"])
-    places: list[tuple[FloatArray, list[Contact]]] = []  # centre, and the contacts that touched it
+    places: list[tuple[FloatArray, list[Contact]]] = []  # center of each place, and the contacts there
     for contact in contacts:
         if len(contact.rows) < _FEWEST:
             continue
@@ -182,16 +182,16 @@ def joint_channels(ticks: Samples, known: FloatArray | None = None) -> tuple[Cha
     """Return the torque of each joint as channels "joint_1", "joint_2" ...
 
     A move between two runs belongs to the run after it. The context contains the motion of the whole arm as
-    `joint_position`, `joint_velocity`, `joint_acceleration` (n, joints), its torques as `joint_torque` (n,
-    joints), and signals of its tip: `contact_force` (n,), positive in compression, less the reading in free
-    air; `touching` (n,), 1 where contact is certain and 0 elsewhere; and `press_direction_world` (n, 3).
+    `joint_position`, `joint_velocity`, `joint_acceleration` (n, joints) and its torques as `joint_torque` (n,
+    joints). It also contains signals of the tip: `contact_force` (n,), positive in compression, minus the
+    reading in free air; `touching` (n,), 1 if contact is certain, else 0; and `press_direction_world` (n, 3).
 
-    Presses in another direction than the first are left out, with the samples around them: a surface reacts
-    along its normal, so at most one of two directions is that of the force.
+    Presses in another direction than the first press are excluded, with the samples around them. A surface
+    reacts along its normal, so the force can have at most one of the two directions.
 
     Args:
-        ticks: ticks of one or several probings.
-        known: direction in which the object was pressed first (3,); None for that of these ticks.
+        ticks: ticks of one or several probing sessions.
+        known: direction of the first press, shape (3,); None to use that of these ticks.
     """
     useful = ~np.isin(ticks["phase"], USELESS)
     chosen = ticks.select(_valid_ticks(ticks, "encoder_status", "torque_status") & useful, _OF_JOINTS)
@@ -203,14 +203,14 @@ def joint_channels(ticks: Samples, known: FloatArray | None = None) -> tuple[Cha
         numbered = np.flatnonzero(in_run)
         following = np.minimum(np.searchsorted(numbered, np.arange(len(run))), len(numbered) - 1)
         run = chosen["run"].astype(np.int64)[numbered[following]]
-    # Swings in free air are smooth: a window as wide as they allow would cut what a press accelerates. So
-    # windows are compared on runs alone where moves are most of all.
+    # Moves in free air are smooth and allow wide windows, which would bias the acceleration of a press. If
+    # moves dominate, windows are therefore compared only on the samples of runs.
     tried = np.asarray(in_run) if in_run.any() and np.mean(in_run) < 0.5 else None
     motions = [
         _motion_at(time_s, chosen["encoder_at_s"], joint, run, calm=False, tried=tried)
         for joint in chosen.vector("joint_position_rad").T
     ]
-    good = _valid_ticks(chosen, "force_status")  # of none, the force is zero
+    good = _valid_ticks(chosen, "force_status")  # without valid samples, the force is zero
     force_n = _interpolate_per_clock(time_s, chosen["force_at_s"], chosen["force_n"], good)
     torque = chosen.vector("torque_measured_nm")
     contacts = list(find_contacts(force_n, run, chosen["phase"]))
@@ -223,7 +223,7 @@ def joint_channels(ticks: Samples, known: FloatArray | None = None) -> tuple[Cha
         "joint_velocity": velocity,
         "joint_acceleration": acceleration,
         "joint_torque": torque,
-        "contact_force": force_n - _tare(contacts).of(run),  # no joint feels a sensor's bias
+        "contact_force": force_n - _tare(contacts).of(run),  # the sensor's bias does not act on the joints
         "touching": touching,
         DIRECTION: chosen[DIRECTION],
     }
@@ -243,7 +243,7 @@ def joint_channels(ticks: Samples, known: FloatArray | None = None) -> tuple[Cha
 
 
 def _valid_ticks(ticks: Samples, *status_columns: str) -> BoolArray:
-    """Return the ticks in which all these devices delivered a new and valid sample."""
+    """Return the mask of ticks in which all these devices delivered a new and valid sample."""
     return np.asarray(np.all([ticks[name] == Status.OK for name in status_columns], axis=0))
 
 
@@ -259,11 +259,11 @@ def _motion_at(
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Return position, velocity and acceleration at given times.
 
-    Derivatives are computed at the sample times, since interpolated positions share errors with their
-    neighbours, which `differentiate` would treat as motion.
+    Derivatives are computed at the sample times. Interpolated positions would have correlated errors, which
+    `differentiate` would treat as motion.
 
     Raises:
-        InputError: most of those times do not go on.
+        InputError: most sample times do not increase.
     """
     if not sample_time(sampled_at_s, run) > 0.0:
         raise InputError("column 'encoder_at_s': its times do not increase from sample to sample")
@@ -280,7 +280,7 @@ def _motion_at(
 def _interpolate_per_clock(
     time_s: FloatArray, sampled_at_s: FloatArray, values: FloatArray, good: BoolArray
 ) -> FloatArray:
-    """Interpolate valid values at given times, (n,); separately for each clock of joined sessions."""
+    """Interpolate valid values at given times, (n,), separately for each clock of joined sessions."""
     clock = np.concatenate([[0], np.cumsum(np.diff(time_s) < 0.0)])
     runs = np.zeros(len(time_s))
     for rows in blocks(clock):
@@ -297,7 +297,7 @@ def _contact_channel(name: str, ticks: Samples, contacts: list[Contact], *, tare
     chosen = ticks.select(rows)
     time_s, run = chosen["force_at_s"], chosen["run"].astype(np.int64)
     travel_m = np.einsum("ij,ij->i", chosen["tip_position_world_m"], chosen[DIRECTION])
-    # What the steps of the encoders leave uncertain of the tip's travel, as a variance [m2].
+    # Variance of the tip's position due to the steps of the encoders [m^2].
     joint_position_rad = chosen.vector("joint_position_rad")
     steps_rad = np.array([grid_step(joint) for joint in joint_position_rad.T])
     moves_rad = np.diff(joint_position_rad, axis=0)
@@ -330,7 +330,7 @@ def _contact_channel(name: str, ticks: Samples, contacts: list[Contact], *, tare
 
 
 def _tare(contacts: list[Contact]) -> Tare:
-    """Return the force in free air of these runs, in order of their numbers."""
+    """Return the force in free air of each run, in order of run number."""
     return Tare(
         np.array([contact.run for contact in contacts]),
         np.array([contact.baseline_n for contact in contacts]),

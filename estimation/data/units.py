@@ -12,15 +12,15 @@ from palpate.robot_io.errors import InputError
 from palpate.robot_io.types import FloatArray
 
 _PREFIXES = {"n": 1e-9, "u": 1e-6, "m": 1e-3, "c": 1e-2, "k": 1e3, "M": 1e6}
-_STANDARD_GRAVITY = 9.80665  # m/s^2: what a gram or a kilogram weighs where it stands for a force
+_STANDARD_GRAVITY = 9.80665  # [m/s^2]; converts grams and kilograms that are used as units of force
 _POUND = 0.45359237 * _STANDARD_GRAVITY
 _INCH = 0.0254
-SLOWEST_S = 0.5  # time from sample to sample, beyond which another unit of time is likelier
-SHORTEST_S = 1.0  # a recording, of mechanics at this scale
+SLOWEST_S = 0.5  # step between samples above which another unit of time is more likely
+SHORTEST_S = 1.0  # shortest plausible duration of a recording
 
 
 def _with_prefixes(unit: str, prefixes: str) -> dict[str, float]:
-    """Return a unit of SI and its multiples."""
+    """Return the factors of an SI unit and its multiples."""
     return {unit: 1.0} | {prefix + unit: _PREFIXES[prefix] for prefix in prefixes}
 
 
@@ -50,7 +50,7 @@ _PRESSURE = _with_prefixes("Pa", "mkM") | {"mbar": 1e2, "bar": 1e5, "psi": _POUN
 
 
 def _rates(units: Mapping[str, float], ending: str) -> dict[str, float]:
-    """Return units per second or per second squared, such as `mm_s` and `mm_s2`."""
+    """Append an ending for a rate to units: per second (`mm_s`) or per second squared (`mm_s2`)."""
     return {unit + ending: factor for unit, factor in units.items()}
 
 
@@ -74,7 +74,7 @@ SI: Mapping[str, Mapping[str, float]] = MappingProxyType(
 
 _FACTORS = {unit: (dimension, factor) for dimension, units in SI.items() for unit, factor in units.items()}
 
-_SPELLINGS = {  # of units, in lower case, as machines and people write them
+_SPELLINGS = {  # other spellings of units, in lower case
     "s": "sec secs second seconds sek sekunde sekunden seg segundos secondes",
     "ms": "msec msecs millisecond milliseconds",
     "us": "usec usecs microsecond microseconds",
@@ -123,7 +123,7 @@ _SPELT = {spelling: unit for unit, spellings in _SPELLINGS.items() for spelling 
 
 
 def _lower_case(unit: str) -> str:
-    """Convert to lower case, except an initial M: M is mega, m is milli."""
+    """Convert to lower case, except an initial M, since M is mega and m is milli."""
     return "M" + unit[1:].lower() if unit.startswith("M") else unit.lower()
 
 
@@ -131,11 +131,11 @@ def _lower_case(unit: str) -> str:
 _BY_LETTERS = {_lower_case(unit): unit for unit in _FACTORS if unit != "nm"} | {"Min": "min"}
 
 _SCALED = re.compile(r"([-+]?(?:\d+\.?\d*|\.\d+)(?:e[-+]?\d+)?)(.+)")
-_CLOCK = re.compile(r"(h{1,2}:)?m{1,2}:s{1,2}([.,:][sf0mx]+)?", re.IGNORECASE)  # a format of times in seconds
+_CLOCK = re.compile(r"(h{1,2}:)?m{1,2}:s{1,2}([.,:][sf0mx]+)?", re.IGNORECASE)  # format of a clock time
 
 
 def normalise(unit: str) -> str:
-    """Spell a unit in standard form: "mm/s^2" becomes "mm_s2", "N m" and "N*m" become "Nm".
+    """Convert a unit to its standard spelling: "mm/s^2" to "mm_s2", "N m" and "N*m" to "Nm".
 
     A capital M is mega and a small m is milli: "MN" is not a millinewton. Unknown units are unchanged.
 
@@ -161,7 +161,7 @@ def normalise(unit: str) -> str:
 
 
 def read_as(unit: str, dimensions: Collection[str]) -> str:
-    """Resolve a unit by the quantity's dimensions: "nm" of a torque is a newton metre.
+    """Resolve an ambiguous unit by the quantity's dimensions: "nm" of a torque is a newton meter.
 
     Args:
         unit: unit as written.
@@ -171,22 +171,22 @@ def read_as(unit: str, dimensions: Collection[str]) -> str:
 
 
 def dimension_of(unit: str) -> str | None:
-    """Return the dimension that a unit measures, or None for an unknown unit.
+    """Return the dimension of a unit, or None for an unknown unit.
 
     Args:
-        unit: unit as written, such as "mm/s^2".
+        unit: unit in the standard spelling of `normalise`, such as "mm_s2".
     """
     return _FACTORS[unit][0] if unit in _FACTORS else None
 
 
 def likely_time_unit(step: float, span: float = math.inf) -> str:
-    """Return the largest unit of time in which samples are less than `SLOWEST_S` apart.
+    """Return the largest unit of time in which the step between samples is at most `SLOWEST_S`.
 
-    If the whole recording would be shorter than `SHORTEST_S` in that unit, the next larger unit is likelier.
+    If the whole recording would be shorter than `SHORTEST_S` in that unit, the next larger unit is returned.
 
     Args:
-        step: between samples, in the unknown unit of time.
-        span: span from the first to the last sample, in the same unit.
+        step: step between samples, in the unknown unit of time.
+        span: time from the first to the last sample, in the same unit.
     """
     units = ("s", "ms", "us", "ns")
     number = next((n for n, unit in enumerate(units[:3]) if step * _TIME[unit] <= SLOWEST_S), 3)
@@ -200,10 +200,10 @@ def factor_to_si(unit: str, dimension: str, where: str) -> float:
     Args:
         unit: unit in any spelling.
         dimension: key of `SI`.
-        where: place named in the error, such as "--unit force_N".
+        where: context for the error message, such as "--unit force_N".
 
     Raises:
-        InputError: the unit does not measure this.
+        InputError: the unit does not have this dimension.
     """
     units = SI[dimension]
     try:
@@ -222,17 +222,17 @@ def is_scaled(unit: str) -> bool:
 
 
 def scaled_unit(unit: str, own: str) -> tuple[float, str]:
-    """Split a unit into the number before it and the unit, and resolve a unit per column unit.
+    """Split a unit into the number before it and the unit, and resolve units such as Nm/A.
 
-    Examples: "-1N" for a sensor of the other sign, "0.5Nm/A" for a current in mA, "20N/V" for a voltage,
+    Examples: "-1N" for a sensor of opposite sign, "0.5Nm/A" for a current in mA, "20N/V" for a voltage,
     "5e-4N/Pa" for a pressure.
 
     Args:
-        unit: unit as the user says it, normalised.
-        own: unit in the column's name, normalised; empty for none.
+        unit: normalized unit stated by the user.
+        own: normalized unit in the column's name; empty for none.
 
     Returns:
-        What to multiply by, and the unit that this leads to.
+        The factor by which to multiply, and the resulting unit.
     """
     match = _SCALED.fullmatch(unit)
     if not match:
@@ -247,27 +247,27 @@ def scaled_unit(unit: str, own: str) -> tuple[float, str]:
     return scale, of
 
 
-LARGEST = 1e30  # in any unit; squares of what is larger overflow
-SMALLEST = 1.0 / LARGEST  # of a signal's largest number; squares of what is smaller are 0
-FINEST_S = 1e-12  # from sample to sample, far below any clock's step; what is finer does not increase
+LARGEST = 1e30  # largest allowed number in any unit, so that squares do not overflow
+SMALLEST = 1.0 / LARGEST  # least allowed maximum of a signal, so that squares do not underflow
+FINEST_S = 1e-12  # smallest step between samples that counts as an increase, far below any clock's step
 
 
 def invalid_rows(values: FloatArray) -> NDArray[np.int64]:
-    """Return indices of the rows of an array (n,) or (n, k) with a value that is not finite or too large.
+    """Return the indices of rows with a value that is not finite or too large.
 
     Args:
-        values: shape (n,) or (n, k).
+        values: array of shape (n,) or (n, k).
     """
     usable = np.abs(values) <= LARGEST
     return np.flatnonzero(~(usable if usable.ndim == 1 else usable.all(axis=1)))
 
 
 def describe_fault(number: float, count: int = 1) -> str:
-    """Describe the fault of an invalid number, and count the others like it.
+    """Describe the fault of an invalid number and the number of further ones.
 
     Args:
-        number: number that `invalid_rows` found.
-        count: number of all invalid ones.
+        number: invalid number, see `invalid_rows`.
+        count: total count of invalid numbers.
     """
     fault = "too large a number" if np.isfinite(number) else "not a finite number"
     return f"{fault} ({count - 1} more like it)" if count > 1 else fault

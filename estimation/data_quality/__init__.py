@@ -1,4 +1,4 @@
-"""Checks before fitting: reject recordings that cannot be judged, warn of what is implausible."""
+"""Checks before fitting: reject unusable recordings and warn of implausible ones."""
 
 from palpate.estimation.data_quality.checks import (
     checklist,

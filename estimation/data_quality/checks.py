@@ -1,7 +1,7 @@
-"""Checks before fitting: reject data that cannot be judged, and warn of what is implausible.
+"""Checks before fitting: reject unusable data and warn of implausible data.
 
-Data are rejected only if nothing can be computed, or if signals contradict each other. Each sentence states
-the figure and the remedy, such as the option that overrides an assumption.
+Data are rejected only if nothing can be computed, or if signals contradict each other. Each message states
+the value and the remedy, such as the option that overrides an assumption.
 """
 
 from collections.abc import Callable, Iterable, Iterator
@@ -46,26 +46,24 @@ from palpate.estimation.model import Model
 from palpate.estimation.signals.runwise import apply_per_run, sample_time
 from palpate.robot_io.types import BoolArray, FloatArray, IntArray
 
-_GLITCH = 25.0  # ratio to the usual distance between neighboring readings
-_MOST_GLITCHES = 0.01
+_GLITCH = 25.0  # least ratio of a glitch to the median distance between neighboring readings
+_MOST_GLITCHES = 0.01  # largest share of readings that are excluded as glitches
 _SPIKE = 0.2  # size relative to the effort's range below which outliers are harmless
-# Ranges of all other readings, that a code for a missing value or a wrong digit stands off by; and those at
-# which a single one is too large for the precision of a fit that excludes it (measured: 1e8).
+# Distance of a reading from its neighbors, relative to the range of all readings. Above `_CODE` it is a code
+# for a missing value or a wrong digit. Above `_HUGE` even one that is excluded spoils the numerical precision
+# of a fit (measured: 1e8).
 _CODE, _HUGE = 20.0, 1e6
 _QUICKEST_S = 1e-5  # step between samples below which the unit of time is doubtful
 
 
 def usable(data: ChannelData) -> BoolArray:
-    """Select the samples that a fit may use.
+    """Return the mask of samples that a fit may use, shape (n,).
 
-    Excluded are glitches (single readings far from both neighbours), runs that are copies of others, and
-    readings of a contact that the sensor rectified or cut off in free air.
+    It excludes glitches (single readings far from both neighbors), runs that are copies of other runs, and
+    readings of a contact that the sensor rectified or clipped in free air.
 
     Args:
         data: the channel, n samples.
-
-    Returns:
-        Mask of shape (n,).
     """
     if len(data) == 0:
         return np.ones(0, dtype=np.bool_)
@@ -76,13 +74,13 @@ def usable(data: ChannelData) -> BoolArray:
 
 
 def reject_reason(data: ChannelData) -> str | None:
-    """Return the reason why a channel cannot be judged, and the remedy.
+    """Return the reason why a channel cannot be diagnosed, and the remedy.
 
     Args:
         data: the channel.
 
     Returns:
-        One sentence, or None if the channel can be judged.
+        One sentence, or None if the channel can be diagnosed.
     """
     if reason := _corrupted(data):
         return reason
@@ -91,31 +89,31 @@ def reject_reason(data: ChannelData) -> str | None:
 
 
 def quality_warnings(data: ChannelData, model: Model | None = None) -> list[str]:
-    """Describe what is implausible in a channel that can be computed.
+    """Return warnings about implausible data in a usable channel.
 
     Args:
         data: the channel.
-        model: what is to explain it. One with nothing to fit knows what readings at the end of a sensor's
-            range should have been, so that these are nothing to warn of.
+        model: the base model, if known. A model without free parameters predicts the effort beyond a sensor's
+            range, so saturation causes no warning.
 
     Returns:
-        Sentences with their figures, and the options that override what was taken.
+        Sentences with values and with the options that override assumptions.
     """
     return [warning for _, warning in _warnings(data, model)]
 
 
 def contaminated(data: ChannelData, model: Model) -> str | None:
-    """Describe faults of readings or motion, apart from the number of runs.
+    """Describe a fault of readings or motion, irrespective of the number of runs.
 
-    Unlike `reject_reason`, it ignores whether runs remain to be held out. It includes warnings of readings
-    and times, but not of units.
+    Unlike `reject_reason`, the function does not require runs to hold out. It includes warnings about
+    readings and times, but not about units.
 
     Args:
         data: the channel.
         model: the base model.
 
     Returns:
-        One sentence, or None if nothing shows.
+        One sentence, or None if there is no fault.
     """
     if reason := _corrupted(data):
         return reason
@@ -127,16 +125,16 @@ def contaminated(data: ChannelData, model: Model) -> str | None:
 
 
 def checklist(data: ChannelData, model: Model | None = None) -> dict[str, str]:
-    """Return for each kind of check the reason or warning against a channel.
+    """Return the rejection reason or warning of each kind of check.
 
     Args:
         data: the channel.
-        model: the base model.
+        model: the base model, if known.
 
     Returns:
-        By kind ("enough" data, "units" and times, "sync" of effort and motion, "excitation", "readings",
-        "saturation"), empty where nothing does. Where there is not enough data, or the times contradict the
-        motion, the other checks make no sense and are left out.
+        Sentence by kind of check ("enough" data, "units" and times, "sync" of effort and motion,
+        "excitation", "readings", "saturation"), empty if the check passes. If the checks "enough" or "units"
+        fail, the later checks are omitted.
     """
     kinds = ("enough", "units", "sync", "excitation", "readings", "saturation")
     if reason := _corrupted(data):
@@ -154,7 +152,7 @@ def checklist(data: ChannelData, model: Model | None = None) -> dict[str, str]:
 
 
 def _warnings(data: ChannelData, model: Model | None) -> Iterator[tuple[str, str]]:
-    """Yield warnings with the kind of check that each belongs to."""
+    """Yield the kind of check and the text of each warning."""
     if len(data) < LEAST_SAMPLES or _corrupted(data) or unchanging(data):
         return
     if copies := copied_runs(data):
@@ -178,20 +176,20 @@ def _warnings(data: ChannelData, model: Model | None) -> Iterator[tuple[str, str
 
 
 def _distance(signal: FloatArray, run: IntArray) -> tuple[FloatArray, float]:
-    """Return distances (n,) of readings from the median of their neighbors, and these medians' range."""
+    """Return the distances (n,) of readings from their running medians, and the range of the medians."""
     smooth = apply_per_run(lambda values: np.asarray(scipy.ndimage.median_filter(values, 5)), signal, run)
     return np.abs(signal - smooth), float(np.ptp(smooth))
 
 
 def _glitches(signal: FloatArray, run: IntArray) -> BoolArray:
-    """Select single readings of a signal (n,) that are far off both neighbors."""
+    """Return the mask (n,) of single readings that are far from both neighbors."""
     distance, extent = _distance(signal, run)
     usual = float(np.median(distance[distance > 0.0])) if (distance > 0.0).any() else 0.0
     return np.asarray(distance > max(_GLITCH * usual, _SPIKE * extent))
 
 
 def _corrupted(data: ChannelData) -> str | None:
-    """Reject isolated readings that no fit can exclude: of the position, too many, or too large."""
+    """Reject outliers that a fit cannot exclude: in the position, too many, or too large."""
     if len(data) < LEAST_SAMPLES:
         return None
     for what, signal in (("position", data.position), ("effort", data.effort)):
@@ -204,7 +202,7 @@ def _corrupted(data: ChannelData) -> str | None:
 
 
 def _far_off(data: ChannelData, what: str, rows: BoolArray) -> str:
-    """Count the readings that stand far off their neighbors, and describe the first of them."""
+    """Count the readings that are far from their neighbors, and describe the first one."""
     first, number = int(np.argmax(rows)), int(np.count_nonzero(rows))
     signal, unit = data.position, data.kind.position_unit
     if what == "effort":
@@ -215,7 +213,7 @@ def _far_off(data: ChannelData, what: str, rows: BoolArray) -> str:
 
 
 def _warn_of_outliers(data: ChannelData) -> Iterator[tuple[str, str]]:
-    """Warn of isolated readings: of many, which are scored, and of huge ones, which are left out."""
+    """Warn of many outliers, which are scored, and of huge outliers, which are excluded."""
     for what, signal in (("position", data.position), ("effort", data.effort)):
         far_off = _glitches(signal, data.run)
         if np.mean(far_off) > _MOST_GLITCHES:
@@ -223,7 +221,7 @@ def _warn_of_outliers(data: ChannelData) -> Iterator[tuple[str, str]]:
     glitches = _glitches(data.effort, data.run)
     if glitches.any() and np.mean(glitches) <= _MOST_GLITCHES:
         size, regular = np.abs(data.effort), data.effort[~glitches]
-        # A sensor that starts from zero, or drops to it, is nothing to report.
+        # Outliers within the usual range, such as dropouts to zero, cause no warning.
         beyond = glitches & (size > np.abs(regular).max() + np.ptp(regular))
         if beyond.any():
             reason = _far_off(data, "effort", beyond)
@@ -231,9 +229,10 @@ def _warn_of_outliers(data: ChannelData) -> Iterator[tuple[str, str]]:
 
 
 def _check_blocks(data: ChannelData, good: BoolArray) -> str | None:
-    """Require blocks to fit to, and blocks in another run to hold out, as the fit itself forms them.
+    """Require enough blocks to fit, and enough blocks in another run to hold out.
 
-    Each must follow as many blocks of its run as the noise model looks back.
+    Blocks are formed as in the fit. Each block in use must follow as many blocks of its run as the order of
+    the noise model.
     """
     least, lengths = block_length(data), np.unique(data.run[good], return_counts=True)[1]
     parts = lengths // least if len(lengths) == 1 else lengths >= least
@@ -256,7 +255,7 @@ def _check_blocks(data: ChannelData, good: BoolArray) -> str | None:
 
 
 _Check = Callable[[ChannelData], str | None]
-_REJECTED: tuple[tuple[str, _Check], ...] = (  # by kind, in the order of `reject_reason`
+_REJECTED: tuple[tuple[str, _Check], ...] = (  # kind and check, in the order used by `reject_reason`
     ("enough", wrong_size),
     ("excitation", unchanging),
     ("excitation", at_rest),

@@ -1,4 +1,4 @@
-"""Checks of how much a channel holds: its samples, runs, depths and speeds."""
+"""Checks of the extent of a channel: its samples, runs, depths and speeds."""
 
 from itertools import pairwise
 
@@ -10,9 +10,9 @@ from palpate.estimation.signals.motion import is_one_pace, is_one_speed, never_r
 
 LEAST_SAMPLES = 100
 SINGLE_RUN = "a single run"  # start of the reason if only the division into runs is missing
-_MOST_BLOCKS = 300_000  # 25 minutes of blocks of 5 ms: memory grows with them
+_MOST_BLOCKS = 300_000  # 25 minutes of blocks of 5 ms; limits the memory
 _LITTLE_SHARED = 0.1  # share of a run's depths that another run must reach for a prediction
-_TRAVELLED = 3.0  # ranges of positions that a single recording of repeated motion covers
+_TRAVELLED = 3.0  # least path of a single recording of repeated motion, in ranges of position
 
 
 def wrong_size(data: ChannelData) -> str | None:
@@ -33,7 +33,7 @@ def wrong_size(data: ChannelData) -> str | None:
 
 
 def no_shared_depth(data: ChannelData) -> str | None:
-    """Report a contact without two runs of similar depth, so that none can be held out; None otherwise.
+    """Report that no two runs of a contact have similar depths, so that none can be held out; else None.
 
     Args:
         data: the channel.
@@ -55,9 +55,7 @@ def no_shared_depth(data: ChannelData) -> str | None:
 
 
 def never_repeated(data: ChannelData) -> str | None:
-    """Report kinds of effects that monotonic motion cannot tell apart; None otherwise.
-
-    Pieces of a single run are held out elsewhere.
+    """Report effects that cannot be distinguished because the motion does not return or repeat; else None.
 
     Args:
         data: the channel.
@@ -81,7 +79,7 @@ def never_repeated(data: ChannelData) -> str | None:
 
 
 def single_speed(data: ChannelData) -> str | None:
-    """Report a single speed, where runs return; None otherwise.
+    """Report runs that return but have only one speed; None otherwise.
 
     Args:
         data: the channel.

@@ -1,4 +1,4 @@
-"""Check whether motion and effort agree in their units, times and signs."""
+"""Check whether motion and effort are consistent in their units, times and signs."""
 
 import numpy as np
 
@@ -15,29 +15,32 @@ _LONGEST_CONTACT_M = 0.2  # a deeper indentation means a wrong unit
 _STIFFEST_N_M = 1e7
 _SOFTEST_N_M = 1e-2
 _FASTEST_RAD_S = 300.0
-_LEAST_PRESSED = 0.01  # least share of samples that press
-# Standard deviations of free air, that one in twenty pressed samples is above: of noise, 1 in 16 000 is.
+_LEAST_PRESSED = 0.01  # least share of samples in contact
+# At least one in twenty samples in contact must exceed free air by 4 standard deviations of the noise; of
+# pure noise, 1 in 16 000 does.
 _ABOVE_AIR, _ONE_IN_TWENTY = 4.0, 0.95
 _SLICES = 20  # slices of the depth in which the start of the force is located
-_LATE, _STANDS_OUT = 0.2, 0.25  # shares of the deepest indentation, and of a spring's force there
-_TO_SIGMA = 1.4826  # ratio of standard deviation to median deviation of normal noise
-_SHIFTS_S = (-2.0, -1.0, -0.5, 0.5, 1.0, 2.0)  # offsets of clocks that were started by hand
-# correlations of depth and force: springs lie above the first, unrelated signals below the second
+# Least share of the deepest indentation without force, and largest noise relative to a spring's force there.
+_LATE, _STANDS_OUT = 0.2, 0.25
+_TO_SIGMA = 1.4826  # ratio of standard deviation to median absolute deviation of normal noise
+_SHIFTS_S = (-2.0, -1.0, -0.5, 0.5, 1.0, 2.0)  # tried time offsets of clocks that were started by hand
+# Correlations of depth and force: those of springs exceed the first, those of unrelated signals are below the
+# second.
 _RELATED, _UNRELATED = 0.9, 0.5
 _NEGATIVE = -0.5  # correlation of depth and force below which one of them has the wrong sign
-_BY_CHANCE = 4.0  # standard errors of a correlation
+_BY_CHANCE = 4.0  # standard errors that a correlation must exceed
 _LEAST_EXPLAINED = 0.1  # share of the force's variance that depth and velocity explain for any object
-_ROUNDING = 1e-9  # rounding of two identical columns, relative to the force's range
-_SEVERAL = 2.0  # turns; over fewer, a spring and a weight can be told apart by shape alone
+_ROUNDING = 1e-9  # largest difference of two identical columns, relative to the force's range
+_SEVERAL = 2.0  # least number of turns; over fewer, the shape alone can distinguish a spring from a weight
 _SLOWLY = 0.1  # least share of the effort's variance that varies slowly with the angle
-# Of what the motion leaves, that the sine in degrees leaves: what is hidden at ten times the noise stays,
-# which was up to 0.1 of a pendulum in degrees; the rest has to be slow.
+# Largest share of the energy unexplained by the motion that the sine in degrees may leave. Effects of ten
+# times the noise left up to 0.1 for a pendulum in degrees.
 _NEARLY_ALL = 0.2
-# Times the energy left, by which a law is as good as a wider one. Chance and likeness made 1.01 in pendulums
-# in degrees; a weight in radians of half the noise, by its amplitude, makes 1.1, and a plain one hundreds.
+# Largest ratio of residual energies at which a law is as good as a wider one. Pendulums in degrees reached
+# 1.01; a weight in radians reaches 1.1 if its amplitude is half the noise, and hundreds if it is clear.
 _AS_WELL = 1.1
-# Times the energy left, by which a law is worse. Springs, spiral or hardening, that a quadratic does not draw
-# are not drawn by a sine either, which came to 1.03; a pendulum's swings of 50 degrees came to 1.3 to 6.
+# Least ratio of residual energies at which a law is clearly worse. Spiral and hardening springs reached 1.03;
+# swings of a pendulum over 50 degrees reached 1.3 to 6.
 _CLEARLY = 1.5
 
 
@@ -71,9 +74,9 @@ def mistaken_units(data: ChannelData) -> str | None:
 
 
 def mistaken_times(data: ChannelData) -> str | None:
-    """Report by how much the velocity contradicts the position: wrong times, or a wrong unit.
+    """Report a velocity that contradicts the position, because of wrong times or a wrong unit.
 
-    The import discards such a velocity in a file; this check serves other sources. Means over unevenly spaced
+    The import of files discards such a velocity; this check is for other sources. Means over unevenly spaced
     readings give no answer, since a mean of such velocities is not the velocity of the mean position.
 
     Args:
@@ -88,9 +91,10 @@ def mistaken_times(data: ChannelData) -> str | None:
 
 
 def misaligned(data: ChannelData) -> str | None:
-    """Report the time shift at which effort and motion agree far better; None without one.
+    """Report a time shift at which force and depth correlate far better; None without one.
 
-    A damper's force follows the velocity, which in a periodic motion is a shifted position.
+    The check does not apply if depth and velocity explain the force: the force of a damper follows the
+    velocity, which looks like a shifted position in periodic motion.
 
     Args:
         data: the channel.
@@ -114,7 +118,7 @@ def misaligned(data: ChannelData) -> str | None:
 
 
 def no_contact(data: ChannelData) -> str | None:
-    """Report why there is no contact, or a contact with a wrong sign; None if there is a contact.
+    """Report a missing contact or a wrong sign; None if there is a contact.
 
     Args:
         data: the channel.
@@ -132,7 +136,7 @@ def no_contact(data: ChannelData) -> str | None:
     depth, until = np.where(pressed, data.position, 0.0), int(np.argmax(np.abs(data.effort))) + 1
     falls = correlation_coefficient(depth, data.effort)
     tears = correlation_coefficient(depth[:until], data.effort[:until]) > -_NEGATIVE  # it rises until then
-    # A spring from the surface on has a negative stiffness.
+    # Negative if a spring from the surface on has a negative stiffness.
     is_negative = float(depth @ (data.effort - level)) < 0.0
     if is_negative and falls < _NEGATIVE and not tears and misaligned(data) is None:
         return (
@@ -143,10 +147,10 @@ def no_contact(data: ChannelData) -> str | None:
 
 
 def late_touch(data: ChannelData) -> str | None:
-    """Report the depth down to which the force is that of free air; None if it begins with the depth.
+    """Report the depth at which the force begins if it is clearly below the surface; None otherwise.
 
-    Such a force stays within its noise for a fifth of the way or more, where a spring from zero on would
-    exceed it.
+    Such a force stays within its noise over at least a fifth of the depth, although a spring from the surface
+    on would exceed the noise.
 
     Args:
         data: the channel.
@@ -162,7 +166,7 @@ def late_touch(data: ChannelData) -> str | None:
         if len(within) and np.quantile(within, _ONE_IN_TWENTY) >= noise:
             break
         silent = float(below)
-    expected = float(force.max()) * silent / deepest  # of a spring from zero on
+    expected = float(force.max()) * silent / deepest  # force of a spring from the surface on
     if silent < _LATE * deepest or noise > _STANDS_OUT * expected:
         return None
     return (
@@ -173,14 +177,14 @@ def late_touch(data: ChannelData) -> str | None:
 
 
 def _of_air(data: ChannelData) -> tuple[float, float]:
-    """Return the level of the effort in free air, and the smallest distance of a press from it [effort]."""
+    """Return the level of the effort in free air, and the least distance of a press from it [effort]."""
     air = data.effort[~data.engaged]
     level = float(np.median(air))
     return level, _ABOVE_AIR * _TO_SIGMA * float(np.median(np.abs(air - level)))
 
 
 def unrelated(data: ChannelData) -> str | None:
-    """Report a force that hardly depends on the motion, or is the same column; None otherwise.
+    """Report a force that hardly depends on the motion, or is a multiple of the depth; None otherwise.
 
     Args:
         data: the channel.
@@ -204,7 +208,7 @@ def unrelated(data: ChannelData) -> str | None:
 
 
 def at_rest(data: ChannelData) -> str | None:
-    """Report a joint's position that is only noise, which the effort does not follow; None otherwise.
+    """Report a joint whose position is only noise and unrelated to the effort; None otherwise.
 
     Args:
         data: the channel.
@@ -218,7 +222,7 @@ def at_rest(data: ChannelData) -> str | None:
     )
     pairs = np.flatnonzero(np.diff(data.run) == 0)
     products = [
-        (within[pairs], within[pairs + 1]),  # motion is alike from one sample to the next, noise is not
+        (within[pairs], within[pairs + 1]),  # motion correlates from sample to sample, noise does not
         (within, effort),
         (within**2 - np.mean(within**2), effort),
     ]
@@ -231,7 +235,7 @@ def at_rest(data: ChannelData) -> str | None:
 
 
 def _share_explained(data: ChannelData) -> float:
-    """Return the share of a force's variance that depth and velocity explain while pressed, 0 to 1."""
+    """Return the share of the force's variance in contact that depth and velocity explain, 0 to 1."""
     pressed = data.select(data.engaged)
     if np.ptp(pressed.effort) == 0.0:
         return 0.0
@@ -241,17 +245,17 @@ def _share_explained(data: ChannelData) -> float:
 
 
 def angle_in_degrees(data: ChannelData, model: Model | None) -> str | None:
-    """Report an angle of a joint with weight that is probably in degrees; None otherwise.
+    """Report the angle of a joint that is probably in degrees; None otherwise.
 
-    Over several turns, the torque of an arm's weight repeats with each turn. An effort without repetition,
-    which varies slowly from one end of the angle to the other, indicates an angle in degrees, or the angle of
-    a motor before its gear. Beside a repeating weight, a slow variation is a wound spring or a friction that
-    warms up. If the model has no weight, nothing needs to repeat: only a curve that fits the sine in degrees,
-    and no spiral spring, is rejected.
+    Over several turns, the torque of an arm's weight repeats with each turn. If the effort does not repeat
+    but varies slowly over the range of the angle, the angle is probably in degrees, or it is the angle of a
+    motor before its gear. If the weight does repeat, a slow variation comes from a wound spring or a changing
+    friction. If the model has no weight, only a curve that a sine in degrees fits, and a spiral spring does
+    not, is reported.
 
     Args:
         data: the channel.
-        model: the base model; None where it is not known.
+        model: the base model; None if unknown, and the result is then None.
     """
     if data.kind is not ChannelKind.REVOLUTE or model is None:
         return None
@@ -276,11 +280,11 @@ def angle_in_degrees(data: ChannelData, model: Model | None) -> str | None:
 
 
 def _mean_squared_residual(data: ChannelData, law: list[FloatArray]) -> float:
-    """Return the mean squared residual of a law (columns) beside frictions, a drift and an inertia."""
+    """Return the mean squared residual of a law (columns) together with friction, drift and inertia."""
     v, zero, drift = data.velocity, np.ones(len(data)), data.time_s - data.time_s[0]
     columns = np.column_stack([zero, drift, v, np.sign(v), v * np.abs(v), *law, data.acceleration])
     gains = solve(columns, data.effort).gains
-    if gains[-1] < 0.0:  # a swing's acceleration goes with its angle, but no inertia is negative
+    if gains[-1] < 0.0:  # a swing's acceleration correlates with its angle, but inertia is not negative
         columns = columns[:, :-1]
         gains = solve(columns, data.effort).gains
     return float(np.mean((data.effort - columns @ gains) ** 2))

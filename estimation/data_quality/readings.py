@@ -1,4 +1,4 @@
-"""Checks of readings: saturated, stuck, spiked or rectified."""
+"""Checks for readings that are saturated, stuck, copied or rectified."""
 
 from collections.abc import Mapping
 
@@ -11,36 +11,36 @@ from palpate.estimation.signals.runwise import apply_per_run
 from palpate.estimation.statistics.least_squares import solve
 from palpate.robot_io.types import BoolArray, FloatArray, IntArray
 
-_STUCK_SHARE = 0.3  # share of loaded samples at one extreme value of a saturated sensor
-_HELD_RANGE = 1e-3  # range of a held position, relative to all positions
-# Free air at a sensor's lower end: how much of it, how far from zero (of all readings' range), and how many
-# of the readings above are distinct.
+_STUCK_SHARE = 0.3  # least share of loaded samples at one extreme value of a saturated sensor
+_HELD_RANGE = 1e-3  # largest range of a held position, relative to the range of all positions
+# Free air at a sensor's lower limit: least share of free air at the limit, least distance of the limit from
+# zero (relative to the range of readings), and least share of distinct readings above it.
 _MOST_OF_AIR, _OFF_ZERO, _FINE = 0.7, 0.01, 0.5
-# Readings in all, with which a sensor says little, or is coarse. Each edge between two of them tells one
-# point of the curve: a straight one, bent by a damper, needs four to be seen to be right or wrong.
-# A joint meets each edge in many states of motion, but a single edge gives no scale.
+# Least number of distinct readings of a contact and of a joint, and the number below which a sensor counts as
+# coarse. Each edge between two readings gives one point of the force curve; four points are needed to test a
+# spring with a damper. A joint crosses each edge in many states of motion, but one edge gives no scale.
 _TOO_FEW_LEVELS, _TOO_FEW_OF_A_JOINT, _FEW_LEVELS = 5, 3, 50
 _LOADED = 0.3  # least effort of a loaded sample, relative to the largest
-# Correlation of two runs' noise: by chance 5 / sqrt(n) at most. Of a copy to which noise was added, half as
-# large as its own, 0.9.
+# Least noise correlation of a copied run, and of an exact copy. Chance correlations reach 5 / sqrt(n). A copy
+# with added noise of half its own noise level has 0.9.
 _COPY, _EQUAL = 0.8, 1.0 - 1e-9
 _SAME_PLACE = 0.05  # largest difference between copies of a run, relative to the range of positions
 _FEWEST_TOLD = 40  # samples needed to compare the noise of two runs
 _FEWEST_BENDS = 100  # second differences needed to tell noise from a lower limit of the sensor
-# Share of second differences that turn against the one before: 0.73 in white noise, 0.67 in noise as slow as
-# a random walk, and next to none in a formula's curves.
+# Least share of sign changes between consecutive second differences of noise: 0.73 in white noise, 0.67 in a
+# random walk, and almost none in a smooth curve.
 _TURNING = 0.6
-_DIGITS = 1e-7  # relative noise below which it is rounding of numbers
-# Times the usual second difference: what is larger is a corner of the motion, the same in each run that
-# repeats it, and no noise.
+_DIGITS = 1e-7  # relative noise below which it is only rounding of numbers
+# Ratio to the median second difference above which a second difference is a corner of the motion. Repeated
+# motions share such corners, so they are excluded from the noise.
 _CORNER = 4.0
-# Of the reader's steps, that half of the bends exceed: by chance, a reading is then the same in 1 of 3 cases.
-# Rounding alone makes bends of 0 or 1.
+# Least median second difference, in steps of the readings, so that readings coincide by chance in only one of
+# three cases. Rounding alone gives second differences of 0 or 1 step.
 _STEPS = 2.0
 
 
 def unchanging(data: ChannelData) -> str | None:
-    """Report the signal that never changes; None if both do.
+    """Report an effort or a position that never changes; None if both change.
 
     Args:
         data: the channel.
@@ -52,7 +52,7 @@ def unchanging(data: ChannelData) -> str | None:
 
 
 def too_coarse(data: ChannelData) -> str | None:
-    """Report readings that take too few values; None otherwise.
+    """Report an effort with too few distinct readings; None otherwise.
 
     Args:
         data: the channel.
@@ -64,20 +64,20 @@ def too_coarse(data: ChannelData) -> str | None:
 
 
 def saturated(data: ChannelData) -> str | None:
-    """Report where the effort exceeds the sensor's range; None if it does not.
+    """Report a sensor that saturates; None if it does not.
 
     Args:
         data: the channel.
     """
     if len(np.unique(data.effort)) < _FEW_LEVELS:
-        return None  # coarse steps, of which the last is often met
+        return None  # a coarse sensor often reads its extreme value
     size = np.abs(data.effort)
     loaded = size > _LOADED * size.max()
     for extreme in (data.effort.max(), data.effort.min()):
         stuck = data.effort == extreme
         share = float(np.mean(stuck[loaded]))
         moves = float(np.ptp(data.position[stuck])) > _HELD_RANGE * float(np.ptp(data.position))
-        if share > _STUCK_SHARE and moves:  # in data without noise, a hold shows one reading too
+        if share > _STUCK_SHARE and moves:  # data without noise also have constant readings in a hold
             unit = data.kind.effort_unit
             return (
                 f"{100 * share:.0f} % of the loaded samples show {extreme:.6g} {unit}: the sensor is "
@@ -87,16 +87,13 @@ def saturated(data: ChannelData) -> str | None:
 
 
 def at_lower_end(data: ChannelData) -> BoolArray:
-    """Select readings of a contact at the lower end of the sensor's range, which free air lies beyond.
+    """Return the mask (n,) of contact readings at the sensor's lower limit, if free air is below that limit.
 
-    Readings there have one value other than zero, and noise above it. A dead band about zero reads zero; a
-    sensor with coarse steps, and data without noise, may show one reading in free air.
+    Such readings have one value other than zero, with noise above it. A dead band reads zero instead. A
+    coarse sensor, or data without noise, may also show a single reading in free air; they are not selected.
 
     Args:
         data: the channel.
-
-    Returns:
-        Mask of shape (n,).
     """
     none = np.zeros(len(data), dtype=np.bool_)
     if data.kind is not ChannelKind.CONTACT or data.tare is not None or data.engaged.all():
@@ -113,7 +110,7 @@ def at_lower_end(data: ChannelData) -> BoolArray:
 
 
 def stuck_in_air(data: ChannelData) -> str | None:
-    """Report free air beyond the sensor's lower end; None if there is none.
+    """Report free air below the sensor's lower limit; None if there is none.
 
     Args:
         data: the channel.
@@ -132,16 +129,15 @@ def stuck_in_air(data: ChannelData) -> str | None:
 def copied_runs(data: ChannelData) -> dict[int, tuple[int, float]]:
     """Find runs that are copies of others, exactly or except for a small part of their noise.
 
-    A copy that is held out adds no information, and a copy that is fitted makes intervals too narrow. Times
-    may differ. No sensor with noise reads the same twice over a whole run, so second differences of two runs
-    are uncorrelated if they are noise. Data without noise may repeat themselves, and so may a joint at rest
-    with a coarse sensor.
+    A held-out copy adds no information, and a fitted copy makes intervals too narrow. Times may differ.
+    Noise does not repeat, so the second differences of two runs are uncorrelated unless one is a copy. Data
+    without noise may repeat, and so may a joint at rest with a coarse sensor; these are not compared.
 
     Args:
         data: the channel.
 
     Returns:
-        For each copy the run that it is a copy of, and the correlation of their noise, 1 for equal numbers.
+        Original run and correlation of the noise (1 for equal numbers), by the number of the copy.
     """
     range_of_all = float(np.ptp(data.position)) if len(data) else 0.0
     of_length: dict[int, list[IntArray]] = {}
@@ -150,7 +146,7 @@ def copied_runs(data: ChannelData) -> dict[int, tuple[int, float]]:
         bends, steps = np.diff(effort, 2), np.diff(np.unique(effort))
         if np.ptp(data.position[rows]) <= _HELD_RANGE * range_of_all or len(bends) < 2 or len(steps) == 0:
             continue
-        usual = float(np.median(np.abs(bends)))  # noise must be large enough that readings rarely repeat
+        usual = float(np.median(np.abs(bends)))  # must be large enough that readings rarely repeat
         least = max(_STEPS * steps.min(), _DIGITS * float(np.sqrt(np.mean(effort**2))))
         if usual >= least and _turn_like_noise(bends):
             of_length.setdefault(len(rows), []).append(rows)
@@ -172,7 +168,7 @@ def copied_runs(data: ChannelData) -> dict[int, tuple[int, float]]:
 
 
 def copied(copies: Mapping[int, tuple[int, float]]) -> str:
-    """Describe the runs that are left out as copies; see `copied_runs`.
+    """Describe the runs that are excluded as copies; see `copied_runs`.
 
     Args:
         copies: original run and correlation of the noise, by the number of the copy.
@@ -186,45 +182,46 @@ def copied(copies: Mapping[int, tuple[int, float]]) -> str:
 
 
 def _turn_like_noise(bends: FloatArray) -> bool:
-    """Check whether second differences (n,) alternate in sign as those of noise do."""
+    """Return whether second differences (n,) change sign as often as those of noise."""
     return bool(np.mean(bends[1:] * bends[:-1] < 0.0) > _TURNING)
 
 
-_FEWEST = 50  # readings within the noise of zero, none below it: by chance in 1 of 2^50 cases
-# Of the readings in the farther half of that noise, that lie in the nearer. Folded noise is densest at zero:
-# 1 and more, by chance 0.8; what thins out towards its least reading had 0.3, where there was enough of it.
+_FEWEST = 50  # least number of readings within the noise of zero; by chance none is negative once in 2^50
+# Least ratio of the numbers of readings in the nearer and the farther half of that noise. Folded noise is
+# densest at zero: the ratio is at least 1, by chance 0.8. Unfolded readings that thin out toward their
+# minimum reached 0.3.
 _FLAT = 0.6
-# Exactly zero, for each reading on the next step: folding lays two steps on that one and leaves zero alone,
-# half; cutting lays on zero all that was below.
+# Largest ratio of readings that are exactly zero to readings at the next step. Folding maps two steps onto
+# the next step and only one onto zero, which gives one half. Clipping maps all readings below zero onto zero.
 _MOST_ZEROS = 0.75
-# Of a joint's readings, that are exactly zero: more than at a standstill. With fewer different ones than that
-# zero is a step as any other.
+# Least share of a joint's readings that are exactly zero, more than at rest, and least number of distinct
+# readings, below which zero is a step like any other.
 _OFTEN, _FEWEST_VALUES = 0.3, 50
-# Times the energy that a law leaves without a constant. What was cut off takes nothing from what is left: 1.0
-# to 1.1, also beside an effect at ten times the noise. A dead band takes its width from all of it: 3 and
-# more, less where a weight goes through so little of its turn that it looks like a constant.
+# Least ratio of the residual energies of a law without and with a constant that indicates a dead band.
+# Clipping does not change the remaining readings: 1.0 to 1.1, also with an effect of ten times the noise. A
+# dead band subtracts its width everywhere: 3 or more, or less if the weight hardly turns and looks constant.
 _WITHOUT_CONSTANT = 1.5
 _CLEAR = 4.0  # multiple of the noise above which no reading is rectified noise
 _FOLDED = (
     "no reading is below zero, though {count} lie within the noise of zero, {noise:.2g} {unit}: "
     "the signal was rectified"
 )
-# converts the median second difference to the standard deviation of normal noise
+# Converts the median second difference to the standard deviation of normal noise.
 _TO_SIGMA = 1.4826 / np.sqrt(6.0)
 
 
 def rectified(data: ChannelData) -> str | None:
-    """Report readings of a joint from a rectified signal, which loses half of the law.
+    """Report a joint whose effort was rectified or clipped at zero, so that its sign is lost.
 
-    If an effort comes within its noise of zero, half of the readings should be below zero. If none is, and
-    readings are as dense just above zero as farther up, they were folded there. If readings below zero were
-    set to zero instead, the density falls towards zero.
+    If an effort comes within its noise of zero, half of the readings there should be negative. If none is,
+    and the readings are as dense just above zero as farther up, they were folded (absolute values). If many
+    readings are exactly zero instead, the negative ones were clipped.
 
     Args:
-        data: the channel; a tare that was taken off is put back.
+        data: the channel; a subtracted tare is added again.
 
     Returns:
-        One sentence, or None if they are not rectified.
+        One sentence, or None if the readings are not rectified.
     """
     if data.kind is ChannelKind.CONTACT:
         return None
@@ -233,9 +230,8 @@ def rectified(data: ChannelData) -> str | None:
         return None
     zero = effort == 0.0
     if np.mean(zero) > _OFTEN and len(np.unique(effort)) >= _FEWEST_VALUES:
-        # Readings that were cut off below zero are complete above it. A dead band that a torque of one sign
-        # enters and leaves shows zeros as well, but then the hidden part is missing everywhere. The laws
-        # tried are a weight at any tilt, and a weight with springs.
+        # Clipping at zero does not change positive readings. A dead band also causes zeros, but it reduces
+        # all readings by its width. The fitted laws are a weight at any tilt, and a weight with springs.
         q, v, target = data.position, data.velocity, effort[~zero]
         for springs in ([np.cos(q)], [q, q**3]):
             law = [np.sin(q), v, np.sign(v), data.acceleration, *springs, np.ones(len(q))]
@@ -255,16 +251,13 @@ def rectified(data: ChannelData) -> str | None:
 
 
 def folded_in_contact(data: ChannelData) -> BoolArray:
-    """Select readings of a contact near zero whose noise the sensor rectified.
+    """Return the mask (n,) of contact readings near zero whose noise was rectified.
 
-    An object can only push, so a converter that cuts off below zero removes only the noise of free air.
-    Folded noise has a mean above zero, which would look like a bias.
+    An object can only push, so rectification affects only the noise in free air. Folded noise has a positive
+    mean, which would look like a bias.
 
     Args:
         data: the channel.
-
-    Returns:
-        Mask of shape (n,).
     """
     effort = _untared(data)
     if data.kind is not ChannelKind.CONTACT or len(effort) == 0 or effort.min() < 0.0:
@@ -289,19 +282,19 @@ def folded(data: ChannelData) -> str | None:
 
 
 def _untared(data: ChannelData) -> FloatArray:
-    """The effort (n,) before the tare was subtracted."""
+    """Return the effort (n,) before the tare was subtracted."""
     return data.effort if data.tare is None else data.effort + data.tare.of(data.run)
 
 
 def _folded(effort: FloatArray, run: IntArray) -> tuple[int, float]:
-    """Number of readings (n,) within the noise of zero, and the noise; 0 if they are not rectified."""
+    """Return the number of readings within the noise of zero (0 if they are not rectified) and the noise."""
     bends = apply_per_run(lambda values: np.pad(np.diff(values, 2), 1)[: len(values)], effort, run)
     noise = _TO_SIGMA * float(np.median(np.abs(bends)))
     near = effort[(effort > 0.0) & (effort <= noise)]
     if len(near) == 0 or noise < 2.0 * near.min():
-        return 0, noise  # steps too coarse to say how dense they lie
+        return 0, noise  # the steps are too coarse to determine the density
     step = float(near.min())
-    half = step * (np.floor(0.5 * noise / step) + 0.5)  # as many steps in the nearer half as in the farther
+    half = step * (np.floor(0.5 * noise / step) + 0.5)  # both halves contain equally many steps
     inner = int(np.count_nonzero(near <= half))
     outer = int(np.count_nonzero((effort > half) & (effort <= 2.0 * half - 0.5 * step)))
     zeros, next_to_zero = np.count_nonzero(effort == 0.0), np.count_nonzero(near < 1.5 * step)

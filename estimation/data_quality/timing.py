@@ -14,41 +14,41 @@ from palpate.estimation.statistics.least_squares import solve
 
 _FARTHEST_S, _MOST_SHIFTS = 0.1, 50  # largest time shift, in seconds and in samples
 _COARSE = 21  # shifts of the coarse search
-_NOISE = 1.06  # ratio of an error to the noise between samples up to which no shift is needed
+_NOISE = 1.06  # largest ratio of an error to the noise between samples for an adequate fit
 _BETTER = 1.05  # least ratio of the errors without and with a shift
-_CLEARLY = 50.0  # chi-square of one degree of freedom: seven standard deviations
-_MOST_SAMPLES = 6_000  # samples that are used: the first whole runs
+_CLEARLY = 50.0  # least chi-square with one degree of freedom: seven standard deviations
+_MOST_SAMPLES = 6_000  # most samples that are used: the first whole runs
 _LEAST_SAMPLES = 200
-_NEIGHBOURS = 5  # steps on either side that determine the local speed
-_FAST = 0.3  # least step, relative to the usual largest, at which a jump stands out from noise
+_NEIGHBOURS = 5  # steps on each side that determine the local speed
+_FAST = 0.3  # least step, relative to the usual largest, at which a jump is distinguishable from noise
 _REGULAR = 0.15  # largest median difference between neighboring steps, relative to a step
 _JUMPS = 1.7  # ratio to neighboring steps from which a step is a jump
 _MOST_JUMPS = 0.1  # share of steps; more jumps belong to the motion or to an encoder's steps
-_FINE, _MOST_FINE = 4.0, 0.25  # steps of the encoder in one of the motion, above which more may be jumps
+_FINE, _MOST_FINE = 4.0, 0.25  # encoder steps per motion step above which a larger share may be jumps
 _FEWEST_JUMPS = 3
 _WHOLE, _MOSTLY = 0.25, 0.8  # deviation of a jump from whole steps, and share of the jumps within it
 
 
 def time_offset(data: ChannelData, model: Model | None) -> str | None:
-    """Report the time shift of effort and motion, if it alone explains the model's error.
+    """Report a time shift between effort and motion that alone explains the model's error; None otherwise.
 
     The model is fitted to the effort with a shifted motion. A model that lacks an effect rarely leads to a
     warning, since no shift reduces its error to the noise.
 
     Args:
         data: the channel.
-        model: what is to explain it; one with inner parameters, or none, says nothing.
+        model: the base model; the check only applies to models without inner parameters.
     """
     is_linear = model is not None and bool(model.gains) and not model.inner
     if model is None or not is_linear or not all(effect.applies_to(data) for effect in model.effects):
         return None
-    # The first runs of a channel that are not too many samples, or the first samples of its first run.
+    # Use the first whole runs within the limit of samples, or the first samples of the first run.
     runs, counts = np.unique(data.run, return_counts=True)
     subset = data.of_runs(runs[: max(1, int(np.searchsorted(np.cumsum(counts), _MOST_SAMPLES, "right")))])
     data = subset.select(np.arange(min(len(subset), _MOST_SAMPLES)))
     step_s = sample_time(data.time_s, data.run)
     farthest_s = min(_FARTHEST_S, _MOST_SHIFTS * step_s)
-    # Samples whose motion is known for that time before and after; of a contact, pressed throughout.
+    # Use samples whose motion is known for that time before and after; a contact must be pressed throughout.
     rows = np.ones(len(data), dtype=np.bool_)
     for run in blocks(data.run):
         time_s = data.time_s[run]
@@ -61,7 +61,7 @@ def time_offset(data: ChannelData, model: Model | None) -> str | None:
     columns = model.regression(data, {}).columns
 
     def left(delay_s: float) -> tuple[float, Misfit]:
-        """Root mean square of what the shifted columns leave of the effort, and that beside its noise."""
+        """Return the root mean square residual of the shifted model, and its comparison with the noise."""
         shifted = shift(columns, data.time_s, data.run, delay_s)[rows]
         residuals = data.effort[rows] - shifted @ solve(shifted, data.effort[rows]).gains
         size = float(np.sqrt(np.mean(residuals**2)))
@@ -93,9 +93,9 @@ def time_offset(data: ChannelData, model: Model | None) -> str | None:
 
 
 def lost_rows(data: ChannelData) -> str | None:
-    """Report missing rows although the times are even: the motion jumps by several steps.
+    """Report missing rows in data with even time steps, at which the motion jumps by several steps.
 
-    If rows are removed and the rest is renumbered, the recorded motion is faster than the real one.
+    If rows were lost and the times renumbered, the recorded motion is faster than the real one.
 
     Args:
         data: the channel.
@@ -119,7 +119,7 @@ def lost_rows(data: ChannelData) -> str | None:
     most = _MOST_FINE if is_fine else _MOST_JUMPS
     if not regular or np.sum(jumps) < _FEWEST_JUMPS or np.mean(jumps) > most:
         return None
-    if np.sum(ratio < 2.0 - _JUMPS) > _MOST_JUMPS * np.sum(jumps):  # noise has as many short steps
+    if np.sum(ratio < 2.0 - _JUMPS) > _MOST_JUMPS * np.sum(jumps):  # noise causes as many short steps
         return None
     if np.mean(np.abs(ratio[jumps] - np.round(ratio[jumps])) < _WHOLE) < _MOSTLY:
         return None

@@ -233,7 +233,7 @@ def block_average(
 
 
 def merge_blocks(blocked: BlockedData, most: int) -> BlockedData:
-    """Join neighbouring blocks of a run until at most `most` are left, or the effort swings within them.
+    """Join neighboring blocks of a run until at most `most` are left, or the effort swings within them.
 
     Args:
         blocked: the channel on blocks.

@@ -308,7 +308,7 @@ def final_solution(fit: FitResult) -> tuple[FitProblem, Solution]:
     """Fit the parameters once more with prewhitening, where that is safe.
 
     Prewhitened parameters are the most accurate, but only if no effect is missing: a missing effect would
-    count as coloured noise. They are used only near the plain fit, since with a poor noise model a distant
+    count as colored noise. They are used only near the plain fit, since with a poor noise model a distant
     solution may have an equally small residual.
 
     Args:

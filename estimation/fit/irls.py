@@ -31,7 +31,7 @@ Evaluate = Callable[[FloatArray], tuple[FloatArray, FloatArray]]
 
 
 class Loss(StrEnum):
-    """Loss of a standardised residual u."""
+    """Loss of a standardized residual u."""
 
     LINEAR = "linear"  # u^2 / 2: least squares
     CAUCHY = "cauchy"  # grows with log u: stands outliers
@@ -49,7 +49,7 @@ def cauchy_influence(standardised: FloatArray) -> tuple[FloatArray, FloatArray]:
 
 
 def absolute_share(residuals: FloatArray) -> FloatArray:
-    """Return squared weights of the least-squares step that minimises absolute residuals, shape (n,).
+    """Return squared weights of the least-squares step that minimizes absolute residuals, shape (n,).
 
     Args:
         residuals: shape (n,).
@@ -75,7 +75,7 @@ class IrlsResult:
 
     @property
     def influence(self) -> tuple[FloatArray, FloatArray]:
-        """Psi of the standardised residuals and its slope, each of shape (n,)."""
+        """Psi of the standardized residuals and its slope, each of shape (n,)."""
         standardised = self.residuals / self.sigma
         square = np.minimum((standardised / CUT) ** 2, 1.0)
         return standardised * (1 - square) ** 2, (1 - square) * (1 - 5 * square)

@@ -30,7 +30,7 @@ from palpate.robot_io.types import FloatArray, IntArray
 
 _MOST_WEIGHTS = 4_000_000  # largest size of an operator that is kept in memory
 _PASSED_ON = 0.5  # tolerance on a derivative, relative to the reading error that the filter passes on
-_MOST_TRIED = 4000  # samples used to recognise the filter that derived a velocity
+_MOST_TRIED = 4000  # samples used to recognize the filter that derived a velocity
 _FORMULA_TOLERANCE = 1e-6  # relative tolerance on a derivative that another formula computed
 _REACH_S = 0.03  # time to either side at which positions are compared; encoder noise is negligible there
 _FEWEST_STEPS = 3  # samples

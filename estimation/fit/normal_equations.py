@@ -12,7 +12,7 @@ from palpate.estimation.statistics.least_squares import solve_definite
 from palpate.robot_io.types import BoolArray, FloatArray, IntArray
 
 ORDER = 4
-_INDEPENDENT = 1e-4  # least ratio to the largest singular value of normalised columns
+_INDEPENDENT = 1e-4  # least ratio to the largest singular value of normalized columns
 _RIDGE = 1e-9  # shrinkage on columns of unit length, which only keeps collinear columns finite
 
 
@@ -258,7 +258,7 @@ class Nuisance:
 
 
 def nuisance_of(columns: FloatArray, by_run: FloatArray, run: IntArray, used: BoolArray) -> Nuisance:
-    """Orthonormalise nuisance columns.
+    """Orthonormalize nuisance columns.
 
     Args:
         columns: flexible laws of all runs together, shape (m, q).

@@ -119,7 +119,7 @@ def _torque(body: "RigidBody", joint: int, q: FloatArray, v: FloatArray, a: Floa
 def _beyond_reading(data: ChannelData, levers: FloatArray, unexplained: FloatArray) -> FloatArray:
     """Estimate the force at the tip beyond its reading from the torques that no link accounts for.
 
-    Joints are weighted by their levers and their noise, estimated from neighbouring samples. A normal prior
+    Joints are weighted by their levers and their noise, estimated from neighboring samples. A normal prior
     of the size of the largest reading bounds the result where no joint has a lever. In free air the force
     is zero.
 

@@ -31,7 +31,7 @@ def strongest_frequency(
         time_s: increasing within a run [s], shape (n,).
         run: run of each sample, shape (n,).
         signal: shape (n,), NaN where it is unknown.
-        step_s: time between neighbours [s].
+        step_s: time between neighbors [s].
 
     Returns:
         The frequency [Hz], its share of the variance within pieces, and that share over the median share of

@@ -158,7 +158,7 @@ def play(signal: FloatArray, run: IntArray, half_width: float, start: FloatArray
         run: run of each sample, shape (n,).
         half_width: half of the gap, in the unit of the signal.
         start: state at the start of each run, shape (runs,) or (runs, k), as far as the gap allows; None for
-            a gap that is centred on the run's first sample.
+            a gap that is centered on the run's first sample.
 
     Returns:
         State, shape as the signal.

@@ -131,7 +131,7 @@ def misfit(residuals: FloatArray, run: IntArray, inliers: BoolArray) -> Misfit:
     """Compare the residuals with their noise.
 
     Noise changes from sample to sample; the error of a model mostly does not. The noise is estimated from the
-    differences of neighbouring inliers, sigma = rms(difference) / sqrt(2) (J. von Neumann, Annals of
+    differences of neighboring inliers, sigma = rms(difference) / sqrt(2) (J. von Neumann, Annals of
     Mathematical Statistics 12, 1941), the size from all samples. A misfit that changes as fast as the samples
     is not seen.
 
@@ -141,7 +141,7 @@ def misfit(residuals: FloatArray, run: IntArray, inliers: BoolArray) -> Misfit:
         inliers: samples that a robust method kept, shape (n,).
 
     Returns:
-        NaN without two neighbouring inliers; `times` is NaN for zero noise.
+        NaN without two neighboring inliers; `times` is NaN for zero noise.
     """
     pairs = inliers[1:] & inliers[:-1] & (run[1:] == run[:-1])
     if not pairs.any():
@@ -162,7 +162,7 @@ def residual_scale(residuals: FloatArray) -> float:
 def fit_percent(measured: FloatArray, modelled: FloatArray) -> float:
     """Compute the fit 100 (1 - |y - ym| / |y - mean(y)|) [%]: 100 is perfect, 0 as good as the mean.
 
-    The normalised root mean square error of system identification (L. Ljung, System Identification, 2nd ed.,
+    The normalized root mean square error of system identification (L. Ljung, System Identification, 2nd ed.,
     1999; `compare` of its toolbox).
 
     Args:

@@ -18,7 +18,7 @@ _DEGENERATE = 1e-12  # least ratio of the smallest to the largest eigenvalue of 
 
 @dataclass(frozen=True)
 class LinearSolution:
-    """Gains that minimise the sum of squared weighted residuals."""
+    """Gains that minimize the sum of squared weighted residuals."""
 
     # Shape (p,); the smallest ones (in scaled columns) where the columns do not determine them.
     gains: FloatArray
@@ -26,7 +26,7 @@ class LinearSolution:
 
 
 def solve(columns: FloatArray, effort: FloatArray, weights: FloatArray | None = None) -> LinearSolution:
-    """Minimise |weights * (effort - columns @ gains)|.
+    """Minimize |weights * (effort - columns @ gains)|.
 
     Args:
         columns: shape (n, p).
@@ -85,7 +85,7 @@ def solve_within_bounds(
     upper: FloatArray,
     guess: FloatArray | None = None,
 ) -> FloatArray:
-    """Minimise x' system x / 2 - moment' x within bounds by block principal pivoting.
+    """Minimize x' system x / 2 - moment' x within bounds by block principal pivoting.
 
     J. J. Judice, F. M. Pires, Computers and Operations Research 21 (1994); with no bounds below zero and none
     above, this is non-negative least squares.
