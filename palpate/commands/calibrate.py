@@ -300,14 +300,15 @@ def _calibrate(
             if len(remarks) > 1:
                 console.stderr().print("".join(remarks), soft_wrap=True)
         raise
-    if options.as_json:
-        written = {"file": str(path), "plot": str(plot), "raw": str(raw)}
-        console.print_json(written | calibration.model_dump(mode="json"))
-        return
-    print_calibration(console.stdout(), calibration, fit.remarks)
-    console.say(f"written: [bold]{shown(path)}[/bold], residuals: [bold]{shown(plot)}[/bold]")
-    console.say(f"from:    {shown(raw)}")
-    say_how_to_use_it(calibration, path.resolve(), NamedRobot(options.robot, robot_file, options.drivers))
+
+    def show() -> None:
+        print_calibration(console.stdout(), calibration, fit.remarks)
+        console.say(f"written: [bold]{shown(path)}[/bold], residuals: [bold]{shown(plot)}[/bold]")
+        console.say(f"from:    {shown(raw)}")
+        say_how_to_use_it(calibration, path.resolve(), NamedRobot(options.robot, robot_file, options.drivers))
+
+    written = {"file": str(path), "plot": str(plot), "raw": str(raw)}
+    console.present(written | calibration.model_dump(mode="json"), show, as_json=options.as_json)
 
 
 def ask_for_weight(gravity_m_s2: float) -> runs.Place:

@@ -114,10 +114,9 @@ def probe_command(
     remark = f"emulated devices: {safe(wires_in_words(robot_file))}" if options.wire else ""
     with probing_progress(plan, live=job.simulated, remark=remark) as watcher:
         outcome = run_probing(job, watcher)
-    if options.as_json:
-        console.print_json(outcome.as_data())
-    else:
-        _print(outcome, len(list(plan.runs())))
+    console.present(
+        outcome.as_data(), lambda: _print(outcome, len(list(plan.runs()))), as_json=options.as_json
+    )
     outcome.raise_for_failure()
 
 

@@ -158,21 +158,26 @@ def revisions_command(data: DataArguments, as_json: JsonOption = False, folder: 
     """
     existing_data(data.file)
     revisions = Revisions(folder_to_read(data.file, folder)).all()
-    if as_json:
-        kept = [revision.model_dump(mode="json") for revision in revisions]
-        console.print_json({"file": str(data.file), "revisions": kept})
-        return
-    if not revisions:
-        console.stdout().print("no revisions yet: nothing was added to a model")
-        console.next_steps((f"palpate diagnose {data.typed()} --apply", "find what is missing, and add it"))
-        return
-    print_revisions(console.stdout(), revisions)
-    first, newest = revisions[0], {revision.channel: revision for revision in revisions}
-    added = data.typed(out=folder, effect=own_effects([first]))
-    last = {"revision": [str(revision.number) for revision in newest.values()], "folder": folder}
-    compared = data.typed(**last, effect=own_effects(list(newest.values())))
-    console.next_steps(
-        (f"palpate add {added} EFFECT --from {first.number}", "go back to a revision, and continue there"),
-        (f"palpate compare {compared}", "where the newest model fails"),
-        (f"palpate export {data.typed(**last)}", "as a simulated world"),
-    )
+    steps = [(f"palpate diagnose {data.typed()} --apply", "find what is missing, and add it")]
+    if revisions:
+        first, newest = revisions[0], {revision.channel: revision for revision in revisions}
+        added = data.typed(out=folder, effect=own_effects([first]))
+        last = {"revision": [str(revision.number) for revision in newest.values()], "folder": folder}
+        compared = data.typed(**last, effect=own_effects(list(newest.values())))
+        steps = [
+            (
+                f"palpate add {added} EFFECT --from {first.number}",
+                "go back to a revision, and continue there",
+            ),
+            (f"palpate compare {compared}", "where the newest model fails"),
+            (f"palpate export {data.typed(**last)}", "as a simulated world"),
+        ]
+
+    def show() -> None:
+        if revisions:
+            print_revisions(console.stdout(), revisions)
+        else:
+            console.stdout().print("no revisions yet: nothing was added to a model")
+
+    kept = [revision.model_dump(mode="json") for revision in revisions]
+    console.present({"file": str(data.file), "revisions": kept}, show, steps, as_json=as_json)

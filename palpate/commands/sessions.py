@@ -354,9 +354,18 @@ def reveal_command(
     answer = (
         open_answer(sealed) if was_sealed(sealed) else SealedAnswer((), None, sealed.metadata.created_utc)
     )
-    if as_json:
-        console.print_json(describe_answer(session, answer))
-    elif answer.hidden:
+    known = [entry.name for entry in answer.hidden if entry.name in EFFECTS]
+    steps = [(f"palpate effects {name}", "what this effect is") for name in known[:1]]
+    if answer.hidden:
+        steps.append((f"palpate diagnose {typed(session)}", "whether a diagnosis finds it"))
+    else:
+        steps.append(("palpate probe --hidden random -o secret.mcap", "hide an effect"))
+
+    def show() -> None:
+        if not answer.hidden:
+            remark = "nothing was hidden with palpate probe --hidden"
+            console.say(f"nothing is sealed beside {shown(session)}: {remark}")
+            return
         table = console.table(f"Hidden in {shown(session)}", "effect", "shows in", "parameters", "physics")
         for entry in answer.hidden:
             values = (
@@ -366,16 +375,8 @@ def reveal_command(
             physics = (entry.__doc__ or "").partition("\n")[0]
             table.add_row(f"[bold]{entry.name}[/bold]", ", ".join(entry.channels), "\n".join(values), physics)
         console.stdout().print(table)
-        known = [entry.name for entry in answer.hidden if entry.name in EFFECTS]
-        diagnosed = (f"palpate diagnose {typed(session)}", "whether a diagnosis finds it")
-        console.next_steps(
-            *((f"palpate effects {name}", "what this effect is") for name in known[:1]), diagnosed
-        )
-    else:
-        console.say(
-            f"nothing is sealed beside {shown(session)}: nothing was hidden with palpate probe --hidden"
-        )
-        console.next_steps(("palpate probe --hidden random -o secret.mcap", "hide an effect"))
+
+    console.present(describe_answer(session, answer), show, steps, as_json=as_json)
 
 
 def describe_answer(session: Path, answer: SealedAnswer) -> dict[str, Any]:

@@ -139,10 +139,7 @@ def sweep_command(
     }
     outcome |= {"finished_now": report.finished_now, "wall_s": report.wall_s, "cpu_s": cost}
     outcome |= {"errors": sum(bool(row["error"]) for part in rows.values() for row in part)}
-    if as_json:
-        console.print_json(outcome)
-    else:
-        _print(outcome, page, report.finished_before)
+    console.present(outcome, lambda: _print(outcome, page, report.finished_before), as_json=as_json)
     if report.failures:
         raise PalpateError(f"{count(len(report.failures), 'case')} without a result: {report.failures[0]}")
 

@@ -138,35 +138,34 @@ def follower(
     )
     talk = console.stderr()
     outcome = run_follower(job, lambda text: talk.print(safe(text)))
-    if options.as_json:
-        console.print_json(
-            {
-                "session": str(job.session),
-                "outcome": str(outcome.loop.outcome),
-                "cause": outcome.loop.cause,
-                "targets": {str(number): state.name.lower() for number, state in outcome.states.items()},
-                "estimates": outcome.estimates,
-                "overruns": outcome.loop.overruns,
-                "link_error": outcome.talk_error,
-            }
-        )
-    else:
-        stdout = console.stdout()
-        states = ", ".join(f"{number} {state.name.lower()}" for number, state in outcome.states.items())
+    targets = {str(number): state.name.lower() for number, state in outcome.states.items()}
+
+    def show() -> None:
+        states = ", ".join(map(" ".join, targets.items())) or "none"
         is_finished = outcome.loop.outcome is Outcome.FINISHED
         end = "" if is_finished else f"; [red]{safe(outcome.loop.one_line())}[/red]"
-        stdout.print(f"targets: {states or 'none'}; {count(outcome.estimates, 'estimate')} sent{end}")
+        console.stdout().print(f"targets: {states}; {count(outcome.estimates, 'estimate')} sent{end}")
         if outcome.talk_error:
-            stdout.print(f"  [yellow]the link failed: {safe(outcome.talk_error)}[/yellow]")
+            console.stdout().print(f"  [yellow]the link failed: {safe(outcome.talk_error)}[/yellow]")
         console.say(f"written: [bold]{shown(job.session)}[/bold]")
-        typed_session = typed(job.session)
-        steps = {
-            f"palpate estimate {typed_session}": "stiffness and damping of every place",
-            f"palpate inspect {typed_session}": "with the leader's session before it: both on one time line",
-        }
-        if not outcome.estimates:
-            steps = {"palpate teleop leader": "chooses places to probe"}
-        console.next_steps(*steps.items())
+
+    content = {
+        "session": str(job.session),
+        "outcome": str(outcome.loop.outcome),
+        "cause": outcome.loop.cause,
+        "targets": targets,
+        "estimates": outcome.estimates,
+        "overruns": outcome.loop.overruns,
+        "link_error": outcome.talk_error,
+    }
+    session = typed(job.session)
+    steps = {
+        f"palpate estimate {session}": "stiffness and damping of every place",
+        f"palpate inspect {session}": "with the leader's session before it: both on one time line",
+    }
+    if not outcome.estimates:
+        steps = {"palpate teleop leader": "chooses places to probe"}
+    console.present(content, show, steps.items(), as_json=options.as_json)
     raise_for_end(outcome.loop)
 
 
@@ -234,7 +233,7 @@ def leader(  # noqa: PLR0917, one parameter an option
 
     Raises:
         InputError: an option is invalid, or power was refused.
-        typer.Exit: with 1 if the other side sent nothing.
+        typer.Exit: with 1 if the other side sent nothing, without `as_json`.
     """
     command_line = as_command(sys.argv[1:])
     device = build_operator(operator, MonotonicClock())  # checks the file before anything starts
