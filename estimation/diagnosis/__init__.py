@@ -1,4 +1,4 @@
-"""What is missing in a model, with evidence."""
+"""Diagnosis of the effects that a model lacks, with evidence."""
 
 from palpate.estimation.diagnosis.diagnose import diagnose
 from palpate.estimation.diagnosis.result import ChannelDiagnosis, Diagnosis, Verdict

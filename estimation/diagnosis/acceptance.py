@@ -1,8 +1,8 @@
 """Decide which effects of a model are accepted as findings, and which other effects fit as well.
 
-If a model is complete (only noise is left), each effect that the model needs is accepted. If it is
-incomplete, an effect is accepted when it explains most of what a flexible law of its kind explains, beside
-flexible laws of the other kinds (`palpate.estimation.diagnosis.forms`).
+If a model is complete (only noise is left), each effect that the model needs is accepted. In an incomplete
+model, an effect is accepted if it explains most of the error that a flexible law of its kind explains. The
+comparison includes flexible laws of the other kinds (`palpate.estimation.diagnosis.forms`).
 """
 
 from collections.abc import Callable, Iterator, Mapping
@@ -30,14 +30,15 @@ AS_GOOD = (
     0.9  # a flexible regression with less than this share of a model's squared error outperforms the model
 )
 CompletenessTest = Callable[[FitResult], bool]
-_MOST_RIVALS = 5  # alternatives tested in the place of one effect; each must explain half of what it explains
-# A flexible regression must gain this share of the squared error that the effects explain: no law is exact.
+_MOST_RIVALS = 5  # most alternatives tested per effect; each must explain at least half as much
+# Share of the squared error explained by the effects that a flexible regression must gain; no law is exact.
 _LEAST_GAIN = 0.01
-_INTERVAL_RATIO = NormalDist().inv_cdf(1.0 - 0.5 * LEVEL) / NormalDist().inv_cdf(0.975)  # `LEVEL` over 95 %
-_LEAST_SHARE = 0.02  # of the error that a kind must account for
-_LEAST_OF_UNEXPLAINED = 0.25  # of the unexplained mean square; an effect that explains less may be part of it
-_LITTLE_UNEXPLAINED = 0.1  # of what an effect explains; a larger unexplained part may belong to another kind
-_LEAST_RUNS = 5  # needed to accept a variation between runs in an incomplete model
+# Ratio of the interval at `LEVEL` to the 95 % interval.
+_INTERVAL_RATIO = NormalDist().inv_cdf(1.0 - 0.5 * LEVEL) / NormalDist().inv_cdf(0.975)
+_LEAST_SHARE = 0.02  # least share of the error that a kind must account for
+_LEAST_OF_UNEXPLAINED = 0.25  # least ratio of an effect's mean square to the unexplained one, else part of it
+_LITTLE_UNEXPLAINED = 0.1  # unexplained mean square relative to an effect's; above, another kind is possible
+_LEAST_RUNS = 5  # runs needed to accept a variation between runs in an incomplete model
 READER_KINDS = frozenset({Kind.SENSOR_STATICS, Kind.SENSOR_DYNAMICS})
 _PHYSICAL_KINDS = frozenset(Kind) - READER_KINDS - {Kind.RUN_DIFFERENCES, Kind.DRIFT, Kind.OTHER}
 _SAME_CURVE = 1e-3  # energy of the difference of two curves, relative to what the effect adds
@@ -45,7 +46,7 @@ _SAME_CURVE = 1e-3  # energy of the difference of two curves, relative to what t
 
 @dataclass(frozen=True)
 class AcceptanceCriteria:
-    """Mean squared held-out errors on blocks [effort^2] that a model is compared with."""
+    """Mean squared held-out errors on blocks [effort^2], with and without flexible regressions."""
 
     base: float  # base model
     named: float  # model with effects
@@ -54,10 +55,10 @@ class AcceptanceCriteria:
 
     @property
     def is_outperformed(self) -> bool:
-        """Whether the base model with a flexible regression beats the model with effects and a regression.
+        """Whether the base model fits better than the model with effects, both with a flexible regression.
 
-        A gain below a small share of what the effects explain is ignored, since no law of a real object is
-        exact.
+        Gains below a small share of the error that the effects explain are ignored, since no law of a real
+        object is exact.
         """
         gain = self.named_flexible - self.base_flexible
         is_lower = self.base_flexible < AS_GOOD * self.named_flexible
@@ -84,7 +85,7 @@ def acceptance_criteria(base: FitResult, fit: FitResult) -> AcceptanceCriteria:
 
 
 def accept_effects(search: Search, fit: FitResult, measurement: MeasurementModel) -> FitResult:
-    """Reduce a complete model to the effects that it needs; to the base model if it needs none.
+    """Reduce a complete model to the effects that it needs, or to the base model if it needs none.
 
     Args:
         search: the search that led to the model.
@@ -105,8 +106,8 @@ def accept_forms(
 ) -> tuple[FitResult, list[FormTest]]:
     """Reduce an incomplete model to the effects whose form is known, exactly or approximately.
 
-    Effects that fail are dropped one by one, the least important first. An effect is replaced by another form
-    of its kind, with no more parameters, if that form fits better.
+    Effects that fail the form test are dropped one by one, the least important first. An effect is replaced
+    by another form of its kind with no more parameters if that form fits better.
 
     Args:
         search: the search that led to the model.
@@ -115,8 +116,8 @@ def accept_forms(
         measurement: how motion and effort were measured.
 
     Returns:
-        The reduced model and one form test for each of its effects. The base model and no tests if no form is
-        known, or if bootstrap samples of the base model improve as much with the effects.
+        The reduced model and a form test of each effect. The base model and no tests are returned if no form
+        is known, or if the effects improve bootstrap samples of the base model as much as the data.
     """
     added = map(fit.solution.model.effect, search.added_effects(fit))
     kinds = frozenset(effect.kind for effect in added) - {Kind.RUN_DIFFERENCES}
@@ -132,8 +133,8 @@ def accept_forms(
         budget = partial.budget_with(frozenset(map(partial.kind_of, effects)))
         entries = {entry.kind: entry for entry in budget.entries}
         unexplained = unexplained_mean_square(search, fit)
-        # Jointly, the effects leave as little as the laws of all relevant kinds, and little of the total
-        # error.
+        # Check that the effects jointly leave as little error as the laws of all relevant kinds, and little
+        # of the total error.
         share_left = left / count / partial.budget.base**2
         is_as_good = share_left <= min(partial.budget.left / AS_GOOD, 1.0 - MOST_OF_LAW)
         least = least_explained(search, fit)
@@ -168,7 +169,7 @@ def accept_forms(
 
 
 def unexplained_mean_square(search: Search, fit: FitResult) -> float:
-    """Return the mean square above the noise that a model leaves [effort^2].
+    """Return the mean squared error of a model above the noise [effort^2].
 
     Args:
         search: the search of the channel.
@@ -180,7 +181,7 @@ def unexplained_mean_square(search: Search, fit: FitResult) -> float:
 def least_explained(search: Search, fit: FitResult) -> float:
     """Return the mean square that each effect of an incomplete model must explain [effort^2].
 
-    An effect that explains less than a flexible regression still does may be a part of the remainder.
+    An effect that explains less than a flexible regression of the residual may imitate the residual.
 
     Args:
         search: the search of the channel.
@@ -194,7 +195,7 @@ def least_explained(search: Search, fit: FitResult) -> float:
 
 
 def _repeats_another(fit: FitResult, name: str, explained: Mapping[str, float]) -> bool:
-    """Whether a more important effect has the same kind: two forms of a kind imitate almost any third one."""
+    """Return whether a more important effect has the same kind; two forms can imitate almost any third."""
     kinds = {effect.name: effect.kind for effect in fit.solution.model.effects}
     return any(kinds[n] is kinds[name] and size > explained[name] for n, size in explained.items())
 
@@ -209,14 +210,14 @@ def _accounts_for_error(
     explained: float,
     unexplained: float,
 ) -> bool:
-    """Whether an effect's kind accounts for a part of the error that no other kind explains in its place.
+    """Return whether an effect's kind accounts for an error that no other kind explains in its place.
 
-    True without a test for a kind that has no flexible law. True also for an effect that alone leaves less
-    than the laws of all kinds jointly. A Shapley share counts only if the kind belongs to the smallest
-    sufficient set, or if kind and effect explain as much in the place of a member of that set; outside the
-    set, a needless law has a share too. If another kind can replace this kind, the effect must be told apart
-    from it: nearly nothing is unexplained, or the effect with its few parameters fits as well as the other
-    kind's law.
+    The result is true without a test for kinds without a flexible law, and for an effect that alone leaves
+    less error than the laws of all kinds. A Shapley share counts only for members of the smallest sufficient
+    set, or if kind and effect explain as much in the place of a member, because needless laws outside the set
+    also have shares. If another kind can replace this kind, the effect must be distinguishable from it:
+    nearly nothing remains unexplained, or the effect with its few parameters fits as well as the other kind's
+    law.
 
     Args:
         search: the search that led to the model.
@@ -245,10 +246,10 @@ def _accounts_for_error(
 
 
 def _least_in_place(partial: PartiallyLinear, entry: BudgetEntry) -> Iterator[float]:
-    """Yield the mean square that an effect must explain in the place of each kind that its own kind replaces.
+    """Yield the mean square that an effect must explain in the place of each kind that its kind can replace.
 
-    It is as much as the replaced law explains, or most of it if the effect's kind is the more plausible one
-    (an object before a sensor).
+    It is the mean square that the replaced law explains, or most of it if the effect's kind is more plausible
+    (an object is more plausible than a sensor).
 
     Args:
         partial: flexible laws of the kinds that account for the error.
@@ -265,8 +266,8 @@ def _least_in_place(partial: PartiallyLinear, entry: BudgetEntry) -> Iterator[fl
 def smallest_sufficient_model(search: Search, fit: FitResult, measurement: MeasurementModel) -> FitResult:
     """Find the smallest nested model that the full model does not improve significantly.
 
-    Nested models add the effects in order of importance. Whole models are compared, because some effects are
-    significant only jointly.
+    Nested models add the effects in order of importance. Each is compared with the full model, because some
+    effects are significant only jointly.
 
     Args:
         search: the search of the channel.
@@ -293,7 +294,7 @@ def _drop_needless_effects(search: Search, fit: FitResult, measurement: Measurem
         is_needed = not is_needless and search.is_needed(reduced, fit)
         if is_needed and improvement_test(reduced, fit, measurement, search.rng, name).is_significant:
             continue
-        if search.is_sensible(reduced):  # otherwise another effect has taken over the role of the dropped one
+        if search.is_sensible(reduced):  # otherwise another effect imitates the dropped one
             fit = reduced
     return fit
 
@@ -314,13 +315,13 @@ def effects_by_importance(search: Search, fit: FitResult) -> list[str]:
 
 
 def models_by_importance(search: Search, fit: FitResult) -> list[FitResult]:
-    """List the nested models between base model and full model, the most important effect added first.
+    """List the nested models from one effect to the full model, the most important effect added first.
 
-    Backward elimination gives the order: each step drops the effect whose loss costs least.
+    Backward elimination gives the order: each step drops the effect whose removal increases the error least.
 
     Args:
         search: the search of the channel.
-        fit: the full model, which ends the list.
+        fit: the full model, the last one of the list.
     """
     path = [fit]
     while search.added_effects(path[0]):
@@ -332,7 +333,7 @@ def models_by_importance(search: Search, fit: FitResult) -> list[FitResult]:
 def indistinguishable_models(
     search: Search, fit: FitResult, name: str, measurement: MeasurementModel
 ) -> dict[str, FitResult]:
-    """Fit models with another effect in the place of one effect, and keep those that the data do not reject.
+    """Fit models in which another effect replaces one effect, and keep those that the data do not reject.
 
     Args:
         search: the search of the channel.
@@ -356,7 +357,7 @@ def indistinguishable_models(
 
 
 def _composites(search: Search, fit: FitResult, name: str) -> list[Effect]:
-    """Effects that combine an effect with other effects of the model."""
+    """Return composite effects that combine an effect with other effects of the model."""
     present = {effect.name for effect in fit.solution.model.effects}
     return [
         effect
@@ -376,7 +377,7 @@ def _with_composite(search: Search, fit: FitResult, composite: Effect) -> FitRes
 
 
 def similar_forms(search: Search, fit: FitResult, name: str) -> dict[str, FitResult]:
-    """Fit models with another form of the same kind, with no more parameters, that explains about as much.
+    """Fit models with another effect of the same kind that explains about as much with no more parameters.
 
     Args:
         search: the search of the channel.
@@ -395,10 +396,10 @@ def similar_forms(search: Search, fit: FitResult, name: str) -> dict[str, FitRes
 
 
 def _physical_alternatives(search: Search, fit: FitResult, name: str) -> Iterator[FitResult]:
-    """Fit models with an effect of the object or the drive in the place of a sensor effect.
+    """Fit models in which an effect of the object or the drive replaces a sensor effect.
 
-    Sensors are seldom at fault. A sensor effect is accepted only if no effect of what the sensor measures,
-    with no more parameters, explains about as much.
+    Sensor faults are rare. A sensor effect is accepted only if no effect of the object or the drive, with no
+    more parameters, explains about as much.
     """
     if fit.solution.model.effect(name).kind not in READER_KINDS:
         return
@@ -411,7 +412,7 @@ def _physical_alternatives(search: Search, fit: FitResult, name: str) -> Iterato
 
 
 def _alternatives(search: Search, fit: FitResult, name: str) -> tuple[float, list[Candidate]]:
-    """Squared error up to which an alternative explains as much, and alternatives with no more parameters."""
+    """Return the alternatives with no more parameters, and the squared error of an equivalent one."""
     without = search.without(fit, name).solution.held_out
     most = parameter_count(fit.solution.model.effect(name))
     return without - AS_MUCH * (without - fit.solution.held_out), [
@@ -426,9 +427,9 @@ def most_parsimonious(
 ) -> FitResult:
     """Replace each effect by an indistinguishable one that has fewer parameters, or as many and fits better.
 
-    Of laws that the data cannot tell apart, the simplest is preferred (W. H. Jefferys, J. O. Berger, American
-    Scientist 80 (1992)), if the model stays complete. An effect of the object or the drive is preferred to a
-    sensor effect.
+    Of indistinguishable laws the simplest is preferred if the model remains complete (W. H. Jefferys, J. O.
+    Berger, American Scientist 80 (1992)). An effect of the object or the drive is preferred to a sensor
+    effect.
 
     Args:
         search: the search that led to the model.
@@ -471,8 +472,8 @@ def _rivals(
 ) -> Iterator[Candidate]:
     """Yield candidates with at most `most` parameters that the data do not reject in the place of an effect.
 
-    A law that needs more parameters to draw the same curve (one more term) is no rival: its extra term is
-    zero by the data.
+    A law that describes the same curve with an additional term is not a rival, since the data set that term
+    to zero.
     """
     without = search.without(fit, name)
     half = 0.5 * (without.solution.held_out + fit.solution.held_out)
@@ -487,7 +488,7 @@ def _rivals(
             continue
         is_larger = (
             search.size(rival) > search.size(fit) + 1
-        )  # one further parameter may be a place or a phase
+        )  # one additional parameter may be a position or a phase
         if rival.solution.held_out > half or (is_larger and _is_same_curve(rival, fit, without)):
             continue
         if not improvement_test(rival, fit, measurement, search.rng).is_significant:
@@ -495,20 +496,20 @@ def _rivals(
 
 
 def _is_same_curve(rival: FitResult, fit: FitResult, without: FitResult) -> bool:
-    """Whether two models predict the same, relative to what they add to the model without the effect."""
+    """Return whether two models predict the same, relative to the contribution of the effect."""
     residuals = [result.solution.residual for result in (rival, fit, without)]
-    if len(set(map(len, residuals))) > 1:  # the contact begins elsewhere
+    if len(set(map(len, residuals))) > 1:  # the models use different samples in contact
         return False
     difference, added = residuals[0] - residuals[1], residuals[2] - residuals[1]
     return float(difference @ difference) < _SAME_CURVE * float(added @ added)
 
 
 def _has_zero_size(reduced: FitResult, fit: FitResult, name: str) -> bool:
-    """Whether zero lies in the interval, at `LEVEL`, of each parameter that scales an effect.
+    """Return whether the intervals at `LEVEL` of all parameters that scale an effect contain zero.
 
-    These are its gains, or its first inner parameter if it has no gains (a gap, a compliance, a time). If an
-    effect removes more than half of the squared error, apart from smoothing bias, wide intervals only show
-    that its parameters are collinear; the answer is then no.
+    These parameters are the effect's gains, or its first inner parameter if it has no gains (a gap, a
+    compliance, a time). The result is false for an effect that removes more than half of the squared error
+    apart from smoothing bias, because its wide intervals only show that parameters are collinear.
     """
     if fit.flexible.before.sum() <= 0.5 * reduced.flexible.before.sum():
         return False
@@ -519,7 +520,7 @@ def _has_zero_size(reduced: FitResult, fit: FitResult, name: str) -> bool:
 
 
 def _is_rounding(search: Search, fit: FitResult, name: str) -> bool:
-    """Whether an effect explains no more than the rounding of the measured effort."""
+    """Return whether an effect explains no more than the quantization of the measured effort."""
     step, reduced = grid_step(np.sort(fit.data.effort)), search.without(fit, name)
     added = np.sqrt(max(reduced.rmse**2 - fit.rmse**2, 0.0))
     return bool(name != "quantisation" and step > 0.0 and added < step / np.sqrt(12.0) and fit.rmse < step)

@@ -1,9 +1,9 @@
 """Parametric bootstrap tests of a fitted model.
 
-A test simulates measurements from the fitted model through the whole measurement chain, computes the test
-statistic on each bootstrap sample as on the data, and compares (A. C. Davison, D. V. Hinkley, Bootstrap
-Methods and their Application (1997), ch. 4; D. R. Cox, JRSS B 24 (1962) for two models). Sampling stops as
-soon as the result is clear (J. Besag, P. Clifford, Sequential Monte Carlo p-values, Biometrika 78 (1991)).
+A test simulates measurements from the fitted model through the whole measurement chain. It compares the test
+statistic of the data with those of the bootstrap samples (A. C. Davison, D. V. Hinkley, Bootstrap Methods and
+their Application (1997), ch. 4; D. R. Cox, JRSS B 24 (1962) for two models). Sampling stops as soon as the
+result is clear (J. Besag, P. Clifford, Sequential Monte Carlo p-values, Biometrika 78 (1991)).
 """
 
 from collections.abc import Callable, Iterator
@@ -26,12 +26,12 @@ from palpate.estimation.signals.runwise import shifted_motion
 from palpate.robot_io.types import BoolArray, FloatArray
 
 SMALL = 0.05  # relative change of an error that is reported but changes no verdict
-DRAWS = 19  # most bootstrap samples: the data exceed all of 19 by chance once in twenty
-_LEAST_SAMPLES = 4  # before a test may stop early
+DRAWS = 19  # largest number of bootstrap samples; the data exceed all 19 by chance once in twenty
+_LEAST_SAMPLES = 4  # least number of samples before a test may stop early
 _LEVEL_TO_STOP = 1e-3  # probability that one more sample exceeds the data, if samples are normal
 _FAR = 3.0  # ratio to the largest sample above which optimized inner parameters cannot change the result
-_STEP_GAIN = 1e-3  # least share of the error that a step of the optimizer must remove; `SMALL` decides
-_STARTS = 6  # further start values of an effect's inner parameters on each sample
+_STEP_GAIN = 1e-3  # least share of the error that an optimizer step must remove, far below `SMALL`
+_STARTS = 6  # additional start values of an effect's inner parameters on each sample
 _LEAST_NOISE = 0.05  # least share of the residual variance that is noise of the effort itself
 
 
@@ -49,9 +49,9 @@ class BootstrapTest:
 
     @property
     def is_conclusive(self) -> bool:
-        """Whether the data exceed the samples by so much that further samples would not change the result.
+        """Whether the data exceed the samples so clearly that further samples would not change the result.
 
-        They must lie above the prediction interval of one further normal sample (Student's t).
+        The data must exceed the prediction interval of one more normal sample (Student's t).
         """
         count = len(self.simulated)
         if count < _LEAST_SAMPLES:
@@ -62,7 +62,7 @@ class BootstrapTest:
 
 
 def sequential_test(observed: float, statistics: Iterator[float]) -> BootstrapTest:
-    """Compare a statistic with as many bootstrap samples of it as the decision needs, `DRAWS` at most.
+    """Compare a statistic with as many bootstrap samples as the decision needs, at most `DRAWS`.
 
     Args:
         observed: the statistic of the data.
@@ -80,12 +80,12 @@ def lack_of_fit_test(
     """Test whether a flexible regression explains more of the held-out error than it does by chance.
 
     The statistic is the share of the model's error that the regression removes. On bootstrap samples it is
-    relative to the error in the data, if that is larger.
+    relative to the error in the data if that error is larger.
 
     Args:
         fit: the model.
         measurement: how motion and effort were measured.
-        rng: for the bootstrap samples.
+        rng: random generator for the bootstrap samples.
     """
     statistics = (
         fit_flexible(problem, solution, fit.filters).share_of(solution, fit.solution.held_out)
@@ -95,12 +95,12 @@ def lack_of_fit_test(
 
 
 def encoder_step_error(fit: FitResult, measurement: MeasurementModel) -> float:
-    """Compute the error that half an encoder step makes, root mean square on blocks [effort]; 0 if unrounded.
+    """Compute the error caused by half an encoder step, root mean square on blocks [effort].
 
-    The tip of an arm moves in steps of several encoders. An encoder that hardly turns is off by up to half a
-    step, in the same way in each pass. Bootstrap samples do not contain that error, but a smooth function of
-    the position describes it (B. Widrow, I. Kollar, Quantization Noise (2008)). The step is estimated from
-    the reading errors.
+    The tip of an arm moves in steps of several encoders. An encoder that hardly turns has an error of up to
+    half a step that repeats in each pass. Bootstrap samples do not contain this error, but a smooth function
+    of the position describes it (B. Widrow, I. Kollar, Quantization Noise (2008)). The step is estimated from
+    the reading errors. The result is 0 if the positions show no steps.
 
     Args:
         fit: the model.
@@ -123,18 +123,18 @@ def improvement_test(
     rng: np.random.Generator,
     effect: str = "",
 ) -> BootstrapTest:
-    """Test whether a model fits better than another model by more than chance (D. R. Cox, JRSS B 24 (1962)).
+    """Test whether a model fits better than another one by more than chance (D. R. Cox, JRSS B 24 (1962)).
 
-    The statistic is the share of the held-out error by which `after` improves on `before`. The other model is
-    either nested (is an effect needed?) or a rival (does one form fit better than the other?).
+    The statistic is the share of the held-out error by which `after` improves on `before`. The null model is
+    either nested, to test whether an effect is needed, or a rival, to compare two forms.
 
     Args:
         before: the null model, from which bootstrap samples are simulated.
         after: the alternative model.
         measurement: how motion and effort were measured.
-        rng: for the bootstrap samples.
-        effect: name of the one effect that `after` has beyond `before`; its inner parameters are then
-            searched on each sample.
+        rng: random generator for the bootstrap samples.
+        effect: name of the single effect that `after` adds to `before`, whose inner parameters are then
+            searched on each sample; empty for other models.
     """
     model, known = after.solution.model, after.solution.parameters
     observed = 1.0 - float(np.sqrt(after.solution.held_out / max(before.solution.held_out, 1e-300)))
@@ -172,7 +172,7 @@ def improvement_test(
     quick = run_test(improvement)
     if not quick.is_significant or observed > _FAR * np.max(quick.simulated, initial=0.0):
         return quick
-    return run_test(optimized_improvement)  # as on the data, where all inner parameters were optimized
+    return run_test(optimized_improvement)  # optimizes all inner parameters, as was done on the data
 
 
 def bootstrap_samples(
@@ -181,15 +181,14 @@ def bootstrap_samples(
     rng: np.random.Generator,
     effort_noise: FloatArray | None = None,
 ) -> Iterator[tuple[FitProblem, Solution]]:
-    """Simulate measurements from a fitted model and refit the model to each; an endless iterator.
+    """Simulate measurements from a fitted model without end, and refit the model to each.
 
     Args:
         fit: the model.
         measurement: how motion and effort were measured.
-        rng: for the samples.
+        rng: random generator for the samples.
         effort_noise: noise of the effort itself on blocks, shape (m,) [effort]. By default it is the residual
-            of the flexible regression, scaled down by the variance that errors of the measured motion account
-            for.
+            of the flexible regression, reduced by the variance that errors of the measured motion cause.
 
     Yields:
         The simulated data as a fit problem, and the model fitted to them.
@@ -198,7 +197,7 @@ def bootstrap_samples(
     expected = model.predict(_with_derived(measurement.smoothed_motion, fit.data), known)
     noise = _estimate_noise(fit, measurement, expected, rng) if effort_noise is None else effort_noise
     noise = _fill_untrusted(noise, blocked.trusted)
-    # The residual contains rounding of the effort already; given noise does not.
+    # The residual already contains the effort's quantization error; given noise does not.
     step = 0.0 if effort_noise is None else grid_step(np.sort(fit.data.effort))
     while True:
         effort = expected.copy()
@@ -212,7 +211,7 @@ def bootstrap_samples(
 
 
 def _forms(model: Model, effect: Effect) -> list[tuple[Model, Effect]]:
-    """List the model with one of its effects in each form of the effect, with that form."""
+    """List each form of an effect with the model in which it replaces the effect."""
     forms = effect.forms()
     if len(forms) == 1:
         return [(model, effect)]
@@ -223,7 +222,7 @@ def _forms(model: Model, effect: Effect) -> list[tuple[Model, Effect]]:
 def _estimate_noise(
     fit: FitResult, measurement: MeasurementModel, expected: FloatArray, rng: np.random.Generator
 ) -> FloatArray:
-    """Scale the flexible regression's residual (m,) to the variance that the motion's errors do not cause."""
+    """Scale the flexible regression's residual (m,) to its variance without errors of the motion."""
     blocked, residual = fit.problem.blocked, fit.flexible.residual
     motion = _with_derived(measurement.simulate(rng), fit.data)
     by_motion = blocked.reduce(fit.solution.model.predict(motion, fit.solution.parameters) - expected)
@@ -240,5 +239,5 @@ def _fill_untrusted(noise: FloatArray, trusted: BoolArray) -> FloatArray:
 
 
 def _with_derived(motion: ChannelData, fitted: ChannelData) -> ChannelData:
-    """Add the signals that the fit derived (such as the load) to a motion."""
+    """Add the signals that were derived in the fit, such as the load, to a motion."""
     return replace(motion, context={**fitted.context, **motion.context})

@@ -1,4 +1,4 @@
-"""Screen candidate effects beside a fitted model, and check that fitted parameters make physical sense."""
+"""Screen candidate effects that extend a fitted model, and check fitted parameters for plausibility."""
 
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, replace
@@ -24,15 +24,15 @@ from palpate.estimation.fit.intervals import inner_slopes
 from palpate.estimation.model import Model
 from palpate.estimation.signals.runwise import finest_step
 
-PROMISING = 0.3  # least improvement, relative to the best candidate's, from which a candidate is refined
-REFINED = 5  # candidates that are always refined
+PROMISING = 0.3  # least improvement, relative to the best candidate's, at which a candidate is refined
+REFINED = 5  # number of candidates that are always refined
 ESSENTIAL = 0.02  # least share of the squared error that the characteristic part of an effect must explain
-FAR_END = 0.99  # of the upper bound: a logarithmic parameter above this share of it is undetermined
+FAR_END = 0.99  # share of the upper bound above which a logarithmic parameter is undetermined
 _STEP = 1e-4  # step of a finite difference, relative to the deepest indentation
-_SNAPPING = 0.01  # share of unstable samples that is tolerated: a corner of the law may be as steep
+_SNAPPING = 0.01  # tolerated share of unstable samples, since a corner of the law may be as steep
 OF_RUNS = "run_"  # prefix of effects that vary between runs; held-out runs cannot test them as candidates
 
-# Parts of base models, and terms that have another name for this kind of channel.
+# Parts of base models, and effects that have another name for this kind of channel.
 _NOT_TRIED = {
     ChannelKind.CONTACT: frozenset({"inertia", "pendulum"}),
     ChannelKind.REVOLUTE: frozenset({"inertia", "pendulum", "stiffness", "damping"}),
@@ -44,11 +44,11 @@ _BASES = frozenset({"rigid_body", "rigid_body_fitted"})
 
 @dataclass(frozen=True)
 class Candidate:
-    """An effect that was fitted beside a model."""
+    """An effect that was fitted as an extension of a model."""
 
     effect: Effect
     search: GridSearch  # fits at the tried inner parameters
-    possible: bool = True  # whether its parameters make physical sense, see `is_possible`
+    possible: bool = True  # whether its parameters are plausible, see `is_possible`
 
     @property
     def held_out(self) -> float:
@@ -56,10 +56,10 @@ class Candidate:
         return float(self.search.held_out.sum())
 
     def followed(self, problem: FitProblem) -> float:
-        """Return the squared held-out error if all inner parameters adapted to the candidate, to first order.
+        """Return the squared held-out error with inner parameters adapted to the candidate, to first order.
 
-        Inner parameters of the model were fitted without the candidate and have absorbed a part of its
-        effect. With fixed inner parameters the candidate would seem to explain little.
+        The model's inner parameters were fitted without the candidate and absorbed a part of its effect. If
+        they were held fixed, the candidate would seem to explain little.
 
         Args:
             problem: the problem to which the candidate was fitted.
@@ -70,11 +70,11 @@ class Candidate:
 
 
 def held_out_of_all(problem: FitProblem, solution: Solution) -> float:
-    """Compute the squared held-out error if all parameters were fitted without the held-out fold.
+    """Compute the squared held-out error with all parameters fitted without the held-out fold.
 
-    Gains are fitted fold by fold, inner parameters to all runs. Fixed inner parameters would favor a law with
-    many of them over an equal curve with as many gains. Their slopes are therefore added as columns, which is
-    cross-validation to first order.
+    Gains are fitted without each fold, but inner parameters are fitted to all runs, which favors laws with
+    many inner parameters. Derivatives by the inner parameters are therefore added as columns, which gives
+    cross-validation of all parameters to first order.
 
     Args:
         problem: the fit problem.
@@ -95,7 +95,7 @@ def effect_library() -> tuple[Effect, ...]:
 
 
 def parameter_count(effect: Effect) -> int:
-    """Count the parameters of an effect: gains and inner parameters.
+    """Return the number of an effect's parameters (gains and inner parameters).
 
     Args:
         effect: the effect, in any of its forms.
@@ -112,8 +112,8 @@ def applicable_effects(data: ChannelData, model: Model, effects: Iterable[Effect
         effects: the library.
     """
     present = {effect.name for effect in model.effects}
-    # Beside a weight term, a tilt changes its direction; without one, any term in sin and cos would be a
-    # tilt.
+    # If the model has a weight, a tilt changes its direction. Otherwise a tilt would be an arbitrary term in
+    # sin and cos.
     skipped = _NOT_TRIED[data.kind] | _BASES | present | {"weight" if present & HEAVY else "gravity_tilt"}
     unseen = unseen_kinds(data)
     return tuple(
@@ -134,23 +134,24 @@ def screen_effects(
     starts: Callable[[Effect], Sequence[Inner]] | None = None,
     refined: int = REFINED,
 ) -> list[Candidate]:
-    """Fit each effect beside a model, and sort by the held-out error.
+    """Fit each effect as an extension of a model, and sort by the held-out error.
 
-    Each effect is fitted at its start values. Promising effects are then refined between them. An effect with
-    impossible parameters is fitted jointly with the other parameters before it is marked as impossible.
+    Each effect is fitted at its start values. Promising effects are then refined between these values. An
+    effect with impossible parameters is marked as impossible only after a joint fit with the other
+    parameters.
 
     Args:
         fit: the fitted model.
         effects: the candidate effects.
-        progress: called with the finished share and the current effect's name.
-        starts: start values of an effect's inner parameters; by default those that the effect proposes.
+        progress: callback that receives the completed share and the name of the current effect.
+        starts: function that returns start values of an effect's inner parameters; by default
+            `Effect.starts`.
         refined: number of effects that are always refined; 0 refines none.
 
     Returns:
         Candidates, the lowest held-out error first.
     """
-    # Start beside the fitted parameters, and beside the same with offsets (parameters that may be 0) set to
-    # 0.
+    # Start at the fitted parameters, and at the same with offsets (parameters that may be zero) set to zero.
     inner, known = fit.solution.model.inner, fit.solution.parameters
     zero = {name: 0.0 for name, parameter in inner.items() if parameter.lower < 0.0 < parameter.upper}
     searches, parameter_sets = [], [known, *([{**known, **zero}] if zero else [])]
@@ -180,11 +181,11 @@ def screen_effects(
 def extended_models(model: Model, effect: Effect) -> list[Model]:
     """Extend a model by an effect, in each form of the effect.
 
-    A sensor effect is placed after and before the sensor effects that the model has.
+    A sensor effect is placed both after and before the model's sensor effects.
 
     Args:
         model: the model to extend.
-        effect: the further effect.
+        effect: the effect to add.
     """
     after = [model.with_effect(form) for form in effect.forms()]
     if isinstance(effect, SensorEffect) and any(isinstance(e, SensorEffect) for e in model.effects):
@@ -193,7 +194,7 @@ def extended_models(model: Model, effect: Effect) -> list[Model]:
 
 
 def is_possible(effect: Effect, solution: Solution, problem: FitProblem) -> bool:
-    """Check that an effect's inner parameters make physical sense and that its characteristic part matters.
+    """Check that an effect's inner parameters are plausible and its essential gains explain enough.
 
     Args:
         effect: an effect of the model.
@@ -205,7 +206,7 @@ def is_possible(effect: Effect, solution: Solution, problem: FitProblem) -> bool
         p.log and solution.parameters[f"{effect.name}.{p.name}"] > FAR_END * p.upper for p in effect.inner
     ):
         return False
-    # Time stamps do not resolve less than half a sample step.
+    # Sampling does not resolve times below half a step.
     times = [abs(solution.parameters[f"{effect.name}.{p.name}"]) for p in effect.inner if p.unit == "s"]
     if times and min(times) < 0.5 * finest_step(problem.blocked.data.time_s, problem.blocked.data.run):
         return False
@@ -219,12 +220,12 @@ def is_possible(effect: Effect, solution: Solution, problem: FitProblem) -> bool
 
 
 def is_misnamed(effect: Effect, solution: Solution, problem: FitProblem) -> bool:
-    """Check whether the fitted effect imitates something else than its name says, see `Effect.is_misnamed`.
+    """Return whether the fitted effect imitates another effect, see `Effect.is_misnamed`.
 
     Args:
         effect: an effect of the model.
         solution: the fitted model.
-        problem: to which it was fitted.
+        problem: the problem to which it was fitted.
     """
     if effect.name == ToolCompliance.name and _snaps(solution, problem):
         return True
@@ -234,10 +235,11 @@ def is_misnamed(effect: Effect, solution: Solution, problem: FitProblem) -> bool
 
 
 def _snaps(solution: Solution, problem: FitProblem) -> bool:
-    """Check whether the object softens by more than a tool compliance in series can follow (snap-through).
+    """Return whether the object softens too much to be stable with a compliance in series (snap-through).
 
-    There the force is no function of the displacement, and a motion corrected by the measured force follows
-    that force, whatever its cause. The slope of the object is evaluated up to the deepest tip position.
+    With snap-through the force is not a function of the displacement. A motion corrected by the measured
+    force then reproduces this force for any cause. The object's slope is evaluated up to the deepest position
+    of the tip.
     """
     data, parameters, model = problem.blocked.data, solution.parameters, solution.model
     rigid, compliance = model.without(ToolCompliance.name), parameters[f"{ToolCompliance.name}.compliance"]

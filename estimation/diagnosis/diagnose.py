@@ -49,7 +49,7 @@ from palpate.estimation.workers import end_when_told, end_workers
 
 _FEW_LEVELS = 12  # distinct readings; with more, rounding errors average out
 _OFFSET = "bias"  # name of the effect that is a constant
-_MOST_OF_ERROR = 0.5  # share of the squared error that a constant leaves, up to which it takes most of it
+_MOST_OF_ERROR = 0.5  # largest share of the squared error left by a constant that explains most of it
 
 
 def diagnose(
@@ -66,12 +66,12 @@ def diagnose(
 
     Args:
         data: one channel or several.
-        model: the base model of all, or one for each channel.
-        effects: the library of hypotheses; by default all that palpate knows.
-        rng: for bootstrap samples and permutations.
-        progress: called with the current step and the finished share of it.
-        file: what the data came from, for the record.
-        processes: that share the channels.
+        model: one base model for all channels, or one for each.
+        effects: the library of candidate effects; by default all effects of palpate.
+        rng: random generator for bootstrap samples and permutations.
+        progress: callback that receives the current step and its completed share, from 0 to 1.
+        file: name of the data's source, which the result states.
+        processes: number of processes for the channels.
 
     Returns:
         One entry for each channel, in the order given.
@@ -80,7 +80,7 @@ def diagnose(
     models = [model] * len(channels) if isinstance(model, Model) else list(model)
     known = effect_library() if effects is None else tuple(effects)
     channels = with_shared_gains(channels, models)
-    seed = int(rng.integers(2**32))  # a channel is judged alike alone and among others
+    seed = int(rng.integers(2**32))  # makes a channel's result independent of the other channels
     seeds = [np.random.default_rng([seed, crc32(channel.name.encode())]) for channel in channels]
     jobs = list(zip(channels, models, seeds, strict=True))
     work = partial(_diagnose_job, known)
@@ -109,7 +109,7 @@ def _diagnose_job(
 def _report_each(
     diagnoses: Iterable[ChannelDiagnosis], channels: Sequence[ChannelData], progress: Progress
 ) -> Iterator[ChannelDiagnosis]:
-    """Pass on results as they arrive, and report each channel's start and verdict."""
+    """Yield results as they arrive, and report each channel's start and verdict."""
     for channel in channels:
         progress(f"{channel.name}: judging", 0.0)
     for diagnosis in diagnoses:
@@ -130,8 +130,8 @@ def diagnose_channel(
         data: the channel, with its motion.
         model: the base model.
         effects: the library of candidate effects.
-        rng: for bootstrap samples and permutations.
-        progress: called with the current step and the finished share of it.
+        rng: random generator for bootstrap samples and permutations.
+        progress: callback that receives the current step and its completed share, from 0 to 1.
     """
     if reason := reject_reason(data):
         return insufficient_diagnosis(data, reason)
@@ -184,7 +184,7 @@ def _find_effects(
 
         fit = select_effects(search, checks.is_complete, sufficient, forms)
     varied = add_run_variation(search, fit)
-    if checks.objection(varied) is None:  # otherwise the remaining error may be why the runs differ
+    if checks.objection(varied) is None:  # otherwise the remaining error may make the runs differ
         fit = varied
     end, tests = _accept(search, fit, checks, kinds)
     if not fit.is_exact and not checks.is_complete(end):
@@ -193,11 +193,11 @@ def _find_effects(
         rival, rival_tests = accept_forms(search, kinds(), by_forms, checks.measurement)
         if search.is_better(rival, end):
             end, tests = rival, rival_tests
-        if end is search.start:  # several effects jointly may have failed where one alone is accepted
+        if end is search.start:  # a single effect may be accepted although several jointly were not
             for single in [candidate for candidate in search.screen(end) if candidate.possible][:1]:
                 end, tests = accept_forms(search, kinds(), search.with_candidate(single), checks.measurement)
-    # A sensor's fault follows its law exactly. If only noise is left and yet the law of its kind adds more
-    # than noise, the fault imitates something else.
+    # A sensor fault follows its law exactly. If only noise is left but the flexible law of its kind still
+    # adds more than noise, the sensor effect imitates another effect.
     imitations = [test.effect for test in tests if test.kind in READER_KINDS and test.is_imitation]
     if imitations and checks.is_complete(end):
         reduced = reduce(search.without, imitations, end)
@@ -212,21 +212,21 @@ def _look_beyond_offset(
     checks: "_Completeness",
     kinds: Callable[[], PartiallyLinear],
 ) -> tuple[FitResult, list[FormTest]]:
-    """Search again beside a constant, if a constant takes most of the base model's squared error.
+    """Search again with a constant added to the model, if it explains most of the base model's squared error.
 
-    An effect is accepted by its share of the error. Beside a large offset every other share is small, so
-    that the error is counted from the constant, as a coefficient of determination counts it.
+    Effects are accepted by their share of the error. With a large offset all other shares are small. The
+    error is therefore taken relative to the constant, as in a coefficient of determination.
 
     Args:
         search: the search of the channel.
-        end: the model that it ended at; more than noise is left.
-        tests: tests of its effects' forms.
-        checks: which models leave only noise.
-        kinds: laws of the kinds that account for the error.
+        end: the result of the search; it leaves more than noise.
+        tests: form tests of its effects.
+        checks: tests of completeness.
+        kinds: function that returns the laws of the kinds that account for the error.
 
     Returns:
-        The base model with the offset and the effects found beside it, and the tests of their forms; as
-        given if there are none, or if they are no better.
+        The base model with the offset and the effects found in addition, and their form tests; the given
+        model and tests if there are none, or if they are not better.
     """
     bias = next((effect for effect in search.effects if effect.name == _OFFSET), None)
     present = {effect.name for effect in search.model.effects}
@@ -250,7 +250,7 @@ def _look_beyond_offset(
     joint = search.fitted(found.solution.model, found.solution.parameters)
     alone = search.without(joint, _OFFSET)
     if alone.held_out_mean_square - joint.held_out_mean_square < least_explained(search, joint):
-        # What was found beside the constant explains most of what the constant did.
+        # The effects found in addition to the constant explain most of its part of the error.
         joint, tests_beside = accept_forms(search, kinds(), alone, checks.measurement)
     if not search.is_better(joint, end) or not search.is_sensible(joint):
         return end, tests
@@ -261,7 +261,7 @@ def _look_beyond_offset(
 def _accept(
     search: Search, fit: FitResult, checks: "_Completeness", kinds: Callable[[], PartiallyLinear]
 ) -> tuple[FitResult, list[FormTest]]:
-    """Reduce the model that the search found to accepted effects; return it with the test of each form."""
+    """Reduce a model to its accepted effects, and return it with their form tests."""
     if checks.is_complete(fit):
         end = accept_effects(search, fit, checks.measurement)
         if end is not search.start:
@@ -275,9 +275,9 @@ def _accept(
             and search.added_effects(fit)
             and search.is_sensible(fit)
             and exceeds_noise(end, checks.measurement, search.rng) is None
-        ):  # the larger, complete model improves bootstrap samples of the base model as much as the data
+        ):  # the complete model improves bootstrap samples of the base model as much as the data
             checks.withdraw_objection(end)
-    if checks.is_complete(search.start):  # improvements are due to noise or to smoothing of the motion
+    if checks.is_complete(search.start):  # improvements come from noise or from smoothing of the motion
         return search.start, []
     return accept_forms(search, kinds(), fit, checks.measurement)
 
@@ -294,7 +294,7 @@ class _Completeness:
         self._incomplete: list[FitResult] = []
 
     def is_complete(self, fit: FitResult) -> bool:
-        """Whether a model leaves only noise and no residual check objects.
+        """Return whether a model leaves only noise and passes the residual checks.
 
         Args:
             fit: the model.
@@ -311,7 +311,7 @@ class _Completeness:
         return None if any(fit is known for known in self._without_objection) else self._check_residuals(fit)
 
     def withdraw_objection(self, fit: FitResult) -> None:
-        """Treat a model as complete although its runs, or its residual over time, look unusual.
+        """Ignore the residual checks of a model.
 
         Args:
             fit: the model.
@@ -319,7 +319,7 @@ class _Completeness:
         self._without_objection.append(fit)
 
     def mark_incomplete(self, fit: FitResult) -> None:
-        """Treat a model as incomplete, since effects improve it by more than bootstrap samples of it.
+        """Treat a model as incomplete, because effects improve it more than bootstrap samples of it.
 
         Args:
             fit: the model.
@@ -339,7 +339,7 @@ class _Completeness:
             return False
         if measurement_noise(self._search.start).is_bound:
             effort = fit.problem.blocked.effort[fit.problem.used]
-            # A constant predicts as well, and the noise may be smaller.
+            # The model predicts no better than a constant, and the noise may be smaller.
             if fit.held_out_mean_square >= np.var(effort):
                 return False
         if fit.rmse <= (1.0 + SMALL) * fit.floor():
@@ -350,10 +350,10 @@ class _Completeness:
 
 
 def _too_few_levels(start: FitResult) -> str | None:
-    """Explain why an effort with a few distinct readings does not allow a diagnosis; None if it does.
+    """Explain why an effort with few distinct readings does not allow a diagnosis; None if it does.
 
-    Rounding makes an error of up to half a step, which repeats when the motion repeats (B. Widrow, I. Kollar,
-    Quantization Noise (2008)).
+    Quantization causes an error of up to half a step that repeats if the motion repeats (B. Widrow, I.
+    Kollar, Quantization Noise (2008)).
     """
     levels = np.unique(start.data.effort)
     if not 1 < len(levels) <= _FEW_LEVELS:

@@ -16,17 +16,17 @@ from palpate.estimation.signals.cache_by_array import FitCache
 from palpate.estimation.workers import single_threaded
 from palpate.robot_io.types import BoolArray, FloatArray
 
-_FEW_INNER = 2  # an effect with more inner parameters has several minima of its own
-_MOST_STARTS = 3  # further start values from which a fit is repeated
+_FEW_INNER = 2  # largest number of inner parameters for which a single minimum is likely
+_MOST_STARTS = 3  # additional start values from which a fit is repeated
 
 
 def fit_extended(data: ChannelData, parent: FitResult, effect: Effect) -> FitResult:
     """Fit a model with one more effect, from the start values at which the effect fits best.
 
     The fit is repeated from several start values if several minima are likely: for pairs such as the position
-    of a surface and the curvature of its spring, for effects with many inner parameters, and if the fit
-    leaves more than the model without the effect. The fit with the lowest held-out error is returned. A fit
-    with an unphysical gain must leave clearly less than a fit without one.
+    of a surface and the curvature of its spring, for effects with many inner parameters, and if the error
+    exceeds that of the model without the effect. The fit with the lowest held-out error is returned; a fit
+    with an unphysical gain must have a clearly lower error than a fit without one.
 
     Args:
         data: the channel, with the runs to fit to.
@@ -36,8 +36,8 @@ def fit_extended(data: ChannelData, parent: FitResult, effect: Effect) -> FitRes
     with single_threaded():
         search = screen_effects(parent.training_fit, [effect])[0].search
         good, cache = usable(data), parent.problem.blocked.cache
-        # Start where the effect fitted best, there with the parent's inner parameters, and at plausible
-        # values.
+        # Start at the best fit of the effect, at that fit with the parent's inner parameters, and at
+        # plausible values.
         best_start, before = search.best.parameters, parent.solution
         starts = [best_start, {**best_start, **{n: before.parameters[n] for n in before.model.inner}}]
         tried = sorted(search.starts, key=lambda solution: solution.sse)
@@ -57,10 +57,10 @@ def fit_extended(data: ChannelData, parent: FitResult, effect: Effect) -> FitRes
 
 @dataclass(frozen=True, eq=False)
 class PackedFit:
-    """A fit without the arrays that all fits of a channel share, small enough to send between processes."""
+    """A fit without the arrays shared by all fits of a channel, small enough to send between processes."""
 
     solution: Solution
-    trusted: BoolArray  # blocks that count, shape (m,)
+    trusted: BoolArray  # blocks used in the fit, shape (m,)
     derived: dict[str, FloatArray]  # signals that were derived for this model, by name, each (n,)
 
     @classmethod
@@ -78,8 +78,8 @@ class PackedFit:
         """Restore the fit.
 
         Args:
-            data: the channel that it was fitted to.
-            fit: another fit to the same channel, whose shared arrays it takes over.
+            data: the channel to which it was fitted.
+            fit: another fit of the same channel, whose shared arrays are reused.
         """
         data = replace(data, context={**data.context, **self.derived})
         blocked = replace(fit.problem.blocked, data=data, trusted=self.trusted, load_cache=FitCache())

@@ -1,9 +1,9 @@
-"""Compare effects with the flexible law of their kind, beside flexible laws of the other kinds.
+"""Compare effects with the flexible law of their kind, adjusted for flexible laws of the other kinds.
 
-The error budget (`palpate.estimation.budget`) first finds the kinds of effects that are missing. The forms of
-a kind are then compared with the kind's own flexible law, on the residual of flexible laws of the other kinds
-(partially linear model, P. M. Robinson, Econometrica 56 (1988)). A form can thus be judged before all other
-effects are known, and it need not be exact.
+The error budget (`palpate.estimation.budget`) first determines the kinds of the missing effects. The forms of
+a kind are then compared with the kind's flexible law on the residual of the other kinds' flexible laws
+(partially linear model, P. M. Robinson, Econometrica 56 (1988)). A form can therefore be tested before all
+other effects are known, and it need not be exact.
 """
 
 from collections.abc import Mapping, Sequence
@@ -34,12 +34,12 @@ from palpate.estimation.fit.run_heterogeneity import run_heterogeneity
 from palpate.estimation.kinds import Kind
 from palpate.robot_io.types import FloatArray
 
-_RIDGES = (1e-6, 1e-4, 1e-2)  # ridge penalties of a law, of which the best is used
+_RIDGES = (1e-6, 1e-4, 1e-2)  # tried ridge penalties of a law
 _COLLINEAR = 1e-9  # ridge penalty of the model's own columns
-MOST_OF_LAW = 0.8  # least share of what a kind's law explains that an accepted form must explain
+MOST_OF_LAW = 0.8  # least ratio of the mean squares explained by an accepted form and by its kind's law
 _HALF = 0.5  # the same for a form that is tried in a model with the forms of all kinds
-AS_MUCH = 0.95  # share of what a form or kind explains above which another one counts as equivalent
-_EXACT = 0.01  # share of what a form explains that the kind's law may add to an exact form
+AS_MUCH = 0.95  # ratio of explained mean squares above which forms or kinds count as equivalent
+_EXACT = 0.01  # largest mean square that the kind's law adds to an exact form, relative to the form's own
 _MOST_SETS = 4  # sets of kinds whose forms are compared
 _ROUNDS = 2  # of backfitting
 
@@ -48,13 +48,13 @@ class Form(StrEnum):
     """How well the form of an effect is known."""
 
     EXACT = "exact"  # the model leaves only noise, and a flexible law of the kind adds nothing
-    APPROXIMATE = "approximate"  # the form explains most of what a flexible law of its kind explains
-    UNKNOWN = "unknown"  # the kind is known, but no form explains most of what its law explains
+    APPROXIMATE = "approximate"  # the form explains most of the error that its kind's flexible law explains
+    UNKNOWN = "unknown"  # the kind is known, but no form explains most of its law's part of the error
 
 
 @dataclass(frozen=True)
 class FormTest:
-    """Comparison of one effect with its kind's flexible law, beside laws of the other kinds."""
+    """Comparison of one effect with its kind's flexible law, adjusted for laws of the other kinds."""
 
     effect: str  # name of the effect
     kind: Kind
@@ -62,20 +62,20 @@ class FormTest:
     by_law: float  # mean square that the kind's law explains in its place, at least `taken` [effort^2]
     added: float  # mean square that the law explains in addition [effort^2]
     left: float  # mean square that remains with the effect [effort^2]
-    left_by_all: float = np.inf  # the same beside laws of all other kinds that account for the error
-    explained: float = 0.0  # mean square that the effect explains beside the named effects alone [effort^2]
+    left_by_all: float = np.inf  # the same, adjusted for all other kinds that account for the error
+    explained: float = 0.0  # mean square that the effect explains in addition to the named effects [effort^2]
 
     @property
     def share(self) -> float:
-        """What the effect explains, relative to its kind's law."""
+        """Mean square that the effect explains, relative to its kind's law."""
         return self.taken / self.by_law if self.by_law > 0.0 else 0.0
 
     @property
     def is_known(self) -> bool:
-        """Whether the effect explains most of what its kind's law explains.
+        """Whether the effect explains most of the error that its kind's law explains.
 
-        The threshold is lower for variation between runs: the effect learns a run's value from the first part
-        of the run, the law from one half of it.
+        The threshold is lower for variation between runs, since the effect estimates a run's value from the
+        first part of the run, but the law from one half of it.
         """
         return self.share >= (_HALF if self.kind is Kind.RUN_DIFFERENCES else MOST_OF_LAW)
 
@@ -86,9 +86,9 @@ class FormTest:
 
     @property
     def is_imitation(self) -> bool:
-        """Whether the kind's law adds a relevant part of what the effect explains in the named model.
+        """Whether the kind's law adds a relevant part relative to `explained`.
 
-        `taken` is smaller, since flexible laws of other kinds may absorb what the effect explains.
+        `taken` is smaller than `explained`, since flexible laws of other kinds may absorb the effect.
         """
         return not self.is_closed and self.added >= _EXACT * self.explained
 
@@ -108,7 +108,7 @@ class PartiallyLinear:
         return frozenset(self.budget.kinds)
 
     def kind_of(self, effect: Effect) -> Kind:
-        """Return the kind of an effect that accounts for most of the error; its first kind if none does.
+        """Return the kind of an effect that accounts for most of the error, or its first kind.
 
         Args:
             effect: the effect, which may belong to several kinds.
@@ -117,7 +117,7 @@ class PartiallyLinear:
         return next((kind for kind in self.budget.kinds if kind in own), effect.kind)
 
     def stand_ins(self, entry: BudgetEntry) -> Kinds:
-        """Return the kinds that explain as much in the place of a kind, beside the others.
+        """Return the kinds that explain as much in the place of a kind, together with the other kinds.
 
         Args:
             entry: budget entry of the kind.
@@ -132,7 +132,7 @@ class PartiallyLinear:
     def budget_with(self, named: Kinds) -> ErrorBudget:
         """Divide the error among the kinds that account for it and the kinds of named effects.
 
-        A kind without a named effect is left out if a kind of a named effect explains as much in its place.
+        A kind without a named effect is omitted if a kind of a named effect explains as much in its place.
 
         Args:
             named: kinds of the named effects.
@@ -141,13 +141,13 @@ class PartiallyLinear:
         return error_budget(self.error, np.random.default_rng(0), self.kinds - replaced | named)
 
     def beside(self, own: Kinds, kinds: Kinds, problem: FitProblem, base: Solution) -> FitProblem:
-        """Project a problem on the orthogonal complement of the laws of all kinds but an effect's own.
+        """Return a problem adjusted for the laws of all kinds except an effect's own (orthogonal projection).
 
         Args:
             own: the effect's own kind or kinds.
             kinds: all kinds that account for the error.
             problem: the problem to project.
-            base: the base model, fitted to it.
+            base: the base model fitted to this problem.
         """
         others = kinds - own
         blocked = problem.blocked
@@ -173,7 +173,7 @@ class PartiallyLinear:
 
 
 def analyse_kinds(search: Search, only: Kinds | None = None) -> PartiallyLinear:
-    """Find the kinds that account for the base model's error in held-out runs.
+    """Determine the kinds that account for the base model's held-out error.
 
     Args:
         search: the search of the channel.
@@ -185,14 +185,15 @@ def analyse_kinds(search: Search, only: Kinds | None = None) -> PartiallyLinear:
 
 
 def error_of_kinds(start: FitResult) -> HeldOutError:
-    """Prepare the held-out errors of a fitted model beside the flexible laws of any set of kinds.
+    """Prepare the held-out errors of a fitted model with the flexible laws of any set of kinds.
 
     Args:
         start: the base model.
     """
     blocked, solution, used = start.problem.blocked, start.solution, start.problem.used
     base, target = _base_columns(start)
-    # A spring hardly changes by a lag; with a damping that is free too, a lag at one frequency would bend it.
+    # A lag hardly changes a spring. If the damping were refitted too, a lag at one frequency would distort
+    # it.
     has_spring = any(effect.kind is Kind.ELASTIC_SHAPE for effect in solution.model.effects)
     refitted = None if has_spring else base
     laws = flexible_laws(blocked, refitted, blocked.effort - solution.residual, solution.residual, used)
@@ -200,9 +201,9 @@ def error_of_kinds(start: FitResult) -> HeldOutError:
 
 
 def _base_columns(start: FitResult) -> tuple[BaseColumns, FloatArray]:
-    """Linearize the base model, with the smoothing bias of derived motion; return columns and target.
+    """Linearize the base model with the smoothing bias of derived motion; return columns and target.
 
-    The object is not lifted off where the base model alone would lift: beside a law it may push there.
+    Samples in which the base model alone would lose contact are kept, since with a law the object may push.
     """
     solution, problem = start.solution, start.problem
     model, blocked, parameters = solution.model, problem.blocked, solution.parameters
@@ -230,10 +231,10 @@ def _base_columns(start: FitResult) -> tuple[BaseColumns, FloatArray]:
 
 
 def named_forms(partial: PartiallyLinear) -> FitResult:
-    """Fit the base model with the best form of each kind that has one, all parameters jointly.
+    """Fit the base model with the best form of each kind, if it has one, with all parameters jointly.
 
-    If several sets of kinds explain about as much by their flexible laws, the set whose forms fit best is
-    used; in a tie, the one with fewest parameters.
+    If the flexible laws of several sets of kinds explain about as much, the set with the best fitting forms
+    is used. Ties are resolved in favor of the fewest parameters.
 
     Args:
         partial: flexible laws of the kinds that account for the error.
@@ -255,7 +256,7 @@ def named_forms(partial: PartiallyLinear) -> FitResult:
 
 
 def _forms_of(partial: PartiallyLinear, kinds: Kinds) -> FitResult:
-    """Select the form of each kind beside the other kinds' forms and flexible laws (backfitting)."""
+    """Select the form of each kind by backfitting, given the other kinds' forms and flexible laws."""
     search = partial.search
     chosen: dict[Kind, tuple[Effect, dict[str, float]]] = {}
     for _ in range(_ROUNDS):
@@ -325,7 +326,7 @@ def _best_form(
 
 
 def closest_forms(partial: PartiallyLinear, kind: Kind, kinds: Kinds, count: int = 2) -> list[str]:
-    """List the effects of a kind that explain most beside laws of the other kinds, the best first.
+    """List the effects of a kind that explain most, adjusted for laws of the other kinds, the best first.
 
     Args:
         partial: flexible laws of the kinds that account for the error.
@@ -358,12 +359,12 @@ def _with_law(problem: FitProblem, solution: Solution, columns: FloatArray) -> f
 
 
 def form_tests(partial: PartiallyLinear, end: FitResult, kinds: Kinds = frozenset()) -> list[FormTest]:
-    """Compare each added effect with its kind's flexible law, beside the other effects and their kinds' laws.
+    """Compare each added effect with its kind's flexible law, given the other effects and kinds' laws.
 
     Args:
         partial: flexible laws of the kinds that account for the base model's error, on the same blocks.
         end: base model and effects.
-        kinds: further kinds whose laws are included beside each effect.
+        kinds: additional kinds whose laws are included.
     """
     base = {effect.name for effect in partial.search.model.effects}
     added = [effect for effect in end.solution.model.effects if effect.name not in base]
@@ -374,7 +375,7 @@ def form_tests(partial: PartiallyLinear, end: FitResult, kinds: Kinds = frozense
     tests = []
     for effect in own:
         beside_all = _form_test(partial, end, effect, kinds)
-        # The law of a kind without an effect in the model may absorb what this effect explains.
+        # The law of a kind without an effect in the model may absorb this effect.
         beside_named = _form_test(partial, end, effect, frozenset(other.kind for other in own))
         test = max(beside_all, beside_named, key=lambda test: test.share)
         without = solve_gains(
@@ -388,7 +389,7 @@ def form_tests(partial: PartiallyLinear, end: FitResult, kinds: Kinds = frozense
 
 
 def _form_test(partial: PartiallyLinear, end: FitResult, effect: Effect, kinds: Kinds) -> FormTest:
-    """Compare one effect with the flexible law of its kind, beside laws of the given kinds."""
+    """Compare one effect with the flexible law of its kind, adjusted for laws of the given kinds."""
     model, known = end.solution.model, end.solution.parameters
     own = effect.also | {effect.kind}
     problem = partial.beside(own, kinds, end.problem, end.solution)
@@ -397,7 +398,7 @@ def _form_test(partial: PartiallyLinear, end: FitResult, effect: Effect, kinds: 
     columns = partial.law_columns(own, kinds)
     law, both = _with_law(problem, without, columns), _with_law(problem, with_it, columns)
     count = max(int(end.problem.used.sum()), 1)
-    # All parameters must be fitted without the held-out run, as those of the law are.
+    # All parameters must be fitted without the held-out run, like those of the law.
     left = held_out_of_all(problem, with_it)
     taken = held_out_of_all(problem, without) - left
     by_law = max(without.held_out - law, without.held_out - both, taken)
@@ -412,7 +413,7 @@ def _form_test(partial: PartiallyLinear, end: FitResult, effect: Effect, kinds: 
 
 
 def _run_test(partial: PartiallyLinear, end: FitResult, kinds: Kinds, name: str) -> FormTest:
-    """Compare a variation between runs with a free gain and zero of each run, beside flexible laws."""
+    """Compare a variation between runs with a free gain and zero per run, adjusted for flexible laws."""
     own = frozenset({Kind.RUN_DIFFERENCES})
     model, known = end.solution.model, end.solution.parameters
     problem = partial.beside(own, kinds, end.problem, end.solution)
@@ -429,13 +430,13 @@ def _run_test(partial: PartiallyLinear, end: FitResult, kinds: Kinds, name: str)
 
 @dataclass
 class NamedError(SquaredErrors):
-    """Squared errors of a model reduced to its effects of some kinds."""
+    """Squared held-out errors of a model reduced to its effects of some kinds."""
 
     end: FitResult
     named: Mapping[str, Kind]  # kind of each added effect
 
     def __post_init__(self) -> None:
-        """Number the runs of the blocks that count."""
+        """Number the runs of the blocks in use."""
         self._run = np.unique(self.end.problem.blocked.run[self.end.problem.used], return_inverse=True)[1]
         self._squares: dict[Kinds, FloatArray] = {}
 

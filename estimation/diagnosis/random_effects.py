@@ -1,8 +1,8 @@
-"""Random effects: values that differ from run to run, beside a model whose search has ended.
+"""Random effects: parameters that differ from run to run, added to the result of a search.
 
 The first part of each run determines the run's value, and the rest of the run tests it (C. R. Henderson,
-Biometrics 31 (1975)). Such an effect is added last, and only if runs disagree, since it would absorb a part
-of anything that changes slowly.
+Biometrics 31 (1975)). Such an effect is added last, and only if runs disagree, since it would absorb part of
+any slow change.
 """
 
 import numpy as np
@@ -15,13 +15,13 @@ from palpate.estimation.fit.run_heterogeneity import run_heterogeneity
 
 
 def add_run_variation(search: Search, fit: FitResult) -> FitResult:
-    """Add a gain or a zero of each run if this removes all heterogeneity between runs.
+    """Add a gain or a zero for each run if this removes all heterogeneity between runs.
 
     Effects that the variation makes needless are dropped.
 
     Args:
         search: the search of the channel.
-        fit: the model that the search has led to; returned unchanged if nothing is added.
+        fit: the result of the search; it is returned unchanged if nothing is added.
     """
     if run_heterogeneity(fit.problem.blocked, fit.solution) is None:
         return fit
@@ -48,11 +48,11 @@ def add_run_variation(search: Search, fit: FitResult) -> FitResult:
 
 
 def run_standard_deviation(end: FitResult, effect: RunVariation) -> ParameterValue:
-    """Estimate the standard deviation of a value between runs, with its own standard error.
+    """Estimate the standard deviation of a random effect between runs, with its standard error.
 
     Args:
         end: the model.
-        effect: the effect that varies from run to run.
+        effect: the random effect.
     """
     model, known, data = end.solution.model, end.solution.parameters, end.data
     inner = {parameter.name: known[f"{effect.name}.{parameter.name}"] for parameter in effect.inner}

@@ -1,8 +1,8 @@
 """Residual diagnostics that a flexible regression on the signals cannot replace.
 
 They detect runs that follow different laws, and residuals that oscillate or exceed the noise. The cause of a
-difference between runs (another specimen, zero or sensor) is no signal of the data, so held-out runs cannot
-reveal it. Oscillations do not follow any signal either.
+difference between runs (another specimen, zero or sensor) is not among the signals, so a regression on them
+cannot reveal it. Oscillations do not depend on any signal either.
 """
 
 from dataclasses import dataclass
@@ -25,42 +25,45 @@ from palpate.estimation.signals.periodicity import strongest_frequency
 from palpate.estimation.signals.runwise import sample_time
 from palpate.robot_io.types import BoolArray, FloatArray, IntArray
 
-_CLEARLY = 0.5  # error of runs fitted alone, relative to the noise level, if the model is not complete
+_CLEARLY = 0.5  # largest error of separately fitted runs, relative to the noise level, for incomplete models
 _EXCESS = (
-    3.0  # least ratio of a residual to bootstrap samples, or of an error to the rest beside an oscillation
+    3.0  # least ratio of a residual to bootstrap samples, or of an error to its part without an oscillation
 )
 _LEAST_SHARED = 0.5  # least share of the residual's variance that neighboring blocks have in common
-_SAMPLES = 4  # bootstrap samples, of which the largest is compared
+_SAMPLES = 4  # number of bootstrap samples; the largest one is compared
 _SMOOTH_GROWTH = (
     1.6  # growth of differences at twice the distance; a random walk, the slowest noise, has sqrt(2)
 )
-_LEAST_REACH = 0.05  # of the longest run, over which differences must grow
-_LEAST_BLOCKS = 40  # in contact and in free air, or in motion and at rest
-_PROMINENT = 40.0  # height of a spectral line over the median around it; noise reaches 10
-_MOST_RUNS = 30  # that are fitted with waves of their own
-_GAIN_OF_WAVES = 0.7  # largest error, relative to the model's, with waves fitted to each run
+_LEAST_REACH = 0.05  # least share of the longest run over which differences must grow
+_LEAST_BLOCKS = 40  # blocks needed in contact and in free air, or in motion and at rest
+_PROMINENT = 40.0  # height of a spectral line relative to the median around it; noise reaches 10
+_MOST_RUNS = 30  # largest number of runs that are fitted with separate waves
+_GAIN_OF_WAVES = 0.7  # largest error with waves fitted to each run, relative to the model's error
 _PEAK = 0.2  # least share of the variance at a reported frequency
 
 
 @dataclass(frozen=True)
 class ResidualFinding:
-    """Why a model is incomplete although no flexible regression improves it."""
+    """Reason why a model is incomplete although no flexible regression improves it."""
 
-    reason: str  # a sentence
-    depends_on: str  # what the residual depends on
+    reason: str  # reason in words
+    depends_on: str  # quantity on which the residual depends
 
 
 def check_residuals(
     end: FitResult, measurement: MeasurementModel, rng: np.random.Generator, *, complete: bool
 ) -> ResidualFinding | None:
-    """Look for evidence against a model that no signal of the data shows; None if there is none.
+    """Check the residual of a model for evidence that does not depend on any signal of the data.
 
     Args:
         end: the model.
         measurement: how motion and effort were measured.
-        rng: for bootstrap samples.
-        complete: whether a flexible regression does not improve the model. If it does, only a clear
-            difference between runs is reported.
+        rng: random generator for bootstrap samples.
+        complete: whether no flexible regression improves the model. If one does, only a clear difference
+            between runs is reported.
+
+    Returns:
+        The finding, or None if there is none.
     """
     unit = end.data.kind.effort_unit
     heterogeneity = run_heterogeneity(end.problem.blocked, end.solution)
@@ -93,7 +96,7 @@ def check_residuals(
 
 
 def _error_with_own_waves(end: FitResult) -> float | None:
-    """Error with waves over the position fitted to each run [effort]; None if they do not help."""
+    """Return the error with position-periodic waves fitted to each run [effort]; None without improvement."""
     blocked, used = end.problem.blocked, end.problem.used
     runs = len(np.unique(blocked.run[used]))
     if end.data.kind is ChannelKind.CONTACT or not 1 < runs <= _MOST_RUNS:
@@ -108,9 +111,9 @@ def _error_with_own_waves(end: FitResult) -> float | None:
 
 
 def periodic_component(end: FitResult) -> tuple[float, float] | None:
-    """Find the frequency [Hz] of the residual's strongest line and its share of the variance; None if weak.
+    """Find the strongest spectral line of the residual: frequency [Hz] and share of the variance.
 
-    Runs may differ in phase.
+    Runs may differ in phase. The result is None if the line is weak.
 
     Args:
         end: the model.
@@ -127,9 +130,9 @@ def _strongest_line(blocked: BlockedData, residual: FloatArray) -> tuple[float, 
 
 
 def _oscillation(end: FitResult) -> ResidualFinding | None:
-    """Report an oscillation of the residual that is not part of the noise.
+    """Report an oscillation of the residual that is not part of the noise; None without one.
 
-    A hum that the sensor also picks up in free air, and that is no larger than the noise there, is noise.
+    An oscillation within the noise level in free air counts as noise.
     """
     line, unit = periodic_component(end), end.data.kind.effort_unit
     if line is None:
@@ -147,7 +150,7 @@ def _oscillation(end: FitResult) -> ResidualFinding | None:
 def _is_heterogeneous(
     heterogeneity: RunHeterogeneity, end: FitResult, measurement: MeasurementModel, rng: np.random.Generator
 ) -> bool:
-    """Test whether runs differ by more than simulated runs of one law."""
+    """Test whether runs differ more than runs simulated from one law."""
 
     def ratio(heterogeneity: RunHeterogeneity | None) -> float:
         return heterogeneity.predicted / heterogeneity.alone if heterogeneity else 0.0
@@ -162,13 +165,13 @@ def _is_heterogeneous(
 
 @dataclass(frozen=True)
 class ExcessVariance:
-    """Residual variance in contact, or while a joint moves, beyond the noise."""
+    """Residual variance in contact, or while a joint moves, that exceeds the noise."""
 
-    acting: float  # root mean square of the residual there, on blocks [effort]
-    expected: float  # the same of bootstrap samples with noise of the reference [effort]
-    frequency_hz: float | None  # of an oscillation; None if there is none
+    acting: float  # root mean square residual in contact or motion, on blocks [effort]
+    expected: float  # the same for bootstrap samples with the reference noise [effort]
+    frequency_hz: float | None  # frequency of an oscillation; None if there is none
     where: str  # "in contact" or "in motion"
-    reference: str  # where the noise was measured, such as "in free air"
+    reference: str  # condition in which the noise was measured, such as "in free air"
 
 
 def exceeds_noise(
@@ -177,9 +180,9 @@ def exceeds_noise(
     """Compare the residual in contact with the noise in free air; None if it does not exceed the noise.
 
     For a joint, the residual in motion is compared with the noise at rest. Without free air or rest, white
-    noise is estimated from differences of neighboring readings. Noise may be larger where the effort acts, so
-    only the part of the residual that neighboring blocks share counts. Bootstrap samples show what errors of
-    the measured motion, such as encoder steps, contribute.
+    noise is estimated from differences of neighboring readings. Noise may grow with the effort, so only the
+    part of the residual that neighboring blocks share is compared. Bootstrap samples include errors of the
+    measured motion, such as encoder steps.
 
     Args:
         fit: the model.
@@ -221,12 +224,12 @@ def exceeds_noise(
 
 
 def _white_noise(fit: FitResult, residual: FloatArray) -> float | None:
-    """Standard deviation of the white part of a residual on blocks (m,); None if all of it may be noise.
+    """Return the standard deviation of the white part of a residual (m,); None if all may be noise.
 
-    Differences of white noise do not depend on the distance, those of a random walk grow by sqrt(2) if it
-    doubles. Faster growth means a smooth signal; over a small part of a run it may be noise of a filtered
-    sensor. Distances exceed the window from which velocity was derived. P. Hall, J. W. Kay, D. M.
-    Titterington, Biometrika 77 (1990).
+    Differences of white noise do not depend on the distance. Those of a random walk grow by sqrt(2) if the
+    distance doubles. Faster growth indicates a smooth signal, except over a small part of a run, where it may
+    be the noise of a filtered sensor. Distances exceed the window from which velocity was derived. P. Hall,
+    J. W. Kay, D. M. Titterington, Biometrika 77 (1990).
     """
     blocked = fit.problem.blocked
     runs = rows_of_runs(blocked.run)
@@ -256,7 +259,7 @@ def _about_run_means(residual: FloatArray, run: IntArray, chosen: BoolArray) -> 
 
 
 def _shared_by_neighbors(residual: FloatArray, run: IntArray, chosen: BoolArray) -> float:
-    """Root mean square of what neighboring blocks have in common [effort]; 0 for white noise."""
+    """Return the root mean square of the part that neighboring blocks share [effort]; 0 for white noise."""
     pairs = chosen[1:] & chosen[:-1] & (run[1:] == run[:-1])
     if pairs.sum() < _LEAST_BLOCKS // 2:
         return 0.0

@@ -1,4 +1,4 @@
-"""The result of a diagnosis, in documented and stable keys (see docs/reference/json.md)."""
+"""Result of a diagnosis, with stable keys that docs/reference/json.md documents."""
 
 from collections.abc import Mapping
 from enum import StrEnum
@@ -31,7 +31,7 @@ class _Entry(BaseModel):
 
 
 class ParameterValue(_Entry):
-    """One parameter; `std_err` is None where undetermined, `at_bound` where an inner search ended at one."""
+    """One parameter; `std_err` is None if undetermined, `at_bound` states whether it is at a search bound."""
 
     value: float
     std_err: float | None
@@ -53,7 +53,7 @@ Parameters = dict[str, ParameterValue]
 
 
 class Fitted(_Entry):
-    """A model's error in held-out runs, in the effort's unit, and its parameters by "effect.parameter"."""
+    """A model's held-out error in the effort's unit, and its parameters by "effect.parameter"."""
 
     rmse: float
     parameters: Parameters
@@ -79,62 +79,63 @@ class Fitted(_Entry):
 class Accepted(_Entry):
     """An effect that is missing from the base model."""
 
-    effect: str  # its name
+    effect: str  # name of the effect
     form: Form = Form.EXACT  # how well its form is known
-    parameters: Parameters  # its own, by name
-    rmse_before: float  # error in held-out runs without it
-    rmse_after: float  # error with it
-    # How often the best candidate improves noise by as much; 0 if the improvement is clear without a test.
+    parameters: Parameters  # its parameters, by name
+    rmse_before: float  # held-out error without the effect
+    rmse_after: float  # held-out error with the effect
+    # Probability that the best candidate improves noise as much; 0 if the improvement is clear without a
+    # test.
     p_value: float
     confused_with: list[str]  # effects that the data cannot distinguish from it
-    physics: str  # one line of what happens
-    equation: str  # its term
-    signature: str  # how it shows in the data
+    physics: str  # one-line description of the physics
+    equation: str  # equation of its term
+    signature: str  # how it appears in the data
 
 
 class BudgetShare(_Entry):
-    """What one kind of effect accounts for, as shares of the base model's squared error in held-out runs."""
+    """Shares of the base model's squared held-out error that one kind of effect accounts for."""
 
     kind: Kind  # see `palpate.estimation.kinds`
-    share: float  # Shapley value among the kinds that are listed, differences between runs last
-    interval: tuple[float, float]  # 95 %, over runs
-    necessary: float  # lost when the kind is left out of all
-    sufficient: float  # explained by the kind alone
+    share: float  # Shapley value among the listed kinds, with differences between runs last
+    interval: tuple[float, float]  # 95 % interval over runs
+    necessary: float  # share lost without the kind, beside all other kinds
+    sufficient: float  # share explained by the kind alone
     form: Form  # how well the form of its effects is known
     effects: list[str]  # accepted effects; if the form is unknown, the closest ones
     replaceable_by: list[Kind]  # kinds that explain about as much in its place
-    experiment: str  # what separates it from the first of these; empty if there is none
+    experiment: str  # experiment that separates it from the first of these; empty if there is none
 
 
 class Rest(_Entry):
     """Shares of the base model's squared held-out error that no kind accounts for."""
 
-    noise: float  # the noise level's share; at most that, where the level is an upper bound
-    unexplained: float  # the remainder
+    noise: float  # share of the noise level; an upper bound if the level is one
+    unexplained: float  # remaining share
 
 
 class Ranked(_Entry):
-    """An effect that was fitted alone beside the base model."""
+    """A single effect that was added to the base model."""
 
-    effect: str  # its name
-    rmse_held_out: float  # error in held-out runs with it, inner parameters chosen on the other runs
-    score: float  # share by which the error falls
+    effect: str  # name of the effect
+    rmse_held_out: float  # held-out error with the effect, inner parameters chosen on the other runs
+    score: float  # relative decrease of the error
 
 
 class Remaining(_Entry):
     """Error that remains with all accepted effects."""
 
-    rmse: float  # error in held-out runs
+    rmse: float  # held-out error
     times_floor: float  # ratio to the noise level
-    depends_on: list[str]  # signals that it depends on; empty if it is noise
+    depends_on: list[str]  # signals on which it depends; empty if it is noise
 
 
 class Floor(_Entry):
-    """The noise level and its source; in the unit of the effort."""
+    """Noise level with its source, in the unit of the effort."""
 
-    value: float  # the error that a complete model would leave in held-out runs
-    source: NoiseSource = NoiseSource.FLEXIBLE  # how it was estimated
-    at_most: bool = True  # whether the noise may be less
+    value: float  # held-out error of a complete model
+    source: NoiseSource = NoiseSource.FLEXIBLE  # method of estimation
+    at_most: bool = True  # whether it is only an upper bound
     free_air: float | None  # noise before the first touch of each run; None if there is no free air
     share_left: float  # share of the final error on blocks that a flexible regression still explains
 
@@ -142,20 +143,20 @@ class Floor(_Entry):
 class ChannelDiagnosis(_Entry):
     """The diagnosis of one channel; most fields are empty if the data are insufficient."""
 
-    channel: str  # its name
+    channel: str  # name of the channel
     verdict: Verdict  # see `Verdict`
     reason: str  # one sentence
     effort_unit: str  # unit of all errors
-    noise_floor: float | None = None  # error that a complete model would leave
+    noise_floor: float | None = None  # held-out error of a complete model
     floor: Floor | None = None  # the same with its source
-    budget: list[BudgetShare] = Field(default_factory=list)  # of the base model's error, largest share first
-    rest: Rest | None = None  # of the same error
+    budget: list[BudgetShare] = Field(default_factory=list)  # shares of the base model's error, largest first
+    rest: Rest | None = None  # remaining shares of this error
     baseline: Fitted | None = None  # the base model
     accepted: list[Accepted] = Field(default_factory=list)  # missing effects, the most important first
-    # The most promising candidates alone beside the base model.
+    # The most promising candidates, each added alone to the base model.
     ranking: list[Ranked] = Field(default_factory=list)
-    final: Fitted | None = None  # the model with all that was accepted
-    # Whether only noise is left, as far as the data show; None if insufficient.
+    final: Fitted | None = None  # the model with all accepted effects
+    # Whether the data show only noise in the residual of the final model; None if insufficient.
     complete: bool | None = None
     remaining: Remaining | None = None  # error of the final model
     depends_on: list[str] = Field(default_factory=list)  # the same as in `remaining`
@@ -168,10 +169,10 @@ class ChannelDiagnosis(_Entry):
     _fits: Mapping[tuple[str, ...], PackedFit] = PrivateAttr(default_factory=dict)
 
     def with_fits(self, fits: Mapping[tuple[str, ...], FitResult]) -> Self:
-        """Attach the fits that the numbers come from.
+        """Return a copy with the fits from which the numbers were computed.
 
         Args:
-            fits: by the names of the added effects, in order.
+            fits: fits by the names of the added effects, in order.
         """
         copy = self.model_copy()
         copy._fits = {effects: PackedFit.of(fit) for effects, fit in fits.items()}
@@ -198,14 +199,18 @@ def stage_numbers(
     final: FitResult,
     spread: ParameterValue | None = None,
 ) -> dict[str, Any]:
-    """Compute the fields of `Accepted` that state what one effect adds.
+    """Compute the fields of `Accepted` for the contribution of one effect.
 
     Args:
         effect: name of the effect.
-        before: the model without it.
-        after: the model with it, all parameters fitted again.
-        final: the model with all effects, whose parameters are reported: in nested models they are biased.
-        spread: standard deviation between runs, of an effect that varies from run to run.
+        before: the model without the effect.
+        after: the model with the effect, all parameters refitted.
+        final: the model with all effects; its parameters are reported, since those of nested models are
+            biased.
+        spread: standard deviation between runs of a random effect; None for other effects.
+
+    Returns:
+        Values by field name.
     """
     prefix = f"{effect}."
     own = {

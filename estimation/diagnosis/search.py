@@ -1,7 +1,7 @@
 """Stepwise search for effects, with backward elimination at each step and restarts from several pairs.
 
-The search starts on a coarse copy of the channel: one sample for each block, and a part of the runs if there
-are many. The resulting model is then fitted to all data.
+The search starts on a coarse copy of the channel with one sample per block, and with part of the runs if
+there are many. The resulting model is then fitted to all data.
 """
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
@@ -36,37 +36,37 @@ from palpate.robot_io.types import BoolArray
 TIE = 0.02  # relative difference of the squared held-out error below which models are equally good
 LEVEL = 0.01  # family-wise false-alarm rate over all candidates of a step
 MOST_EFFECTS = 4  # a model with more effects imitates almost any error
-FITTED = 4  # candidates of a step that are fitted jointly with all parameters
+FITTED = 4  # candidates per step that are fitted jointly with all parameters
 FITTED_IN_FULL = 2  # the same on all data, after a search on a coarse copy
-LOOKED_AT = 12  # candidates among which those are chosen
+LOOKED_AT = 12  # best candidates from which these are chosen
 _PAIR = 2
-BESIDE, PAIRS = 3, 4  # second effects tried beside each first effect, and pairs that are fitted jointly
+BESIDE, PAIRS = 3, 4  # second effects tried with each first effect, and pairs that are fitted jointly
 _FOLDS = 0.6  # least share of the folds in which an effect must lower the error
-# Improvement, relative to the residual energy, above which no permutation test is needed: with `_MANY`
-# blocks, and with more.
+# Improvement, relative to the residual energy, above which no permutation test is needed: `_CLEAR` with
+# `_MANY` blocks, inversely proportional to the number of blocks, at least `_LEAST_CLEAR`.
 _CLEAR, _LEAST_CLEAR = 0.5, 0.1
 _MANY = 1000
 SHORTLIST = 8  # best candidates of the coarse copy that are tried on all samples
-_FINE = 4  # blocks; a coarse copy does not resolve shorter times
-NEAR = 1.5  # ratio of squared errors up to which a further fit may still make an alternative the better one
-_LITTLE = 0.2  # share of the error; above it, a bootstrap test that is not significant may lack power
+_FINE = 4  # duration in blocks below which a coarse copy does not resolve times
+NEAR = 1.5  # ratio of squared errors up to which a joint fit may still make an alternative better
+_LITTLE = 0.2  # explainable share of the error above which a nonsignificant bootstrap test may lack power
 FEW_STARTS = 4  # start values in a quick screening
 _ENOUGH, _ENOUGH_RUNS = 2000, 12  # blocks and runs of a coarse copy
-_MOST_BLOCKS = 12000  # of a coarse copy, before runs are chosen
+_MOST_BLOCKS = 12000  # largest number of blocks of a coarse copy before runs are selected
 Progress = Callable[[str, float], None]
 _Key = tuple[frozenset[tuple[str, int]], tuple[str, ...]]
 
 
 @dataclass(frozen=True)
 class Search:
-    """Fits models to one channel and remembers them."""
+    """Search for effects in one channel, with a cache of all fitted models."""
 
     data: ChannelData
     model: Model  # the base model
-    good: BoolArray  # samples that are fit for use, shape (n,)
+    good: BoolArray  # samples that a fit may use, shape (n,)
     effects: tuple[Effect, ...]  # the library of candidate effects
     rng: np.random.Generator  # for permutation and bootstrap tests
-    progress: Progress = lambda what, share: None  # called with the current step and its finished share
+    progress: Progress = lambda what, share: None  # callback: current step and its completed share
     coarse: "Search | None" = None  # search on a coarse copy, which preselects candidates; None within a copy
     _cache: FitCache = field(default_factory=FitCache)
     _fits: dict[_Key, FitResult] = field(default_factory=dict)
@@ -79,7 +79,7 @@ class Search:
         return self.fitted(self.model, {})
 
     def added_effects(self, fit: FitResult) -> list[str]:
-        """Return the names of a model's effects that the base model does not have.
+        """Return the names of a model's effects that are not in the base model.
 
         Args:
             fit: the model.
@@ -88,7 +88,7 @@ class Search:
         return [effect.name for effect in fit.solution.model.effects if effect.name not in base]
 
     def size(self, fit: FitResult) -> int:
-        """Return the number of a model's parameters, without those of the base model.
+        """Return the number of parameters of a model's added effects.
 
         Args:
             fit: the model.
@@ -97,7 +97,7 @@ class Search:
         return sum(parameter_count(effect) for effect in fit.solution.model.effects if effect.name in names)
 
     def fitted(self, model: Model, parameters: Mapping[str, float]) -> FitResult:
-        """Fit a model, or return the known fit.
+        """Fit a model, or return the cached fit.
 
         Args:
             model: the model to fit.
@@ -127,7 +127,7 @@ class Search:
         return self._fits[key]
 
     def screen(self, fit: FitResult) -> list[Candidate]:
-        """All candidates beside a model, the best first.
+        """Return all candidates that extend a model, the best first.
 
         Args:
             fit: the model to extend.
@@ -141,7 +141,7 @@ class Search:
 
             def places(effect: Effect) -> Sequence[Inner]:
                 known = [] if starts is None else starts[effect.name]
-                # a form that another model's signals call for may have other parameters
+                # The form for another model's signals may have other parameters.
                 fitting = [start for start in known if start.keys() == {p.name for p in effect.inner}]
                 return fitting or effect.starts(fit.data)
 
@@ -154,9 +154,9 @@ class Search:
         return self._screened[key]
 
     def _shortlist(self, fit: FitResult) -> dict[str, list[Inner]] | None:
-        """Choose effects and start values by the search on the coarse copy; None for all.
+        """Select effects and start values by the search on the coarse copy; None to try all.
 
-        Sensor effects that the copy does not resolve are also tried at the start values that they propose.
+        Sensor effects that the copy does not resolve are also tried at their own start values.
         """
         if self.coarse is None:
             return None
@@ -170,7 +170,9 @@ class Search:
         return starts
 
     def fine_starts(self, fit: FitResult, effect: Effect) -> list[Inner]:
-        """Return start values that a coarse copy does not resolve: times of a few blocks, steps of readings.
+        """Return start values of sensor effects that a coarse copy does not resolve.
+
+        These are times of a few blocks, and all start values of nonlinear sensor effects.
 
         Args:
             fit: a model of the channel.
@@ -189,7 +191,7 @@ class Search:
         """Refit the effects of a model from start values that the coarse copy does not resolve.
 
         Args:
-            fitted: the model that the search on the coarse copy led to.
+            fitted: the model from the search on the coarse copy, fitted to all data.
         """
         for name in self.added_effects(fitted):
             model, known = fitted.solution.model, fitted.solution.parameters
@@ -204,7 +206,7 @@ class Search:
         return fitted
 
     def quick_screen(self, beside: FitResult) -> list[Candidate]:
-        """Fit possible effects beside a model at few start values, the best first.
+        """Fit extensions of a model at few start values; return the possible ones, the best first.
 
         Args:
             beside: the model to extend.
@@ -212,14 +214,13 @@ class Search:
         return _quick_screen(beside, applicable_effects(beside.data, beside.solution.model, self.effects))
 
     def alternatives(self, fit: FitResult, name: str) -> list[Candidate]:
-        """Fit effects in the place of an effect, itself included, at few start values; the best first.
+        """Fit effects that replace an effect, including itself, at few start values; the best first.
 
-        All other parameters keep their values. If they were refitted without the effect, they would absorb
-        what it explains.
+        All other inner parameters are held fixed, since they would absorb the effect if refitted without it.
 
         Args:
             fit: the model.
-            name: the effect that is replaced.
+            name: name of the effect to replace.
         """
         key = _key(fit.solution.model), name
         if key not in self._alternatives:
@@ -234,7 +235,7 @@ class Search:
         return self._alternatives[key]
 
     def refit_effect(self, fit: FitResult, name: str) -> FitResult:
-        """Refit an effect from its own start values: beside other effects the optimum may be far away.
+        """Refit an effect from its own start values, since other effects may have moved its optimum far away.
 
         Args:
             fit: the model.
@@ -252,7 +253,7 @@ class Search:
         """Fit all parameters of a candidate's model jointly.
 
         Args:
-            candidate: the effect, with the model in which it was tried.
+            candidate: the effect with the model in which it was tried.
         """
         return self._fitted_from(candidate.search.best)
 
@@ -282,7 +283,7 @@ class Search:
             count: number of candidates that are fitted.
         """
         count = count if self.coarse is None else min(count, FITTED_IN_FULL)
-        # Candidates that lower the error when the model's other parameters adapt, the best first.
+        # Sort the candidates by their error after the model's other parameters adapted to first order.
         possible = [candidate for candidate in self.screen(fit) if candidate.possible][:LOOKED_AT]
         follow = bool(fit.solution.model.inner)
         left = [candidate.followed(fit.problem) if follow else candidate.held_out for candidate in possible]
@@ -292,7 +293,7 @@ class Search:
         return self.ordered([extension for extension in made if self.is_sensible(extension)])
 
     def is_sensible(self, fit: FitResult) -> bool:
-        """Check that each added effect is what its name says.
+        """Check that each added effect is plausible and does not imitate another one, see `is_sound`.
 
         Args:
             fit: the model.
@@ -300,7 +301,7 @@ class Search:
         return all(self.is_sound(fit, name) for name in self.added_effects(fit))
 
     def is_sound(self, fit: FitResult, name: str) -> bool:
-        """Check that an effect has possible parameters and is what its name says.
+        """Check that an effect has possible parameters and does not imitate another effect.
 
         Args:
             fit: the model.
@@ -323,12 +324,12 @@ class Search:
 
         Args:
             fit: the model.
-            name: the effect that is replaced.
+            name: name of the effect to replace.
         """
         tried = self.alternatives(fit, name)
         own = [
             candidate.held_out for candidate in tried if candidate.effect.name == name
-        ]  # as few start values
+        ]  # the effect itself with equally few start values
         near = NEAR * max([fit.solution.held_out, *own])
         others = [
             candidate for candidate in tried if _key(candidate.search.best.model) != _key(fit.solution.model)
@@ -342,7 +343,7 @@ class Search:
         return self.ordered([substitute for substitute in made if self.is_sensible(substitute)])
 
     def with_each(self, fit: FitResult, effects: Sequence[Effect]) -> FitResult:
-        """Add effects one after the other, if they apply to the channel.
+        """Add the effects that apply to the channel, one after the other.
 
         Args:
             fit: the model to extend.
@@ -355,9 +356,9 @@ class Search:
         return fit
 
     def is_better(self, fit: FitResult, reference: FitResult) -> bool:
-        """Check whether a model leaves less than another, or about as much with fewer parameters.
+        """Check whether a model leaves less error than another, or about as much with fewer parameters.
 
-        Additional parameters must improve the fit by as much as an added effect must.
+        A model with more parameters must improve the fit by as much as an added effect must.
 
         Args:
             fit: the model.
@@ -368,7 +369,7 @@ class Search:
         return bool(fit.solution.held_out < limit * reference.solution.held_out)
 
     def ordered(self, made: Sequence[FitResult]) -> list[FitResult]:
-        """Sort by held-out error; among models as good as the best, those with fewest parameters first.
+        """Sort by held-out error; models about as good as the best are sorted by number of parameters.
 
         Args:
             made: fitted models of the channel.
@@ -382,7 +383,7 @@ class Search:
         return sorted(made, key=rank)
 
     def is_needed(self, before: FitResult, after: FitResult) -> bool:
-        """Check whether an effect lowers the error by more than a negligible share and than chance does.
+        """Check whether an effect lowers the error by a relevant share and significantly.
 
         Args:
             before: the model without the effect.
@@ -395,11 +396,11 @@ class Search:
         return self.p_value(before, after, LEVEL) <= LEVEL
 
     def p_value(self, before: FitResult, after: FitResult, level: float = 1.0) -> float:
-        """Estimate how often the best candidate improves noise by as much (max-statistic permutation test).
+        """Estimate the p-value of an added effect by a max-statistic permutation test over all candidates.
 
         Args:
             before: the model without the effect.
-            after: the model with one more effect.
+            after: the model with the effect.
             level: significance level; a p-value above it need not be exact.
 
         Returns:
@@ -433,10 +434,10 @@ def prepare_search(  # noqa: PLR0917
     Args:
         data: the channel.
         model: the base model.
-        good: samples fit for use, shape (n,).
+        good: samples that a fit may use, shape (n,).
         effects: the library of candidate effects.
-        rng: for permutation and bootstrap tests.
-        progress: called with the current step and its finished share.
+        rng: random generator for permutation and bootstrap tests.
+        progress: callback that receives the current step and its completed share.
     """
     whole = Search(data, model, good, effects, rng, progress)
     blocked = merge_blocks(whole.start.problem.blocked, _MOST_BLOCKS)
@@ -450,9 +451,9 @@ def prepare_search(  # noqa: PLR0917
 
 
 def _some_runs(blocked: BlockedData) -> BoolArray:
-    """Select blocks of enough runs for a coarse search, with small and large efforts alike, shape (m,).
+    """Return the mask (m,) of blocks for a coarse search, from enough runs with small and large efforts.
 
-    A part of the runs is a part of those with a trusted block.
+    If there are many runs, only runs with a trusted block are selected.
     """
     runs = [rows for rows in rows_of_runs(blocked.run) if blocked.trusted[rows].any()]
     every = min(len(blocked) // _ENOUGH, len(runs) // _ENOUGH_RUNS)
@@ -470,17 +471,17 @@ def select_effects(
     sufficient: Callable[[FitResult], FitResult],
     forms: Callable[[], FitResult],
 ) -> FitResult:
-    """Search for the model that explains most and of which each effect is needed.
+    """Search for the model that explains most and in which each effect is needed.
 
-    Effects are added one by one. If this leaves an explainable error, the best forms of all kinds are tried
-    jointly. If more than two effects are needed, the search restarts from pairs, since many effects imitate
-    almost any error.
+    Effects are added one by one. If an explainable error remains, the best forms of all kinds are tried
+    jointly. If more than two effects are needed, the search restarts from pairs, since many effects can
+    imitate almost any error.
 
     Args:
         whole: the search on all data.
-        is_complete: whether a model leaves only noise.
-        sufficient: reduces a model to the smallest sufficient one.
-        forms: fits the best form of each kind that accounts for the error, on the coarse copy.
+        is_complete: function that tests whether a model leaves only noise.
+        sufficient: function that reduces a model to the smallest sufficient one.
+        forms: function that fits the best form of each kind that accounts for the error, on the coarse copy.
     """
     coarse = whole.coarse or whole
     refine = partial(_refined, whole)
@@ -513,7 +514,7 @@ def select_effects(
 
 
 def _pairs(coarse: Search) -> Iterator[FitResult]:
-    """Yield pairs of effects, best first: beside a wrong first effect, the right second one seems useless."""
+    """Yield pairs of effects, the best first; a pair can succeed where neither effect does alone."""
     beside = [
         (first, second)
         for first in coarse.screen(coarse.start)
@@ -526,7 +527,7 @@ def _pairs(coarse: Search) -> Iterator[FitResult]:
 
 
 def _refined(whole: Search, rough: FitResult) -> FitResult:
-    """Transfer a model of the coarse copy to all data, and continue the search there unless much is left."""
+    """Fit a model of the coarse copy to all data, and continue the search there unless much error is left."""
     refined = whole.refined(whole.fitted(rough.solution.model, rough.solution.parameters))
     if whole.added_effects(refined) and refined.explainable_share() > _LITTLE:
         return refined
@@ -534,7 +535,7 @@ def _refined(whole: Search, rough: FitResult) -> FitResult:
 
 
 def _forward_selection(search: Search, fit: FitResult) -> FitResult:
-    """Add the best effect as long as one is needed, with a backward step after each."""
+    """Add the best effect as long as one is needed, with a backward step after each addition."""
     while len(search.added_effects(fit)) < MOST_EFFECTS:
         further = (extension for extension in search.extensions(fit) if search.is_needed(fit, extension))
         extension = next(further, None)
@@ -571,7 +572,7 @@ def backward_step(search: Search, fit: FitResult) -> FitResult:
 
 
 def _quick_screen(beside: FitResult, effects: Sequence[Effect]) -> list[Candidate]:
-    """Fit effects beside a model at few start values; the possible ones, the best first."""
+    """Fit extensions of a model at few start values; return the possible ones, the best first."""
 
     def few(effect: Effect) -> Sequence[Inner]:
         starts = effect.starts(beside.data)
@@ -585,6 +586,6 @@ def _quick_screen(beside: FitResult, effects: Sequence[Effect]) -> list[Candidat
 
 
 def _key(model: Model) -> _Key:
-    """Identify a model: the order of its sensor effects matters, the order of its other effects does not."""
+    """Return a key that identifies a model; only the order of sensor effects matters."""
     sensors = tuple(effect.name for effect in model.effects if isinstance(effect, SensorEffect))
     return frozenset((effect.name, effect.form) for effect in model.effects), sensors

@@ -40,9 +40,9 @@ from palpate.estimation.fit.measurement_model import MeasurementModel
 from palpate.estimation.fit.measurement_noise import MeasurementNoise, free_air_noise, measurement_noise
 from palpate.estimation.kinds import Kind, separating_experiment
 
-_MOST_RANKED = 3  # candidates that are fitted alone beside the base model
-# Share of a kind without an accepted effect, relative to the error that the accepted effects leave, above
-# which the law of that kind imitates the accepted effects.
+_MOST_RANKED = 3  # most candidates that are added alone to the base model
+# If the share of a kind without an accepted effect exceeds this multiple of the error left by the accepted
+# effects, the kind's law imitates these effects.
 _IMITATION = 2.0
 _PEAKED = 0.8  # share of the squared error in its largest 5 %; normal noise has 0.28
 _Rivals = Mapping[str, Mapping[str, FitResult]]  # fits by replaced effect and replacing effect
@@ -50,12 +50,12 @@ _Rivals = Mapping[str, Mapping[str, FitResult]]  # fits by replaced effect and r
 
 @dataclass(frozen=True)
 class Evidence:
-    """Where a search ended, with the tests of the final model."""
+    """Result of a search, with the tests of the final model."""
 
     search: Search
     measurement: MeasurementModel  # how motion and effort were measured
     end: FitResult  # the base model with the accepted effects
-    complete: bool  # whether it leaves only noise
+    complete: bool  # whether this model leaves only noise
     objection: ResidualFinding | None  # finding of the residual checks against completeness
     tests: Sequence[FormTest] = ()  # tests of the effects' forms
     partial: PartiallyLinear | None = None  # laws of the kinds that account for the error; None if complete
@@ -63,12 +63,12 @@ class Evidence:
 
     @cached_property
     def path(self) -> list[FitResult]:
-        """The nested models from the base model to the end, the most important effect first."""
+        """The nested models up to the final model, the most important effect first."""
         return models_by_importance(self.search, self.end)
 
     @cached_property
     def stages(self) -> list[FitResult]:
-        """The base model, and one fit for each effect of `path`, added as every command adds it."""
+        """The base model, followed by one fit per effect in the order of `path`, each made by `extended`."""
         stages = [self.search.start]
         for fit in self.path:
             present = {effect.name for effect in stages[-1].model.effects}
@@ -78,8 +78,8 @@ class Evidence:
 
     @cached_property
     def single_effects(self) -> dict[str, FitResult]:
-        """The base model with one effect, for each of the most promising candidates that is sound."""
-        # Errors per sample, predicted from the improvement on blocks (of the coarse copy if there is one).
+        """Fits of the base model with one effect, for the most promising sound candidates, by name."""
+        # Predict errors per sample from the improvement on blocks (of the coarse copy if there is one).
         start, coarse = self.search.start, self.search.coarse or self.search
         before, promising = coarse.start.solution.held_out, list[str]()
         for candidate in (option for option in coarse.screen(coarse.start) if option.possible):
@@ -102,7 +102,7 @@ class Evidence:
 
     @cached_property
     def noise(self) -> MeasurementNoise:
-        """The noise level of the channel, which does not depend on the model."""
+        """The noise level of the channel, independent of the model."""
         return measurement_noise(self.search.start)
 
     def form(self, effect: str) -> Form:
@@ -116,7 +116,7 @@ class Evidence:
 
     @property
     def signals(self) -> list[str]:
-        """Signals that the remaining error depends on."""
+        """Signals on which the remaining error depends."""
         if self.complete:
             return []
         return [self.objection.depends_on] if self.objection else self.end.depends_on
@@ -138,11 +138,11 @@ def effect_without_gain(evidence: Evidence) -> str | None:
 
 
 def insufficient_diagnosis(data: ChannelData, reason: str) -> ChannelDiagnosis:
-    """State that a channel does not allow a diagnosis.
+    """Return the diagnosis of a channel whose data are insufficient.
 
     Args:
         data: the channel.
-        reason: why it does not, in one sentence.
+        reason: reason in one sentence.
     """
     return ChannelDiagnosis(
         channel=data.name,
@@ -154,13 +154,13 @@ def insufficient_diagnosis(data: ChannelData, reason: str) -> ChannelDiagnosis:
 
 
 def decide_verdict(evidence: Evidence) -> ChannelDiagnosis:
-    """State the verdict on one channel, with numbers from the fits that all commands share.
+    """Determine the verdict on one channel, with numbers from the fits that all commands share.
 
     Args:
-        evidence: where the search ended.
+        evidence: result of the search.
 
     Returns:
-        The diagnosis of the channel; `take_fits` hands over the fits that its numbers come from.
+        The diagnosis of the channel; `take_fits` returns the fits from which its numbers were computed.
     """
     search, end, noise = evidence.search, evidence.end, evidence.noise
     names = search.added_effects(end)
@@ -172,7 +172,7 @@ def decide_verdict(evidence: Evidence) -> ChannelDiagnosis:
     verdict = Verdict.MISSING if accepted else Verdict.ADEQUATE if evidence.complete else Verdict.UNEXPLAINED
     budget, rest = _budget(evidence)
     start = search.start.rmse
-    ranking = sorted(  # the most promising candidates, each fitted alone beside the base model
+    ranking = sorted(  # the most promising candidates, each added alone to the base model
         (
             Ranked(effect=name, rmse_held_out=fit.rmse, score=1.0 - fit.rmse / start if start > 0.0 else 0.0)
             for name, fit in evidence.single_effects.items()
@@ -220,9 +220,9 @@ def _budget(evidence: Evidence) -> tuple[list[BudgetShare], Rest]:
     """Divide the base model's squared error on blocks into shares, which add up to one.
 
     Returns:
-        Shares of the accepted effects' kinds if these leave no more than laws of all kinds that count, or
-        take most of what a kind without a name would; else of all kinds that count. And what they leave,
-        which beside a complete model is noise.
+        Shares of kinds, and the remaining shares. The kinds are those of the accepted effects if these leave
+        no more error than the laws of all relevant kinds, or if a kind without an accepted effect only
+        imitates them. Otherwise they are all relevant kinds. In a complete model the remainder is noise.
     """
     search, end, partial = evidence.search, evidence.end, evidence.partial
     effects = [end.solution.model.effect(name) for name in search.added_effects(end)]
@@ -290,13 +290,13 @@ def _accepted(evidence: Evidence, others: _Rivals) -> list[Accepted]:
 
 
 def error_decrease(accepted: Sequence[Accepted], base_rmse: float, last_rmse: float, unit: str) -> str:
-    """State by how much the accepted effects lower the held-out error.
+    """Describe by how much the accepted effects lower the held-out error.
 
     Args:
-        accepted: the effects, with those that the data cannot tell from each.
-        base_rmse: held-out error of the base model, in the unit.
-        last_rmse: held-out error with all accepted effects, in the unit.
-        unit: of the effort.
+        accepted: the accepted effects, each with its indistinguishable alternatives.
+        base_rmse: held-out error of the base model [unit].
+        last_rmse: held-out error with all accepted effects [unit].
+        unit: unit of the effort.
 
     Returns:
         A clause without a full stop.
@@ -338,7 +338,7 @@ def _reason(
 
 
 def _steps(evidence: Evidence) -> str:
-    """What a smooth law takes away beside a complete model where the position's steps may make it."""
+    """Describe the remaining explainable error of a complete model if encoder steps may cause it."""
     end, unit, off = (
         evidence.end,
         evidence.search.data.kind.effort_unit,
@@ -360,7 +360,7 @@ def _hum(end: FitResult) -> str:
 
 
 def _peaks(end: FitResult) -> str:
-    """Report that a few samples, such as those at breakaway, hold most of an error within the noise."""
+    """Report if a few samples, such as those at breakaway, contain most of an error within the noise."""
     squares = np.sort(end.solution.residual[end.problem.used] ** 2)
     share = float(squares[int(0.95 * len(squares)) :].sum() / max(squares.sum(), 1e-300))
     return f"; 5 % of the samples hold {100 * share:.0f} % of the squared error" if share > _PEAKED else ""
