@@ -99,6 +99,7 @@ FLOW = {  # what is true of a channel: what is answered
     "the best forms leave less": ({"found": "b", "forms": "a", "complete": False}, ("a", False, None)),
     "they leave more": ({"found": "a", "forms": "b", "complete": False}, ("a", False, None)),
     "only one effect bears a name": ({"single": "s", "complete": False}, ("s", False, None)),
+    "an effect gains nothing in the shown steps": ({"found": "a+b", "idle": {"a+b": "b"}}, ("a", True, None)),
     "it cannot say": ({"refused": "too short"}, "too short"),
 }  # fmt: skip
 
@@ -140,6 +141,7 @@ def test_a_channel_is_searched_varied_reduced_and_answered(name, monkeypatch):
     search.effects, search.model = (), SWING
     search.added_effects = lambda one: [] if one == "base" else [str(one)]
     search.with_candidate = lambda option: _Named(given["single"])
+    search.without = lambda one, name: _Named(one.removesuffix(f"+{name}"))
     rough = given.get("forms", "base")
 
     stubs = {
@@ -152,6 +154,8 @@ def test_a_channel_is_searched_varied_reduced_and_answered(name, monkeypatch):
         "named_forms": lambda *_: SimpleNamespace(solution=SimpleNamespace(model=rough, parameters={})),
         "accept_forms": lambda tried, kinds, one, measurement: (one, []),
         "_accept": lambda tried, one, judge, kinds: (one, []),
+        "effect_without_gain": lambda one: given.get("idle", {}).get(one.end),
+        "form_tests": lambda *_: [],
         "_too_few_levels": lambda _: given.get("step"),
         "decide_verdict": lambda one: (one.end, one.complete, one.objection),
         "insufficient_diagnosis": lambda data, reason: reason,
