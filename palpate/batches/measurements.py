@@ -137,9 +137,9 @@ def find_measurements(
     listed: dict[Path, dict[str, str]] = {}
     episodes: set[Path] = set()
     for place in map(str, places):
-        found = _listed(place)
-        listed |= found
-        episodes.update(found if _is_data_set(Path(place)) else ())
+        files = _listed(place)
+        listed |= files
+        episodes.update(files if _is_data_set(Path(place)) else ())
     if not listed:
         raise InputError(f"{', '.join(map(str, places)) or 'no file'}: there is nothing to measure")
     if pattern is not None:

@@ -162,9 +162,9 @@ def read_table(path: Path) -> pa.Table:
         kind = table.schema.field(name).type
         if pa.types.is_nested(kind):
             raise InputError(f"table {file}: column '{one_line(name)[:60]}' holds {kind}, not single values")
-    wanted = {"times_noise", *(column for column, *_ in _parameters(table))}
-    wanted |= {head(name, unit, "std_err") for _, name, unit in _parameters(table)}
-    for name in wanted.intersection(table.column_names):
+    numeric = {"times_noise", *(column for column, *_ in _parameters(table))}
+    numeric |= {head(name, unit, "std_err") for _, name, unit in _parameters(table)}
+    for name in numeric.intersection(table.column_names):
         kind = table.schema.field(name).type
         if not (pa.types.is_integer(kind) or pa.types.is_floating(kind) or pa.types.is_null(kind)):
             raise InputError(f"table {file}: column '{one_line(name)[:60]}' holds {kind}, expected numbers")
@@ -196,7 +196,7 @@ def parameter_columns(table: pa.Table) -> Iterator[ParameterColumn]:
         return
     channel = table["channel"].to_numpy(zero_copy_only=False)
     for column, name, unit in _parameters(table):
-        values, std_errs = (floats(table, wanted) for wanted in (column, head(name, unit, "std_err")))
+        values, std_errs = (floats(table, each) for each in (column, head(name, unit, "std_err")))
         known = np.isfinite(values) & np.isfinite(std_errs) & (std_errs >= 0.0)
         for item in dict.fromkeys(channel[known]):
             rows = np.flatnonzero(known & (channel == item))

@@ -1,6 +1,6 @@
 """`palpate compare`: show how far a model misses a measurement, and where."""
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Annotated, Any
@@ -33,9 +33,6 @@ from palpate.workflows.data_options import (
 
 RESULT, RECORDING = "comparison.json", "sides.rrd"
 PAIR_FILES = (RESULT, REPORT, RECORDING)  # files that `write_pair` writes
-
-
-Steps = list[tuple[str, str]]
 
 
 class ComparedPair:
@@ -288,8 +285,8 @@ def compare_command(
         console.stderr().print(f"\nreport  [bold]{shown(written['report'])}[/bold]")
     if not as_json:
         zoom = (f"{again} --out FOLDER", "an interactive report")
-        stages = [(f"palpate revisions {data.typed(folder=folder)}", "all stages")]
-        first = stages if kept else _after(data, study, results, model, channel, folder)
+        stages = (f"palpate revisions {data.typed(folder=folder)}", "all stages")
+        first = [stages] if kept else _after(data, study, results, model, channel, folder)
         console.next_steps(*first, zoom)
 
 
@@ -356,20 +353,18 @@ def _after(  # noqa: PLR0917, what was typed
     model: str | None,
     channel: str | None,
     folder: Path | None,
-) -> Steps:
+) -> Iterator[tuple[str, str]]:
     """Suggest commands that follow a comparison of base models, the nearest first."""
-    steps: Steps = []
     newest = [kept for result in results if (kept := study.newest(result.channel)) is not None]
     if newest:
         own = list(dict.fromkeys([*(data.effect or ()), *own_effects(newest)]))
         numbers = [str(revision.number) for revision in newest]
         since = data.typed(revision=numbers, folder=folder, effect=own)
-        steps.append((f"palpate compare {since}", "with the effects added since"))
+        yield f"palpate compare {since}", "with the effects added since"
     elif model is None and data.urdf is None:
         for result in results:  # suggest a far better base model if the usual one does not fit
             better = far_better_model(study, result.channel, result.comparison)
             if better is not None:
                 left = f"a base model with an error of {better[1]:.3g} {result.channel.effort_unit}"
-                steps.append((f"palpate compare {data.typed(channel=channel, model=better[0])}", left))
-    missing = f"palpate diagnose {data.typed(channel=channel, model=model)}"
-    return [*steps, (missing, "which effect is missing")]
+                yield f"palpate compare {data.typed(channel=channel, model=better[0])}", left
+    yield f"palpate diagnose {data.typed(channel=channel, model=model)}", "which effect is missing"

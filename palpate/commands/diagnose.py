@@ -30,7 +30,6 @@ from palpate.workflows.data_options import DataArguments, ForceOption, JsonOptio
 PLAN = "next-experiment.yaml"
 EXIT_CODES = {Verdict.MISSING: 10, Verdict.UNEXPLAINED: 11, Verdict.INSUFFICIENT: 12}  # 1 to 3 are failures
 MOST_ASKED = 3  # largest number of unused columns to suggest
-Steps = Iterator[tuple[str, str]]  # commands with their purposes
 
 
 @takes_data
@@ -137,7 +136,7 @@ def _next(  # noqa: PLR0917, what was typed and found
     out: Path | None,
     apply: bool,
     plan: Path | None,
-) -> Steps:
+) -> Iterator[tuple[str, str]]:
     """Suggest commands that follow a diagnosis, the nearest first."""
     again, kept = data.typed(**asked), data.typed(folder=out)
     improved = [channel for channel in diagnosis.channels if channel.accepted]

@@ -122,17 +122,19 @@ def _row(
 def _all_columns(parameters: Mapping[str, ParameterEstimate | ParameterValue]) -> Row:
     """Value of each, and where determined also the ends of the 95 % interval and the standard error."""
     row: Row = {}
-    for name, found in parameters.items():
-        row[f"{name} [{found.unit}]"] = float(found.value)
-        std_err = float("nan") if found.std_err is None or found.at_bound else float(found.std_err)
+    for name, parameter in parameters.items():
+        row[f"{name} [{parameter.unit}]"] = float(parameter.value)
+        std_err = (
+            float("nan") if parameter.std_err is None or parameter.at_bound else float(parameter.std_err)
+        )
         if not np.isfinite(std_err):
             continue
-        if isinstance(found, ParameterEstimate):
-            low, high = found.interval
+        if isinstance(parameter, ParameterEstimate):
+            low, high = parameter.interval
         else:
-            low, high = found.value - SIGMAS_95 * std_err, found.value + SIGMAS_95 * std_err
-        row |= {f"{name} low [{found.unit}]": float(low), f"{name} high [{found.unit}]": float(high)}
-        row[f"{name} std_err [{found.unit}]"] = std_err
+            low, high = parameter.value - SIGMAS_95 * std_err, parameter.value + SIGMAS_95 * std_err
+        row |= {f"{name} low [{parameter.unit}]": float(low), f"{name} high [{parameter.unit}]": float(high)}
+        row[f"{name} std_err [{parameter.unit}]"] = std_err
     return row
 
 
