@@ -1,1 +1,1 @@
-"""Fit models to channels by bounded variable projection, and assess the residual."""
+"""Fit models to channels by bounded variable projection, and check their residuals."""

@@ -17,46 +17,46 @@ from palpate.estimation.signals.cache_by_array import FitCache, IdentityKey
 from palpate.estimation.signals.runwise import sample_time
 from palpate.robot_io.types import BoolArray, FloatArray, IntArray
 
-# Blocks per second aimed at; slower data is taken as it is. A joint's effort goes with an acceleration
-# that was derived twice from an encoder: what of it is noise lies above this rate.
+# Target number of blocks per second; slower data are not averaged. The acceleration of a joint is derived
+# twice from an encoder, and its noise lies mostly above this rate.
 CONTACT_RATE_HZ, JOINT_RATE_HZ = 200.0, 100.0
 FOLDS = 6
 PIECES, _PIECE_FOLDS = 15, 5  # pieces of a single run, and pieces for each fold
 _CORNER = 0.06  # change between readings at a corner, relative to a run's range of velocities
 _SLOW_S = 0.011  # step between samples above which corners are not excluded
-_CORNER_REACH = 3  # samples to either side of a corner in which a derived velocity is wrong
-_MOST_CORNERS = 0.2  # share of blocks; more are not corners but a coarsely sampled motion
-_BORDER = 3.0  # standard deviations of the position around a contact boundary
-_SETTLING_S = 0.25  # after the first sample, while filters settle
-_UNKNOWN_S = 0.1  # at the start of a run, where delays and lags depend on the unknown past
-_UNKNOWN = 0.05  # largest share of a run that it takes
+_CORNER_REACH = 3  # samples on each side of a corner in which a derived velocity is wrong
+_MOST_CORNERS = 0.2  # largest share of blocks at corners; more indicate a coarsely sampled motion
+_BORDER = 3.0  # excluded distance from a contact boundary, in standard deviations of the position's error
+_SETTLING_S = 0.25  # time after the first sample in which filters settle
+_UNKNOWN_S = 0.1  # time at the start of a run in which delays and lags depend on the unknown past
+_UNKNOWN = 0.05  # largest share of a run that is excluded for this reason
 _WITHIN = 0.05  # share of the effort's variance that block averages may lose
 _SMOOTH = 0.75  # ratio to the step variance of white noise below which variation in a block is smooth
-_AGAIN = 0.9  # share of the first touch in a run's contact above which the run hardly presses again
-_REST = 0.05  # speed below which a joint rests, relative to its usual highest speed
+_AGAIN = 0.9  # share of the first contact in a run's contact samples above which later ones are negligible
+_REST = 0.05  # largest speed of a joint at rest, relative to its usual highest speed
 ALONE = Model("no model", ())
 NO_PARAMETERS: Parameters = MappingProxyType({})
 LOAD = "load"
-LUMPED = "lumped_inertia_effort"  # part of the load that the drive's rotor may carry before the gear
-# Effects in which weight acts, and all whose effort is a load;
-# not the armature: what accelerates a rotor does not pass through the gear
+LUMPED = "lumped_inertia_effort"  # part of the load that may act on the drive's rotor before the gear
+# Effects with weight, and all effects whose effort is a load. The armature is not among them, because the
+# torque that accelerates a rotor does not pass through the gear.
 HEAVY = frozenset({"pendulum", "rigid_body", "rigid_body_fitted", "payload", "gravity_tilt", "weight"})
 CARRYING = HEAVY | {"inertia"}
-_LUMPED = {"inertia": "m", "pendulum": "inertia"}  # the gain that contains link and rotor
+_LUMPED = {"inertia": "m", "pendulum": "inertia"}  # gains that contain the inertias of link and rotor
 
 
 @dataclass(frozen=True)
 class BlockedData:
-    """Blocks of a channel. Columns are computed at the full rate and then averaged, which biases no model."""
+    """Block averages of a channel; columns are averaged after computation, which causes no bias."""
 
     data: ChannelData  # the channel at its full rate
-    rows: IntArray  # shape (m, block), the samples of each of the m blocks
-    run: IntArray  # shape (m,), run of each block
-    fold: IntArray  # shape (m,), fold in which each block is held out, from 0
-    trusted: BoolArray  # shape (m,), whether a block counts
-    # What was computed on blocks of this channel, whatever its load and whichever blocks count.
+    rows: IntArray  # samples of each of the m blocks, shape (m, block)
+    run: IntArray  # run number of each block, shape (m,)
+    fold: IntArray  # fold in which each block is held out, from 0, shape (m,)
+    trusted: BoolArray  # whether a block is used, shape (m,)
+    # Results on blocks of this channel that do not depend on the load or on `trusted`.
     cache: FitCache = field(default_factory=FitCache)
-    load_cache: FitCache = field(default_factory=FitCache)  # what was computed with this load
+    load_cache: FitCache = field(default_factory=FitCache)  # results that depend on the load
 
     def __len__(self) -> int:
         """Number of blocks m."""
@@ -69,14 +69,14 @@ class BlockedData:
 
     @property
     def can_hold_out(self) -> bool:
-        """Whether at least two folds have blocks that count, so that one can be held out."""
+        """Whether at least two folds have trusted blocks, so that one can be held out."""
         return len(np.unique(self.fold[self.trusted])) > 1
 
     def reduce(self, signal: FloatArray) -> FloatArray:
         """Return the means of a signal (n,) or (n, k) over blocks, shape (m,) or (m, k).
 
         Args:
-            signal: a value or k values a sample, shape (n,) or (n, k).
+            signal: one or k values per sample, shape (n,) or (n, k).
         """
         block = self.rows.shape[1]
         if block == 1:
@@ -101,7 +101,7 @@ class BlockedData:
         Args:
             effect: the effect.
             inner: values of the inner parameters by name.
-            beside: model whose effects on motion, memory and sensor act on the columns, all of them linear.
+            beside: model whose motion, memory and sensor effects act on the columns; all must be linear.
             parameters: inner parameters of that model by "effect.parameter".
         """
 
@@ -117,12 +117,12 @@ class BlockedData:
         beside: Model = ALONE,
         parameters: Parameters = NO_PARAMETERS,
     ) -> FloatArray:
-        """Return the effort on blocks that an effect adds without any gain, shape (m,).
+        """Return the effort on blocks that an effect adds independently of its gains, shape (m,).
 
         Args:
             effect: the effect.
             inner: values of the inner parameters by name.
-            beside: model whose effects on motion and sensor act, see `columns`.
+            beside: model whose motion and sensor effects act, see `columns`.
             parameters: inner parameters of that model by "effect.parameter".
         """
         return self._cached(
@@ -140,7 +140,7 @@ class BlockedData:
     ) -> FloatArray:
         acting = beside.acting
         needs = (*effect.needs, *(name for acts in acting for name in acts.needs))
-        cache = self.load_cache if LOAD in needs else self.cache  # it changes with the model
+        cache = self.load_cache if LOAD in needs else self.cache  # the load depends on the model
         around = [(IdentityKey(acts), *own(acts, parameters).values()) for acts in acting]
 
         def on_blocks() -> FloatArray:
@@ -157,7 +157,7 @@ class BlockedData:
 
         Args:
             effect: the effect.
-            data: the channel, with the motion that acts.
+            data: the channel, with the motion that acts on the object.
             inner: values of the inner parameters by name.
         """
         if data is not self.data:
@@ -168,7 +168,7 @@ class BlockedData:
 
     @cached_property
     def _sums(self) -> "scipy.sparse.csr_array":
-        """Adds up the samples of each block, (m, n): ten times faster than to pick them and to add."""
+        """Matrix (m, n) that sums the samples of each block, ten times faster than indexing."""
         count, block = self.rows.shape
         edges = np.arange(0, count * block + 1, block)
         return scipy.sparse.csr_array(
@@ -177,7 +177,7 @@ class BlockedData:
 
 
 def block_length(data: ChannelData) -> int:
-    """Return the samples in a block; halved as long as a joint's effort swings within the block.
+    """Return the number of samples in a block, which is halved as long as a joint's effort varies within it.
 
     Args:
         data: the channel.
@@ -190,28 +190,27 @@ def block_length(data: ChannelData) -> int:
 
 
 def _swings_within(effort: FloatArray, block: int) -> bool:
-    """Check whether averaging over blocks removes a part of an effort (n,) that is not noise."""
+    """Return whether averaging over blocks removes a part of an effort (n,) that is not noise."""
     blocks = effort[: len(effort) // block * block].reshape(-1, block)
     within = blocks - blocks.mean(axis=1, keepdims=True)
     if np.mean(within**2) < _WITHIN * np.var(effort):
         return False
-    steps = np.diff(blocks, axis=1)  # of white noise, each has twice the variance
+    steps = np.diff(blocks, axis=1)  # for white noise their variance is twice that of the noise
     return bool(np.mean(steps**2) < _SMOOTH * 2.0 * np.mean(within**2) * block / (block - 1.0))
 
 
 def block_average(
     data: ChannelData, good: BoolArray | None = None, cache: FitCache | None = None
 ) -> BlockedData:
-    """Cut a channel into blocks that last 5 or 10 ms, or one sample where that is longer.
+    """Divide a channel into blocks of 5 ms (contact) or 10 ms (joint), or of one sample if that is longer.
 
-    Blocks in which a contact begins or ends are not trusted, nor blocks so near to the surface that the error
-    of the position matters: a damper and friction cause a step of the force there. Blocks at sharp corners of
-    a contact's motion are not trusted either, nor those in which a probing arm's joint rests or its sensor
-    may still settle.
+    Blocks at contact boundaries are not trusted: there damping and friction cause a step of the force, which
+    the error of the position can shift. Blocks at sharp corners of a contact's motion are not trusted either.
+    For a probing arm, blocks in which a joint is at rest or its sensor may still settle are not trusted.
 
     Args:
         data: the channel.
-        good: samples that are fit for use, shape (n,); None for all.
+        good: samples that a fit may use, shape (n,); None for all.
         cache: cache of other blocks of this channel, with any load.
     """
     block = block_length(data)
@@ -233,11 +232,11 @@ def block_average(
 
 
 def merge_blocks(blocked: BlockedData, most: int) -> BlockedData:
-    """Join neighboring blocks of a run until at most `most` are left, or the effort swings within them.
+    """Join neighboring blocks of a run to obtain at most `most`, unless the effort varies within them.
 
     Args:
         blocked: the channel on blocks.
-        most: number of blocks that are allowed.
+        most: largest number of blocks.
     """
     factor = -(-len(blocked) // most)
     while factor > 1 and _swings_within(blocked.effort, factor):
@@ -258,7 +257,7 @@ def merge_blocks(blocked: BlockedData, most: int) -> BlockedData:
 
 
 def exclude_boundaries(blocked: BlockedData, moved: ChannelData) -> BlockedData:
-    """Exclude blocks of a contact within a sample, or the position's error, of its beginning or end.
+    """Exclude blocks of a contact at its boundaries, within one sample or the error of the position.
 
     Args:
         blocked: the channel on blocks.
@@ -270,7 +269,7 @@ def exclude_boundaries(blocked: BlockedData, moved: ChannelData) -> BlockedData:
     mixed = np.array(engaged.any(axis=1) & ~engaged.all(axis=1))
     borders = engaged[1:, 0] != engaged[:-1, -1]
     mixed[1:] |= borders
-    if moved.averaged > 1:  # the surface may lie among the readings that either sample averages
+    if moved.averaged > 1:  # the boundary may lie within the readings averaged in either sample
         mixed[:-1] |= borders
     error = reading_error(blocked.data)
     mixed |= np.abs(moved.position[blocked.rows]).min(axis=1) < _BORDER * float(np.std(error))
@@ -278,7 +277,7 @@ def exclude_boundaries(blocked: BlockedData, moved: ChannelData) -> BlockedData:
 
 
 def decimate(blocked: BlockedData) -> ChannelData:
-    """Average a channel over blocks, one sample for each.
+    """Return the channel averaged over blocks, with one sample per block.
 
     Args:
         blocked: the channel on blocks.
@@ -294,17 +293,17 @@ def decimate(blocked: BlockedData) -> ChannelData:
         run=blocked.run,
         phase=data.phase[blocked.rows[:, 0]],
         context={name: mean(signal) for name, signal in data.context.items()},
-        position_step=0.0,  # means lie on no grid
+        position_step=0.0,  # means are not quantized
         touching=None if data.touching is None else np.asarray(data.touching[blocked.rows].all(axis=1)),
         averaged=data.averaged * blocked.rows.shape[1],
     )
 
 
 def _at_corners(data: ChannelData, rows: IntArray) -> BoolArray:
-    """Blocks of a contact in which the velocity jumps faster than it was sampled, shape (m,).
+    """Return the mask (m,) of contact blocks in which the velocity changes faster than it was sampled.
 
-    A damper causes a jump of the force there, and a derived velocity changes too early and too late. Slow
-    data consist of corners, at which creep and relaxation begin: none are excluded.
+    A damper causes a jump of the force there, which a derived velocity smears over several samples. In slowly
+    sampled data every change is a corner, and creep and relaxation begin there, so none is excluded.
     """
     if sample_time(data.time_s, data.run) > _SLOW_S:
         return np.zeros(len(rows), dtype=np.bool_)
@@ -319,10 +318,10 @@ def _at_corners(data: ChannelData, rows: IntArray) -> BoolArray:
 
 
 def _at_starts(data: ChannelData, rows: IntArray) -> BoolArray:
-    """Blocks at the start of a run, shape (m,), where the memory of the object is unknown.
+    """Return the mask (m,) of blocks at the start of a run, where the object's past is unknown.
 
-    A run that begins pressed depends on an unknown past until it lets go; if it hardly presses again, it is
-    used as if the press began with it.
+    A run that begins in contact depends on an unknown past until the contact ends. If later contacts are
+    negligible, the run is used as if the contact began with it.
     """
     starts, engaged = np.zeros(len(data), dtype=np.bool_), data.engaged
     for of_run in rows_of_runs(data.run):
@@ -336,10 +335,10 @@ def _at_starts(data: ChannelData, rows: IntArray) -> BoolArray:
 
 
 def _at_rest(data: ChannelData, rows: IntArray) -> BoolArray:
-    """Blocks in which a joint of a probing arm is at rest or its sensor still settles, shape (m,).
+    """Return the mask (m,) of blocks in which a probing arm's joint is at rest or its sensor settles.
 
     Friction at rest depends on how the joint stopped, and the sign of a noisy velocity has no meaning. A slow
-    sensor starts from its earlier reading. Other recordings are used as they are.
+    sensor starts from its earlier reading. In other recordings no block is excluded.
     """
     if data.kind is ChannelKind.CONTACT or (data.phase < 0).all():
         return np.zeros(len(rows), dtype=np.bool_)
@@ -348,11 +347,11 @@ def _at_rest(data: ChannelData, rows: IntArray) -> BoolArray:
 
 
 def is_moving(data: ChannelData, rows: IntArray) -> BoolArray:
-    """Check whether a joint moves during blocks of samples, shape (m,).
+    """Return the mask (m,) of blocks in which a joint moves.
 
     Args:
         data: the channel.
-        rows: the samples of each block, shape (m, samples in a block).
+        rows: samples of each block, shape (m, samples in a block).
     """
     speed = np.abs(data.velocity[rows].mean(axis=1))
     return np.asarray(speed >= _REST * float(np.quantile(np.abs(data.velocity), 0.95)))
@@ -361,14 +360,14 @@ def is_moving(data: ChannelData, rows: IntArray) -> BoolArray:
 def with_load(data: ChannelData, model: Model, parameters: Mapping[str, float]) -> ChannelData:
     """Add the signal `load` to a joint's channel: the effort of the model's inertia and gravity.
 
-    The torque of an inertia that link and rotor may share is a signal of its own beside weights; alone, it
-    only scales the load.
+    If the model has weight, the torque of an inertia that link and rotor may share is a separate signal.
+    Without weight it would only scale the load.
 
-    Contacts, channels that have a load already, and models without masses are returned unchanged.
+    Contacts, channels with a load, and models without masses are returned unchanged.
 
     Args:
         data: the channel.
-        model: the model, of which masses and weights count.
+        model: the model, whose masses and weights are used.
         parameters: values by "effect.parameter".
     """
     carrying = Model(model.name, tuple(e for e in model.effects if e.name in CARRYING))

@@ -29,7 +29,7 @@ NO_BOUNDS: Mapping[str, tuple[float, float]] = MappingProxyType({})
 _MOST_ROUNDS = 7
 _LOST = 1e6  # predictions above this multiple of the largest effort have diverged
 _NO_BOUND = (-np.inf, np.inf)
-_NO_SCALE = 1e-300  # norm of a column that is zero
+_NO_SCALE = 1e-300  # norm below which a column counts as zero
 
 
 @dataclass(frozen=True)
@@ -39,26 +39,26 @@ class FitProblem:
     blocked: BlockedData
     noise_model: ArNoise
     weights: FloatArray | None = None
-    nuisance: Nuisance | None = None  # flexible laws beside which models are compared
+    nuisance: Nuisance | None = None  # flexible laws for which models are adjusted
 
     @cached_property
     def used(self) -> BoolArray:
-        """Blocks that count, shape (m,)."""
+        """Mask of the blocks in use, shape (m,)."""
         return self.noise_model.used(self.blocked.run, self.blocked.trusted)
 
     @cached_property
     def _by_fold(self) -> tuple[IntArray, list[slice]]:
-        """Blocks that count, sorted by the fold that holds them out, and the rows of each fold."""
+        """Indices of the blocks in use, sorted by fold, and the slice of each fold."""
         fold = np.where(self.used, self.blocked.fold, -1)
         order = np.argsort(fold, kind="stable")[np.sum(~self.used) :]
         borders = np.searchsorted(fold[order], np.arange(self.blocked.folds + 1)).tolist()
         return order, [slice(*ends) for ends in pairwise(borders)]
 
     def whiten(self, blocks: FloatArray) -> FloatArray:
-        """Prewhiten blocks (m,) or (m, k), shape (w,) or (w, k).
+        """Return the prewhitened, weighted and adjusted values of the blocks in use, shape (w,) or (w, k).
 
         Args:
-            blocks: shape (m,) or (m, k).
+            blocks: values on blocks, shape (m,) or (m, k).
         """
         return self._white(blocks)[self.used]
 
@@ -75,16 +75,16 @@ class FitProblem:
         held: Mapping[str, float] = NOT_HELD,
         bounds: Mapping[str, tuple[float, float]] = NO_BOUNDS,
     ) -> LinearFit:
-        """Fit columns (m, q) to a target (m,) by bounded least squares.
+        """Fit columns to a target by bounded least squares.
 
-        The fit to all folds decides which gains are at a bound; these stay fixed in the fits to all but each
-        fold.
+        The fit to all folds determines which gains are at a bound. These gains stay fixed in the fits that
+        leave out a fold.
 
         Args:
-            columns: shape (m, q).
-            target: shape (m,).
+            columns: effort per unit of each gain, shape (m, q).
+            target: effort to explain, shape (m,).
             names: names of the first gains.
-            held: gains that are fixed, by name.
+            held: fixed gains, by name.
             bounds: bounds of gains, by name.
         """
         count = columns.shape[1]
@@ -100,7 +100,7 @@ class FitProblem:
         if np.any((fit.gains < lower) | (fit.gains > upper)):
             scale = np.maximum(fit.scale, _NO_SCALE)
             unit = fit.gains / scale
-            with np.errstate(over="ignore"):  # a column that hardly moves has no bound in its unit
+            with np.errstate(over="ignore"):  # the scaled bound of a tiny column may overflow to infinity
                 low, high = lower / scale, upper / scale
             bounded = solve_within_bounds(fit.system, fit.system @ unit, low, high)
             is_low, is_high = bounded == low, bounded == high
@@ -113,11 +113,11 @@ class FitProblem:
     def normal_equations(
         self, columns: FloatArray, target: FloatArray, names: Sequence[str] = ()
     ) -> NormalEquations:
-        """Return the cross products of prewhitened blocks (m, q) and a target (m,), by fold.
+        """Return the cross products of prewhitened columns and target, by fold.
 
         Args:
-            columns: shape (m, q).
-            target: shape (m,).
+            columns: effort per unit of each gain, shape (m, q).
+            target: effort to explain, shape (m,).
             names: names of the gains of the first columns, which an arm's channels may share.
         """
         order, folds = self._by_fold
@@ -143,11 +143,11 @@ class FitProblem:
 class Solution:
     """A model with parameters and the residual at these parameters."""
 
-    model: Model  # what was tried
+    model: Model  # the fitted model
     parameters: dict[str, float]  # gains and inner parameters by "effect.parameter"
-    columns: FloatArray  # slopes by each gain on blocks, shape (m, q), not whitened
-    target: FloatArray  # effort on blocks that the columns explain, shape (m,), not whitened
-    linear_fit: LinearFit  # of the linear fit at these inner parameters
+    columns: FloatArray  # derivatives by each gain on blocks, not whitened, shape (m, q)
+    target: FloatArray  # effort on blocks to be explained by the columns, not whitened, shape (m,)
+    linear_fit: LinearFit  # linear fit at these inner parameters
 
     @property
     def standard_errors(self) -> dict[str, float]:
@@ -156,7 +156,7 @@ class Solution:
 
     @property
     def fixed(self) -> frozenset[str]:
-        """Parameters without an error of their own: held by the model, or gains at a physical bound."""
+        """Parameters without a standard error: held by the model, or gains at a physical bound."""
         at_bound = {name for name, ends in self.model.gain_bounds.items() if self.parameters[name] in ends}
         return frozenset(self.model.held) | at_bound
 
@@ -167,7 +167,7 @@ class Solution:
 
     @property
     def residual(self) -> FloatArray:
-        """Effort less prediction on blocks, shape (m,)."""
+        """Effort minus prediction on blocks, shape (m,)."""
         gains = np.array([self.parameters[name] for name in self.model.gains])
         residual: FloatArray = self.target - self.columns @ gains
         return residual
@@ -183,12 +183,14 @@ class Solution:
         return not self.fixed - self.model.held.keys()
 
     def without_blocks(self) -> "Solution":
-        """Drop columns and target, which comparisons do not need, to save memory."""
+        """Return the solution without columns and target, which comparisons do not need, to save memory."""
         return replace(self, columns=self.columns[:0].copy(), target=self.target[:0].copy())
 
 
 def held_out_residual(blocked: BlockedData, solution: Solution) -> FloatArray:
-    """Effort less what the gains fitted to the other folds predict, shape (n,); NaN outside blocks.
+    """Return the effort minus the prediction of gains fitted to the other folds, shape (n,).
+
+    The residual is NaN outside trusted blocks.
 
     Args:
         blocked: the channel on blocks.
@@ -204,10 +206,10 @@ def held_out_residual(blocked: BlockedData, solution: Solution) -> FloatArray:
 
 
 def rmse(residual: FloatArray) -> float:
-    """Root mean square over the samples that have a value.
+    """Return the root mean square of all values that are not NaN.
 
     Args:
-        residual: any shape; NaN does not count.
+        residual: residuals of any shape.
     """
     return float(np.sqrt(np.nanmean(residual**2)))
 
@@ -221,20 +223,20 @@ def solve_gains(
     *,
     parts: Parts | None = None,
 ) -> Solution:
-    """Fit the gains at the inner parameters given, from the gains given (zero where there is none).
+    """Fit the gains at given inner parameters by Gauss-Newton steps.
 
     Args:
-        problem: where to try.
-        model: model to try.
-        parameters: inner parameters and known gains.
-        rounds: Gauss-Newton steps at least; by default one, or two where the model is bent by its own effort.
-            Where a sensor bends it, more are made until one leads where the last was expected to.
-        arrived: times the energy that a step promised to leave, that is taken as kept.
+        problem: data, noise weights and folds of the fit.
+        model: the model.
+        parameters: inner parameters and start values of gains; missing gains start at zero.
+        rounds: least number of steps; by default one, or two if the model is nonlinear in its effort. With a
+            nonlinear sensor, steps are repeated until the error agrees with its prediction.
+        arrived: largest ratio of a squared error to its prediction at which a step has converged.
         parts: result of `Model.parts` at these inner parameters, if known.
     """
     data = problem.blocked.data
     if is_linear_on_blocks(data, model):
-        # Each gain's column can be averaged over blocks by itself, and is known from one fit to the next.
+        # The column of each gain is averaged over blocks separately and cached between fits.
         inner = {name: parameters.get(name, 0.0) for name in model.inner}
         columns, target = _on_blocks(problem, model, inner)
         linear_fit = problem.solve(columns, target, list(model.gains), model.held, model.gain_bounds)
@@ -250,13 +252,13 @@ def solve_gains(
     for number in range(most):
         lifted = model.lifted(data, now, parts)
         if number and model.is_linear_in_gains and np.array_equal(lifted, before):
-            break  # where the object lets go is where it did: the same fit again
+            break  # the same samples lose contact, so the fit would be repeated
         before = lifted
         slopes, effort = model.linearise(data, now, parts, lifted)
         by_gain, gains = problem.blocked.reduce(slopes), np.array([now[name] for name in names])
         remaining = problem.blocked.reduce(data.effort - effort) + by_gain @ gains
         if number and not np.abs(remaining).max() < _LOST * np.abs(data.effort).max():
-            break  # the last step led nowhere near the data, and the next would overflow
+            break  # the last step diverged, and the next would overflow
         target, columns = remaining, by_gain
         if number >= least and np.sum(problem.whiten(target - columns @ gains) ** 2) <= arrived * expected:
             break
@@ -283,7 +285,7 @@ def _on_blocks(
 
 
 def columns_at(problem: FitProblem, model: Model, parameters: Mapping[str, float]) -> FloatArray:
-    """Change of the effort on blocks by each gain, at known gains and inner parameters, shape (m, q).
+    """Return the derivative of the effort on blocks by each gain at given parameters, shape (m, q).
 
     Args:
         problem: data, noise weights and folds of the fit.
@@ -297,18 +299,18 @@ def columns_at(problem: FitProblem, model: Model, parameters: Mapping[str, float
 
 
 def residual_slopes(problem: FitProblem, solution: Solution, ahead: Mapping[str, float]) -> FloatArray:
-    """Change of the whitened residual when each of some inner parameters moves and all gains follow it.
+    """Compute the change of the whitened residual when inner parameters change and all gains are refitted.
 
-    It is the change at fixed gains, less the part that the columns explain: the derivative of the variable
-    projection except for a term that vanishes with the residual (L. Kaufman, BIT 15 (1975)).
+    It is the change at fixed gains minus the part that the columns explain. This is the derivative of the
+    variable projection except for a term that vanishes with the residual (L. Kaufman, BIT 15 (1975)).
 
     Args:
-        problem: where the trial was made.
-        solution: the trial.
-        ahead: a value near the solution's for each inner parameter to move, by its name.
+        problem: data, noise weights and folds of the fit.
+        solution: solution at which the change is computed.
+        ahead: a changed value of each inner parameter, close to that of the solution, by name.
 
     Returns:
-        Shape (w, k), not divided by the step.
+        Changes, not divided by the step, shape (w, k).
     """
     data, model, parameters = problem.blocked.data, solution.model, solution.parameters
     gains = np.array([parameters[name] for name in model.gains])
@@ -323,7 +325,7 @@ def residual_slopes(problem: FitProblem, solution: Solution, ahead: Mapping[str,
         of_sensors = {f"{sensor.name}.{p.name}" for sensor in model.sensors for p in sensor.inner}
         for name, value in ahead.items():
             moved = {**parameters, name: value}
-            same = parts if name in of_sensors else None  # what comes before a sensor does not depend on it
+            same = parts if name in of_sensors else None  # they do not depend on parameters of sensors
             changes.append(problem.blocked.reduce(effort - model.linearise(data, moved, same)[1]))
     change = problem.whiten(np.stack(changes, axis=1))
     fit = solution.linear_fit
@@ -335,7 +337,7 @@ LinearisedParts = Callable[[Inner], Parts | None]
 
 
 def is_linear_on_blocks(data: ChannelData, model: Model) -> bool:
-    """Check whether a model can be fitted to block averages; a contact's effort is clipped at each sample.
+    """Return whether a model can be fitted to block averages; contact forces are clipped at each sample.
 
     Args:
         data: the channel.
@@ -347,19 +349,22 @@ def is_linear_on_blocks(data: ChannelData, model: Model) -> bool:
 def linearise_along(
     blocked: BlockedData, model: Model, effect: Effect, parameters: Mapping[str, float]
 ) -> LinearisedParts:
-    """Return a fast evaluation of `Model.parts` over one effect's inner parameters; None if none is faster.
+    """Return a fast evaluation of `Model.parts` as a function of one effect's inner parameters.
 
     Args:
         blocked: the channel on blocks.
-        model: ends with the effect, unless that is a sensor's.
-        effect: the one that is searched.
-        parameters: inner parameters of the others; zero for one that is not there.
+        model: the model; the effect must be its last one, unless it is a sensor effect.
+        effect: the effect whose inner parameters vary.
+        parameters: inner parameters of the other effects; missing ones are zero.
+
+    Returns:
+        A function that returns the parts, or None if there is no faster evaluation.
     """
     data, known = blocked.data, {name: parameters.get(name, 0.0) for name in model.inner}
     is_last = model.effects[-1] is effect
     if is_linear_on_blocks(data, model):
         return lambda inner: None
-    if isinstance(effect, SensorEffect):  # what comes before a sensor does not depend on it
+    if isinstance(effect, SensorEffect):  # the parts before the sensor do not depend on it
         before = model.parts(data, known, blocked.at_full_rate)
         return lambda inner: before
     if not isinstance(effect, AdditiveEffect) or not is_last:

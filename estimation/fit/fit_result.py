@@ -1,4 +1,4 @@
-"""Fit a model to a channel by bounded variable projection; results of the fit."""
+"""Fit a model to a channel by bounded variable projection, and compute results of the fit."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
@@ -27,36 +27,35 @@ from palpate.estimation.workers import single_threaded
 from palpate.robot_io.types import BoolArray, FloatArray, IntArray
 
 _ROUNDING = 1e-7  # share of the effort below which a residual is rounding: single precision resolves 6e-8
-_NAMED_SHARE = 0.4  # a signal is named if it explains this share of what the strongest signal explains
-_LEAST_SHARE = 0.01  # share of the squared error that a named signal must explain
+_NAMED_SHARE = 0.4  # least share explained by a named signal, relative to that of the strongest signal
+_LEAST_SHARE = 0.01  # least share of the squared error that a named signal must explain
 _BETTER = 0.9  # ratio of squared held-out errors below which a correction of smoothing bias is used
 _PULLED = 5.0  # standard errors by which a gain must exceed its bound to be reported
-_NOISE_ALONE = 1.05  # ratio to the noise level up to which an error is noise
+_NOISE_ALONE = 1.05  # ratio to the noise level up to which an error counts as noise
 _RATE_SIGNALS = frozenset({"velocity", "direction"})
 
 
 @dataclass(frozen=True, eq=False)
 class Validation:
-    """Runs that a model is not fitted to, on which alone it is scored."""
+    """Runs excluded from fitting and used only for scoring."""
 
-    data: ChannelData  # the channel with all runs, those fitted to among them
-    good: BoolArray  # samples that are fit for use, shape (n,)
+    data: ChannelData  # the channel with all runs, including those used for fitting
+    good: BoolArray  # samples that a fit may use, shape (n,)
 
 
 @dataclass(frozen=True, eq=False, repr=False)
 class FitResult(TableDisplay):
     """A model fitted to a channel, with its cross-validated residual, noise model and parameter intervals.
 
-    Each quantity is computed when it is first asked for. Parameters come from plain least squares: as long as
-    an effect is missing, prewhitening would treat its share of the residual as noise and give it little
-    weight. `parameters` are prewhitened once only noise is left.
+    Quantities are computed on first use. The solution comes from ordinary least squares: while an effect is
+    missing, prewhitening would treat its part of the residual as noise and give it little weight.
+    `parameters` are estimated with prewhitening if only noise is left.
 
     Attributes:
-        training: the channel that the model was fitted to, with its load.
-        problem: its blocks without prewhitening.
-        solution: the model fitted there.
-        validation: runs excluded from the fit and used only for scoring; None to score each run by the
-            others.
+        training: the channel to which the model was fitted, with its load.
+        problem: blocks of this channel without prewhitening.
+        solution: the fitted model.
+        validation: runs excluded from fitting and used only for scoring; None for cross-validation.
     """
 
     training: ChannelData
@@ -73,7 +72,7 @@ class FitResult(TableDisplay):
 
     @cached_property
     def training_fit(self) -> "FitResult":
-        """The same model, cross-validated on the runs that it was fitted to."""
+        """The same model, cross-validated on the runs used for fitting."""
         return self if self.validation is None else replace(self, validation=None)
 
     @property
@@ -83,7 +82,7 @@ class FitResult(TableDisplay):
 
     @property
     def values(self) -> Mapping[str, float]:
-        """Parameters by "effect.parameter", without intervals: the prewhitened ones once they are known."""
+        """Parameters by "effect.parameter" without intervals; with prewhitening if already computed."""
         return self._final[1].parameters if "_final" in vars(self) else self.solution.parameters
 
     @cached_property
@@ -99,7 +98,7 @@ class FitResult(TableDisplay):
 
     @cached_property
     def unphysical(self) -> tuple[str, ...]:
-        """Gains that the data pull beyond their physical bounds, at which they are held, each in words."""
+        """Descriptions of gains held at a physical bound although the data clearly pull beyond it."""
         solution, used = self.solution, self.problem.used
         residual = solution.residual[used]
         noise = float(np.sqrt(np.mean(residual**2)))
@@ -123,7 +122,7 @@ class FitResult(TableDisplay):
         """Predict the effort with other parameters.
 
         Args:
-            parameters: all of them, by "effect.parameter".
+            parameters: values of all parameters by "effect.parameter".
 
         Returns:
             Effort, shape (n,), in the channel's unit.
@@ -132,7 +131,7 @@ class FitResult(TableDisplay):
 
     @cached_property
     def residual(self) -> FloatArray:
-        """Effort less prediction from gains fitted to the other runs, shape (n,); NaN where not scored."""
+        """Effort minus prediction from gains fitted to the other runs, shape (n,); NaN if not scored."""
         if self.validation is None:
             return held_out_residual(self.problem.blocked, self.solution)
         whole, good = self.validation.data, self.validation.good
@@ -150,7 +149,7 @@ class FitResult(TableDisplay):
 
     @property
     def residual_on_blocks(self) -> FloatArray:
-        """Residual of the fit itself on blocks, shape (m,); zero where not scored."""
+        """Residual of the fit on blocks without cross-validation, shape (m,); zero if not scored."""
         return np.where(self.problem.blocked.trusted, self.solution.residual, 0.0)
 
     @cached_property
@@ -160,17 +159,17 @@ class FitResult(TableDisplay):
 
     @property
     def mean_square(self) -> float:
-        """Mean squared residual of the fit, on blocks that count."""
+        """Mean squared residual of the fit on trusted blocks."""
         return self.solution.sse / max(int(self.problem.blocked.trusted.sum()), 1)
 
     @property
     def held_out_mean_square(self) -> float:
-        """Mean squared residual in held-out runs, on blocks that count."""
+        """Mean squared held-out residual on the blocks in use."""
         return self.solution.held_out / max(int(self.problem.used.sum()), 1)
 
     @property
     def filters(self) -> DifferentiationFilter:
-        """Filters that derived velocity and acceleration, as far as the model depends on these."""
+        """Filters that derived velocity and acceleration, if the model depends on these signals."""
         measurement = identify_measurement_model(self.training)
         first, second = (() if half is None else (half,) for half in measurement.filters)
         signals = {signal for effect in self.model.effects for signal in effect.signals}
@@ -179,7 +178,7 @@ class FitResult(TableDisplay):
 
     @cached_property
     def flexible(self) -> FlexibleRegression:
-        """Flexible regression on the residual: what a smooth function of the signals could explain."""
+        """Flexible regression on the residual: the part that a smooth function of the signals explains."""
         return fit_flexible(self.problem, self.solution, self.filters)
 
     @cached_property
@@ -190,9 +189,9 @@ class FitResult(TableDisplay):
 
     @cached_property
     def coarse_problem(self) -> FitProblem:
-        """The same problem with one sample for each block, on which a fit costs a fraction.
+        """The same problem with one sample per block, for faster fits.
 
-        It also exists for models that are fitted on blocks, since a further effect may need samples.
+        It also exists for models that are fitted on blocks, since an additional effect may need samples.
         """
         blocked = self.problem.blocked
         data, rows = decimate(blocked), np.arange(len(blocked))[:, None]
@@ -202,14 +201,13 @@ class FitResult(TableDisplay):
     def is_exact(self) -> bool:
         """Whether the error is only numerical rounding, as in simulated data without noise.
 
-        Such an error has structure, since rounding and ridge penalties depend on the signals, but no physical
-        cause.
+        Such an error depends on the signals through rounding and ridge penalties, but has no physical cause.
         """
         return self.rmse <= _ROUNDING * float(np.sqrt(np.mean(self.training.effort**2)))
 
     @property
     def depends_on(self) -> list[str]:
-        """Signals that the remaining held-out error depends on, the strongest first."""
+        """Signals on which the remaining held-out error depends, the strongest first."""
         shares = self.flexible.by_signal
         most = max(shares.values(), default=0.0)
         if most < _LEAST_SHARE:
@@ -220,7 +218,7 @@ class FitResult(TableDisplay):
 
     @cached_property
     def smooth_law_error(self) -> float:
-        """Error in the scored runs that a flexible regression leaves beside the model [effort]."""
+        """Error in the scored runs of the model with a flexible regression [effort]."""
         with single_threaded():
             if self.validation is None:
                 return self.floor()
@@ -229,7 +227,7 @@ class FitResult(TableDisplay):
             return every.floor_in_runs(np.setdiff1d(whole.runs, self.training.runs))
 
     def floor(self) -> float:
-        """Cross-validated error less what the flexible regression explains, in the unit of the effort."""
+        """Return the cross-validated error that the flexible regression does not explain [effort]."""
         count = max(int(self.problem.blocked.trusted.sum()), 1)
         return float(np.sqrt(max(self.rmse**2 - max(self.flexible.explained, 0.0) / count, 0.0)))
 
@@ -247,7 +245,7 @@ class FitResult(TableDisplay):
         return float(np.sqrt(max(float(np.mean(residual**2)) - max(explainable, 0.0), 0.0)))
 
     def explainable_share(self) -> float:
-        """Share of the held-out error on blocks that the flexible regression explains."""
+        """Return the share of the held-out error on blocks that the flexible regression explains."""
         return self.flexible.share_of(self.solution)
 
     def _table(self) -> DisplayTable:
@@ -270,9 +268,9 @@ def fit_model(
     Args:
         data: the channel, without a derived `load`.
         model: model to fit.
-        parameters: inner parameters, and gains where they are known, by "effect.parameter".
-        good: samples that are fit for use, shape (n,); None for all.
-        cache: columns that other fits to this channel computed.
+        parameters: start values of inner parameters and known gains, by "effect.parameter".
+        good: samples that a fit may use, shape (n,); None for all.
+        cache: columns computed by other fits of this channel.
     """
     cache = cache or FitCache()
     known = dict.fromkeys(model.gains, 0.0) | {n: inner.beginning for n, inner in model.inner.items()}
@@ -281,7 +279,7 @@ def fit_model(
     problem = fit_problem(data, model, first.parameters, good, cache)
     solution = optimize_inner(problem, first)
     again = fit_problem(data, model, solution.parameters, good, cache)
-    if not np.array_equal(again.blocked.trusted, problem.blocked.trusted):  # the contact begins elsewhere
+    if not np.array_equal(again.blocked.trusted, problem.blocked.trusted):  # the contact boundary moved
         problem, solution = again, optimize_inner(again, solution)
     return FitResult(problem.blocked.data, problem, solution)
 
@@ -305,11 +303,11 @@ def fit_problem(
 
 
 def final_solution(fit: FitResult) -> tuple[FitProblem, Solution]:
-    """Fit the parameters once more with prewhitening, where that is safe.
+    """Refit the parameters with prewhitening if that is safe.
 
-    Prewhitened parameters are the most accurate, but only if no effect is missing: a missing effect would
-    count as colored noise. They are used only near the plain fit, since with a poor noise model a distant
-    solution may have an equally small residual.
+    Prewhitening gives the most accurate parameters, but only if no effect is missing: it would treat a
+    missing effect as colored noise. The result is used only if it is close to the ordinary fit, since with a
+    poor noise model a distant solution may have an equally small residual.
 
     Args:
         fit: the fitted model.
@@ -332,8 +330,8 @@ def _correct_smoothing_bias(
 ) -> Solution:
     """Correct a joint's gains for the smoothing bias of its motion.
 
-    Without the correction, a mass compensates for flattened peaks of the acceleration, and a weight for the
-    mass.
+    Without the correction, the flattened peaks of the acceleration bias the mass, and the mass biases the
+    weight.
     """
     if problem.blocked.data.kind is ChannelKind.CONTACT or filters == ((), ()):
         return solution

@@ -1,8 +1,8 @@
-"""Flexible regression: ridge regression on all signals and their past, the nonparametric alternative.
+"""Flexible regression: ridge regression on all signals and their past, as a nonparametric alternative.
 
 It estimates how much of a model's error any function of the signals can explain, and which signals matter.
-Smoothing flattens a derived velocity or acceleration, which the model turns into a systematic error. This
-bias is modeled by further columns and counts as noise (W. A. Fuller, Measurement Error Models (1987)).
+Smoothing flattens a derived velocity or acceleration, which causes a systematic error of the prediction.
+Additional columns model this bias, which counts as noise (W. A. Fuller, Measurement Error Models (1987)).
 """
 
 from collections.abc import Collection
@@ -25,10 +25,11 @@ from palpate.robot_io.types import BoolArray, FloatArray, IntArray
 
 _RIDGES = (1e-6, 1e-4, 1e-3, 1e-2, 1e-1)
 _MOST_SIGNALS = 4  # signals that are selected one by one
-_WORTH = 0.005  # least share of the energy that one more signal must explain
+_WORTH = 0.005  # least share of the energy that an additional signal must explain
 _MOST_TIMES = 3.0  # largest plausible multiple of the expected smoothing bias
 _POWERS = 3  # powers of the smoothing operator, a series that approximates its inverse
-# Half windows [samples] that velocity and acceleration went through, as far as a model depends on these.
+# Half windows [samples] of the filters of velocity and acceleration; empty if a model does not use the
+# signal.
 DifferentiationFilter = tuple[tuple[int, ...], tuple[int, ...]]
 
 
@@ -36,16 +37,17 @@ DifferentiationFilter = tuple[tuple[int, ...], tuple[int, ...]]
 class FlexibleRegression:
     """A flexible regression on the residual of a model."""
 
-    before: FloatArray  # squared whitened residuals of the model by fold, motion unsmoothed, shape (folds,)
-    held_out: FloatArray  # the same beside the smooth law
-    residual: FloatArray  # held-out residuals beside it, not whitened, one for each block, shape (m,)
-    residual_before: FloatArray  # the same without it
-    # Share of the error's energy that each signal alone can explain in held-out runs.
+    # Squared whitened held-out residuals of the model by fold, corrected for smoothing bias, shape (folds,).
+    before: FloatArray
+    held_out: FloatArray  # the same with the flexible regression
+    residual: FloatArray  # held-out residuals with the regression on blocks, not whitened, shape (m,)
+    residual_before: FloatArray  # the same without the regression
+    # Share of the squared error that each signal alone can explain in held-out runs.
     by_signal: dict[str, float]
 
     @property
     def explained(self) -> float:
-        """Squared whitened held-out residuals that the flexible regression explains."""
+        """Decrease of the squared whitened held-out residuals by the flexible regression."""
         return float(np.sum(self.before - self.held_out))
 
     def share_of(self, solution: Solution, least: float = 0.0) -> float:
@@ -53,7 +55,7 @@ class FlexibleRegression:
 
         Args:
             solution: the model.
-            least: smallest squared error that counts as whole.
+            least: lower limit of the squared error to which the share refers.
         """
         whole = max(solution.held_out, least)
         unexplained = max(1.0 - self.explained / whole, 0.0) if whole > 0.0 else 1.0
@@ -61,14 +63,14 @@ class FlexibleRegression:
 
 
 def model_features(problem: FitProblem, solution: Solution) -> dict[str, FloatArray]:
-    """Return columns (m, k) by signal, for the motion and effort of a fitted model.
+    """Return features (m, k) by signal, for the motion and effort of a fitted model.
 
-    The effort before a sensor changes it is a signal too: if readings are cut off or delayed, they contain
-    less information than a regression beside the model without that sensor needs.
+    The effort before sensor effects is an additional signal, since saturated or delayed readings lose
+    information that the regression needs.
 
     Args:
-        problem: the channel.
-        solution: the model, fitted.
+        problem: data on blocks.
+        solution: the fitted model.
     """
     blocked, model = problem.blocked, solution.model
     efforts = [blocked.effort - solution.residual]
@@ -82,13 +84,13 @@ def model_features(problem: FitProblem, solution: Solution) -> dict[str, FloatAr
 def fit_flexible(
     problem: FitProblem, solution: Solution, filters: DifferentiationFilter, without: Collection[str] = ()
 ) -> FlexibleRegression:
-    """Fit the flexible regression beside the model's own gains, with cross-validation.
+    """Fit the flexible regression jointly with the model's gains, with cross-validation.
 
     Args:
-        problem: blocks, whose noise is taken for white.
-        solution: the model.
-        filters: by which the velocity and the acceleration were derived.
-        without: signals that it does not know.
+        problem: data on blocks, whose noise is assumed to be white.
+        solution: the fitted model.
+        filters: filters that derived velocity and acceleration.
+        without: signals that the regression must not use.
     """
     blocked, every = problem.blocked, list(solution.model.gains)
     names = [name for name in every if name not in solution.fixed]
@@ -101,7 +103,7 @@ def fit_flexible(
     owner = np.concatenate([[number] * part.shape[1] for number, part in enumerate(parts, -2)])
     columns = np.column_stack(parts)
     equations = problem.normal_equations(columns, target, names)
-    # Is the model better with a correction of smoothing bias, and is the correction plausible?
+    # Use a correction of the smoothing bias if it improves the model and is plausible.
     biased, plain = (solve_normal_equations(equations.only(which)) for which in (owner < 0, owner == -2))
     is_smoothing = bias.size > 0 and biased.held_out.sum() <= plain.held_out.sum()
     if not is_smoothing or not is_plausible_bias(bias, biased.gains[-bias.shape[1] :]):
@@ -125,20 +127,20 @@ def fit_flexible(
 
 
 def is_plausible_bias(bias: FloatArray, gains: FloatArray) -> bool:
-    """Check that fitted smoothing bias is no larger than a few times the bias that is expected.
+    """Check that the fitted smoothing bias is at most a few times the expected bias.
 
-    Columns of smoothing bias with arbitrary gains could imitate a missing law, such as a spring.
+    With arbitrary gains, columns of smoothing bias could imitate a missing law, such as a spring.
 
     Args:
         bias: columns of smoothing bias, shape (m, k) [effort].
         gains: fitted gains of the columns, shape (k,).
     """
-    expected = bias[:, -_POWERS:].sum(axis=1)  # of the effort, by the widest window
+    expected = bias[:, -_POWERS:].sum(axis=1)  # smoothing bias of the effort for the widest window
     return bool(np.sum((bias @ gains) ** 2) <= _MOST_TIMES**2 * np.sum(expected**2))
 
 
 def smoothing_bias(blocked: BlockedData, effort: FloatArray, filters: DifferentiationFilter) -> FloatArray:
-    """Compute columns that describe what smoothing removed from velocity, acceleration and an effort, (m, k).
+    """Compute columns (m, k) of the parts that smoothing removed from velocity, acceleration and effort.
 
     Args:
         blocked: the channel on m blocks.
@@ -176,9 +178,9 @@ def _smoothing_residues(signal: FloatArray, half: int, run: IntArray) -> FloatAr
 class _RidgeFit:
     """Ridge regression on some of the signals."""
 
-    signals: tuple[int, ...]  # their numbers
-    kept: BoolArray  # columns that it has, shape (q,)
-    ridge: FloatArray  # shrinkage of those columns
+    signals: tuple[int, ...]  # numbers of the signals
+    kept: BoolArray  # mask of the columns in use, shape (q,)
+    ridge: FloatArray  # ridge penalty of these columns
     held_out: FloatArray  # squared whitened residuals by fold, shape (folds,)
 
     @property
@@ -187,7 +189,7 @@ class _RidgeFit:
 
 
 def _fit_ridge(equations: NormalEquations, owner: IntArray, signals: tuple[int, ...]) -> _RidgeFit:
-    """Fit these signals with the ridge penalty that predicts held-out folds best."""
+    """Fit the given signals with the ridge penalty that predicts held-out folds best."""
     kept = (owner < 0) | np.isin(owner, signals)
     some, free = equations.only(kept), owner[kept] >= 0
     tried = np.where(free, np.array(_RIDGES)[:, None], 1e-9)
@@ -199,7 +201,7 @@ def _fit_ridge(equations: NormalEquations, owner: IntArray, signals: tuple[int, 
 def _select_signals(
     equations: NormalEquations, owner: IntArray, alone: list[_RidgeFit], none: _RidgeFit
 ) -> _RidgeFit:
-    """Select the signals that reduce the held-out error: all of them, or those of a forward selection."""
+    """Select all signals, or those of a forward selection, by the held-out error."""
     best = none
     while len(best.signals) < _MOST_SIGNALS:
         more = [

@@ -1,4 +1,4 @@
-"""Search the inner parameters of one effect over a grid, then optimize all inner parameters together."""
+"""Search the inner parameters of one effect over a grid, and optimize all inner parameters jointly."""
 
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, replace
@@ -20,23 +20,23 @@ from palpate.robot_io.types import FloatArray
 
 _HALVINGS = 3
 _PARABOLAS = 3
-_MOST_REPEATS = 4  # joint fits of all parameters while the error still falls
+_MOST_REPEATS = 4  # largest number of joint fits while the error still falls
 _REPEAT_RATIO = 0.9  # ratio of squared errors below which the joint fit is repeated
 _EVALUATIONS = 40
 _SSE_TOLERANCE = 1e-5
-_STEP_TOLERANCE = 1e-4  # smallest step, relative to the distance covered
-_CONVERGED_RATIO = 1.0001  # ratio to the predicted squared error within which a step has converged
+_STEP_TOLERANCE = 1e-4  # smallest step, relative to the distance from the start
+_CONVERGED_RATIO = 1.0001  # largest ratio to the predicted squared error at which a step has converged
 _STEP = 2e-3  # step of a finite difference
 
 
 @dataclass(frozen=True)
 class GridSearch:
-    """All trials of one candidate effect."""
+    """Solutions of one candidate effect at all tried inner parameters."""
 
-    # At all inner parameters that were tried; the first are those at the starts. Only the best has its
-    # blocks: those of all would fill the memory.
+    # The first solutions are those at the start values. Only the best one keeps its arrays on blocks, to save
+    # memory.
     solutions: tuple[Solution, ...]
-    start_count: int  # how many of them
+    start_count: int  # number of solutions at start values
 
     @property
     def starts(self) -> tuple[Solution, ...]:
@@ -50,14 +50,14 @@ class GridSearch:
 
     @property
     def held_out(self) -> FloatArray:
-        """Squared whitened residuals of each fold, the inner parameters chosen on the other folds."""
+        """Squared whitened residuals of each fold, with inner parameters chosen on the other folds."""
         train = np.array([solution.linear_fit.train for solution in self.solutions])
         held_out = np.array([solution.linear_fit.held_out for solution in self.solutions])
         chosen: FloatArray = held_out[np.argmin(train, axis=0), np.arange(train.shape[1])]
         return chosen
 
     def without_blocks(self) -> "GridSearch":
-        """The same search without the arrays on blocks."""
+        """Return the search without the arrays on blocks."""
         return replace(self, solutions=tuple(solution.without_blocks() for solution in self.solutions))
 
 
@@ -68,12 +68,12 @@ def search_inner(
     parameters: Mapping[str, float],
     starts: Iterable[Mapping[str, float]],
 ) -> GridSearch:
-    """Fit `effect`, which is part of `model`, at each of its start values.
+    """Fit a model at each start value of one of its effects.
 
     Args:
         problem: data, noise weights and folds of the fit.
         model: the model.
-        effect: the effect.
+        effect: effect of the model whose inner parameters are searched.
         parameters: known values by "effect.parameter".
         starts: inner parameters to try, by name.
     """
@@ -84,11 +84,11 @@ def search_inner(
 
 
 def grid_search(solutions: Iterable[Solution], start_count: int) -> GridSearch:
-    """Collect all trials of a candidate; only the best keeps its blocks.
+    """Collect all solutions of a candidate; only the best one keeps its arrays on blocks.
 
     Args:
-        solutions: the trials.
-        start_count: number of starts among them.
+        solutions: the solutions, first those at start values.
+        start_count: number of solutions at start values.
     """
     kept: list[Solution] = []
     best = 0
@@ -102,13 +102,13 @@ def grid_search(solutions: Iterable[Solution], start_count: int) -> GridSearch:
 
 
 def refine_inner(problem: FitProblem, model: Model, effect: Effect, searched: GridSearch) -> GridSearch:
-    """Refine the grid of an effect's inner parameters around the best trial.
+    """Refine the grid of an effect's inner parameters around the best solution.
 
     Args:
         problem: data, noise weights and folds of the fit.
         model: the model.
-        effect: the effect.
-        searched: earlier search.
+        effect: effect of the model whose inner parameters are searched.
+        searched: earlier search, which is extended.
     """
     solutions = list(searched.solutions)
     along = linearise_along(problem.blocked, model, effect, solutions[0].parameters)
@@ -119,7 +119,7 @@ def refine_inner(problem: FitProblem, model: Model, effect: Effect, searched: Gr
     for inner in effect.inner * (1 if len(effect.inner) == 1 else 2) if len(grid) > 1 else ():
         for number in range(_HALVINGS + _PARABOLAS):
             best = min(range(len(solutions)), key=lambda i: solutions[i].sse)
-            # Points that differ from the best in one inner parameter only, in its order.
+            # Points that differ from the best one only in this inner parameter, in ascending order.
             other_values = {name: value for name, value in grid[best].items() if name != inner.name}
             same = [i for i, point in enumerate(grid) if point.items() >= other_values.items()]
             line = sorted(same, key=lambda i: grid[i][inner.name])
@@ -146,14 +146,14 @@ def _solve_at(  # noqa: PLR0917
     along: LinearisedParts,
 ) -> Solution:
     own_parameters = {f"{effect.name}.{name}": value for name, value in inner.items()}
-    # One step from gains that are fitted already ranks candidates; the promising ones are fitted in full.
+    # One step from fitted gains is sufficient to rank candidates; promising ones are fitted completely later.
     return solve_gains(problem, model, {**parameters, **own_parameters}, rounds=1, parts=along(inner))
 
 
 def _midpoints(values: list[float], at: int, inner: Parameter) -> list[float]:
-    """Return values half-way between one of several in ascending order and its neighbors.
+    """Return the midpoints between a grid value and its neighbors; the values are in ascending order.
 
-    At an end of the grid, the value beyond it is twice the last step away, within the bounds.
+    At an end of the grid, a value beyond it at twice the last step is added, within the bounds.
     """
     value, closer = values[at], list[float]()
     for side, bound in ((-1, inner.lower), (1, inner.upper)):
@@ -171,7 +171,7 @@ def _midpoints(values: list[float], at: int, inner: Parameter) -> list[float]:
 
 
 def _parabola_minimum(values: list[float], sse: list[float], inner: Parameter) -> list[float]:
-    """Return the minimum of the parabola through the errors at three values; none if it has no minimum."""
+    """Return the minimum of the parabola through the errors at three values; empty without a minimum."""
     by_ratio = inner.log and values[0] > 0.0
     along = np.log(values) if by_ratio else np.array(values)
     low, middle, high = sse
@@ -185,7 +185,7 @@ def _parabola_minimum(values: list[float], sse: list[float], inner: Parameter) -
 
 @dataclass(frozen=True)
 class Scale:
-    """Turns an inner parameter into a number of order one, and back."""
+    """Transformation between an inner parameter and a number of order one."""
 
     parameter: Parameter
     start: float
@@ -197,7 +197,7 @@ class Scale:
 
     @property
     def bounds(self) -> tuple[float, float]:
-        """Bounds of the number."""
+        """Bounds on the search scale."""
         return self.number(self.parameter.lower), self.number(self.parameter.upper)
 
     def number(self, value: float) -> float:
@@ -214,7 +214,7 @@ class Scale:
         """Map a point of the search scale to a value.
 
         Args:
-            number: on the scale that is searched.
+            number: point on the search scale.
         """
         return float(self.start * np.exp(number)) if self.by_ratio else self.start + number * self._unit
 
@@ -227,15 +227,15 @@ class Scale:
 def optimize_inner(
     problem: FitProblem, solution: Solution, settled: float = _SSE_TOLERANCE, step: float = _STEP
 ) -> Solution:
-    """Optimize all inner parameters of a trial jointly; gains follow by variable projection.
+    """Optimize all inner parameters of a solution jointly; gains follow by variable projection.
 
-    If the error falls by much, the search is repeated from the new parameters, since the gains may not have
-    converged.
+    If the error falls considerably, the search is repeated from the new parameters, since the gains may not
+    have converged.
 
     Args:
-        problem: where to fit.
-        solution: where to begin.
-        settled: share of the energy that a step must take away for another to be worth it.
+        problem: data, noise weights and folds of the fit.
+        solution: start of the search.
+        settled: relative decrease of the squared error below which the search ends.
         step: step of the difference quotient, relative to a parameter's scale.
     """
     for _ in range(_MOST_REPEATS):
@@ -246,7 +246,7 @@ def optimize_inner(
 
 
 def _optimize_once(problem: FitProblem, solution: Solution, settled: float, step: float) -> Solution:
-    """Optimize once; parameters at a bound stay there, since they would shorten every step of the others."""
+    """Optimize once; parameters at a bound are held there, since they would shorten the others' steps."""
     scales = {
         name: Scale(parameter, solution.parameters[name])
         for name, parameter in solution.model.inner.items()
@@ -267,7 +267,7 @@ def _optimize_once(problem: FitProblem, solution: Solution, settled: float, step
             last[:] = [(numbers.tobytes(), solved)]
         return last[0][1]
 
-    unit = float(np.sqrt(np.mean(problem.whiten(solution.target) ** 2))) or 1.0  # its tolerance is absolute
+    unit = float(np.sqrt(np.mean(problem.whiten(solution.target) ** 2))) or 1.0  # for a relative tolerance
     low, high = (np.array(side) for side in zip(*(s.bounds for s in scales.values()), strict=True))
 
     def residual(numbers: FloatArray) -> FloatArray:

@@ -1,7 +1,7 @@
-"""Parameter intervals: sandwich estimate from the slopes by all parameters and the correlated residual.
+"""Parameter intervals from a sandwich covariance with derivatives by all parameters and correlated residuals.
 
-Errors of the measured motion change the parameters and leave hardly any residual (W. A. Fuller, Measurement
-Error Models (1987)). Simulated measurements add their contribution.
+Errors of the measured motion change the parameters but leave hardly any residual (W. A. Fuller, Measurement
+Error Models (1987)). Their contribution is estimated by simulated measurements.
 """
 
 from dataclasses import replace
@@ -23,20 +23,20 @@ from palpate.robot_io.types import FloatArray, IntArray
 SIGMAS_95 = 1.96
 _READINGS, _SEED = 8, 1  # simulated readings of the motion, and their seed
 _STEP = 1e-3  # step of finite differences, relative to an inner parameter's value or typical range
-# Eigenvalues below this share of the largest belong to combinations that change nothing.
+# Eigenvalues below this share of the largest belong to combinations of parameters without effect.
 _NULL_EIGENVALUE = 1e-10
 _NULL_SHARE = 1e-6  # share of a parameter in such combinations above which the data do not determine it
 _WIDEST_RATIO = 10.0  # largest uncertainty, relative to the value or the typical values of a parameter
-# A block jumps, and has no slope, if it exceeds 20 times what 95 % of the blocks do not exceed.
+# The slope of a block is a jump if it exceeds 20 times the 95 % quantile over blocks.
 _JUMP_RATIO, _JUMP_QUANTILE = 20.0, 0.95
 
 
 def estimate_parameters(problem: FitProblem, solution: Solution) -> dict[str, ParameterEstimate]:
     """Estimate the parameters of a solution with 95 % intervals, by "effect.parameter".
 
-    The covariance is a sandwich of the slopes by gains and inner parameters around the covariance of
-    residuals times slopes, prewhitened (Andrews and Monahan 1992). The effect of reading errors of the motion
-    is added to the variance. Parameters that are held have no error.
+    The covariance is a sandwich estimate with derivatives by gains and inner parameters and a prewhitened
+    long-run covariance of the score (Andrews and Monahan 1992). The effect of reading errors of the motion is
+    added to the variance. Held parameters have no error.
 
     Args:
         problem: data, noise weights and folds of the fit.
@@ -49,7 +49,7 @@ def estimate_parameters(problem: FitProblem, solution: Solution) -> dict[str, Pa
     measurement = identify_measurement_model(problem.blocked.data)
     errors = np.hypot(errors, _reading_errors(problem, solution, measurement))
     if measurement.filters[1] is None:
-        # Change of the prediction with the acceleration that positions speak for, shape (m,).
+        # Change of the prediction with the acceleration corrected by the positions, shape (m,).
         blocked = problem.blocked
         inflated = solution.model.predict(inflate_acceleration_noise(blocked.data), solution.parameters)
         by_positions = blocked.reduce(inflated - solution.model.predict(blocked.data, solution.parameters))
@@ -75,14 +75,14 @@ def _widest(parameter: Parameter, value: float) -> float:
 
 
 def _free_slopes(problem: FitProblem, solution: Solution) -> FloatArray:
-    """Slopes (m, q) of the prediction by all parameters that are not held."""
+    """Return the derivatives (m, q) of the prediction by all parameters that are not fixed."""
     slopes = np.column_stack([solution.columns, *inner_slopes(problem, solution)])
     names = (*solution.model.gains, *solution.model.inner)
     return slopes[:, [name not in solution.fixed for name in names]] if solution.fixed else slopes
 
 
 def inner_slopes(problem: FitProblem, solution: Solution) -> list[FloatArray]:
-    """Return the slope of the prediction by each inner parameter at fixed gains, each of shape (m,).
+    """Return the derivative of the prediction by each inner parameter at fixed gains, each of shape (m,).
 
     Args:
         problem: data, noise weights and folds of the fit.
@@ -93,7 +93,7 @@ def inner_slopes(problem: FitProblem, solution: Solution) -> list[FloatArray]:
 
 
 def _without_jumps(slope: FloatArray) -> FloatArray:
-    """Zero where a small step carried a sample over a border, such as into contact: a jump is no slope."""
+    """Set the slope (m,) to zero where the step moved a sample across a boundary, such as into contact."""
     size = np.abs(slope)
     if not size.any():
         return slope
@@ -101,9 +101,9 @@ def _without_jumps(slope: FloatArray) -> FloatArray:
 
 
 def _reading_errors(problem: FitProblem, solution: Solution, measurement: MeasurementModel) -> FloatArray:
-    """Standard errors (q,) due to reading errors of the motion, by simulation.
+    """Simulate the standard errors (q,) due to reading errors of the motion.
 
-    The model's prediction for the smoothed motion is refitted with simulated motions, by one Gauss-Newton
+    The model's prediction for the smoothed motion is refitted with simulated motions by one Gauss-Newton
     step.
     """
     rng = np.random.default_rng(_SEED)
@@ -129,7 +129,7 @@ def _reading_errors(problem: FitProblem, solution: Solution, measurement: Measur
 
 
 def _compensation(slopes: FloatArray, change: FloatArray) -> FloatArray:
-    """Change of the parameters that compensates a change (w,) of the prediction, shape (q,)."""
+    """Return the absolute change of the parameters (q,) that compensates a change (w,) of the prediction."""
     width = np.sqrt(np.sum(slopes**2, axis=0))
     width = np.where(width > 0.0, width, np.inf)
     turned: FloatArray = np.linalg.lstsq(slopes / width, change, rcond=1e-5)[0] / width
@@ -137,7 +137,7 @@ def _compensation(slopes: FloatArray, change: FloatArray) -> FloatArray:
 
 
 def _errors(slopes: FloatArray, residual: FloatArray, run: IntArray) -> FloatArray:
-    """Sandwich standard errors (q,); NaN for parameters that the data do not determine."""
+    """Compute sandwich standard errors (q,); NaN for parameters that the data do not determine."""
     width = np.sqrt(np.sum(slopes**2, axis=0))
     scaled = slopes / np.where(width > 0.0, width, 1.0)
     size, ways = np.linalg.eigh(scaled.T @ scaled)

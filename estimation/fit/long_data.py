@@ -1,4 +1,4 @@
-"""Average recordings that are too long to be searched in seconds, if that loses nothing."""
+"""Average recordings that are too long for a fast search, if this loses no information."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -12,19 +12,19 @@ from palpate.estimation.signals.blocks import blocks, rows_of_runs
 from palpate.estimation.signals.runwise import sample_time
 from palpate.robot_io.types import IntArray
 
-LONG = 500_000  # samples; longer recordings are always averaged, and rest is left out
-_ENOUGH = 25_000  # blocks of a recording that needs no averaging
-_MOST = 100_000  # samples that are searched in acceptable time
+LONG = 500_000  # number of samples above which recordings are always averaged, and samples at rest dropped
+_ENOUGH = 25_000  # largest number of blocks of a recording that needs no averaging
+_MOST = 100_000  # largest number of samples that are searched in acceptable time
 _LOST_SHARE = 0.1  # largest variance of a signal within a block, relative to the noise variance of its mean
 _STANDARD_ERRORS = 3.0  # standard errors for that test
-_FEWEST_IN_BLOCK = 4  # samples needed to tell noise from a signal, as a third difference takes
-_FEWEST_IN_RUN = 50  # means
+_FEWEST_IN_BLOCK = 4  # samples needed to tell noise from a signal by a third difference
+_FEWEST_IN_RUN = 50  # least number of means in a run
 _FEWEST_RUNS = 6  # runs that must remain, so that some can be held out
-_STRETCHES = 40  # pieces into which a joint's runs are cut, or more
-_COVERED = 0.3  # share of the range of positions that each piece covers
-# Share of the range of positions that a joint at rest stays within for `_NEAR_S` on both sides.
+_STRETCHES = 40  # least number of pieces into which a joint's runs are cut
+_COVERED = 0.3  # least share of the range of positions that each piece covers
+# Largest share of the range of positions that a joint at rest covers within `_NEAR_S` on both sides.
 _REST_RANGE = 0.002
-_NEAR_S = 0.5  # before and after a motion that belong to it
+_NEAR_S = 0.5  # time before and after a motion that belongs to it
 _MOVING_SHARE = 0.5  # share of samples near a motion below which a joint is mostly at rest
 _MOST_EXCESS = 2  # multiple of `_MOST` above which some loss of information is accepted
 _THIRD_DIFFERENCE = 20.0  # sum of the squares of (1, -3, 3, -1), the weights of a third difference
@@ -34,40 +34,40 @@ _THIRD_DIFFERENCE = 20.0  # sum of the squares of (1, -3, 3, -1), the weights of
 class Within:
     """Variation of an effort within blocks."""
 
-    # Root mean square of its departure from a straight line, freedom of the line accounted for.
+    # Root mean square deviation from a straight line, corrected for the degrees of freedom of the line.
     departure: float
-    noise: float  # standard deviation of its white noise, as the steps from sample to sample have it
-    count: int  # samples that this was seen in
+    noise: float  # standard deviation of the white noise, from third differences of consecutive samples
+    count: int  # number of samples
 
     def is_noise(self, block: int) -> bool:
-        """Return whether the variation is noise, or so little more that averaging loses nothing relevant.
+        """Return whether the variation exceeds noise so little that averaging loses nothing relevant.
 
         Args:
-            block: samples in a block.
+            block: number of samples in a block.
         """
-        error = _STANDARD_ERRORS * np.sqrt(4.6 / self.count)  # of a mean of squared third differences
+        error = _STANDARD_ERRORS * np.sqrt(4.6 / self.count)  # error of a mean of squared third differences
         return bool(self.departure**2 <= self.noise**2 * (1.0 + _LOST_SHARE / block + error))
 
 
 def shortened(data: ChannelData, held_out: Sequence[int] = ()) -> tuple[ChannelData, str, Mapping[int, int]]:
-    """Average a long recording over blocks of neighboring samples, and describe it.
+    """Shorten a long recording: average it over blocks, and select runs if it is still too long.
 
     A diagnosis works on blocks of 5 ms (10 ms for a joint's effort). The block length is doubled as long as
-    the effort within blocks departs from a straight line by no more than the white noise of its readings.
+    the effort within blocks deviates from a straight line by no more than the white noise of its readings.
     Motion and effort then change linearly within a block, so that averages obey any smooth law and lose only
-    noise. Slow noise counts as signal, so that the rate is rather too high.
+    noise. Slow noise counts as signal, which makes the sampling rate higher than necessary.
 
-    If the result is still too long, evenly spread runs are taken, or stretches of a joint's runs; if there
-    are none, the data are averaged further although information is lost. Of more than `LONG` samples of a
-    joint that is mostly at rest, the motions are taken first. The sentence describes all of this.
+    If the result is still too long, evenly spread runs, or stretches of a joint's runs, are selected. If that
+    is impossible, the data are averaged further with a loss of information. If a joint with more than `LONG`
+    samples is mostly at rest, only its motions are used. The returned sentence describes these steps.
 
     Args:
         data: the channel; velocity and acceleration were derived at its full rate.
-        held_out: runs that nothing is fitted to: they are averaged, and otherwise kept as they are.
+        held_out: runs excluded from fitting; they are averaged but not shortened in any other way.
 
     Returns:
-        The channel with `averaged` set, the sentence, and the run that each stretch is of, by its number,
-        which no run has; the very channel, "" and nothing if it is short.
+        The channel with `averaged` set, a sentence, and the original run of each stretch by the stretch's new
+        run number. A short channel is returned unchanged, with "" and no stretches.
     """
     if len(data) <= min(LONG, _ENOUGH * block_length(data)):
         return data, "", {}
@@ -75,7 +75,7 @@ def shortened(data: ChannelData, held_out: Sequence[int] = ()) -> tuple[ChannelD
     moving, motions, run_of = data, "", dict[int, int]()
     if len(data) > LONG:
         moving, motions, run_of = _from_rest_to_rest(data, held)
-    # Samples in the longest block that loses nothing, and what was seen in it; None if nothing was asked.
+    # Samples in the longest block without loss, and the variation within it; None if it was not tested.
     block, seen = block_length(moving), None
     shortest = min(map(len, rows_of_runs(moving.run)))
     while len(moving) > _ENOUGH * block and 2 * block * _FEWEST_IN_RUN <= shortest:
@@ -106,11 +106,11 @@ def shortened(data: ChannelData, held_out: Sequence[int] = ()) -> tuple[ChannelD
 
 
 def _from_rest_to_rest(data: ChannelData, held: IntArray) -> tuple[ChannelData, str, dict[int, int]]:
-    """Split a joint's channel that mostly rests into motions with some rest before and after.
+    """Split the channel of a joint that is mostly at rest into motions with some rest before and after.
 
     The torque at rest depends on how the joint stopped, and contains little information on the motion.
     """
-    # Where the joint moves, or does so soon or did just before.
+    # Range of the position within `_NEAR_S` of each sample.
     swept, width = np.zeros(len(data)), 2 * int(np.ceil(_NEAR_S / sample_time(data.time_s, data.run))) + 1
     for of_run in rows_of_runs(data.run):
         highest = scipy.ndimage.maximum_filter1d(data.position[of_run], width)
@@ -133,7 +133,7 @@ def within_blocks(data: ChannelData, block: int) -> Within:
 
     Args:
         data: the channel, n samples.
-        block: samples in each, at least 4.
+        block: number of samples in a block, at least 4.
     """
     effort = data.effort[_rows(data, block)]
     place = np.arange(block) - 0.5 * (block - 1)
@@ -146,7 +146,7 @@ def within_blocks(data: ChannelData, block: int) -> Within:
 
 
 def _rows(data: ChannelData, block: int) -> IntArray:
-    """Samples of each block, shape (m, block); incomplete blocks at ends of runs are omitted."""
+    """Return the samples of each block, shape (m, block); incomplete blocks at ends of runs are omitted."""
     runs = rows_of_runs(data.run)
     return np.concatenate([rows[: len(rows) // block * block].reshape(-1, block) for rows in runs])
 
@@ -160,7 +160,7 @@ def _means(data: ChannelData, block: int) -> ChannelData:
 
 
 def _fewer_runs(data: ChannelData, held: IntArray) -> tuple[ChannelData, str, dict[int, int]]:
-    """Take every second, third ... run, so that the rest can be searched."""
+    """Select every second, third ... run, so that the selected runs can be searched."""
     runs = np.setdiff1d(data.runs, held)
     every = min(_times_too_long(data, held), len(runs) // _FEWEST_RUNS)
     if every < 2:
@@ -170,10 +170,10 @@ def _fewer_runs(data: ChannelData, held: IntArray) -> tuple[ChannelData, str, di
 
 
 def _fewer_stretches(data: ChannelData, held: IntArray) -> tuple[ChannelData, str, dict[int, int]]:
-    """Take stretches of a joint's runs that cover a fair part of the motion, as runs.
+    """Select stretches of a joint's runs that cover a sufficient range of motion, as separate runs.
 
-    A joint at rest, or in small motion, contains no information on its friction; a contact depends on its
-    past.
+    A joint at rest or in small motion contains no information on its friction. Contacts are not cut, since
+    they depend on their past.
     """
     if data.kind is ChannelKind.CONTACT:
         return data, "", {}
@@ -200,7 +200,7 @@ def _fewer_stretches(data: ChannelData, held: IntArray) -> tuple[ChannelData, st
 
 
 def _average_further(data: ChannelData, held: IntArray) -> tuple[ChannelData, str, dict[int, int]]:
-    """Average over enough samples for the search to end, although information is lost."""
+    """Average over enough samples for a search in acceptable time, although information is lost."""
     times = _times_too_long(data, held)
     if times <= _MOST_EXCESS:
         return data, "", {}
@@ -213,7 +213,7 @@ def _average_further(data: ChannelData, held: IntArray) -> tuple[ChannelData, st
 
 
 def _fitted(data: ChannelData, held: IntArray) -> int:
-    """Number of samples that models are fitted to."""
+    """Return the number of samples used for fitting."""
     return len(data) - int(np.isin(data.run, held).sum())
 
 

@@ -1,10 +1,9 @@
-"""Model of how a motion was measured, which simulates the same motion with new reading errors.
+"""Measurement model of a motion, which simulates the same motion with new reading errors.
 
-A measured motion is a reading, not the motion itself. Reading errors (steps of an encoder, noise of a
-tracker) pass through the derivation of velocity and acceleration, and their effect on a prediction resembles
-a law of the motion. Simulated measurements show how large this effect is (R. J. Carroll et al., Measurement
-Error in Nonlinear Models (2006), ch. 3; A. C. Davison, D. V. Hinkley, Bootstrap Methods and their Application
-(1997), ch. 4).
+Reading errors of the motion (encoder steps, noise of a tracker) pass through the derivation of velocity and
+acceleration, and their effect on a prediction resembles a law of the motion. Simulated measurements show the
+size of this effect (R. J. Carroll et al., Measurement Error in Nonlinear Models (2006), ch. 3; A. C. Davison,
+D. V. Hinkley, Bootstrap Methods and their Application (1997), ch. 4).
 """
 
 from dataclasses import dataclass, replace
@@ -29,29 +28,29 @@ from palpate.estimation.signals.runwise import is_even, shifted_motion
 from palpate.robot_io.types import FloatArray, IntArray
 
 _MOST_WEIGHTS = 4_000_000  # largest size of an operator that is kept in memory
-_PASSED_ON = 0.5  # tolerance on a derivative, relative to the reading error that the filter passes on
+_PASSED_ON = 0.5  # tolerance on a derivative, relative to the filtered reading error
 _MOST_TRIED = 4000  # samples used to recognize the filter that derived a velocity
 _FORMULA_TOLERANCE = 1e-6  # relative tolerance on a derivative that another formula computed
-_REACH_S = 0.03  # time to either side at which positions are compared; encoder noise is negligible there
+_REACH_S = 0.03  # time difference at which positions are compared; encoder noise is negligible there
 _FEWEST_STEPS = 3  # samples
-_pieces = cache_by_array(number_pieces)  # derivatives know nothing across a gap in time
+_pieces = cache_by_array(number_pieces)  # derivatives are computed separately between gaps in time
 
 
 @dataclass(frozen=True)
 class MeasurementModel:
     """How position, velocity, acceleration and effort of a channel were measured."""
 
-    data: ChannelData  # the channel as it was recorded
-    error: FloatArray  # of each position, shape (n,): what differs from the smooth motion
-    velocity_error: FloatArray  # the same of each velocity that was measured; 0 where it was derived
-    halves: tuple[int, int]  # half windows [samples] that these were found by, for position and velocity
-    step: float  # of the grid on which positions lie; 0 where there is none
-    is_staircase: bool  # whether positions wait at steps on no grid: encoders of several joints
-    # How velocity and acceleration were derived; None for one that was measured, or given without noise.
+    data: ChannelData  # the recorded channel
+    error: FloatArray  # position minus smooth motion, shape (n,)
+    velocity_error: FloatArray  # the same for a measured velocity; 0 for a derived one
+    halves: tuple[int, int]  # half windows [samples] of the smooth motion, for position and velocity
+    step: float  # quantization step of the positions; 0 if there is none
+    is_staircase: bool  # whether positions show steps without a common grid, from encoders of several joints
+    # Half windows of the filters of velocity and acceleration; None for a measured or noise-free signal.
     filters: tuple[int | None, int | None]
     is_of_velocity: bool  # whether the acceleration was derived from the velocity, not from positions
     exact: tuple[FloatArray, FloatArray]  # velocity and acceleration of the smooth motion, shape (n,) each
-    bent: tuple[FloatArray, FloatArray]  # what the windows make of them; the same where nothing was derived
+    bent: tuple[FloatArray, FloatArray]  # the same after the filters, with their smoothing bias
 
     @property
     def smoothed_motion(self) -> ChannelData:
@@ -64,7 +63,7 @@ class MeasurementModel:
         """Simulate a measurement of the smoothed motion: new position errors, derived by the same filters.
 
         Args:
-            rng: source of random numbers.
+            rng: random generator.
         """
         error, data = self._simulate_error(rng), self.data
         if self.filters[0] is not None:
@@ -91,10 +90,10 @@ class MeasurementModel:
             noisy = smooth + np.sqrt(extra) * rng.standard_normal(len(smooth))
             shift = self.step * rng.random()
             error: FloatArray = np.round((noisy + shift) / self.step) * self.step - shift - smooth
-            return error - np.mean(error)  # what all have in common is a matter of the zero, not of reading
+            return error - np.mean(error)  # a common error is a shift of zero, not a reading error
         if self.is_staircase:
-            # The error as a function of the position, shifted: the same in each pass, as steps are. Fast
-            # passes show it; where the motion is slow, a smoothing window follows the steps.
+            # Shift the error as a function of position, since steps repeat in each pass. It is taken from
+            # fast passes, because at slow motion the smoothing window follows the steps.
             place, speed = self.data.position - self.error, np.abs(self.data.velocity)
             fast = np.flatnonzero(speed >= np.median(speed))
             fast = fast[np.argsort(place[fast])]
@@ -149,12 +148,15 @@ def _identify(data: ChannelData) -> MeasurementModel:
 
 
 def shuffle_noise(noise: FloatArray, run: IntArray, rng: np.random.Generator) -> FloatArray:
-    """Return noise (n,) with the same spectrum but independent of the motion: shifted in time, random sign.
+    """Return noise with the same spectrum but independent of the motion: shifted in time, random sign.
 
     Args:
-        noise: shape (n,).
-        run: number of each sample's run, shape (n,).
-        rng: source of random numbers.
+        noise: noise of each sample, shape (n,).
+        run: run number of each sample, shape (n,).
+        rng: random generator.
+
+    Returns:
+        Noise, shape (n,).
     """
     made = np.empty_like(noise)
     for rows in equal_length_blocks(run):
@@ -167,17 +169,17 @@ def shuffle_noise(noise: FloatArray, run: IntArray, rng: np.random.Generator) ->
 def low_frequency_noise(error: FloatArray, run: IntArray, half: int, rng: np.random.Generator) -> FloatArray:
     """Simulate errors (n,) below the cutoff of a smoothing window, with the spectral density just above it.
 
-    The reading error extends below the frequency at which the smooth motion begins. A cubic fit to 2 h + 1
-    samples passes half of a wave's amplitude at about that frequency (somewhat higher for short windows): R.
-    W. Schafer, IEEE Signal Processing Magazine 28 (2011).
+    Reading errors also have frequencies below the cutoff, where they are part of the smooth motion. The
+    cutoff is the frequency at which a cubic fit to 2 h + 1 samples passes half of a wave's amplitude: R. W.
+    Schafer, IEEE Signal Processing Magazine 28 (2011).
 
     Args:
-        error: error of the readings, shape (n,).
-        run: number of each sample's run, shape (n,).
-        half: samples to either side in a window.
-        rng: source of random numbers.
+        error: reading errors, shape (n,).
+        run: run number of each sample, shape (n,).
+        half: number of samples on each side in a window.
+        rng: random generator.
     """
-    edge = min(0.5 * 4.0 / max(3.2 * half - 4.6, 1.0), 0.25)  # in cycles a sample
+    edge = min(0.5 * 4.0 / max(3.2 * half - 4.6, 1.0), 0.25)  # [cycles per sample]
     slow = np.zeros_like(error)
     for rows in equal_length_blocks(run) if error.any() else ():
         count = rows.shape[1]
@@ -195,12 +197,12 @@ def low_frequency_noise(error: FloatArray, run: IntArray, half: int, rng: np.ran
 
 
 def channel_derivative(data: ChannelData, signal: FloatArray, window: int, order: int) -> FloatArray:
-    """Differentiate a signal (n,) with the window that derived the channel's own derivatives.
+    """Differentiate a signal with a local polynomial fit on the channel's time grid, shape (n,).
 
     Args:
         data: the channel.
-        signal: shape (n,).
-        window: samples to either side in a window.
+        signal: signal, shape (n,).
+        window: number of samples on each side in a window.
         order: order of the derivative.
     """
     piece = _pieces(data.time_s, data.run)
@@ -217,12 +219,12 @@ def channel_derivative(data: ChannelData, signal: FloatArray, window: int, order
 def _derivative_operator(
     time_s: IdentityKey, piece: IdentityKey, window: int, order: int
 ) -> "scipy.sparse.csr_array":
-    """Difference operator for a channel with uneven time steps, reused for all simulated readings."""
+    """Return the derivative operator of a channel with uneven time steps, cached for simulated readings."""
     return uneven_derivative_operator(time_s.thing, list(blocks(piece.thing)), window, order)
 
 
 def _apply_filter(data: ChannelData, exact: FloatArray, window: int | None, order: int) -> FloatArray:
-    """Apply the differentiation filter to an exact derivative of this order, (n,)."""
+    """Apply the smoothing of a differentiation filter to an exact derivative of this order, (n,)."""
     if window is None:
         return exact
     signal = exact
@@ -250,7 +252,7 @@ def _identify_window(
 ) -> tuple[int | None, float]:
     """Identify the window that derived a derivative (n,) from a signal (n,) with a reading error.
 
-    Returns the half width of the window, None if no window fits, and the median squared difference during
+    Returns the half width of the window (None if no window fits) and the median squared difference during
     motion. The median ignores differences at the ends of pieces.
     """
     matches: list[tuple[float, int]] = []
@@ -270,14 +272,14 @@ def _identify_window(
 
 
 def inflate_acceleration_noise(data: ChannelData, reach_s: float = _REACH_S) -> ChannelData:
-    """Correct the acceleration so that, averaged over a time, it agrees with the measured positions.
+    """Correct the acceleration so that its average over a time agrees with the measured positions.
 
     The correction is the second difference of the measured positions minus that of the integrated
     acceleration, for even and uneven time steps. Ends of runs are not changed.
 
     Args:
         data: the channel.
-        reach_s: time to either side over which positions are compared [s].
+        reach_s: time on each side over which positions are compared [s].
     """
     integrate = scipy.integrate.cumulative_trapezoid
     missing = np.zeros(len(data))

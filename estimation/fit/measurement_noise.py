@@ -1,8 +1,8 @@
-"""Noise of a channel: the error that a complete model would leave.
+"""Noise of a channel: the residual of a complete model.
 
-The effort has noise of its own, which free air shows, or the part of its spectrum above the motion. Reading
-errors of the motion add noise through the model. Both are estimated with the base model; added effects do not
-change them.
+Noise of the effort is estimated from free air, or from frequencies above those of the motion. Reading errors
+of the motion add noise through the model. Both are estimated with the base model, so they do not depend on
+added effects.
 """
 
 from collections.abc import Sequence
@@ -20,15 +20,15 @@ from palpate.estimation.fit.run_heterogeneity import run_heterogeneity
 from palpate.estimation.signals.blocks import rows_of_runs
 from palpate.robot_io.types import FloatArray
 
-_FREE_AIR_SHARE = 0.9  # share of the samples before a touch; the last of them may be in contact
+_FREE_AIR_SHARE = 0.9  # share of the samples before a contact that is used; the last ones may be in contact
 _FEWEST_SAMPLES = 50  # samples needed for an estimate
 _DIFFERENCES = (1.0, -3.0, 3.0, -1.0)  # third difference of neighboring readings, which removes smooth motion
-# Differences up to this quantile are used; the RMS of normal noise up to it, in standard deviations.
+# Quantile up to which differences are used, and the RMS of normal noise up to it in standard deviations.
 _QUANTILE, _RMS_BELOW_QUANTILE = 0.99, 0.9616
 _STEP = 5.0  # ratio to the mean distance between readings above which the motion jumps
 _WHITE = 1.2  # ratio of differences at twice the distance up to which they contain no motion
-_REPEATED = 0.01  # of the range of positions: largest difference between runs that repeat one motion
-# Ratio of noise by repeats to noise by neighbors above which a part of the noise is slow.
+_REPEATED = 0.01  # largest difference between runs with the same motion, relative to the range of positions
+# Ratio of the noise from repeated runs to that from neighboring readings above which part of it is slow.
 _SLOW_NOISE_RATIO = 1.5
 _SEED = 0  # seed of simulated readings: a channel always has the same noise
 
@@ -37,7 +37,7 @@ class NoiseSource(StrEnum):
     """How the noise of a channel was estimated."""
 
     FREE_AIR = "free air"
-    NEIGHBORS = "neighboring readings"  # differences, which contain only what is faster than the motion
+    NEIGHBORS = "neighboring readings"  # differences, which contain only noise faster than the motion
     REPEATS = "repeated runs"  # an upper bound: runs may differ by more than noise
     EACH_RUN = "runs fitted by themselves"  # an upper bound: the base model may be incomplete in each run
     FLEXIBLE = "a flexible regression"  # an upper bound: it may not follow every signal
@@ -51,10 +51,10 @@ class NoiseSource(StrEnum):
 class MeasurementNoise:
     """Noise level of a channel, root mean square [effort]."""
 
-    value: float  # what a complete model would leave, at least as far as this is known
+    value: float  # residual of a complete model, or an upper bound of it
     source: NoiseSource
-    effort: float | None  # the effort's own part; None where only a bound of the whole is known
-    motion: float  # what errors of the motion's readings add, passed on by the base model
+    effort: float | None  # noise of the effort itself; None if only an upper bound of the total is known
+    motion: float  # noise of the prediction due to reading errors of the motion, for the base model
 
     @property
     def is_bound(self) -> bool:
@@ -77,9 +77,9 @@ def measurement_noise(base: FitResult) -> MeasurementNoise:
     Args:
         base: the base model fitted to the channel, without added effects.
     """
-    data = base.data.select(np.isin(base.data.run, base.data.run[base.judged]))  # the runs that judge
+    data = base.data.select(np.isin(base.data.run, base.data.run[base.judged]))  # the scored runs
     bound, source = base.smooth_law_error, NoiseSource.FLEXIBLE
-    differences = []  # between the residuals of runs that repeat one motion
+    differences = []  # differences between the residuals of runs with the same motion
     residual = base.data.effort - base.predict(base.solution.parameters)
     position = base.data.position
     for first, second in pairwise(rows_of_runs(base.data.run)):
@@ -95,7 +95,7 @@ def measurement_noise(base: FitResult) -> MeasurementNoise:
     alone = run_heterogeneity(base.problem.blocked, base.solution, least=0.0)
     if base.validation is None and alone is not None and alone.alone < bound:
         bound, source = alone.alone, NoiseSource.EACH_RUN
-    # The change of the prediction with a simulated reading of the same motion.
+    # Compute the change of the prediction with a simulated measurement of the same motion.
     measurement = identify_measurement_model(base.data)
     smooth, read = (
         base.model.predict(
@@ -105,7 +105,7 @@ def measurement_noise(base: FitResult) -> MeasurementNoise:
     )
     motion_noise = rmse(np.where(base.judged, read - smooth, np.nan))
     air, fast = free_air_noise(data), fast_noise(data)
-    if air and air <= bound:  # a reader that shows zero in free air says nothing of its noise
+    if air and air <= bound:  # a sensor that reads zero in free air does not show its noise
         return MeasurementNoise(
             min(float(np.hypot(air, motion_noise)), bound), NoiseSource.FREE_AIR, air, motion_noise
         )
@@ -119,7 +119,7 @@ def measurement_noise(base: FitResult) -> MeasurementNoise:
 
 
 def free_air_noise(data: ChannelData) -> float | None:
-    """Estimate the noise before the first touch of each run, about that run's mean.
+    """Estimate the noise before the first contact of each run, about the run's mean; None if unknown.
 
     Args:
         data: the channel.
@@ -139,13 +139,13 @@ def free_air_noise(data: ChannelData) -> float | None:
 def fast_noise(data: ChannelData) -> float | None:
     """Estimate white noise from third differences; None if the differences contain slower signals.
 
-    The largest differences are left out, since the effort jumps where something snaps. P. Hall, J. W. Kay, D.
-    M. Titterington, Biometrika 77 (1990).
+    The largest differences are excluded, since the effort may jump, as in a snap-through. P. Hall, J. W. Kay,
+    D. M. Titterington, Biometrika 77 (1990).
 
     Args:
         data: the channel.
     """
-    efforts = []  # of each stretch of smooth motion: not where it goes by single steps between holds
+    efforts = []  # effort in each stretch of smooth motion, without single steps between holds
     for rows in rows_of_runs(data.run):
         moved = np.abs(np.diff(data.position[rows], prepend=data.position[rows[0]]))
         efforts += np.split(data.effort[rows], np.flatnonzero(moved > _STEP * moved.mean()))
@@ -154,16 +154,16 @@ def fast_noise(data: ChannelData) -> float | None:
 
 
 def size_of_differences(signals: Sequence[FloatArray], distance: int) -> float | None:
-    """Root mean square of third differences at a distance, of unit gain for white noise.
+    """Return the root mean square of third differences, scaled to the standard deviation of white noise.
 
-    The largest differences are left out, and differences of readings that are not finite.
+    The largest differences, and those of readings that are not finite, are excluded.
 
     Args:
-        signals: shape (n,) each, one for each stretch.
-        distance: between readings, in samples.
+        signals: signal of each stretch, shape (n,) each.
+        distance: distance between the readings of a difference [samples].
 
     Returns:
-        In the unit of the signals; None of too few readings.
+        Root mean square in the unit of the signals; None for too few readings.
     """
     parts = []
     for signal in signals:

@@ -13,22 +13,22 @@ from palpate.robot_io.types import BoolArray, FloatArray, IntArray
 
 ORDER = 4
 _INDEPENDENT = 1e-4  # least ratio to the largest singular value of normalized columns
-_RIDGE = 1e-9  # shrinkage on columns of unit length, which only keeps collinear columns finite
+_RIDGE = 1e-9  # ridge penalty on columns of unit length, which only keeps collinear columns finite
 
 
 @dataclass(frozen=True)
 class NormalEquations:
-    """Cross products of columns and target, fold by fold."""
+    """Cross products of columns and target, by fold."""
 
     products: FloatArray  # shape (folds, q + 1, q + 1); the last row and column belong to the target
-    # What is known of the gains from elsewhere, matrix (1 + folds, q, q), see `SharedGains`.
+    # Prior information on the gains, matrix (1 + folds, q, q), see `SharedGains`.
     known: Information | None = None
 
     def only(self, columns: BoolArray) -> "NormalEquations":
-        """Keep only some columns and the target.
+        """Return the equations with only some columns and the target.
 
         Args:
-            columns: mask, shape (q,).
+            columns: mask of the columns to keep, shape (q,).
         """
         kept = np.append(np.flatnonzero(columns), len(columns))
         known = self.known and Information(
@@ -37,11 +37,11 @@ class NormalEquations:
         return NormalEquations(self.products[:, kept[:, None], kept[None, :]], known)
 
     def with_fixed(self, columns: BoolArray, gains: FloatArray) -> "NormalEquations":
-        """Remove columns with fixed gains, whose effort is subtracted from the target.
+        """Return the equations without columns of fixed gains, whose effort is subtracted from the target.
 
         Args:
-            columns: mask, shape (q,).
-            gains: gains of all columns; those of the mask count, shape (q,).
+            columns: mask of the columns to remove, shape (q,).
+            gains: gains of all columns, shape (q,); only those of removed columns are used.
         """
         shift = np.eye(len(gains) + 1)
         shift[:-1, -1] = np.where(columns, -gains, 0.0)
@@ -51,13 +51,13 @@ class NormalEquations:
         return NormalEquations(shift.T @ self.products @ shift, known).only(~columns)
 
     def training(self, scale: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Return the systems for all folds and for all but each, with columns scaled by `scale` (q,).
+        """Return the linear systems for all folds, then leaving out each fold, with scaled columns.
 
         Args:
             scale: factor of each column, shape (q,).
 
         Returns:
-            Systems (1 + folds, q, q) and right-hand sides (1 + folds, q).
+            Matrices (1 + folds, q, q) and right-hand sides (1 + folds, q).
         """
         whole = self.products.sum(axis=0)
         every = np.concatenate([whole[None], whole - self.products])
@@ -68,10 +68,10 @@ class NormalEquations:
 
 
 def gram_matrices(parts: Iterable[FloatArray]) -> NormalEquations:
-    """Compute the cross products of columns and target, one array (rows, q + 1) for each fold.
+    """Compute the cross products of columns and target by fold.
 
     Args:
-        parts: columns and target of each fold, (rows, q + 1).
+        parts: columns and target of each fold, shape (rows, q + 1) each.
     """
     return NormalEquations(np.stack([part.T @ part for part in parts]))
 
@@ -80,18 +80,18 @@ def gram_matrices(parts: Iterable[FloatArray]) -> NormalEquations:
 class LinearFit:
     """Linear least-squares fit with cross-validation."""
 
-    gains: FloatArray  # fitted to all folds, shape (q,)
-    fold_gains: FloatArray  # fitted to all but each fold, shape (folds, q)
-    sse: FloatArray  # sum of squared residuals of that fit, by fold
-    train: FloatArray  # sum of squared residuals over the other folds, of the fit to those, shape (folds,)
-    held_out: FloatArray  # sum of squared residuals in each fold, of the fit to the others, shape (folds,)
-    system: FloatArray  # what the gains solve, for columns of unit length, shape (q, q)
-    scale: FloatArray  # factors that gave the columns that length, shape (q,)
-    dof: int  # samples that were fitted to; 0 where nobody said
+    gains: FloatArray  # gains fitted to all folds, shape (q,)
+    fold_gains: FloatArray  # gains fitted without each fold, shape (folds, q)
+    sse: FloatArray  # sum of squared residuals of the fit to all folds, by fold, shape (folds,)
+    train: FloatArray  # for each fold, sum of squared residuals of the fit without it, in the other folds
+    held_out: FloatArray  # for each fold, sum of squared residuals of the fit without it, in this fold
+    system: FloatArray  # Gram matrix for columns of unit length, shape (q, q)
+    scale: FloatArray  # factors that scale the columns to unit length, shape (q,)
+    dof: int  # number of samples in the fit; 0 if unknown
 
     @property
     def standard_errors(self) -> FloatArray:
-        """Standard errors of the gains for white noise, shape (q,); NaN where there are too few samples."""
+        """Standard errors of the gains for white noise, shape (q,); NaN if there are too few samples."""
         free = self.dof - len(self.gains)
         if free <= 0:
             return np.full(len(self.gains), np.nan)
@@ -99,11 +99,11 @@ class LinearFit:
         return np.asarray(np.sqrt(variance) * self.scale)
 
     def beside(self, gains: FloatArray, free: Sequence[int]) -> "LinearFit":
-        """Embed the fit into all gains (q,), given the places of the free ones.
+        """Return the fit with fixed gains inserted.
 
         Args:
-            gains: all gains, shape (q,).
-            free: places of those that were fitted.
+            gains: values of all gains, shape (q,); those of free gains are replaced.
+            free: indices of the fitted gains.
         """
         whole = np.repeat(gains[None], len(self.fold_gains) + 1, axis=0)
         whole[:, free] = np.concatenate([self.gains[None], self.fold_gains])
@@ -113,11 +113,11 @@ class LinearFit:
 
 
 def solve_normal_equations(equations: NormalEquations, dof: int = 0) -> LinearFit:
-    """Fit to all folds and to all but each fold.
+    """Fit the gains to all folds, and without each fold.
 
     Args:
-        equations: equations of columns and target.
-        dof: samples, for the standard errors; 0 if they are not wanted.
+        equations: normal equations by fold.
+        dof: number of samples, for standard errors; 0 if they are not needed.
     """
     scaled, scale = _scaled(equations)
     training = scaled.sum(axis=0) - scaled
@@ -130,24 +130,22 @@ def solve_normal_equations(equations: NormalEquations, dof: int = 0) -> LinearFi
 
 
 def held_out_sse(equations: NormalEquations, ridges: FloatArray) -> FloatArray:
-    """Return held-out squared residuals by fold, shape (r, folds), for each ridge penalty (r, q).
-
-    `solve_normal_equations` returns the full result for one penalty.
+    """Return the held-out sum of squared residuals for several ridge penalties, shape (r, folds).
 
     Args:
-        equations: equations of all folds.
-        ridges: shrinkages to try, on columns of unit size, shape (r, q).
+        equations: normal equations by fold.
+        ridges: ridge penalties to try, on columns of unit length, shape (r, q).
     """
     scaled, scale = _scaled(equations)
     return _sse(scaled, np.array([_shrunken(equations, scale, ridge) for ridge in ridges]))
 
 
 def held_out_gains(equations: NormalEquations, ridge: FloatArray) -> FloatArray:
-    """Return the gains (folds, q) fitted to all but each fold, with a ridge penalty (q,).
+    """Return the gains fitted without each fold, with a ridge penalty, shape (folds, q).
 
     Args:
-        equations: equations of all folds.
-        ridge: shrinkage of each gain, on columns of unit size, shape (q,).
+        equations: normal equations by fold.
+        ridge: ridge penalty of each gain, on columns of unit length, shape (q,).
     """
     _, scale = _scaled(equations)
     return _shrunken(equations, scale, ridge) * scale
@@ -162,14 +160,14 @@ def _shrunken(equations: NormalEquations, scale: FloatArray, ridge: FloatArray) 
 def _scaled(equations: NormalEquations) -> tuple[FloatArray, FloatArray]:
     """Scale columns to unit length over all folds; also return the factors (q,).
 
-    Prior information counts as rows, so that columns which these data do not move are not scaled up.
+    Prior information counts as additional rows, so that columns with little data are not scaled up.
     """
     products = equations.products
     squares = products.sum(axis=0).diagonal().copy()
     if equations.known is not None:
         squares[:-1] += equations.known.matrix[0].diagonal()
     width = np.sqrt(squares)
-    width[-1] = 1.0  # the target stays as it is
+    width[-1] = 1.0  # the target is not scaled
     scale = np.divide(1.0, width, out=np.zeros_like(width), where=width > 0.0)
     return products * scale[:, None] * scale, scale[:-1]
 
@@ -188,11 +186,11 @@ class ArNoise:
     coefficients: FloatArray  # coefficients of the previous samples, newest first; empty for white noise
 
     def used(self, run: IntArray, trusted: BoolArray) -> BoolArray:
-        """Samples that are trusted with all their past within their own run, shape (m,).
+        """Return the mask (m,) of trusted samples whose required past is trusted and in the same run.
 
         Args:
-            run: number of the run of each sample, shape (m,).
-            trusted: samples that may be used, shape (m,).
+            run: run number of each sample, shape (m,).
+            trusted: mask of samples that may be used, shape (m,).
         """
         order = len(self.coefficients)
         used = trusted.copy()
@@ -203,10 +201,13 @@ class ArNoise:
         return used
 
     def whiten(self, signal: FloatArray) -> FloatArray:
-        """Prewhiten a signal (m,) or (m, k), using rows marked as used; same shape.
+        """Prewhiten a signal; only rows in `used` are meaningful.
 
         Args:
-            signal: shape (m,) or (m, k).
+            signal: signal, shape (m,) or (m, k).
+
+        Returns:
+            Prewhitened signal of the same shape.
         """
         order = len(self.coefficients)
         if order == 0:
@@ -224,9 +225,9 @@ def estimate_ar_noise(residual: FloatArray, run: IntArray, trusted: BoolArray) -
     """Estimate the autoregressive noise model of residuals (Yule-Walker, pooled over runs).
 
     Args:
-        residual: shape (m,).
-        run: number of the run of each, shape (m,).
-        trusted: mask of the residuals that count, shape (m,).
+        residual: residuals, shape (m,).
+        run: run number of each residual, shape (m,).
+        trusted: mask of the residuals to use, shape (m,).
     """
     clean = np.where(trusted, residual, 0.0)
     products = np.empty(ORDER + 1)
@@ -241,17 +242,17 @@ def estimate_ar_noise(residual: FloatArray, run: IntArray, trusted: BoolArray) -
 
 @dataclass(frozen=True, eq=False)
 class Nuisance:
-    """Orthonormal columns on blocks; rows that are not used are zero."""
+    """Orthonormal nuisance columns on blocks; rows that are not used are zero."""
 
     by_run: FloatArray  # orthonormal within each run, shape (m, j); j = 0 without differences between runs
     run: IntArray  # run of each block, shape (m,)
     basis: FloatArray  # orthonormal over all blocks, shape (m, q)
 
     def remove(self, blocks: FloatArray) -> FloatArray:
-        """Return what the nuisance columns leave of blocks.
+        """Project block values on the orthogonal complement of the nuisance columns.
 
         Args:
-            blocks: shape (m,) or (m, k).
+            blocks: values on blocks, shape (m,) or (m, k).
         """
         residual = _without_runs(blocks, self.by_run, self.run)
         return np.asarray(residual - self.basis @ (self.basis.T @ residual))
@@ -261,10 +262,10 @@ def nuisance_of(columns: FloatArray, by_run: FloatArray, run: IntArray, used: Bo
     """Orthonormalize nuisance columns.
 
     Args:
-        columns: flexible laws of all runs together, shape (m, q).
-        by_run: columns with a coefficient of its own in each run, shape (m, j).
-        run: run of each block, shape (m,).
-        used: blocks that count, shape (m,).
+        columns: columns with one coefficient for all runs, shape (m, q).
+        by_run: columns with a separate coefficient in each run, shape (m, j).
+        run: run number of each block, shape (m,).
+        used: mask of the blocks in use, shape (m,).
     """
     own = np.zeros(by_run.shape)
     for rows in rows_of_runs(run):
@@ -285,7 +286,7 @@ def _without_runs(blocks: FloatArray, by_run: FloatArray, run: IntArray) -> Floa
 
 
 def _orthonormal(columns: FloatArray, *, drop: bool = False) -> FloatArray:
-    """Return an orthonormal basis of columns (m, q); directions that hardly exist are zero, or dropped."""
+    """Return an orthonormal basis of columns (m, q); negligible directions are zero, or dropped."""
     size = np.sqrt(np.sum(columns**2, axis=0))
     unit = columns / np.where(size > 0.0, size, 1.0)
     left, values, _ = np.linalg.svd(unit, full_matrices=False)

@@ -1,4 +1,4 @@
-"""Improvement that the best of many candidates makes on noise (max-statistic permutation test).
+"""Null distribution of the best candidate's improvement (max-statistic permutation test).
 
 Surrogate residuals keep distribution and autocorrelation but are independent of the motion: the residuals of
 each run are shifted in time, with a random sign (J. Theiler et al., Physica D 58 (1992)). The observed
@@ -26,19 +26,21 @@ def null_improvements(
     observed: float = np.inf,
     most: int = COUNT,
 ) -> FloatArray:
-    """Largest share of the error that any candidate takes from each surrogate of the noise, shape (COUNT,).
+    """Compute the largest improvement by any candidate on surrogates of the noise.
 
-    The loop ends, with the candidates tried so far, when more than `most` surrogates reach the observed
-    improvement.
+    The loop over candidates ends early when more than `most` surrogates reach the observed improvement.
 
     Args:
-        noise: residuals (w,) of the best model, in order of time within each run.
-        run: run of each, shape (w,).
-        base: columns (w, q) of the model without a candidate.
-        candidates: columns of the model with one, each of shape (w, q').
+        noise: residuals of the best model, in order of time within each run, shape (w,).
+        run: run number of each residual, shape (w,).
+        base: columns of the model without a candidate, shape (w, q).
+        candidates: columns of the model with each candidate, shape (w, q') each.
         rng: random generator for the surrogates.
-        observed: share of the error that the best candidate takes from the recording.
-        most: surrogates that may reach it.
+        observed: improvement by the best candidate on the data.
+        most: largest number of surrogates that may reach it.
+
+    Returns:
+        For each surrogate, the largest share of its error that a candidate explains, shape (COUNT,).
     """
     drawn = surrogate_residuals(noise, run, rng).astype(np.float32, order="C")
     explained = _explained(drawn, base)
@@ -52,11 +54,11 @@ def null_improvements(
 
 
 def surrogate_residuals(noise: FloatArray, run: IntArray, rng: np.random.Generator) -> FloatArray:
-    """Noise (w,) like the one given, shape (w, COUNT).
+    """Generate surrogates of the noise by random shifts in time and random signs, shape (w, COUNT).
 
     Args:
         noise: residuals, shape (w,).
-        run: run of each, shape (w,).
+        run: run number of each residual, shape (w,).
         rng: random generator for the surrogates.
     """
     made = np.empty((COUNT, len(noise)))
@@ -69,12 +71,12 @@ def surrogate_residuals(noise: FloatArray, run: IntArray, rng: np.random.Generat
 
 
 def _explained(noise: NDArray[np.float32], columns: FloatArray) -> FloatArray:
-    """Energy of each surrogate (w, s) within the span of columns (w, q), shape (s,)."""
+    """Return the sum of squares of each surrogate (w, s) within the span of columns (w, q), shape (s,)."""
     if columns.shape[1] == 0:
         return np.zeros(noise.shape[1])
     width = np.sqrt(np.sum(columns**2, axis=0))
     unit = columns / np.where(width > 0.0, width, 1.0)
-    squares, directions = np.linalg.eigh(unit.T @ unit)  # of the singular values; far faster than these
+    squares, directions = np.linalg.eigh(unit.T @ unit)  # far faster than a singular value decomposition
     independent = squares > 1e-12 * max(squares[-1], 1e-300)
     basis = (unit @ (directions[:, independent] / np.sqrt(squares[independent]))).astype(np.float32)
     energy: FloatArray = np.sum((basis.T @ noise) ** 2, axis=0)

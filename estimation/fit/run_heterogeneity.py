@@ -1,4 +1,4 @@
-"""Heterogeneity between runs: each run is predicted from the others, and fitted alone."""
+"""Heterogeneity between runs: compare predictions of each run from the others with separate fits."""
 
 from dataclasses import dataclass
 
@@ -10,14 +10,14 @@ from palpate.estimation.signals.blocks import rows_of_runs
 from palpate.robot_io.types import FloatArray, IntArray
 
 APART = 1.25  # least ratio of a run's predicted error to its own error; smaller ratios are not tested
-_ROWS = 30  # samples for each gain that are needed to fit a run alone
+_ROWS = 30  # samples per gain needed to fit a run alone
 
 
 @dataclass(frozen=True)
 class RunHeterogeneity:
     """Runs that do not follow one law."""
 
-    run: int  # the run with the largest predicted error relative to its own
+    run: int  # the run with the largest ratio of the predicted error to the error when fitted alone
     predicted: float  # root mean square error of all runs, each predicted from the others
     alone: float  # the same with each run fitted alone
     own_residual: FloatArray  # residual of each run fitted alone, shape (n,); 0 if a run is too short
@@ -42,7 +42,7 @@ def run_heterogeneity(
     predicted = held_out_residual(blocked, solution)
     slopes, effort = solution.model.linearise(data, solution.parameters)
     free = [name not in solution.model.held for name in solution.model.gains]
-    slopes = np.column_stack([slopes[:, free], np.ones(len(data))])  # a run may have a zero of its own
+    slopes = np.column_stack([slopes[:, free], np.ones(len(data))])  # each run may have its own zero
     residual = data.effort - effort
     alone = np.full(len(data), np.nan)
     judged: list[IntArray] = []

@@ -1,9 +1,9 @@
-"""Fit a model to single samples of a channel, some of which may be outliers: the basis of estimators.
+"""Fit a model to single samples of a channel, some of which may be outliers; estimators use it.
 
 Gains follow by variable projection inside a bounded search for the inner parameters (`optimize_inner`).
-Outliers lose weight by iteration (P. W. Holland, R. E. Welsch, Robust Regression Using Iteratively Reweighted
-Least-Squares, Comm. Stat. 6 (1977)), first for absolute residuals, whose minimum does not depend on the
-start.
+Iteratively reweighted least squares reduces the weight of outliers (P. W. Holland, R. E. Welsch, Robust
+Regression Using Iteratively Reweighted Least-Squares, Comm. Stat. 6 (1977)). It starts with absolute
+residuals, whose minimum does not depend on the start.
 """
 
 from collections.abc import Mapping
@@ -31,16 +31,16 @@ _INSIDE = 1e-3  # least distance of a start value from a bound, relative to the 
 
 @dataclass(frozen=True)
 class SampleFit:
-    """A model with parameters and residuals."""
+    """A model fitted to samples, with parameters, covariance and residuals."""
 
-    model: Model  # what was fitted
+    model: Model  # the fitted model
     parameters: dict[str, float]  # gains, then inner parameters, by "effect.parameter"
-    # Of the parameters in that order; NaN for an inner parameter that ended at its bound, if that is not one
-    # of `Model.within`.
+    # Covariance of the parameters in this order; NaN for an inner parameter at a search bound, unless the
+    # bound is in `Model.within`.
     covariance: Covariance
-    unbounded: Covariance  # the same as if there were no bounds: a bound is no measurement
-    residuals: FloatArray  # effort minus prediction in the samples that were fitted
-    jacobian: FloatArray  # slopes of the prediction in those samples, one column for each parameter
+    unbounded: Covariance  # covariance computed as if there were no bounds
+    residuals: FloatArray  # effort minus prediction in the fitted samples
+    jacobian: FloatArray  # derivatives of the prediction in these samples, one column per parameter
 
 
 def fit_samples(
@@ -50,14 +50,15 @@ def fit_samples(
     loss: Loss = Loss.LINEAR,
     searched: dict[bool, Solution] | None = None,
 ) -> SampleFit:
-    """Fit all parameters of a model together.
+    """Fit all parameters of a model jointly.
 
     Args:
         model: model to fit.
-        data: whole runs of the channel; effects with memory see all of it.
-        rows: samples whose residuals count, shape (n,); None for all.
-        loss: `Loss.CAUCHY` or `Loss.BIWEIGHT` where some samples may be wrong.
-        searched: where searches of these samples ended, by whether they stand outliers; is added to.
+        data: whole runs of the channel, since effects with memory need all samples.
+        rows: mask of the samples to fit, shape (n,); None for all.
+        loss: loss function; `Loss.CAUCHY` and `Loss.BIWEIGHT` are robust against outliers.
+        searched: results of earlier searches on these samples, by whether they are robust; the function adds
+            its own result.
     """
     count = len(data)
     used = np.ones(count, dtype=np.bool_) if rows is None else rows
@@ -66,7 +67,7 @@ def fit_samples(
     )
     searched, robust = {} if searched is None else searched, loss is not Loss.LINEAR
     if robust not in searched:
-        # The best of the starts that each effect proposes, one effect after the other.
+        # Select the best start values of each effect, one effect after the other.
         inner = {name: float(parameter.spread(3)[1]) for name, parameter in model.inner.items()}
         start_solution = solve_gains(problem, model, _inside(model, inner))
         for effect in model.effects:
@@ -84,7 +85,7 @@ def fit_samples(
 
 
 def slopes_of(model: Model, data: ChannelData, parameters: Mapping[str, float]) -> FloatArray:
-    """Change of the prediction with each gain and each inner parameter, shape (n, p + q).
+    """Return the derivatives of the prediction by all gains and inner parameters, shape (n, p + q).
 
     Args:
         model: the model.
@@ -100,7 +101,7 @@ def _finely(problem: FitProblem, solution: Solution) -> Solution:
 
 
 def _inside(model: Model, inner: Mapping[str, float]) -> dict[str, float]:
-    """Inner parameters off their bounds, where a search would be stuck."""
+    """Return inner parameters moved away from their bounds, where a search would get stuck."""
     inside = {}
     for name, value in inner.items():
         low, high = model.inner[name].lower, model.inner[name].upper
@@ -110,7 +111,7 @@ def _inside(model: Model, inner: Mapping[str, float]) -> dict[str, float]:
 
 
 def _cost(problem: FitProblem, solution: Solution, loss: Loss) -> float:
-    """Loss of the residuals at these inner parameters: squares, or the mean absolute residual if robust."""
+    """Return the loss at these inner parameters: sum of squares, or mean absolute residual if robust."""
     if loss is Loss.LINEAR:
         return solution.sse
     parts = solution.model.parts(problem.blocked.data, solution.parameters)
@@ -121,7 +122,7 @@ def _cost(problem: FitProblem, solution: Solution, loss: Loss) -> float:
 
 
 def _reweighted(problem: FitProblem, solution: Solution) -> Solution:
-    """Repeat the search with Cauchy's weights from the residuals of the one before."""
+    """Repeat the search with weights from the previous residuals: first absolute, then Cauchy's loss."""
     for number in range(_ROUNDS):
         absolute = number < _ABSOLUTE_ROUNDS
         residual = solution.residual[problem.used]
@@ -145,7 +146,7 @@ def _is_settled(before: Solution, after: Solution) -> bool:
 
 
 def _weighted(problem: FitProblem, share: FloatArray) -> FitProblem:
-    """The fit problem with squared weights of the usable samples."""
+    """Return the fit problem with squared weights `share` of the samples in use."""
     weights = np.zeros(len(problem.blocked))
     weights[problem.used] = np.sqrt(share)
     return replace(problem, weights=weights)
@@ -156,16 +157,16 @@ def _core(residuals: FloatArray) -> float:
 
 
 def _named(model: Model, values: FloatArray) -> dict[str, float]:
-    """Parameters by name, inner ones within their bounds."""
+    """Return parameters by name, with inner parameters clipped to their bounds."""
     named = dict(zip((*model.gains, *model.inner), values.tolist(), strict=True))
     return named | {n: float(np.clip(named[n], p.lower, p.upper)) for n, p in model.inner.items()}
 
 
 def _with_covariance(solution: Solution, problem: FitProblem, loss: Loss) -> SampleFit:
-    """Add the covariance of all parameters, estimated jointly."""
+    """Add the joint covariance of all parameters; for the biweight, refine the parameters first."""
     model, data, rows = solution.model, problem.blocked.data, problem.used
     parameters = solution.parameters
-    if loss is Loss.BIWEIGHT:  # the efficient solution near one that withstands outliers
+    if loss is Loss.BIWEIGHT:  # compute the efficient solution near the robust one
         at_bound = [model.at_bound(name, value) for name, value in parameters.items()]
 
         def evaluate(values: FloatArray) -> tuple[FloatArray, FloatArray]:
@@ -195,6 +196,6 @@ def _with_covariance(solution: Solution, problem: FitProblem, loss: Loss) -> Sam
         matrix[np.ix_(free, free)] = determined.matrix
         unbounded = Covariance(matrix, determined.degrees_of_freedom)
     matrix = unbounded.matrix.copy()
-    matrix[~free, :] = matrix[:, ~free] = np.nan  # those that ended at a bound
+    matrix[~free, :] = matrix[:, ~free] = np.nan  # parameters at a search bound
     bounded = Covariance(matrix, unbounded.degrees_of_freedom)
     return SampleFit(model, parameters, bounded, unbounded, residuals, jacobian)

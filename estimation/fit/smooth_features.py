@@ -1,4 +1,4 @@
-"""Smooth features of signals: piecewise linear columns with knots at the samples' quantiles."""
+"""Smooth features of signals: piecewise linear columns with knots at quantiles of the samples."""
 
 from collections.abc import Sequence
 
@@ -11,8 +11,8 @@ from palpate.estimation.signals.exponential_memory import low_pass, relax
 from palpate.estimation.signals.runwise import derivative, play, running_max, sample_time, shift
 from palpate.robot_io.types import FloatArray, IntArray
 
-_KNOTS = 9  # at quantiles of the samples
-_EVEN_KNOTS = 13  # evenly over the range, also where samples are few
+_KNOTS = 9  # number of knots at quantiles of the samples
+_EVEN_KNOTS = 13  # number of knots at even distances over the range
 _WAVES = 24
 _SHARPNESS = (0.004, 0.02)  # widths of the change of direction, relative to the rms speed
 _MEMORIES_S = (0.03, 0.1, 0.3, 1.0, 3.0, 10.0)
@@ -22,18 +22,18 @@ _CONTEXT = frozenset({"joint_position", "joint_velocity", "load"})
 
 
 def smooth_features(blocked: BlockedData, efforts: Sequence[FloatArray]) -> dict[str, FloatArray]:
-    """Return columns (m, k) by the signal that they are functions of.
+    """Return smooth features (m, k) by signal.
 
     Args:
         blocked: the channel on its blocks.
-        efforts: what the model expects, on blocks, shape (m,); and before its sensors, if these change it.
+        efforts: predicted effort on blocks, shape (m,), optionally followed by that before sensor effects.
     """
     data, run, effort = blocked.data, blocked.run, efforts[0]
     x, time_s = blocked.reduce(data.position), blocked.reduce(data.time_s)
     v, a = (blocked.reduce(s * data.engaged) for s in (data.velocity, data.acceleration))
     sharp, turn = (np.tanh(v / (share * _rms(v))) for share in _SHARPNESS)
     coarse_x, coarse_e = hats(x, even=0), hats(effort, even=0)
-    # A trend, and how velocity, effort and direction (m,) may grow or fade with time and with work done.
+    # A trend, and products of velocity, effort and direction (m,) with time and with dissipated work.
     work = np.cumsum(np.abs(effort * v))
     clocks = (time_s, time_in_run(time_s, run), work, time_in_run(work, run))
     clocks = tuple((clock - clock[0]) / (float(np.ptp(clock)) or 1.0) for clock in clocks)
@@ -52,7 +52,7 @@ def smooth_features(blocked: BlockedData, efforts: Sequence[FloatArray]) -> dict
         columns = blocked.reduce(data.context[name]).reshape(len(x), -1)
         features[name.replace("_", " ")] = np.hstack([hats(column) for column in columns.T])
     for name in sorted(data.recorded):
-        # What a signal that no model knows may add, and how it may scale what is there.
+        # Effort that a recorded signal may add, and factors by which it may scale other signals.
         signal = blocked.reduce(data.context[name])
         unit = (signal - signal.mean()) / (float(np.std(signal)) or 1.0)
         features[f"recorded {name}" if name in features else name] = np.column_stack(
@@ -77,7 +77,7 @@ def _position(blocked: BlockedData) -> FloatArray:
 
 
 def _past(blocked: BlockedData) -> FloatArray:
-    """Return features of the past motion: memory that fades over time or until a reversal."""
+    """Return features of the past motion: memory that decays over time or until a reversal."""
     data, run = blocked.data, blocked.run
     signals = (data.position, data.time_s, data.engaged.astype(np.float64))
     x, time_s, touching = map(blocked.reduce, signals)
@@ -93,7 +93,7 @@ def _past(blocked: BlockedData) -> FloatArray:
     past *= touching[:, None]
     if blocked.data.kind is not ChannelKind.CONTACT:
         return past
-    # What is still there beyond the surface once it was touched.
+    # Effort that persists outside the object after contact.
     touched = running_max((x > 0.0).astype(np.float64), run) * (x <= 0.0)
     reaches = np.max(x, initial=1e-9) * np.array([0.02, 0.06, 0.2])
     return np.hstack([past, touched[:, None] * np.exp(np.minimum(x, 0.0)[:, None] / reaches)])
@@ -109,12 +109,15 @@ def _past_effort(effort: FloatArray, time_s: FloatArray, run: IntArray) -> Float
 
 
 def reversal_memory(signal: FloatArray, run: IntArray, share: float) -> FloatArray:
-    """Direction of the last reversal of a signal, over a path that is a share of its range and its unit.
+    """Return the signal minus its play operator, which follows the direction of motion after a path.
 
     Args:
-        signal: shape (n,).
-        run: number of each sample's run, shape (n,).
-        share: length of the path as a share of the signal's range.
+        signal: signal, shape (n,).
+        run: run number of each sample, shape (n,).
+        share: half width of the play, relative to the signal's range.
+
+    Returns:
+        Shape (n,), in the unit of the signal.
     """
     return signal - play(signal, run, share * float(np.ptp(signal)))
 
@@ -123,20 +126,20 @@ def curves(signal: FloatArray) -> FloatArray:
     """Return piecewise linear columns and powers, which extrapolate to runs with a wider range.
 
     Args:
-        signal: shape (n,).
+        signal: signal, shape (n,).
     """
     unit = signal / _rms(signal)
     return np.column_stack([hats(signal), unit, unit * np.abs(unit), unit**3])
 
 
 def hats(signal: FloatArray, even: int = _EVEN_KNOTS) -> FloatArray:
-    """Return piecewise linear columns without the one at zero, so that no constant is included.
+    """Return hat functions of a signal without the one nearest to zero, so that no constant is included.
 
-    Knots are at quantiles, and `even` more over the range; of two knots that nearly coincide, one is left
-    out.
+    Knots are at quantiles, plus `even` knots at even distances over the range. Nearly coinciding knots are
+    merged.
 
     Args:
-        signal: shape (n,).
+        signal: signal, shape (n,).
         even: number of knots at even distances.
     """
     low, high = float(signal.min()), float(signal.max())
