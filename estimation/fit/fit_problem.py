@@ -271,7 +271,7 @@ def solve_gains(
 def _on_blocks(
     problem: FitProblem, model: Model, inner: Mapping[str, float]
 ) -> tuple[FloatArray, FloatArray]:
-    """Columns (m, q) of a linear model at inner parameters, and the effort (m,) that they explain."""
+    """Return the columns (m, q) of a linear model, and the effort (m,) to be explained by them."""
     blocked = problem.blocked
     blocks, known = [np.empty((0, len(blocked)))], np.zeros(len(blocked))
     for effect in model.additive:

@@ -1,1 +1,1 @@
-"""Signals derived from a channel, run by run."""
+"""Signals derived from a channel, computed run by run."""

@@ -34,23 +34,23 @@ def with_rigid_body(
 ) -> ChannelData:
     """Add signals of the rigid-body model to the channel of one joint.
 
-    Always added: `rigid_body_torque` (n,) [N m] with its derivatives by the joint's own position and
+    The function always adds `rigid_body_torque` (n,) [N m] with its derivatives by the joint's position and
     acceleration, and `payload_effort_per_kg` (n,) [N m/kg].
 
-    With a level axis of the first joint: `weight_effort` (n,) [N m], the torque of the weight across that
-    axis, and `tilt_effort_per_rad` (n,) [N m/rad], its change with a rotation of the base about the axis,
-    counted about world x or y, whichever is nearer.
+    If the axis of the first joint is level, it adds `weight_effort` (n,) [N m], the torque of the weight
+    perpendicular to that axis. It also adds `tilt_effort_per_rad` (n,) [N m/rad], its derivative by a
+    rotation of the base about the axis, with the sign of the nearer world axis (x or y).
 
-    With the contact force at the tip: `contact_torque` (n,) [N m], the torque that presses, and its lever
-    `contact_torque_per_newton` (n,) [m]. With the torques of all joints too: `force_beyond_reading` (n,) [N],
-    the part of the tip's force that the other joints carry and the force sensor does not read; zero in free
-    air.
+    If the contact force is known, it adds `contact_torque` (n,) [N m], the torque of that force, and its
+    lever `contact_torque_per_newton` (n,) [m]. If the torques of all joints are known too, it adds
+    `force_beyond_reading` (n,) [N]: the part of the tip's force that acts on the other joints but is missing
+    in the force sensor's reading.
 
     Args:
         data: the channel.
         body: the arm.
-        joint: its number, from 0.
-        regressor: also add `rigid_body_regressor` (n, 10 joints) with its derivatives.
+        joint: index of the joint, from 0.
+        regressor: whether to add `rigid_body_regressor` (n, 10 joints) with its derivatives.
 
     Raises:
         InputError: the context lacks the motion of all joints, or their number differs from the body's.
@@ -95,7 +95,7 @@ def with_rigid_body(
 
 
 def _with_slopes(name: str, dynamics: Dynamics, motion: Motion, joint: int) -> dict[str, FloatArray]:
-    """A signal along the motion with its derivatives by the position and acceleration of one joint."""
+    """Return a signal along the motion and its derivatives by one joint's position and acceleration."""
     q, v, a = motion
     step = np.zeros(q.shape[1])
     step[joint] = 1.0
@@ -112,21 +112,21 @@ def _with_slopes(name: str, dynamics: Dynamics, motion: Motion, joint: int) -> d
 
 
 def _torque(body: "RigidBody", joint: int, q: FloatArray, v: FloatArray, a: FloatArray) -> FloatArray:
-    """Inverse dynamics at one joint, shape (n,) [N m]."""
+    """Compute the inverse dynamics at one joint, shape (n,) [N m]."""
     return body.inverse_dynamics_along(q, v, a)[:, joint]
 
 
 def _beyond_reading(data: ChannelData, levers: FloatArray, unexplained: FloatArray) -> FloatArray:
-    """Estimate the force at the tip beyond its reading from the torques that no link accounts for.
+    """Estimate the force at the tip minus its reading from torques that the rigid bodies do not explain.
 
     Joints are weighted by their levers and their noise, estimated from neighboring samples. A normal prior
-    of the size of the largest reading bounds the result where no joint has a lever. In free air the force
+    with the size of the largest reading bounds the result if no joint has a lever. In free air the true force
     is zero.
 
     Args:
-        data: any joint's channel.
+        data: the channel of any joint.
         levers: torques per newton at the tip, shape (n, joints) [m].
-        unexplained: torques less those of the links, shape (n, joints) [N m].
+        unexplained: torques minus those of the rigid bodies, shape (n, joints) [N m].
 
     Returns:
         Force, shape (n,) [N].

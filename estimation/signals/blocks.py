@@ -1,4 +1,4 @@
-"""Divide samples into blocks: runs, gapless pieces, phases."""
+"""Divide samples into blocks such as runs, pieces without gaps, and phases."""
 
 from collections.abc import Iterator
 from itertools import pairwise
@@ -8,11 +8,11 @@ import numpy as np
 from palpate.estimation.signals.cache_by_array import cache_by_array
 from palpate.robot_io.types import BoolArray, FloatArray, IntArray
 
-_GAP = 3.5  # median steps; jitter and one or two lost samples make shorter gaps
+_GAP = 3.5  # least gap in median steps; jitter and one or two lost samples cause shorter gaps
 
 
 def blocks(number: IntArray | BoolArray) -> Iterator[slice]:
-    """Iterate over the rows of each block of equal numbers, in order; empty blocks are left out.
+    """Iterate over the rows of each block of equal numbers, in order.
 
     Args:
         number: number of the run, piece or phase that each sample belongs to, or a mask, shape (n,).
@@ -36,7 +36,7 @@ def block_index(number: IntArray | BoolArray) -> tuple[IntArray, IntArray]:
     changes = np.ones(len(number), dtype=np.bool_)
     np.not_equal(number[1:], number[:-1], out=changes[1:])
     starts, piece = np.flatnonzero(changes), np.cumsum(changes) - 1
-    piece.setflags(write=False)  # it is cached
+    piece.setflags(write=False)  # both results are cached
     starts.setflags(write=False)
     return starts, piece
 
@@ -44,13 +44,13 @@ def block_index(number: IntArray | BoolArray) -> tuple[IntArray, IntArray]:
 def number_pieces(time_s: FloatArray, run: IntArray) -> IntArray:
     """Number the pieces of a recording, which end with a run or at a gap in time.
 
-    A gap must exceed the steps on both sides, so that a permanent drop of the rate is no gap. The start of a
-    contact ends no piece: it bends the velocity without a jump, and a smoothing window across it has less
-    error than one-sided windows at the ends of two pieces (see docs/explanation/estimation.md).
+    A gap must exceed the steps on both sides, so that a permanent drop of the sampling rate is not a gap. A
+    piece does not end at the start of a contact, where the velocity changes without a jump: a smoothing
+    window across it has less error than one-sided windows (see docs/explanation/estimation.md).
 
     Args:
-        time_s: times [s], shape (n,).
-        run: run of each sample, shape (n,).
+        time_s: times, shape (n,) [s].
+        run: run number of each sample, shape (n,).
 
     Returns:
         Number of each sample's piece, from 0, shape (n,).
@@ -65,13 +65,13 @@ def number_pieces(time_s: FloatArray, run: IntArray) -> IntArray:
 
 
 def equal_length_blocks(number: IntArray) -> Iterator[IntArray]:
-    """Iterate over the rows of all blocks of equal length, the shortest first.
+    """Iterate over groups of blocks with equal length, the shortest first.
 
     Args:
         number: number of the run, piece or phase that each sample belongs to, shape (n,).
 
     Yields:
-        Rows, shape (blocks, length).
+        Rows of all blocks of one length, shape (blocks, length).
     """
     first, _ = block_index(number)
     lengths = np.diff(first, append=len(number))
@@ -80,7 +80,7 @@ def equal_length_blocks(number: IntArray) -> Iterator[IntArray]:
 
 
 def rows_of_runs(run: IntArray) -> list[IntArray]:
-    """Return the rows of each run, in ascending order of the runs' numbers.
+    """Return the rows of each run, in ascending order of run numbers.
 
     Args:
         run: run of each sample, shape (n,).
@@ -91,13 +91,13 @@ def rows_of_runs(run: IntArray) -> list[IntArray]:
 
 @cache_by_array
 def runs_by_time(time_s: FloatArray, run: IntArray) -> list[slice]:
-    """Return the rows of each run, the earliest first.
+    """Return the rows of each run, the earliest run first.
 
-    Runs that overlap in time have separate clocks; they keep the order of their rows.
+    If runs overlap in time, they have separate clocks, and the order of the rows is kept.
 
     Args:
-        time_s: shape (n,), increasing within a run [s].
-        run: shape (n,), one block of samples for each run.
+        time_s: times, increasing within a run, shape (n,) [s].
+        run: run number of each sample, in one block for each run, shape (n,).
     """
     numbered = list(blocks(run))
     sorted_rows = sorted(numbered, key=lambda rows: float(time_s[rows.start]))
@@ -106,14 +106,14 @@ def runs_by_time(time_s: FloatArray, run: IntArray) -> list[slice]:
 
 
 def split_columns(signal: FloatArray, length: int) -> FloatArray:
-    """Split a signal into pieces of equal length, one a column; the last is padded with the last sample.
+    """Split a signal into pieces of equal length, one per column; the last sample pads the last piece.
 
     Args:
-        signal: shape (n,) or (n, k).
-        length: samples in a piece.
+        signal: signal, shape (n,) or (n, k).
+        length: number of samples in a piece.
 
     Returns:
-        Shape (length, pieces) or (length, pieces, k), contiguous.
+        Contiguous array, shape (length, pieces) or (length, pieces, k).
     """
     count = -(-len(signal) // length)
     filled = np.concatenate([signal, np.repeat(signal[-1:], count * length - len(signal), axis=0)])
@@ -125,8 +125,8 @@ def number_stretches(mask: BoolArray, number: IntArray) -> IntArray:
     """Number the blocks in which neither a mask nor the run changes.
 
     Args:
-        mask: mask, such as contact, shape (n,).
-        number: run of each sample, shape (n,).
+        mask: mask of samples, such as those in contact, shape (n,).
+        number: run number of each sample, shape (n,).
 
     Returns:
         Number of each sample's block, from 0, shape (n,).

@@ -1,4 +1,4 @@
-"""Cache results by the identity of the arrays that they were computed from."""
+"""Cache results by the identity of the arrays from which they were computed."""
 
 from collections import OrderedDict
 from collections.abc import Callable, Hashable
@@ -22,7 +22,7 @@ MOST_BYTES = 64_000_000
 class IdentityKey:
     """Key that compares an object by identity and keeps it alive.
 
-    A user-defined effect may be a dataclass, which may equal others and has no hash.
+    It is needed because a user-defined effect may be a dataclass, which can equal others and has no hash.
     """
 
     def __init__(self, thing: Any) -> None:  # noqa: ANN401
@@ -36,10 +36,10 @@ class IdentityKey:
 
 
 def cache_by_array(compute: Function) -> Function:
-    """Cache a function of read-only arrays; writable and very long arrays are computed each time.
+    """Cache a function of read-only arrays; results for writable or very long arrays are not cached.
 
     Args:
-        compute: takes arrays only.
+        compute: function whose arguments are arrays.
     """
     cached = lru_cache(maxsize=_MOST)(lambda *keys: compute(*(key.thing for key in keys)))
 
@@ -54,7 +54,7 @@ def cache_by_array(compute: Function) -> Function:
 
 @dataclass(frozen=True)
 class _ChannelKey:
-    """Identity of a channel, by some of its arrays."""
+    """Key that identifies a channel by some of its arrays."""
 
     arrays: tuple[IdentityKey, ...]
     data: ChannelData = field(compare=False)
@@ -66,7 +66,7 @@ def cache_by_channel_arrays(
     """Cache a function of a channel that depends only on some of its arrays.
 
     Args:
-        arrays: names of fields of the channel, or of signals of its context.
+        arrays: names of channel fields or of context signals.
     """
 
     def decorate(compute: Callable[[ChannelData], Result]) -> Callable[[ChannelData], Result]:
@@ -84,14 +84,14 @@ def cache_by_channel_arrays(
 
 @dataclass
 class FitCache:
-    """Arrays by what they are; those asked for longest ago are forgotten first."""
+    """Cache of arrays by key, which discards the least recently used arrays first."""
 
-    size: int = 0  # of all together [bytes]
+    size: int = 0  # total size of the arrays [bytes]
     _known: OrderedDict[Hashable, FloatArray] = field(default_factory=OrderedDict)
     _lock: Lock = field(default_factory=Lock)  # a page computes in several threads
 
     def __reduce__(self) -> tuple[type["FitCache"], tuple[()]]:
-        """Pickle an empty cache: another process computes the arrays sooner than they are sent."""
+        """Pickle as an empty cache, since computing the arrays is faster than sending them."""
         return FitCache, ()
 
     def get_or_compute(self, what: Hashable, compute: Callable[[], FloatArray]) -> FloatArray:
@@ -99,7 +99,7 @@ class FitCache:
 
         Args:
             what: key of the array.
-            compute: called without arguments where nothing is known.
+            compute: function without arguments that computes the array if it is not cached.
         """
         with self._lock:
             if what in self._known:

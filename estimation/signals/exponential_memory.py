@@ -1,4 +1,4 @@
-"""Exponential and power-law memory of signals, within a run or across runs."""
+"""Exponential and power-law relaxation of signals, within a run or across runs."""
 
 from dataclasses import dataclass, replace
 
@@ -10,9 +10,9 @@ from palpate.estimation.signals.cache_by_array import cache_by_array
 from palpate.estimation.signals.runwise import is_even, sample_time
 from palpate.robot_io.types import FloatArray, IntArray
 
-_LENGTH = 32  # samples of a piece whose memory is computed by one matrix product
-_LADDER = 1.4  # ratio of neighboring rates; a sum of five rates over three decades has an error below 1e-3
-_SLOWEST, _FASTEST = 1e-2, 10.0  # end rates, relative to the total duration and to the shortest step
+_LENGTH = 32  # samples of a piece whose relaxation is computed by one matrix product
+_LADDER = 1.4  # difference of adjacent rates in log u; a sum of five rates over three decades errs by 1e-3
+_SLOWEST, _FASTEST = 1e-2, 10.0  # end rates, relative to 1 / total duration and 1 / shortest step
 _LAGS = np.arange(_LENGTH)[None, :] - np.arange(_LENGTH)[:, None]
 
 
@@ -20,13 +20,13 @@ def relax(signal: FloatArray, time_s: FloatArray, run: IntArray, tau_s: float) -
     """Relax a strain with one time constant: z' = signal' - z / tau; see `fading_memory`.
 
     Args:
-        signal: shape (n,) or (n, k).
-        time_s: times [s], shape (n,).
-        run: run of each sample, shape (n,).
+        signal: strain, shape (n,) or (n, k).
+        time_s: times, shape (n,) [s].
+        run: run number of each sample, shape (n,).
         tau_s: time constant [s].
 
     Returns:
-        z, shape as the signal.
+        State z in the shape of the signal.
     """
     return fading_memory(signal, time_s, run, np.array([1.0 / tau_s]), np.ones(1))
 
@@ -37,11 +37,11 @@ def low_pass(
     """Apply a first-order lag, exact for a signal that is linear between samples.
 
     Args:
-        signal: shape (n,) or (n, k).
-        time_s: times [s].
-        run: run of each sample.
+        signal: signal, shape (n,) or (n, k).
+        time_s: times, shape (n,) [s].
+        run: run number of each sample, shape (n,).
         tau_s: time constant [s].
-        from_rest: start from zero; else from the run's first sample.
+        from_rest: whether each run starts from zero; False to start from its first sample.
     """
     starts, piece = block_index(run)
     deviation = signal if from_rest else signal - signal[starts][piece]
@@ -58,22 +58,22 @@ def fading_memory(
     *,
     alone: bool = False,
 ) -> FloatArray:
-    """Sum relaxing strains over several rates: z' = signal' - rate z from z = 0, times the rate's weight.
+    """Compute a weighted sum of relaxing strains over several rates: z' = signal' - rate z, initially z = 0.
 
     The result is exact for strains that are linear between samples at any times, and that rise from zero to
-    the first sample of a run within one usual step. Between runs the strain is zero, and memory that has not
-    faded carries over. Runs that overlap in time count as recorded independently.
+    the first sample of a run within one usual step. Between runs the strain is zero, and the remaining state
+    carries over. Runs that overlap in time are treated as recorded independently.
 
     Args:
         signal: strains, shape (n,) or (n, k).
-        time_s: times [s].
-        run: run of each sample.
-        rates: shape (r,), above zero [1/s].
-        weights: weights of each rate, shape (r,).
-        alone: take each run as recorded independently, whatever its times.
+        time_s: times, shape (n,) [s].
+        run: run number of each sample, shape (n,).
+        rates: relaxation rates, positive, shape (r,) [1/s].
+        weights: weights of the rates, shape (r,).
+        alone: whether to treat all runs as recorded independently.
 
     Returns:
-        Shape as the signal.
+        Weighted sum in the shape of the signal.
     """
     if signal.size == 0:
         return signal.astype(np.float64)
@@ -86,7 +86,7 @@ def fading_memory(
         return _even_memory(strain, runs, step_s, rates, weights).T.reshape(signal.shape)
     steps_s = np.diff(time_s, prepend=time_s[:1])
     steps_s[runs.start] = step_s
-    # Memory of strains (k, n) at any steps (n,) [s], the first of each run the usual one; see `_even_memory`.
+    # Relax strains (k, n) with uneven steps (n,) [s]; the first step of each run is the usual one.
     later, wait_s, change = runs.start[1:], steps_s.copy(), _changes(strain, runs)
     wait_s[runs.start[:1]], wait_s[later] = np.inf, runs.pause_s[:-1]
     memory, rows = np.zeros(strain.shape), runs.rows if np.any(np.diff(runs.start) < 0) else slice(None)
@@ -98,20 +98,20 @@ def fading_memory(
 
 
 def springpot(signal: FloatArray, time_s: FloatArray, run: IntArray, alpha: float) -> FloatArray:
-    """Apply a springpot: every step of a signal fades as (t / 1 s)^-alpha.
+    """Apply a springpot: each step of a signal relaxes as (t / 1 s)^-alpha.
 
-    t^-alpha is the sum of exponentials at all rates u with weights u^(alpha-1) / gamma(alpha). Those slower
-    than the data are a spring, those faster than its samples a dashpot, and the others a ladder of them, each
-    exact between samples at any times (trapezoidal rule over log u).
+    t^-alpha is an integral of exponentials over all rates u with weights u^(alpha-1) / gamma(alpha). Rates
+    far below 1 / duration act as a spring, rates far above 1 / step as a dashpot. The rates between them are
+    integrated by the trapezoidal rule over log u, each exactly between samples at any times.
 
     Args:
-        signal: shape (n,) or (n, k).
-        time_s: times [s], shape (n,).
-        run: run of each sample, shape (n,).
-        alpha: exponent, above 0 and below 1.
+        signal: signal, shape (n,) or (n, k).
+        time_s: times, shape (n,) [s].
+        run: run number of each sample, shape (n,).
+        alpha: exponent between 0 and 1.
 
     Returns:
-        Shape as the signal.
+        Relaxed signal in the shape of the signal.
     """
     steps = np.diff(time_s, prepend=time_s[:1])
     steps[block_index(run)[0]] = np.inf
@@ -129,15 +129,15 @@ def springpot(signal: FloatArray, time_s: FloatArray, run: IntArray, alpha: floa
 
 @dataclass(frozen=True)
 class _Runs:
-    """Runs in order of time, and where their samples lie in pieces of equal length."""
+    """Runs in order of time, with the positions of their samples in pieces of equal length."""
 
-    rows: IntArray  # all samples in that order, shape (n,)
+    rows: IntArray  # all samples in order of time, shape (n,)
     start: IntArray  # first sample of each run, shape (r,)
-    end: IntArray  # last sample of each run
-    pause_s: FloatArray  # time from its last sample to the next run [s]; infinite if that is independent
-    place: IntArray  # of each sample among those of all pieces, of which a run's last may not be full, (n,)
-    last: IntArray  # last piece of each run
-    filled: IntArray  # samples in it
+    end: IntArray  # last sample of each run, shape (r,)
+    pause_s: FloatArray  # time from a run's end to the next run, shape (r,) [s]; infinite if independent
+    place: IntArray  # position of each sample in the concatenated pieces; a run's last piece is padded, (n,)
+    last: IntArray  # last piece of each run, shape (r,)
+    filled: IntArray  # number of samples in the last piece of each run, shape (r,)
 
 
 @cache_by_array
@@ -155,7 +155,7 @@ def _runs(time_s: FloatArray, run: IntArray) -> _Runs:
 
 
 def _changes(strain: FloatArray, runs: _Runs) -> FloatArray:
-    """Change of strains (k, n) since the previous sample; at a run's first sample, since zero."""
+    """Return the change of strains (k, n) since the previous sample; at a run's start, since zero."""
     change = np.empty(strain.shape)
     np.subtract(strain[:, 1:], strain[:, :-1], out=change[:, 1:])
     change[:, runs.start] = strain[:, runs.start]
@@ -163,17 +163,17 @@ def _changes(strain: FloatArray, runs: _Runs) -> FloatArray:
 
 
 def _remaining_share(ratio: FloatArray) -> FloatArray:
-    """Return the share of a step's change that remains at its end, for a step in time constants."""
+    """Return the share of a linear change that remains at its end; `ratio` is step over time constant."""
     return np.asarray(-np.expm1(-ratio) / ratio)
 
 
 def _even_memory(
     strain: FloatArray, runs: _Runs, step_s: float, rates: FloatArray, weights: FloatArray
 ) -> FloatArray:
-    """Compute the memory of evenly sampled strains (k, n); see `fading_memory`.
+    """Relax evenly sampled strains (k, n); see `fading_memory`.
 
-    Within a piece of samples, the memory of its own changes is one product of matrices for all rates. The
-    memory of earlier pieces is added, which passes from piece to piece for each rate separately.
+    Within a piece of samples, one matrix product for all rates gives the response to its own changes. The
+    state from earlier pieces is propagated from piece to piece for each rate separately, and then added.
     """
     powers, remaining = (
         np.exp(-step_s * np.outer(rates, np.arange(_LENGTH))),
@@ -188,12 +188,12 @@ def _even_memory(
     ways = np.where(lags >= 0, powers[:, lags], 0.0) * remaining[:, None, None]
     of_last = new.reshape(columns, count, -1)[:, last]
     gained[:, last] = np.einsum("kql,rql->kqr", of_last, ways) - strain[:, runs.end, None]
-    wait_s = np.full(count, step_s)  # to the first sample of the next piece
+    wait_s = np.full(count, step_s)  # time to the first sample of the next piece
     wait_s[last] = runs.pause_s
     after = np.exp(-np.outer(wait_s, rates))
     over = after * powers[:, -1]
     over[last] = after[last] * powers[:, runs.filled - 1].T
-    # memory of the pieces before at the first sample of each, and its rest in all others
+    # State from earlier pieces at the first sample of each piece; it then decays within the piece.
     initial = np.zeros((columns, count, len(rates)))
     passed = (gained * after).swapaxes(0, 1)[:-1]
     for number in range(len(rates)):
@@ -204,14 +204,14 @@ def _even_memory(
 
 
 def linear_recursion(decay: FloatArray, added: FloatArray) -> FloatArray:
-    """Solve y[i] = decay[i] y[i-1] + added[i] from zero: a banded triangular system.
+    """Solve y[i] = decay[i] y[i-1] + added[i] with y[-1] = 0 as a banded triangular system.
 
     Args:
-        decay: shape (n,).
-        added: shape (n,) or (n, k).
+        decay: factors, shape (n,).
+        added: inputs, shape (n,) or (n, k).
 
     Returns:
-        y, shape as `added`.
+        Solution y in the shape of `added`.
     """
     if not added.size:
         return added

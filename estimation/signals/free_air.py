@@ -7,26 +7,26 @@ import numpy as np
 from palpate.estimation.channel import ChannelData, ChannelKind
 from palpate.estimation.signals.blocks import rows_of_runs
 
-_FREE = 0.9  # share of the samples before a touch; the last of them may be in contact
-_WINDOW = 50  # most readings used at the end of a run
+_FREE = 0.9  # share of the samples before a contact that is used; the last ones may be in contact
+_WINDOW = 50  # largest number of readings used at the end of a run
 _FEWEST = 5  # readings needed at each end
-_HIDDEN = 0.5  # least zero that is visible, relative to the noise
-_SIGMAS = 3.0  # standard errors; a smaller rate may be zero
+_HIDDEN = 0.5  # least bias that is visible, relative to the noise
+_SIGMAS = 3.0  # standard errors below which a rate may be zero
 
 
 @dataclass(frozen=True)
 class FreeAirZero:
     """Zero of a sensor, from readings in free air."""
 
-    noise: float  # standard deviation of readings before the first touch, about each run's mean [effort]
+    noise: float  # standard deviation of readings before the first contact, about each run's mean [effort]
     bias: float  # mean of these readings [effort]
-    rate: float | None  # change with time from the start to the end of runs [effort/s]; None if not known
-    rate_std_err: float  # of the rate, for white noise
-    duration_s: float  # from the first to the last reading of the channel
+    rate: float | None  # drift from the start to the end of runs [effort/s]; None if unknown
+    rate_std_err: float  # standard error of the rate for white noise [effort/s]
+    duration_s: float  # time from the first to the last reading of the channel [s]
 
     @property
     def is_zero(self) -> bool:
-        """Whether readings before the touch show no bias."""
+        """Whether readings before the contact show no bias."""
         return abs(self.bias) < _HIDDEN * self.noise
 
     @property
@@ -39,13 +39,13 @@ class FreeAirZero:
 
 
 def zero_in_free_air(data: ChannelData) -> FreeAirZero | None:
-    """Measure a sensor's zero in the runs that begin in free air.
+    """Estimate a sensor's zero from the runs that begin in free air.
 
     Args:
-        data: channel with n samples.
+        data: the channel.
 
     Returns:
-        None for joints, and where no run begins in free air.
+        The zero; None for joints, and if no run begins in free air.
     """
     if data.kind is not ChannelKind.CONTACT:
         return None

@@ -1,24 +1,24 @@
-"""Properties of a motion that decide which laws it can tell apart: one way, one speed, one pace."""
+"""Properties of a motion that determine which laws it can distinguish: monotonic, or with one speed."""
 
 import numpy as np
 
 from palpate.estimation.signals.blocks import rows_of_runs
 from palpate.robot_io.types import FloatArray, IntArray
 
-_RETURNS = 0.02  # least way back of a returning position, relative to its range
+_RETURNS = 0.02  # least return travel of a returning position, relative to its range
 _UNEVEN = 0.1  # largest deviation from constant speed, relative to a run's duration
 _SAME_SPEED = 0.2  # relative difference between the speeds of runs
-_MOVING = 0.3  # speed relative to the largest below which the motion rests or reverses
+_MOVING = 0.3  # speed relative to the largest one below which the motion is at rest or reverses
 
 
 def is_one_way(position: FloatArray, run: IntArray) -> bool:
-    """Check whether positions (n,) are monotonic in each run (n,), so that time is a function of them.
+    """Return whether the position is monotonic in each run.
 
-    A drift with time then looks like a law of the position, without any fault of a sensor.
+    Time is then a function of the position, so that a drift looks like a law of the position.
 
     Args:
-        position: shape (n,).
-        run: run of each sample, shape (n,).
+        position: position, shape (n,).
+        run: run number of each sample, shape (n,).
     """
     return all(
         min(_way_back(position[rows]), _way_back(-position[rows])) < _RETURNS * np.ptp(position[rows])
@@ -27,23 +27,25 @@ def is_one_way(position: FloatArray, run: IntArray) -> bool:
 
 
 def never_returns(position: FloatArray, run: IntArray) -> bool:
-    """Check whether all runs move monotonically in the same direction, so that they show no path memory.
+    """Return whether all runs move monotonically in the same direction, so that path memory is invisible.
 
     Args:
-        position: shape (n,).
-        run: run of each sample, shape (n,).
+        position: position, shape (n,).
+        run: run number of each sample, shape (n,).
     """
     ways = {float(np.sign(position[rows[-1]] - position[rows[0]])) for rows in rows_of_runs(run)}
     return len(ways) == 1 and is_one_way(position, run)
 
 
 def is_one_speed(time_s: FloatArray, position: FloatArray, run: IntArray) -> bool:
-    """Check whether all runs move one way at one speed, so that any memory is a function of the position.
+    """Return whether all runs move in one direction at one speed.
+
+    Any memory is then a function of the position.
 
     Args:
-        time_s: shape (n,) [s].
-        position: shape (n,).
-        run: run of each sample, shape (n,).
+        time_s: times, shape (n,) [s].
+        position: position, shape (n,).
+        run: run number of each sample, shape (n,).
     """
     if not never_returns(position, run):
         return False
@@ -62,10 +64,12 @@ def is_one_speed(time_s: FloatArray, position: FloatArray, run: IntArray) -> boo
 
 
 def is_one_pace(velocity: FloatArray) -> bool:
-    """Check whether all motion has one speed, so that a law of the speed is one of the direction.
+    """Return whether all motion has one speed, in either direction.
+
+    A law of the speed then looks like a law of the direction.
 
     Args:
-        velocity: shape (n,).
+        velocity: velocity, shape (n,).
     """
     speed = np.abs(velocity[velocity != 0.0])
     if not len(speed):
@@ -75,5 +79,5 @@ def is_one_pace(velocity: FloatArray) -> bool:
 
 
 def _way_back(position: FloatArray) -> float:
-    """Distance by which a position (n,) lies behind its running maximum."""
+    """Return the largest distance of a position (n,) below its running maximum."""
     return float(np.max(np.maximum.accumulate(position) - position))

@@ -1,4 +1,4 @@
-"""Periodic parts of a signal: harmonics over position, and waves over time."""
+"""Periodic parts of a signal: harmonics over position, and spectral lines over time."""
 
 from math import gcd
 
@@ -10,11 +10,11 @@ from palpate.estimation.signals.cache_by_array import cache_by_channel_arrays
 from palpate.robot_io.types import FloatArray, IntArray
 
 _SLOWEST = 3.0  # least number of periods in the longest piece
-_FASTEST = 0.4  # largest number of periods in a step
-_FINENESS = 10  # frequencies per resolvable one
-_SHORTEST, _LONGEST = 10, 16384  # steps in a piece; longer pieces are split, to bound memory
-_SHORT = 0.1  # least length of a piece, relative to the longest
-_AROUND = 20 * _FINENESS  # frequencies on either side of a peak that it is compared with
+_FASTEST = 0.4  # largest number of periods per step
+_FINENESS = 10  # grid frequencies per resolvable frequency
+_SHORTEST, _LONGEST = 10, 16384  # steps in a piece; longer pieces are split to limit memory
+_SHORT = 0.1  # least length of a piece, relative to the longest one
+_AROUND = 20 * _FINENESS  # number of frequencies on each side with which a peak is compared
 _Piece = tuple[FloatArray, FloatArray]  # number of samples at each step, and their sum
 
 
@@ -23,19 +23,18 @@ def strongest_frequency(
 ) -> tuple[float, float, float] | None:
     """Find the peak of a Lomb-Scargle periodogram with an independent phase in each piece.
 
-    A common phase would cause side peaks, closer the farther the pieces are apart. Samples of each piece are
-    on an even grid, so that the sums are Fourier transforms: time and memory grow with the number of samples,
-    not with samples times frequencies.
+    A common phase would cause side peaks, whose spacing decreases with the distance between pieces. The
+    samples of each piece are placed on an even grid, so that the sums are fast Fourier transforms.
 
     Args:
-        time_s: increasing within a run [s], shape (n,).
-        run: run of each sample, shape (n,).
-        signal: shape (n,), NaN where it is unknown.
-        step_s: time between neighbors [s].
+        time_s: times, increasing within a run, shape (n,) [s].
+        run: run number of each sample, shape (n,).
+        signal: signal, NaN if unknown, shape (n,).
+        step_s: time between samples [s].
 
     Returns:
-        The frequency [Hz], its share of the variance within pieces, and that share over the median share of
-        the frequencies around it; None where all pieces are too short.
+        The frequency [Hz], its share of the variance within pieces, and the ratio of this share to the median
+        share of the frequencies around it; None if all pieces are too short.
     """
     pieces = _pieces(time_s, run, signal, step_s)
     longest = max((len(counts) for counts, _ in pieces), default=0)
@@ -47,7 +46,7 @@ def strongest_frequency(
     power = sum(float(values @ values) for _, values in pieces)
     if not len(number) or power == 0.0:
         return None
-    # The sum of squares that a sine of each frequency w explains: with Y = sum y exp(-i w t) and
+    # Compute the sum of squares explained by a sine of each frequency w. With Y = sum y exp(-i w t) and
     # W = sum exp(-2 i w t) over N samples it is 2 (N |Y|^2 - Re(Y^2 W*)) / (N^2 - |W|^2), see N. R. Lomb,
     # Astrophysics and Space Science 39 (1976).
     explained = np.zeros(len(number))
@@ -63,7 +62,7 @@ def strongest_frequency(
 
 
 def _pieces(time_s: FloatArray, run: IntArray, signal: FloatArray, step_s: float) -> list[_Piece]:
-    """Return the gapless pieces from the first to the last known sample, on a grid of steps."""
+    """Return the pieces without gaps, from the first to the last known sample, on an even time grid."""
     known = np.isfinite(signal)
     pieces: list[_Piece] = []
     for rows in blocks(number_pieces(time_s, run)):
@@ -77,37 +76,38 @@ def _pieces(time_s: FloatArray, run: IntArray, signal: FloatArray, step_s: float
     return pieces
 
 
-_MOST_WAVES = 12  # wave numbers tried
-_LEAST_WAVES = 1.5  # within the range of motion; a longer wave could be any curve
-_LEAST_SHARE = 0.02  # share of the remaining energy that one more wave must explain
+_MOST_WAVES = 12  # largest number of tried wave numbers
+_LEAST_WAVES = 1.5  # least number of waves within the range of motion; a longer wave could be any curve
+_LEAST_SHARE = 0.02  # least share of the remaining energy that an additional wave must explain
 _APART_IN_HALVES = 0.8  # largest difference of a wave between halves of the data, relative to its amplitude
 _MOST_SAMPLES = 30_000  # longer data are decimated
 _BINS = 16384
-_PER_BIN = 4  # bins of the shortest wave
-_APART = 1.3  # least difference of two waves, in periods within the range
+_PER_BIN = 4  # least number of bins per wave
+_APART = 1.3  # least difference between wave numbers, in periods within the range
 _FINER = 8  # points of the spectrum per independent wave
 _NEARLY_ALL = 0.98  # share of all waves' energy in the multiples of one wave number
 _WHOLE_TURN = 0.75  # share of a turn above which waves repeat with each turn
-_LEAST_PERIODS = 2.0  # least periods of the pattern within the range; fewer may be any smooth law
+_LEAST_PERIODS = 2.0  # least number of periods of the pattern within the range; fewer may be a smooth law
 
 
 @cache_by_channel_arrays("run", "position", "velocity", "acceleration", "effort")
 def harmonics(data: ChannelData) -> tuple[float, tuple[int, ...]]:
-    """Find the wave number n [1/position] and its multiples that make up the ripple of an effort.
+    """Find the wave number n [1/position] and its multiples (harmonics) in the ripple of an effort.
 
-    Orthogonal matching pursuit (Pati et al. 1993): take the strongest wave in the residual of simple motion,
-    fit all waves so far together with the motion, and repeat while a wave explains 2 % of the rest. They are
-    fitted together since ripple also accelerates the joint. A wave that differs between two halves of the
-    data is passed over. The waves are chosen on all runs; their amplitudes are left to the fit.
+    The method is orthogonal matching pursuit (Pati et al. 1993). It selects the strongest wave in the
+    residual, fits all selected waves jointly with a simple model of the motion, and repeats this while a wave
+    explains 2 % of the rest. The joint fit is needed because ripple also accelerates the joint. Waves that
+    differ between two halves of the data are skipped. All runs are used to select the waves; only their
+    amplitudes are fitted later.
 
-    On an axis that covers about a turn, any whole number of waves a turn is valid: magnets, teeth and
-    bearings each have their own number.
+    On an axis that covers about a turn, any whole number of waves per turn is valid, since magnets, teeth and
+    bearings have different numbers.
 
     Args:
         data: the channel.
 
     Returns:
-        n, and multiples in ascending order; no multiples without ripple.
+        The wave number n, and its multiples in ascending order; no multiples without ripple.
     """
     span = float(np.ptp(data.position))
     if span == 0.0:
@@ -121,7 +121,7 @@ def harmonics(data: ChannelData) -> tuple[float, tuple[int, ...]]:
     motion = np.asarray(columns / np.maximum(np.linalg.norm(columns, axis=0), 1e-300))
     waves, tried, sizes = list[float](), list[float](), np.empty(0)
     residual, _ = _fit_waves(data, motion, waves)
-    starts, piece = block_index(data.run)  # odd and even runs, or the halves of a single run
+    starts, piece = block_index(data.run)  # halves: odd and even runs, or the halves of a single run
     half = piece % 2 if len(starts) > 1 else np.arange(len(residual)) * 2 // len(residual)
     for _ in range(_MOST_WAVES):
         tried.append(_strongest_wave(data.position, residual, span, tried))
@@ -151,19 +151,19 @@ def _strongest_wave(position: FloatArray, residual: FloatArray, span: float, kno
     total = np.bincount(place, weights=residual, minlength=_BINS)
     mean = np.where(count > 0, total / np.maximum(count, 1), 0.0)
     height = np.abs(np.fft.rfft(mean, _FINER * _BINS))
-    waves = np.arange(len(height)) / _FINER * (_BINS - 1) / _BINS  # within the span
+    waves = np.arange(len(height)) / _FINER * (_BINS - 1) / _BINS  # number of waves within the span
     height[(waves < _LEAST_WAVES) | (waves > np.count_nonzero(count) / _PER_BIN)] = 0.0
     for wave in known:
         height[np.abs(waves - wave * span / (2.0 * np.pi)) < _APART] = 0.0
     top = int(np.argmax(height))
     low, middle, high = height[[max(top - 1, 0), top, min(top + 1, len(height) - 1)]]
-    bend = 2.0 * middle - low - high  # of the parabola through the three
+    bend = 2.0 * middle - low - high  # curvature of the parabola through the three points
     between = 0.5 * (high - low) / bend if low > 0.0 and high > 0.0 and bend > 0.0 else 0.0
     return float((waves[top] + between * waves[1]) * 2.0 * np.pi / span)
 
 
 def _fit_waves(data: ChannelData, motion: FloatArray, waves: list[float]) -> tuple[FloatArray, FloatArray]:
-    """Residual (n,) of the effort beside motion and waves, and the energy of each wave."""
+    """Fit motion and waves jointly to the effort; return the residual (n,) and the energy of each wave."""
     angle = np.multiply.outer(data.position, np.array(waves))
     columns = np.hstack([motion, np.sin(angle), np.cos(angle)])
     gains = np.linalg.lstsq(columns, data.effort, rcond=1e-9)[0]
@@ -176,8 +176,8 @@ def _common_wave_number(
 ) -> tuple[float, tuple[int, ...]]:
     """Return the largest wave number of which nearly all waves are multiples, and the multiples.
 
-    Multiples are exact within a fifth of the resolution. Waves outside the pattern stem from slow changes
-    along the way.
+    Multiples may deviate by a fifth of the resolution. Waves outside the pattern come from slow changes with
+    position.
     """
     most = int(waves[0] / (_LEAST_PERIODS * resolution)) if len(waves) else 0
     for parts in range(1, most + 1):

@@ -1,4 +1,4 @@
-"""Operators that act run by run: filters, delay, play, hysteresis, shifted motion."""
+"""Operators that act run by run: filters, delay, play, hysteresis and shifted motion."""
 
 from bisect import bisect_right
 from collections.abc import Callable
@@ -18,8 +18,8 @@ from palpate.robot_io.types import FloatArray, IntArray
 _WINDOW = 5  # samples over which a derivative is smoothed
 _EVEN = 0.01  # largest relative difference of steps in even sampling
 _ALL = slice(None)
-_STEADY_S = 0.025  # in which a probing tip reverses at most once
-_MOST_CLAMPS = 32  # operations that are composed into one, and applied one after the other
+_STEADY_S = 0.025  # time in which a probing tip reverses at most once
+_MOST_CLAMPS = 32  # number of operations that are composed into one
 
 
 @cache_by_array
@@ -68,7 +68,7 @@ def apply_per_run(
 
 @cache_by_array
 def is_even(time_s: FloatArray, run: IntArray) -> bool:
-    """Return whether samples come at one rate.
+    """Return whether the sampling rate is constant.
 
     Args:
         time_s: times [s], shape (n,).
@@ -80,19 +80,19 @@ def is_even(time_s: FloatArray, run: IntArray) -> bool:
 
 
 def shift(signal: FloatArray, time_s: FloatArray, run: IntArray, delay_s: float) -> FloatArray:
-    """Delay a signal; before the start of a run its first value holds, after the end its last.
+    """Delay a signal; the first and last values of a run extend beyond its ends.
 
-    A cubic through the two samples on either side of each time interpolates without smoothing; between the
-    first two and the last two samples of a run, interpolation is linear.
+    A cubic through two samples on each side interpolates without smoothing. Between the first two and the
+    last two samples of a run, the interpolation is linear.
 
     Args:
-        signal: shape (n,) or (n, k).
-        time_s: times [s], shape (n,).
-        run: run of each sample, shape (n,).
-        delay_s: positive for an earlier value [s].
+        signal: signal, shape (n,) or (n, k).
+        time_s: times, shape (n,) [s].
+        run: run number of each sample, shape (n,).
+        delay_s: delay; a positive delay returns earlier values [s].
 
     Returns:
-        Shape as the signal.
+        Delayed signal in the shape of the signal.
     """
     signal = np.asarray(signal, dtype=np.float64)
     starts, piece = block_index(run)
@@ -102,7 +102,7 @@ def shift(signal: FloatArray, time_s: FloatArray, run: IntArray, delay_s: float)
     if not is_even(time_s, run):
         matrix = _known_interpolation(IdentityKey(time_s), IdentityKey(run), delay_s)
         return np.stack([matrix @ column for column in np.atleast_2d(signal.T)]).T.reshape(signal.shape)
-    newest = int(np.ceil(delay_s / step_s)) - 2  # samples ago, of the four
+    newest = int(np.ceil(delay_s / step_s)) - 2  # age of the newest of the four samples
     weights = _cubic_weights(np.arange(4.0)[None, :], np.array([delay_s / step_s - newest]))[0]
     shifted = sum(weight * np.roll(signal, newest + i, axis=0) for i, weight in enumerate(weights.tolist()))
     place, end = np.arange(len(signal)) - newest, np.append(starts[1:], len(run))[piece]
@@ -116,7 +116,7 @@ def _interpolation(
 ) -> "scipy.sparse.csr_array":
     """Matrix (rows, n) from a signal to its delayed values, with samples at any times; see `shift`."""
     starts, piece = block_index(run)
-    # Times [s] (n,) that also increase from run to run, by more than `apart_s`.
+    # Times [s] (n,) that also increase from run to run, by more than the delay.
     steps = np.diff(time_s, prepend=time_s[:1])
     steps[starts] = 2.0 * abs(delay_s) + 1.0
     clock = np.cumsum(steps)
@@ -141,7 +141,7 @@ def _known_interpolation(time_s: IdentityKey, run: IdentityKey, delay_s: float) 
 
 
 def _cubic_weights(times: FloatArray, at: FloatArray) -> FloatArray:
-    """Lagrange weights (n, 4) of samples at four times (n, 4) for the cubic's value at times (n,)."""
+    """Return Lagrange weights (n, 4) of samples at times (n, 4) for a cubic's values at times (n,)."""
     weights = np.ones_like(times)
     for i, j in permutations(range(4), 2):
         weights[:, i] *= (at - times[:, j]) / (times[:, i] - times[:, j])
@@ -149,19 +149,19 @@ def _cubic_weights(times: FloatArray, at: FloatArray) -> FloatArray:
 
 
 def play(signal: FloatArray, run: IntArray, half_width: float, start: FloatArray | None = None) -> FloatArray:
-    """Apply the play (backlash) operator: follow the signal only once it has crossed a gap.
+    """Apply the play (backlash) operator: the state follows the signal after it has crossed a gap.
 
-    Each sample clamps the state between its own two ends of the gap.
+    Each sample clamps the state to the range signal +- half_width.
 
     Args:
-        signal: shape (n,) or (n, k), whose columns are independent.
-        run: run of each sample, shape (n,).
+        signal: signal with independent columns, shape (n,) or (n, k).
+        run: run number of each sample, shape (n,).
         half_width: half of the gap, in the unit of the signal.
-        start: state at the start of each run, shape (runs,) or (runs, k), as far as the gap allows; None for
-            a gap that is centered on the run's first sample.
+        start: state at the start of each run, clamped to the gap, shape (runs,) or (runs, k); None for the
+            run's first sample.
 
     Returns:
-        State, shape as the signal.
+        State in the shape of the signal.
     """
     if signal.size == 0:
         return signal.astype(np.float64)
@@ -173,10 +173,10 @@ def play(signal: FloatArray, run: IntArray, half_width: float, start: FloatArray
 
 
 def _clamped(low: FloatArray, high: FloatArray) -> FloatArray:
-    """State (n,) or (n, k) after each of n clamps between its own ends, from the first clamp's lower end.
+    """Return the state (n,) or (n, k) after each of n clamps, starting from the first clamp's lower end.
 
-    Consecutive clamps form one clamp: pieces are first condensed to one clamp each, in parallel; these are
-    applied in sequence, and then each piece from its own state.
+    Consecutive clamps compose to one clamp. Pieces are therefore first condensed to one clamp each, in
+    parallel. These are applied in sequence, and then the clamps within each piece from the piece's state.
     """
     length = min(int(np.sqrt(len(low))) + 1, _MOST_CLAMPS)
     lows, highs = split_columns(low, length), split_columns(high, length)
@@ -200,12 +200,12 @@ def _clamped(low: FloatArray, high: FloatArray) -> FloatArray:
 
 @cache_by_array
 def smooth_jitter(position: FloatArray, time_s: FloatArray, run: IntArray) -> FloatArray:
-    """Smooth a position by a cubic over 25 ms, so that the encoder's jitter adds no path.
+    """Smooth a position by a cubic fit over 25 ms, so that encoder jitter does not add to the path length.
 
     Args:
-        position: shape (n,).
-        time_s: times [s], shape (n,).
-        run: run of each sample, shape (n,).
+        position: position, shape (n,).
+        time_s: times, shape (n,) [s].
+        run: run number of each sample, shape (n,).
     """
     half = int(0.5 * _STEADY_S / sample_time(time_s, run))
     window, steady = 2 * half + 1, np.array(position, dtype=np.float64)
@@ -227,7 +227,7 @@ def smooth_jitter(position: FloatArray, time_s: FloatArray, run: IntArray) -> Fl
 
 @cache
 def _cubic(window: int) -> FloatArray:
-    """Matrix (window, window) from the samples of a window to their cubic fit."""
+    """Return the matrix (window, window) that maps the samples of a window to their cubic fit."""
     place = np.linspace(-1.0, 1.0, window)
     power = place[:, None] ** np.arange(4.0)
     return np.asarray(power @ np.linalg.pinv(power))
@@ -236,13 +236,13 @@ def _cubic(window: int) -> FloatArray:
 def direction(
     position: FloatArray, run: IntArray, presliding: float, way: FloatArray | None = None
 ) -> FloatArray:
-    """Compute a direction of motion that reverses over a path and holds at rest.
+    """Compute a direction of motion that reverses gradually over a path and is constant at rest.
 
     Args:
-        position: shape (n,).
-        run: run of each sample, shape (n,); each begins at direction 0.
-        presliding: path over which all but 1/e of a reversal is made, in the unit of position.
-        way: direction that it approaches, shape (n,); None for the sign of each step.
+        position: position, shape (n,).
+        run: run number of each sample, shape (n,); the direction is 0 at the start of each run.
+        presliding: path after which 1/e of a reversal remains, in the unit of position.
+        way: direction that the result approaches, shape (n,); None for the sign of each step.
 
     Returns:
         Direction in [-1, 1], shape (n,).
@@ -252,7 +252,7 @@ def direction(
     kept, state = np.exp(-np.abs(steps) / presliding), np.sign(steps) if way is None else way.copy()
     kept[first] = state[first] = 0.0
     state *= 1.0 - kept
-    reach = 1  # s = kept s_before + (1 - kept) way, of twice as many steps each time
+    reach = 1  # composes s = kept s_before + (1 - kept) way over twice as many steps in each iteration
     while reach < len(state) and np.any(kept[reach:]):
         state[reach:] += kept[reach:] * state[:-reach]
         kept[reach:] *= kept[:-reach]
@@ -264,23 +264,23 @@ def running_max(signal: FloatArray, run: IntArray) -> FloatArray:
     """Return the largest value since the start of the run, shape (n,).
 
     Args:
-        signal: shape (n,).
-        run: run of each sample, shape (n,).
+        signal: signal, shape (n,).
+        run: run number of each sample, shape (n,).
     """
     return apply_per_run(np.maximum.accumulate, signal, run)
 
 
 def derivative(signal: FloatArray, time_s: FloatArray, run: IntArray, order: int = 1) -> FloatArray:
-    """Differentiate a signal without phase error, smoothed over five samples; 0 in shorter runs.
+    """Differentiate a signal without phase error by fits to five samples; the result is 0 in shorter runs.
 
     Args:
-        signal: shape (n,).
-        time_s: times [s], shape (n,).
-        run: run of each sample, shape (n,).
-        order: 1 or 2.
+        signal: signal at a constant sampling rate, shape (n,).
+        time_s: times, shape (n,) [s].
+        run: run number of each sample, shape (n,).
+        order: order of the derivative, 1 or 2.
 
     Returns:
-        Shape (n,), in the signal's unit over s^order.
+        Derivative, shape (n,) [unit of the signal / s^order].
     """
     slopes = _slopes(order) / sample_time(time_s, run) ** order
     result = np.zeros(len(signal))
@@ -298,7 +298,7 @@ def derivative(signal: FloatArray, time_s: FloatArray, run: IntArray, order: int
 
 @cache
 def _slopes(order: int) -> FloatArray:
-    """Matrix (5, 5) from five samples to the derivative of their cubic or quartic fit."""
+    """Return the matrix (5, 5) that maps five samples to the derivative of their cubic or quartic fit."""
     place = np.arange(_WINDOW) - _WINDOW // 2
     power = np.arange(4 if order == 1 else 5)
     fitted = np.linalg.pinv(place[:, None] ** power.astype(np.float64))
@@ -307,24 +307,24 @@ def _slopes(order: int) -> FloatArray:
     return derived @ fitted
 
 
-_DEEPEST = 36.0  # -log(1 - w) for a w that equals 1 in double precision
+_DEEPEST = 36.0  # -log(1 - w) at which w equals 1 in double precision
 _GRID = 3000
 
 
 def bouc_wen(
     position: FloatArray, run: IntArray, path: float, sharpness: float, unloading: float
 ) -> FloatArray:
-    """Compute the Bouc-Wen state w, from 0 at the start of each run.
+    """Compute the Bouc-Wen state w, which is 0 at the start of each run.
 
-    Along the direction of motion dw/dx = (1 - w^n) / path while w grows away from zero, and
-    (1 + unloading |w|^n) / path while it goes back. With n = 1 and unloading = 1 it is Dahl's friction.
+    Along the direction of motion, dw/dx = (1 - w^n) / path while w moves away from zero, and
+    (1 + unloading |w|^n) / path while w returns to zero. n = 1 and unloading = 1 give Dahl's friction.
 
     Args:
-        position: shape (n,).
-        run: run of each sample.
-        path: over which w builds up, in the unit of position.
-        sharpness: n.
-        unloading: 0 for a straight return, 1 for one that begins twice as steep.
+        position: position, shape (n,).
+        run: run number of each sample, shape (n,).
+        path: path over which w builds up, in the unit of position.
+        sharpness: exponent n.
+        unloading: 0 for a straight return, 1 for a return that begins twice as steep.
 
     Returns:
         State in [-1, 1], shape (n,).
@@ -345,7 +345,7 @@ def bouc_wen(
     initial, reached = np.empty(len(starts)), 0.0
     points, turned = flow.reached, flow.turned
     for i, (length, is_new) in enumerate(zip(lengths.tolist(), is_new_run.tolist(), strict=True)):
-        upper = bisect_right(points, reached)  # as `np.interp` does, but without the cost of calling NumPy
+        upper = bisect_right(points, reached)  # faster than calling `np.interp` for a scalar
         if is_new:
             initial[i] = from_zero
         elif upper in {0, len(points)}:
@@ -359,12 +359,12 @@ def bouc_wen(
 
 @dataclass(frozen=True)
 class _Flow:
-    """States w from -1 to 1, the path from -1 to each, and where on that path a reversal begins."""
+    """Tables of Bouc-Wen states over the path, and of the path's value before and after a reversal."""
 
-    states: FloatArray
-    ways: FloatArray
-    reached: list[float]  # path from -1 at which the motion turns
-    turned: list[float]  # path from -1, in the new direction, at the same state
+    states: FloatArray  # states w from -1 to 1
+    ways: FloatArray  # path from state -1 to each state
+    reached: list[float]  # path from -1 at which the motion reverses
+    turned: list[float]  # path from -1 in the new direction, at the same state
 
 
 @lru_cache(maxsize=64)
@@ -379,7 +379,7 @@ def _flow(sharpness: float, unloading: float) -> _Flow:
         -np.expm1(sharpness * np.log(np.maximum(middle, 1e-300))),
     )
     ways = np.concatenate([[0.0], np.cumsum(np.diff(states) / np.maximum(slope, 1e-16))])
-    # Both tables are linear between their points, and so is one after the other between the points of both.
+    # Both tables are piecewise linear, so their composition is linear between the points of both.
     reached = np.union1d(ways, np.interp(-states, states, ways))
     turned = np.interp(-np.interp(reached, ways, states), states, ways)
     return _Flow(states, ways, reached.tolist(), turned.tolist())
@@ -393,8 +393,8 @@ def shifted_motion(
 ) -> ChannelData:
     """Add changes to the motion of a channel.
 
-    Signals of the context that depend on the motion, such as a rigid body's torque, change to first order
-    where the context has their derivatives by the channel's own position and acceleration.
+    Context signals that depend on the motion, such as a rigid body's torque, change to first order if the
+    context has their derivatives by the channel's position and acceleration.
 
     Args:
         data: the channel.

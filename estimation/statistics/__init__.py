@@ -1,1 +1,1 @@
-"""Least squares, noise levels, and uncertainty of results."""
+"""Least squares, noise levels, residual correlation and uncertainty of results."""

@@ -14,21 +14,21 @@ from palpate.estimation.signals.blocks import rows_of_runs
 from palpate.robot_io.types import BoolArray, FloatArray, IntArray
 
 SIGMAS_99 = NormalDist().inv_cdf(0.995)
-_SHARE = 0.9  # share of the residuals without the largest, which occur at kinks of the motion
-_SIGMAS = 1.6448536269514722  # 90 % quantile of the magnitude of Gaussian noise
+_SHARE = 0.9  # quantile of absolute residuals that is used; the largest occur at kinks of the motion
+_SIGMAS = 1.6448536269514722  # 90 % quantile of the absolute value of Gaussian noise
 
 
 @dataclass(frozen=True)
 class Correlation:
     """Correlation function with its confidence band."""
 
-    lag: IntArray  # in samples, shape (m,)
-    value: FloatArray  # correlation, -1 to 1, shape (m,); NaN without any pair of samples at that lag
-    band: FloatArray  # half width of the 99 % interval of uncorrelated signals, shape (m,)
+    lag: IntArray  # lags, shape (m,) [samples]
+    value: FloatArray  # correlation from -1 to 1, shape (m,); NaN without any pair of samples at that lag
+    band: FloatArray  # half width of the 99 % interval for uncorrelated signals, shape (m,)
 
     @property
     def outside(self) -> float:
-        """Share of the lags outside the band, 0.01 by chance; lag 0 of an autocorrelation does not count."""
+        """Share of the lags outside the band, 0.01 by chance; lag 0 of an autocorrelation is excluded."""
         known = np.isfinite(self.value) & np.isfinite(self.band)
         return float(np.mean(np.abs(self.value[known]) > self.band[known])) if known.any() else float("nan")
 
@@ -40,9 +40,9 @@ def autocorrelation(residual: FloatArray, run: IntArray, most: int) -> Correlati
     within +-2.58 / sqrt(pairs).
 
     Args:
-        residual: shape (n,); NaN where there is none. Its mean is subtracted.
-        run: run of each sample, shape (n,).
-        most: largest lag in samples.
+        residual: residual, NaN if unknown, shape (n,); its mean is subtracted.
+        run: run number of each sample, shape (n,).
+        most: largest lag [samples].
     """
     products, pairs = _products(residual, residual, run, most)
     mean = products / np.maximum(pairs, 1)
@@ -53,16 +53,16 @@ def autocorrelation(residual: FloatArray, run: IntArray, most: int) -> Correlati
 
 
 def cross_correlation(residual: FloatArray, motion: FloatArray, run: IntArray, most: int) -> Correlation:
-    """Compute the cross-correlation of a residual with the motion `lag` samples before.
+    """Compute the cross-correlation of a residual with the motion `lag` samples earlier.
 
     r_k = mean(e_(t+k) u_t) / (rms(e) rms(u)). For independent signals, 99 % of the values lie within
     +-2.58 sqrt(P / pairs), where P = sum_k r_e(k) r_u(k) accounts for their autocorrelations (Ljung).
 
     Args:
-        residual: e, shape (n,); NaN where there is none. Its mean is subtracted.
-        motion: u, shape (n,); likewise.
-        run: run of each sample, shape (n,).
-        most: largest lag in samples.
+        residual: residual e, NaN if unknown, shape (n,); its mean is subtracted.
+        motion: motion signal u, NaN if unknown, shape (n,); its mean is subtracted.
+        run: run number of each sample, shape (n,).
+        most: largest lag [samples].
     """
     u = np.where(np.isfinite(residual), motion, np.nan)
     products, pairs = _products(u, residual, run, most)
@@ -76,7 +76,7 @@ def cross_correlation(residual: FloatArray, motion: FloatArray, run: IntArray, m
 
 
 def _products(a: FloatArray, b: FloatArray, run: IntArray, most: int) -> tuple[FloatArray, FloatArray]:
-    """Sum of a_t b_(t+k) without means, and number of pairs, for k from -most to most, (2 most + 1,)."""
+    """Return sums of a_t b_(t+k) after subtraction of means, and numbers of pairs, for |k| <= most."""
     total, pairs = np.zeros(2 * most + 1), np.zeros(2 * most + 1)
     first, second = _centred(a), _centred(b)
     for rows in rows_of_runs(run):
@@ -87,14 +87,14 @@ def _products(a: FloatArray, b: FloatArray, run: IntArray, most: int) -> tuple[F
 
 
 def _centred(values: FloatArray) -> FloatArray:
-    """Values (n,) less their mean, 0 where unknown."""
+    """Return values (n,) minus their mean; unknown values become 0."""
     known = np.isfinite(values)
     mean = float(values[known].mean()) if known.any() else 0.0
     return np.where(known, values - mean, 0.0)
 
 
 def _lagged(a: FloatArray, b: FloatArray, most: int) -> FloatArray:
-    """Sum of a_t b_(t+k) for k from -most to most."""
+    """Return the sums of a_t b_(t+k) for k from -most to most."""
     correlations, n = scipy.signal.correlate(b, a, mode="full", method="auto"), len(a)
     reach = min(most, n - 1)
     sums = np.zeros(2 * most + 1)
@@ -108,11 +108,11 @@ def _power(values: FloatArray) -> float:
 
 
 def correlation_coefficient(x: FloatArray, y: FloatArray) -> float:
-    """Return Pearson's correlation of two signals; 0 where either is constant or empty.
+    """Return Pearson's correlation of two signals; 0 if either is constant or empty.
 
     Args:
-        x: shape (n,).
-        y: shape (n,).
+        x: first signal, shape (n,).
+        y: second signal, shape (n,).
     """
     if len(x) == 0 or np.ptp(x) == 0.0 or np.ptp(y) == 0.0:
         return 0.0
@@ -121,27 +121,27 @@ def correlation_coefficient(x: FloatArray, y: FloatArray) -> float:
 
 @dataclass(frozen=True)
 class Misfit:
-    """Size of a model's residual."""
+    """Size of a model's residual, compared with its noise."""
 
-    noise: float  # standard deviation of the part that changes from sample to sample, in the effort's unit
-    times: float  # size of the residual over that; about 1 for a complete model
+    noise: float  # standard deviation of the part that changes from sample to sample [effort]
+    times: float  # ratio of the residual's size to this noise; about 1 for a complete model
 
 
 def misfit(residuals: FloatArray, run: IntArray, inliers: BoolArray) -> Misfit:
     """Compare the residuals with their noise.
 
-    Noise changes from sample to sample; the error of a model mostly does not. The noise is estimated from the
-    differences of neighboring inliers, sigma = rms(difference) / sqrt(2) (J. von Neumann, Annals of
-    Mathematical Statistics 12, 1941), the size from all samples. A misfit that changes as fast as the samples
-    is not seen.
+    Noise changes from sample to sample, but the error of a model usually does not. The noise is estimated
+    from differences of neighboring inliers, sigma = rms(difference) / sqrt(2) (J. von Neumann, Annals of
+    Mathematical Statistics 12, 1941), and the size from all samples. A model error that changes as fast as
+    the samples is not detected.
 
     Args:
         residuals: effort minus prediction, in order of time within each run, shape (n,).
         run: run of each sample, shape (n,).
-        inliers: samples that a robust method kept, shape (n,).
+        inliers: mask of the samples kept by a robust method, shape (n,).
 
     Returns:
-        NaN without two neighboring inliers; `times` is NaN for zero noise.
+        Noise and ratio; both are NaN without two neighboring inliers, and the ratio is NaN for zero noise.
     """
     pairs = inliers[1:] & inliers[:-1] & (run[1:] == run[:-1])
     if not pairs.any():
@@ -151,10 +151,10 @@ def misfit(residuals: FloatArray, run: IntArray, inliers: BoolArray) -> Misfit:
 
 
 def residual_scale(residuals: FloatArray) -> float:
-    """Estimate the standard deviation of residuals from the magnitude that nine tenths do not exceed.
+    """Estimate the standard deviation of residuals from the 90 % quantile of their absolute values.
 
     Args:
-        residuals: shape (n,).
+        residuals: residuals, shape (n,).
     """
     return float(np.quantile(np.abs(residuals), _SHARE)) / _SIGMAS
 
@@ -162,15 +162,15 @@ def residual_scale(residuals: FloatArray) -> float:
 def fit_percent(measured: FloatArray, modelled: FloatArray) -> float:
     """Compute the fit 100 (1 - |y - ym| / |y - mean(y)|) [%]: 100 is perfect, 0 as good as the mean.
 
-    The normalized root mean square error of system identification (L. Ljung, System Identification, 2nd ed.,
-    1999; `compare` of its toolbox).
+    It is 100 % minus the normalized root mean square error of system identification (L. Ljung, System
+    Identification, 2nd ed., 1999; `compare` of its toolbox).
 
     Args:
-        measured: y, shape (n,); NaN is ignored.
-        modelled: ym, shape (n,); likewise.
+        measured: measured signal y, NaN is ignored, shape (n,).
+        modelled: signal ym of the model, NaN is ignored, shape (n,).
 
     Returns:
-        Negative for a model that is worse than the mean; NaN for a constant measurement.
+        The fit; negative for a model that is worse than the mean, NaN for a constant measurement.
     """
     both = np.isfinite(measured) & np.isfinite(modelled)
     y, ym = measured[both], modelled[both]

@@ -1,4 +1,4 @@
-"""Linear least squares, fast for many samples and few gains, and invariant to the columns' units."""
+"""Linear least squares that is fast for many samples and few gains, and invariant to the columns' units."""
 
 from dataclasses import dataclass
 
@@ -8,11 +8,12 @@ import scipy
 from palpate.robot_io.errors import InputError
 from palpate.robot_io.types import FloatArray, IntArray
 
-# Above this condition number the normal equations lose half of the digits; an orthogonal solution is used.
+# Condition number above which an orthogonal solution is used, because normal equations lose half of the
+# digits.
 _SAFE_CONDITION = 1e6
-_AT_REST = 1e-10  # slope at a bound, relative to the largest moment, below which it is rounding
+_AT_REST = 1e-10  # gradient at a bound, relative to the largest moment, below which it is a rounding error
 _PATIENCE = 3  # unsuccessful block exchanges before single exchanges
-_MOST_EXCHANGES = 20  # for each gain
+_MOST_EXCHANGES = 20  # largest number of exchanges per gain
 _DEGENERATE = 1e-12  # least ratio of the smallest to the largest eigenvalue of a subset's scaled X'X
 
 
@@ -20,21 +21,21 @@ _DEGENERATE = 1e-12  # least ratio of the smallest to the largest eigenvalue of 
 class LinearSolution:
     """Gains that minimize the sum of squared weighted residuals."""
 
-    # Shape (p,); the smallest ones (in scaled columns) where the columns do not determine them.
+    # Shape (p,); the minimum-norm solution (for scaled columns) if the columns do not determine it.
     gains: FloatArray
-    condition_number: float  # of the weighted columns, each scaled to unit length
+    condition_number: float  # condition number of the weighted columns, each scaled to unit length
 
 
 def solve(columns: FloatArray, effort: FloatArray, weights: FloatArray | None = None) -> LinearSolution:
     """Minimize |weights * (effort - columns @ gains)|.
 
     Args:
-        columns: shape (n, p).
-        effort: shape (n,).
+        columns: effort per unit of each gain, shape (n, p).
+        effort: effort to explain, shape (n,).
         weights: factor of each residual (1 / sigma), shape (n,); None for equal weights.
 
     Returns:
-        The solution of least norm (in scaled columns) where the columns do not determine it.
+        The solution; of minimum norm (for scaled columns) if the columns do not determine it.
     """
     if weights is not None:
         columns, effort = columns * weights[:, None], effort * weights
@@ -65,11 +66,11 @@ def condition_of_gram(gram: FloatArray) -> float:
 
 
 def solve_definite(system: FloatArray, target: FloatArray) -> FloatArray:
-    """Solve a symmetric system in half the time of any other; one that is not positive definite as any other.
+    """Solve a symmetric linear system by Cholesky factorization, or by LU if it is not positive definite.
 
     Args:
-        system: shape (q, q).
-        target: shape (q,).
+        system: symmetric matrix, shape (q, q).
+        target: right-hand side, shape (q,).
     """
     if target.size:
         _, solution, failed = scipy.linalg.lapack.dposv(system, target)
@@ -87,15 +88,15 @@ def solve_within_bounds(
 ) -> FloatArray:
     """Minimize x' system x / 2 - moment' x within bounds by block principal pivoting.
 
-    J. J. Judice, F. M. Pires, Computers and Operations Research 21 (1994); with no bounds below zero and none
-    above, this is non-negative least squares.
+    J. J. Judice, F. M. Pires, Computers and Operations Research 21 (1994). With lower bounds of zero and no
+    upper bounds, this is nonnegative least squares.
 
     Args:
-        system: symmetric and positive definite, shape (q, q); of columns of about unit size.
-        moment: shape (q,).
-        lower: smallest values, shape (q,); -inf for none.
-        upper: largest values, shape (q,); inf for none.
-        guess: the minimum of a similar problem, shape (q,), whose values at bounds are tried first.
+        system: symmetric positive definite matrix for columns of about unit size, shape (q, q).
+        moment: linear term, shape (q,).
+        lower: lower bounds, -inf for none, shape (q,).
+        upper: upper bounds, inf for none, shape (q,).
+        guess: minimum of a similar problem, whose active bounds are tried first, shape (q,).
 
     Returns:
         The minimum, shape (q,); values at a bound are equal to it.
@@ -122,7 +123,7 @@ def solve_within_bounds(
             count, patience = int(wrong.sum()), _PATIENCE
         elif patience:
             patience -= 1
-        else:  # one at a time, the last first, comes to an end (K. G. Murty 1974)
+        else:  # exchanging only the last wrong variable guarantees termination (K. G. Murty 1974)
             wrong &= np.arange(len(wrong)) == np.flatnonzero(wrong)[-1]
         low, high = (low & ~wrong) | (below & wrong), (high & ~wrong) | (above & wrong)
     return np.clip(solution, lower, upper)
@@ -130,10 +131,10 @@ def solve_within_bounds(
 
 @dataclass(frozen=True)
 class SubsetSolutions:
-    """Solutions of the subsets that determine the gains."""
+    """Least-squares solutions of random subsets that are not degenerate."""
 
-    gains: FloatArray  # shape (trials - skipped, p)
-    skipped: int  # how many subsets were degenerate
+    gains: FloatArray  # gains of each subset, shape (trials - skipped, p)
+    skipped: int  # number of degenerate subsets
 
 
 def solve_subsets(
@@ -142,14 +143,14 @@ def solve_subsets(
     """Solve random subsets of samples by least squares.
 
     Args:
-        columns: shape (n, p).
-        effort: shape (n,).
-        size: samples in a subset, at least p and at most n.
+        columns: effort per unit of each gain, shape (n, p).
+        effort: effort to explain, shape (n,).
+        size: number of samples in a subset, at least p and at most n.
         trials: number of subsets.
-        rng: draws them.
+        rng: random generator for the subsets.
 
     Raises:
-        InputError: the size does not fit, or every subset is degenerate.
+        InputError: the size is out of range, or all subsets are degenerate.
     """
     samples, gains = columns.shape
     if not gains <= size <= samples:
@@ -174,7 +175,7 @@ def solve_subsets(
 
 
 def _draw(samples: int, size: int, trials: int, rng: np.random.Generator) -> IntArray:
-    """Random subsets without repeats, shape (trials, size); subsets with a repeat are drawn again."""
+    """Draw random subsets without replacement, shape (trials, size), by redrawing subsets with repeats."""
     if size * size > samples:  # most subsets would have repeats: rank random numbers instead
         return np.argpartition(rng.random((trials, samples)), size - 1, axis=1)[:, :size]
     picked = rng.integers(samples, size=(trials, size))

@@ -1,4 +1,4 @@
-"""Noise of residuals: its level, and its correlation in time."""
+"""Noise of residuals: level and autocorrelation."""
 
 from dataclasses import dataclass
 from statistics import NormalDist
@@ -13,15 +13,15 @@ from palpate.robot_io.types import FloatArray, IntArray
 MAD_TO_SIGMA = 1.0 / NormalDist().inv_cdf(0.75)
 _BIN_COUNT = 20
 _LEAST_PER_BIN = 25
-_NO_NOISE = 1e-100  # in any unit; its inverse square is still finite
+_NO_NOISE = 1e-100  # least noise in any unit, so that its inverse square is finite
 _FLOOR_SHARE = 1e-3  # least noise relative to its overall level, which keeps weights finite
 
 
 def robust_sigma(residuals: FloatArray) -> float:
-    """Estimate the standard deviation from the median absolute residual, robust to outliers.
+    """Estimate the standard deviation from the median absolute residual, robustly against outliers.
 
     Args:
-        residuals: shape (n,).
+        residuals: residuals, shape (n,).
     """
     return float(MAD_TO_SIGMA * np.median(np.abs(residuals)))
 
@@ -30,25 +30,26 @@ def robust_sigma(residuals: FloatArray) -> float:
 class NoiseLevel:
     """Noise with sigma^2 = floor^2 + (share * effort)^2."""
 
-    floor: float  # standard deviation at no effort, in the effort's unit
-    share: float  # growth with the effort, such as 0.1 for 10 %
+    floor: float  # standard deviation at zero effort [effort]
+    share: float  # increase relative to the effort, such as 0.1 for 10 %
 
     def sigma(self, effort: FloatArray) -> FloatArray:
         """Return the standard deviation at each predicted effort, shape (n,).
 
         Args:
-            effort: predicted, shape (n,).
+            effort: predicted effort, shape (n,).
         """
         return np.hypot(self.floor, self.share * effort)
 
 
 def fit_noise_level(residuals: FloatArray, predicted: FloatArray) -> NoiseLevel:
-    """Fit floor and share to residuals, robust to outliers.
+    """Fit floor and share of the noise to residuals, robustly against outliers.
 
-    The robust variance in bins of equal count along |predicted| is fitted by floor^2 + share^2 effort^2.
+    Samples are sorted by |predicted| into bins of equal count. The function floor^2 + share^2 effort^2 is
+    fitted to the robust variances of the bins.
 
     Args:
-        residuals: shape (n,).
+        residuals: residuals, shape (n,).
         predicted: predicted effort, shape (n,).
     """
     overall = max(robust_sigma(residuals), _NO_NOISE)
@@ -58,14 +59,14 @@ def fit_noise_level(residuals: FloatArray, predicted: FloatArray) -> NoiseLevel:
     order = np.argsort(np.abs(predicted))[len(residuals) % bins :].reshape(bins, -1)
     variance = (MAD_TO_SIGMA * np.median(np.abs(residuals[order]), axis=1)) ** 2
     square = np.mean(predicted[order] ** 2, axis=1)
-    # The error of a variance grows with the variance.
+    # The standard error of a variance is proportional to the variance.
     trust = 1.0 / np.maximum(variance, (_FLOOR_SHARE * overall) ** 2)
     design = np.column_stack([np.ones(bins), square])
     (floor2, share2), _ = scipy.optimize.nnls(design * trust[:, None], variance * trust)
     return NoiseLevel(max(float(np.sqrt(floor2)), _FLOOR_SHARE * overall), float(np.sqrt(share2)))
 
 
-_MAX_AR1 = 0.99  # prewhitening closer to 1 would divide by almost zero
+_MAX_AR1 = 0.99  # largest AR(1) coefficient for prewhitening, which divides by 1 minus the coefficient
 
 
 @dataclass(frozen=True)
@@ -73,26 +74,26 @@ class SumCovariance:
     """Covariance of a sum of correlated terms."""
 
     matrix: FloatArray  # shape (p, p)
-    effective_count: float  # number of uncorrelated terms that would be as uncertain; at most n
+    effective_count: float  # number of uncorrelated terms with the same uncertainty, at most n
 
 
 def sum_covariance(terms: FloatArray, run: IntArray | None = None) -> SumCovariance:
     """Estimate the covariance of the sum over the rows of `terms`, whose expectation is zero.
 
     Args:
-        terms: shape (n, p), in order of time within each run.
-        run: shape (n,), number of each row's run; terms of different runs are uncorrelated. None for one run.
+        terms: terms in order of time within each run, shape (n, p).
+        run: run number of each row, shape (n,); terms of different runs are uncorrelated. None for one run.
     """
     pieces = [terms]
     if run is not None:
         order = np.argsort(run, kind="stable")
         pieces = [terms[order[rows]] for rows in blocks(run[order])]
     ar1 = _ar1(pieces)
-    # Without their AR(1) part; the first term of a run is scaled to the variance of the others.
+    # Remove the AR(1) part; the first term of a run is scaled to the variance of the others.
     firsts = [piece[:1] * np.sqrt(1 - ar1**2) for piece in pieces]
     rests = [piece[1:] - ar1 * piece[:-1] for piece in pieces]
     whitened = [np.concatenate(both) for both in zip(firsts, rests, strict=True)]
-    # The number of lags that balances bias and variance (Andrews 1991, eq. 6.2 and 6.4).
+    # Choose the number of lags that balances bias and variance (Andrews 1991, eq. 6.2 and 6.4).
     remaining_ar1 = _ar1(whitened)
     alpha = float(
         (4 * remaining_ar1**2 / ((1 - remaining_ar1) ** 2 * (1 + remaining_ar1) ** 2)).max(initial=0.0)
@@ -106,7 +107,7 @@ def sum_covariance(terms: FloatArray, run: IntArray | None = None) -> SumCovaria
 
 
 def _ar1(pieces: list[FloatArray]) -> FloatArray:
-    """First autocorrelation of each column, pooled over the runs, shape (p,)."""
+    """Return the lag-1 autocorrelation of each column, pooled over the runs, shape (p,)."""
     product = sum(np.einsum("ij,ij->j", piece[1:], piece[:-1]) for piece in pieces)
     power = sum(np.einsum("ij,ij->j", piece, piece) for piece in pieces)
     ar1 = np.divide(product, power, out=np.zeros_like(power), where=power > 0)
@@ -114,7 +115,7 @@ def _ar1(pieces: list[FloatArray]) -> FloatArray:
 
 
 def _bartlett(piece: FloatArray, lag_count: int) -> FloatArray:
-    """Bartlett's estimate as the mean square of moving sums, which avoids a loop over lags."""
+    """Compute Bartlett's estimate as the mean square of moving sums, which avoids a loop over lags."""
     edge = np.zeros((lag_count, piece.shape[1]))
     sums = np.cumsum(np.concatenate([edge, piece, edge[1:]]), axis=0)
     moving = sums[lag_count:] - sums[:-lag_count]

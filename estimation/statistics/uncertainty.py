@@ -11,20 +11,20 @@ from palpate.estimation.statistics.noise import sum_covariance
 from palpate.robot_io.types import BoolArray, FloatArray, IntArray
 
 CONFIDENCE = 0.95
-_SINGULAR = 1e8  # condition number beyond which double precision leaves no correct digit
-_LOST_SHARE = 1.0  # uncertainty as a share of the effort, above which a parameter of unknown sign is lost
+_SINGULAR = 1e8  # condition number above which double precision leaves no correct digit
+_LOST_SHARE = 1.0  # uncertainty relative to the effort above which an inner parameter is undetermined
 _ROUGH = 0.25  # relative standard error above which a parameter is known only roughly
-_SURE = 1e-6  # least standard error relative to the residual's size; outliers cannot explain a smaller one
+_SURE = 1e-6  # least plausible standard error relative to the size of the residuals
 _DIGITS = 1e-9  # share of the effort below which residuals are rounding errors
-_MATTERS = 0.01  # uncertainty as a share of the effort above which it is reported
+_MATTERS = 0.01  # uncertainty relative to the effort above which it is reported
 
 
 @dataclass(frozen=True)
 class Covariance:
     """Covariance of an estimate."""
 
-    matrix: FloatArray  # shape (m, m); NaN where there is none
-    degrees_of_freedom: float  # of Student's t for the intervals; fewer where residuals are correlated
+    matrix: FloatArray  # shape (m, m); NaN if unknown
+    degrees_of_freedom: float  # degrees of freedom of Student's t; fewer for correlated residuals
 
     @property
     def std_err(self) -> FloatArray:
@@ -32,10 +32,10 @@ class Covariance:
         return np.sqrt(np.diag(self.matrix))
 
     def intervals(self, values: FloatArray) -> FloatArray:
-        """Return 95 % confidence intervals, shape (m, 2), around values (m,).
+        """Return 95 % confidence intervals, shape (m, 2).
 
         Args:
-            values: shape (m,).
+            values: estimates, shape (m,).
         """
         reach = scipy.special.stdtrit(self.degrees_of_freedom, 0.5 + CONFIDENCE / 2) * self.std_err
         return np.column_stack([values - reach, values + reach])
@@ -46,14 +46,14 @@ def sandwich(
 ) -> Covariance:
     """Estimate the covariance of the solution of sum_i jacobian_i score_i = 0.
 
-    Eicker-Huber-White sandwich with the HAC covariance of the scores in the middle: valid for correlated and
-    heteroscedastic noise.
+    The estimate is an Eicker-Huber-White sandwich with a HAC covariance of the scores, which is valid for
+    correlated and heteroscedastic noise.
 
     Args:
-        jacobian: shape (n, m), of the prediction with respect to the parameters.
-        score: shape (n,), weighted psi of each residual: the residual itself for least squares.
-        slope: shape (n,), derivative of the score by the residual: 1 for least squares.
-        run: shape (n,), see `Regression`.
+        jacobian: derivatives of the prediction by the parameters, shape (n, m).
+        score: weighted psi of each residual, shape (n,); the residual itself for least squares.
+        slope: derivative of the score by the residual, shape (n,); 1 for least squares.
+        run: run number of each sample, shape (n,), see `Regression`.
     """
     count, parameters = jacobian.shape
     lengths = np.linalg.norm(jacobian, axis=0)
@@ -61,7 +61,7 @@ def sandwich(
         return unknown_covariance(parameters)
     scaled = jacobian / lengths
     curvature = scaled.T @ (scaled * slope[:, None])
-    if np.linalg.cond(curvature) > _SINGULAR**2:  # too few samples may have weight, or all may be alike
+    if np.linalg.cond(curvature) > _SINGULAR**2:  # too few samples have weight, or all are alike
         return unknown_covariance(parameters)
     bread = np.linalg.inv(curvature)
     filling = sum_covariance(scaled * score[:, None], run)
@@ -73,17 +73,17 @@ def sandwich(
 def common_error_covariance(jacobian: FloatArray, group: IntArray, std_err: FloatArray) -> FloatArray:
     """Compute the covariance that errors shared by many samples add to the solution.
 
-    The residuals do not show such errors, since the parameters absorb an error e by its least-squares fit.
-    A. Pagan, Econometric Issues in the Analysis of Regressions with Generated Regressors,
-    International Economic Review 25 (1984).
+    The residuals do not show such errors, because the parameters absorb their least-squares fit. A. Pagan,
+    Econometric Issues in the Analysis of Regressions with Generated Regressors, International Economic Review
+    25 (1984).
 
     Args:
-        jacobian: shape (n, m), of the prediction with respect to the parameters.
-        group: samples with the same number share an error; index into `std_err`, shape (n,).
-        std_err: standard errors of r independent errors in the unit of the effort, shape (r,).
+        jacobian: derivatives of the prediction by the parameters, shape (n, m).
+        group: index into `std_err` of the error that each sample shares, shape (n,).
+        std_err: standard errors of r independent errors, shape (r,) [effort].
 
     Returns:
-        Shape (m, m).
+        Added covariance, shape (m, m).
     """
     lengths = np.sqrt(np.einsum("ij,ij->j", jacobian, jacobian))
     lengths[lengths == 0.0] = 1.0
@@ -97,7 +97,7 @@ def unknown_covariance(parameters: int) -> Covariance:
     """Return the covariance of undetermined values: all NaN.
 
     Args:
-        parameters: their number.
+        parameters: number of parameters.
     """
     return Covariance(np.full((parameters, parameters), np.nan), 1.0)
 
@@ -107,8 +107,8 @@ class Assessment:
     """Identifiability of the parameters, with advice if it is poor."""
 
     identifiability: Identifiability
-    note: str  # without figures: these stand beside it
-    determined: tuple[Determined, ...]  # of each parameter
+    note: str  # assessment in words, without numbers
+    determined: tuple[Determined, ...]  # whether the data determine each parameter
 
 
 def assess_parameters(
@@ -122,17 +122,17 @@ def assess_parameters(
 ) -> Assessment:
     """Assess how well the data determine each parameter.
 
-    A gain is assessed by its interval relative to its value. Another parameter may be a position whose zero
-    is arbitrary; it is assessed by the effect of its uncertainty on the effort: std_err * rms(column) /
+    A gain is assessed by its interval relative to its value. An inner parameter may be a position with an
+    arbitrary zero. It is assessed by the effect of its uncertainty on the effort: std_err * rms(column) /
     rms(effort).
 
     Args:
-        names: the m parameters.
-        values: shape (m,).
-        jacobian: shape (n, m).
-        effort: shape (n,).
+        names: names of the m parameters.
+        values: estimates, shape (m,).
+        jacobian: derivatives of the prediction by the parameters, shape (n, m).
+        effort: measured effort, shape (n,).
         covariance: covariance of the values.
-        gain_count: how many of the first parameters are gains, in which the effort is linear.
+        gain_count: number of gains, which are the first parameters.
 
     Returns:
         Identifiability, a sentence on it, and the state of each parameter.
@@ -192,7 +192,7 @@ def _rms(effort: FloatArray) -> float:
 
 
 def _advice(names: tuple[str, ...], correlation: FloatArray, index: int) -> str:
-    """Advice on how to determine a parameter."""
+    """Return advice on how to determine a parameter."""
     strength = np.abs(correlation[index])
     strength[index] = 0.0
     if len(names) > 1 and strength.max() > 0.9:
@@ -222,23 +222,23 @@ def assemble(
     """Assemble an `Estimate` and assess its parameters.
 
     Args:
-        estimator: its registered name.
-        names: the m parameters.
-        units: theirs.
-        values: shape (m,).
-        jacobian: shape (n, m), of the prediction with respect to the parameters.
-        effort: shape (n,).
-        residuals: shape (n,).
+        estimator: registered name of the estimator.
+        names: names of the m parameters.
+        units: units of the parameters.
+        values: estimates, shape (m,).
+        jacobian: derivatives of the prediction by the parameters, shape (n, m).
+        effort: measured effort, shape (n,).
+        residuals: effort minus prediction, shape (n,).
         covariance: covariance of the values.
-        gain_count: how many of the first parameters are gains; None for all.
-        inliers: samples used, shape (n,); None for all.
+        gain_count: number of gains, which are the first parameters; None if all are gains.
+        inliers: mask of the samples used, shape (n,); None for all.
         history: see `Estimate`.
         details: see `Estimate`.
     """
     used = np.ones(len(effort), dtype=np.bool_) if inliers is None else inliers
     gains = len(names) if gain_count is None else gain_count
     assessment = assess_parameters(names, values, jacobian[used], effort[used], covariance, gain_count=gains)
-    # Whether standard errors are far too small for the residuals: a noise-free majority set the scale.
+    # Check whether standard errors are implausibly small because most samples are free of noise.
     residual_rms = _rms(residuals)
     scaled_error = covariance.std_err * np.linalg.norm(jacobian, axis=0)
     is_too_sure = residual_rms > _DIGITS * _rms(effort) and bool((scaled_error < _SURE * residual_rms).any())
@@ -280,11 +280,11 @@ def cramer_rao(slopes: FloatArray, sigma: FloatArray) -> FloatArray:
     """Compute the Cramer-Rao bound diag((J' S^-1 J)^-1)^(1/2) of standard errors; C. R. Rao (1945).
 
     Args:
-        slopes: J, derivatives of the signal by the parameters, shape (n, p).
-        sigma: noise of each sample, shape (n,).
+        slopes: derivatives J of the signal by the parameters, shape (n, p).
+        sigma: standard deviation of the noise of each sample, shape (n,).
 
     Returns:
-        Least standard errors, shape (p,); 0 for a parameter without influence.
+        Smallest possible standard errors, shape (p,); 0 for a parameter without influence.
     """
     weighted = slopes / sigma[:, None]
     sizes = np.linalg.norm(weighted, axis=0)
