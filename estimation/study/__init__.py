@@ -1,4 +1,4 @@
-"""A study of one measurement: data, models, fits, comparison and diagnosis."""
+"""Study of one measurement: data, models, fits, comparison and diagnosis."""
 
 from palpate.estimation.base_model import Arm
 from palpate.estimation.study.channels import StudyChannel

@@ -35,13 +35,13 @@ _IN_WORDS = {
 class StudyChannel:
     """One channel with its base model."""
 
-    measured: ChannelData  # as it was recorded
-    model: Model  # the base model, as built for this channel
-    context: ModelContext  # what that may need to know beside the channel
-    sha256: str  # of all arrays as they were measured and, for a joint, of the arm
-    # `data`, where it is more than the base model makes of this channel alone.
+    measured: ChannelData  # the recorded channel
+    model: Model  # the base model of this channel
+    context: ModelContext  # further information that the model may need
+    sha256: str  # SHA-256 of all measured arrays and, for a joint, of the arm
+    # Value of `data` if it depends on other channels; None to compute it from this channel.
     prepared: ChannelData | None = None
-    # Runs that no model is fitted to, and which alone judge models; none for each in turn.
+    # Runs excluded from fitting and used only for scoring; empty for cross-validation.
     held_out: tuple[int, ...] = ()
 
     @cached_property
@@ -55,22 +55,22 @@ class StudyChannel:
 
     @cached_property
     def to_fit(self) -> ChannelData:
-        """Runs of `data` that models are fitted to."""
+        """Runs of `data` that are used for fitting."""
         return self.data.of_runs(np.setdiff1d(self.data.runs, self.held_out)) if self.held_out else self.data
 
     @property
     def name(self) -> str:
-        """Such as "contact" or "joint_1"."""
+        """Name of the channel, such as "contact" or "joint_1"."""
         return self.measured.name
 
     @property
     def key(self) -> ChannelKey:
-        """Identifies the data and base model that a fit is about."""
+        """Key that identifies the data and base model of a fit."""
         return self.name, self.model.name, self.sha256
 
     @property
     def kind(self) -> ChannelKind:
-        """Kind of the channel's effort and motion."""
+        """Kind of the channel."""
         return self.measured.kind
 
     @property
@@ -87,23 +87,23 @@ def channel_of(data: ChannelData, model: str, arm: Arm, held_out: tuple[int, ...
     """Build a channel with a base model.
 
     Args:
-        data: the channel as it was measured.
+        data: the measured channel.
         model: name of the base model.
-        arm: the arm that the channel belongs to.
+        arm: the arm to which the channel belongs.
         held_out: runs excluded from fitting and used only for scoring.
 
     Raises:
-        InputError: the model is unknown, lacks something, or has no run to be fitted to.
+        InputError: the model is unknown, lacks required information, or no run is left for fitting.
     """
     context, sha256 = arm.context_of(data), data_sha256(data, arm)
     if held_out:
-        if model == FITTED_ARM_MODEL:  # its joints share what all runs say of their masses
+        if model == FITTED_ARM_MODEL:  # its joints share information from all runs
             raise InputError(f"model '{model}' predicts each run from the others: leave out held_out")
         if not len(np.setdiff1d(data.runs, held_out)):
             raise InputError(
                 f"channel '{data.name}': all runs are held out; leave at least one run to fit to"
             )
-        sha256 = hashlib.sha256(f"{sha256} {held_out}".encode()).hexdigest()  # other data to any fit
+        sha256 = hashlib.sha256(f"{sha256} {held_out}".encode()).hexdigest()  # held-out runs change all fits
     return StudyChannel(data, MODELS[model]().build(context), context, sha256, held_out=held_out)
 
 
@@ -112,7 +112,7 @@ def usual_model(channel: ChannelData, arm: Arm) -> str:
 
     Args:
         channel: the channel.
-        arm: the arm that it belongs to.
+        arm: the arm to which it belongs.
     """
     if channel.kind is ChannelKind.CONTACT:
         return CONTACT_MODEL
@@ -122,17 +122,18 @@ def usual_model(channel: ChannelData, arm: Arm) -> str:
 
 
 def model_to_estimate(source: Source, model: str | None) -> dict[str, str]:
-    """Choose models to estimate: of contacts where there are any or should be, else of joints.
+    """Select the channels and models to estimate: contacts if there are any, otherwise joints.
 
     Args:
         source: the measurement.
         model: name of the base model; None for the usual one.
 
     Returns:
-        Names of models by channel.
+        Name of the model by channel.
 
     Raises:
-        InputError: the model is unknown, or describes none of the channels.
+        InputError: the model is unknown, or describes none of the channels, such as a probing without
+            contact.
     """
     contacts = any(channel.kind is ChannelKind.CONTACT for channel in source.channels)
     if model is None and (contacts or source.probed):
@@ -156,7 +157,7 @@ def described_by(source: Source, model: str) -> tuple[ChannelData, ...]:
     kinds = MODELS[model].channels
     channels = tuple(channel for channel in source.channels if channel.kind in kinds)
     if not channels and model == CONTACT_MODEL and source.session is None:
-        # A displacement to both sides is read as a linear axis, to which spring and damper apply as well.
+        # A displacement with both signs is read as a linear axis, to which spring and damper also apply.
         channels = tuple(channel for channel in source.channels if channel.kind is ChannelKind.PRISMATIC)
     if channels:
         return channels
@@ -171,11 +172,11 @@ def described_by(source: Source, model: str) -> tuple[ChannelData, ...]:
 
 
 def unapplicable(effect: Effect, data: ChannelData) -> str:
-    """Say why an effect cannot be in a channel, in a few words; empty if it can.
+    """Describe why an effect does not apply to a channel; empty if it applies.
 
     Args:
         effect: the effect.
-        data: the channel, with derived signals.
+        data: the channel with derived signals.
     """
     if effect.applies_to(data):
         return ""
@@ -186,14 +187,14 @@ def unapplicable(effect: Effect, data: ChannelData) -> str:
 
 
 def suited_names(name: str, effects: Sequence[Effect], channels: Sequence[ChannelData]) -> str:
-    """List the effects that suit, for a message about one that is unknown or does not suit.
+    """List applicable effects for a message about an unknown or unsuitable effect.
 
-    Likely effects come first: those that share a word with the given name or with the one closest to it.
+    Likely effects come first: those that share a word with the given name, or with the most similar name.
 
     Args:
-        name: the effect that the user named.
-        effects: the library.
-        channels: where the effect may be.
+        name: name given by the user.
+        effects: the library of effects.
+        channels: channels to which the effect may be added.
     """
     kinds = {channel.kind for channel in channels}
     names = [effect.name for effect in effects if effect.channels & kinds]
@@ -206,11 +207,11 @@ def suited_names(name: str, effects: Sequence[Effect], channels: Sequence[Channe
 
 
 def data_sha256(data: ChannelData, arm: Arm) -> str:
-    """Compute the SHA-256 of everything that a fit depends on except its model.
+    """Compute the SHA-256 of all inputs of a fit except its model.
 
     Args:
-        data: the channel as it was measured.
-        arm: the arm that it belongs to; ignored for a contact.
+        data: the measured channel.
+        arm: the arm to which it belongs; ignored for a contact.
 
     Returns:
         64 hexadecimal digits.
@@ -225,7 +226,7 @@ def data_sha256(data: ChannelData, arm: Arm) -> str:
 
 
 def _feed(digest: "hashlib._Hash", value: object) -> None:
-    """Yield each value with its type and size, so that different values give different bytes."""
+    """Update a digest with a value, its type and its size, so that different values give different bytes."""
     match value:
         case np.ndarray():
             digest.update(f"{value.dtype.str}{value.shape}".encode())

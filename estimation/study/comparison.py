@@ -1,4 +1,4 @@
-"""Compare a model with a measurement: size of the held-out error, and where it is large."""
+"""Compare a model with a measurement: size of the held-out error, and conditions in which it is large."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -20,24 +20,24 @@ from palpate.robot_io.types import BoolArray
 
 AT_NOISE = 1.1  # ratio to the noise below which an error is within the noise
 FAR = 3.0  # ratio to the noise above which a model is far off
-_MOST_SPLITS = 3  # splits that are described
+_MOST_SPLITS = 3  # largest number of splits that are described
 _LEAST_MEAN_SHARE = 0.1  # mean relative to a part's error below which it is not described
 
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Comparison(TableDisplay):
-    """A fitted model beside a measurement."""
+    """Comparison of a fitted model with a measurement."""
 
-    channel: str  # its name
+    channel: str  # name of the channel
     effort_unit: str  # unit of all errors
-    model: str  # its name, with the effects that were added
-    fitted: FitResult  # the model; what it leaves is on runs that the fit has not seen
-    noise: MeasurementNoise  # of the channel, whatever the model
-    # By way of splitting (phase, run, direction, speed, depth or position, effort, load).
+    model: str  # name of the model, with the added effects
+    fitted: FitResult  # the fitted model, whose residual is held out
+    noise: MeasurementNoise  # noise of the channel, independent of the model
+    # Errors by kind of split (phase, run, direction, speed, depth or position, effort, load).
     parts: Mapping[str, tuple[Part, ...]]
-    words: tuple[str, ...]  # how far off the model is, where first, and what kinds explain it, in sentences
-    patterns: tuple[Pattern, ...] = ()  # what the parts of the error have in common; empty where it is noise
-    # Kinds whose flexible laws explain the error, the largest share first; empty where it is noise.
+    words: tuple[str, ...]  # sentences on size and distribution of the error, and the kinds that explain it
+    patterns: tuple[Pattern, ...] = ()  # patterns in the parts of the error; empty if it is noise
+    # Kinds whose flexible laws explain the error, the largest share first; empty if it is noise.
     kinds: tuple[BudgetEntry, ...] = ()
 
     @property
@@ -47,17 +47,17 @@ class Comparison(TableDisplay):
 
     @property
     def lack_of_fit(self) -> float:
-        """Error over noise: about 1 where nothing is missing."""
+        """Ratio of the error to the noise: about 1 if no effect is missing."""
         return self.rmse / self.noise.value if self.noise.value > 0.0 else float("inf")
 
     @property
     def parameters(self) -> Mapping[str, ParameterEstimate]:
-        """By "effect.parameter"."""
+        """Parameters by "effect.parameter"."""
         return self.fitted.parameters
 
     @property
     def judged(self) -> BoolArray:
-        """Samples that count in the error, shape (n,)."""
+        """Mask of the scored samples, shape (n,)."""
         return self.fitted.judged
 
     @property
@@ -86,13 +86,13 @@ class Comparison(TableDisplay):
 
 @dataclass(frozen=True, repr=False)
 class Comparisons(TableDisplay):
-    """The channels of a study beside their models."""
+    """Comparisons of the channels of a study with their models."""
 
-    channels: tuple[Comparison, ...]  # one for each channel that can be judged
-    failures: Mapping[str, str]  # why the others cannot, by name
+    channels: tuple[Comparison, ...]  # one comparison for each channel that can be fitted
+    failures: Mapping[str, str]  # reasons why other channels cannot be fitted, by name
 
     def __getitem__(self, channel: str) -> Comparison:
-        """The comparison of one channel. InputError: there is none, or it cannot be judged."""
+        """Return the comparison of one channel. InputError: there is none, or it cannot be fitted."""
         if channel in self.failures:
             raise InputError(self.failures[channel])
         by_name = {channel.channel: channel for channel in self.channels}
@@ -120,12 +120,12 @@ def compare(fitted: FitResult, model: str, noise: MeasurementNoise) -> Compariso
     """Compare a fitted model with the measurement, and split the error.
 
     Args:
-        fitted: the model.
-        model: its name, with the effects that were added.
+        fitted: the fitted model.
+        model: name of the model, with the added effects.
         noise: noise of the channel.
     """
     data, unit = fitted.data, fitted.data.kind.effort_unit
-    # The error by each way of splitting that leaves more than one part with samples.
+    # Compute the error for each split that has more than one part with samples.
     parts = {}
     for by, masks in splits(fitted.data).items():
         occupied = list[Part]()
@@ -141,7 +141,7 @@ def compare(fitted: FitResult, model: str, noise: MeasurementNoise) -> Compariso
     is_noise = fitted.rmse < AT_NOISE * noise.value
     seen = () if is_noise else patterns(parts, fitted.rmse)
     kinds: tuple[BudgetEntry, ...] = ()
-    if not is_noise:  # kinds whose flexible laws explain the error in held-out runs beside the model
+    if not is_noise:  # find the kinds whose flexible laws explain the held-out error
         with single_threaded():
             kinds = error_budget(error_of_kinds(fitted.training_fit), np.random.default_rng(0)).entries
     first, *where = _words(fitted.rmse, noise, parts, unit)
@@ -162,7 +162,7 @@ def compare(fitted: FitResult, model: str, noise: MeasurementNoise) -> Compariso
 def _words(
     error: float, noise: MeasurementNoise, parts: Mapping[str, tuple[Part, ...]], unit: str
 ) -> tuple[str, ...]:
-    """Describe the overall error, then the splits in which it is most uneven."""
+    """Describe the total error, then the splits in which it is most uneven."""
     level = noise.describe(unit)
     if error < AT_NOISE * noise.value:
         return (f"The error of {error:.3g} {unit} is within the noise ({level}).",)
@@ -170,7 +170,7 @@ def _words(
     sentences = [f"The error of {error:.3g} {unit} is {times:.1f} times the noise ({level})."]
     for by in sorted(parts, key=lambda by: -_contrast(parts[by]))[:_MOST_SPLITS]:
         worst, least = (pick(parts[by], key=lambda part: part.rmse) for pick in (max, min))
-        if worst.rmse <= (1.0 + SMALL) * least.rmse:  # all as large: they differ in their means
+        if worst.rmse <= (1.0 + SMALL) * least.rmse:  # all errors are equally large: compare their means
             high, low = (pick(parts[by], key=lambda part: part.mean) for pick in (max, min))
             sentences.append(
                 f"By {by}, it has the same size everywhere; measured minus modelled is on average "
@@ -186,7 +186,7 @@ def _words(
 
 
 def _contrast(parts: tuple[Part, ...]) -> float:
-    """Return how unevenly the error is distributed over the parts."""
+    """Return a measure of how unevenly the error is distributed over the parts."""
     sizes = np.array([part.rmse for part in parts])
     means = np.array([part.mean for part in parts])
     whole = float(np.sqrt(np.mean(sizes**2))) or 1.0

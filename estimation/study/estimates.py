@@ -1,4 +1,4 @@
-"""Parameters of a channel by every estimator."""
+"""Estimate the parameters of a channel with several estimators."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
@@ -20,8 +20,8 @@ from palpate.estimation.study.source import Source
 from palpate.robot_io.errors import InputError
 from palpate.robot_io.types import BoolArray, FloatArray
 
-BEST = ("robust", "weighted", "lsq")  # estimators of which the first available one is shown if only one fits
-MOST = 0.8  # share of samples that the best estimate must use
+BEST = ("robust", "weighted", "lsq")  # estimators in order of preference, if only one can be shown
+MOST = 0.8  # least share of samples that the best estimate must use
 ALL = "all"
 USUAL = ("lsq", "robust", "ransac")  # default estimators
 SEED = 1  # seed of RANSAC's random subsets
@@ -33,17 +33,18 @@ class ChannelEstimates(TableDisplay):
     """The estimates of one channel by several estimators."""
 
     channel: ChannelData  # all samples
-    rows: BoolArray  # samples that were fitted, shape (n,)
-    model: Model  # what was fitted
-    estimates: tuple[Estimate, ...]  # one for each estimator that could work on these samples; at least one
-    failures: Mapping[str, str] = field(default_factory=dict)  # why the others could not, by name
-    noise: MeasurementNoise | None = None  # of the channel; None where the data cannot judge a model
+    rows: BoolArray  # mask of the fitted samples, shape (n,)
+    model: Model  # the fitted model
+    estimates: tuple[Estimate, ...]  # one estimate for each successful estimator, at least one
+    failures: Mapping[str, str] = field(default_factory=dict)  # reasons of failed estimators, by name
+    noise: MeasurementNoise | None = None  # noise of the channel; None if it cannot be estimated
 
     @property
     def best(self) -> Estimate:
-        """The first of `BEST` that was asked for, used most samples and says something, or the first of all.
+        """The preferred estimate: the first of `BEST` that used most samples and determines the parameters.
 
-        If a robust method rejects many samples, the model is wrong rather than the samples.
+        If a robust method rejects many samples, the model is probably wrong, not the samples. Without such an
+        estimate, the first one in the order of `BEST`, or the first of all, is returned.
         """
         by_name = {estimate.estimator: estimate for estimate in self.estimates}
         ranked = [by_name[name] for name in BEST if name in by_name]
@@ -56,13 +57,13 @@ class ChannelEstimates(TableDisplay):
 
     @property
     def misfit(self) -> float:
-        """Size of what the best estimate leaves, over the noise; NaN where that is not known."""
+        """Ratio of the best estimate's residual to the noise; NaN if the noise is unknown."""
         if self.noise is None or not self.noise.value > 0.0:
             return float("nan")
         return residual_scale(self.best.residuals) / self.noise.value
 
     def surface_of(self, estimate: Estimate) -> Surface | None:
-        """Position of the surface by this estimate, not below the touch; None if depth was given.
+        """Return the surface by this estimate, not deeper than the contact; None if the depth was recorded.
 
         Args:
             estimate: estimate of one estimator.
@@ -78,7 +79,7 @@ class ChannelEstimates(TableDisplay):
         return replace(surface, position_m=position_m, std_err_m=std_err_m)
 
     def prediction(self) -> FloatArray:
-        """Effort predicted by the best estimate for the whole channel, shape (n,)."""
+        """Return the effort predicted by the best estimate for the whole channel, shape (n,)."""
         return self.model.predict(self.channel, {p.name: p.value for p in self.best.parameters})
 
     def _table(self) -> DisplayTable:
@@ -92,13 +93,13 @@ class ChannelEstimates(TableDisplay):
 
 
 def choose_estimators(names: str | Sequence[str]) -> list[str]:
-    """Choose estimators by name.
+    """Return the registered names of estimators.
 
     Args:
-        names: "all", a text with commas between names, or a list of names.
+        names: "all", names separated by commas, or a list of names.
 
     Raises:
-        InputError: one of them is not known.
+        InputError: a name is unknown or appears twice.
     """
     if names == ALL:
         return list(ESTIMATORS)
@@ -117,8 +118,8 @@ def only_runs(channel: ChannelData, runs: Sequence[int], source: Source) -> Chan
     """Return the channel with only some runs, by their recorded numbers.
 
     Args:
-        channel: with all runs.
-        runs: numbers of recorded runs to keep.
+        channel: the channel with all runs.
+        runs: numbers of the recorded runs to keep.
         source: the measurement.
 
     Raises:
@@ -140,16 +141,16 @@ def only_runs(channel: ChannelData, runs: Sequence[int], source: Source) -> Chan
 def estimate_with(
     channel: ChannelData, model_name: str, estimators: Sequence[str], arm: Arm = NO_ARM
 ) -> ChannelEstimates:
-    """Fit one model to one channel with several estimators; copies of a run count once.
+    """Fit one model to one channel with several estimators; copies of a run are excluded.
 
     Args:
         channel: channel of a kind that the model describes.
-        model_name: a base model.
-        estimators: names.
-        arm: what the channel belongs to, for models that need it.
+        model_name: name of the base model.
+        estimators: names of the estimators.
+        arm: arm to which the channel belongs, for models that need it.
 
     Raises:
-        InputError: the model lacks something or has nothing to estimate, or no estimator can work.
+        InputError: the model lacks required information, has no parameters, or all estimators fail.
     """
     base, context = MODELS[model_name](), arm.context_of(channel)
     model = base.build(context)

@@ -1,4 +1,4 @@
-"""Fits of one measurement: channels with their base models, fits with added effects, noise, comparisons."""
+"""Fits of one measurement: base models, added effects, noise and comparisons, each computed once."""
 
 import math
 from collections.abc import Mapping, Sequence
@@ -38,13 +38,13 @@ from palpate.estimation.study.comparison import Comparison, Comparisons, compare
 from palpate.estimation.study.source import NO_OPTIONS, limit_length, open_source
 from palpate.robot_io.errors import InputError
 
-_FitKey = tuple[ChannelKey, tuple[str, ...]]  # a channel with its base model, and the effects that were added
+_FitKey = tuple[ChannelKey, tuple[str, ...]]  # a channel with its base model, and the added effects
 NO_BOUNDS: Mapping[str, tuple[float, float]] = MappingProxyType({})
 _MOST_FITS = 90  # size of the cache; the least recently used fits are dropped and computed again
 
 
 class StudyFits(TableDisplay):
-    """Models of one measurement, each fitted once; for the arguments see `ModelStudy`."""
+    """Models of one measurement, each fitted once; see `ModelStudy` for the arguments."""
 
     def __init__(
         self,
@@ -69,7 +69,7 @@ class StudyFits(TableDisplay):
         self._noise: dict[ChannelKey, MeasurementNoise] = {}
         measured = self.source.channels if model is None else described_by(self.source, model)
         channels = [self._channel(data, model) for data in measured]
-        # Add to each joint whose masses are fitted what the other joints say of the same masses.
+        # Add to each joint with fitted base parameters the information from the other joints.
         joints = [member for member in channels if member.model.name == FITTED_ARM_MODEL]
         shared = with_shared_gains([member.data for member in joints], [member.model for member in joints])
         for member, prepared in zip(joints, shared, strict=True):
@@ -78,7 +78,7 @@ class StudyFits(TableDisplay):
 
     @property
     def effects(self) -> tuple[Effect, ...]:
-        """All effects that are tried: palpate's and the user's own."""
+        """All candidate effects: those of palpate and those of the user."""
         return tuple(self._library.values())
 
     @property
@@ -88,15 +88,15 @@ class StudyFits(TableDisplay):
 
     @cached_property
     def warnings(self) -> dict[str, list[str]]:
-        """Sentences on implausible data, by channel; only channels that have any."""
+        """Warnings about implausible data, for the channels that have any."""
         warnings = ((c.name, quality_warnings(c.measured, c.model)) for c in self.channels)
         return {name: sentences for name, sentences in warnings if sentences}
 
     def channel(self, name: str | None = None) -> StudyChannel:
-        """Select one channel.
+        """Return one channel.
 
         Args:
-            name: its name; None for the only channel.
+            name: name of the channel; None for the only channel.
 
         Raises:
             InputError: there is no such channel, or there are several.
@@ -107,7 +107,7 @@ class StudyFits(TableDisplay):
         return chosen[0]
 
     def chosen(self, name: str | None) -> tuple[StudyChannel, ...]:
-        """Select channels.
+        """Return one channel or all channels.
 
         Args:
             name: name of one channel; None or "all" for all of them.
@@ -121,14 +121,14 @@ class StudyFits(TableDisplay):
         return chosen
 
     def with_model(self, name: str, model: str) -> StudyChannel:
-        """Select a channel with another base model than the study's.
+        """Return a channel with another base model.
 
         Args:
             name: name of the channel.
-            model: base model.
+            model: name of the base model.
 
         Raises:
-            InputError: there is no such channel, or the model is unknown, or lacks something.
+            InputError: there is no such channel, or the model is unknown or lacks required information.
         """
         data = next((channel for channel in self.source.channels if channel.name == name), None)
         if data is None:
@@ -136,7 +136,7 @@ class StudyFits(TableDisplay):
         return self._channel(data, model)
 
     def refusal(self, channel: StudyChannel) -> str:
-        """Say why a channel cannot be judged; an empty text if it can.
+        """Return the reason why a channel cannot be fitted; empty if it can.
 
         Args:
             channel: the channel with its base model.
@@ -144,14 +144,15 @@ class StudyFits(TableDisplay):
         return reject_reason(channel.to_fit) or ""
 
     def fit(self, channel: StudyChannel | str, effects: Sequence[str] = ()) -> FitResult:
-        """Fit the base model of a channel with added effects; from the cache if it was fitted before.
+        """Fit the base model of a channel with added effects, or return the cached fit.
 
         Args:
             channel: the channel, or its name.
             effects: names of the added effects, in order.
 
         Raises:
-            InputError: the channel cannot be judged, or an effect is unknown, there, or does not apply.
+            InputError: the channel cannot be fitted, or an effect is unknown, already present, or does not
+                apply.
         """
         channel = self._resolve(channel)
         key = channel.key, tuple(effects)
@@ -167,7 +168,7 @@ class StudyFits(TableDisplay):
             return fit
 
     def preview(self, channel: StudyChannel | str, effects: Sequence[str] = ()) -> FitResult:
-        """Approximate `fit` in a tenth of the time; return `fit` itself where that is in the cache.
+        """Approximate `fit` in a tenth of the time; return the exact fit if it is in the cache.
 
         Args:
             channel: the channel, or its name.
@@ -194,7 +195,7 @@ class StudyFits(TableDisplay):
             return (channel.key, tuple(effects)) in self._fits
 
     def take_fit(self, channel: StudyChannel, effects: Sequence[str], packed: PackedFit) -> None:
-        """Add a fit to the cache that another process made of the same data.
+        """Add a fit of the same data from another process to the cache.
 
         Args:
             channel: the channel.
@@ -213,17 +214,17 @@ class StudyFits(TableDisplay):
         held: Mapping[str, float] = NOT_HELD,
         bounds: Mapping[str, tuple[float, float]] = NO_BOUNDS,
     ) -> FitResult:
-        """Fit the model of `fit` again with some parameters held.
+        """Refit the model of `fit` with some parameters held.
 
         Args:
             channel: the channel, or its name.
             effects: names of the added effects, in order.
-            held: values by "effect.parameter".
-            bounds: lowest and highest value of other parameters; one that would leave its bounds is held at
-                the nearer bound.
+            held: values of held parameters by "effect.parameter".
+            bounds: bounds of other parameters; a parameter that would leave its bounds is held at the nearer
+                bound.
 
         Raises:
-            InputError: see `fit`; or there is no such parameter, or a value is not finite.
+            InputError: see `fit`; or a parameter does not exist, or a value is not finite.
         """
         channel = self._resolve(channel)
         with self._lock:
@@ -247,15 +248,15 @@ class StudyFits(TableDisplay):
                 fixed |= outside
 
     def noise(self, channel: StudyChannel | str) -> MeasurementNoise:
-        """Return the noise of a channel: the held-out error that a complete model would leave.
+        """Return the noise of a channel: the held-out error of a complete model.
 
-        It is estimated with the base model, and added effects do not change it; see `measurement_noise`.
+        It is estimated with the base model, so that added effects do not change it; see `measurement_noise`.
 
         Args:
             channel: the channel, or its name.
 
         Raises:
-            InputError: the channel cannot be judged.
+            InputError: the channel cannot be fitted.
         """
         channel = self._resolve(channel)
         if channel.key not in self._noise:
@@ -266,10 +267,10 @@ class StudyFits(TableDisplay):
         """Compare the base models with the measurement.
 
         Args:
-            channel: only this one; None for all.
+            channel: name of one channel; None for all.
 
         Raises:
-            InputError: there is no such channel, or none can be judged.
+            InputError: there is no such channel, or none can be fitted.
         """
         compared, failures = [], {}
         for chosen in self.chosen(channel):
@@ -314,7 +315,7 @@ class StudyFits(TableDisplay):
         return self._channels[data.name, name]
 
     def _remember(self, key: _FitKey, fit: FitResult) -> None:
-        """Put a fit last in the cache, and drop the least recently used fits."""
+        """Add a fit to the cache as the most recently used one, and drop the least recently used fits."""
         self._fits[key] = fit
         while len(self._fits) > _MOST_FITS:
             oldest = next(iter(self._fits))
@@ -331,7 +332,7 @@ class StudyFits(TableDisplay):
         """Return an effect in the form that suits a channel.
 
         Raises:
-            InputError: it is unknown, there already, or does not apply.
+            InputError: the effect is unknown or does not apply.
         """
         effect = self._effect(name)
         if why := unapplicable(effect, parent.data):

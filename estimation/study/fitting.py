@@ -1,6 +1,6 @@
-"""Fit, preview and diagnose models of a channel on behalf of a study.
+"""Fit, preview and diagnose models of a channel for a study.
 
-All random draws have a fixed seed, so that the same data give the same numbers in any process.
+All random generators have a fixed seed, so that the same data give the same results in any process.
 """
 
 import os
@@ -23,10 +23,10 @@ from palpate.estimation.model import Model
 from palpate.estimation.workers import single_threaded
 from palpate.robot_io.errors import InputError
 
-SEED = 1  # seed of all random numbers of a diagnosis
+SEED = 1  # seed of the random generator of a diagnosis
 _PREVIEW_STARTS = 6  # approximate number of start values of a preview
 _PREVIEW_TOLERANCE = 0.01  # least relative decrease of the squared error in a step of a preview
-Progress = Callable[[str, float], None]  # called with the current step and the share of it that is done
+Progress = Callable[[str, float], None]  # receives the current step and its completed share, from 0 to 1
 Judge = Callable[[Sequence[ChannelData], Sequence[Model], Sequence[Effect], Progress, str], Diagnosis]
 
 
@@ -34,12 +34,12 @@ def fit_base(data: ChannelData, model: Model, whole: ChannelData | None = None) 
     """Fit a base model to a channel.
 
     Args:
-        data: the channel, with the runs to fit to.
+        data: the channel with the runs used for fitting.
         model: the base model.
-        whole: the channel with all runs, if some are held out by choice; None to score by cross-validation.
+        whole: the channel with all runs, if the user holds out some; None to score by cross-validation.
 
     Raises:
-        InputError: the channel cannot be judged; the message says why.
+        InputError: the channel cannot be fitted; the message states the reason.
     """
     if reason := reject_reason(data):
         raise InputError(f"channel '{data.name}': {reason}")
@@ -49,11 +49,11 @@ def fit_base(data: ChannelData, model: Model, whole: ChannelData | None = None) 
 
 
 def preview_extended(parent: FitResult, effect: Effect) -> FitResult:
-    """Approximate `fit_extended` within a few hundredths of a second, on block averages and from few starts.
+    """Approximate `fit_extended` within a few hundredths of a second, on block averages and with few starts.
 
     Args:
         parent: the model without the effect.
-        effect: what is added, in the form that suits the channel.
+        effect: the effect to add, in the form that suits the channel.
     """
     with single_threaded():
         known, starts = parent.solution.parameters, effect.starts(parent.training)
@@ -69,12 +69,12 @@ def preview_extended(parent: FitResult, effect: Effect) -> FitResult:
 
 
 def fit_held(data: ChannelData, fit: FitResult, held: Mapping[str, float]) -> FitResult:
-    """Fit a model again from its present parameters, with some of them held.
+    """Refit a model from its present parameters, with some of them held.
 
     Args:
-        data: the channel, with the runs to fit to.
-        fit: the model.
-        held: values by "effect.parameter".
+        data: the channel with the runs used for fitting.
+        fit: the fitted model.
+        held: values of held parameters by "effect.parameter".
     """
     with single_threaded():
         again = fit_model(data, replace(fit.model, held=held), fit.values, usable(data))
@@ -88,16 +88,16 @@ def diagnose(
     progress: Progress,
     file: str,
 ) -> Diagnosis:
-    """Diagnose channels of one robot, in several processes where that is possible.
+    """Diagnose channels of one robot, in several processes if possible.
 
     Args:
-        channels: efforts with their motion.
-        models: the base model of each.
-        effects: the library of effects to try.
-        progress: called with the current step and the share of it that is done.
+        channels: the channels.
+        models: the base model of each channel.
+        effects: the library of candidate effects.
+        progress: see `Progress`.
         file: name of the data, for the result.
     """
-    # A sweep's worker may start no processes; effects of a user's file are unknown in other processes.
+    # Workers of a sweep must not start processes, and user-defined effects are unknown in other processes.
     own = all(type(effect).__module__.startswith("palpate.estimation.") for effect in effects)
     processes = os.cpu_count() or 1 if own and not current_process().daemon else 1
     with single_threaded():

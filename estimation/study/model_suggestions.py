@@ -1,4 +1,4 @@
-"""Suggest another base model, or runs on fresh objects, if these explain a measurement better."""
+"""Suggest another base model or independent runs if they explain a measurement better."""
 
 from dataclasses import replace
 
@@ -15,18 +15,18 @@ from palpate.estimation.study.study import ModelStudy
 from palpate.robot_io.errors import InputError
 
 _FAR_BETTER = 0.5  # ratio of held-out errors below which another base model is suggested
-_NO_WORSE = 1.02  # ratio to the error of a complete model
+_NO_WORSE = 1.02  # largest ratio to the error of a complete model at which another model fits equally well
 
 
 def better_model(
     study: ModelStudy, channel: StudyChannel, most: float, parameters: int | None = None
 ) -> tuple[str, float] | None:
-    """Return the base model that fits a channel best and its held-out error; None if above the limit.
+    """Return the base model that fits a channel best and its held-out error; None if the error is too large.
 
     Args:
-        study: study of the measurement.
-        channel: with the model that was taken, for nobody named one.
-        most: error that it may leave.
+        study: the measurement and its fits.
+        channel: the channel with its present base model, which is excluded.
+        most: upper limit of the held-out error [effort].
         parameters: largest number of parameters; None for any number.
     """
     good = []
@@ -36,7 +36,7 @@ def better_model(
         try:
             variant = study.with_model(channel.name, name)
             error = study.fit(variant).rmse
-        except InputError:  # it lacks something, such as a URDF
+        except InputError:  # the model lacks information, such as a URDF
             continue
         count = len(variant.model.gains) + len(variant.model.inner)
         if error < most and count <= (parameters or count):
@@ -47,12 +47,14 @@ def better_model(
 def far_better_model(
     study: ModelStudy, channel: StudyChannel, usual: Comparison | None
 ) -> tuple[str, float] | None:
-    """Return the base model that fits far better than one that is far off, and its held-out error.
+    """Return a base model that fits far better than the usual one, and its held-out error.
+
+    The result is None unless the error of the usual model is far above the noise.
 
     Args:
-        study: study of the measurement.
-        channel: with the usual base model.
-        usual: comparison of that model; None if the data cannot be judged.
+        study: the measurement and its fits.
+        channel: the channel with the usual base model.
+        usual: comparison of the usual model; None if the channel cannot be fitted.
     """
     if usual is None or usual.lack_of_fit < FAR:
         return None
@@ -62,15 +64,16 @@ def far_better_model(
 def better_explanation(
     study: ModelStudy, channel: StudyChannel, diagnosis: ChannelDiagnosis
 ) -> tuple[str, float] | None:
-    """Return a base model that does far better than the usual one with accepted effects, and its error.
+    """Return a base model that explains the channel far better than the usual one, and its held-out error.
 
-    If accepted effects complete the usual model, no other model can fit far better: then the other must fit
-    as well with no more parameters than both together.
+    It must fit far better than the usual model with accepted effects. If these effects complete the usual
+    model, this is impossible: the other model must then fit far better than the usual model alone, and as
+    well as the complete model with no more parameters.
 
     Args:
         study: the measurement and its fits.
-        channel: with the usual base model.
-        diagnosis: the diagnosis of that model.
+        channel: the channel with the usual base model.
+        diagnosis: the diagnosis of this channel.
     """
     base, final = diagnosis.baseline, diagnosis.final
     if base is None or final is None or diagnosis.verdict is Verdict.ADEQUATE:
@@ -85,7 +88,7 @@ _BETTER = 0.95  # ratio of held-out errors below which independent runs are sugg
 
 
 def on_clocks_of_their_own(data: ChannelData) -> ChannelData:
-    """Restart the clock of a channel in each run, so that no run continues another.
+    """Restart the clock of a channel in each run, so that all runs are independent.
 
     Args:
         data: the channel.
@@ -94,11 +97,11 @@ def on_clocks_of_their_own(data: ChannelData) -> ChannelData:
 
 
 def relaxes_afresh(data: ChannelData, model: Model) -> bool:
-    """Check whether an object that relaxes, and is new to each run, explains more than the same object.
+    """Return whether relaxation fits better if each run meets a new object instead of the same one.
 
     Args:
-        data: a contact channel; there is no suggestion for other channels.
-        model: all that is known of it but relaxation, or with it.
+        data: a contact channel; the result is false for other channels.
+        model: the model, with or without relaxation.
     """
     afresh = on_clocks_of_their_own(data)
     if data.kind is not ChannelKind.CONTACT or (afresh.time_s == data.time_s).all():
@@ -109,7 +112,7 @@ def relaxes_afresh(data: ChannelData, model: Model) -> bool:
 
 
 def explained_by_fresh_runs(study: ModelStudy, diagnosis: ChannelDiagnosis) -> bool:
-    """Check whether relaxation is only partly explained, and would be fully if runs were independent.
+    """Return whether a diagnosis with relaxation is incomplete, and independent runs would fit better.
 
     Args:
         study: the measurement and its fits.

@@ -1,4 +1,4 @@
-"""Compare two measurements, or two models of one: mutual predictions and differences."""
+"""Compare two measurements, or two models of one measurement: mutual predictions and differences."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -25,12 +25,12 @@ from palpate.estimation.study.study import ModelStudy
 from palpate.robot_io.errors import InputError
 from palpate.robot_io.types import FloatArray
 
-Grown = Sequence[tuple[StudyChannel, Sequence[str]]]  # channels with what was added to their base models
-# lags: largest share of the median run, least and largest number of samples
+Grown = Sequence[tuple[StudyChannel, Sequence[str]]]  # channels with the effects added to their base models
+# Largest lag as a share of the median run, with its lower and upper limit in samples.
 _LAG_SHARE, _FEWEST_LAGS, _MOST_LAGS = 0.1, 25, 400
-_LEAST_OVERLAP = 0.9  # least share of the longer run that the shorter run must last, to compare over time
+_LEAST_OVERLAP = 0.9  # least ratio of the shorter to the longer run for a comparison over time
 _SAME_MOTION = 0.1  # largest relative difference of two motions that count as equal
-# Noise levels by which a parameter's difference must change the effort to be reported.
+# Least change of the effort by a parameter's difference that is reported, in noise levels.
 _LEAST_NOISE_LEVELS = 0.05
 
 
@@ -39,10 +39,10 @@ class Side:
     """One of two compared measurements or models."""
 
     name: str  # label of this side
-    channel: StudyChannel  # with its base model
-    effects: Sequence[str]  # that were added to it
-    compared: Comparison | None  # compare the model with the measurement; None where it cannot be judged
-    reason: str = ""  # why it cannot
+    channel: StudyChannel  # the channel with its base model
+    effects: Sequence[str]  # names of the added effects
+    compared: Comparison | None  # comparison of model and measurement; None if the channel cannot be fitted
+    reason: str = ""  # reason why it cannot be fitted
 
     @property
     def data(self) -> ChannelData:
@@ -61,18 +61,18 @@ class Side:
 
     @property
     def residual(self) -> FloatArray:
-        """Measured less predicted from other runs, shape (n,); NaN where not scored."""
+        """Effort minus prediction from the other runs, shape (n,); NaN if not scored."""
         return np.full(len(self.data), np.nan) if self.compared is None else self.compared.fitted.residual
 
     @cached_property
     def lags(self) -> int:
-        """Largest lag of the correlations, in samples."""
+        """Largest lag of the correlations [samples]."""
         length = float(np.median([len(rows) for rows in rows_of_runs(self.data.run)]))
         return int(np.clip(_LAG_SHARE * length, _FEWEST_LAGS, _MOST_LAGS))
 
     @property
     def step_s(self) -> float:
-        """Time from sample to sample, the unit of the lags [s]."""
+        """Time between samples, the unit of the lags [s]."""
         return sample_time(self.data.time_s, self.data.run)
 
     @cached_property
@@ -86,10 +86,13 @@ class Side:
         return cross_correlation(self.residual, self.data.velocity, self.data.run, self.lags)
 
     def floors_of(self, other: "Side") -> float:
-        """Return the error of this side's model on the other's measurement in its noise levels, or NaN.
+        """Return the error of this model on the other measurement, in that measurement's noise levels.
 
         Args:
-            other: the side whose measurement is described.
+            other: the side whose measurement is predicted.
+
+        Returns:
+            The ratio; NaN if a prediction is impossible.
         """
         predicted = self._prediction_of(other)
         if predicted is None or other.compared is None:
@@ -99,21 +102,21 @@ class Side:
         return error / floor if floor > 0.0 else float("inf")
 
     def _prediction_of(self, other: "Side") -> FloatArray | None:
-        """Predict the effort (n,) for the other's motion; held-out runs for its own; None if impossible."""
+        """Predict the effort (n,) for the other motion (cross-validated for its own); None if impossible."""
         if self.compared is None or other.compared is None:
             return None
         if other is self:
             return other.data.effort - self.residual
         try:
             return self.compared.fitted.model.predict(other.data, self.compared.fitted.values)
-        except (InputError, KeyError):  # the other lacks a signal that this model needs
+        except (InputError, KeyError):  # the other measurement lacks a signal that this model needs
             return None
 
     def fit_of(self, other: "Side") -> float:
-        """Return the share of the other's effort that this model explains; of its own, in held-out runs [%].
+        """Return the fit of this model to the other measurement, by cross-validation for its own [%].
 
         Args:
-            other: the side whose measurement is described.
+            other: the side whose measurement is predicted.
         """
         predicted = self._prediction_of(other)
         if predicted is None or other.compared is None:
@@ -127,25 +130,25 @@ class ParameterDifference:
     """One parameter on both sides."""
 
     name: str  # "effect.parameter"
-    unit: str  # SI
-    first: ParameterEstimate | None  # None where that side's model has none
-    second: ParameterEstimate | None  # likewise
-    # Whether both come from one measurement: then their errors are no more independent.
+    unit: str  # SI unit
+    first: ParameterEstimate | None  # estimate of the first side; None if its model lacks the parameter
+    second: ParameterEstimate | None  # estimate of the second side; None if its model lacks the parameter
+    # Whether both come from one measurement, so that their errors are not independent.
     is_same_data: bool = False
-    # Of the difference, where one measurement repeats the other; None where errors are independent.
+    # Standard error of the difference if one measurement repeats the other; None if errors are independent.
     paired_std_err: float | None = None
-    floors: float = float("inf")  # by how many noise floors the difference changes the effort
+    floors: float = float("inf")  # change of the effort by the difference, in noise levels
 
     @property
     def value(self) -> float:
-        """Second less first; NaN where one is missing."""
+        """Second minus first value; NaN if one is missing."""
         if self.first is None or self.second is None:
             return float("nan")
         return self.second.value - self.first.value
 
     @property
     def half(self) -> float:
-        """Half of the difference's 95 % interval; NaN where it is not known."""
+        """Half width of the difference's 95 % interval; NaN if unknown."""
         if self.first is None or self.second is None or self.is_same_data:
             return float("nan")
         if self.paired_std_err is not None:
@@ -154,7 +157,7 @@ class ParameterDifference:
 
     @property
     def differs(self) -> bool | None:
-        """Whether the difference is significant and affects the effort; None if there is no interval."""
+        """Whether the difference is significant and changes the effort; None if there is no interval."""
         if not np.isfinite(self.half):
             return None
         return bool(abs(self.value) > self.half) and self.floors > _LEAST_NOISE_LEVELS
@@ -169,7 +172,7 @@ class Sides(TableDisplay):
 
     @property
     def channel(self) -> str:
-        """Its name."""
+        """Name of the channel."""
         return self.first.channel.name
 
     @property
@@ -179,7 +182,7 @@ class Sides(TableDisplay):
 
     @cached_property
     def differences(self) -> tuple[ParameterDifference, ...]:
-        """All parameters of either model."""
+        """Differences of all parameters of both models."""
         first, second = self.first.parameters, self.second.parameters
         return tuple(
             ParameterDifference(
@@ -196,10 +199,10 @@ class Sides(TableDisplay):
 
     @cached_property
     def _paired_errors(self) -> Mapping[str, float]:
-        """Return standard errors of the differences if one measurement repeats the other; else none.
+        """Standard errors of the differences if one measurement repeats the other; empty otherwise.
 
-        If both sides have the same motion, with slopes X, the common part of both residuals cancels, such as
-        that of a missing effect: the difference of the least-squares estimates is (X'X)^-1 X'(eB - eA).
+        If both sides have the same motion with derivatives X, the difference of the least-squares estimates
+        is (X'X)^-1 X'(eB - eA). The common part of both residuals cancels, such as that of a missing effect.
         """
         a, b = self.first.compared, self.second.compared
         position = self._at_times_of_first(self.second.data.position)
@@ -222,13 +225,13 @@ class Sides(TableDisplay):
 
     @cached_property
     def _slopes(self) -> FloatArray:
-        """Slopes of the first model's effort by its parameters, shape (n, p)."""
+        """Derivatives of the first model's effort by its parameters, shape (n, p)."""
         assert self.first.compared is not None  # noqa: S101, asked for where it is there
         fitted = self.first.compared.fitted
         return slopes_of(fitted.model, fitted.data, fitted.values)
 
     def _floors_of(self, name: str) -> float:
-        """Effect of a parameter's difference on the effort, in noise levels; infinite if unknown."""
+        """Return the change of the effort by a parameter's difference, in noise levels; inf if unknown."""
         a, b = self.first.compared, self.second.compared
         if a is None or b is None or not {name} <= a.parameters.keys() & b.parameters.keys():
             return float("inf")
@@ -240,14 +243,14 @@ class Sides(TableDisplay):
 
     @cached_property
     def overlay(self) -> FloatArray | None:
-        """The second's effort at the times of the first, shape (n,); None if the motion was not repeated."""
+        """Second effort at the times of the first, shape (n,); None if the motion was not repeated."""
         return self._at_times_of_first(self.second.data.effort)
 
     def _at_times_of_first(self, values: FloatArray) -> FloatArray | None:
-        """Values of the second (m,) at the times of the first, run by run from each run's begin, shape (n,).
+        """Interpolate values of the second side (m,) to the times of the first, (n,), since each run's start.
 
-        Values beyond its end are NaN. The result is None if runs differ in number or length, and thus do not
-        repeat the motion.
+        Values after the end of the second run are NaN. The result is None if runs differ in number or
+        duration, so that the motion was not repeated.
         """
         a, b = self.first.data, self.second.data
         if self.is_same_data or len(a.runs) != len(b.runs):
@@ -268,7 +271,7 @@ class Sides(TableDisplay):
 
     @property
     def apart(self) -> float:
-        """Difference of the two efforts over time, relative to the noise of both; NaN if unknown."""
+        """Difference between the two efforts over time, relative to the noise of both; NaN if unknown."""
         a, b = self.first.compared, self.second.compared
         if self.overlay is None or a is None or b is None:
             return float("nan")
@@ -301,7 +304,7 @@ class Sides(TableDisplay):
 def side_by_side(
     first: ModelStudy, second: ModelStudy, names: tuple[str, str], grown: tuple[Grown, Grown] | None = None
 ) -> tuple[Sides, ...]:
-    """Pair the channels that two studies share, with their base models or newest revisions.
+    """Pair the channels that two studies share, with their base models or with added effects.
 
     Args:
         first: study to compare with.
@@ -310,7 +313,7 @@ def side_by_side(
         grown: channels of each study with their added effects; None for all base models.
 
     Raises:
-        InputError: they share no channel.
+        InputError: the studies share no channel.
     """
     chosen = grown or [[(channel, ()) for channel in study.channels] for study in (first, second)]
     comparisons = tuple(

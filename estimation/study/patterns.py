@@ -1,4 +1,4 @@
-"""Patterns in an error: where it is large, and what it depends on."""
+"""Patterns in an error: conditions in which it is large, and signals on which it depends."""
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -10,14 +10,14 @@ from palpate.control.loop.task import Phase
 from palpate.estimation.channel import ChannelData, ChannelKind
 from palpate.robot_io.types import BoolArray, FloatArray
 
-_LEAST_SHARE = 0.5  # least share of the error in the means of the parts, to report a pattern
+_LEAST_SHARE = 0.5  # least share of the error in the means of the parts for a pattern
 _LEAST_DIRECTION_SHARE = 0.3  # least share for a dependence on the direction alone
-_GROWTH_RATIO = 2.0  # ratio of the errors in the last and first parts
-_ONE_SIDED_SHARE = 0.7  # share of the error in its mean if it has one sign
+_GROWTH_RATIO = 2.0  # least ratio of the errors in the last and first parts for a growing error
+_ONE_SIDED_SHARE = 0.7  # least share of the error in its mean for an error of one sign
 _LEAST_ADVANTAGE = 1.2  # least ratio by which another split must explain more
-_MOST_PATTERNS = 2  # patterns that are reported
+_MOST_PATTERNS = 2  # largest number of reported patterns
 
-# the effort depends on the place and the way, and a phase says where that is and which way it goes
+# Effort and phase depend on position and direction, so a pattern in these explains one in effort or phase.
 _IMPLIED_BY = dict.fromkeys(("effort", "phase"), ("depth", "position", "direction"))
 
 
@@ -26,20 +26,20 @@ class Part:
     """The error in one part of the data."""
 
     label: str  # such as "moving in" or "0.01 to 0.05 m/s"
-    samples: int  # how many
+    samples: int  # number of samples
     rmse: float  # root mean square of the residual
-    mean: float  # mean of the residual; positive where the measurement is above the model
-    energy: float  # share of the whole squared error
-    excess: float  # rmse over the noise level
+    mean: float  # mean of the residual; positive if the measurement is above the model
+    energy: float  # share of the total squared error
+    excess: float  # ratio of the rmse to the noise level
 
 
 @dataclass(frozen=True)
 class Pattern:
     """A pattern in an error."""
 
-    by: str  # way of splitting in which it shows
-    words: str  # such as "changes with the direction of motion"
-    share: float  # of the error, that goes with the pattern
+    by: str  # split that shows the pattern
+    words: str  # description, such as "changes with the direction of motion"
+    share: float  # share of the error that follows the pattern
 
     @property
     def sentence(self) -> str:
@@ -51,16 +51,16 @@ def patterns(parts: Mapping[str, Sequence[Part]], rmse: float) -> tuple[Pattern,
     """Describe patterns in the parts of an error, the strongest first; empty without any.
 
     Args:
-        parts: the error by way of splitting, see `palpate.estimation.study.comparison`.
-        rmse: the whole error, in the unit of the effort.
+        parts: errors by kind of split, see `palpate.estimation.study.comparison`.
+        rmse: total error [effort].
     """
-    # The mean of the whole over the whole error; 0 where it was not split.
+    # Ratio of the mean residual to the total error; 0 if the error was not split.
     widest = max(parts.values(), key=lambda own: sum(part.samples for part in own), default=())
     whole = sum(part.samples * part.mean for part in widest)
     samples = sum(part.samples for part in widest)
     one_sided = abs(whole) / (rmse * samples) if widest and rmse > 0.0 else 0.0
-    # The parts after the overall mean was subtracted, which hides no pattern, and the correlation ratio of
-    # each split: root mean square of the parts' means over the whole error.
+    # Subtract the overall mean from the parts, and compute the correlation ratio of each split: root mean
+    # square of the parts' means over the total error.
     centred_rmse = rmse * float(np.sqrt(1.0 - min(one_sided, 1.0) ** 2))
     varying, means = dict[str, list[Part]](), dict[str, float]()
     for by, own in parts.items():
@@ -86,7 +86,7 @@ def patterns(parts: Mapping[str, Sequence[Part]], rmse: float) -> tuple[Pattern,
 
 
 def _pattern_of_split(by: str, parts: Sequence[Part], share: float) -> Iterator[tuple[str, float]]:
-    """Yield words and strength of the pattern in one way of splitting, if any."""
+    """Yield description and strength of the patterns in one split."""
     match by:
         case "direction":
             moving = [part.mean for part in parts if part.label.startswith("moving")]
@@ -147,7 +147,7 @@ def splits(data: ChannelData) -> dict[str, dict[str, BoolArray]]:
 
 
 def _bins(signal: FloatArray, unit: str, engaged: BoolArray) -> dict[str, BoolArray]:
-    """Bins of equal width over all but the outermost samples; a contact only while pressed."""
+    """Return masks of bins with equal width over all but the outermost samples, for engaged samples."""
     if not engaged.any():
         return {}
     low, high = np.quantile(signal[engaged], [0.005, 0.995])

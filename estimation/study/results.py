@@ -1,4 +1,4 @@
-"""Results of a study: immutable objects, which a notebook shows as tables."""
+"""Results of a study: immutable objects that notebooks show as tables."""
 
 from dataclasses import dataclass
 
@@ -15,13 +15,13 @@ from palpate.estimation.study.revisions import Revision
 class Stage:
     """One stage of a model."""
 
-    fitted: FitResult  # the model at this stage
-    added: str = ""  # effect that this stage added; empty for the base model
-    number: int | None = None  # of the revision that it is kept as; None where it is not kept
+    fitted: FitResult  # the fitted model of this stage
+    added: str = ""  # effect added at this stage; empty for the base model
+    number: int | None = None  # number of the revision in which it is saved; None if it is not saved
 
     @property
     def rmse(self) -> float:
-        """Error in held-out runs."""
+        """Held-out error."""
         return self.fitted.rmse
 
     @property
@@ -35,15 +35,15 @@ class ChannelResult(TableDisplay):
     """One channel with all its results."""
 
     channel: StudyChannel  # the channel and its base model
-    diagnosis: ChannelDiagnosis | None = None  # what is missing; None where nobody asked
-    # The base model beside the measurement; None where the data cannot be judged.
+    diagnosis: ChannelDiagnosis | None = None  # diagnosis of the base model; None if it was not diagnosed
+    # Comparison of the base model with the measurement; None if the channel cannot be fitted.
     comparison: Comparison | None = None
-    # The base model, and one stage for each effect added; empty where the data cannot be judged.
+    # The base model, and one stage for each added effect; empty if the channel cannot be fitted.
     stages: tuple[Stage, ...] = ()
-    grown: Comparison | None = None  # the last stage beside the measurement; None where nothing was added
-    # Of the channel, by which all its stages are measured; None as for the comparison.
+    grown: Comparison | None = None  # comparison of the last stage with the measurement; None without effects
+    # Noise of the channel, to which the errors of all stages refer; None if the channel cannot be fitted.
     noise: MeasurementNoise | None = None
-    reason: str = ""  # why there is no comparison, or why what was added is left out; empty else
+    reason: str = ""  # why the comparison or added effects are missing; otherwise empty
 
     @property
     def added(self) -> list[str]:
@@ -52,12 +52,12 @@ class ChannelResult(TableDisplay):
 
     @property
     def left_out(self) -> bool:
-        """Whether more effects were added than are shown; `reason` explains why."""
+        """Whether some added effects are not shown; `reason` explains why."""
         return bool(self.stages and self.reason)
 
     @property
     def shown(self) -> Comparison | None:
-        """The comparison of the largest model with the measurement."""
+        """Comparison of the largest model with the measurement."""
         return self.grown or self.comparison
 
     def _table(self) -> DisplayTable:
@@ -81,9 +81,9 @@ class ChannelResult(TableDisplay):
 class Change(TableDisplay):
     """Result of adding or removing effects."""
 
-    result: ChannelResult  # all stages of the channel, from the base model on
-    revisions: tuple[Revision, ...]  # those that are new
-    parent: Revision | None  # the revision that was continued; None for a new beginning
+    result: ChannelResult  # all stages of the channel, starting with the base model
+    revisions: tuple[Revision, ...]  # the new revisions
+    parent: Revision | None  # the revision that was continued; None if the change started from the base model
 
     def _table(self) -> DisplayTable:
         return self.result._table()

@@ -1,4 +1,4 @@
-"""Saved stages of models, in files or in memory."""
+"""Revisions: saved stages of models, in files or in memory."""
 
 import json
 from collections.abc import Callable, Iterator, Sequence
@@ -18,7 +18,7 @@ from palpate.robot_io.errors import InputError
 from palpate.robot_io.files.whole_file import whole_file
 
 FOLDER = "revisions"
-MOST = 999_999  # larger numbers are not created by palpate
+MOST = 999_999  # largest number that palpate creates
 Sized = Annotated[float, Field(ge=-LARGEST, le=LARGEST)]
 SizedError = Annotated[float, Field(ge=0.0, le=LARGEST)]
 
@@ -37,33 +37,33 @@ class Revision(BaseModel):
 
     model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
 
-    number: int = Field(ge=0, le=MOST)  # of the revision, unique within a study
-    parent: int | None  # the revision that it was made of; None for a base model
-    channel: str  # its name
+    number: int = Field(ge=0, le=MOST)  # number of the revision, unique within a study
+    parent: int | None  # number of the previous revision; None for a base model
+    channel: str  # name of the channel
     model: str  # name of the base model
-    added: str  # effect that this stage added; empty for a base model, and where one was removed
-    removed: str = ""  # effect that this stage took away again
-    effects: list[str]  # all beside the base model, in order
-    user_effects: list[str]  # effects of the user's own among them, as FILE.py:Class
+    added: str  # effect added at this stage; empty for a base model or a removal
+    removed: str = ""  # effect removed at this stage
+    effects: list[str]  # all added effects, in order
+    user_effects: list[str]  # user-defined effects among them, as FILE.py:Class
     effort_unit: str  # unit of the errors
-    rmse: SizedError  # error in held-out runs
-    noise_floor: SizedError  # error that a complete model would leave, whatever the model
-    parameters: dict[str, KeptParameter]  # by "effect.parameter"
-    data_sha256: str  # of the channel that it was fitted to
-    created_utc: str  # when
-    software_version: str  # by which palpate
+    rmse: SizedError  # held-out error
+    noise_floor: SizedError  # held-out error of a complete model
+    parameters: dict[str, KeptParameter]  # parameters by "effect.parameter"
+    data_sha256: str  # SHA-256 of the fitted channel
+    created_utc: str  # creation time
+    software_version: str  # version of palpate
 
     @property
     def key(self) -> tuple[str, str, str]:
-        """Channel, base model and SHA-256 of the data, as `StudyChannel.key`."""
+        """Channel, base model and SHA-256 of the data, as in `StudyChannel.key`."""
         return self.channel, self.model, self.data_sha256
 
 
 class Revisions:
-    """Revisions of a study; several programs may save into one folder without losing any.
+    """Revisions of a study; several programs can safely save into the same folder.
 
     Args:
-        folder: where the folder of revisions is or will be; None to keep them in memory.
+        folder: parent folder of the revisions; None to keep them in memory.
     """
 
     def __init__(self, folder: Path | None) -> None:
@@ -72,11 +72,11 @@ class Revisions:
 
     @property
     def is_there(self) -> bool:
-        """Whether the folder has ever had a revision."""
+        """Whether the folder of revisions exists."""
         return self._folder is not None and self._folder.is_dir()
 
     def all(self) -> tuple[Revision, ...]:
-        """All revisions, oldest first. InputError: a file is not a revision."""
+        """Return all revisions, oldest first. InputError: a file is not a revision."""
         if self._folder is None:
             return tuple(self._in_memory)
         files = self._folder.glob("[0-9]*.json") if self._folder.is_dir() else ()
@@ -111,13 +111,13 @@ class Revisions:
         return known[number]
 
     def keep(self, make: Callable[[int], Revision]) -> Revision:
-        """Save a revision under the next number that no other program has taken.
+        """Save a revision under the next unused number.
 
         Args:
-            make: builds the revision from its number.
+            make: function that builds the revision from its number.
 
         Raises:
-            InputError: it cannot be written.
+            InputError: the file cannot be written.
         """
         number = max((revision.number for revision in self.all()), default=-1) + 1
         if self._folder is None:
@@ -132,7 +132,7 @@ class Revisions:
                         content = with_checksum(made.model_dump(mode="json"))
                         text = json.dumps(content, indent=2, ensure_ascii=False, allow_nan=False)
                         unfinished.write_text(text + "\n", encoding="utf-8")
-                except FileExistsError:  # another program was quicker
+                except FileExistsError:  # another program has used this number
                     number += 1
                 else:
                     return made
@@ -140,10 +140,10 @@ class Revisions:
             raise InputError(f"cannot write {self._folder}: {error.strerror or error}") from error
 
     def drop(self, revisions: Sequence[Revision]) -> None:
-        """Remove revisions that were just saved, if the set could not be saved in full.
+        """Remove revisions that were just saved, after a failure to save the whole set.
 
         Args:
-            revisions: just saved, the newest last.
+            revisions: the saved revisions, the newest last.
         """
         for revision in reversed(revisions):
             if self._folder is None:
@@ -153,10 +153,10 @@ class Revisions:
 
 
 def own_effects(revisions: Sequence[Revision]) -> list[str]:
-    """Return the user-defined effects in these revisions, as FILE.py:Class, each once.
+    """Return the user-defined effects in revisions, as FILE.py:Class, without repetition.
 
     Args:
-        revisions: revisions to search.
+        revisions: the revisions.
     """
     return list(dict.fromkeys(text for revision in revisions for text in revision.user_effects))
 
@@ -170,7 +170,7 @@ def _damaged(file: Path, why: str) -> InputError:
 
 
 def _flaws(revision: Revision, number: int) -> Iterator[str]:
-    """List errors in a revision, which may have been edited by hand."""
+    """Yield errors in a revision, which may have been edited by hand."""
     if revision.number != number:
         yield f"its number is {revision.number}"
     if revision.parent is not None and not 0 <= revision.parent < number:
@@ -186,11 +186,11 @@ def _flaws(revision: Revision, number: int) -> Iterator[str]:
     if len(unknown) > len(revision.user_effects):
         yield EFFECTS.unknown(unknown[-1])
     if len(unknown) < len(revision.user_effects):
-        return  # one of the user's own has the name of another effect, with parameters of its own
+        return  # a user-defined effect may have the name of another effect but different parameters
     names = {*effects, *(name.partition(".")[0] for name in revision.parameters)}
     fixed = [EFFECTS[name] for name in names if name in EFFECTS]
     expected = {f"{effect.name}.{p.name}" for effect in fixed for p in (*effect.gains, *effect.inner)}
-    with suppress(InputError):  # a base model that needs an arm, which says what parameters there are
+    with suppress(InputError):  # the parameters of some base models depend on the arm
         base = MODELS[revision.model]().build(ModelContext())
         expected |= {*base.gains, *base.inner}
     if lacking := sorted(expected - set(revision.parameters)):

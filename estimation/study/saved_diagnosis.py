@@ -1,4 +1,4 @@
-"""Save a diagnosis, and read it only for the same data and base models."""
+"""Save a diagnosis, and read it again for the same data and base models."""
 
 import json
 from collections.abc import Iterator, Mapping, Sequence
@@ -14,8 +14,8 @@ from palpate.estimation.study.channels import StudyChannel
 from palpate.robot_io.errors import InputError
 
 RESULT = "diagnosis.json"
-_TOLERANCE = 1e-3  # relative difference, or share of a standard error, up to which two fits agree
-_ABOUT = "judged"  # key of the data and base models that the file refers to
+_TOLERANCE = 1e-3  # difference up to which two fits agree, relative to the value or its standard error
+_ABOUT = "judged"  # key of the data and base models to which the file refers
 
 
 class _About(BaseModel):
@@ -35,8 +35,8 @@ def diagnosis_data(diagnosis: Diagnosis, channels: Sequence[StudyChannel]) -> di
     """Return a diagnosis as plain data; the keys are stable.
 
     Args:
-        diagnosis: to save.
-        channels: the channels that it is about.
+        diagnosis: the diagnosis.
+        channels: the diagnosed channels.
     """
     about = {c.name: {"model": c.model.name, "data_sha256": c.sha256} for c in channels}
     return with_checksum(diagnosis.model_dump(mode="json") | {_ABOUT: about})
@@ -46,7 +46,7 @@ def read_diagnosis(folder: Path | None) -> dict[tuple[str, str, str], ChannelDia
     """Read the saved diagnosis of a folder.
 
     Args:
-        folder: folder of the study; None for none.
+        folder: folder of the study; None if the study has none.
 
     Returns:
         Diagnoses by channel, base model and SHA-256 of the data; empty without a file.
@@ -67,12 +67,12 @@ def read_diagnosis(folder: Path | None) -> dict[tuple[str, str, str], ChannelDia
 
 
 def is_other(saved: float, fitted: float, std_err: float = 0.0) -> bool:
-    """Return whether a saved number differs from that of the same fit, repeated.
+    """Return whether a saved number differs from the result of a repeated fit.
 
     Args:
         saved: number in the file.
-        fitted: the same number from a fit, in the same unit.
-        std_err: its standard error; 0 for none.
+        fitted: number from the repeated fit, in the same unit.
+        std_err: standard error of that number; 0 if there is none.
     """
     slack = max(abs(fitted), std_err if isfinite(std_err) else 0.0)
     return not abs(saved - fitted) <= _TOLERANCE * slack
@@ -80,22 +80,22 @@ def is_other(saved: float, fitted: float, std_err: float = 0.0) -> bool:
 
 MOST_BYTES = 16_000_000
 MOST_TEXT = 4000  # characters
-_CHECKSUM = "sha256"  # key of the SHA-256 of the rest of the file
+_CHECKSUM = "sha256"  # key of the SHA-256 of the remaining content
 Kept = TypeVar("Kept", bound=BaseModel)
 
 
 def read_kept(file: Path, model: type[Kept]) -> Kept:
-    """Read one file; texts are short, and have no control characters and no marks of direction.
+    """Read a file that palpate saved, and check its size, form, texts and checksum.
 
     Args:
-        file: to read.
-        model: form of its content.
+        file: path of the file.
+        model: pydantic model of its content.
 
     Raises:
-        ValueError: why it is not what palpate wrote, in a few words.
+        ValueError: the file is not as palpate wrote it; the message states the reason.
     """
     try:
-        if not file.is_file():  # a pipe might never end
+        if not file.is_file():  # reading a pipe may never end
             raise ValueError("it is not a regular file")
         if file.stat().st_size > MOST_BYTES:
             raise ValueError(f"it has more than {MOST_BYTES // 10**6} MB")
@@ -125,10 +125,10 @@ def read_kept(file: Path, model: type[Kept]) -> Kept:
 
 
 def with_checksum(content: Mapping[str, Any]) -> dict[str, Any]:
-    """Return the cleaned content with its checksum, as `read_kept` takes it.
+    """Return cleaned content with its checksum, in the form that `read_kept` requires.
 
     Args:
-        content: to be saved as JSON.
+        content: content to be saved as JSON.
     """
     cleaned = clean(content)
     return {**cleaned, _CHECKSUM: _checksum(cleaned)}
@@ -139,10 +139,10 @@ def _checksum(content: Mapping[str, Any]) -> str:
 
 
 def clean(content: Any) -> Any:  # noqa: ANN401, whatever JSON can hold
-    """Return the content with texts as `read_kept` takes them.
+    """Return the content with texts in the form that `read_kept` accepts.
 
     Args:
-        content: whatever JSON can hold.
+        content: content that JSON can represent.
     """
     if isinstance(content, str):
         return clean_text(content)[:MOST_TEXT]
@@ -152,7 +152,7 @@ def clean(content: Any) -> Any:  # noqa: ANN401, whatever JSON can hold
 
 
 def clean_text(text: str) -> str:
-    """Replace each character that cannot be printed by a question mark.
+    """Replace each nonprintable character by a question mark.
 
     Args:
         text: text to clean.

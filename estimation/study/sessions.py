@@ -1,4 +1,4 @@
-"""Read sessions for a study: their channels, runs and arm."""
+"""Read the channels, runs and arm of sessions for a study."""
 
 from itertools import chain
 from pathlib import Path
@@ -23,17 +23,17 @@ def read_session(path: Path, runs: str) -> tuple[Session, tuple[ChannelData, ...
 
     Args:
         path: path of the session.
-        runs: only these, by number or by label in the imported data file, with commas between; "" for all.
+        runs: numbers or labels of the runs to read, separated by commas; "" for all.
 
     Raises:
-        InputError: it cannot be read, or has no such run.
+        InputError: the session cannot be read, or has no such run.
     """
     session = _open(path)
     channels = session_channels(session)
     if not runs:
         return session, channels
-    # Number of each run by its label in the imported data file, and by its number. A number that is
-    # another run's label is ambiguous and left out.
+    # Map labels of the imported data file and run numbers to run numbers. A number that is the label of
+    # another run is ambiguous and excluded.
     recorded = sorted(set(chain(*(channel.runs.tolist() for channel in channels))))
     runs_by_label = {label: run for label, run in run_labels(session).items() if run in recorded}
     unnamed = {str(run): run for run in recorded}
@@ -48,13 +48,13 @@ def read_session(path: Path, runs: str) -> tuple[Session, tuple[ChannelData, ...
 
 
 def read_folder(folder: Path) -> tuple[list[Session], tuple[ChannelData, ...]]:
-    """Read the probings in a folder as one measurement.
+    """Read the probing sessions in a folder as one measurement.
 
     Args:
-        folder: folder of sessions by one arm.
+        folder: folder with sessions of one arm.
 
     Raises:
-        InputError: there is none, or they do not belong together.
+        InputError: the folder has no session, or the sessions cannot be joined.
     """
     sessions = [_open(path) for path in sorted(folder.glob("*.mcap"))]
     if not sessions:
@@ -63,15 +63,15 @@ def read_folder(folder: Path) -> tuple[list[Session], tuple[ChannelData, ...]]:
 
 
 def _open(path: Path) -> Session:
-    """Open a session without the columns of ticks that no study needs, a third of a long session."""
+    """Open a session without tick columns that no study needs, which saves a third of the memory."""
     return Session.open(path).without_columns(STREAM_NAME, MAY_LACK)
 
 
 def arm_of(session: Session) -> Arm:
-    """Return the arm as a session describes it.
+    """Return the arm described by a session.
 
     Args:
-        session: session of a probing or recording.
+        session: session of a probing or a recording.
 
     Raises:
         InputError: the session's copy of the robot file or calibration is not valid.

@@ -32,36 +32,36 @@ IN_MEMORY = "data"  # name of measurements without a file
 
 @dataclass(frozen=True)
 class Source:
-    """A measurement."""
+    """Measurement of a study: its channels, arm and origin."""
 
-    name: str  # of the file, for people
-    channels: tuple[ChannelData, ...]  # efforts with their motion, as they were measured
-    arm: Arm = NO_ARM  # what the channels belong to
+    name: str  # name of the file for display
+    channels: tuple[ChannelData, ...]  # the measured channels
+    arm: Arm = NO_ARM  # the arm to which the channels belong
     path: Path | None = None  # session, folder of sessions, or data file; None for measurements in memory
-    session: Session | None = None  # the first; None if it is none
-    unused: tuple[str, ...] = ()  # columns of numbers that nothing was made of
-    notes: tuple[str, ...] = ()  # sentences on the data that the reader should see
-    more: tuple[Session, ...] = ()  # further probings by the same arm, that belong to the study
-    read: str = ""  # what was taken for what in a data file; empty for a session
-    # A sentence for each channel that was too long to be searched as it was recorded, by name.
+    session: Session | None = None  # the first session; None if the source is not a session
+    unused: tuple[str, ...] = ()  # unused numeric columns
+    notes: tuple[str, ...] = ()  # notes on the data for the user
+    more: tuple[Session, ...] = ()  # further probing sessions of the same arm
+    read: str = ""  # assignment of columns in a data file; empty for a session
+    # Description of the averaging of each channel that was too long, by name.
     averaged: Mapping[str, str] = field(default_factory=dict)
-    # Of channels whose runs were cut for that, the run that each stretch is of, by its number.
+    # For channels whose runs were cut into stretches, the recorded run of each stretch by its number.
     stretches: Mapping[str, Mapping[int, int]] = field(default_factory=dict)
 
     @property
     def probed(self) -> bool:
-        """Whether the recording was meant to touch an object."""
+        """Whether the source is a probing session."""
         from palpate.control.loop.tick_record import STREAM_NAME  # noqa: PLC0415, needs the MCAP library
 
         return self.session is not None and STREAM_NAME in self.session.stream_names
 
     @property
     def runs(self) -> tuple[int, ...]:
-        """Numbers of the runs as they were recorded, of all channels."""
+        """Recorded run numbers of all channels, ascending."""
         return tuple(sorted({run for channel in self.channels for run in self.recorded(channel)}))
 
     def recorded(self, channel: ChannelData) -> list[int]:
-        """Return the recorded run of each of a channel's runs, which may be stretches of recorded runs.
+        """Return the recorded run of each run of a channel, which may be a stretch of it.
 
         Args:
             channel: channel of this source.
@@ -82,17 +82,17 @@ class Source:
         """Return the source without some runs.
 
         Args:
-            runs: numbers of recorded runs to leave out.
+            runs: numbers of recorded runs to remove.
         """
         left_out = (self.runs_of(channel, runs) for channel in self.channels)
         kept = (c.of_runs(np.setdiff1d(c.runs, out)) for c, out in zip(self.channels, left_out, strict=True))
         return replace(self, channels=tuple(kept))
 
     def tared(self, names: Collection[str]) -> tuple[ChannelData, ...]:
-        """Return channels with the force in free air subtracted, which a stiffness needs.
+        """Return channels with the force in free air subtracted, as the estimation of a stiffness requires.
 
         Args:
-            names: channels that are wanted.
+            names: names of the channels.
         """
         if self.session is None:
             return tuple(channel for channel in self.channels if channel.name in names)
@@ -108,25 +108,25 @@ def open_source(data: Any, options: ImportOptions = NO_OPTIONS, arm: Arm | None 
     """Read a measurement from any supported source.
 
     Args:
-        data: path of a session, of a folder of sessions of one arm, of a data file or of a folder of them,
-            or a list of data files, whose runs belong together; a table (pandas, pyarrow, or a dict of arrays
-            (n,)), whose columns are called as those of a file; one channel or several.
-        options: how to read a file or table; none for a session or channels.
-        arm: what the channels belong to, where the data does not say or the user knows better.
+        data: path of a session, of a folder of sessions of one arm, of a data file, or of a folder of data
+            files; or a list of data files; or a table (pandas, pyarrow, or a dict of arrays (n,)) with column
+            names as in a file; or one or several channels.
+        options: options for reading a file or table; not allowed for sessions and channels.
+        arm: the arm to which the channels belong; None to use the arm of the data.
 
     Raises:
-        InputError: it cannot be used.
+        InputError: the data cannot be used.
     """
     source = _source_of(data, options)
     return source if arm is None else replace(source, arm=arm, notes=(*source.notes, *arm.notes))
 
 
 def limit_length(source: Source, held_out: Sequence[int] = ()) -> Source:
-    """Average long recordings if that loses nothing, and add a note on each.
+    """Shorten recordings that are too long, see `shortened`, and add a note on each.
 
     Args:
-        source: measurement.
-        held_out: runs that no model is fitted to.
+        source: the measurement.
+        held_out: runs excluded from fitting.
 
     Raises:
         InputError: there is no such run.
@@ -146,14 +146,14 @@ def limit_length(source: Source, held_out: Sequence[int] = ()) -> Source:
 
 
 def joined(first: Source, second: Source) -> Source:
-    """Join two measurements in memory, the runs of the second after those of the first.
+    """Join two measurements in memory; the runs of the second follow those of the first.
 
     Args:
-        first: measurement whose runs come first.
-        second: measurement whose runs follow.
+        first: the first measurement.
+        second: the second measurement.
 
     Raises:
-        InputError: they share no channel.
+        InputError: the measurements share no channel.
     """
     channels = tuple(
         joined_channels((channel, further))
@@ -216,7 +216,7 @@ def _source_of_file(path: Path, options: ImportOptions) -> Source:
 
 
 def _as_arrow(data: Any) -> pa.Table:  # noqa: ANN401
-    """Convert a table of any library, through Arrow's interface or column by column."""
+    """Convert a table of any library, by Arrow's interface or column by column."""
     names = list(data) if isinstance(data, Mapping) else list(getattr(data, "columns", ()))
     if isinstance(data, pa.Table):
         return data

@@ -38,31 +38,32 @@ from palpate.estimation.study.saved_diagnosis import RESULT, diagnosis_data, is_
 from palpate.estimation.study.source import NO_OPTIONS
 from palpate.robot_io.errors import InputError
 
-# Time that an experiment may take, and diagnoses as far as a plan depends on them.
+# Longest duration of the experiment, and the parts of the diagnoses on which a plan depends.
 _ProbeKey = tuple[float, tuple[tuple[ChannelKey, Verdict, tuple[str, ...]], ...]]
 Planner = Callable[["ModelStudy", Sequence[ChannelDiagnosis], float, fitting.Progress], NextProbe | None]
 
 
 class ModelStudy(StudyFits):
-    """Models of one measurement: fit, compare, diagnose, extend, and go back to an earlier revision.
+    """Study of one measurement: fit, compare, diagnose and extend models, with revisions.
 
     A model is fitted once for each combination of data, base model and added effects, and all methods share
-    that fit. The noise of a channel is one number too, see `noise`. Methods may be called from
+    this fit. The noise of a channel is also estimated only once, see `noise`. Methods may be called from
     several threads.
 
     Args:
         data: see `palpate.estimation.study.source.open_source`.
-        model: base model; None for the usual one of each channel.
-        options: how to read a file or table.
-        arm: the arm that the channels belong to, where the data does not say.
-        effects: the user's own, by the name under which to load them again, such as "my_effects.py:Mine".
-        folder: where revisions and the diagnosis are saved; None to keep them in memory.
-        held_out: runs excluded from fitting and used only for scoring; none to score each run by the others.
+        model: name of the base model; None for the usual one of each channel.
+        options: options for reading a file or table.
+        arm: the arm to which the channels belong; None to use the arm of the data.
+        effects: user-defined effects by the name under which they can be loaded, such as
+            "my_effects.py:Mine".
+        folder: folder in which revisions and the diagnosis are saved; None to keep them in memory.
+        held_out: runs excluded from fitting and used only for scoring; empty for cross-validation.
         now: clock for the creation time of revisions.
-        planner: plans an experiment that the arm of the recording can do; None where no arm is known.
+        planner: function that plans an experiment for the arm of the recording; None if no arm is known.
 
     Raises:
-        InputError: the data cannot be used, the model is unknown or does not describe it, or no run is left.
+        InputError: the data cannot be used, the model is unknown or does not apply, or no run is left.
     """
 
     def __init__(
@@ -95,14 +96,14 @@ class ModelStudy(StudyFits):
         progress: fitting.Progress = lambda what, share: None,
         judge: fitting.Judge = fitting.diagnose,
     ) -> StudyDiagnosis:
-        """Find out whether an effect is missing in the base models, and which.
+        """Diagnose which effects the base models lack.
 
         Args:
-            channel: only this one; None for all.
-            apply: add the missing effects, as revisions.
-            plan: plan the next experiment for the arm that made the recording, if there is one.
-            progress: called with the current step and the share of it that is done.
-            judge: does the work, such as in another process.
+            channel: name of one channel; None for all.
+            apply: whether to add the missing effects as revisions.
+            plan: whether to plan the next experiment for the arm of the recording, if it is known.
+            progress: callback that receives the current step and its completed share, from 0 to 1.
+            judge: function that computes the diagnosis, for example in another process.
 
         Raises:
             InputError: there is no such channel.
@@ -110,7 +111,7 @@ class ModelStudy(StudyFits):
         chosen = self.chosen(channel)
         if any(member.key not in self._diagnoses for member in chosen):
             data, models = [member.to_fit for member in chosen], [member.model for member in chosen]
-            # Stretches of one recording are no runs, each of which might have met another zero or gain.
+            # Stretches of one recording cannot differ in zero or gain as separate runs can.
             excluded = RunVariation if self.source.stretches else ()
             effects = [effect for effect in self.effects if not isinstance(effect, excluded)]
             judged = judge(data, models, effects, progress, self._file)
@@ -119,7 +120,7 @@ class ModelStudy(StudyFits):
                     self.take_fit(member, added, packed)
             entries = judged.channels
             probe = self.next_probe(entries, progress=progress) if plan else None
-            if probe is not None:  # the arm can do more than repeat its motion in another way
+            if probe is not None:  # use the planned probe instead of a varied repetition of the motion
                 change = {"next_experiment": probe.proposal}
                 entries = [
                     entry.model_copy(update=change) if entry.channel in probe.channels else entry
@@ -146,21 +147,20 @@ class ModelStudy(StudyFits):
         longest_s: float = LONGEST_S,
         progress: fitting.Progress = lambda what, share: None,
     ) -> NextProbe | None:
-        """Plan the experiment that best separates the models among which diagnoses have not decided.
+        """Plan the experiment that best separates the models that the diagnoses leave undecided.
 
-        `diagnose` adds the plan to its result, and commands, page and `palpate resolve` run it. It is planned
-        once for the same verdicts and effects.
+        `diagnose` adds the plan to its result. Plans are cached by verdicts and effects.
 
         Args:
             diagnosed: diagnoses of channels of this study.
-            longest_s: time that the experiment may take [s].
-            progress: called with the current step and the share of it that is done.
+            longest_s: longest duration of the experiment [s].
+            progress: callback that receives the current step and its completed share, from 0 to 1.
 
         Returns:
-            The probe; None if the data come from no probing arm, or no possible probe would tell more.
+            The probe; None without a probing arm, or if no feasible probe separates the models.
 
         Raises:
-            InputError: the session's own copies of robot file or plan are not valid.
+            InputError: the robot file or plan stored in the session is not valid.
         """
         if self._planner is None:
             return None
@@ -175,7 +175,7 @@ class ModelStudy(StudyFits):
         return self._probes[key]
 
     def diagnosis_data(self, diagnosis: StudyDiagnosis) -> dict[str, Any]:
-        """Return a diagnosis as plain data, with the data and models that it is about; keys are stable.
+        """Return a diagnosis as plain data with the identity of data and models; the keys are stable.
 
         Args:
             diagnosis: diagnosis of channels of this study.
@@ -183,17 +183,17 @@ class ModelStudy(StudyFits):
         return diagnosis_data(diagnosis, self.channels)
 
     def known_diagnosis(self, channel: StudyChannel) -> ChannelDiagnosis | None:
-        """Return the diagnosis of this data and base model, made now or saved earlier; None without one.
+        """Return the computed or saved diagnosis of this data and base model; None if there is none.
 
         Args:
             channel: the channel with its base model.
 
         Raises:
-            InputError: the file in the folder is damaged, or says other numbers than this study's fits.
+            InputError: the saved file is damaged, or its numbers differ from this study's fits.
         """
         made = self._diagnoses.get(channel.key)
         saved = None if made else read_diagnosis(self.folder).get(channel.key)
-        if saved is None or saved.baseline is None or channel.held_out:  # which are scored otherwise
+        if saved is None or saved.baseline is None or channel.held_out:  # their scores are not comparable
             return made or saved
         with self._lock:
             noise, names = self.noise(channel).value, [entry.effect for entry in saved.accepted]
@@ -218,15 +218,15 @@ class ModelStudy(StudyFits):
     ) -> tuple[ChannelEstimates, ...]:
         """Estimate parameters with several methods, with 95 % intervals.
 
-        The force of a probing is tared: its value in free air is subtracted.
+        The force of a probing session is tared: its value in free air is subtracted.
 
         Args:
             estimators: names separated by commas, a list of names, or "all".
-            channel: only this one; None for contacts, or for joints where there is no contact.
-            runs: only these; None for all.
+            channel: name of one channel; None for all contacts, or for all joints without a contact.
+            runs: numbers of the runs to use; None for all.
 
         Raises:
-            InputError: a name or run is unknown, or no estimator can work.
+            InputError: a name or run is unknown, or all estimators fail.
         """
         names, models = choose_estimators(estimators), model_to_estimate(self.source, self.model)
         wanted = [name for name in models if channel in {None, name}]
@@ -240,7 +240,7 @@ class ModelStudy(StudyFits):
         for channel_data in chosen:
             try:
                 noise = self.noise(channel_data.name)
-            except InputError:  # it cannot be judged
+            except InputError:  # the channel cannot be fitted
                 noise = None
             made = estimate_with(channel_data, models[channel_data.name], names, self.source.arm)
             estimates.append(replace(made, noise=noise))
@@ -252,14 +252,14 @@ class ModelStudy(StudyFits):
         """Add effects one by one, refit all parameters at each stage, and save each stage as a revision.
 
         Args:
-            effects: names, in order.
-            channel: where; None for the channel that the effects suit.
-            start: revision to continue; None for the channel's newest of this data.
-            fresh: start from the base model.
+            effects: names of the effects, in order.
+            channel: name of the channel; None for the channel to which the effects apply.
+            start: number of the revision to continue; None for the channel's newest revision of this data.
+            fresh: whether to start from the base model.
 
         Raises:
-            InputError: a name is unknown, an effect is there already or does not apply, or arguments
-                contradict.
+            InputError: a name is unknown, an effect is already present or does not apply, or arguments
+                contradict each other.
         """
         if not (effects and all(isinstance(name, str) for name in effects)):
             raise InputError(
@@ -290,14 +290,14 @@ class ModelStudy(StudyFits):
             return Change(self.result(base, added, self.known_diagnosis(base)), new, parent)
 
     def remove(self, effect: str, channel: str | None = None) -> Change:
-        """Remove an effect from the newest model of a channel, as a further revision.
+        """Remove an effect from the newest model of a channel, and save the result as a new revision.
 
         Args:
-            effect: its name.
-            channel: where; None for the channel whose newest model has it.
+            effect: name of the effect.
+            channel: name of the channel; None for the channel whose newest model has the effect.
 
         Raises:
-            InputError: that effect was added to no channel's newest model, or to those of several.
+            InputError: no channel's newest model has the effect, or several have it.
         """
         with self._lock:
             newest = [kept for member in self.chosen(channel) if (kept := self.newest(member)) is not None]
@@ -334,7 +334,7 @@ class ModelStudy(StudyFits):
         return next(same, None)
 
     def newest(self, channel: StudyChannel) -> Revision | None:
-        """Return the newest revision of a channel's data, with any base model unless the study has one.
+        """Return the newest revision of a channel's data, of any base model unless the study names one.
 
         Args:
             channel: the channel.
@@ -355,7 +355,7 @@ class ModelStudy(StudyFits):
             number: number of the revision.
 
         Raises:
-            InputError: there is none, or it has an effect of the user's own that this study was not given.
+            InputError: there is none, or it has a user-defined effect that this study does not know.
         """
         revision = self._revisions.get(number)
         self._check_own(revision)
@@ -368,18 +368,18 @@ class ModelStudy(StudyFits):
             revision: revision of this study's folder.
 
         Raises:
-            InputError: the channel is not there.
+            InputError: the study has no such channel.
         """
         return self.with_model(revision.channel, revision.model)
 
     def check(self, revision: Revision) -> None:
-        """Reject a revision of other data, or with other numbers than this study's fit.
+        """Check that a revision belongs to this data and agrees with this study's fit.
 
         Args:
             revision: revision of this study's folder.
 
         Raises:
-            InputError: it is such a one, or its channel is not there.
+            InputError: data or numbers differ, or the study has no such channel.
         """
         channel = self.channel_of(revision)
         if channel.sha256 != revision.data_sha256:
@@ -395,7 +395,7 @@ class ModelStudy(StudyFits):
             )
 
     def results(self) -> tuple[ChannelResult, ...]:
-        """Return everything known of each channel, with the newest revision of this data.
+        """Return all results of each channel, with its newest revision of this data.
 
         Raises:
             InputError: a file in the folder is damaged.
@@ -409,16 +409,16 @@ class ModelStudy(StudyFits):
         diagnosis: ChannelDiagnosis | None = None,
         reason: str = "",
     ) -> ChannelResult:
-        """Return a channel's base model and each stage of adding effects, compared with the measurement.
+        """Return the result of a channel: base model, stages of added effects, comparisons and noise.
 
         Args:
-            channel: with its base model.
+            channel: the channel with its base model.
             effects: names of the added effects, in order.
             diagnosis: the diagnosis of the base model; None without one.
-            reason: why added effects are left out.
+            reason: why added effects are not shown.
 
         Raises:
-            InputError: an effect is unknown, there already, or does not apply.
+            InputError: an effect is unknown, already present, or does not apply.
         """
         try:
             base = self.comparison(channel)
@@ -441,14 +441,14 @@ class ModelStudy(StudyFits):
         return DisplayTable(self.source.name, ("channel", "base model", "runs", "samples", "SHA-256"), rows)
 
     def _suited_channel(self, effects: Sequence[Effect], name: str | None, *, fresh: bool) -> StudyChannel:
-        """Return the one channel to which these effects apply; the contact, if they apply to that too."""
+        """Return the channel to which these effects apply; a contact takes precedence over joints."""
         chosen = self.chosen(name)
         current = chosen if fresh else tuple(map(self._current, chosen))
         fitting_channels = []
         for base in current:
             data = base.data
-            with suppress(InputError):  # of a channel that cannot be judged; reported when it is selected
-                data = self.fit(base).data  # with the signals that a fit derives, such as a joint's load
+            with suppress(InputError):  # the channel cannot be fitted, which is reported when it is selected
+                data = self.fit(base).data  # includes signals derived in the fit, such as a joint's load
             if not any(unapplicable(effect, data) for effect in effects):
                 fitting_channels.append(base)
         names = " and ".join(effect.name for effect in effects)
@@ -480,7 +480,7 @@ class ModelStudy(StudyFits):
         return channel if newest is None else self.channel_of(newest)
 
     def _check_own(self, revision: Revision) -> None:
-        """Reject a revision with a user-defined effect whose code was not given."""
+        """Raise InputError for a revision with a user-defined effect whose code is missing."""
         for place in revision.user_effects:
             if place not in self._own.values():
                 raise InputError(
@@ -496,7 +496,7 @@ class ModelStudy(StudyFits):
     ) -> str:
         """Describe the first saved number that differs from the fit; empty if all agree.
 
-        Models with a user-defined effect whose code was not given cannot be compared.
+        Models with a user-defined effect whose code is missing are not compared.
         """
         if not set(effects) <= set(self._library):
             return ""
@@ -512,17 +512,17 @@ class ModelStudy(StudyFits):
     def _keep(
         self, channel: StudyChannel, effects: Sequence[str], parent: Revision | None
     ) -> tuple[Revision, ...]:
-        """Save each stage after the parent, or after the base model that is saved already."""
+        """Save each stage after the parent, or after a base model that is already saved."""
         bases = (
             revision for revision in self.revisions if revision.key == channel.key and not revision.effects
         )
         before = parent or next(bases, None)
-        self.fit(channel, effects)  # nothing is saved of what cannot be added
+        self.fit(channel, effects)  # raises before anything is saved if an effect cannot be added
         kept: list[Revision] = []
         try:
             for count in range(0 if before is None else len(before.effects) + 1, len(effects) + 1):
                 kept.append(self._keep_one(channel, effects[:count], kept[-1] if kept else before))
-        except BaseException:  # a full disk, or Ctrl-C: all stages or none
+        except BaseException:  # such as a full disk or Ctrl-C: save all stages or none
             self._revisions.drop(kept)
             raise
         return tuple(kept)

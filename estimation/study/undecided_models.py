@@ -1,4 +1,4 @@
-"""Models that a diagnosis does not separate, and the simplest of those that are indistinguishable."""
+"""Models that a diagnosis does not separate, and the simplest ones of indistinguishable models."""
 
 from collections.abc import Iterable, Sequence
 from contextlib import suppress
@@ -19,10 +19,10 @@ from palpate.estimation.study.channels import StudyChannel
 from palpate.estimation.study.study import ModelStudy
 from palpate.robot_io.errors import InputError
 
-MOST = 6  # rivals that are compared with each other
-_ALONE = 4  # the same, with the accepted model, if it is unknown what is missing
-_CONTAINED = 1e-3  # energy that remains of a law, relative to what it adds, if another law contains it
-_UNSEEN = (1.0 + SMALL) ** 2 - 1.0  # relative to the noise energy: a smaller difference changes no decision
+MOST = 6  # largest number of rivals that are compared
+_ALONE = 4  # the same, including the accepted model, if the missing effect is unknown
+_CONTAINED = 1e-3  # largest relative residual of a law's contribution if another law contains it
+_UNSEEN = (1.0 + SMALL) ** 2 - 1.0  # difference relative to the noise energy below which decisions are equal
 
 
 def is_undecided(diagnosis: ChannelDiagnosis) -> bool:
@@ -37,11 +37,11 @@ def is_undecided(diagnosis: ChannelDiagnosis) -> bool:
 
 
 def rival_effects(diagnosis: ChannelDiagnosis, effects: Iterable[Effect]) -> list[list[list[str]]]:
-    """Return, for each open question, the effects of all models that may be right, the best first.
+    """Return, for each open question, the added effects of all plausible models, the best first.
 
-    Each accepted effect that is indistinguishable from others raises one question, with each alternative in
-    its place. If part of the error remains unexplained, the rivals are the accepted effects (or the base
-    model) and each of the best candidates alone.
+    Each accepted effect that is indistinguishable from others raises one question, in which each alternative
+    replaces it. Otherwise, if part of the error remains unexplained, the rivals are the accepted effects (or
+    the base model) and each of the best candidates alone.
 
     Args:
         diagnosis: the diagnosis.
@@ -72,15 +72,18 @@ def _replace_effect(names: Sequence[str], place: str, rival: str, parts: Sequenc
 def rivals_of(
     study: ModelStudy, channel: StudyChannel, diagnosis: ChannelDiagnosis
 ) -> list[dict[str, FitResult]]:
-    """Fit the rival models of each open question; the best first, by their effects in words.
+    """Fit the rival models of each open question.
 
-    Models that cannot be fitted are left out. If part of the error remains and no candidate is significant,
-    those that reduce the error most are compared: an experiment that separates them has a larger signal.
+    Models that cannot be fitted are omitted. If part of the error remains and no candidate is significant,
+    the candidates that reduce the error most are compared.
 
     Args:
         study: the measurement and its fits.
         channel: the channel with its base model.
         diagnosis: the diagnosis of that channel.
+
+    Returns:
+        For each question, fits by the names of their effects, the best first.
     """
     if not is_undecided(diagnosis):
         return []
@@ -107,10 +110,10 @@ def with_the_simplest(
 ) -> ChannelDiagnosis:
     """Remove rivals that contain a simpler one.
 
-    It applies if no feasible experiment separates them: nothing observable then distinguishes a law from a
-    simpler law that it contains. What remains undecided stays so. The simpler of two laws has fewer
-    parameters, or as many and depends on fewer signals: friction, compared with friction that remembers its
-    path. An effect and its parts are one law by two names, of which neither is simpler.
+    The function applies if no feasible experiment separates the rivals, so that a law cannot be distinguished
+    from a simpler law that it contains. Other rivals remain undecided. A law is simpler if it has fewer
+    parameters, or equally many and depends on fewer signals; for example, Coulomb friction is simpler than
+    presliding friction. A composite effect and its parts are the same law, so that neither is simpler.
 
     Args:
         study: the measurement and its fits.
@@ -174,7 +177,7 @@ def _with_accepted(
 
 
 def _is_simpler(smaller: FitResult, larger: FitResult) -> bool:
-    """Check whether a model is simpler than another that differs in the last effect."""
+    """Return whether a model is simpler than another one that differs in the last effect."""
     last = larger.model.effects[-1]
     if last.parts and {effect.name for effect in smaller.model.effects} >= set(last.parts):
         return False
@@ -184,7 +187,7 @@ def _is_simpler(smaller: FitResult, larger: FitResult) -> bool:
 
 
 def _contains(larger: FitResult, smaller: FitResult) -> bool:
-    """Check whether a refitted model predicts what a smaller one does, except for noise."""
+    """Return whether a larger model can reproduce the prediction of a smaller one, except for noise."""
     blocked, model, known = smaller.problem.blocked, smaller.solution.model, smaller.solution.parameters
     motion, cache = decimate(blocked), FitCache()
     drawn = replace(motion, effort=model.predict(with_load(motion, model, known), known))
