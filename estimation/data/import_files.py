@@ -1,17 +1,20 @@
 """Import several data files, each with one or more runs, as one measurement."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import replace
+from itertools import chain
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from palpate.estimation.channel import ChannelData
+from palpate.estimation.data.arrow import pa
+from palpate.estimation.data.column_names import is_unnamed
 from palpate.estimation.data.file_columns import is_bag, natural_key
 from palpate.estimation.data.import_file import Imported, import_table
 from palpate.estimation.data.import_options import ImportOptions
-from palpate.estimation.data.table import ENDINGS, read_table
+from palpate.estimation.data.table import ENDINGS, Table, read_table
 from palpate.robot_io.errors import InputError
 
 _MOST_FILES = 2000
@@ -46,6 +49,9 @@ def import_files(
 ) -> Imported:
     """Read files one by one with `import_file`, and concatenate their runs.
 
+    If the first file alone makes no channel, files with the same rows and different columns are joined side
+    by side, such as one of positions and one of torques.
+
     Args:
         paths: paths of the files, at least one.
         options: options for reading each file.
@@ -63,7 +69,15 @@ def import_files(
         progress(f"reading {which}", number / len(paths))
         table = read_table(path, options.table)
         progress("deriving the motion", (number + 0.5) / len(paths))
-        parts.append(import_table(table, options))
+        try:
+            parts.append(import_table(table, options))
+        except InputError:
+            if parts or len(paths) == 1:
+                raise
+            beside = joined_columns(table, (read_table(more) for more in paths[1:]))
+            if beside is None:
+                raise
+            return import_table(beside, options)
     if len(parts) == 1:
         return parts[0]
     channels = []
@@ -87,6 +101,29 @@ def import_files(
     differ = " (others differ)" if len(ways) > 1 else ""
     read = f"{len(parts)} files; {ways[0]}{differ}" if ways else ""
     return Imported(tuple(channels), dict(enumerate(labels)), notes, unused, read, {}, parts[0].columns)
+
+
+def joined_columns(first: Table, further: Iterable[Table]) -> Table | None:
+    """Join tables side by side; None if they differ in their rows, or in a column that both have.
+
+    A column without a name is called after its file, such as `tau_3` for the third column of tau.csv.
+
+    Args:
+        first: table of the first file.
+        further: tables of the other files, read as long as they fit.
+    """
+    columns, files = dict[str, Any](), list[str]()
+    for table in chain([first], further):
+        if len(table) != len(first) or table.decimal != first.decimal:
+            return None
+        stem = table.path.name.split(".")[0]
+        for number, name in enumerate(table.names, 1):
+            column, called = table.columns.column(name), f"{stem}_{number}" if is_unnamed(name) else name
+            if not columns.setdefault(called, column).equals(column):
+                return None
+        files.append(table.path.name)
+    word = f"{len(files)} files with the same rows are joined side by side: {', '.join(files)}"
+    return replace(first, path=first.path.parent, columns=pa.table(columns), words=(word, *first.words))
 
 
 def joined_channels(parts: Sequence[ChannelData]) -> ChannelData:

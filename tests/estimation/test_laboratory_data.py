@@ -491,3 +491,46 @@ def test_tests_side_by_side_are_called_as_what_stands_above_them(tmp_path):
     imported = import_file(side_by_side(tmp_path))
     assert list(imported.run_labels.values()) == ["Foam A", "Foam B", "Foam C", "Foam D"]
     assert "4 tests side by side" in imported.read
+
+
+SWING = {"time_s": np.arange(400) * 0.01, "position_1_rad": np.sin(0.02 * np.arange(400))}
+PULL = {"time_s": SWING["time_s"], "torque_1_Nm": 2.0 * SWING["position_1_rad"]}
+
+
+def write_columns(path, columns, *, names=True):
+    rows = np.column_stack(list(columns.values()))
+    np.savetxt(path, rows, delimiter=",", header=",".join(columns) if names else "", comments="")
+    return path
+
+
+def test_files_of_the_same_rows_with_position_and_torque_apart_are_one_recording(tmp_path):
+    paths = [write_columns(tmp_path / "q.csv", SWING), write_columns(tmp_path / "tau.csv", PULL)]
+    imported = import_files(paths, ImportOptions())
+    (joint,) = imported.channels
+    assert "2 files with the same rows are joined side by side: q.csv, tau.csv" in imported.read
+    np.testing.assert_allclose(joint.effort, 2.0 * joint.position)
+    assert joint.run.max() == 0
+
+
+def test_columns_without_names_are_called_after_their_file(tmp_path):
+    angles = {str(n): np.sin(0.02 * np.arange(400) + n) for n in range(2)}
+    torques = {n: 3.0 * angle for n, angle in angles.items()}
+    paths = [write_columns(tmp_path / "q.csv", angles, names=False)]
+    paths.append(write_columns(tmp_path / "tau.csv", torques, names=False))
+    imported = import_files(paths, ImportOptions(units={"position": "rad", "torque": "Nm"}))
+    assert [channel.name for channel in imported.channels] == ["joint_1", "joint_2"]
+    for channel in imported.channels:
+        np.testing.assert_allclose(channel.effort, 3.0 * channel.position)
+
+
+@pytest.mark.parametrize(
+    "further",
+    [
+        {name: values[:300] for name, values in PULL.items()},  # other rows
+        {**PULL, "time_s": PULL["time_s"] + 1.0},  # the same column with other values
+    ],
+)
+def test_files_that_do_not_belong_side_by_side_are_not_joined(tmp_path, further):
+    paths = [write_columns(tmp_path / "q.csv", SWING), write_columns(tmp_path / "tau.csv", further)]
+    with pytest.raises(InputError, match=r"q\.csv"):
+        import_files(paths, ImportOptions())
