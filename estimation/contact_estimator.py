@@ -106,7 +106,7 @@ class OnlineContactLaw(ContactEstimator):
         return self.follow(depth_m, speed_m_s, force_n)[-1]
 
     def follow(self, depth_m: FloatArray, speed_m_s: FloatArray, force_n: FloatArray) -> list[ContactLaw]:
-        """Reset, process all samples, and return the law after each one, from the first estimate on.
+        """Reset, process all samples, and return the law after each sample once there is an estimate.
 
         Args:
             depth_m: indentation, positive into the object, shape (n,) [m].

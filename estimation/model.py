@@ -49,7 +49,11 @@ class Regression:
     run: IntArray | None = None
 
     def __post_init__(self) -> None:
-        """Check shapes. InputError: they do not match, or there are too few samples for the gains."""
+        """Check the shapes.
+
+        Raises:
+            InputError: the shapes do not match, or there are fewer samples than the gains need.
+        """
         samples, gains = self.columns.shape
         if self.effort.shape != (samples,) or len(self.names) != gains or len(self.units) != gains:
             raise InputError(
@@ -84,7 +88,11 @@ class Model:
     within: Mapping[str, tuple[float, float]] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
-        """Check the effects. InputError: an effect occurs twice."""
+        """Check the effects.
+
+        Raises:
+            InputError: an effect occurs twice.
+        """
         names = [effect.name for effect in self.effects]
         twice = {name for name in names if names.count(name) > 1}
         if twice:
@@ -100,7 +108,7 @@ class Model:
             effect: effect in the form that suits the channel.
 
         Raises:
-            InputError: the model has it already.
+            InputError: the model already has this effect.
         """
         return Model(self.name, (*self.effects, effect), self.held)
 
@@ -111,7 +119,7 @@ class Model:
             effect: effect in the form that suits the channel.
 
         Raises:
-            InputError: the model has it already.
+            InputError: the model already has this effect.
         """
         return Model(self.name, (effect, *self.effects), self.held)
 

@@ -117,7 +117,10 @@ def is_pressed(position: FloatArray, force: FloatArray) -> bool:
 
 
 def _best_matches(table: Table, key: Key, guesses: list[Guess]) -> list[Guess]:
-    """Return the columns with the best fitting names and different values; of several times, rising ones."""
+    """Return the columns with the best fitting names and different values.
+
+    Of several times, only those that increase are used, if there are any.
+    """
     if len(guesses) > 1:
         guesses = [guess for guess in guesses if len(table.labels(guess.column)[0]) > 1] or guesses
     if len(guesses) > 1 and key == TIME:

@@ -256,7 +256,7 @@ def guess_columns(names: Sequence[str], clocks: Collection[str] = ()) -> list[Gu
 
     Args:
         names: names of the columns.
-        clocks: columns with clock times in seconds, for any unit in their names.
+        clocks: columns with clock times in seconds; units in their names are ignored.
     """
     # If the header contains only units ("mm", "kN", "s"), they determine the quantities.
     units = {name: normalise(name.strip("[]() ")) for name in names if not is_unnamed(name)}
@@ -341,7 +341,7 @@ def keys_of_channels(available: Collection[Key]) -> list[Key]:
 
 
 def quantity_in(name: str, *, last: bool = False) -> str:
-    """Return the quantity of any word in a name, for any unit; "none" for words of unmeasured signals.
+    """Return the quantity that a word in a name means, regardless of the unit; "none" for unmeasured signals.
 
     Args:
         name: name of a column.

@@ -8,7 +8,11 @@ from palpate.robot_io.errors import InputError
 
 @dataclass(frozen=True)
 class ImportOptions:
-    """Options for reading a data file. InputError: an option has a wrong type."""
+    """Options for reading a data file.
+
+    Raises:
+        InputError: an option has a wrong type.
+    """
 
     # Column name by quantity, if the names are not palpate's own, such as {"force_N": "load"}.
     columns: Mapping[str, str] = field(default_factory=dict)

@@ -337,10 +337,12 @@ def _find_zero(displacement: FloatArray, force: FloatArray) -> float:
 def _is_two_sided(displacement: FloatArray, force: FloatArray) -> bool:
     """Return whether displacement and force (n,) belong to an element that can pull.
 
-    In the first case, the force has both signs far from zero displacement. There an object that can only push
-    does so for any direction of motion, and a sticking object pulls farther out. In the second case,
-    displacement and force both reach both signs. A sticking object pulls until it detaches, and then the
-    force is at rest farthest out. The force of an element attached at both ends is not.
+    There are two signs of such an element:
+
+    - The force is positive and negative at large displacements. An object that can only push would push there
+      in both directions of motion, and a sticking object would pull only outside its surface.
+    - Displacement and force are both positive and negative, and the force is not zero at the most negative
+      displacements. A sticking object detaches there, and its force is then zero.
     """
     if len(force) > 1 and correlation_coefficient(force[1:], force[:-1]) >= _NOT_NOISE:
         extreme = displacement[np.argmax(np.abs(displacement))]

@@ -285,7 +285,7 @@ def table_of(
 
 
 def _is_text(path: Path) -> bool:
-    """Return whether a file contains text, for any ending of its name."""
+    """Return whether a file contains text, regardless of its name."""
     with path.open("rb") as file:
         head = file.read(_HEAD_BYTES)
     try:
@@ -295,7 +295,7 @@ def _is_text(path: Path) -> bool:
 
 
 def _read_excel(path: Path, selected: str) -> FileColumns:
-    if path.name.lower().endswith(".xls") and _is_text(path):  # some machines write text so
+    if path.name.lower().endswith(".xls") and _is_text(path):  # some machines name text files .xls
         return read_text_table(path, selected)
     from palpate.estimation.data.excel_table import read_excel_table  # noqa: PLC0415, seldom needed
 

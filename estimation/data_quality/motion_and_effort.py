@@ -149,8 +149,8 @@ def no_contact(data: ChannelData) -> str | None:
 def late_touch(data: ChannelData) -> str | None:
     """Report the depth at which the force begins if it is clearly below the surface; None otherwise.
 
-    Such a force stays within its noise over at least a fifth of the depth, although a spring from the surface
-    on would exceed the noise.
+    The force must stay within its noise over at least a fifth of the depth, where the force of a spring that
+    begins at the surface would exceed the noise.
 
     Args:
         data: the channel.
@@ -166,7 +166,7 @@ def late_touch(data: ChannelData) -> str | None:
         if len(within) and np.quantile(within, _ONE_IN_TWENTY) >= noise:
             break
         silent = float(below)
-    expected = float(force.max()) * silent / deepest  # force of a spring from the surface on
+    expected = float(force.max()) * silent / deepest  # force of a spring that begins at the surface
     if silent < _LATE * deepest or noise > _STANDS_OUT * expected:
         return None
     return (
@@ -249,9 +249,9 @@ def angle_in_degrees(data: ChannelData, model: Model | None) -> str | None:
 
     Over several turns, the torque of an arm's weight repeats with each turn. If the effort does not repeat
     but varies slowly over the range of the angle, the angle is probably in degrees, or it is the angle of a
-    motor before its gear. If the weight does repeat, a slow variation comes from a wound spring or a changing
-    friction. If the model has no weight, only a curve that a sine in degrees fits, and a spiral spring does
-    not, is reported.
+    motor before its gear. If the effort does repeat, a slow variation comes from a wound spring or a changing
+    friction. If the model has no weight, the angle is reported only if a sine in degrees fits the effort and
+    a spiral spring does not.
 
     Args:
         data: the channel.

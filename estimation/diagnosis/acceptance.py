@@ -195,7 +195,10 @@ def least_explained(search: Search, fit: FitResult) -> float:
 
 
 def _repeats_another(fit: FitResult, name: str, explained: Mapping[str, float]) -> bool:
-    """Return whether a more important effect has the same kind; two forms can imitate almost any third."""
+    """Return whether a more important effect has the same kind.
+
+    Two forms of one kind can imitate almost any third form.
+    """
     kinds = {effect.name: effect.kind for effect in fit.solution.model.effects}
     return any(kinds[n] is kinds[name] and size > explained[name] for n, size in explained.items())
 

@@ -76,8 +76,8 @@ class PlasticSet(MotionEffect):
     """Permanent indentation in proportion to the deepest one so far: x_true = x - share * max(x so far).
 
     The share `kept` of a run's dent remains when the next run begins. If the surface sinks, the tool loses
-    contact within the dent. The second form is a material that crushes inside, such as foam: it stays in
-    contact with the tool, so that damping also acts within the dent.
+    contact within the dent. A second form (`_AtTheTool`) describes a material that crushes inside, such as
+    foam. It stays in contact with the tool, so that damping also acts within the dent.
     """
 
     name = "plastic_set"

@@ -106,7 +106,7 @@ class Drift(AdditiveEffect):
     }
 
     def applies_to(self, data: ChannelData) -> bool:
-        """See `Effect.applies_to`: the motion must return, else time cannot be told from position."""
+        """See `Effect.applies_to`: the motion must return, else time and position are equivalent."""
         return super().applies_to(data) and not is_one_way(data.position, data.run)
 
     def is_misnamed(

@@ -226,7 +226,8 @@ class Saturation(SensorEffect):
 def _follows_a_curve(readings: FloatArray, signals: FloatArray, run: IntArray) -> bool:
     """Return whether readings beyond a limit follow signals smoothly in each run.
 
-    A saturated reading is constant for any effort. Readings of an unsaturated sensor vary with the motion.
+    A saturated reading stays constant while the effort changes. Readings of an unsaturated sensor vary with
+    the motion.
 
     Args:
         readings: readings beyond the limit, shape (m,) [effort].
@@ -252,10 +253,11 @@ _STILL = 0.1  # change relative to the width below which an effort counts as con
 
 
 class Hysteresis(SensorEffect):
-    """reading = play(effort, width): after a reversal it follows once a gap of twice the width is crossed.
+    """reading = play(effort, width).
 
-    The initial state in the gap depends on the past: a reading stays high after a press. In a contact it is
-    taken from the readings in free air. A joint has no such rest and starts in the middle of the gap.
+    After a reversal, the reading is constant until the effort has changed by twice the width. The initial
+    state within this gap depends on the past: a reading stays high after a press. For a contact, the initial
+    state is taken from the readings in free air. A joint has no free air and starts in the middle of the gap.
     """
 
     name = "hysteresis"

@@ -50,7 +50,11 @@ class Ransac(Estimator):
     loss = Loss.CAUCHY
 
     def __post_init__(self) -> None:
-        """Check the settings. InputError: a setting makes no sense."""
+        """Check the settings.
+
+        Raises:
+            InputError: a setting is outside its valid range.
+        """
         if self.threshold is not None and not self.threshold > 0:
             raise InputError(f"ransac: threshold {self.threshold} must be positive")
         if self.trials < 1 or self.subset < 1 or self.refinements < 0:

@@ -40,7 +40,7 @@ class Within:
     count: int  # number of samples
 
     def is_noise(self, block: int) -> bool:
-        """Return whether the variation exceeds noise so little that averaging loses nothing relevant.
+        """Return whether the variation is so close to noise that averaging loses no relevant information.
 
         Args:
             block: number of samples in a block.
@@ -160,7 +160,7 @@ def _means(data: ChannelData, block: int) -> ChannelData:
 
 
 def _fewer_runs(data: ChannelData, held: IntArray) -> tuple[ChannelData, str, dict[int, int]]:
-    """Select every second, third ... run, so that the selected runs can be searched."""
+    """Select every k-th run, with k such that the selected runs are few enough for the search."""
     runs = np.setdiff1d(data.runs, held)
     every = min(_times_too_long(data, held), len(runs) // _FEWEST_RUNS)
     if every < 2:

@@ -174,10 +174,10 @@ def _fit_waves(data: ChannelData, motion: FloatArray, waves: list[float]) -> tup
 def _common_wave_number(
     waves: FloatArray, energy: FloatArray, resolution: float
 ) -> tuple[float, tuple[int, ...]]:
-    """Return the largest wave number of which nearly all waves are multiples, and the multiples.
+    """Return the largest common divisor of nearly all wave numbers, and their multiples of it.
 
-    Multiples may deviate by a fifth of the resolution. Waves outside the pattern come from slow changes with
-    position.
+    The waves may deviate from multiples by a fifth of the resolution. Waves that are no multiples come from
+    slow changes with position.
     """
     most = int(waves[0] / (_LEAST_PERIODS * resolution)) if len(waves) else 0
     for parts in range(1, most + 1):

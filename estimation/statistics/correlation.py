@@ -34,7 +34,7 @@ class Correlation:
 
 
 def autocorrelation(residual: FloatArray, run: IntArray, most: int) -> Correlation:
-    """Compute the autocorrelation of a residual within runs, from lag 0 on.
+    """Compute the autocorrelation of a residual within runs, beginning at lag 0.
 
     r_k = mean(e_t e_(t+k)) / mean(e_t^2) over the available pairs; for white noise, 99 % of the values lie
     within +-2.58 / sqrt(pairs).

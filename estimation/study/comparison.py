@@ -92,7 +92,11 @@ class Comparisons(TableDisplay):
     failures: Mapping[str, str]  # reasons why other channels cannot be fitted, by name
 
     def __getitem__(self, channel: str) -> Comparison:
-        """Return the comparison of one channel. InputError: there is none, or it cannot be fitted."""
+        """Return the comparison of one channel.
+
+        Raises:
+            InputError: there is no such channel, or it cannot be fitted.
+        """
         if channel in self.failures:
             raise InputError(self.failures[channel])
         by_name = {channel.channel: channel for channel in self.channels}

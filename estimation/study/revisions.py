@@ -76,7 +76,11 @@ class Revisions:
         return self._folder is not None and self._folder.is_dir()
 
     def all(self) -> tuple[Revision, ...]:
-        """Return all revisions, oldest first. InputError: a file is not a revision."""
+        """Return all revisions, oldest first.
+
+        Raises:
+            InputError: a file is not a revision.
+        """
         if self._folder is None:
             return tuple(self._in_memory)
         files = self._folder.glob("[0-9]*.json") if self._folder.is_dir() else ()
