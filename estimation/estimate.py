@@ -69,7 +69,11 @@ class Estimate:
     unphysical: tuple[str, ...] = ()  # gains whose whole interval lies outside the physical bounds
 
     def __getitem__(self, name: str) -> ParameterEstimate:
-        """Return the parameter with this name. KeyError: no parameter has it."""
+        """Return the parameter with this name.
+
+        Raises:
+            KeyError: there is no such parameter.
+        """
         for parameter in self.parameters:
             if parameter.name == name:
                 return parameter

@@ -106,7 +106,7 @@ def import_files(
 def joined_columns(first: Table, further: Iterable[Table]) -> Table | None:
     """Join tables side by side; None if they differ in their rows, or in a column that both have.
 
-    A column without a name is called after its file, such as `tau_3` for the third column of tau.csv.
+    A column without a name is named after its file, such as `tau_3` for the third column of tau.csv.
 
     Args:
         first: table of the first file.

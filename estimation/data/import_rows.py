@@ -112,14 +112,18 @@ def arrange_rows(columns: Columns, *, fresh: bool, count: int | None) -> Rows:
 
 
 def new_rows(columns: Columns) -> BoolArray | None:
-    """Return the mask (n,) of rows that repeat no earlier row, if only repeats make the clock go back.
+    """Find rows that repeat an earlier row and make the clock go back.
 
     A logger that writes its buffer twice repeats samples with their times. Rows that differ in any column,
     such as the name of a specimen, are not repeats. If the clock returns to its start, a new run begins,
-    which may legitimately repeat another run. The result is then None, as it is without repeats.
+    which may legitimately repeat another run.
 
     Args:
         columns: columns of the table.
+
+    Returns:
+        Mask of the other rows, shape (n,). None if there are no repeats, if the clock also goes back without
+        them, if it returns to its start, or if a column states the run.
     """
     if TIME not in columns or columns.run is not None:
         return None

@@ -337,7 +337,7 @@ def _find_zero(displacement: FloatArray, force: FloatArray) -> float:
 def _is_two_sided(displacement: FloatArray, force: FloatArray) -> bool:
     """Return whether displacement and force (n,) belong to an element that can pull.
 
-    There are two signs of such an element:
+    Either of two observations indicates such an element:
 
     - The force is positive and negative at large displacements. An object that can only push would push there
       in both directions of motion, and a sticking object would pull only outside its surface.

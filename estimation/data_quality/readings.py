@@ -90,7 +90,7 @@ def at_lower_end(data: ChannelData) -> BoolArray:
     """Return the mask (n,) of contact readings at the sensor's lower limit, if free air is below that limit.
 
     Such readings have one value other than zero, with noise above it. A dead band reads zero instead. A
-    coarse sensor, or data without noise, may also show a single reading in free air; they are not selected.
+    coarse sensor, or data without noise, may also show a single reading in free air; neither is selected.
 
     Args:
         data: the channel.

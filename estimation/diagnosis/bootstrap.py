@@ -181,7 +181,7 @@ def bootstrap_samples(
     rng: np.random.Generator,
     effort_noise: FloatArray | None = None,
 ) -> Iterator[tuple[FitProblem, Solution]]:
-    """Simulate measurements from a fitted model without end, and refit the model to each.
+    """Simulate an unlimited number of measurements from a fitted model, and refit the model to each.
 
     Args:
         fit: the model.

@@ -238,8 +238,8 @@ def _snaps(solution: Solution, problem: FitProblem) -> bool:
     """Return whether the object softens too much to be stable with a compliance in series (snap-through).
 
     With snap-through the force is not a function of the displacement. A motion corrected by the measured
-    force then reproduces this force for any cause. The object's slope is evaluated up to the deepest position
-    of the tip.
+    force then reproduces this force, whatever its cause. The object's slope is evaluated up to the deepest
+    position of the tip.
     """
     data, parameters, model = problem.blocked.data, solution.parameters, solution.model
     rigid, compliance = model.without(ToolCompliance.name), parameters[f"{ToolCompliance.name}.compliance"]

@@ -125,8 +125,8 @@ class Evidence:
 def effect_without_gain(evidence: Evidence) -> str | None:
     """Return the last effect if its addition does not lower the held-out error that users see; else None.
 
-    The search may have fitted both effects jointly from other start values, at a minimum that no step from
-    the simpler model leads to.
+    The search may have fitted both effects jointly from other start values, and found a minimum that cannot
+    be reached from the simpler model.
 
     Args:
         evidence: where the search ended.

@@ -192,7 +192,7 @@ class Pendulum(AdditiveEffect):
 
 
 class Weight(AdditiveEffect):
-    """torque = g1 sin(q) + g2 cos(q), for any zero of the angle.
+    """torque = g1 sin(q) + g2 cos(q), where the zero of the angle q is arbitrary.
 
     It is for joints whose model has no weight. For an arm, the kinematics give the weight.
     """

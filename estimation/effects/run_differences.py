@@ -52,7 +52,7 @@ class RunVariation(SensorEffect):
         """
 
     def applies_to(self, data: ChannelData) -> bool:
-        """See `Effect.applies_to`: at least three runs, fewer do not determine the variation."""
+        """See `Effect.applies_to`: at least three runs, since fewer do not determine the variation."""
         return super().applies_to(data) and len(data.runs) >= _FEWEST_RUNS
 
     def first_part(self, data: ChannelData) -> BoolArray:

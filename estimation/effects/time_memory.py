@@ -90,7 +90,7 @@ _BRANCH_SHARES = (0.15, 0.4)
 class RelaxationSpectrum(MemoryEffect):
     """F = (1 - f - s) E + f Z_f + s Z_s, Z' = E' - Z / tau, where E is the instantaneous elastic force.
 
-    This is quasi-linear viscoelasticity with two branches: the elastic force relaxes for any elastic law.
+    This is quasi-linear viscoelasticity with two branches, which applies to any elastic law.
     Stiffness refers to a sudden press. `stress_relaxation` is one branch with a linear spring.
     """
 

@@ -54,8 +54,8 @@ def shortened(data: ChannelData, held_out: Sequence[int] = ()) -> tuple[ChannelD
 
     A diagnosis works on blocks of 5 ms (10 ms for a joint's effort). The block length is doubled as long as
     the effort within blocks deviates from a straight line by no more than the white noise of its readings.
-    Motion and effort then change linearly within a block, so that averages obey any smooth law and lose only
-    noise. Slow noise counts as signal, which makes the sampling rate higher than necessary.
+    Motion and effort then change linearly within a block, so that averages obey the same law as the samples
+    and lose only noise. Slow noise counts as signal, which makes the sampling rate higher than necessary.
 
     If the result is still too long, evenly spread runs, or stretches of a joint's runs, are selected. If that
     is impossible, the data are averaged further with a loss of information. If a joint with more than `LONG`
