@@ -175,7 +175,7 @@ def motion_of(ticks: Samples) -> ArmMotion:
     """Extract the part of a session in which the path was followed.
 
     Args:
-        ticks: of the session.
+        ticks: ticks of the session.
 
     Returns:
         Motion and torques.
@@ -270,7 +270,7 @@ class _Solver:
         """Pitch and roll, 0 where they are not felt.
 
         Args:
-            values: of all free parameters.
+            values: values of all free parameters.
         """
         tilt = np.zeros(2)
         tilt[self.felt] = values[self.delay + 1 :]
@@ -280,7 +280,7 @@ class _Solver:
         """Torques that the drives should have measured, shape (m, n) [N m].
 
         Args:
-            values: of all free parameters.
+            values: values of all free parameters.
         """
         known, _ = self._known_and_rate(values)
         s, c, b, o = values[: self.delay].reshape(-1, 4).T

@@ -77,7 +77,7 @@ def paced(speed_rad_s: float, limits: Limits) -> FloatArray:
 
     Args:
         speed_rad_s: intended speed [rad/s].
-        limits: of the guard.
+        limits: limits of the guard.
 
     Returns:
         Speed of each joint, shape (n,) [rad/s].
@@ -89,7 +89,7 @@ def travel_speed_rad_s(limits: Limits) -> float:
     """Compute the speed of the fastest joint on the ways to a measurement and back.
 
     Args:
-        limits: of the guard.
+        limits: limits of the guard.
 
     Returns:
         Speed [rad/s].
@@ -103,7 +103,7 @@ def overloaded_joint(body: RigidBody, motions: Iterable[JointMotion], limits: Li
     Args:
         body: model of the arm.
         motions: of all joints.
-        limits: of the guard.
+        limits: limits of the guard.
 
     Returns:
         Index of the joint from 0; None if there is none.
@@ -119,7 +119,7 @@ def room(limits: Limits, margin_rad: float) -> tuple[FloatArray, FloatArray]:
     """Compute the position range that keeps a distance from the limits.
 
     Args:
-        limits: of the guard.
+        limits: limits of the guard.
         margin_rad: distance [rad].
 
     Returns:
@@ -147,7 +147,7 @@ def check_way_up(body: RigidBody, start_rad: FloatArray, up_rad: FloatArray, lim
         body: model of the arm.
         start_rad: present joint positions, shape (n,) [rad].
         up_rad: end of the way, shape (n,) [rad].
-        limits: of the guard.
+        limits: limits of the guard.
 
     Raises:
         InputError: the way comes nearer to the ground, or needs too much torque.
@@ -294,7 +294,7 @@ def choose_path(
         body: model of the arm.
         bodies: the arm without gravity, and with gravity along each axis.
         start_rad: present joint positions, shape (n,) [rad].
-        limits: of the guard.
+        limits: limits of the guard.
         settings: size and speed.
         rng: random numbers.
 
@@ -372,7 +372,7 @@ class FreeMotion:
 
     Args:
         body: model of the arm.
-        gains: of the tracking.
+        gains: gains of the tracking.
     """
 
     def __init__(self, body: RigidBody, gains: TrackingGains) -> None:
@@ -457,10 +457,10 @@ class FreeMotion:
             measurement: state of the arm.
             motion: reference of the joints.
             torque_nm: command, shape (n,) [N m].
-            phase: of the task.
+            phase: phase of the task.
             run: number of the run, or `NO_RUN`.
             done: whether the task has ended.
-            events: of the tick.
+            events: events of the tick.
 
         Returns:
             The output.
@@ -478,7 +478,7 @@ class PathTask:
 
     Args:
         body: model of the arm.
-        gains: of the tracking.
+        gains: gains of the tracking.
         path: to follow.
         travel_rad_s: speed of the fastest joint on the ways there and back [rad/s].
     """

@@ -63,7 +63,7 @@ def plan_stops(
     Args:
         body: model of the arm.
         start_rad: present joint positions, shape (n,) [rad].
-        limits: of the guard.
+        limits: limits of the guard.
         stops_rad: lower and upper stops, shape (n,) each [rad], NaN where there is none.
         reach_rad: how far a joint may seem to go beyond its stop [rad].
 
@@ -105,7 +105,7 @@ def with_room_for_stops(limits: Limits, approaches: Iterable[StopApproach], beyo
     """Widen the position limits so that each joint can go to its stop.
 
     Args:
-        limits: of the guard.
+        limits: limits of the guard.
         approaches: to the stops.
         beyond_rad: how far a joint may seem to go beyond its stop [rad].
 
@@ -175,7 +175,7 @@ class StopSettings:
         """Choose settings that stay well below the guard's limits of torque, speed and tracking.
 
         Args:
-            limits: of the guard.
+            limits: limits of the guard.
 
         Returns:
             The settings.
@@ -197,7 +197,7 @@ class StopTask:
 
     Args:
         body: model of the arm.
-        gains: of the tracking.
+        gains: gains of the tracking.
         up_rad: posture between the approaches, shape (n,) [rad].
         approaches: to the stops.
         settings: torque, speed and number of touches.

@@ -57,7 +57,7 @@ def find_plateaus(reading: FloatArray, reference_n: FloatArray, settled: BoolArr
     """Cut a record where the reference changes, and average the reading of each piece.
 
     Args:
-        reading: of the sensor, shape (n,).
+        reading: reading of the sensor, shape (n,).
         reference_n: known force, shape (n,) [N].
         settled: samples that count, shape (n,); without it the first quarter of each plateau does not count.
 
@@ -124,7 +124,7 @@ def read_reference_file(
     `settled`, only rows count in which it is not 0.
 
     Args:
-        path: of the file.
+        path: path of the file.
         columns: names of the columns `reading`, `reference` and `settled`; a missing entry is a column whose
             name begins so.
         gravity_m_s2: makes a mass a weight [m/s^2].

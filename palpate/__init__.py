@@ -10,7 +10,7 @@ __all__ = ["Study", "batch"]
 
 
 def __getattr__(name: str) -> Any:  # noqa: ANN401
-    """`palpate.Study` and `batch`, imported when asked for: commands that need neither start at once."""
+    """Import `palpate.Study` and `batch` on first use, so that commands that need neither start faster."""
     if name == "Study":
         from palpate.study import Study  # noqa: PLC0415
 

@@ -1,4 +1,4 @@
-"""Entry of the `palpate` command: check the ground first, then load the commands."""
+"""Entry point of the `palpate` command: check the prerequisites, then load the commands."""
 
 import io
 import os
@@ -13,52 +13,52 @@ INTERRUPTED = 130
 
 
 def main() -> None:
-    """Be the process: it ends with 0 (done), 1 (failed), 2 (bad input), 3 (disk full) or 130 (Ctrl-C)."""
-    for number in (signal.SIGTERM, signal.SIGHUP):  # what is half written is taken away on this way out
+    """Run the process; it exits with 0 (done), 1 (failed), 2 (bad input), 3 (disk full) or 130 (Ctrl-C)."""
+    for number in (signal.SIGTERM, signal.SIGHUP):  # raise an exception, so that unfinished files are removed
         if signal.getsignal(number) is signal.SIG_DFL:
             signal.signal(number, lambda ended_by, _: sys.exit(128 + ended_by))
-    # A child that multiprocessing or dask starts would search the current folder for code before the library.
+    # A child process of multiprocessing or dask would import from the current folder before the library.
     os.environ["PYTHONSAFEPATH"] = "1"
-    # Matrices are small here: shared out over threads, they cost up to twenty times the processor time.
+    # Matrices are small here; threads would take up to twenty times the processor time.
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
     if not sys.warnoptions:
         warnings.simplefilter("ignore", RuntimeWarning)
     sys.stdout, sys.stderr = sys.stdout or _nowhere(), sys.stderr or _nowhere()
-    for stream in (sys.stdout, sys.stderr):  # what a terminal cannot show is written as \u2013
+    for stream in (sys.stdout, sys.stderr):  # characters that a terminal cannot show are written as \u2013
         if isinstance(stream, io.TextIOWrapper):
             stream.reconfigure(errors="backslashreplace")
     try:
         run()
     except SystemExit as end:
         if isinstance(end.code, int) and end.code:
-            # The interpreter's tidying up aborts in threads of libraries that have just begun.
+            # The interpreter's cleanup would abort in library threads that have just started.
             for stream in (sys.stdout, sys.stderr):
                 with suppress(OSError):
                     stream.flush()
             os._exit(end.code)
         raise
     finally:
-        signal.signal(signal.SIGINT, signal.SIG_IGN)  # all is done and said; the interpreter only tidies up
+        signal.signal(signal.SIGINT, signal.SIG_IGN)  # only the interpreter's cleanup remains
 
 
 def run() -> None:
-    """Run the command line. SystemExit: with the exit code."""
+    """Run the command line; raise `SystemExit` with the exit code."""
     try:
         if problem := preflight.first_problem():
             sys.exit(_refuse(problem))
         try:
-            from palpate.commands import app  # noqa: PLC0415, only once the ground is known to be firm
+            from palpate.commands import app  # noqa: PLC0415, only after the prerequisites are checked
         except ModuleNotFoundError as error:
             missing = f"the Python package '{error.name or error}' is not installed"
             sys.exit(_refuse(f"{missing}: pip install palpate (in a checkout: make env)"))
         app()
-    except KeyboardInterrupt:  # while commands are still being imported; later the commands see to it
+    except KeyboardInterrupt:  # while commands are imported; afterwards the commands handle it
         print("palpate: interrupted", file=sys.stderr)
         sys.exit(INTERRUPTED)
 
 
 def _nowhere() -> io.TextIOWrapper:
-    """In place of a stream that was closed before the start."""
+    """Return a stream to the null device, for a stream that was closed before the start."""
     return io.TextIOWrapper(io.FileIO(os.devnull, "w"))
 
 

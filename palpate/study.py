@@ -74,8 +74,8 @@ class Study(ModelStudy):
         data: path of a session or data file, or of a folder of them; a list of data files; a table (pandas,
             pyarrow, or a dict of arrays); or channels.
         model: base model; None for what suits each channel.
-        columns: of a file or table, see `palpate.estimation.data.import_options.ImportOptions`; as are the
-            next six.
+        columns: roles of a table's columns; see `palpate.estimation.data.import_options.ImportOptions` for
+            this and the next six.
         units: such as {"force": "mN"}.
         where: only rows with this text in a column.
         context: further columns of numbers to keep.
@@ -216,7 +216,7 @@ class Study(ModelStudy):
         return figure(view_of(self, [self._newest_result(self._current(self.channel(channel)))]).channels[0])
 
     def report(self, path: Path | str, commands: Sequence[str] = ()) -> Path:
-        """Write the report as one HTML file. InputError: it cannot be written."""
+        """Write the report as one HTML file; raise `InputError` if it cannot be written."""
         from palpate.render.report import write_report  # noqa: PLC0415, as above
 
         return write_report(view_of(self, commands=commands), _path(path, "report"))

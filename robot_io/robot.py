@@ -53,8 +53,8 @@ class Robot(Opened):
         torque: drives of all joints.
         force: force sensor at the tool.
         buses: by name.
-        clock: of the robot.
-        name: of the robot, for errors.
+        clock: clock of the robot.
+        name: name of the robot, for errors.
 
     Attributes:
         bus_errors: why the last `read` could not use a bus, by its name; empty if all buses worked.
@@ -265,7 +265,7 @@ def build_robot(
     Args:
         robot_file: the description.
         drivers: catalogue of drivers.
-        clock: of the robot.
+        clock: clock of the robot.
         calibrations: correct the devices; None for those that the robot file names, if they are valid today.
 
     Returns:

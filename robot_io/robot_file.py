@@ -138,7 +138,7 @@ def load_robot_file(path: str | Path) -> RobotFile:
     """Read and check a robot file: the files it names exist, and no port is named twice.
 
     Args:
-        path: of the file.
+        path: path of the file.
 
     Returns:
         The robot file.

@@ -22,7 +22,7 @@ def reason_of(error: Exception) -> str:
     """Write why a port cannot be used, without its path.
 
     Args:
-        error: of the system.
+        error: error of the system.
 
     Returns:
         The reason.
@@ -37,7 +37,7 @@ def open_exclusively(path: str, baud_rate: int, write_timeout_s: float | None = 
     """Open a port with 8 data bits, no parity, 1 stop bit; reading never waits.
 
     Args:
-        path: of the port.
+        path: path of the port.
         baud_rate: [bit/s].
         write_timeout_s: longest time of a write [s]; None leaves it to the system.
 
@@ -80,9 +80,9 @@ class SerialPort:
     After a failure it is closed, and `failure` says why; it can be opened again.
 
     Args:
-        path: of the port.
+        path: path of the port.
         baud_rate: [bit/s].
-        clock: of the robot.
+        clock: clock of the robot.
     """
 
     def __init__(self, path: str, baud_rate: int, clock: Clock) -> None:

@@ -32,7 +32,7 @@ def hidden_effects(imperfections: Sequence[Imperfection], joint_count: int) -> H
 
     Args:
         imperfections: from the drives to the links, and from the object to the tip.
-        joint_count: of the arm.
+        joint_count: number of joints of the arm.
 
     Returns:
         The effects.
@@ -63,7 +63,7 @@ def draw_hidden(
     Equal seeds draw the same.
 
     Args:
-        seed: of the draw.
+        seed: seed of the draw.
         channel: channel that shows it, such as "contact" or "joint_2"; None to draw it (half the time the
             contact).
         effect: name of the effect; None to draw it.
@@ -130,7 +130,7 @@ def sealed_path(session: str | Path) -> Path:
 
 
 def seal(session: str | Path, answer: SealedAnswer) -> Path:
-    """Write the sealed answer beside a session file, whole or not at all; nothing is replaced.
+    """Write the sealed answer beside a session file, completely or not at all; nothing is replaced.
 
     Args:
         session: path of the session file.
@@ -170,7 +170,7 @@ def unseal(path: str | Path) -> SealedAnswer:
     """Open a sealed answer.
 
     Args:
-        path: of the sealed file.
+        path: path of the sealed file.
 
     Returns:
         The answer.

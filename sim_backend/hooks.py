@@ -211,7 +211,7 @@ class ChannelEffect(SensorHook):
     """Passes one value of a sample through a transducer; see `SensorHook`.
 
     Args:
-        index: of the value, from 0.
+        index: index of the value, from 0.
         transducer: changes it.
         ahead_of_noise: whether it acts on the clean signal.
     """
@@ -240,7 +240,7 @@ class AddedTorque(JointEffect):
     """A torque in addition to the drive's in one joint.
 
     Args:
-        index: of the joint, from 0.
+        index: index of the joint, from 0.
         torque_nm: gives it [N m] from position [rad] and the drive's torque [N m].
     """
 
@@ -267,7 +267,7 @@ class JointFriction(FrictionEffect):
     """A resistance against the motion in one joint.
 
     Args:
-        index: of the joint, from 0.
+        index: index of the joint, from 0.
         resistance_nm: gives the largest one [N m] from the speed without sign [rad/s] and the drive's torque
             along the motion [N m], negative where the drive holds back.
     """

@@ -34,7 +34,7 @@ def parameter(unit: str, low: float, high: float, **limits: Any) -> Any:  # noqa
     """Declare a field that is a parameter of a hidden effect, see `ImperfectionParameter`.
 
     Args:
-        unit: of the value; `CHANNEL_UNIT` stands for that of the sensor's signal.
+        unit: unit of the value; `CHANNEL_UNIT` stands for that of the sensor's signal.
         low: least typical value.
         high: largest typical value.
         limits: what pydantic's `Field` takes, such as `ge`, `le` and `default`.
@@ -66,7 +66,7 @@ class Imperfection(FileModel, ABC):
         """Make the simulated effect.
 
         Args:
-            joint_count: of the arm.
+            joint_count: number of joints of the arm.
 
         Returns:
             The effect, with its own memory.

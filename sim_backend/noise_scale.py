@@ -130,7 +130,7 @@ class NoiseScale:
         Args:
             strength: of the part of the second spring's force that the first cannot mimic, times the noise
                 floor.
-            share: of the second spring's force that this part is.
+            share: share of the second spring's force that this part is.
 
         Returns:
             Share of the depth, from 1 down.
@@ -141,7 +141,7 @@ class NoiseScale:
         """Return the noise floor of a sample.
 
         Args:
-            channel: of the sensor.
+            channel: channel of the sensor.
 
         Returns:
             Standard deviation in the unit of the channel.
@@ -152,7 +152,7 @@ class NoiseScale:
         """Return the largest magnitude of the signal.
 
         Args:
-            channel: of the sensor.
+            channel: channel of the sensor.
 
         Returns:
             In the unit of the channel.
@@ -163,7 +163,7 @@ class NoiseScale:
         """Return the root mean square of the signal's rate.
 
         Args:
-            channel: of the sensor.
+            channel: channel of the sensor.
 
         Returns:
             In the unit of the channel per second.

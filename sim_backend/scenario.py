@@ -92,7 +92,7 @@ class Scenario(FileModel):
         """Copy the scenario with another seed.
 
         Args:
-            seed: of all noise.
+            seed: seed of all noise.
 
         Returns:
             The copy.

@@ -242,7 +242,7 @@ class SimulatedEncoder(SampledSensor):
     is a tachometer's; a velocity by difference inherits the effects that are hidden in the positions.
 
     Args:
-        settings: of the encoders.
+        settings: settings of the encoders.
         generator: for noise.
         start_s: when the first sampling period begins [s].
         step_s: length of a physics step [s].

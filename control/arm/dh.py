@@ -64,7 +64,7 @@ class DhRow(FileModel):
         """Compute frame i in frame i-1.
 
         Args:
-            position: of the joint [rad or m]; ignored for a fixed row.
+            position: position of the joint [rad or m]; ignored for a fixed row.
 
         Returns:
             The transform.

@@ -97,7 +97,7 @@ class ComputedTorque:
 
     Args:
         body: model of the arm.
-        gains: of the feedback.
+        gains: gains of the feedback.
 
     Attributes:
         correction_rad_s2: acceleration that the PID added in the last step, shape (n,) [rad/s^2].

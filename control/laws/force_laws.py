@@ -134,7 +134,7 @@ def scheduled_admittance(compliance: Compliance, gains: ContactGains) -> Admitta
 
     Args:
         compliance: of the object, or an estimate of it.
-        gains: of the force law.
+        gains: gains of the force law.
 
     Returns:
         An admittance that is damped as the gains say.
@@ -155,7 +155,7 @@ def loading_acceleration(
         speed_limit_m_s: set speed [m/s].
         room_n: force limit minus the force of the object's spring at the present depth [N].
         compliance: of the object.
-        gains: of the force law.
+        gains: gains of the force law.
 
     Returns:
         Acceleration of the reference [m/s^2].

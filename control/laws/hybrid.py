@@ -98,7 +98,7 @@ class HybridController:
     Args:
         body: model of the arm.
         sensor_axis_tip: direction in which the tool pushes, tip frame, shape (3,).
-        gains: of all laws.
+        gains: gains of all laws.
         hold_law: name in `HOLD_LAWS`.
         estimated: returns the online estimate of stiffness [N/m], damping [N s/m] and surface along the press
             direction [m], NaN before there is one; None for no estimator.

@@ -113,7 +113,7 @@ def load_probing_plan(path: str | Path) -> ProbingPlan:
     """Read a plan from a YAML file.
 
     Args:
-        path: of the file.
+        path: path of the file.
 
     Returns:
         The validated plan.

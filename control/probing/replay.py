@@ -60,7 +60,7 @@ class ReplayTask:
 
     Args:
         body: model of the arm.
-        gains: of the computed torque.
+        gains: gains of the computed torque.
         references: of an arm with as many joints.
 
     Raises:

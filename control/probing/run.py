@@ -32,12 +32,12 @@ class ProbingRun:
         site: target and limits along its press line.
         spec: number and speed of the run.
         plan: forces, times and distances.
-        gains: of contact detection.
+        gains: gains of contact detection.
 
     Attributes:
-        phase: of the last tick.
+        phase: phase of the last tick.
         desired_force_n: aimed at in the last tick [N], NaN if the force is free.
-        events: of the last tick.
+        events: events of the last tick.
         failure: why the run gave no data, or None.
         finished: whether the run has ended.
     """

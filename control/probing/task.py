@@ -46,7 +46,7 @@ class ProbingTask:
     Args:
         body: model of the arm.
         sensor_axis_tip: direction in which the tool pushes, tip frame, shape (3,).
-        gains: of all laws.
+        gains: gains of all laws.
         plan: what to probe.
         position_limits_rad: lowest and highest joint positions, shape (n,) each [rad]; None for the URDF's.
         velocity_limits_rad_s: at which the guard trips, shape (n,) [rad/s]; None for no check.

@@ -151,7 +151,7 @@ class FollowerTask:
     Args:
         body: model of the arm.
         sensor_axis_tip: direction in which the tool pushes, tip frame, shape (3,).
-        gains: of all laws.
+        gains: gains of all laws.
         queue: of targets.
         probing: makes the probing task of a target.
         settled: whether nothing but the queue keeps the arm up, such as a pending estimate.

@@ -39,9 +39,9 @@ def build_operator_device(
     """Make an operator device; opens nothing yet.
 
     Args:
-        name: of the device.
+        name: name of the device.
         settings: for its `Settings`.
-        clock: of this side.
+        clock: clock of this side.
         document: that the settings come from, for errors with file and line.
 
     Returns:
@@ -60,7 +60,7 @@ def build_operator(operator: str, clock: Clock) -> OperatorDevice:
 
     Args:
         operator: name of a device, or path of a file that names one and holds its settings.
-        clock: of this side.
+        clock: clock of this side.
 
     Returns:
         The device.

@@ -49,7 +49,7 @@ class Messaging:
 
     Args:
         line: between the two.
-        clock: of this side.
+        clock: clock of this side.
         take: is called with each fresh message and the time it was sent, on the peer's clock [s].
         on_new_peer: is called when another program has taken the peer's place, before its first message.
 

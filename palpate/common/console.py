@@ -23,8 +23,8 @@ from rich.table import Table
 from palpate.common.failures import JsonOutput
 from palpate.estimation.channel import ChannelKind
 
-_UNBOUNDED = 10_000  # columns: wider than any table
-# Columns when the output is not a terminal and COLUMNS does not say how many: in 80, tables are squeezed.
+_UNBOUNDED = 10_000  # columns; wider than any table
+# Width in columns if the output is not a terminal and COLUMNS is not set; 80 would squeeze tables.
 PIPE_WIDTH = 120
 
 
@@ -39,7 +39,7 @@ def stderr() -> Console:
 
 
 def _console(*, stderr: bool) -> Console:
-    made = Console(stderr=stderr, emoji=False, highlight=False)  # text of a file stays as it is
+    made = Console(stderr=stderr, emoji=False, highlight=False)  # text from a file is printed unchanged
     if not made.is_terminal and not os.environ.get("COLUMNS", "").strip("0").isdigit():
         made.width = PIPE_WIDTH
     return made
@@ -49,12 +49,12 @@ def print_json(data: Any) -> None:  # noqa: ANN401
     """Print `data` as strict JSON on stdout; arrays become lists, NaN and infinity become null.
 
     Args:
-        data: mappings, sequences, arrays, and what has a text.
+        data: mappings, sequences, arrays and scalars; anything else is converted by `str`.
     """
     JsonOutput.was_printed = True
     readable = "utf" in (sys.stdout.encoding or "").lower()
     text = json.dumps(plain(data), indent=2, ensure_ascii=not readable, allow_nan=False)
-    # control characters that JSON allows may still be commands to a terminal
+    # JSON allows some control characters that a terminal would execute
     print("".join(char if char.isprintable() or char == "\n" else json.dumps(char)[1:-1] for char in text))
 
 
@@ -62,7 +62,7 @@ def plain(value: Any) -> Any:  # noqa: ANN401
     """Convert a value to JSON's own types.
 
     Args:
-        value: mappings, sequences, arrays, and what has a text.
+        value: mappings, sequences, arrays and scalars; anything else is converted by `str`.
     """
     if isinstance(value, Mapping):
         return {str(key): plain(item) for key, item in value.items()}
@@ -79,9 +79,9 @@ def table(title: str, *columns: str, right: Iterable[str] = ()) -> Table:
     """Make a table in the house style: light rules, numbers right-aligned, long cells folded.
 
     Args:
-        title: above it; empty for none.
-        columns: their heads.
-        right: heads of columns of numbers, aligned to the right.
+        title: title above the table; empty for none.
+        columns: column headings.
+        right: headings of the numeric columns, which are right-aligned.
     """
     made = Table(
         title=title or None, title_style="bold", title_justify="left", header_style="bold", box=SIMPLE
@@ -94,7 +94,7 @@ def table(title: str, *columns: str, right: Iterable[str] = ()) -> Table:
 
 
 def natural_width(made: Table) -> int:
-    """Return the columns of a terminal that a table takes if nothing is folded.
+    """Return the width of a table in terminal columns if no cell is folded.
 
     Args:
         made: the table.
@@ -104,10 +104,10 @@ def natural_width(made: Table) -> int:
 
 
 def as_typed(command: str) -> str:
-    """Return a command as it can be typed here, with its folder if the shell would not find it.
+    """Return a command that can be typed here; include the program's folder if it is not on the PATH.
 
     Args:
-        command: with the program's name first.
+        command: command line that starts with the program's name.
     """
     program, _, rest = command.partition(" ")
     folder = Path(sys.argv[0]).parent
@@ -121,7 +121,7 @@ def next_steps(*commands: tuple[str, str]) -> None:
     """Show commands to try next, each with what it does.
 
     Args:
-        commands: as they can be pasted into a shell (`typed` for paths), and their purpose.
+        commands: pairs of a command that can be pasted into a shell (see `typed` for paths) and its purpose.
     """
     console = stderr()
     console.print("\n[bold]Next[/bold]")
@@ -139,7 +139,7 @@ def has_display() -> bool:
 
 
 def rerun_step(recording: Path) -> tuple[str, str]:
-    """Return the command that opens a recording of revisions, with its purpose and requirements.
+    """Return the command that opens a recording of revisions, and its purpose with requirements.
 
     Args:
         recording: file for Rerun.
@@ -149,11 +149,11 @@ def rerun_step(recording: Path) -> tuple[str, str]:
 
 
 def export_steps(kept: str, kinds: Iterable[ChannelKind]) -> list[tuple[str, str]]:
-    """Return the commands that export revisions; none for a servo's goal error, which no simulator has.
+    """Return the commands that export revisions; none for a servo's goal error, which no simulator models.
 
     Args:
-        kept: the data and the folder of revisions, as typed.
-        kinds: of the channels with a kept model.
+        kept: the data path and the folder of revisions, quoted for a shell.
+        kinds: kinds of the channels that have a saved model.
     """
     joints = set(kinds) - {ChannelKind.CONTACT}
     if ChannelKind.SERVO in joints:
@@ -174,11 +174,11 @@ def present(
     *,
     as_json: bool,
 ) -> None:
-    """End a command: print its result as JSON, or for people, with commands to try next.
+    """Print a command's result, either as JSON or as text with commands to try next.
 
     Args:
         content: the result as plain data.
-        show: prints it for people.
+        show: function that prints the result as text.
         steps: see `next_steps`; not computed for JSON.
         as_json: whether to print JSON.
     """
@@ -210,7 +210,7 @@ def warn(remark: str, more: str = "") -> None:
 
 
 def say_read(read: str, notes: Iterable[str]) -> None:
-    """Report on stderr how the columns of a data file were interpreted; nothing for a session.
+    """Report on stderr how the columns of a data file were interpreted; print nothing for a session.
 
     Args:
         read: the file's columns and their roles; empty for a session.
@@ -223,10 +223,10 @@ def say_read(read: str, notes: Iterable[str]) -> None:
 
 
 def command_group(about: str) -> typer.Typer:
-    """Make a group of commands that prints its help when called by itself.
+    """Make a group of commands that prints its help if called without a command.
 
     Args:
-        about: the help of the group.
+        about: help text of the group.
     """
     group = typer.Typer(
         rich_markup_mode="rich",
@@ -243,13 +243,13 @@ def command_group(about: str) -> typer.Typer:
     return group
 
 
-FIRST_PROBE = "--speed-mm-s 20 --force-limit-n 3"  # of a real arm: slow and soft
+FIRST_PROBE = "--speed-mm-s 20 --force-limit-n 3"  # options for a real arm's first probe: slow and gentle
 AT_REST = "the arm is at rest and without torque"  # after Ctrl-C
-AT_BOUND = "at its bound"  # of a search: the data say no value
-NOT_DETERMINED = "not determined"  # by the data: said in place of an interval
-_LEAST_P = 0.005  # of 199 surrogates and the measurement itself
-_MOST_DECIMALS = 6  # what would need more is written with a power of ten
-_MOST_ZEROS = 8  # behind the last digit that is justified; likewise
+AT_BOUND = "at its bound"  # the search ended at a parameter's bound: the data do not determine it
+NOT_DETERMINED = "not determined"  # by the data; printed instead of an interval
+_LEAST_P = 0.005  # smallest p value with 199 surrogates: 1 / (199 + 1)
+_MOST_DECIMALS = 6  # numbers that need more use scientific notation
+_MOST_ZEROS = 8  # after the last justified digit; beyond that, likewise
 _MOST_DIGITS = 8
 
 
@@ -257,10 +257,10 @@ def safe(text: str) -> str:
     """Make text from a file safe for a console: one line without escapes, direction marks or markup.
 
     Args:
-        text: of a file, which may hold anything.
+        text: untrusted text from a file.
     """
     line = "".join(char if char.isprintable() else " " if char in "\t\n" else "�" for char in text)
-    last = line[len(line.rstrip("\\")) :]  # a backslash before markup would take its meaning away
+    last = line[len(line.rstrip("\\")) :]  # a trailing backslash would escape the markup that follows
     return escape(line.rstrip("\\")) + 2 * last
 
 
@@ -268,7 +268,7 @@ def count(number: int, noun: str) -> str:
     """Return a number with its noun, such as "1 run" and "3,000 runs".
 
     Args:
-        number: how many.
+        number: the number.
         noun: the noun in the singular.
     """
     return f"{number:,} {noun if number == 1 else noun + 's'}"
@@ -278,7 +278,7 @@ def duration(seconds: float) -> str:
     """Format a duration for people.
 
     Args:
-        seconds: of time [s].
+        seconds: duration [s].
     """
     if seconds < 60:
         return f"{seconds:.1f} s"
@@ -287,19 +287,19 @@ def duration(seconds: float) -> str:
 
 
 def shown(path: Path) -> str:
-    """Shorten a path relative to the current folder, in one line, for a console.
+    """Return a path relative to the current folder, on one line, for a console.
 
     Args:
-        path: absolute, or from the current folder.
+        path: absolute, or relative to the current folder.
     """
     return safe(_from_here(path))
 
 
 def typed(path: Path) -> str:
-    """Shorten a path relative to the current folder, quoted for a shell.
+    """Return a path relative to the current folder, quoted for a shell.
 
     Args:
-        path: absolute, or from the current folder.
+        path: absolute, or relative to the current folder.
     """
     return as_shell_word(_from_here(path))
 
@@ -326,13 +326,13 @@ def as_command(arguments: Iterable[str]) -> str:
     """Return the command line of this call, ready to be pasted into a shell.
 
     Args:
-        arguments: behind the program's name.
+        arguments: the arguments after the program's name.
     """
     return " ".join(map(as_shell_word, ["palpate", *arguments]))
 
 
 def _from_here(path: Path) -> str:
-    """Shorten a path relative to the current folder, so that it never looks like an option."""
+    """Return a path relative to the current folder that cannot be mistaken for an option."""
     try:
         text = str(path.absolute().relative_to(Path.cwd()))
     except ValueError:
@@ -341,7 +341,7 @@ def _from_here(path: Path) -> str:
 
 
 def chance(p_value: float) -> str:
-    """Format a p value of surrogates: with few surrogates only an upper bound.
+    """Format a p value from surrogates; the smallest possible one is shown as an upper bound.
 
     Args:
         p_value: between 0 and 1.
@@ -350,13 +350,13 @@ def chance(p_value: float) -> str:
 
 
 def significant(value: float, uncertainty: float | None = None) -> str:
-    """Format a value to two digits of its uncertainty, or to five digits in all.
+    """Format a value to two significant digits of its uncertainty, or to five significant digits.
 
-    Of what is not determined, with an uncertainty without bound or none that is known (NaN), two digits show
-    the size. What rounds to zero has no sign.
+    If the uncertainty is infinite or NaN, the value gets two significant digits. A value that rounds to zero
+    has no sign.
 
     Args:
-        value: in any unit.
+        value: value in any unit.
         uncertainty: standard uncertainty in the same unit; None for five digits.
     """
     if uncertainty is not None and not math.isfinite(uncertainty):

@@ -1,7 +1,7 @@
-"""End a command: print a failure as one line with an exit code, and remove folders that stayed empty.
+"""Report a command's failure as one line with an exit code, and remove folders that stayed empty.
 
-Below a command line an error names options (`--unit`); from Python it names keywords (`units=`). With
-`--json` a failure is JSON as well.
+On the command line an error names options (`--unit`); in Python it names keywords (`units=`). With `--json`
+a failure is also printed as JSON.
 """
 
 import errno
@@ -30,15 +30,15 @@ FAILED = 1
 DISK_FULL = 3
 INTERRUPTED = 130
 DEBUG_VARIABLE = "PALPATE_DEBUG"
-_MOST_SHOWN = 60  # characters of a value that is refused
+_MOST_SHOWN = 60  # characters shown of a rejected value
 _NO_ROOM = {errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EIO}
 
 
 class OneLineGroup(TyperGroup):
-    """A command group that never shows a traceback: a failure is one line that a user can act on."""
+    """Command group that reports each failure as one line that a user can act on, without a traceback."""
 
     def main(self, *args: Any, **extra: Any) -> Any:  # noqa: ANN401
-        """Run the command and leave with its exit code; see `TyperGroup.main`."""
+        """Run the command and exit with its exit code; see `TyperGroup.main`."""
         given = extra.get("args", args[0] if args else None)
         as_json, JsonOutput.was_printed = "--json" in (sys.argv[1:] if given is None else given), False
         try:
@@ -48,7 +48,9 @@ class OneLineGroup(TyperGroup):
         except typer.Abort:
             sys.exit(report("interrupted", INTERRUPTED, as_json=as_json))
         except Exception as error:
-            if isinstance(error.__cause__, KeyboardInterrupt):  # while a class was made: Python 3.11 wraps it
+            if isinstance(
+                error.__cause__, KeyboardInterrupt
+            ):  # Python 3.11 wraps it if it occurs while a class is created
                 sys.exit(report("interrupted", INTERRUPTED, as_json=as_json))
             sys.exit(report_error(error, as_json=as_json))
         finally:
@@ -62,7 +64,7 @@ def report_error(error: Exception, *, as_json: bool = False) -> int:
     """Print one line for `error` and return the exit code that goes with it; see `report`.
 
     Args:
-        error: that ended the command.
+        error: the exception that ended the command.
         as_json: whether to print JSON.
     """
     if os.environ.get(DEBUG_VARIABLE):
@@ -82,7 +84,7 @@ def report_error(error: Exception, *, as_json: bool = False) -> int:
             text, code = _usage(error), error.exit_code
         case OSError() if error.filename is not None:
             text, code = f"{error.filename}: {error.strerror}", BAD_INPUT
-        case OSError() if error.errno in _NO_ROOM:  # messages of other files name them
+        case OSError() if error.errno in _NO_ROOM:  # other errors of files name the file
             text = f"cannot write the output: {error.strerror}"
         case MemoryError():
             text = "the memory is full; take fewer runs, or a shorter recording"
@@ -90,9 +92,11 @@ def report_error(error: Exception, *, as_json: bool = False) -> int:
             text, code = missing, BAD_INPUT
         case ImportError() if remedy := library_remedy(error):
             text = f"a library of the system is missing ({error}); {remedy}"
-    # The cause may be a full or failing disk, and not the input.
+    # A full or failing disk may be the cause, rather than the input.
     cause: BaseException | None = error
-    while cause is not None and not isinstance(cause, OSError | DeviceError):  # a line that fails is no disk
+    while cause is not None and not isinstance(
+        cause, OSError | DeviceError
+    ):  # a failed line is no disk error
         cause = cause.__cause__
     is_disk_full = isinstance(cause, OSError) and cause.errno in _NO_ROOM
     return report(text, DISK_FULL if is_disk_full else code, as_json=as_json)
@@ -102,7 +106,7 @@ def report(text: str, code: int, *, as_json: bool = False) -> int:
     """Print `text` as one line on stderr, without control sequences, and return `code`.
 
     With `as_json`, also print one line on stdout, `{"error": ..., "exit_code": ...}`, for programs that read
-    JSON, but not after a result, which itself says how it ended.
+    JSON. Nothing is added after a JSON result, which states its own outcome.
 
     Args:
         text: what went wrong.
@@ -129,28 +133,28 @@ def _usage(error: typer.TyperException) -> str:
 
 
 def _give_up_output() -> int:
-    """Discard further output (`| head`, a full disk) so that the interpreter does not complain at its end."""
+    """Discard further output (`| head`, a full disk), so that the interpreter exits without an error."""
     os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
     return FAILED
 
 
 class JsonOutput:
-    """Record of whether a command has printed its JSON result; it prints one at most."""
+    """Record of whether a command has printed its JSON result; a command prints at most one."""
 
     was_printed = False
 
 
-_made: list[Path] = []  # in this process; innermost first
+_made: list[Path] = []  # folders created in this process, innermost first
 
 
 def make_folder(folder: Path) -> None:
-    """Make a folder with its parents, and remember which of them are new.
+    """Create a folder with its parents, and record which of them are new.
 
     Args:
-        folder: absolute, or from the current folder.
+        folder: absolute, or relative to the current folder.
 
     Raises:
-        OSError: it cannot be made.
+        OSError: the folder cannot be created.
     """
     place = folder.absolute()
     new = [path for path in (place, *place.parents) if not path.exists()]
@@ -161,7 +165,7 @@ def make_folder(folder: Path) -> None:
 def remove_empty_folders() -> None:
     """Remove new folders that are still empty."""
     for folder in _made:
-        with suppress(OSError):  # there is something in it, or it was never made
+        with suppress(OSError):  # the folder is not empty, or was never created
             folder.rmdir()
     _made.clear()
 
@@ -176,23 +180,23 @@ _WORD = r"""(?:'[^']*'|"[^"]*"|[^\s'",;:()])+(?:,\d+)*"""
 _OPTION = re.compile(
     rf"--(?P<pair>{'|'.join(_PAIRS)})(?: (?P<key>[\w ]+?)=(?P<value>{_WORD}))?(?![\w-])"
     rf"|--(?P<flag>{'|'.join(_FLAGS)})(?![\w-])"
-    # The word after such an option is its value only before punctuation or at the end of the text.
+    # The word after such an option is its value only if punctuation or the end of the text follows.
     rf"|--(?P<name>{'|'.join(_KEYWORDS)})(?: (?P<given>(?:\S+\.py:\w+|{_WORD})(?=:|$|\)| says)))?(?![\w-])"
 )
 _COMMAND = re.compile(r"palpate (diagnose|add) --(apply|fresh)")
-_ONE_AFTER_THE_OTHER = re.compile(r"(?<=\")\} (?:units|columns|where)=\{(?=\")")  # belong in one
+_ONE_AFTER_THE_OTHER = re.compile(r"(?<=\")\} (?:units|columns|where)=\{(?=\")")  # are merged into one
 Class = TypeVar("Class", bound=type)
 
 
 class ErrorWording:
-    """Wording of error messages, options or keywords; one setting for the whole process."""
+    """Whether error messages name options or keywords; one setting for the whole process."""
 
     of_command_line = False
 
 
 @contextmanager
 def command_line_wording() -> Iterator[None]:
-    """Let error messages name options of the command line within the context."""
+    """Let error messages name command-line options within the context."""
     before, ErrorWording.of_command_line = ErrorWording.of_command_line, True
     try:
         yield
@@ -201,10 +205,10 @@ def command_line_wording() -> Iterator[None]:
 
 
 def in_python(text: str) -> str:
-    """Write each option of the command line as the keyword of `palpate.Study` that does the same.
+    """Replace each command-line option by the equivalent keyword of `palpate.Study`.
 
     Args:
-        text: of an error.
+        text: text of an error.
     """
     text = _OPTION.sub(_keyword, _COMMAND.sub(r"study.\1(\2=True)", text))
     return _ONE_AFTER_THE_OTHER.sub(", ", text)
@@ -223,14 +227,14 @@ def _keyword(option: re.Match[str]) -> str:
 
 
 def _unquoted(word: str) -> str:
-    """Return a word as a shell understands it."""
+    """Return a word without its shell quoting."""
     return "".join(shlex.split(word))
 
 
 def speaks_python(made: Class) -> Class:
-    """Let errors of a class's public methods be one printable line with Python keywords.
+    """Make errors of a class's public methods one printable line with Python keywords.
 
-    Below a command line they keep its words, and are made printable where they are reported.
+    On the command line, errors keep its wording and are made printable where they are reported.
 
     Args:
         made: a class.

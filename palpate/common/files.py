@@ -1,8 +1,8 @@
 """Check files that the user names before any work is done, and find the folders of results.
 
-No file is replaced without `--force`, and an input file never. Files derived from a session lie in a folder
-of the same name beside it, or in the working directory. Such folders, and folders of revisions, belong to
-palpate, which overwrites their contents.
+No file is replaced without `--force`; an input file is never replaced. Files derived from a session lie in a
+folder of the same name beside it, or in the working directory. Such folders, and folders of revisions, belong
+to palpate, which overwrites their contents.
 """
 
 import os
@@ -26,11 +26,11 @@ def existing_file(path: Path, what: str) -> Path:
     """Return the path if it is a readable regular file, not a device or a pipe.
 
     Args:
-        path: as the user gave it.
-        what: what it should be, such as "session".
+        path: path from the user.
+        what: noun for the error message, such as "session".
 
     Raises:
-        InputError: the path does not exist, is no file, or is not readable.
+        InputError: the path does not exist, is not a file, or is not readable.
     """
     if path.is_dir():
         raise InputError(f"{what} {path}: is a directory, not a file")
@@ -44,19 +44,19 @@ def existing_file(path: Path, what: str) -> Path:
 
 
 def existing_data(path: Path) -> Path:
-    """Return the path if it is a folder or a readable file; `InputError` if not.
+    """Return the path if it is a folder or a readable file; raise `InputError` otherwise.
 
     Args:
-        path: as the user gave it.
+        path: path from the user.
     """
     return path if path.is_dir() else existing_file(path, "session or data file")
 
 
 def open_session(path: Path) -> Session:
-    """Read a session file; `InputError` if it does not exist or is no session.
+    """Read a session file; raise `InputError` if it does not exist or is not a session.
 
     Args:
-        path: as the user gave it.
+        path: path from the user.
     """
     try:
         return Session.open(existing_file(path, "session"))
@@ -76,12 +76,12 @@ def output_file(path: Path, *, force: bool | None = None, keep: Iterable[Path] =
     A folder that is empty when the command ends is removed; see `remove_empty_folders`.
 
     Args:
-        path: as the user gave it.
-        force: whether a file that already exists may be replaced; None where that is not offered.
-        keep: what is read, which is never replaced.
+        path: path from the user.
+        force: whether an existing file may be replaced; None if the command has no such option.
+        keep: input files, which are never replaced.
 
     Raises:
-        InputError: something is in the way and may not be replaced, or the folder cannot be written to.
+        InputError: a file exists and may not be replaced, or the folder is not writable.
     """
     if path.is_dir():
         raise InputError(f"output {path}: is a directory")
@@ -98,11 +98,11 @@ def output_file(path: Path, *, force: bool | None = None, keep: Iterable[Path] =
 
 
 def output_session(path: Path, keep: Iterable[Path] = ()) -> Path:
-    """Check the path of a new session; see `output_file`. InputError: its ending is not a session's.
+    """Check the path of a new session as `output_file` does; raise `InputError` for a wrong file extension.
 
     Args:
-        path: as the user gave it.
-        keep: what is read, which is never replaced.
+        path: path from the user.
+        keep: input files, which are never replaced.
     """
     if path.suffix != SESSION and not path.is_dir():
         raise InputError(
@@ -113,17 +113,17 @@ def output_session(path: Path, keep: Iterable[Path] = ()) -> Path:
 
 
 def output_folder(folder: Path) -> Path:
-    """Return the folder, made if needed, if files can be written in it.
+    """Return the folder if it is writable; create it if needed.
 
     Args:
-        folder: as the user gave it.
+        folder: path from the user.
 
     Raises:
-        InputError: it cannot be made or written to.
+        InputError: the folder cannot be created or written to.
     """
     try:
         make_folder(folder)
-        with tempfile.TemporaryFile(dir=folder):  # permissions alone are not enough, for example in /proc
+        with tempfile.TemporaryFile(dir=folder):  # permissions do not suffice, for example in /proc
             pass
     except FileExistsError as error:
         raise InputError(f"output folder {folder}: is a file, not a folder; choose another name") from error
@@ -133,16 +133,16 @@ def output_folder(folder: Path) -> Path:
 
 
 def spare_files(folder: Path, names: Iterable[str], *, force: bool, keep: Iterable[Path] = ()) -> None:
-    """Refuse to fill a folder where that would replace protected files.
+    """Raise an error if writing to a folder would replace protected files.
 
     Args:
-        folder: it need not exist yet.
-        names: of the files that may be written; patterns as of `Path.glob`.
-        force: whether files of these names may be replaced.
-        keep: what is read, which is never replaced.
+        folder: folder, which may not exist yet.
+        names: names of the files that may be written, or patterns for `Path.glob`.
+        force: whether files with these names may be replaced.
+        keep: input files, which are never replaced.
 
     Raises:
-        InputError: something is in the way.
+        InputError: a file exists and may not be replaced.
     """
     kept = tuple(keep)
     for taken in (path for name in names for path in folder.glob(name)):
@@ -150,9 +150,11 @@ def spare_files(folder: Path, names: Iterable[str], *, force: bool, keep: Iterab
 
 
 def different_files(*paths: Path | None) -> None:
-    """Refuse outputs that would replace each other; `InputError` if two of them are one file."""
+    """Raise `InputError` if two outputs are the same file."""
     named = [path for path in paths if path is not None]
-    places = [os.path.realpath(path) for path in named]  # unlike Path.resolve, it accepts circular links
+    places = [
+        os.path.realpath(path) for path in named
+    ]  # unlike Path.resolve, realpath accepts circular links
     for number, path in enumerate(named):
         if places[number] in places[:number]:
             raise InputError(f"output {path}: is given twice; give each output its own name")
@@ -160,13 +162,13 @@ def different_files(*paths: Path | None) -> None:
 
 @contextmanager
 def whole_file(path: Path) -> Iterator[Path]:
-    """Yield a temporary name to write to; on success the file replaces the one of the final name.
+    """Yield a temporary path to write to; on success, rename the file to its final name.
 
     Args:
-        path: the file; it appears whole or not at all.
+        path: final path; the file is written completely or not at all.
 
     Raises:
-        InputError: it cannot be written.
+        InputError: the file cannot be written.
     """
     try:
         with written_whole(path) as unfinished:
@@ -180,7 +182,7 @@ def whole_set(texts: Mapping[Path, str]) -> Iterator[None]:
     """Write several text files after the body of the `with`, or none if it fails.
 
     Args:
-        texts: by the file's path.
+        texts: text of each file, by path.
 
     Raises:
         InputError: one of them cannot be written.
@@ -192,10 +194,10 @@ def whole_set(texts: Mapping[Path, str]) -> Iterator[None]:
 
 
 def write_text(path: Path, text: str) -> None:
-    """Write a file of text, whole or not at all; `InputError` if it cannot be written.
+    """Write a text file, completely or not at all; raise `InputError` if it cannot be written.
 
     Args:
-        path: of the file.
+        path: path of the file.
         text: its content.
     """
     with whole_set({path: text}):
@@ -206,8 +208,8 @@ def derived_folder(path: Path) -> Path:
     """Return the usual folder of results; it need not exist yet.
 
     Args:
-        path: a session, which has a folder beside it; a folder of sessions, which has one in it; or a data
-            file, whose own folder may be anybody's: what is derived from it goes into the current one.
+        path: a session (results go beside it), a folder of sessions (results go into it), or a data file
+            (results go into the current folder, because the file's folder may belong to somebody else).
     """
     if path.is_dir():
         return path / "study"
@@ -215,16 +217,16 @@ def derived_folder(path: Path) -> Path:
 
 
 def folder_to_fill(path: Path, out: Path | None, names: Iterable[str], *, force: bool) -> Path:
-    """Return the folder of results if these files can be put there; it need not exist yet.
+    """Return the folder of results if these files may be written there; it need not exist yet.
 
     Args:
         path: session or data file.
-        out: the folder that the user wants instead of the usual one.
-        names: of the files that may be written; patterns as of `Path.glob`.
-        force: whether files of these names may be replaced in a folder that the user named.
+        out: folder from the user; None for the usual one.
+        names: names of the files that may be written, or patterns for `Path.glob`.
+        force: whether files with these names may be replaced in a folder that the user named.
 
     Raises:
-        InputError: a file is there that may not be replaced.
+        InputError: a file exists there and may not be replaced.
     """
     from palpate.estimation.study import Revisions  # noqa: PLC0415, takes half a second
 
@@ -234,14 +236,14 @@ def folder_to_fill(path: Path, out: Path | None, names: Iterable[str], *, force:
 
 
 def folder_to_read(path: Path, folder: Path | None) -> Path:
-    """Return the folder in which revisions are kept; it may hold none yet.
+    """Return the folder of saved revisions; it may hold none yet.
 
     Args:
         path: session or data file.
-        folder: that the user named; None for the usual one.
+        folder: folder from the user; None for the usual one.
 
     Raises:
-        InputError: the folder that the user names does not exist.
+        InputError: the folder that the user named does not exist.
     """
     if folder is not None and not folder.is_dir():
         raise InputError(f"--folder {folder}: no such folder")

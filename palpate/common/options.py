@@ -1,7 +1,7 @@
-"""Options that several commands share, and the names that a shell completes.
+"""Options that several commands share, and the names for shell completion.
 
-Each field of a dataclass is an option, with typer's own annotation. What a completion needs is imported when
-the shell asks for it, so that help stays quick.
+Each field of a dataclass is an option with typer's annotation. Modules for completion are imported only when
+the shell asks for a completion, so that help starts fast.
 """
 
 import functools
@@ -29,10 +29,10 @@ def takes(
     """Give a command one option for each field of `options`, passed as its first argument.
 
     Args:
-        options: a dataclass of keywords.
-        lead: the field placed before the command's own options, with the others after; by default all fields
-            come first.
-        defaults: of fields, where they are others than the class says.
+        options: dataclass whose fields are the options.
+        lead: field placed before the command's own options, while the other fields follow them; by default
+            all fields come first.
+        defaults: default values of fields that differ from those of the class.
     """
 
     def decorate(command: Callable[..., None]) -> Callable[..., None]:

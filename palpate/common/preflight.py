@@ -1,4 +1,4 @@
-"""What must hold before the rest of palpate is imported; standard library only, to speak anywhere."""
+"""Checks before the rest of palpate is imported; they use the standard library only, to run anywhere."""
 
 import sys
 from pathlib import Path
@@ -7,7 +7,7 @@ OLDEST = (3, 11)
 
 
 def python_problem(version: tuple[int, int]) -> str | None:
-    """Describe a fault of the interpreter; None without one.
+    """Describe a problem with the interpreter; None if there is none.
 
     Args:
         version: major and minor, as in `sys.version_info[:2]`.
@@ -35,7 +35,7 @@ def library_remedy(error: ImportError) -> str | None:
     Pinocchio's wheel takes OpenMP from the system, which small images of Debian and Ubuntu do not have.
 
     Args:
-        error: of the import.
+        error: the import's exception.
     """
     return "on Debian and Ubuntu: apt install libgomp1" if ".so" in str(error) else None
 

@@ -1,4 +1,4 @@
-"""Load, check, try out and run effects and drivers of the user's own."""
+"""Load, check, test and run the user's own effects and drivers."""
 
 import ast
 import importlib.util
@@ -39,12 +39,12 @@ class _TooLongError(BaseException):
 
 @contextmanager
 def foreign_code(where: str, limit_s: float | None = None, own_file: str = "") -> Iterator[None]:
-    """Turn any error of the user's code, including an exit, into one clear line; Ctrl-C passes.
+    """Convert errors of the user's code, including `SystemExit`, into `InputError`; Ctrl-C passes through.
 
     Output of the code goes to stderr, because stdout is for results that a program may read.
 
     Args:
-        where: what is run, for the error.
+        where: what is run, for the error message.
         limit_s: time limit, in the main thread only [s]; None for no limit.
         own_file: the user's file, whose line the error names.
 
@@ -84,13 +84,13 @@ FORM = "FILE.py:Class"
 
 
 def load_user_effects(texts: Sequence[str]) -> dict[str, Effect]:
-    """Load the user's effects, by the texts that name them.
+    """Load the user's effects; return them by the texts that name them.
 
     Args:
         texts: each of the form FILE.py:Class.
 
     Raises:
-        InputError: a file or class does not exist, cannot be run or states no effect, or its name is taken.
+        InputError: a file or class does not exist, cannot be run or is not an effect, or its name is taken.
     """
     loaded: dict[str, Effect] = {}
     for text in dict.fromkeys(texts):
@@ -110,10 +110,10 @@ def load_user_effect(text: str) -> Effect:
     """Load an effect that the user names on the command line.
 
     Args:
-        text: of the form FILE.py:Class.
+        text: text of the form FILE.py:Class.
 
     Raises:
-        InputError: file or class does not exist, cannot be run, or states no effect.
+        InputError: the file or class does not exist, cannot be run, or is not an effect.
     """
     file, _, name = text.rpartition(":")
     if not file or not name.isidentifier():
@@ -123,7 +123,7 @@ def load_user_effect(text: str) -> Effect:
     if spec is None or spec.loader is None:
         raise InputError(f"effect file {path}: is not a Python file (.py)")
     module = importlib.util.module_from_spec(spec)
-    sys.modules[spec.name] = module  # dataclasses look their module up
+    sys.modules[spec.name] = module  # dataclasses look up their module
     with foreign_code(f"effect file {path}", LIMIT_S, str(path.absolute())):
         spec.loader.exec_module(module)
     member = vars(module).get(name)
@@ -148,10 +148,10 @@ _NAME = re.compile(r"[a-z][a-z0-9_]*")
 
 
 def flaw(effect_type: type[Effect]) -> str | None:
-    """Describe the first error in what a class states, with its line; None if there is none.
+    """Describe the first error in a class's attributes, with its line; None if there is none.
 
     Args:
-        effect_type: a class of the user's.
+        effect_type: class from the user.
     """
     return next(
         (problem + place_of(effect_type, attribute) for attribute, problem in _flaws(effect_type)), None
@@ -171,11 +171,11 @@ def file_of(effect_type: type) -> str:
 
 
 def place_of(effect_type: type, attribute: str) -> str:
-    """Return where a class defines a name, such as " (mine.py, line 14)"; else where it begins.
+    """Return where a class defines a name, such as " (mine.py, line 14)", or else where the class begins.
 
     Args:
         effect_type: a class.
-        attribute: or method; empty for the class itself.
+        attribute: name of the attribute or method; empty for the class itself.
     """
     try:
         lines, first = inspect.getsourcelines(effect_type)
@@ -238,7 +238,7 @@ _CALLED = (
     *("applies_to", "suited_to", "in_order"),
 )
 _MOTION = ("position", "velocity", "acceleration", "effort")
-_REAL = "fiub"  # kinds of dtype: floats, whole numbers, truth values
+_REAL = "fiub"  # kinds of dtype: floats, integers, booleans
 _Shape = tuple[int, ...]
 
 
@@ -246,7 +246,7 @@ def watched(effect: Effect) -> Effect:
     """Wrap an effect so that its methods raise `InputError` on failure or unusable results.
 
     Args:
-        effect: of the user's.
+        effect: effect from the user.
     """
     effect_type = type(effect)
 
@@ -275,18 +275,18 @@ def watched(effect: Effect) -> Effect:
 
 
 def rehearse(effect: Effect, data: ChannelData) -> bool | None:
-    """Call each method of a watched effect on a channel, before a search relies on it.
+    """Call each method of a watched effect on a channel once, before a search uses it.
 
     Args:
         effect: a watched effect.
         data: the channel.
 
     Returns:
-        Whether it does anything there: False for columns that are zero wherever a search begins; None where
-        it does not apply.
+        Whether the effect changes the prediction: False if its columns are zero at all starting values of a
+        search; None if the effect does not apply to the channel.
 
     Raises:
-        InputError: a method fails there, or gives what cannot be used.
+        InputError: a method fails, or returns an unusable result.
     """
     applies = effect.applies_to(data)
     if not isinstance(applies, bool | np.bool_):
@@ -320,7 +320,7 @@ def rehearse(effect: Effect, data: ChannelData) -> bool | None:
             effect.follow(data.effort, both, data, inner)
     known = [*(EFFECTS[name]() for name in EFFECTS), effect]
     parameters = ((each.name, p) for each in known for p in (*each.gains, *each.inner))
-    # each in the middle of its typical range
+    # each parameter in the middle of its typical range
     usual = {f"{name}.{p.name}": float(p.spread(3)[1]) for name, p in parameters}
     noise = 0.01 * float(np.std(data.effort))
     effect.is_misnamed(data, usual, lambda: {name: 0.1 * abs(value) for name, value in usual.items()}, noise)

@@ -10,14 +10,14 @@ from typing import Any
 def start_worker(
     target: Callable[..., None], *arguments: object
 ) -> tuple[BaseProcess, "Connection[Any, Any]"]:
-    """Start a process with a new interpreter, which does not outlive a regular end of this one.
+    """Start a process with a new interpreter; it ends when this process ends regularly.
 
     Args:
-        target: function of a module; called in the process as `target(pipe, *arguments)`.
-        arguments: anything that can be pickled.
+        target: function of a module, called in the new process as `target(pipe, *arguments)`.
+        arguments: objects that can be pickled.
 
     Returns:
-        The process, and this side's end of its pipe, which meets the end of file once the process is gone.
+        The process, and this side's end of its pipe, which reads end-of-file once the process has ended.
     """
     context = get_context("spawn")
     pipe, worker_end = context.Pipe()

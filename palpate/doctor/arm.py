@@ -1,4 +1,4 @@
-"""Check an arm before it gets power, and then the signs of its joints and sensor."""
+"""Check an arm before it gets power, then check the signs of its joints and force sensor."""
 
 from collections.abc import Callable, Iterator, Mapping, Set
 from contextlib import ExitStack, suppress
@@ -36,33 +36,35 @@ NOT_POWERED = warn(
 
 @dataclass(frozen=True)
 class ArmCheck:
-    """What to examine, and how far."""
+    """Which arm to examine, and which checks to run."""
 
     robot_file: RobotFile
-    wired: bool = False  # emulate its devices
-    as_built: RobotFile | None = None  # the emulated arm as it is put together; None: as its robot file says
-    move: bool = False  # whether its signs are looked at too
+    wired: bool = False  # whether its devices are emulated
+    as_built: RobotFile | None = None  # how the emulated arm is built; None: as its robot file says
+    move: bool = False  # whether the signs are checked too
     may_power: Callable[[], bool] = lambda: False  # asked before the arm gets power
-    drivers: tuple[str, ...] = ()  # packages with drivers beside palpate's own
+    drivers: tuple[str, ...] = ()  # packages with further drivers
 
 
 def examine_arm(check: ArmCheck) -> Iterator[Finding]:
     """Check limits, ports, devices and rates, then signs by hand and by power; stop after a failed stage.
 
-    The torque stays off until `may_power` has said yes, and it is off at the end.
+    The torque stays off until `may_power` returns True, and it is off at the end.
 
     Args:
-        check: what is examined, and how far.
+        check: the arm and the checks to run.
 
     Raises:
-        InputError: the robot file names what does not exist, has gains that no run takes, or cannot be
-            emulated or moved by hand.
+        InputError: the robot file names a part that does not exist or has invalid gains, or the arm cannot
+            be emulated or moved by hand.
     """
     with ExitStack() as stack:
         drivers = DriverCatalogue(SIMULATED_DRIVERS, *check.drivers)
         gains_of(check.robot_file)  # checked because every run needs them
         calibrations = load_calibrations(check.robot_file, emulated=check.wired)
-        build_robot(check.robot_file, drivers, SimulatedClock(), calibrations)  # must be valid
+        build_robot(
+            check.robot_file, drivers, SimulatedClock(), calibrations
+        )  # raises if the robot file is not valid
         clock, robot_file, hand = _set_up(check, stack)
         body = RigidBody.of_robot(check.robot_file, calibrations)
         make = partial(build_robot, robot_file, drivers, clock, calibrations)
@@ -118,7 +120,7 @@ def _set_up(check: ArmCheck, stack: ExitStack) -> tuple[Clock, RobotFile, Hand]:
 
 
 def _with_robot(make: Callable[[], Robot], look: Callable[[Robot], Iterator[Finding]]) -> Iterator[Finding]:
-    """Open the whole arm for one stage, and close it afterwards, without torque."""
+    """Open the whole arm for one stage, without torque, and close it afterwards."""
     try:
         with make() as robot:
             yield from look(robot)
@@ -131,12 +133,12 @@ def _with_robot(make: Callable[[], Robot], look: Callable[[Robot], Iterator[Find
 
 
 def examine_ports(robot_file: RobotFile) -> Iterator[tuple[str, Finding]]:
-    """Serial ports (setting `port`) and SocketCAN interfaces (setting `channel`), with the bus of each.
+    """Check serial ports (setting `port`) and SocketCAN interfaces (`channel`); yield bus and finding.
 
-    They are only looked at, not opened.
+    Nothing is opened.
 
     Args:
-        robot_file: of the arm.
+        robot_file: robot file of the arm.
     """
     for name, bus in robot_file.buses.items():
         subject, port, channel = f"port of {name}", bus.settings.get("port"), bus.settings.get("channel")
@@ -155,14 +157,12 @@ def examine_ports(robot_file: RobotFile) -> Iterator[tuple[str, Finding]]:
 
 
 def examine_devices(robot: Robot, robot_file: RobotFile, closed: Set[str]) -> Iterator[Finding]:
-    """Configure each part of a new robot and collect its findings; everything is closed afterwards.
-
-    The ports of the `closed` buses cannot be opened, which has been reported already.
+    """Configure each part of a new robot and yield its findings; close everything afterwards.
 
     Args:
-        robot: new, not configured.
-        robot_file: its file.
-        closed: buses whose port cannot be opened.
+        robot: new robot, not configured.
+        robot_file: its robot file.
+        closed: buses whose port cannot be opened, which has been reported already.
     """
     parts: list[tuple[str, Component, str | None]] = [
         *((f"bus {name}", bus, name) for name, bus in robot.buses.items()),
@@ -174,7 +174,7 @@ def examine_devices(robot: Robot, robot_file: RobotFile, closed: Set[str]) -> It
     try:
         for label, component, bus in parts:
             if bus in broken:
-                continue  # its bus has said why
+                continue  # the finding of its bus says why
             findings = list(_examine(label, component))
             if bus is not None and any(finding.level is Level.FAIL for finding in findings):
                 broken.add(bus)
@@ -207,7 +207,7 @@ def _error_text(error: Exception) -> str:
 
 _WATCH_S = 0.5
 _FULL_SHARE = 0.8  # share of a tick that a bus may use, so that late bytes have time
-_REST_SHARE = 0.05  # share of the force limit; a larger reading in free air is a wrong zero
+_REST_SHARE = 0.05  # share of the force limit; a larger reading in free air means a wrong zero
 _FAR_RAD = 0.3
 _VALUES = {
     "encoder": ("joint_position_rad", "joint_velocity_rad_s"),
@@ -220,20 +220,20 @@ _WARN, _FAIL = Level.WARN, Level.FAIL
 
 @dataclass(frozen=True)
 class _Watched:
-    """Measurements of some ticks."""
+    """Measurements of several ticks."""
 
-    reading_s: FloatArray  # how long each reading took, shape (n,)
+    reading_s: FloatArray  # duration of each reading, shape (n,) [s]
     measurements: tuple[Measurement, ...]
     failed: tuple[Set[str], ...]  # buses that failed in each tick
     complaints: Mapping[str, str]  # last message of each bus
 
 
 def examine_rates(robot: Robot, robot_file: RobotFile) -> Iterator[Finding]:
-    """Read a configured robot for half a second at its control rate, without power.
+    """Read a configured robot for half a second at its control rate, without power, and check its samples.
 
     Args:
-        robot: configured, without power.
-        robot_file: its file.
+        robot: configured robot, without power.
+        robot_file: its robot file.
     """
     period_s, limits = 1.0 / robot_file.control_rate_hz, robot_file.limits
     computed = list(_computed(robot, period_s))
@@ -252,7 +252,7 @@ def examine_rates(robot: Robot, robot_file: RobotFile) -> Iterator[Finding]:
         reading_s.append(clock.now_s() - begun_s)
         failed.append(set(robot.bus_errors))
         complaints |= robot.bus_errors | robot.bus_delays
-    skipped = min(10, len(measurements) // 2)  # lets the first samples arrive
+    skipped = min(10, len(measurements) // 2)  # the first samples may arrive late
     watched = _Watched(
         np.array(reading_s[skipped:]), tuple(measurements[skipped:]), tuple(failed[skipped:]), complaints
     )
@@ -309,7 +309,7 @@ def _computed(robot: Robot, period_s: float) -> Iterator[Finding]:
 
 
 def _device(watched: _Watched, device: str, bus: str | None, limit_s: float) -> Finding:
-    """Judge a device's samples; a robot calls all devices of a failed bus faulty."""
+    """Check a device's samples; a robot reports all devices of a failed bus as faulty."""
     complaint = watched.complaints.get(bus or "")
     subject, because = f"{device} samples", f": {complaint}" if complaint else ""
     at_s = np.array([getattr(m, f"{device}_at_s") for m in watched.measurements])

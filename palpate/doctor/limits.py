@@ -14,8 +14,8 @@ from palpate.robot_io.types import FloatArray
 POSES = 400
 _AGE_TICKS = 2.0  # age of a velocity when the arm acts on it, in ticks
 _LONG_WATCHDOG_S = 0.2
-_WEIGHTS = 10.0  # multiple of the arm's largest weight torque, enough for all tasks
-_SPEEDS = 2.0  # multiple of the URDF's speed, above what a servo reaches by itself
+_WEIGHTS = 10.0  # multiple of the arm's largest gravity torque, enough for all tasks
+_SPEEDS = 2.0  # multiple of the URDF's speed, above the speed that a servo can reach
 _WIDE_TRACKING_RAD, _NO_TRACKING_RAD = 0.3, 1.0
 _ROUNDING_RAD = 1e-3
 _LATCHES = ("deaf_drive_s", "stuck_encoder_s", "stuck_force_s")
@@ -27,8 +27,8 @@ def examine_limits(robot_file: RobotFile, body: RigidBody) -> Iterator[Finding]:
     """Check torque, brake, ages, watchdogs and the other limits of a robot file.
 
     Args:
-        robot_file: of the arm.
-        body: its masses.
+        robot_file: robot file of the arm.
+        body: rigid-body model of the arm.
     """
     if joint := body.weightless_joint:
         remedy = "give its links an <inertial>: gravity compensation needs it, also in a stop"
@@ -87,14 +87,14 @@ def random_poses_rad(limits: Limits) -> FloatArray:
     """Draw poses over the joints' ranges, shape (poses, n) [rad].
 
     Args:
-        limits: with the joints' ranges.
+        limits: limits with the joints' ranges [rad].
     """
     low, high = np.array(limits.position_min_rad), np.array(limits.position_max_rad)
     return np.random.default_rng(0).uniform(low, high, (POSES, len(low)))
 
 
 def _brake(robot_file: RobotFile, body: RigidBody, poses_rad: FloatArray) -> Finding:
-    """See `palpate.robot_io.guard.SafeState`: a brake that is too strong for its own delay shakes the arm."""
+    """Check the brake's gain: with too much gain for its delay it shakes the arm (see `SafeState`)."""
     lag_s = (1 + _AGE_TICKS) / robot_file.control_rate_hz
     effective = [1.0 / np.diag(np.linalg.inv(body.mass_matrix(pose))) for pose in poses_rad]
     most = np.min(effective, axis=0) / lag_s
@@ -151,7 +151,7 @@ def _position(limits: Limits, body: RigidBody) -> Finding:
 
 
 def _latch(name: str, limits: Limits, tick_s: float) -> Finding:
-    """Check how long a faulty device may go on; in less than a tick it answers at most once."""
+    """Check how long a faulty device is tolerated; within less than a tick it answers at most once."""
     limit_s, usual_s = float(getattr(limits, name)), float(Limits.model_fields[name].default)
     value = f"{1e3 * limit_s:g} ms"
     too_short = limit_s < tick_s * (1.0 - 1e-9)
@@ -168,7 +168,7 @@ def _latch(name: str, limits: Limits, tick_s: float) -> Finding:
 
 
 def _beyond(limits: FloatArray, most: FloatArray) -> bool:
-    """Return whether a limit exceeds the stated one; 0 states none."""
+    """Return whether any limit exceeds the stated one; 0 means that none is stated."""
     return bool(((most > 0) & (limits > most)).any())
 
 

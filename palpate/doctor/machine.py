@@ -1,6 +1,6 @@
-"""Check this machine: interpreter, packages, simulation, and what a real arm needs.
+"""Check this machine: interpreter, packages, simulation, and the requirements of a real arm.
 
-Simulation needs nothing of the last, so that nothing there is a failure.
+Simulation does not need the requirements of a real arm, so a missing one is never a failure.
 """
 
 import os
@@ -38,7 +38,7 @@ RIGHTS = (
 
 
 def python() -> Iterator[Finding]:
-    """Check for a supported CPython in an environment of its own."""
+    """Check for a supported CPython in a virtual environment."""
     version = ".".join(str(part) for part in sys.version_info[:3])
     problem = preflight.python_problem((sys.version_info[0], sys.version_info[1])) or ""
     bare = "not a virtual environment: make env, then use .venv/bin/palpate"
@@ -47,8 +47,8 @@ def python() -> Iterator[Finding]:
 
 
 def packages() -> Iterator[Finding]:
-    """Check that every dependency is installed in the tested version."""
-    # pinned versions by package; none where palpate is installed without its source tree
+    """Check that every dependency is installed in its tested version."""
+    # pinned versions by package; empty if palpate is installed without its source tree
     text = CONSTRAINTS.read_text(encoding="utf-8") if CONSTRAINTS.is_file() else ""
     pairs = (line.split("==") for line in text.splitlines() if "==" in line)
     pinned = {name.strip().lower(): version.strip() for name, version in pairs}
@@ -112,7 +112,7 @@ def pinocchio() -> Iterator[Finding]:
 
 
 def rerun() -> Iterator[Finding]:
-    """Check that the viewer is installed, and that there is a display or a driver to draw with."""
+    """Check that the viewer is installed, and that it has a display or a Vulkan driver."""
     if not find_spec("rerun"):
         yield ok("rerun", f"only recordings need it; {missing_package('rerun')}")
         return
@@ -127,16 +127,16 @@ def rerun() -> Iterator[Finding]:
 
 
 def has_vulkan_driver() -> bool:
-    """Return whether Vulkan can draw, if only in software."""
+    """Return whether a Vulkan driver is installed; a software renderer suffices."""
     return any(Path(folder).is_dir() and any(Path(folder).glob("*.json")) for folder in VULKAN_DRIVERS)
 
 
 def real_time() -> Iterator[Finding]:
-    """Check that the loop may run under SCHED_FIFO, on a real-time kernel."""
+    """Check that the control loop may run under SCHED_FIFO, on a real-time kernel."""
     is_made = _text(Path("/sys/kernel/realtime")) == "1" or "PREEMPT_RT" in os.uname().version
     kernel = "real-time kernel" if is_made else "ordinary kernel (expect rare late ticks)"
     policy, parameters = os.sched_getscheduler(0), os.sched_getparam(0)
-    try:  # for a moment
+    try:  # set it for a moment
         os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(1))
     except OSError:
         yield warn("real time", f"SCHED_FIFO not permitted, {kernel}: ticks come late under load", RIGHTS)
@@ -154,7 +154,7 @@ def memory_lock() -> Iterator[Finding]:
 
 
 def serial_ports() -> Iterator[Finding]:
-    """Check USB serial adapters: permission and buffering time."""
+    """Check USB serial adapters: permission and latency timer."""
     ports = sorted(Path("/dev").glob("ttyUSB*")) + sorted(Path("/dev").glob("ttyACM*"))
     if not ports:
         yield ok("serial ports", "none connected (only a real arm needs one)")
@@ -162,12 +162,12 @@ def serial_ports() -> Iterator[Finding]:
 
 
 def serial_port(subject: str, port: Path, denied: Level) -> Finding:
-    """Check permission (else `denied`) and buffering time of a serial port.
+    """Check the permission (level `denied` if missing) and latency timer of a serial port.
 
     Args:
-        subject: of the finding.
+        subject: subject of the finding.
         port: device file.
-        denied: level where it may not be opened.
+        denied: level of the finding if the port may not be opened.
     """
     if not os.access(port, os.R_OK | os.W_OK):
         return Finding(subject, denied, f"{port}: permission denied", DIALOUT)
@@ -189,12 +189,12 @@ def can_interfaces() -> Iterator[Finding]:
 
 
 def can_interface(subject: str, name: str, down: Level) -> Finding:
-    """Check whether a CAN interface exists and is up (else `down`).
+    """Check that a CAN interface exists and is up (level `down` if not).
 
     Args:
-        subject: of the finding.
-        name: of the interface.
-        down: level where it is not up.
+        subject: subject of the finding.
+        name: name of the interface.
+        down: level of the finding if the interface is not up.
     """
     interface, bring_up = (
         Path("/sys/class/net") / name,

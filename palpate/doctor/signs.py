@@ -25,27 +25,27 @@ from palpate.sim_backend.emulators.bench import Plant
 _MOVED_RAD = 0.12  # half of the requested turn
 _PRESSED_N = 2.0
 _SHOWN_RAD = 0.25
-_PLAIN_M = 0.3  # share of the tip's motion along an axis that is mentioned
+_PLAIN_M = 0.3  # share of the tip's motion from which an axis is mentioned
 _DIRECTIONS = (("forwards", "backwards"), ("to the left", "to the right"), ("up", "down"))
 _START_S = 0.1
-_STEP_S, _PATIENCE_S = 1e-3, 0.02  # long, because without power no deadline depends on a reading
-_STILL_S = 0.5  # time without motion at rest
+_STEP_S, _PATIENCE_S = 1e-3, 0.02  # a long patience is safe, because the arm has no power
+_STILL_S = 0.5  # duration without motion after which the arm is at rest
 _STILL_RAD = 0.02  # a hand turns a joint this far within a tenth of that time
 _TOUCHED_N = 1.0  # half of what counts as pressed
 _COUNT_S = 3
 _DEVICES = ("encoder_status", "force_status")
 _FAIL = Level.FAIL
 
-_TURN_S, _TURN_RAD = 0.4, 0.25  # of the emulated hand
+_TURN_S, _TURN_RAD = 0.4, 0.25  # duration and angle of the emulated hand's turn
 _PRESS_S, _PRESS_N = 0.3, 5.0
 _AWAY_M = 0.05
 
 
 NUDGE_RAD = 0.05
 _STAY_S, _NUDGE_S = 0.5, 1.2
-_TRACKING_RAD = 0.03  # less than the nudge, so that a blocked joint stops it before it is pushed hard
+_TRACKING_RAD = 0.03  # less than the nudge, so that the guard stops a blocked joint before it is pushed hard
 _PUSH_SHARE = 0.15  # push beyond the arm's weight, as a share of the torque limit
-_FOLLOWED = 0.7  # share of a nudge
+_FOLLOWED = 0.7  # share of a nudge that the joint must follow
 _SHARE, _FLOOR_NM = 0.3, 0.3  # share of the gravity torque that friction and gearing may hide
 
 
@@ -53,40 +53,40 @@ RESTLESS = fail("rest", "the arm does not come to rest", "let it lie or hang fre
 
 
 class Hand:
-    """A person at the unpowered arm, who follows printed instructions."""
+    """Person who moves the unpowered arm by printed instructions."""
 
     patience_s = 30.0
 
     def turn(self, joint: int, words: str) -> None:
-        """Begin to turn a joint (from 0) forwards; `words` say what that looks like.
+        """Ask for a forward turn of a joint.
 
         Args:
-            joint: number, from 0.
-            words: what the turn looks like.
+            joint: index of the joint, from 0.
+            words: description of the turn.
         """
         console.stderr().print(f"[bold]Turn joint {joint + 1} by hand[/bold], by about 15 degrees: {words}")
 
     def press(self, words: str) -> None:
-        """Begin to press against the tool.
+        """Ask for a press against the tool.
 
         Args:
-            words: where and how.
+            words: where and how to press.
         """
         console.stderr().print(f"[bold]Press gently with a finger[/bold] {words}")
 
     def go_on(self, elapsed_s: float) -> None:
-        """Report the time since the current action began [s]; a person needs no such report.
+        """Advance the current action; a person needs no such call.
 
         Args:
-            elapsed_s: time since what was begun last [s].
+            elapsed_s: time since the current action began [s].
         """
 
     def rest(self) -> None:
-        """Let the arm go back, and hold still."""
+        """Ask to let the arm go back and hold still."""
         console.stderr().print("Let it go back, and hold still.")
 
     def leave(self) -> None:
-        """Take every hand off the arm."""
+        """Ask to take every hand off the arm."""
         console.stderr().print("[bold]Hands away from the arm[/bold]")
 
     def count(self, left_s: int) -> None:
@@ -99,7 +99,7 @@ class Hand:
 
 
 class EmulatedHand(Hand):
-    """Moves the simulated arm behind emulated devices by its true angles, without printing."""
+    """Emulated hand that moves the simulated arm directly, without printing."""
 
     patience_s = 1.0
 
@@ -114,7 +114,7 @@ class EmulatedHand(Hand):
         self._joint, self._pressing = joint, False
 
     def press(self, words: str) -> None:
-        """See `Hand.press`: the surface is brought up to the tool, which points down at home."""
+        """See `Hand.press`; moves the surface up to the tool, which points down in the home pose."""
         self._joint, self._pressing = None, True
 
     def go_on(self, elapsed_s: float) -> None:
@@ -142,12 +142,12 @@ class EmulatedHand(Hand):
 
 
 def examine_signs(robot: Robot, body: RigidBody, hand: Hand) -> Iterator[Finding]:
-    """Ask a hand to turn each joint and to press on the tool, and check the measured signs.
+    """Ask for a turn of each joint and a press on the tool, and check the measured signs.
 
     Args:
-        robot: configured, without power.
+        robot: configured robot, without power.
         body: the arm's kinematics.
-        hand: turns and presses.
+        hand: turns the joints and presses the tool.
     """
     for joint in range(robot.joint_count):
         if not _wait_until(robot, hand, is_still):
@@ -173,11 +173,11 @@ def examine_signs(robot: Robot, body: RigidBody, hand: Hand) -> Iterator[Finding
 
 
 def count_down(robot: Robot, hand: Hand) -> Iterator[Finding]:
-    """Count down before power; a movement or force in that time is a failure.
+    """Count down before power; a movement or force during the countdown is a failure.
 
     Args:
-        robot: configured, without power.
-        hand: that is to stay away.
+        robot: configured robot, without power.
+        hand: announces the countdown.
     """
     if not _wait_until(robot, hand, is_still):
         yield RESTLESS
@@ -195,12 +195,12 @@ def count_down(robot: Robot, hand: Hand) -> Iterator[Finding]:
 
 
 def is_still(measurements: list[Measurement]) -> bool:
-    """Return whether no joint has moved, by the good samples alone; False without any.
+    """Return whether no joint moved in the valid samples; False without any valid sample.
 
-    A sample is good if encoders and force sensor have sampled again and none of them reports a fault.
+    A sample is valid if encoders and force sensor have new readings and report no fault.
 
     Args:
-        measurements: in order.
+        measurements: measurements in time order.
     """
     fresh = all(any(getattr(m, device) is Status.OK for m in measurements) for device in _DEVICES)
     good = fresh and all(
@@ -224,7 +224,7 @@ def _tip_motion(body: RigidBody, angles_rad: FloatArray, joint: int) -> str:
 def _watch(
     robot: Robot, hand: Hand, amounts: Callable[[Measurement], FloatArray], enough: float
 ) -> FloatArray:
-    """Return the changes once one is large enough, or when the hand's patience ends."""
+    """Return the changes as soon as one of them is large enough, or at the time-out."""
     before: FloatArray = np.mean([amounts(m) for m in _read_for(robot, _START_S)], axis=0)
     begun_s = robot.clock.now_s()
     change = np.zeros_like(before)
@@ -240,7 +240,7 @@ def _watch(
 
 
 def _wait_until(robot: Robot, hand: Hand, is_so: Callable[[list[Measurement]], bool]) -> bool:
-    """Wait until a condition holds for half a second; False once the hand's patience ends."""
+    """Wait until a condition holds for half a second; return False at the time-out."""
     begun_s = robot.clock.now_s()
     newest: list[Measurement] = []
     while (elapsed_s := robot.clock.now_s() - begun_s) < _STILL_S + hand.patience_s:
@@ -253,7 +253,7 @@ def _wait_until(robot: Robot, hand: Hand, is_so: Callable[[list[Measurement]], b
 
 
 def _read_for(robot: Robot, duration_s: float) -> list[Measurement]:
-    """Read measurements for a while, one a millisecond or as fast as the bus is; at least one."""
+    """Read measurements for a duration, at least one, each millisecond or as fast as the bus allows."""
     measurements: list[Measurement] = []
     end_s = robot.clock.now_s() + duration_s
     while robot.clock.now_s() < end_s or not measurements:
@@ -270,7 +270,7 @@ def _joint_finding(joint: int, moved_rad: FloatArray) -> Finding:
     subject, own_rad = f"sign of joint {joint + 1}", float(moved_rad[joint])
     most = int(np.argmax(np.abs(moved_rad)))
     value = f"{own_rad:+.2f} rad when turned forwards"
-    if not abs(moved_rad[most]) >= _MOVED_RAD:  # nor for NaN
+    if not abs(moved_rad[most]) >= _MOVED_RAD:  # true for NaN as well
         return fail(subject, f"{value}: no joint moved", "turn it further, or check its encoder")
     if most != joint:
         other = f"{value}, but joint {most + 1} moved by {moved_rad[most]:+.2f} rad"
@@ -281,7 +281,7 @@ def _joint_finding(joint: int, moved_rad: FloatArray) -> Finding:
 
 def _force_finding(pressed_n: float) -> Finding:
     subject, value = "sign of the force", f"{pressed_n:+.2f} N when pressed"
-    if not abs(pressed_n) >= _PRESSED_N:  # nor for NaN
+    if not abs(pressed_n) >= _PRESSED_N:  # true for NaN as well
         return fail(subject, f"{value}: too small to judge", "press harder; if it stays, check the sensor")
     remedy = "change 'reversed' of the force sensor in the robot file"
     return graded(subject, value, (_FAIL, pressed_n < 0, remedy))
@@ -296,16 +296,16 @@ class NudgeTask:
         self._middle_rad = (np.array(limits.position_min_rad) + np.array(limits.position_max_rad)) / 2.0
 
     def start(self, measurement: Measurement) -> None:
-        """See `palpate.control.loop.task.Task`; each joint is moved to the side with more room."""
+        """See `palpate.control.loop.task.Task`; each joint moves to the side with more room."""
         self._elapsed_s = 0.0
         self._start_rad = measurement.joint_position_rad.copy()
         self._towards = np.where(self._start_rad > self._middle_rad, -1.0, 1.0)
         self._free.start(measurement)
 
     def step(self, measurement: Measurement, dt_s: float) -> TaskOutput:
-        """See `palpate.control.loop.task.Task`; trips where something touches the tool."""
+        """See `palpate.control.loop.task.Task`; trips if something touches the tool."""
         self._elapsed_s += dt_s
-        # Half a wave for one joint at a time, at rest at both of its ends.
+        # Each joint in turn moves along half a cosine wave, with zero velocity at both ends.
         joint, within_s = divmod(self._elapsed_s - _STAY_S, _NUDGE_S)
         position, velocity, acceleration = self._start_rad.copy(), *np.zeros((2, len(self._start_rad)))
         if 0 <= joint < len(position):
@@ -321,16 +321,16 @@ class NudgeTask:
 
 
 def examine_powered(robot: Robot, robot_file: RobotFile, body: RigidBody) -> Iterator[Finding]:
-    """Move a configured robot a little; its torque is off at the end, whatever happens.
+    """Move a configured robot a little and check its signs; the torque is always off at the end.
 
     Args:
-        robot: configured.
-        robot_file: its file.
-        body: its masses.
+        robot: configured robot.
+        robot_file: its robot file.
+        body: rigid-body model of the arm.
 
     Raises:
         DeviceError: a device failed before the first tick.
-        KeyboardInterrupt: the user stopped it; the arm has been brought to rest.
+        KeyboardInterrupt: the user stopped the check; the arm is at rest.
     """
     limits = gentle(robot_file.limits, body)
     guard = Guard(limits, robot_file.safe_state, robot_file.joint_count, body.gravity)
@@ -348,11 +348,11 @@ def examine_powered(robot: Robot, robot_file: RobotFile, body: RigidBody) -> Ite
 
 
 def gentle(limits: Limits, body: RigidBody) -> Limits:
-    """Return limits for a held joint that let it go after little motion or force.
+    """Return limits that trip after little motion or force of a held joint.
 
     Args:
-        limits: of the robot file.
-        body: the arm's masses.
+        limits: limits of the robot file.
+        body: rigid-body model of the arm.
     """
     weight_nm = np.abs([body.gravity(pose) for pose in random_poses_rad(limits)]).max(axis=0)
     torque_nm = np.minimum(limits.torque_nm, weight_nm + _PUSH_SHARE * np.array(limits.torque_nm))

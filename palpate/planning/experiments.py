@@ -161,12 +161,12 @@ class ArmText:
 
     @property
     def robot_file(self) -> RobotFile:
-        """Limits, gains and rate; `InputError` if the text is not valid."""
+        """Limits, gains and rate; raise `InputError` if the text is not valid."""
         return parse_robot_file(self.robot, f"{self.origin}, its robot file")
 
     @property
     def body(self) -> RigidBody:
-        """Kinematics and masses; `InputError` if the text is not valid."""
+        """Kinematics and masses; raise `InputError` if the text is not valid."""
         tip = self.robot_file.tip_frame
         return RigidBody.from_urdf(self.urdf, tip, self.gravity_m_s2, origin=f"{self.origin}, its URDF")
 

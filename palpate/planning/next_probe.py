@@ -63,7 +63,7 @@ def undecided(study: ModelStudy, diagnoses: Sequence[ChannelDiagnosis]) -> list[
 
     Args:
         study: what was measured so far.
-        diagnoses: of its channels.
+        diagnoses: diagnoses of its channels.
     """
     return [
         Undecided(channel, tuple(models), Rivals.of(list(models.values())))
@@ -378,7 +378,7 @@ def same_world(session: Session) -> str | None:
     """Return the options of `palpate probe` that recreate the world of a session.
 
     Args:
-        session: of a probing.
+        session: session of a probing.
 
     Returns:
         Options for a shell; None if only the maker of the session can know them.

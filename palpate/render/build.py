@@ -131,8 +131,8 @@ def stage_view(
         residual: measured less predicted in held-out runs (n,).
         rmse: held-out error, in the effort's unit.
         label: what the stage adds.
-        name: of the whole model.
-        number: of the revision; None where it is not kept.
+        name: name of the whole model.
+        number: number of the revision; None where it is not kept.
         unphysical: parameters outside what is physical, in words.
     """
     return StageView(
@@ -166,7 +166,7 @@ def axes_of(kind: ChannelKind) -> Axes:
     """Return units for display: mm for contacts and sliding joints, rad for turning joints.
 
     Args:
-        kind: of the channel.
+        kind: kind of the channel.
     """
     unit = kind.effort_unit
     match kind:
@@ -344,7 +344,7 @@ def is_own_page(path: Path) -> bool:
     """Return whether a file is a page that palpate made.
 
     Args:
-        path: of the file; it need not exist.
+        path: path of the file; it need not exist.
     """
     if not path.is_file():
         return False
@@ -368,7 +368,7 @@ def write_outcome(
         study: what was measured.
         results: what is known about it.
         commands: that lead to the same outcome.
-        texts: of further files, by name.
+        texts: texts of further files, by name.
 
     Raises:
         InputError: a file cannot be written.

@@ -30,7 +30,7 @@ def print_calibration(console: Console, calibration: Calibration, remarks: Seque
     """Print the applied values and further findings.
 
     Args:
-        console: prints it.
+        console: console to print to.
         calibration: values and findings.
         remarks: further sentences.
     """
@@ -77,7 +77,7 @@ def force_figure(fit: ForceFit, reading_unit: str) -> go.Figure:
     """Draw a force sensor's characteristic, and its residuals after calibration.
 
     Args:
-        fit: of the force sensor.
+        fit: fit of the force sensor.
         reading_unit: of the raw reading.
     """
     made = make_subplots(1, 2, column_widths=[0.43, 0.57])
@@ -124,7 +124,7 @@ def encoder_figure(fit: EncoderFit) -> go.Figure:
     """Draw each touch of each stop about its mean, with the uncertainty of the zero.
 
     Args:
-        fit: of the encoders.
+        fit: fit of the encoders.
     """
     made = make_subplots(1, 1)
     for joint, (shown, std_rad) in enumerate(zip(fit.shown_rad, fit.std_rad, strict=True)):
@@ -145,7 +145,7 @@ def arm_figure(fit: ArmFit) -> go.Figure:
     """Draw each joint's residual torque over speed and over position.
 
     Args:
-        fit: of the drives and the base.
+        fit: fit of the drives and the base.
     """
     joints = fit.residual_nm.shape[1]
     made = make_subplots(joints, 2, shared_yaxes=True, vertical_spacing=0.07, horizontal_spacing=0.03)

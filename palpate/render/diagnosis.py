@@ -29,7 +29,7 @@ def diagnosed(diagnosis: ChannelDiagnosis) -> VerdictView:
     """View the verdict of a diagnosis.
 
     Args:
-        diagnosis: of one channel.
+        diagnosis: diagnosis of one channel.
     """
     names = tuple(entry.effect for entry in diagnosis.accepted)
     has_reason = diagnosis.complete and "; " in diagnosis.reason
@@ -117,8 +117,8 @@ def compared(
     One whose parameters are not `possible` fits nothing, however small its error.
 
     Args:
-        channel: its name.
-        model: its name.
+        channel: name of the channel.
+        model: name of the model.
         error: held-out error with its unit, in words.
         times: error over noise.
         noise: with its unit, in words.
@@ -143,11 +143,11 @@ def falling(channel: str, errors: Sequence[float], added: Sequence[str], noise: 
     """Describe in one or two sentences how added effects changed the error.
 
     Args:
-        channel: its name.
-        errors: of each stage, the base model's first.
+        channel: name of the channel.
+        errors: errors of each stage, the base model's first.
         added: effects, one fewer.
         noise: error that a complete model would leave.
-        unit: of the errors.
+        unit: unit of the errors.
     """
     first, last = errors[0], errors[-1]
     subject = f"{channel} with {enumerated(added)}: the error in held-out runs"
@@ -170,7 +170,7 @@ def budget_view(diagnosis: ChannelDiagnosis) -> BudgetView | None:
     """Arrange the error budget of a channel for display; None where the diagnosis has none.
 
     Args:
-        diagnosis: of one channel.
+        diagnosis: diagnosis of one channel.
     """
     if diagnosis.rest is None or diagnosis.baseline is None:
         return None
@@ -223,8 +223,8 @@ def budget_picture(budget: BudgetView, width: int, ink: str = "currentColor") ->
 
     Args:
         budget: what is drawn.
-        width: of the picture [px]; a narrow one has effects below their kind.
-        ink: colour of words; the page's own by default, a middle grey for a picture file.
+        width: width of the picture [px]; a narrow one has effects below their kind.
+        ink: color of words; the page's own by default, a middle grey for a picture file.
 
     Returns:
         One `svg` element, all texts escaped.

@@ -46,7 +46,7 @@ class Example:
 
         Args:
             effect: that is shown.
-            kind: of the channel.
+            kind: kind of the channel.
         """
         data, model, values = plain(kind)
         if not effect.applies_to(data):
@@ -142,7 +142,7 @@ def drawing(first: Curve, second: Curve, width: int, height: int) -> list[Text]:
     """Draw two curves in one frame, line by line: the first as points "·", the second in Braille.
 
     Args:
-        first: what is compared with, drawn so that it is told apart without colours too.
+        first: what is compared with, drawn so that it is told apart without colors too.
         second: what is shown.
         width: in characters.
         height: in lines.
@@ -169,7 +169,7 @@ def beside(titles: Sequence[str], drawings: Sequence[Sequence[Text]], gap: int =
     """Drawings of the same height beside each other, each below its title.
 
     Args:
-        titles: of each drawing.
+        titles: titles of each drawing.
         drawings: lines of each.
         gap: between two drawings [characters].
     """
@@ -208,7 +208,7 @@ def kind_of(effect: Effect) -> ChannelKind:
     """Return the kind of channel in which to draw an effect: a contact if it occurs there.
 
     Args:
-        effect: of the library or the user's own.
+        effect: effect of the library or the user's own.
     """
     return next(kind for kind in ChannelKind if kind in effect.channels)
 
@@ -217,7 +217,7 @@ def as_data(effect: Effect) -> dict[str, Any]:
     """Return an effect as plain data with the units of that kind; the keys are stable.
 
     Args:
-        effect: of the library or the user's own.
+        effect: effect of the library or the user's own.
     """
     words = ("name", "physics", "equation", "source", "signature", "confused_with", "needs")
     kind = kind_of(effect)
@@ -233,7 +233,7 @@ def print_library(console: Console, effects: Sequence[Effect]) -> None:
     """Print one table a group: each effect's signature and, if there is room, its rivals.
 
     Args:
-        console: prints it.
+        console: console to print to.
         effects: that are listed.
     """
     roomy = console.width >= _ROOMY
@@ -253,7 +253,7 @@ def print_effect(console: Console, effect: Effect, example: Example | None) -> N
     """Print one effect: physics, equation, signature, drawing, parameters and rivals.
 
     Args:
-        console: prints it.
+        console: console to print to.
         effect: that is explained.
         example: what is drawn; None for no drawing.
     """
@@ -291,7 +291,7 @@ def drawn(example: Example, width: int) -> Iterator[Text]:
 
     Args:
         example: motion and model.
-        width: of the terminal [characters].
+        width: width of the terminal [characters].
     """
     data, axes = example.data, axes_of(example.data.kind)
     before, after = data.effort, example.effort()
@@ -325,7 +325,7 @@ def group_of(effect: Effect) -> str:
     """Return the effect's group, one of `GROUPS`.
 
     Args:
-        effect: of the library or the user's own.
+        effect: effect of the library or the user's own.
     """
     if isinstance(effect, RunVariation):
         return "From run to run"

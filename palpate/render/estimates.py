@@ -44,7 +44,7 @@ def print_estimates(console: Console, estimates: ChannelEstimates, truth: Truth)
     """Print one channel's parameters by every estimator, and remarks.
 
     Args:
-        console: prints them.
+        console: console to print to.
         estimates: the channel with its estimates.
         truth: true parameters by name, as far as they are known.
     """
@@ -62,7 +62,7 @@ def estimates_view(estimates: ChannelEstimates, truth: Truth) -> ChannelView:
     """View the best estimate; the residual is that of the fitted samples.
 
     Args:
-        estimates: of one channel.
+        estimates: estimates of one channel.
         truth: true parameters by name, as far as they are known.
     """
     best, predicted = estimates.best, estimates.prediction()
@@ -93,7 +93,7 @@ def estimate_table(estimates: ChannelEstimates, truth: Truth, width: int) -> Tab
     Args:
         estimates: a channel with its estimates.
         truth: true parameters, as far as they are known.
-        width: of the terminal [characters]; a narrow one gets fewer columns.
+        width: width of the terminal [characters]; a narrow one gets fewer columns.
     """
     if len(shown_parameters(estimates.estimates[0])) <= _MOST_ABREAST:
         for columns in (width, min(width, _NARROW - 1)):
@@ -165,7 +165,7 @@ def remarks(estimates: ChannelEstimates, truth: Truth) -> list[str]:
     """Describe the surface, and what speaks against the estimates.
 
     Args:
-        estimates: of one channel.
+        estimates: estimates of one channel.
         truth: true parameters by name, as far as they are known.
     """
     remarks = []
@@ -194,7 +194,7 @@ def spoilt_by(estimates: ChannelEstimates) -> str | None:
     """Describe what invalidates the data, so that no estimate is meaningful; None if nothing does.
 
     Args:
-        estimates: of one channel.
+        estimates: estimates of one channel.
     """
     return contaminated(estimates.channel, estimates.model)
 
@@ -256,7 +256,7 @@ def as_data(estimates: ChannelEstimates, truth: Truth) -> dict[str, Any]:
     """Return one channel's estimates as plain data; the keys are stable.
 
     Args:
-        estimates: of one channel.
+        estimates: estimates of one channel.
         truth: true parameters by name, as far as they are known.
     """
     tare, outcomes = estimates.channel.tare, []
@@ -303,7 +303,7 @@ def markdown_summary(estimates: ChannelEstimates, truth: Truth, heading: str) ->
     """Tabulate the best estimate for Rerun's summary.
 
     Args:
-        estimates: of one channel.
+        estimates: estimates of one channel.
         truth: true parameters by name, as far as they are known.
         heading: first words.
     """

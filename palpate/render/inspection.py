@@ -41,7 +41,7 @@ class Inspection:
         """Write the Rerun recording.
 
         Args:
-            path: of the .rrd file.
+            path: path of the .rrd file.
 
         Returns:
             A moment worth a picture [s].

@@ -183,8 +183,8 @@ def print_pair(console: Console, view: PairView) -> None:
     """Print both names, then each channel's sentences, fits and parameters.
 
     Args:
-        console: prints it.
-        view: of both files.
+        console: console to print to.
+        view: view of both files.
     """
     for letter, name in zip(LETTERS, view.names, strict=True):
         console.print(f"[bold]{letter}[/bold]  {safe(name)}", soft_wrap=True)
@@ -207,7 +207,7 @@ def difference_table(differences: Sequence[ParameterDifference], width: int) -> 
 
     Args:
         differences: of each parameter.
-        width: of the terminal [characters].
+        width: width of the terminal [characters].
     """
     names = ("A", "B", "B − A")
     beside = _table_of_differences(differences, names)

@@ -32,7 +32,7 @@ def state_figure(view: PairedView) -> go.Figure:
     """Draw both measured efforts, and their models dashed, over position and over velocity.
 
     Args:
-        view: of one channel on both sides.
+        view: view of one channel on both sides.
     """
     made, axes = make_subplots(1, 2, shared_yaxes=True, horizontal_spacing=0.03), view.views[0].axes
     for column, x in enumerate(("position", "velocity"), start=1):
@@ -53,7 +53,7 @@ def time_figure(view: PairedView) -> go.Figure:
     """Draw both efforts and residuals over time; B at A's times if it repeats A.
 
     Args:
-        view: of one channel on both sides.
+        view: view of one channel on both sides.
     """
     made = make_subplots(2, 1, shared_xaxes=True, row_heights=[0.6, 0.4], vertical_spacing=0.06)
     first, second = view.views
@@ -77,7 +77,7 @@ def residual_figure(view: PairedView) -> go.Figure:
     """Draw autocorrelations of residuals and correlations with velocity; bands hold 99 %.
 
     Args:
-        view: of one channel on both sides.
+        view: view of one channel on both sides.
     """
     titles = ("Autocorrelation", "Cross-correlation with the velocity")
     made = make_subplots(1, 2, shared_yaxes=True, horizontal_spacing=0.04, subplot_titles=titles)
@@ -128,13 +128,13 @@ def document(pair: PairView) -> str:
 
 
 def record_pair(view: PairView, path: Path) -> None:
-    """Write the recording, whole or not at all.
+    """Write the recording, completely or not at all.
 
     Timeline `time` is that of each side, its runs one after the other; a repetition is at the times of A.
 
     Args:
         view: all channels of both files.
-        path: of the .rrd file.
+        path: path of the .rrd file.
 
     Raises:
         InputError: the file cannot be written.

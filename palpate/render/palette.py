@@ -1,4 +1,4 @@
-"""One palette for every medium, legible on light and dark; a colour has one meaning."""
+"""One palette for every medium, legible on light and dark; a color has one meaning."""
 
 from palpate.control.loop.task import Phase
 from palpate.estimation.kinds import Kind
@@ -56,7 +56,7 @@ def rgb(color: str) -> tuple[int, int, int]:
 
 
 def speed_colors(words: list[str]) -> dict[str, str]:
-    """Return a colour for each speed, from slow to fast.
+    """Return a color for each speed, from slow to fast.
 
     Args:
         words: for each speed, from slow to fast.
@@ -66,10 +66,10 @@ def speed_colors(words: list[str]) -> dict[str, str]:
 
 
 def phase(number: int) -> tuple[str, str]:
-    """Return name and colour of a phase.
+    """Return name and color of a phase.
 
     Args:
-        number: of the session's column.
+        number: number of the session's column.
     """
     if number not in set(Phase):
         return UNKNOWN_PHASE

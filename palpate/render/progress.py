@@ -117,7 +117,7 @@ def weighing_progress(number: int, *, live: bool) -> Iterator[Callable[[float], 
     """Show how many weights have been read; with hardware the prompts say it.
 
     Args:
-        number: of weights.
+        number: number of weights.
         live: draw a bar; not with hardware.
     """
     if not live:

@@ -102,7 +102,7 @@ def fall_figure(channel: ChannelView) -> go.Figure:
     """Draw the held-out error stage by stage, down to the noise level.
 
     Args:
-        channel: with its stages.
+        channel: channel with its stages.
     """
     made = make_subplots(1, 1)
     _draw_fall(made, channel)
@@ -113,7 +113,7 @@ def time_figure(channel: ChannelView) -> go.Figure:
     """Draw effort and models over time, and residuals below; grey where excluded from scoring.
 
     Args:
-        channel: with its stages.
+        channel: channel with its stages.
     """
     if not channel.stages:
         made = make_subplots(1, 1)
@@ -129,7 +129,7 @@ def position_figure(channel: ChannelView) -> go.Figure:
     """Draw measured effort and each model over position.
 
     Args:
-        channel: with its stages.
+        channel: channel with its stages.
     """
     made = make_subplots(1, 1)
     _draw_state(made, channel, (1, 1), channel.position, channel.axes.position)
@@ -140,7 +140,7 @@ def state_figure(channel: ChannelView) -> go.Figure:
     """Draw effort and models over position and velocity; intermediate stages are in the legend.
 
     Args:
-        channel: with its stages.
+        channel: channel with its stages.
     """
     made = make_subplots(1, 2, shared_yaxes=True, horizontal_spacing=0.03)
     _draw_state(made, channel, (1, 1), channel.position, channel.axes.position)
@@ -153,7 +153,7 @@ def map_figure(channel: ChannelView) -> go.Figure:
     """Draw mean residuals over position and velocity, of the base model and of the last stage.
 
     Args:
-        channel: with its stages.
+        channel: channel with its stages.
     """
     stages, axes = channel.shown_stages, channel.axes
     titles = [_escaped(stage.name) for stage in stages]
@@ -287,8 +287,8 @@ def draw_curves(made: go.Figure, curves: Sequence[Curve], place: Place, unit: st
         made: figure that is drawn into.
         curves: x (n,) and y (n,) of each.
         place: row and column of the subplot.
-        unit: of y.
-        look: colour, dash, width and name.
+        unit: unit of y.
+        look: color, dash, width and name.
     """
     x, y = joined(curves)
     trace = go.Scatter(
@@ -330,7 +330,7 @@ def title_axes(made: go.Figure, place: Place, x: str, y: str) -> None:
 
 
 def styled(made: go.Figure, height: int) -> go.Figure:
-    """Apply the house style: thin rules, transparent ground, colours for light and dark.
+    """Apply the house style: thin rules, transparent ground, colors for light and dark.
 
     Args:
         made: the figure.
@@ -371,11 +371,11 @@ _GREEK = {"tau": "τ", "mu": "μ", "pi": "π", "alpha": "α", "beta": "β", "ome
 
 
 def write_report(view: StudyView, path: Path) -> Path:
-    """Write the report, whole or not at all. InputError: it cannot be written.
+    """Write the report, completely or not at all. InputError: it cannot be written.
 
     Args:
         view: all channels.
-        path: of the .html file.
+        path: path of the .html file.
     """
     write_text(path, document(view))
     return path

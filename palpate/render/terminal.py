@@ -54,7 +54,7 @@ def print_diagnosis(console: Console, view: StudyView) -> None:
     """Print each channel's error budget, verdict, stages, parameters, next steps and evidence.
 
     Args:
-        console: prints it.
+        console: console to print to.
         view: all channels.
     """
     for number, channel in enumerate(view.channels):
@@ -99,8 +99,8 @@ def print_budget(console: Console, channel: str, budget: BudgetView) -> None:
     """Print the error budget: one sentence, a bar for each part, and indistinguishable effects.
 
     Args:
-        console: prints it.
-        channel: its name.
+        console: console to print to.
+        channel: name of the channel.
         budget: shares of the error.
     """
     console.print(Text.from_markup(f"[bold]{safe(channel)}[/bold]  {safe(budget.sentence)}"))
@@ -140,7 +140,7 @@ def print_comparison(console: Console, view: StudyView) -> None:
     """Print each channel's error beside the noise level, with tables where a model misses.
 
     Args:
-        console: prints it.
+        console: console to print to.
         view: all channels.
     """
     for channel in view.channels:
@@ -153,8 +153,8 @@ def print_stages(console: Console, channel: ChannelView) -> None:
     """Print how the error falls with added effects, and the last stage's parameters.
 
     Args:
-        console: prints it.
-        channel: with its stages.
+        console: console to print to.
+        channel: channel with its stages.
     """
     _print_verdict(console, channel.verdict)
     console.print(fall_table(channel, console.width))
@@ -165,7 +165,7 @@ def print_revisions(console: Console, kept: Sequence[Revision]) -> None:
     """Print all revisions of a session, shorter where columns are few.
 
     Args:
-        console: prints them.
+        console: console to print to.
         kept: revisions of the session.
     """
     roomy = console.width >= _ROOMY
@@ -189,7 +189,7 @@ def print_files(console: Console, written: Mapping[str, Path]) -> None:
     """Print the written files, one a line.
 
     Args:
-        console: prints them.
+        console: console to print to.
         written: paths by what they are.
     """
     for what, path in written.items():
@@ -239,7 +239,7 @@ def safe_text(text: str) -> str:
 
 
 def grade(times: float) -> str:
-    """Return an error's colour by its ratio to the noise level.
+    """Return an error's color by its ratio to the noise level.
 
     Args:
         times: error over noise.
@@ -251,8 +251,8 @@ def fall_table(channel: ChannelView, width: int, *, narrow: bool = False) -> Tab
     """Tabulate the held-out error, one row a stage; without bars if narrow.
 
     Args:
-        channel: with its stages.
-        width: of the terminal [characters].
+        channel: channel with its stages.
+        width: width of the terminal [characters].
         narrow: whether to leave out the bars although they fit.
     """
     error = "held-out\nerror" + ("\n" if narrow else " ") + safe(f"[{channel.axes.effort_unit}]")
@@ -288,8 +288,8 @@ def parameter_table(
     """Tabulate parameters with 95 % intervals; if narrow, with units below effects' names.
 
     Args:
-        parameters: of the last stage.
-        width: of the terminal [characters].
+        parameters: parameters of the last stage.
+        width: width of the terminal [characters].
         narrow: whether to put units below the names although they fit beside them.
     """
     if not parameters:
@@ -314,7 +314,7 @@ def with_interval(view: ParameterView) -> tuple[str, str]:
     """Format a value and half of its 95 % interval, or both ends of an asymmetric one.
 
     Args:
-        view: of the parameter.
+        view: view of the parameter.
 
     Returns:
         Value and interval.
@@ -336,7 +336,7 @@ def parts_table(channel: ChannelView, width: int, *, narrow: bool = False) -> Ta
 
     Args:
         channel: whose error was split.
-        width: of the terminal [characters].
+        width: width of the terminal [characters].
         narrow: whether to leave out the bars although they fit.
     """
     unit = channel.axes.effort_unit

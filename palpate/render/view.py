@@ -125,7 +125,7 @@ def percent(share: float, *, bound: str = "") -> str:
     """Format a share of the whole in percent, with few digits.
 
     Args:
-        share: of the whole, 0 to 1.
+        share: share of the whole, 0 to 1.
         bound: "at most" where the share is only bounded.
     """
     if 0.0 < share < 0.005:

@@ -83,8 +83,8 @@ class CalibrationSetup:
 
         Args:
             task: what the arm does.
-            limits: of the guard.
-            watcher: looks on.
+            limits: limits of the guard.
+            watcher: observer of the run.
 
         Raises:
             KeyboardInterrupt: the user stopped it.
@@ -127,8 +127,8 @@ def motion_in_words(kind: str, limits: Limits) -> str:
     """Describe the calibration motion, for the question before it starts.
 
     Args:
-        kind: of the calibration: encoder, torque or gravity.
-        limits: of the arm.
+        kind: kind of the calibration: encoder, torque or gravity.
+        limits: limits of the arm.
     """
     travel_rad_s = travel_speed_rad_s(limits)
     if kind in MOTIONS:
@@ -154,8 +154,8 @@ def run_motion(
 
     Args:
         job: what is to be calibrated, with which arm.
-        settings: of the motion; None for the usual one of the kind.
-        watcher: makes who looks on, from the motion's duration [s].
+        settings: settings of the motion; None for the usual one of the kind.
+        watcher: makes the observer, given the motion's duration [s].
 
     Raises:
         InputError: as `calibration_setup`, or no motion is clear of the ground.
@@ -183,7 +183,7 @@ def run_stops(
     Args:
         job: what is to be calibrated, with which arm.
         stops_rad: lower and upper stops, (n,) each [rad]; None for the URDF's.
-        watcher: makes who looks on, from the motion's duration [s].
+        watcher: makes the observer, given the motion's duration [s].
 
     Raises:
         InputError: as `calibration_setup`, or a stop cannot be reached.
@@ -264,7 +264,7 @@ def put_simulated_weight(setup: CalibrationSetup, number: int, force_n: float) -
 
     Args:
         setup: the robot that is calibrated.
-        number: of the force, from 0; not used.
+        number: number of the force, from 0; not used.
         force_n: positive in compression [N].
     """
     if setup.arm.world is not None:

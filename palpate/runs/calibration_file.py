@@ -50,8 +50,8 @@ def open_recorded(path: Path, kind: str, robot_file: RobotFile) -> Session:
 
     Args:
         path: session file.
-        kind: of the calibration.
-        robot_file: of the robot that it is for.
+        kind: kind of the calibration.
+        robot_file: robot file of the robot that it is for.
 
     Raises:
         InputError: it was not made for that, is of another robot or device, or such a calibration was applied
@@ -92,7 +92,7 @@ class Stamp:
         """Read the conditions from a session; a data file has none, and counts as measured now.
 
         Args:
-            robot_file: of the robot that it is for.
+            robot_file: robot file of the robot that it is for.
             raw: session or data file.
             valid_days: how long it may be used [days].
         """
@@ -107,10 +107,10 @@ class Stamp:
         return cls(robot_file, raw, made_utc, valid_days, source, tuple(names))
 
     def content(self, kind: str) -> dict[str, object]:
-        """Everything but the values; `InputError` if the raw data or the URDF cannot be read.
+        """Everything but the values; raise `InputError` if the raw data or the URDF cannot be read.
 
         Args:
-            kind: of the calibration.
+            kind: kind of the calibration.
         """
         with self.raw.open("rb") as file:
             sha256 = hashlib.file_digest(file, "sha256").hexdigest()
@@ -135,7 +135,7 @@ def arm_fit_of(session: Session, urdf: str | Path, tip_frame: str) -> ArmFit:
     """Gains, offsets, friction and tilt from a session of `run_motion`.
 
     Args:
-        session: of the motion.
+        session: session of the motion.
         urdf: file with the arm's masses.
         tip_frame: the tip's frame in it.
 
@@ -148,11 +148,11 @@ def arm_fit_of(session: Session, urdf: str | Path, tip_frame: str) -> ArmFit:
 def encoder_fit_of(
     session: Session, joint_count: int, pose_rad: Sequence[float] | None, known_std_rad: float
 ) -> EncoderFit:
-    """Zeros from a session of `run_stops`, or of `run_pose` in this pose; `InputError` if it is none.
+    """Zeros from a session of `run_stops`, or of `run_pose` in this pose; raise `InputError` if it is none.
 
     Args:
-        session: of the stops or of the pose.
-        joint_count: of the arm.
+        session: session of the stops or of the pose.
+        joint_count: number of joints of the arm.
         pose_rad: in which the arm was held, (n,) [rad]; None where stops were touched.
         known_std_rad: standard uncertainty of stops or pose [rad].
     """

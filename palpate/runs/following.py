@@ -111,7 +111,7 @@ class JointFollowingTask:
     """Task that follows goals from a line; see `palpate.control.loop.task.Task`.
 
     Args:
-        controller: of the arm.
+        controller: controller of the arm.
         line: to the program. A `Measurement` says that the arm is ready. Then each array of shape (n,) [rad]
             is a goal, and an empty one is none; both are answered by the newest `Measurement`. None ends the
             task, and so does a closed line.

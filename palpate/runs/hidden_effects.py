@@ -59,7 +59,7 @@ def seal_hidden(
         session: file of the session.
         scenario: its world.
         what: how the effects were chosen, as for `hide`; None if the scenario says so itself.
-        metadata: of the session, with the mark that binds the answer to it.
+        metadata: metadata of the session, with the mark that binds the answer to it.
 
     Raises:
         InputError: such a file already exists, or it cannot be written.
@@ -108,7 +108,7 @@ def command_line(arguments: Sequence[str], hidden: str | None) -> str:
     """Return the command line for the session to store, without what is hidden.
 
     Args:
-        arguments: of the program.
+        arguments: arguments of the program.
         hidden: what was hidden, as typed; None for nothing.
     """
     words = list(arguments)

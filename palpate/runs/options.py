@@ -125,7 +125,7 @@ class MotionOptions(CalibrateOptions):
 
 
 def numbers(option: str, text: str, example: str = "") -> list[float]:
-    """Parse comma-separated numbers; `InputError` if invalid or too large.
+    """Parse comma-separated numbers; raise `InputError` if invalid or too large.
 
     Args:
         option: its name, for errors.
@@ -142,12 +142,12 @@ def numbers(option: str, text: str, example: str = "") -> list[float]:
 
 
 def joint_angles(option: str, text: str, robot_file: RobotFile) -> list[float]:
-    """Parse one angle a joint [rad], or home's; `InputError` if invalid or of the wrong number.
+    """Parse one angle a joint [rad], or home's; raise `InputError` if invalid or of the wrong number.
 
     Args:
         option: its name, for errors.
         text: angles as typed, or "home".
-        robot_file: of the arm.
+        robot_file: robot file of the arm.
     """
     if text == "home":
         return list(robot_file.home_rad)
@@ -167,7 +167,7 @@ def stops_of(
     Args:
         lower: angles as typed; None if not stated.
         upper: the same of the upper stops.
-        robot_file: of the arm.
+        robot_file: robot file of the arm.
 
     Raises:
         InputError: one of them is no list of angles, or a lower stop is not below its upper one.
@@ -191,7 +191,7 @@ def pose_of(pose: str | None, robot_file: RobotFile) -> list[float] | None:
 
     Args:
         pose: angles as typed; None if not stated.
-        robot_file: of the arm.
+        robot_file: robot file of the arm.
 
     Raises:
         InputError: it is no list of angles, or no joint of this arm can be turned so far.
@@ -216,7 +216,7 @@ def forces_of(
 
     Args:
         weights_kg: masses as typed [kg]; None if not stated.
-        robot_file: of the arm.
+        robot_file: robot file of the arm.
         gravity_m_s2: what makes a mass a weight [m/s^2].
         simulated: whether forces may be chosen.
 
@@ -277,7 +277,7 @@ def motion_in_words(robot_file: RobotFile, plan: ProbingPlan) -> str:
     """Describe a probing motion, for the question before a real arm gets power.
 
     Args:
-        robot_file: of the arm.
+        robot_file: robot file of the arm.
         plan: what it does.
     """
     speeds = ", ".join(f"{1e3 * speed:g}" for speed in plan.speeds_m_s)

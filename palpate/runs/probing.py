@@ -63,7 +63,7 @@ class Watcher:
         """Called after each tick; must return quickly with a real arm.
 
         Args:
-            measurement: of this tick.
+            measurement: measurement of this tick.
             output: what the task made of it.
         """
 
@@ -71,7 +71,7 @@ class Watcher:
         """An observer for the loop, which estimates nothing.
 
         Args:
-            measurement: of this tick.
+            measurement: measurement of this tick.
             output: what the task made of it.
         """
         self.tick(measurement, output)
@@ -128,7 +128,7 @@ def run_probing(job: ProbingJob, watcher: Watcher = NOBODY) -> ProbingOutcome:
 
     Args:
         job: what is probed, with which arm.
-        watcher: looks on.
+        watcher: observer of the run.
 
     Raises:
         InputError: robot file, plan and scenario do not fit each other, or the session cannot be written;
@@ -221,7 +221,7 @@ def references_of(session: Session) -> References:
     """Return the references of a session up to its last rest between runs, where torque off is safe.
 
     Args:
-        session: of a probing.
+        session: session of a probing.
 
     Raises:
         InputError: it is no probing, or holds no whole run.
@@ -255,7 +255,7 @@ def run_replay(
     Args:
         job: which arm, and where to.
         references: joint positions and velocities over time.
-        watcher: looks on.
+        watcher: observer of the run.
 
     Raises:
         InputError: they are of another arm, or what they need does not fit each other; nothing has moved.
@@ -297,8 +297,8 @@ class TickRecords:
         """Keep a tick's record.
 
         Args:
-            stream_name: of the stream; not used.
-            record: of one tick.
+            stream_name: name of the stream; not used.
+            record: record of one tick.
         """
         self.records.append(record)
 
@@ -309,7 +309,7 @@ class TickRecords:
         """All ticks, as a session would give them.
 
         Args:
-            joint_count: of the arm.
+            joint_count: number of joints of the arm.
         """
         stream = tick_stream(joint_count)
         return Samples.from_records(stream, np.array(self.records, stream.dtype))
@@ -319,7 +319,7 @@ def probe_in_memory(robot_file: RobotFile, scenario: Scenario, plan: ProbingPlan
     """Probe a simulated object as fast as the machine can; returns the stream "tick".
 
     Args:
-        robot_file: of a simulated arm.
+        robot_file: robot file of a simulated arm.
         scenario: the world.
         plan: speeds, forces, repeats.
 

@@ -38,7 +38,7 @@ def robot_names() -> list[str]:
 
 
 def find_robot(robot: str) -> RobotFile:
-    """Load a robot file by the name of a shipped arm or by path; `InputError` if there is none.
+    """Load a robot file by the name of a shipped arm or by path; raise `InputError` if there is none.
 
     Args:
         robot: name of a shipped arm, or path of a robot file.
@@ -95,7 +95,7 @@ def is_simulated(robot_file: RobotFile) -> bool:
     """Whether the robot's bus is a simulated world, without devices.
 
     Args:
-        robot_file: of the robot.
+        robot_file: robot file of the robot.
 
     Raises:
         InputError: it is, but there is another bus too: devices would run on the time of a simulation.
@@ -115,7 +115,7 @@ def check_can_be_emulated(robot_file: RobotFile) -> None:
     """Refuse with `InputError` a robot whose world is simulated without wires.
 
     Args:
-        robot_file: of the robot.
+        robot_file: robot file of the robot.
     """
     if is_simulated(robot_file):
         raise InputError(
@@ -138,9 +138,9 @@ def emulate(
     robot file does; `faults` go wrong, by bus name.
 
     Args:
-        robot_file: of the robot.
+        robot_file: robot file of the robot.
         scenario: the world behind the devices.
-        clock: of the devices.
+        clock: clock of the devices.
         as_built: the arm as it is put together; None for what the robot file says.
         faults: that the devices have, by bus name.
 
@@ -169,7 +169,7 @@ def wires_in_words(robot_file: RobotFile) -> str:
     """Describe emulated buses, such as "motors (dynamixel_bus), load_cell (serial_line)".
 
     Args:
-        robot_file: of the robot.
+        robot_file: robot file of the robot.
     """
     check_can_be_emulated(robot_file)
     buses = ", ".join(f"{name} ({bus.driver})" for name, bus in robot_file.buses.items())

@@ -57,7 +57,7 @@ class ArmJob:
     permission: Permission = without_question  # called before a real arm is opened; may refuse by raising
 
     def __post_init__(self) -> None:
-        """Refuse what cannot be simulated before anything is read. InputError: no engine is installed."""
+        """Raise `InputError` at once if the job needs a simulation and no physics engine is installed."""
         if self.simulated and not installed_engines():
             raise InputError(f"simulation is not available: {missing_package('mujoco')}")
 
@@ -122,7 +122,7 @@ def checked_body(robot_file: RobotFile, calibrations: Calibrations) -> RigidBody
     """Return the arm's rigid-body model once its masses and DH table are checked.
 
     Args:
-        robot_file: of the arm.
+        robot_file: robot file of the arm.
         calibrations: how its base and drives differ from the URDF.
 
     Raises:
@@ -223,8 +223,8 @@ def begun_session(
 
     Args:
         job: which arm, and where to.
-        joint_count: of the arm.
-        metadata: of the session.
+        joint_count: number of joints of the arm.
+        metadata: metadata of the session.
         scenario: the simulated world; None with hardware.
         streams: that come beside that of the ticks.
 

@@ -125,10 +125,10 @@ class ResultStore:
             raise InputError(f"results folder {folder}: cannot be made ({error.strerror})") from error
 
     def land(self, address: str, rows: Sequence[Row]) -> None:
-        """Store the rows of one case, at least one; OSError if they cannot be written.
+        """Store the rows of one case, at least one; raise `OSError` if they cannot be written.
 
         Args:
-            address: of the case.
+            address: address of the case.
             rows: its result.
         """
         _write(
@@ -137,7 +137,7 @@ class ResultStore:
         )
 
     def finished(self) -> set[str]:
-        """Return the addresses of all stored results. InputError: a file is damaged."""
+        """Return the addresses of all stored results; raise `InputError` if a file is damaged."""
         addresses: set[str] = set()
         for path in (*self._packs(), *self._landed()):
             addresses.update(_read(path, columns=[ADDRESS])[ADDRESS].to_pylist())
@@ -149,7 +149,7 @@ class ResultStore:
         A pack has the columns of all its cases; those that a case does not have are None in it.
 
         Args:
-            addresses: of the cases.
+            addresses: addresses of the cases.
 
         Raises:
             InputError: a file is damaged, or two of them disagree about a case.
@@ -171,7 +171,7 @@ class ResultStore:
         """Return rows of these cases as one Arrow table, each with its `ADDRESS`.
 
         Args:
-            addresses: of the cases.
+            addresses: addresses of the cases.
 
         Raises:
             InputError: a file is damaged.
@@ -185,10 +185,10 @@ class ResultStore:
         return _joined(parts)
 
     def drop(self, addresses: Iterable[str]) -> None:
-        """Delete the results of these cases; InputError if a file is damaged.
+        """Delete the results of these cases; raise `InputError` if a file is damaged.
 
         Args:
-            addresses: of the cases.
+            addresses: addresses of the cases.
         """
         dropped = pa.array(list(addresses), pa.string())
         for path in (*self._packs(), *self._landed()):
@@ -225,7 +225,7 @@ def _write(path: Path, table: pa.Table) -> None:
 
 
 def _joined(parts: Mapping[Path, pa.Table]) -> pa.Table:
-    """Join all rows to one table. InputError: a file's columns have other types than those before it."""
+    """Concatenate all tables; raise `InputError` if two files give a column different types."""
     joined = pa.table({ADDRESS: pa.array([], pa.string())})
     schema = joined.schema
     for path, part in parts.items():
@@ -238,7 +238,7 @@ def _joined(parts: Mapping[Path, pa.Table]) -> pa.Table:
 
 
 def _read(path: Path, columns: list[str] | None = None) -> pa.Table:
-    """Read the rows of a file. InputError: it is damaged, or its rows belong to other cases."""
+    """Read the rows of a file; raise `InputError` if it is damaged, or its rows belong to other cases."""
     if not path.is_file():  # a pipe might never end
         raise _damaged(path, "is not a regular file")
     try:
@@ -310,7 +310,7 @@ def errors_of(rows: Iterable[Row], parameter: str) -> Errors:
     """Collect the errors of a parameter, such as "stiffness.k".
 
     Args:
-        rows: of one or several cases.
+        rows: rows of one or several cases.
         parameter: its name.
     """
     known = [row for row in rows if row.get(parameter) is not None and row.get(TRUE + parameter) is not None]
@@ -333,8 +333,8 @@ def column(rows: Sequence[Row], name: str) -> FloatArray:
     """Return a column's values, shape (n,), NaN where missing. InputError: one is not a number.
 
     Args:
-        rows: of any cases.
-        name: of the column.
+        rows: rows of any cases.
+        name: name of the column.
     """
     values = [np.nan if row.get(name) is None else row[name] for row in rows]
     for value in values:
@@ -349,7 +349,7 @@ def parameters_of(rows: Iterable[Row]) -> list[str]:
     """Return the parameters with a known truth, without the surface.
 
     Args:
-        rows: of any cases.
+        rows: rows of any cases.
     """
     names = dict.fromkeys(key.removeprefix(TRUE) for row in rows for key in row if key.startswith(TRUE))
     return [name for name in names if name != SURFACE]
@@ -372,7 +372,7 @@ def estimated(rows: Iterable[Row]) -> list[Row]:
     """Select the rows in which an estimator had a result.
 
     Args:
-        rows: of any cases.
+        rows: rows of any cases.
     """
     return [row for row in rows if row.get("estimator") and not row.get("problem") and not row["error"]]
 
@@ -381,9 +381,9 @@ def error_table(name: str, title: str, rows: Sequence[Row], best_first: bool = F
     """Tabulate worst and mean error, ratio to the bound, and coverage, for each estimator and parameter.
 
     Args:
-        name: of the table's file.
-        title: above it.
-        rows: of any cases.
+        name: name of the table's file.
+        title: title above the table.
+        rows: rows of any cases.
         best_first: order by the worst error, not by name.
     """
     parameters = [p for p in parameters_of(rows) if any(row.get(p) is not None for row in rows)]

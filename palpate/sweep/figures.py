@@ -70,7 +70,7 @@ class Drawing:
             return self._draw()
 
     def save(self, figure: Figure, path: str) -> None:
-        """Write it, PNG or SVG by the ending; OSError if it cannot be written.
+        """Write it, PNG or SVG by the ending; raise `OSError` if it cannot be written.
 
         Args:
             figure: as drawn.
@@ -193,7 +193,7 @@ def grid_estimates(rows: Sequence[Row]) -> Figure:
     """Figures 4b and 4c: estimates over the grid, and their errors beside the paper's worst.
 
     Args:
-        rows: of the grid.
+        rows: rows of the grid.
     """
     figure, all_axes = _panels(2, 2, TWO_COLUMNS_IN, 5.0)
     good = estimated(rows)
@@ -272,8 +272,8 @@ def ransac_map(rows: Sequence[Row], names: Sequence[str]) -> Figure:
     """Error of k over its bound: threshold and subset (1000 trials), threshold and trials (subsets of 5).
 
     Args:
-        rows: of all settings and noises.
-        names: of the noises.
+        rows: rows of all settings and noises.
+        names: names of the noises.
     """
     figure, all_axes = _panels(2, 3, TWO_COLUMNS_IN, 4.4)
     norm = LogNorm(1, 100)
@@ -314,7 +314,7 @@ def hunt_crossley(rows: Sequence[Row], best: str) -> Figure:
     """Errors of k, b and n by object, of the best estimator, with one bound to either side.
 
     Args:
-        rows: of all objects.
+        rows: rows of all objects.
         best: name of the estimator.
     """
     figure, all_axes = _panels(1, 3, TWO_COLUMNS_IN, 2.7)
@@ -348,7 +348,7 @@ def error_spread(rows: Sequence[Row]) -> Figure:
     """Spread of relative errors by estimator, one panel a parameter, for any sweep.
 
     Args:
-        rows: of any cases.
+        rows: rows of any cases.
     """
     good = estimated(rows)
     parameters = [name for name in parameters_of(good) if any(row.get(name) is not None for row in good)]

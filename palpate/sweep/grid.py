@@ -40,7 +40,7 @@ class Range(FileModel):
     step: Positive
 
     def values(self) -> list[float]:
-        """All numbers of the range; `InputError` if there are too many."""
+        """All numbers of the range; raise `InputError` if there are too many."""
         count = math.floor((self.to - self.from_) / self.step + 1e-9) + 1
         if count > MOST_CASES:
             raise InputError(f"{count:.3g} numbers from {self.from_:g} to {self.to:g}; at most {MOST_CASES}")
@@ -111,7 +111,7 @@ class GridFile(FileModel):
         return self
 
     def laws(self) -> list[dict[str, Any]]:
-        """Return every object's law with numbers for all parameters; `InputError` if there are too many."""
+        """Return all objects' laws with their parameters; raise `InputError` if there are too many."""
         given: list[dict[str, list[Any]]] = []
         for entry in self.objects:
             choices: dict[str, list[Any]] = {}
@@ -180,6 +180,6 @@ def shipped_grid(name: str) -> GridFile:
     """Read a grid that comes with palpate.
 
     Args:
-        name: of the file, without its ending.
+        name: name of the file, without its ending.
     """
     return load_grid(SHIPPED / f"{name}.yaml")

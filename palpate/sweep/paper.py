@@ -164,7 +164,7 @@ def grid_section(rows: Sequence[Row], clean: Sequence[Row]) -> Section:
     """Figures 4b and 4c, and the worst errors of section VI-B.
 
     Args:
-        rows: of the grid.
+        rows: rows of the grid.
         clean: of the grid without sensor noise.
     """
     groups = grouped(estimated(rows), lambda row: row["estimator"])
@@ -209,7 +209,7 @@ def noise_section(rows: Sequence[Row]) -> Section:
     """Figure 4d.
 
     Args:
-        rows: of all noises and estimators.
+        rows: rows of all noises and estimators.
     """
     groups = grouped(estimated(rows), lambda row: (row["estimator"], row["noise_percent"]))
     lines = []
@@ -249,7 +249,7 @@ def cubes_section(rows: Sequence[Row]) -> Section:
     """Tables I and II.
 
     Args:
-        rows: of the silicone cubes.
+        rows: rows of the silicone cubes.
     """
     first = SweepTable(
         "table_1",
@@ -295,7 +295,7 @@ def ransac_section(rows: Sequence[Row]) -> Section:
     """Influence of RANSAC's settings, which the paper leaves to future work.
 
     Args:
-        rows: of all settings and noises.
+        rows: rows of all settings and noises.
     """
     names = ("sensor noise of 0.02 N", "and 10 % of the force", "and 30 % outliers")
     keys = ("threshold", "subset", "trials", "k_over_bound", "c_over_bound")
@@ -338,7 +338,7 @@ def hunt_crossley_section(rows: Sequence[Row]) -> Section:
     """Hunt-Crossley objects, which the paper leaves to future work.
 
     Args:
-        rows: of all objects.
+        rows: rows of all objects.
     """
     table = error_table("hunt_crossley", "Hunt-Crossley, all objects", rows, best_first=True)
     best = table.rows[0]
@@ -415,7 +415,7 @@ def write_paper(folder: Path, parts: Mapping[str, Sequence[Row]], facts: Mapping
     """Write figures, tables and page of the study; return the page.
 
     Args:
-        folder: where to.
+        folder: destination.
         parts: rows of each part of `paper_cases`.
         facts: to stand at the page's head.
 

@@ -40,8 +40,8 @@ def write_page(
     """Write all files; return the page. InputError: a file cannot be written.
 
     Args:
-        folder: where to.
-        title: of the page.
+        folder: destination.
+        title: title of the page.
         summary: below the title.
         facts: in a list, by name.
         sections: in order.
@@ -104,10 +104,10 @@ def write_grid(
     """Write figures, tables and page of a grid; return the page. InputError: a file cannot be written.
 
     Args:
-        folder: where to.
-        title: of the page.
+        folder: destination.
+        title: title of the page.
         grid: the sweep's file.
-        rows: of all cases that are done.
+        rows: rows of all cases that are done.
         facts: in a list, by name.
     """
     if grid.diagnose:

@@ -37,7 +37,7 @@ def run_in_processes(run: Run, todo: Mapping[str, Case], folder: Path, workers: 
     Args:
         run: does the work of a case.
         todo: cases by address.
-        folder: of the results.
+        folder: folder of the results.
         workers: processes at a time.
 
     Yields:
@@ -87,7 +87,7 @@ class _Worker:
 
         Args:
             run: does the work of a case.
-            folder: of the results.
+            folder: folder of the results.
         """
         return cls(*start_worker(_serve, run, folder))
 
@@ -96,7 +96,7 @@ class _Worker:
 
         Args:
             case: the case.
-            address: of its result.
+            address: address of its result.
         """
         with suppress(OSError):
             self.pipe.send((case, address))
@@ -191,8 +191,8 @@ def run_one(case: Case, address: str, folder: Path) -> None:
 
     Args:
         case: the case.
-        address: of its result, by the client's code.
-        folder: of the results.
+        address: address of its result, by the client's code.
+        folder: folder of the results.
 
     Raises:
         PalpateError: this worker's code is not the client's, as of one that joined later; or the case lacks

@@ -64,7 +64,7 @@ def first_look(samples: Samples, target: int) -> ObjectEstimate:
     """Fit two contact laws to the runs so far of a target, and return the better one.
 
     Args:
-        samples: of one target.
+        samples: samples of one target.
         target: its number.
 
     Raises:
@@ -79,7 +79,7 @@ def second_look(samples: Samples, target: int) -> ObjectEstimate:
     The verdict names accepted effects that the simulator cannot render.
 
     Args:
-        samples: of one target.
+        samples: samples of one target.
         target: its number.
 
     Raises:
@@ -118,7 +118,7 @@ class ObjectEstimator:
         """Have a target's samples estimated, and after the last run also diagnosed.
 
         Args:
-            samples: of one target.
+            samples: samples of one target.
             target: its number.
             last: whether its last run is over.
         """

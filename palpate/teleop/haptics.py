@@ -88,7 +88,7 @@ def haptic_stream(joint_count: int) -> Stream:
     """Return the columns of a haptic tick.
 
     Args:
-        joint_count: of the virtual arm.
+        joint_count: number of joints of the virtual arm.
     """
     return Stream(
         STREAM_NAME,

@@ -67,7 +67,7 @@ def leader_metadata(robot_file: RobotFile, scene: Scenario, command_line: str) -
     """Make the metadata of a leader's session.
 
     Args:
-        robot_file: of the virtual arm.
+        robot_file: robot file of the virtual arm.
         scene: virtual object before the first estimate.
         command_line: as it was typed.
     """

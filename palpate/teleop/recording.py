@@ -39,11 +39,11 @@ _MILLI = 1e3
 
 
 def record_both(merged: MergedSessions, path: Path) -> float:
-    """Write the recording, whole or not at all.
+    """Write the recording, completely or not at all.
 
     Args:
         merged: both sessions.
-        path: of the .rrd file.
+        path: path of the .rrd file.
 
     Returns:
         A moment worth a picture [s].
@@ -149,7 +149,7 @@ def draw(path: Path, merged: MergedSessions, felt: ForceComparison, modelled: Fo
     """Write a PNG with forces over time, felt over real force, and the link; return its path.
 
     Args:
-        path: of the file, replaced if it exists.
+        path: path of the file, replaced if it exists.
         merged: both sessions.
         felt: felt force, and force of the real object.
         modelled: force of the models in the follower's presses, and measured force.

@@ -83,7 +83,7 @@ def terms_in(data: Mapping[str, Any]) -> tuple[ContactModel, ...]:
     """Read the object's model from data of `felt_data`. InputError: it is invalid.
 
     Args:
-        data: of the session's event.
+        data: data of the session's event.
     """
     try:
         return tuple(

@@ -172,7 +172,7 @@ def pose(folder: Path) -> Path:
     """Probe an object with one of `HIDDEN` hidden; the answer is sealed beside the session.
 
     Args:
-        folder: of the session.
+        folder: folder of the session.
 
     Returns:
         The session.

@@ -34,7 +34,7 @@ def heading(text: str, title: str = "") -> None:
     """Add a heading; `title` is shown on hover.
 
     Args:
-        text: of the heading.
+        text: text of the heading.
         title: shown on hover.
     """
     element = TextElement(tag="h2", text=text)
@@ -109,8 +109,8 @@ def curve(  # noqa: PLR0917, what a line is made of
         x: shape (n,).
         y: shape (n,).
         color: as CSS has it.
-        width: of the line [px].
-        unit: of y.
+        width: width of the line [px].
+        unit: unit of y.
         more: further keys of plotly's trace.
     """
     dash = more.pop("dash", "solid")
@@ -135,7 +135,7 @@ def layout_of(height: int, **more: object) -> dict[str, Any]:
     """Return the layout that all figures share.
 
     Args:
-        height: of the figure [px].
+        height: height of the figure [px].
         more: further keys of plotly's layout.
     """
     return {

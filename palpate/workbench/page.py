@@ -206,8 +206,8 @@ class Page:
         """Draw the model with a slider at a value: curves first, then all other views.
 
         Args:
-            name: of the parameter.
-            value: of the slider, in the parameter's SI unit.
+            name: name of the parameter.
+            value: value of the slider, in the parameter's SI unit.
         """
         if (
             self._shown is None
@@ -340,7 +340,7 @@ def gates(state: WorkbenchState) -> None:
     """Return the checklist of the data checks.
 
     Args:
-        state: of the page.
+        state: state of the page.
     """
     from palpate.estimation.data_quality import checklist  # noqa: PLC0415
 

@@ -92,7 +92,7 @@ class ErrorCard:
 
         Args:
             error: held-out error [unit].
-            unit: of the effort.
+            unit: unit of the effort.
             noise: noise level of the channel [unit].
         """
         self._wrong.set_text("")  # it is said of the fit
@@ -117,7 +117,7 @@ def waterfall(steps: tuple[tuple[str, float], ...], noise: float, unit: str) -> 
     Args:
         steps: label and held-out error of each stage.
         noise: noise level [unit].
-        unit: of the effort.
+        unit: unit of the effort.
 
     Returns:
         HTML.

@@ -247,7 +247,7 @@ def state_update(motion: DrawnMotion, predicted: FloatArray) -> Restyle:
 
 
 def map_figure(motion: DrawnMotion, before: FloatArray, now: FloatArray) -> Figure:
-    """Draw residuals of base model and model over the state, on one colour scale.
+    """Draw residuals of base model and model over the state, on one color scale.
 
     Args:
         motion: what is drawn, n samples.
@@ -291,7 +291,7 @@ def map_update(motion: DrawnMotion, residual: FloatArray) -> Restyle:
 
     Args:
         motion: what is drawn, n samples.
-        residual: of the chosen model (n,).
+        residual: residual of the chosen model (n,).
     """
     grid = motion.map(residual)
     x, y, z = (part.astype(np.float32) for part in (grid.position, grid.velocity, grid.mean))

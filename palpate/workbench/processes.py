@@ -41,7 +41,7 @@ class DiagnosisProcess:
 
         Args:
             what: is being done.
-            share: of the work that is done, 0 to 1.
+            share: share of the work that is done, 0 to 1.
         """
         self.now = what, share
 

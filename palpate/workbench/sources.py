@@ -335,7 +335,7 @@ def newest_growing(folder: Path) -> Path | None:
     """Return the newest session of a folder, if it is still being written.
 
     Args:
-        folder: of sessions.
+        folder: folder of sessions.
     """
     files = sorted(folder.glob("*.mcap"), key=lambda file: file.stat().st_mtime)
     if not files:
@@ -350,7 +350,7 @@ def live_figure(ticks: Samples) -> Figure:
     """Draw force with residual, torques, and online estimates over the last seconds.
 
     Args:
-        ticks: of the session that is being written.
+        ticks: ticks of the session that is being written.
     """
     time_s = ticks["time_s"]
     last = time_s > time_s[-1] - SPAN_S if len(time_s) else np.zeros(0, dtype=np.bool_)
@@ -427,7 +427,7 @@ async def run_command(arguments: Sequence[str], hear: Callable[[str], object]) -
     """Run a palpate command in a process; cancelling ends it as Ctrl-C would.
 
     Args:
-        arguments: of `palpate`; it cannot ask questions.
+        arguments: arguments of `palpate`; it cannot ask questions.
         hear: called with each printed line.
 
     Returns:

@@ -53,7 +53,7 @@ class AppState:
         """Serve a report to the browser; return its address, which cannot be guessed.
 
         Args:
-            path: of the report.
+            path: path of the report.
         """
         key = token_urlsafe(16)
         self.reports[key] = path
@@ -187,7 +187,7 @@ def picture(
 
     Args:
         x: shape (n,).
-        curves: values (n,) and colour of each.
+        curves: values (n,) and color of each.
         width: [px].
         height: [px].
     """

@@ -287,7 +287,7 @@ class WorkbenchState:
         """Select another channel, with the effects that were last added to it.
 
         Args:
-            name: of the channel.
+            name: name of the channel.
         """
         return self.choose(self._start_of(name))
 
@@ -333,7 +333,7 @@ class WorkbenchState:
         """Return a state with the runs of another session after those of this one; in memory.
 
         Args:
-            path: of the other session.
+            path: path of the other session.
 
         Raises:
             InputError: the session cannot be read, or has no channel of this one.
@@ -438,7 +438,7 @@ def evidence_of(study: Study, channel: StudyChannel, beside: Sequence[str], effe
 
     Args:
         study: holds the fits.
-        channel: of the study.
+        channel: channel of the study.
         beside: names of the other effects in the model.
         effect: its name.
     """
@@ -483,7 +483,7 @@ def describe_kind(kind: ChannelKind) -> str:
     """Describe a channel's kind, for its button.
 
     Args:
-        kind: of the channel.
+        kind: kind of the channel.
     """
     return {
         ChannelKind.CONTACT: "contact force",

@@ -50,7 +50,7 @@ def device_identity(robot_file: RobotFile, kind: str) -> dict[str, object]:
 
     Args:
         robot_file: the robot.
-        kind: of the calibration.
+        kind: kind of the calibration.
 
     Returns:
         Driver and settings.
@@ -120,7 +120,7 @@ def implausible(calibration: Calibration, limits: Limits) -> str | None:
 
     Args:
         calibration: to check.
-        limits: of the arm.
+        limits: limits of the arm.
 
     Returns:
         The reason, or None.
@@ -403,7 +403,7 @@ class CalibratedTorque(_Calibrated[JointTorque], JointTorque):
     commanded as what the calibration says gives zero.
 
     Args:
-        driver: of the drives.
+        driver: driver of the drives.
         calibration: of the torques.
         limit_nm: largest command, shape (n,) [N m].
     """

@@ -260,7 +260,7 @@ def load_calibration(path: str | Path) -> Calibration:
     """Read and check a calibration file.
 
     Args:
-        path: of the file.
+        path: path of the file.
 
     Returns:
         The calibration.

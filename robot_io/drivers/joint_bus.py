@@ -49,7 +49,7 @@ class JointBus(Bus):
 
     @abstractmethod
     def power_on(self) -> None:
-        """Make all drives obey torque commands, at zero torque. DeviceError: one refused."""
+        """Make all drives obey torque commands, at zero torque; raise `DeviceError` if one refused."""
 
     @abstractmethod
     def power_off(self) -> None:

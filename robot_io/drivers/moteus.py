@@ -281,7 +281,7 @@ class MoteusBus(AskedMotorBus[MoteusState]):
         self._bring_to(self._stops, "torque off is not confirmed by", enabled=False)
 
     def _arm(self) -> None:
-        """Forget faults, and go to position mode at zero torque. DeviceError: a controller did not."""
+        """Clear faults and enter position mode at zero torque; raise `DeviceError` if one did not."""
         self._bring_to(self._stops, "does not stop:", enabled=False)
         self._bring_to(self._zero_torque(), "no position mode:", enabled=True)
 

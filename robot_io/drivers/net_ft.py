@@ -206,7 +206,7 @@ def read_configuration(host: str, port: int) -> Configuration:
 
     Args:
         host: name or address of the sensor.
-        port: of its web server.
+        port: port of its web server.
 
     Returns:
         The configuration.
@@ -311,14 +311,14 @@ class NetFtLine(ForceLine):
         return f"Net F/T {self._own.host}"
 
     def configure(self) -> None:
-        """Open a socket. DeviceError: the host has no address, or there is no way to it."""
+        """Open a socket; raise `DeviceError` if the host has no address, or there is no way to it."""
         try:
             self._port = _Socket(self._own.host, self._own.rdt_port)
         except (OSError, UnicodeError) as error:  # the latter if the text cannot be a host name
             raise DeviceError(f"{self.label}: cannot be reached ({error})") from error
 
     def read_configuration(self) -> Configuration:
-        """Read the sensor's configuration. DeviceError: no answer, or an invalid one."""
+        """Read the sensor's configuration; raise `DeviceError` if no answer, or an invalid one."""
         return read_configuration(self._own.host, self._own.http_port)
 
     def _close_port(self) -> None:

@@ -62,7 +62,7 @@ def load_yaml(path: str | Path, max_bytes: int = MAX_BYTES) -> YamlDocument:
     """Read a YAML file.
 
     Args:
-        path: of the file.
+        path: path of the file.
         max_bytes: largest size.
 
     Returns:
@@ -183,7 +183,7 @@ def read_text(path: Path, most_bytes: int = MOST_BYTES) -> str:
     """Read a text file.
 
     Args:
-        path: of the file.
+        path: path of the file.
         most_bytes: largest size.
 
     Returns:
@@ -248,7 +248,7 @@ def between(low: float, high: float, unit: str) -> AfterValidator:
     Args:
         low: lower bound.
         high: upper bound.
-        unit: of the number.
+        unit: unit of the number.
 
     Returns:
         The validator.

@@ -32,7 +32,7 @@ class SafeStop:
     rate-limited, so that a bad torque ends at once.
 
     Args:
-        limits: of the arm.
+        limits: limits of the arm.
         safe_state: damping and times.
         gravity_nm: gravity model, or None.
 
@@ -134,7 +134,7 @@ class Guard:
     cannot be trusted there is nothing to brake against: the torque is zero.
 
     Args:
-        limits: of the arm.
+        limits: limits of the arm.
         safe_state: how a tripped arm comes to rest.
         joint_count: number of joints n.
         gravity_nm: gives the torques that hold the arm still at joint positions, both shape (n,); called
@@ -256,8 +256,8 @@ class Guard:
         Trips on a command that is not finite. A measurement that was not checked yet is checked first.
 
         Args:
-            command: of the controller.
-            measurement: of this tick.
+            command: command of the controller.
+            measurement: measurement of this tick.
             dt_s: time since the previous tick [s].
 
         Returns:
@@ -276,7 +276,7 @@ class Guard:
         """Let commands through again, starting from the measured state and torque.
 
         Args:
-            measurement: of this tick.
+            measurement: measurement of this tick.
 
         Raises:
             SafetyTripError: the stop is not over, or a problem persists; the trip stays.

@@ -109,7 +109,7 @@ class LimitChecks:
     few joints, and this runs in every tick.
 
     Args:
-        limits: of the arm.
+        limits: limits of the arm.
     """
 
     def __init__(self, limits: Limits) -> None:

@@ -159,7 +159,7 @@ class StuckEncoders:
         """Determine for which joints the velocity can be trusted.
 
         Args:
-            measurement: of this tick.
+            measurement: measurement of this tick.
 
         Returns:
             False for suspect joints that still show no step, shape (n,).
@@ -173,7 +173,7 @@ class StuckEncoders:
         """Judge one tick; without a new sample of the encoders nothing changes.
 
         Args:
-            measurement: of this tick.
+            measurement: measurement of this tick.
             reference_position_rad: where the joints should be, shape (n,) [rad].
         """
         if not measurement.encoder_at_s > self._sampled_at_s:
@@ -257,7 +257,7 @@ class StuckForce:
         """Judge one tick; a repeated sample is ignored.
 
         Args:
-            measurement: of this tick.
+            measurement: measurement of this tick.
 
         Returns:
             The problem of a stuck force, or None.
@@ -410,7 +410,7 @@ class _Drive:
         """Include the present deviation of the reading in its usual deviation.
 
         Args:
-            share: of the difference, 0 to 1.
+            share: share of the difference, 0 to 1.
         """
         off_nm = self.measured_nm - clip(self.measured_nm, self.low_nm, self.high_nm)
         self.usually_off_nm += (off_nm - self.usually_off_nm) * share
@@ -454,7 +454,7 @@ class UnresponsiveDrives:
         """Judge one tick; a repeated sample is ignored.
 
         Args:
-            measurement: of this tick.
+            measurement: measurement of this tick.
 
         Returns:
             The problem of the first drive that has not obeyed for `deaf_drive_s`, or None.

@@ -131,7 +131,7 @@ class Line:
     Args:
         role: of this side.
         settings: name, port, configuration and key.
-        clock: of this side.
+        clock: clock of this side.
 
     Attributes:
         role: of this side.
@@ -336,7 +336,7 @@ def cause(error: Exception) -> str:
     """Extract the cause of a `zenoh.ZError` for the user.
 
     Args:
-        error: of zenoh.
+        error: error of zenoh.
 
     Returns:
         One line.

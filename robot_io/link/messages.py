@@ -46,7 +46,7 @@ class WireType(Generic[T]):
         """Encode a value.
 
         Args:
-            value: of the class.
+            value: value of the class.
 
         Returns:
             A protobuf message.

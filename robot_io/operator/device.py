@@ -39,8 +39,8 @@ class OperatorDevice(Opened):
     A new device implements `_open` and the four methods after it; lifecycle and checks are the same for all.
 
     Args:
-        settings: of the class's own `Settings`.
-        clock: of this side.
+        settings: settings of the class's own `Settings`.
+        clock: clock of this side.
     """
 
     name: ClassVar[str]  # how files and options call it

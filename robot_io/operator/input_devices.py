@@ -39,8 +39,8 @@ class RecordFile:
     """An open device file, such as /dev/input/js0.
 
     Args:
-        path: of the file.
-        size: of a record [bytes].
+        path: path of the file.
+        size: size of a record [bytes].
 
     Raises:
         DeviceError: it cannot be opened.
@@ -379,7 +379,7 @@ class TouchDevice(OperatorDevice):
 
 
 def _load(path: str) -> ctypes.CDLL:
-    """The library with the types of its calls. DeviceError: it is not installed, or is another one."""
+    """Load the library and declare its functions; raise `DeviceError` if it is missing or incompatible."""
     try:
         library = ctypes.CDLL(path)
         unsigned, vector = ctypes.c_uint, ctypes.POINTER(ctypes.c_double)

@@ -113,7 +113,7 @@ def says_unclosed(event: Event) -> bool:
     """Whether an event is the one made by `unclosed`.
 
     Args:
-        event: of a session.
+        event: event of a session.
 
     Returns:
         True if it is.

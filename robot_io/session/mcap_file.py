@@ -263,8 +263,8 @@ class McapFile:
 
     Args:
         file: open for writing.
-        streams: of the session.
-        metadata: of the session.
+        streams: streams of the session.
+        metadata: metadata of the session.
     """
 
     def __init__(self, file: IO[bytes], streams: Sequence[Stream], metadata: SessionMetadata) -> None:

@@ -48,7 +48,7 @@ class Session:
         """Read a session file.
 
         Args:
-            path: of the file.
+            path: path of the file.
 
         Returns:
             The session.
@@ -131,7 +131,7 @@ class Follower:
     """Reads one stream of a session that is still being written; each call reads only what is new.
 
     Args:
-        path: of the session file.
+        path: path of the session file.
         stream_name: name of the stream.
         last: number of records that are kept, so that a long session does not fill the memory.
 

@@ -48,7 +48,7 @@ def is_locked(path: Path) -> bool:
     """Whether a program is writing a file at this moment, if the file system shows it.
 
     Args:
-        path: of an existing file.
+        path: path of an existing file.
     """
     with suppress(OSError):
         descriptor = os.open(path, os.O_RDONLY | os.O_NONBLOCK)  # a pipe is not waited for
@@ -186,7 +186,7 @@ class SharedLog:
 
     Args:
         memory: file descriptor of `open_memory`.
-        streams: of the session.
+        streams: streams of the session.
         ring_slots: records of each ring.
     """
 
@@ -251,7 +251,7 @@ def open_memory(streams: Sequence[Stream], ring_slots: int) -> int:
     """Allocate anonymous memory for a `SharedLog`; it is freed with the last process that uses it.
 
     Args:
-        streams: of the session.
+        streams: streams of the session.
         ring_slots: records of each ring.
 
     Returns:

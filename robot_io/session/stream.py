@@ -202,7 +202,7 @@ class Samples:
         """Make samples of columns that no other code changes.
 
         Args:
-            stream: of the columns.
+            stream: stream of the columns.
             columns: arrays of shape (n,) or (n, width).
 
         Returns:
@@ -215,7 +215,7 @@ class Samples:
         """Split records into columns.
 
         Args:
-            stream: of the records.
+            stream: stream of the records.
             records: shape (n,).
 
         Returns:
@@ -251,7 +251,7 @@ class Samples:
         """Return a column as shape (n, width), even if the width is 1, as with an arm of one joint.
 
         Args:
-            name: of the column.
+            name: name of the column.
 
         Returns:
             The array.

@@ -41,7 +41,7 @@ class WireFormat:
     """Encodes and decodes the records of one stream.
 
     Args:
-        stream: of the records.
+        stream: stream of the records.
     """
 
     def __init__(self, stream: Stream) -> None:

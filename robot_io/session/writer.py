@@ -209,7 +209,7 @@ def new_session_path(path: str | os.PathLike[str]) -> Path:
     SessionError: a file is there, or the folder cannot be made.
 
     Args:
-        path: of the session that is to be written.
+        path: path of the session that is to be written.
     """
     new = Path(path)
     try:

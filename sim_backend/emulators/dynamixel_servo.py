@@ -83,7 +83,7 @@ def items_of(model: EmulatedModel, servo_id: int, firmware: int) -> dict[int, It
     """Return the rows of a model's control table by address, without rows that the emulator does not use.
 
     Args:
-        model: of the servo.
+        model: model of the servo.
         servo_id: its id.
         firmware: version.
 
@@ -157,7 +157,7 @@ class Memory:
         """Return the value of an item.
 
         Args:
-            address: of the item.
+            address: address of the item.
 
         Returns:
             The value, signed if the item's range goes below zero.
@@ -171,7 +171,7 @@ class Memory:
         """Set an item from inside the servo; nothing is checked.
 
         Args:
-            address: of the item.
+            address: address of the item.
             value: to set.
         """
         item = self._items[address]
@@ -182,7 +182,7 @@ class Memory:
         """Read consecutive bytes for an instruction.
 
         Args:
-            address: of the first byte.
+            address: address of the first byte.
             size: bytes.
 
         Returns:
@@ -198,7 +198,7 @@ class Memory:
         `allowed` decides for an item and its new value whether the servo accepts it now.
 
         Args:
-            address: of the first byte.
+            address: address of the first byte.
             data: bytes to write.
             allowed: judges an item and its new value.
 
@@ -286,7 +286,7 @@ class EmulatedServo(LineServo):
         """Answer a read, with the newest sample of the sensors.
 
         Args:
-            address: of the first byte.
+            address: address of the first byte.
             size: bytes.
 
         Returns:
@@ -299,7 +299,7 @@ class EmulatedServo(LineServo):
         """Execute a write.
 
         Args:
-            address: of the first byte.
+            address: address of the first byte.
             data: bytes to write.
 
         Returns:

@@ -147,7 +147,7 @@ class EmulatedSts(LineServo):
         """Return a value of the memory.
 
         Args:
-            address: of the first byte.
+            address: address of the first byte.
             size: bytes.
 
         Returns:
@@ -159,7 +159,7 @@ class EmulatedSts(LineServo):
         """Set a value from inside.
 
         Args:
-            address: of the first byte.
+            address: address of the first byte.
             value: without a sign.
             size: bytes.
         """
@@ -177,7 +177,7 @@ class EmulatedSts(LineServo):
         """Answer a read.
 
         Args:
-            address: of the first byte.
+            address: address of the first byte.
             size: bytes.
 
         Returns:
@@ -189,7 +189,7 @@ class EmulatedSts(LineServo):
         """Take a write; what cannot be written stays as it is.
 
         Args:
-            address: of the first byte.
+            address: address of the first byte.
             data: bytes to write.
         """
         was_on = self.get(40, 1)

@@ -76,7 +76,7 @@ def wire_up(
     Faults are given by bus name; effects are hidden in plant and sensors.
 
     Args:
-        robot_file: of the real arm.
+        robot_file: robot file of the real arm.
         scenario: the simulated world.
         clock: simulated, or a real one.
         faults: by bus name.

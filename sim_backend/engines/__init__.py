@@ -31,7 +31,7 @@ def engine_class(name: EngineName) -> type[Engine]:
     """Import an engine.
 
     Args:
-        name: of the engine.
+        name: name of the engine.
 
     Returns:
         Its class.

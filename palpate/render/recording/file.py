@@ -42,7 +42,7 @@ def recording_file(name: str, path: Path, blueprint: rrb.Blueprint) -> Iterator[
     """Open a new .rrd file for writing.
 
     Args:
-        name: of the recording.
+        name: name of the recording.
         path: the file; replaced if it exists.
         blueprint: how it is shown.
 
@@ -82,10 +82,10 @@ def send_lines(
     """Send several curves as one entity at once.
 
     Args:
-        recording: where to.
+        recording: destination.
         entity: path of the entity.
         index: times (n,) [s], or the n places on another timeline.
-        lines: values (n,), colour and width of each curve, by its name in the legend.
+        lines: values (n,), color and width of each curve, by its name in the legend.
     """
     look = rr.SeriesLines(
         names=list(lines),
@@ -156,7 +156,7 @@ def take_picture(
 
     Args:
         recording: .rrd file.
-        picture: .png file, replaced if it exists; it appears whole or not at all.
+        picture: .png file, replaced if it exists; it appears completely or not at all.
         time_s: moment on the session's timeline [s].
         size: width and height in pixels.
         revision: stage to show instead, in a recording of revisions.

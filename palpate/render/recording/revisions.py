@@ -70,7 +70,7 @@ class Chart:
         """Draw rules and labels, once for all revisions.
 
         Args:
-            recording: where to.
+            recording: destination.
         """
         rules = [self.place(np.array(self.x), np.full(2, value)) for value in ticks(*self.y)]
         words = [
@@ -92,12 +92,12 @@ class Chart:
     def strips(
         self, curves: Sequence[tuple[FloatArray, FloatArray]], color: str, width: float
     ) -> rr.LineStrips2D:
-        """Return curves (x, y) of one colour without values that are not finite.
+        """Return curves (x, y) of one color without values that are not finite.
 
         Args:
             curves: x (n,) and y (n,) of each.
             color: "#rrggbb".
-            width: of the lines [points].
+            width: width of the lines [points].
         """
         finite = [(x[np.isfinite(y)], y[np.isfinite(y)]) for x, y in curves]
         placed = [self.place(x, y) for x, y in finite if len(x) > 1]
@@ -142,7 +142,7 @@ def log_budget(recording: rr.RecordingStream, entity: str, budget: BudgetView) -
     """Log an error budget, the same at all times.
 
     Args:
-        recording: where to.
+        recording: destination.
         entity: path of the budget.
         budget: shares of the error.
     """
@@ -193,7 +193,7 @@ def budget_tab(entity: str, name: str) -> rrb.Horizontal:
 
     Args:
         entity: path of the budget.
-        name: of the tab.
+        name: name of the tab.
     """
     frame = rrb.VisualBounds2D(x_range=[_NAMES - 8.0, _WIDTH + 8.0], y_range=[-8.0, _STACK + 9 * _ROW])
     background = rrb.Background(color=BACKGROUND)
@@ -208,7 +208,7 @@ _WIDE = 300.0
 
 
 def record_rerun(view: StudyView, path: Path) -> None:
-    """Write the recording, whole or not at all.
+    """Write the recording, completely or not at all.
 
     Where a diagnosis is known, the first tab of a channel shows its error budget. Where effects were added,
     timeline `revision` shows curves, residual, error and words of each revision,
@@ -216,7 +216,7 @@ def record_rerun(view: StudyView, path: Path) -> None:
 
     Args:
         view: all channels.
-        path: of the .rrd file.
+        path: path of the .rrd file.
 
     Raises:
         InputError: the file cannot be written.

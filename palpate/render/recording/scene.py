@@ -139,7 +139,7 @@ def has_ticks(session: Session) -> bool:
     """Return whether the session was made by an arm, rather than imported.
 
     Args:
-        session: of an arm, or imported.
+        session: session of an arm, or imported.
     """
     return STREAM_NAME in session.stream_names and len(session.samples(STREAM_NAME)) > 1
 
@@ -267,7 +267,7 @@ def log_arm(recording: rr.RecordingStream, scene: Scene) -> None:
     """Log the links once and the joints' motion; nothing without a URDF.
 
     Args:
-        recording: where to.
+        recording: destination.
         scene: the session.
 
     Raises:
@@ -291,7 +291,7 @@ def log_moving_arm(
     """Log the links once, and the motion of the joints (n, joints) [rad] at times (n,) [s].
 
     Args:
-        recording: where to.
+        recording: destination.
         session: that it is in, for errors.
         urdf: text of the arm's URDF; nothing is logged where there is none.
         time_s: times, shape (n,) [s].
@@ -329,7 +329,7 @@ def load_urdf(text: str, entity: str = _ARM, frame_prefix: str = "") -> urdf_rea
     ValueError, RuntimeError: it cannot be used.
 
     Args:
-        text: of the URDF.
+        text: text of the URDF.
         entity: path of the arm.
         frame_prefix: before the names of frames.
     """
@@ -361,7 +361,7 @@ def log_object(recording: rr.RecordingStream, scene: Scene) -> None:
     """Log the contact force beside the tip, and the object that gives way.
 
     Args:
-        recording: where to.
+        recording: destination.
         scene: the session.
     """
     rows = scene.picture_rows

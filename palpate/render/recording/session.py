@@ -38,11 +38,11 @@ _TROUBLE = ("stop", "failure", "log_failed", "observer_failed", "obstacle", "mis
 
 
 def record_session(scene: Scene, path: Path) -> None:
-    """Write the recording of a probing session, whole or not at all.
+    """Write the recording of a probing session, completely or not at all.
 
     Args:
         scene: the session.
-        path: of the .rrd file.
+        path: path of the .rrd file.
 
     Raises:
         InputError: the file cannot be written, or the session's URDF cannot be shown.
@@ -65,10 +65,10 @@ def record_session(scene: Scene, path: Path) -> None:
 
 
 def log_phases(recording: rr.RecordingStream, entity: str, phases: IntArray, time_s: FloatArray) -> None:
-    """Log names and colours of phases, from numbers of `Phase` at times (n,) [s].
+    """Log names and colors of phases, from numbers of `Phase` at times (n,) [s].
 
     Args:
-        recording: where to.
+        recording: destination.
         entity: path of the phases.
         phases: numbers of `Phase`, shape (n,).
         time_s: shape (n,) [s].

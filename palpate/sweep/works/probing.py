@@ -45,8 +45,8 @@ def estimate(parameters: Mapping[str, Any], seed: int) -> list[Row]:
     """Probe once, and estimate from each draw of the force noise; see `palpate.sweep.grid` for the keys.
 
     Args:
-        parameters: of the case.
-        seed: of all that is random.
+        parameters: parameters of the case.
+        seed: seed of all that is random.
 
     Raises:
         PalpateError: the object could not be probed.
@@ -81,8 +81,8 @@ def diagnosed(parameters: Mapping[str, Any], seed: int) -> list[Row]:
     These are all, or those named in `channels` of the parameters.
 
     Args:
-        parameters: of the case.
-        seed: of all that is random.
+        parameters: parameters of the case.
+        seed: seed of all that is random.
     """
     samples, scenario = probed(parameters, seed)
     robot = find_robot(parameters["robot"])
@@ -107,8 +107,8 @@ def ticks(parameters: Mapping[str, Any], seed: int) -> list[Row]:
     """Probe once: one row for each tick of a run, for figures over time.
 
     Args:
-        parameters: of the case.
-        seed: of all that is random.
+        parameters: parameters of the case.
+        seed: seed of all that is random.
     """
     samples, _ = probed(parameters, seed)
     contact = contact_channel(samples)
@@ -133,8 +133,8 @@ def probed(parameters: Mapping[str, Any], seed: int) -> tuple[Samples, Scenario]
     with the same noise.
 
     Args:
-        parameters: of the case.
-        seed: of all that is random.
+        parameters: parameters of the case.
+        seed: seed of all that is random.
 
     Raises:
         PalpateError: the object could not be probed, or the parameters do not fit each other.
@@ -163,8 +163,8 @@ def world(parameters: Mapping[str, Any], seed: int) -> Scenario:
     """Make the simulated world of a case. InputError: the parameters conflict.
 
     Args:
-        parameters: of the case.
-        seed: of the world's noise.
+        parameters: parameters of the case.
+        seed: seed of the world's noise.
     """
     data = load_scenario(parameters["scenario"]).model_dump()
     data["object"]["law"] = parameters["law"]
@@ -179,7 +179,7 @@ def world(parameters: Mapping[str, Any], seed: int) -> Scenario:
 
 
 def contact_channel(samples: Samples) -> ChannelData:
-    """Return the contact with its force in free air subtracted; `InputError` if nothing was touched.
+    """Return the contact with its force in free air subtracted; raise `InputError` if nothing was touched.
 
     Args:
         samples: ticks of a probing.
@@ -194,7 +194,7 @@ def estimators_for(model: str) -> list[str]:
     """Return the names of estimators that suit a contact model.
 
     Args:
-        model: its name.
+        model: name of the model.
     """
     return [*ESTIMATORS, *(name for name, each in CONTACT_ESTIMATORS.items() if each.model == model)]
 
@@ -282,8 +282,8 @@ def ransac_errors(parameters: Mapping[str, Any], seed: int) -> list[Row]:
     samples are off by up to the largest force; the bound is that of the samples without them.
 
     Args:
-        parameters: of the case.
-        seed: of all that is random.
+        parameters: parameters of the case.
+        seed: seed of all that is random.
     """
     ticks, scenario = probed(parameters, seed)
     truth, channel = truth_of(scenario), contact_channel(ticks)

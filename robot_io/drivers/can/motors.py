@@ -97,7 +97,7 @@ class MotorBus(JointBus, Examinable):
 
     @abstractmethod
     def _switch_off(self) -> None:
-        """Take the torque off all motors, on a line that is open. DeviceError: one did not confirm."""
+        """Switch off the torque of all motors on an open line; raise `DeviceError` if one did not confirm."""
 
     @abstractmethod
     def _take(self, frame: CanFrame, at_s: float) -> bool:
@@ -256,7 +256,7 @@ class MotorBus(JointBus, Examinable):
         self.torque = Reading(np.array(self._torque_nm), torque_at_s, torque)
 
     def _send_all(self, frames: Sequence[CanFrame]) -> None:
-        """Send every frame, even after a failure. DeviceError: some could not be sent."""
+        """Send every frame, even after a failure; raise `DeviceError` if some could not be sent."""
         failures: list[DeviceError] = []
         for frame in frames:
             try:
@@ -476,7 +476,7 @@ class AskedMotorBus(MotorBus, Generic[StateType]):
             raise DeviceError(f"{self.line.label}: {problem} {', '.join(missing())}{twins}")
 
     def _answered(self, frames: list[CanFrame]) -> None:
-        """Send one frame to each motor and wait for the answers. DeviceError: a motor is silent."""
+        """Send one frame to each motor and wait for the answers; raise `DeviceError` if a motor is silent."""
         self._answers = [0] * self.joint_count
         self._send_all(frames)
         if not self._wait_for(lambda: all(self._answers), ANSWER_S):

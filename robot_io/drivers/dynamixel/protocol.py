@@ -160,7 +160,7 @@ class DynamixelDialect(ServoDialect):
         """Read the same bytes of several servos, which make one packet together; see `FastReply`.
 
         Args:
-            address: of the first byte.
+            address: address of the first byte.
             size: bytes from each servo.
             servo_ids: in the order of their parts.
 

@@ -286,7 +286,7 @@ class DynamixelLine(ServoLine):
             self.registers.settle(servo_id, tables.OPERATING_MODE, mode, keeps=True)
 
     def switch_on(self) -> None:
-        """Torque on, at zero. DeviceError: a servo refused, with its hardware error if it has one."""
+        """Switch the torque on, at zero; raise `DeviceError`, with any hardware error, if a servo refused."""
         for servo_id in self.ids:
             self.registers.settle(servo_id, tables.GOAL_CURRENT, 0)
         for servo_id in self.ids:

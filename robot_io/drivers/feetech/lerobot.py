@@ -46,7 +46,7 @@ class LerobotMotor(FileModel):
         """Write the servo's line in `servos` of a robot file.
 
         Args:
-            model: of the servo, by its maker's name.
+            model: model of the servo, by its maker's name.
 
         Returns:
             The line.
@@ -76,7 +76,7 @@ def read_calibration(path: Path) -> dict[str, LerobotMotor]:
     InputError: it cannot be read, or is no such file; with the first thing that is wrong.
 
     Args:
-        path: of the file.
+        path: path of the file.
 
     Returns:
         The joints, by LeRobot's names.
@@ -91,7 +91,7 @@ def main(arguments: list[str]) -> int:
     """Print a line of a robot file for each joint.
 
     Args:
-        arguments: of the command, the path of a calibration file.
+        arguments: arguments of the command, the path of a calibration file.
 
     Returns:
         Exit code: 0, or 2 for bad input.

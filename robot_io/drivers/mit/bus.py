@@ -99,7 +99,7 @@ class MitBus(AskedMotorBus[MitState]):
         return [self._frames.order(motor.motor_id, order) for motor in self._motors]
 
     def _register(self, joint: int, register: MotorRegister, value: float | None = None) -> float:
-        """Return a register's value, after setting it to `value` if given. DeviceError: no answer."""
+        """Set a register if `value` is given, and return its value; raise `DeviceError` on no answer."""
         motor_id = self._motors[joint].motor_id
         write = [] if value is None else [self._frames.write_register(motor_id, register, value)]
         self._register_asked, self._register_values = (joint, register), []

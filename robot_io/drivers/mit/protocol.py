@@ -70,7 +70,7 @@ def encode_torque(motor_id: int, torque_nm: float, ranges: MitRanges) -> tuple[C
     Args:
         motor_id: id of the receiver.
         torque_nm: at the output shaft [N m].
-        ranges: of the motor's model.
+        ranges: ranges of the motor's model.
 
     Returns:
         The frame, and the torque after rounding [N m].
@@ -91,7 +91,7 @@ def decode_state(frame: CanFrame, ranges: MitRanges, *, status_beside_id: bool =
 
     Args:
         frame: the received frame.
-        ranges: of the motor's model.
+        ranges: ranges of the motor's model.
         status_beside_id: whether a status stands above the id.
 
     Returns:
@@ -216,7 +216,7 @@ class MitFrames:
         Args:
             motor_id: id of the receiver.
             torque_nm: at the output shaft [N m].
-            ranges: of the motor's model.
+            ranges: ranges of the motor's model.
 
         Returns:
             The frame, and the torque after rounding [N m].
@@ -227,7 +227,7 @@ class MitFrames:
         """Return the id of the motor that answers a frame of the host's with its state; None if none does.
 
         Args:
-            frame: of the host.
+            frame: frame of the host.
         """
         return None if frame.can_id == REGISTERS_ID else frame.can_id
 
@@ -247,7 +247,7 @@ class MitFrames:
 
         Args:
             frame: the received frame.
-            ranges: of the motor's model.
+            ranges: ranges of the motor's model.
 
         Returns:
             The motor's state.

@@ -59,7 +59,7 @@ def pattern_stream(pattern: str, unit: str | None, scale: float, largest_n: floa
 
     Args:
         pattern: regular expression of a line.
-        unit: of lines that name none, or None.
+        unit: unit of lines that name none, or None.
         scale: factor on a value.
         largest_n: largest force that is a reading [N].
 
@@ -108,7 +108,7 @@ class ForceLines(SerialForceSensor):
     _own: ForceLinesSettings
 
     def configure(self) -> None:
-        """Start to listen. DeviceError: the port failed."""
+        """Start to listen; raise `DeviceError` if the port failed."""
         own = self._own
         stream = pattern_stream(own.pattern, own.unit, own.scale, 1e9)
         self._bus.listen(stream, own.capacity_n)
@@ -211,7 +211,7 @@ class Loadstar(SerialForceSensor, Examinable):
     _own: LoadstarSettings
 
     def configure(self) -> None:
-        """Check model, unit and capacity, and start the stream. DeviceError: no answer, or another device."""
+        """Check model, unit and capacity; start the stream; raise `DeviceError` on no or a wrong answer."""
         # End a stream that may still run; then it answers to a ping.
 
         def is_yes(line: bytes) -> bool | None:
@@ -238,7 +238,10 @@ class Loadstar(SerialForceSensor, Examinable):
         self._bus.write(STREAM)
 
     def _ask(self, question: bytes, *, may_be_yes: bool = False) -> str:
-        """Return the answer; an unexpected "yes" is a late answer to the ping. DeviceError: none, or a no."""
+        """Return the answer; raise `DeviceError` on no or a negative answer.
+
+        An unexpected "yes" is a late answer to the ping, and is skipped.
+        """
 
         def take(line: bytes) -> str | None:
             text = text_of(line)
@@ -286,7 +289,7 @@ class Mark10Stream(LineStream):
     """Readings in one unit, as the gauge writes it; a switch to another unit is a complaint.
 
     Readings above twice the gauge's capacity [N] are rejected. The model is the answer to the poll's marker,
-    and readings before it are left out. ProtocolError: the unit is no unit of force.
+    and readings before it are left out; raise `ProtocolError` if the unit is no unit of force.
     """
 
     def __init__(self, unit: str, capacity_n: float, model: str, poll: Poll) -> None:
@@ -343,7 +346,7 @@ class Mark10(SerialForceSensor, Examinable):
     _own: Mark10Settings
 
     def configure(self) -> None:
-        """Configure and identify the gauge. DeviceError: no answer, an error, or no unit of force."""
+        """Configure and identify the gauge; raise `DeviceError` on an error or without a unit of force."""
         self._ask(SIGNS + ASK, "an answer", but=_ERROR)
         model = self._ask(SET_UP + ASK_GAUGE_MODEL, "its model", but=_READING)
         line = self._ask(ASK, "a reading")
@@ -357,7 +360,7 @@ class Mark10(SerialForceSensor, Examinable):
         self._bus.listen(stream, self._own.capacity_n, poll=poll)
 
     def _ask(self, commands: bytes, what: str, but: re.Pattern[str] | None = None) -> str:
-        """The first line of an answer that is none of `but`. DeviceError: none came, or an error."""
+        """Return the first answer line that is not in `but`; raise `DeviceError` on an error or no line."""
 
         def take(line: bytes) -> str | None:
             with suppress(ProtocolError):

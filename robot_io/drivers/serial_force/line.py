@@ -153,7 +153,7 @@ class SerialReader:
                 self.failure = f"the port failed ({error})"
 
     def _receive(self) -> list[bytes]:
-        """Return received bytes in the portions for the stream. EOFError: the port is gone."""
+        """Return received bytes in the portions for the stream; raise `EOFError` if the port is gone."""
         data = os.read(self._file_descriptor, 65536)
         if not data:
             raise EOFError
@@ -450,7 +450,7 @@ class SerialLine(ForceLine):
         return self._own.baud_rate
 
     def configure(self) -> None:
-        """Open the port. DeviceError: it is not there, not permitted, or in use."""
+        """Open the port; raise `DeviceError` if it is not there, not permitted, or in use."""
         self._port = open_exclusively(self._own.port, self._own.baud_rate, _WRITE_S)
         self._port.reset_input_buffer()
 

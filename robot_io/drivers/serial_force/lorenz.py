@@ -67,7 +67,7 @@ def checksums(content: bytes) -> tuple[int, int]:
     """Compute checksum and weighted checksum of all between STX and themselves.
 
     Args:
-        content: of a telegram, between STX and the checksums.
+        content: content of a telegram, between STX and the checksums.
 
     Returns:
         Both, each from 0 to 255.
@@ -154,7 +154,7 @@ def encode_start_stream(address: int, rate_hz: int) -> bytes:
     """Ask for an endless stream of channel A.
 
     Args:
-        address: of the sensor.
+        address: address of the sensor.
         rate_hz: samples a second [Hz].
 
     Returns:
@@ -173,7 +173,7 @@ def decode_header_block(parameters: Sequence[int]) -> SensorHeader:
     """The block "rotor header" as READ_CONFIG answers it: its number, and the block with own checksums.
 
     Args:
-        parameters: of the answer to READ_CONFIG.
+        parameters: parameters of the answer to READ_CONFIG.
 
     Returns:
         The header.

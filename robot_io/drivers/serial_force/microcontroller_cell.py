@@ -167,7 +167,7 @@ class MicrocontrollerCell(SerialForceSensor, Examinable):
     _own: MicrocontrollerCellSettings
 
     def configure(self) -> None:
-        """Identify the cell, and listen. DeviceError: no answer, another protocol or another rate."""
+        """Identify the cell and listen; raise `DeviceError` on no answer or another protocol or rate."""
         own = self._own
         for _ in range(_QUESTIONS):
             words = self._ask_line(WHO, _identity, _ANSWER_S)

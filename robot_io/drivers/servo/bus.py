@@ -61,7 +61,7 @@ class ServoBus(JointBus, Examinable):
 
     @abstractmethod
     def _examine_servo(self, servo_id: int, label: str) -> list[Finding]:
-        """Read the identity of a servo. DeviceError: it no longer answers, or the port failed."""
+        """Read the identity of a servo; raise `DeviceError` if it no longer answers, or the port failed."""
 
     @abstractmethod
     def _prepare_feedback(self) -> FeedbackReader[Any]:
@@ -172,7 +172,7 @@ class ServoBus(JointBus, Examinable):
         return self._joints.motion(counts)
 
     def stage(self, torque_nm: FloatArray) -> FloatArray:
-        """See `JointBus.stage`. InputError: a torque is not a number."""
+        """See `JointBus.stage`; raise `InputError` if a torque is not a number."""
         if not self._powered:
             raise LifecycleError("the drives are off: activate them before the first command")
         wanted_nm = np.asarray(torque_nm, dtype=np.float64).tolist()

@@ -189,7 +189,7 @@ class RegisterAccess:
 
         Args:
             servo_id: which servo.
-            address: of the first byte.
+            address: address of the first byte.
             data: the bytes.
             what: description for errors.
         """
@@ -333,10 +333,10 @@ class ServoLine(ABC):
 
     @abstractmethod
     def switch_on(self) -> object:
-        """Torque on, at zero. DeviceError: a servo refused."""
+        """Torque on, at zero; raise `DeviceError` if a servo refused."""
 
     def switch_off(self) -> None:
-        """Switch the torque off, and ask every servo until it confirms. DeviceError: some did not, by id."""
+        """Switch the torque off until every servo confirms; raise `DeviceError` with the ids that did not."""
         still_on, problem = list(self.ids), ""
         off = self.torque_enable.encode(0)
         for _ in range(_SWITCH_OFF_ATTEMPTS):
@@ -366,7 +366,7 @@ class ServoLine(ABC):
         return Survey(Counter({servo_id: answers for servo_id, (answers, _) in counts.items()}), damaged)
 
     def _check_all_there(self) -> None:
-        """Ping all servos. DeviceError: some do not answer, or answer twice; names all of them."""
+        """Ping all servos; raise `DeviceError` if some do not answer, or answer twice; names all of them."""
         answers, damaged = self.survey(self.registers)
         missing = [servo_id for servo_id in self.ids if not answers[servo_id]]
         if missing:

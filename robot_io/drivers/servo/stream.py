@@ -33,7 +33,7 @@ class PacketStream(ABC, Generic[PacketType]):
 
     @abstractmethod
     def _decode(self, packet: bytes) -> PacketType | None:
-        """Decode a packet; None if it is to be ignored. ProtocolError: it is invalid."""
+        """Decode a packet; None if it is to be ignored; raise `ProtocolError` if it is invalid."""
 
     def _is_suspect(self, packet: bytes) -> bool:
         """Whether to count a sequence that is no packet as rejected."""
@@ -88,7 +88,7 @@ class ServoDialect(ABC):
 
     @abstractmethod
     def _packet(self, servo_id: int, instruction: int, parameters: bytes) -> bytes:
-        """An instruction packet. ProtocolError: it would be too long."""
+        """An instruction packet; raise `ProtocolError` if it would be too long."""
 
     @abstractmethod
     def sync_write_block(self, address: int, size: int, block: bytes) -> bytes:
@@ -156,7 +156,7 @@ class ServoDialect(ABC):
 
         Args:
             servo_id: of the servo.
-            address: of the first byte.
+            address: address of the first byte.
             size: number of bytes.
 
         Returns:
@@ -169,7 +169,7 @@ class ServoDialect(ABC):
 
         Args:
             servo_id: of the servo.
-            address: of the first byte.
+            address: address of the first byte.
             data: the bytes.
 
         Returns:
@@ -181,7 +181,7 @@ class ServoDialect(ABC):
         """Read the same bytes of several servos; each answers with its own packet, in this order.
 
         Args:
-            address: of the first byte.
+            address: address of the first byte.
             size: bytes from each servo.
             servo_ids: in the order of the answers.
 
