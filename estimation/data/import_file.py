@@ -498,9 +498,9 @@ def mistaken_scale(
     """Return the ratio of a measured velocity to the slope of the position if it is wrong, else None.
 
     The function compares changes of position with integrals of the velocity over the time span at which they
-    correlate most. Long spans reduce the influence of encoder steps and noise, short spans that of the
-    integrated velocity error. The result is None for a joint at rest. Spans across a pause in sampling are
-    excluded.
+    correlate most. Long spans reduce the influence of encoder steps and noise. Short spans reduce the
+    influence of the integrated velocity error. The result is None for a joint at rest. Spans across a pause
+    in sampling are excluded.
 
     Args:
         time_s: times, shape (n,) [s].

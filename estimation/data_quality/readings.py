@@ -87,7 +87,7 @@ def saturated(data: ChannelData) -> str | None:
 
 
 def at_lower_end(data: ChannelData) -> BoolArray:
-    """Return the mask (n,) of contact readings at the sensor's lower limit, if free air is below that limit.
+    """Return the mask (n,) of contact readings at a lower limit of the sensor above the force in free air.
 
     Such readings have one value other than zero, with noise above it. A dead band reads zero instead. A
     coarse sensor, or data without noise, may also show a single reading in free air; neither is selected.
