@@ -56,6 +56,16 @@ _FILES = {
 }
 
 
+# Endings that a file may have whose content other programs recognise by them.
+_ENDINGS = {
+    Format.SCENARIO: (".yaml", ".yml"),
+    Format.MJCF: (".xml", ".mjcf"),
+    Format.URDF: (".urdf", ".xml"),
+    Format.ISAACLAB: (".py",),
+    Format.BAM: (".json",),
+}
+
+
 class _Export(NamedTuple):
     """Result of an export."""
 
@@ -255,7 +265,7 @@ def export_scenario(
     Raises:
         InputError: there is no such revision, or the file cannot be written.
     """
-    output_file(path, force=force, keep=[data.file])
+    output_file(path, force=force, keep=[data.file], endings=_ENDINGS[Format.SCENARIO])
     before = len(study.revisions)
     kept = study.to_export(revisions)
     if len(study.revisions) > before:
@@ -318,7 +328,7 @@ def export_joints(  # noqa: PLR0917, what was typed
         content = {name: str(file) for name, file in files}
         used, left_out = made.used, made.left_out
     else:
-        output_file(path, force=force, keep=[data.file])
+        output_file(path, force=force, keep=[data.file], endings=_ENDINGS[form])
         written = study.export_simulator(path, form.value, patch, list(revisions))
         files = [(form.value, file) for file in written.files]
         content = {"format": form.value, "files": [str(file) for file in written.files]}
@@ -364,7 +374,7 @@ def report_command(
     Raises:
         InputError: the data cannot be used, or the page cannot be written.
     """
-    path = output_file(out, force=force or is_own_page(out), keep=[data.file])
+    path = output_file(out, force=force or is_own_page(out), keep=[data.file], endings=(".html", ".htm"))
     study = data.study(model, folder_to_read(data.file, folder))
     with console.stderr().status("fitting and drawing"):
         study.report(path, [f"palpate report {data.typed(model=model, folder=folder)}"])

@@ -65,7 +65,7 @@ def add_command(
     Raises:
         InputError: the data cannot be used, an effect does not apply, or a file cannot be written.
     """
-    folder = folder_to_fill(data.file, out, NAMES, force=force)
+    folder = output_folder(folder_to_fill(data.file, out, NAMES, force=force))
     study = data.study(model, folder)
     with console.stderr().status("refitting stage by stage"):
         change = study.add(*effects, channel=channel, start=start, fresh=fresh)
@@ -80,7 +80,7 @@ def add_command(
             if result.added:
                 begun = data.typed(out=out, model=result.channel.model.name, channel=result.channel.name)
                 commands.append(f"palpate add {begun} {' '.join(result.added)} --fresh")
-        written = write_outcome(output_folder(folder), study, results, commands)
+        written = write_outcome(folder, study, results, commands)
     for result in results:
         if result.left_out:
             console.warn(result.reason)

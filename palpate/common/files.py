@@ -7,7 +7,7 @@ to palpate, which overwrites their contents.
 
 import os
 import tempfile
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Collection, Iterable, Iterator, Mapping
 from contextlib import ExitStack, contextmanager
 from pathlib import Path
 
@@ -33,7 +33,9 @@ def existing_file(path: Path, what: str) -> Path:
         InputError: the path does not exist, is not a file, or is not readable.
     """
     if path.is_dir():
-        raise InputError(f"{what} {path}: is a directory, not a file")
+        files = sorted(entry.name for entry in path.iterdir() if entry.is_file())
+        remedy = f"; name a file in it, such as {path / files[0]}" if files else ""
+        raise InputError(f"{what} {path}: is a directory, not a file{remedy}")
     if not path.exists():
         raise InputError(f"{what} {path}: no such file")
     if not path.is_file():
@@ -70,7 +72,9 @@ def open_session(path: Path) -> Session:
         ) from error
 
 
-def output_file(path: Path, *, force: bool | None = None, keep: Iterable[Path] = ()) -> Path:
+def output_file(
+    path: Path, *, force: bool | None = None, keep: Iterable[Path] = (), endings: Collection[str] = ()
+) -> Path:
     """Return the path if a file can be written there, and create its folder.
 
     A folder that is empty when the command ends is removed; see `remove_empty_folders`.
@@ -79,9 +83,12 @@ def output_file(path: Path, *, force: bool | None = None, keep: Iterable[Path] =
         path: path from the user.
         force: whether an existing file may be replaced; None if the command has no such option.
         keep: input files, which are never replaced.
+        endings: endings that the name may have, such as ".html"; empty for any. A name without an ending is
+            accepted.
 
     Raises:
-        InputError: a file exists and may not be replaced, or the folder is not writable.
+        InputError: the name has another ending, a file exists and may not be replaced, or the folder is not
+            writable.
     """
     if path.is_dir():
         raise InputError(f"output {path}: is a directory")
@@ -93,6 +100,8 @@ def output_file(path: Path, *, force: bool | None = None, keep: Iterable[Path] =
             raise InputError(f"output {path}: exists already; {remedy}")
         if not path.is_file():
             raise InputError(f"output {path}: is not a regular file, and is not replaced")
+    if endings and path.suffix and path.suffix.lower() not in endings:
+        raise InputError(f"output {path}: its name must end in {' or '.join(endings)}")
     output_folder(path.parent)
     return path
 

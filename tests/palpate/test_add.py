@@ -1,6 +1,7 @@
 """`palpate add` and `palpate revisions`: stages that can be gone back to."""
 
 import numpy as np
+import pytest
 
 from palpate.study import Study
 from tests.palpate.cli import as_json, assert_refused, done, next_commands, run
@@ -61,6 +62,13 @@ def test_what_cannot_be_added_is_refused_and_nothing_is_kept(hardening, tmp_path
     folder = tmp_path / "none"
     assert_refused(run("add", hardening, "cubic_stifness", "--out", folder), "cubic_stiffness")
     assert not folder.exists()
+
+
+def test_where_nothing_can_be_kept_nothing_is_fitted(hardening, monkeypatch):
+    monkeypatch.setattr("palpate.study.Study.add", lambda *_, **__: pytest.fail("fitted"))
+    assert_refused(
+        run("add", hardening, "bias", "--out", "/proc/palpate"), "/proc/palpate", "cannot be written"
+    )
 
 
 def test_ones_own_effect_is_run_again_only_if_one_says_so(hardening, tmp_path):

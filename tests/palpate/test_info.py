@@ -77,6 +77,12 @@ def test_of_a_data_file_it_is_said_how_to_import_it(hardening):
 
 def test_a_directory_is_refused(tmp_path):
     assert_refused(run("info", tmp_path), "is a directory")
+    (tmp_path / "second.mcap").touch()
+    (tmp_path / "first.mcap").touch()
+    assert_refused(
+        run("info", tmp_path), f"is a directory, not a file; name a file in it, such as {tmp_path}"
+    )
+    assert_refused(run("info", tmp_path), "first.mcap")
 
 
 def test_events_are_told_from_the_start_and_not_from_the_machines(tmp_path):

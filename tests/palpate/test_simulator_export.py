@@ -216,7 +216,7 @@ def swinging(tmp_path_factory):
 
 def exported(swinging, form, *options):
     data, folder = swinging
-    out = folder / f"out.{form}"
+    out = folder / {"isaaclab": "out.py", "bam": "out.json"}.get(form, f"out.{form}")
     said = as_json(
         "export", data, "--folder", folder / "study", "--format", form, "-o", out, "--force", *options
     )
