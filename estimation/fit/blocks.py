@@ -146,7 +146,7 @@ class BlockedData:
         def on_blocks() -> FloatArray:
             signal = compute(beside.moved(self.data, parameters))
             for sensor in beside.sensors:
-                if not sensor.pointwise:
+                if not sensor.pointwise and signal.size:  # an effect without gains has no columns
                     signal = sensor.sense(signal, self.data, own(sensor, parameters))
             return self.reduce(signal)
 

@@ -101,7 +101,10 @@ def shift(signal: FloatArray, time_s: FloatArray, run: IntArray, delay_s: float)
     step_s = sample_time(time_s, run)
     if not is_even(time_s, run):
         matrix = _known_interpolation(IdentityKey(time_s), IdentityKey(run), delay_s)
-        return np.stack([matrix @ column for column in np.atleast_2d(signal.T)]).T.reshape(signal.shape)
+        shifted = np.empty_like(signal)
+        for column, result in zip(np.atleast_2d(signal.T), np.atleast_2d(shifted.T), strict=True):
+            result[:] = matrix @ column
+        return shifted
     newest = int(np.ceil(delay_s / step_s)) - 2  # age of the newest of the four samples
     weights = _cubic_weights(np.arange(4.0)[None, :], np.array([delay_s / step_s - newest]))[0]
     shifted = sum(weight * np.roll(signal, newest + i, axis=0) for i, weight in enumerate(weights.tolist()))

@@ -234,3 +234,9 @@ def test_a_sharp_yield_is_an_elastic_spring_that_slips():
 )
 def test_blocks_are_stretches_of_equal_values(values, expected):
     assert [(rows.start, rows.stop) for rows in blocks(np.array(values, int))] == expected
+
+
+@pytest.mark.parametrize("uneven", [False, True])
+def test_a_shift_keeps_the_shape_of_a_signal_without_columns(uneven):
+    time_s = TIME + (0.3 * (TIME[1] - TIME[0]) * (np.arange(len(TIME)) % 2) if uneven else 0.0)
+    assert shift(np.empty((len(TIME), 0)), time_s, ONE_RUN, 0.105).shape == (len(TIME), 0)

@@ -6,9 +6,10 @@ import numpy as np
 import pytest
 
 from palpate.estimation.channel import ChannelData, ChannelKind
+from palpate.estimation.effect import AdditiveEffect
 from palpate.estimation.effects import EFFECTS
 from palpate.estimation.fit.blocks import block_average, block_length, decimate, merge_blocks
-from palpate.estimation.fit.fit_problem import FitProblem, columns_at
+from palpate.estimation.fit.fit_problem import FitProblem, columns_at, solve_gains
 from palpate.estimation.fit.normal_equations import WHITE
 from palpate.estimation.model import Model
 from tests.estimation.presses import kelvin_voigt
@@ -263,3 +264,25 @@ def test_columns_at_the_full_rate_are_known_on_the_measured_motion_only():
     first = blocked.at_full_rate(coulomb, blocked.data, inner)
     assert blocked.at_full_rate(coulomb, blocked.data, inner) is first
     np.testing.assert_allclose(blocked.at_full_rate(coulomb, moved, inner), -first)
+
+
+class _Known(AdditiveEffect):
+    """A torque that is known, as that of a rigid body from a URDF: it has no gain."""
+
+    name = "known"
+
+    def columns(self, data, inner):
+        return np.empty((len(data), 0))
+
+    def known(self, data, inner):
+        return np.sin(3.0 * data.time_s)
+
+
+@pytest.mark.parametrize("sensor", ["delay", "lag"])
+def test_an_effect_without_gains_passes_through_a_sensor(sensor):
+    blocked = block_average(swings(1, runs=2))
+    model = Model("m", (EFFECTS["inertia"](), _Known(), EFFECTS[sensor]()))
+    parameters = {**dict.fromkeys(model.gains, 0.0), **dict.fromkeys(model.inner, 0.02)}
+    solution = solve_gains(FitProblem(blocked, WHITE), model, parameters)
+    expected = blocked.effort - blocked.reduce(model.predict(blocked.data, solution.parameters))
+    np.testing.assert_allclose(solution.residual, expected, atol=1e-9)
