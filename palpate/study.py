@@ -41,9 +41,9 @@ TIP_FRAME = "tip"
 
 @speaks_python
 class Study(ModelStudy):
-    """Compare models with a measurement, find what is missing, add it, and go back.
+    """Compare models with a measurement, find missing effects, and add or remove them.
 
-    Of a file, revisions and diagnosis are kept in the folder of its name, where the commands keep theirs.
+    Revisions and diagnosis of a file are saved in the folder of its name, which the commands use as well.
 
     >>> import numpy as np
     >>> rng, t = np.random.default_rng(1), np.arange(0, 1, 0.002)
@@ -73,25 +73,25 @@ class Study(ModelStudy):
     Args:
         data: path of a session or data file, or of a folder of them; a list of data files; a table (pandas,
             pyarrow, or a dict of arrays); or channels.
-        model: base model; None for what suits each channel.
+        model: base model; None to choose one for each channel.
         columns: roles of a table's columns; see `palpate.estimation.data.import_options.ImportOptions` for
             this and the next six.
-        units: such as {"force": "mN"}.
-        where: only rows with this text in a column.
-        context: further columns of numbers to keep.
-        fresh: each run met an object that was never pressed before.
-        runs: how many presses a recording of several holds; None to find them.
+        units: units by quantity, such as {"force": "mN"}.
+        where: text by column; other rows are dropped.
+        context: further numeric columns to keep.
+        fresh: whether each run pressed an object that was never pressed before.
+        runs: number of presses in a recording; None to detect it.
         table: sheet, or line of the header, of another table than the file's longest.
-        arm: what the channels belong to: an `Arm`, or the path of a URDF; its tip is its link "tip", or the
-            last one.
-        effects: of your own, beside palpate's: objects, or "my_effects.py:MyEffect".
-        folder: where revisions and the diagnosis are kept; None for the usual place.
+        arm: arm of the channels: an `Arm`, or the path of a URDF whose tip is the link "tip", or else the
+            last link.
+        effects: your own effects: objects, or "my_effects.py:MyEffect".
+        folder: folder of revisions and diagnosis; None for the usual one.
         keep: False to keep them in memory only.
-        held_out: numbers of runs that nothing is fitted to, and on which alone `compare` and `add` judge
-            models; `diagnose` and `estimate` leave them out. Without any, each run is judged by the others.
+        held_out: numbers of runs excluded from fitting, on which alone `compare` and `add` score models;
+            `diagnose` and `estimate` ignore them. If empty, each run is predicted from a fit to the others.
 
     Raises:
-        InputError: the data cannot be used, or the model does not describe it.
+        InputError: the data cannot be used, or the model does not apply to them.
     """
 
     def __init__(
@@ -151,7 +151,7 @@ class Study(ModelStudy):
             self._try_out(text, effect)
 
     def _try_out(self, text: str, effect: Effect) -> None:
-        """Refuse an effect of the user's own that fails on a channel, or does nothing on any."""
+        """Raise an error if a user's effect fails on a channel, or changes nothing on any."""
         try:
             with foreign_code(f"effect '{effect.name}'", LIMIT_S):
                 acts = {channel.name: rehearse(effect, channel.data) for channel in self.channels}
@@ -185,19 +185,19 @@ class Study(ModelStudy):
     def workbench(self, port: int = 0, *, browser: bool = True) -> PageAddress:
         """Open the workbench on this study; it runs until this program or notebook ends.
 
-        Page and program share the study: a revision that one of them makes is there for the other.
+        Page and program share the study, including all revisions.
 
         Args:
-            port: on this machine; 0 takes any free one.
-            browser: open it in a browser, too.
+            port: port on this machine; 0 for any free port.
+            browser: whether to open the page in a browser.
 
         Returns:
-            The address; a notebook shows it as a link.
+            Address of the page; a notebook shows it as a link.
 
         Raises:
             InputError: the port is taken, a page is open already, or the workbench is not installed.
         """
-        # Imported here because the page imports this class, and takes seconds to import.
+        # Imported here because the page imports this class and is slow to import.
         try:
             server = import_module("palpate.workbench.server")
         except ModuleNotFoundError as error:
@@ -226,8 +226,8 @@ class Study(ModelStudy):
 
         Args:
             path: the scenario file, replaced if it exists.
-            revisions: one number or several; by default each channel's newest of this data, and the contact's
-                base model where nothing was added to that.
+            revisions: one or several revision numbers; by default each channel's newest revision of these
+                data, or the contact's base model if it has no revision.
 
         Raises:
             InputError: a revision is of other data, several are of one place, there is nothing to write, or
@@ -245,12 +245,12 @@ class Study(ModelStudy):
 
         Args:
             path: the table, replaced if it exists; the functions have its name and end in .py and .c.
-            revisions: one number or several; by default each joint's newest of this data, and the base model
-                of joints to which nothing was added.
+            revisions: one or several revision numbers; by default each joint's newest revision of these data,
+                or its base model if it has no revision.
 
         Raises:
-            InputError: no channel is a joint, a revision is not of one or of other data, several are of one
-                joint, or a file cannot be written.
+            InputError: no channel is a joint, a revision is not of a joint or is of other data, several are
+                of one joint, or a file cannot be written.
         """
         place = _path(path, "feedforward")
         fitted, failures = self._fitted_joints(revisions, "a feedforward")
@@ -269,11 +269,11 @@ class Study(ModelStudy):
         """Write friction, rotor, spring, payload and gravity of joints for another simulator.
 
         Args:
-            path: the file, replaced if it exists, but not where it is `patch`. For BAM it is of one servo:
-                of several joints each has its own, with the joint in its name.
+            path: the file, replaced if it exists; it must not be `patch`. A BAM file describes one servo; for
+                several joints, each gets its own file with the joint in its name.
             target: "mjcf", "urdf", "isaaclab" or "bam".
-            patch: file of the user into which values are written: of a MJCF needed, of a URDF by default the
-                arm's, of BAM a parameter file of the motor. It is only read.
+            patch: the user's file whose values are replaced in the output; it is only read. Required for
+                MJCF; for URDF the default is the arm's; for BAM, a parameter file of the motor.
             revisions: as for `export_feedforward`.
 
         Raises:
@@ -389,21 +389,21 @@ def arm_from_urdf(path: Path, tip_frame: str | None = None) -> Arm:
 
     Args:
         path: the file.
-        tip_frame: the tip's frame; None for "tip", and where there is no such link for the last one.
+        tip_frame: frame of the tip; None for the link "tip", or else the last link.
 
     Raises:
-        InputError: the file does not exist, is no URDF, or has no such frame.
+        InputError: the file does not exist, is not a URDF, or has no such frame.
     """
     existing_file(path, "URDF")
     chosen = tip_frame or TIP_FRAME
     if tip_frame is None:
-        with suppress(OSError, ValueError):  # `RigidBody` says why it is no URDF
+        with suppress(OSError, ValueError):  # `RigidBody` reports why the file is not a URDF
             robot = parse_urdf(read_text(path))
             if TIP_FRAME not in {link.get("name") for link in robot.findall("link")}:
                 chosen = last_link(robot) or TIP_FRAME
     note = f"{path}: no link is called '{TIP_FRAME}'; its last one, '{chosen}', is taken: see --tip-frame"
     notes = () if tip_frame is not None or chosen == TIP_FRAME else (note,)
-    RigidBody.from_urdf(path, chosen)  # also where no model asks for it
+    RigidBody.from_urdf(path, chosen)  # checked even if no model needs it
     return Arm(read_text(path), chosen, str(path), notes=notes)
 
 

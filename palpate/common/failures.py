@@ -48,9 +48,8 @@ class OneLineGroup(TyperGroup):
         except typer.Abort:
             sys.exit(report("interrupted", INTERRUPTED, as_json=as_json))
         except Exception as error:
-            if isinstance(
-                error.__cause__, KeyboardInterrupt
-            ):  # Python 3.11 wraps it if it occurs while a class is created
+            # Python 3.11 wraps it if it occurs while a class is created.
+            if isinstance(error.__cause__, KeyboardInterrupt):
                 sys.exit(report("interrupted", INTERRUPTED, as_json=as_json))
             sys.exit(report_error(error, as_json=as_json))
         finally:
@@ -94,9 +93,8 @@ def report_error(error: Exception, *, as_json: bool = False) -> int:
             text = f"a library of the system is missing ({error}); {remedy}"
     # A full or failing disk may be the cause, rather than the input.
     cause: BaseException | None = error
-    while cause is not None and not isinstance(
-        cause, OSError | DeviceError
-    ):  # a failed line is no disk error
+    # A failed line is no disk error.
+    while cause is not None and not isinstance(cause, OSError | DeviceError):
         cause = cause.__cause__
     is_disk_full = isinstance(cause, OSError) and cause.errno in _NO_ROOM
     return report(text, DISK_FULL if is_disk_full else code, as_json=as_json)

@@ -161,9 +161,8 @@ def spare_files(folder: Path, names: Iterable[str], *, force: bool, keep: Iterab
 def different_files(*paths: Path | None) -> None:
     """Raise `InputError` if two outputs are the same file."""
     named = [path for path in paths if path is not None]
-    places = [
-        os.path.realpath(path) for path in named
-    ]  # unlike Path.resolve, realpath accepts circular links
+    # Unlike Path.resolve, realpath accepts circular links.
+    places = [os.path.realpath(path) for path in named]
     for number, path in enumerate(named):
         if places[number] in places[:number]:
             raise InputError(f"output {path}: is given twice; give each output its own name")

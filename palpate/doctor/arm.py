@@ -62,9 +62,8 @@ def examine_arm(check: ArmCheck) -> Iterator[Finding]:
         drivers = DriverCatalogue(SIMULATED_DRIVERS, *check.drivers)
         gains_of(check.robot_file)  # checked because every run needs them
         calibrations = load_calibrations(check.robot_file, emulated=check.wired)
-        build_robot(
-            check.robot_file, drivers, SimulatedClock(), calibrations
-        )  # raises if the robot file is not valid
+        # Raises if the robot file is not valid.
+        build_robot(check.robot_file, drivers, SimulatedClock(), calibrations)
         clock, robot_file, hand = _set_up(check, stack)
         body = RigidBody.of_robot(check.robot_file, calibrations)
         make = partial(build_robot, robot_file, drivers, clock, calibrations)

@@ -1,9 +1,8 @@
 """Candidate experiments of a probing arm, and their rehearsal in simulation.
 
-A rehearsal is the task that the robot runs, with its own checks and the force law that reacts to the
-object, so a plan that the arm cannot do is refused here as it would be there. The arm has the masses of its
-URDF and lags behind as under the robot's controller: one that turned round at once would promise to show
-what no arm shows. No device is opened.
+A rehearsal runs the robot's own task with its checks and its force law, so it rejects a plan that the arm
+cannot do. The simulated arm has the masses of its URDF and the lag of the robot's controller; without that
+lag a rehearsal would predict motions that no real arm makes. No device is opened.
 """
 
 import math
@@ -30,10 +29,10 @@ from palpate.robot_io.session import Samples
 from palpate.robot_io.types import FloatArray, Measurement, Status
 
 _FORCE_MARGIN = 1.2  # factor by which a press stays below the guard's force
-_TILT_RAD = 0.35  # of the tool in the arm's plane
-_BESIDE_M = 0.1  # to another place of the surface
+_TILT_RAD = 0.35  # tilt of the tool in the arm's plane
+_BESIDE_M = 0.1  # distance to another place on the surface
 _ROOM_M = 0.03  # search depth beyond the expected surface at another place
-_SHARED = ("speeds_m_s", "hold_s")  # of which two experiments take what serves both
+_SHARED = ("speeds_m_s", "hold_s")  # settings that two combined experiments can share
 _ELSEWHERE = frozenset({"press_direction_world", "targets_world_m"})
 Settings = dict[str, Any]
 
@@ -48,7 +47,7 @@ class CandidatePlan:
 
     @property
     def is_elsewhere(self) -> bool:
-        """Whether it presses another place of the object, or in another direction."""
+        """Whether the plan presses another place of the object, or in another direction."""
         return not _ELSEWHERE.isdisjoint(self.settings)
 
 
@@ -56,7 +55,7 @@ def candidates(before: ProbingPlan, robot_file: RobotFile, place_world_m: FloatA
     """Return all experiments with a valid plan; the rehearsal checks whether the arm can do them.
 
     Args:
-        before: the plan that was run first: targets and what is not changed stay.
+        before: the plan that was run first; its targets and all unchanged settings stay.
         robot_file: whose guard limits the force.
         place_world_m: where the surface was touched, shape (3,) [m].
     """
@@ -64,7 +63,7 @@ def candidates(before: ProbingPlan, robot_file: RobotFile, place_world_m: FloatA
     for words, settings in (*_changes(before, robot_file), *_other_places(before, place_world_m)):
         try:
             plans.append(CandidatePlan(words, settings, _plan(before, settings)))
-        except InputError:  # such as an approach that is too short for the speed
+        except InputError:  # for example, an approach that is too short for the speed
             continue
     return plans
 
@@ -128,7 +127,7 @@ def _other_places(before: ProbingPlan, place_world_m: FloatArray) -> Iterator[tu
     lightly = {"speeds_m_s": [0.05], "force_limit_n": before.force_limit_n / 3, "hold_s": 0.3, "repeats": 2}
     lightly |= {"travel_speed_m_s": 0.08}
     for angle in (-2.0 * _TILT_RAD, -_TILT_RAD, _TILT_RAD, 2.0 * _TILT_RAD):
-        # Turned in the vertical plane of the world's x axis, in which the shipped arms move.
+        # The direction turns in the vertical plane of the world's x axis, in which the shipped arms move.
         x, y, z = before.press_direction_world
         cosine, sine = math.cos(angle), math.sin(angle)
         tilted = {"press_direction_world": [cosine * x - sine * z, y, sine * x + cosine * z]}
@@ -156,8 +155,8 @@ class ArmText:
     robot: str  # text of its robot file
     urdf: str  # text of its URDF
     gravity_m_s2: tuple[float, float, float]  # fall acceleration in the axes of its base [m/s^2]
-    # Where these come from, for errors.
-    origin: str = field(compare=False)  # the same arm of another session moves alike
+    # Origin of the texts, for error messages.
+    origin: str = field(compare=False)  # ignored: the same arm moves alike in another session
 
     @property
     def robot_file(self) -> RobotFile:
@@ -177,7 +176,7 @@ class KnownObject:
 
     stiffness_n_m: float  # k [N/m]
     damping_n_s_m: float  # c [N s/m]
-    surface_m: float  # where it begins, along its normal in world coordinates [m]
+    surface_m: float  # position of the surface along its normal, in world coordinates [m]
     normal_world: tuple[float, float, float]  # unit vector into the object
 
     def force_n(self, along_m: float, speed_m_s: float) -> float:
@@ -197,7 +196,7 @@ class Rehearsal:
 
     arm: ArmText  # limits, gains, rate and masses
     plan_json: str  # what is done
-    known: KnownObject  # what is pressed
+    known: KnownObject  # object that is pressed
     start_rad: tuple[float, ...]  # joint positions at the start [rad]
 
 
@@ -225,7 +224,7 @@ def rehearse_all(rehearsals: Sequence[Rehearsal], processes: int = 1) -> Iterato
         try:
             for trial in rehearsals:
                 yield _remembered(trial, coming[trial].result() if trial in coming else known[trial])
-        except BaseException:  # the caller has stopped, or a signal came: do not wait for the others
+        except BaseException:  # the caller stopped or a signal came: do not wait for the other rehearsals
             end_workers(pool)
             raise
 
@@ -288,7 +287,7 @@ def rehearse(rehearsal: Rehearsal) -> Samples:
         )
         lever_m = tip.jacobian_world[:3].T @ normal
         mass = body.mass_matrix(position)
-        if pushed_n:  # the damper pushes back within the step
+        if pushed_n:  # the damper's force also acts within the step
             mass = mass + known.damping_n_s_m * dt_s * np.outer(lever_m, lever_m)
         free = torque - body.bias(position, velocity) - lever_m * pushed_n
         velocity = velocity + dt_s * np.linalg.solve(mass, free)
@@ -296,7 +295,7 @@ def rehearse(rehearsal: Rehearsal) -> Samples:
         time_s += dt_s
     if task.failures:
         raise InputError(task.failures[0])
-    # Ticks with what channels are made of; all devices sample at the same time and are well.
+    # Ticks with the columns that channels need; all devices sample at the same time without faults.
     names = ("time_s", "run", "phase", "joint_position_rad", "torque_measured_nm", "force_n")
     values = zip((*names, "tip_position_world_m"), zip(*rows, strict=True), strict=True)
     columns = {name: np.array(column) for name, column in values}

@@ -39,7 +39,7 @@ from palpate.runs.hidden_effects import SEALED
 from palpate.runs.probing import PLAN
 
 FITTED = 6  # number of the best experiments for which all models are refitted
-PAIRED = 3  # two of these as one experiment, those most informative together
+PAIRED = 3  # number of pairs of these tried as one experiment, the most informative pairs first
 _SEED = 1
 Progress = Callable[[str, float], None]
 
@@ -54,15 +54,15 @@ class Undecided:
 
     @property
     def nothing(self) -> FloatArray:
-        """Scores of an experiment that is uninformative for this question."""
+        """Scores of an experiment that does not help to answer this question."""
         return np.zeros((len(self.names),) * 2)
 
 
 def undecided(study: ModelStudy, diagnoses: Sequence[ChannelDiagnosis]) -> list[Undecided]:
-    """Collect open questions: each channel's accepted effects with their rivals.
+    """Collect the open questions: each channel's accepted effects with their indistinguishable alternatives.
 
     Args:
-        study: what was measured so far.
+        study: study with all measurements so far.
         diagnoses: diagnoses of its channels.
     """
     return [
@@ -82,7 +82,7 @@ def next_probe(
 ) -> NextProbe | None:
     """Return the plan expected to separate the open explanations; None if there is none.
 
-    If nothing could be judged, the plan supplies what the data lack. Otherwise each plan that the arm can do
+    If no channel could be judged, the plan records the missing data. Otherwise each plan that the arm can do
     within its limits is rehearsed, data are simulated on that motion from each remaining model, and all
     models are fitted again; see `palpate.estimation.design`. No plan is run twice, because its result is
     already in the data. A plan stated in saved diagnoses is used without planning again, unless it ran since.
@@ -90,8 +90,8 @@ def next_probe(
     Args:
         study: study with all measurements so far.
         diagnoses: diagnoses of its channels.
-        longest_s: time that an experiment may take [s].
-        progress: called with the current step, and the share of it that is done.
+        longest_s: longest allowed duration of an experiment [s].
+        progress: called with the current step and the fraction of it that is done.
         processes: number of processes for the rehearsals.
 
     Raises:
@@ -100,7 +100,7 @@ def next_probe(
     if not study.source.probed:
         return None
     sessions = filter(None, (study.source.session, *study.source.more))
-    ran = [_plan_of(session) for session in sessions]  # what the arm did so far
+    ran = [_plan_of(session) for session in sessions]  # plans that the arm has run so far
     stated = _stated_probe(study, diagnoses) if longest_s >= LONGEST_S else None
     if stated is not None and stated.plan not in ran:
         return stated
@@ -164,7 +164,7 @@ class _Planned:
     """A feasible experiment with its predicted motion for each question; None if it is uninformative."""
 
     candidate: CandidatePlan
-    experiment: Experiment  # as it is promised, or as it is expected
+    experiment: Experiment  # with predicted or, after refits, expected scores
     motions: tuple[ChannelData | None, ...]
 
     @classmethod
@@ -255,10 +255,10 @@ def feasible(
     """Return the experiments that the arm of a study can do, each with its simulated motion.
 
     Args:
-        study: whose arm it is.
-        progress: told what is considered.
-        pairs: as one experiment each, as many as `PAIRED`; None for the whole catalogue.
-        processes: that share the rehearsals.
+        study: study of the arm.
+        progress: called with the experiment under consideration.
+        pairs: pairs to combine, at most `PAIRED` of them; None for the whole catalog.
+        processes: number of processes for the rehearsals.
 
     Raises:
         InputError: see `next_probe`.
@@ -311,17 +311,17 @@ class _Ground:
 
     @classmethod
     def of(cls, study: ModelStudy, session: Session) -> "_Ground | None":
-        """None where nothing was touched: the object is not known.
+        """Collect arm, object and start pose; None if nothing was touched, because the object is unknown.
 
         Args:
-            study: what was measured so far.
+            study: study with all measurements so far.
             session: its first session.
         """
         contact = next((channel for channel in study.channels if channel.kind is ChannelKind.CONTACT), None)
         if contact is None or contact.data.surface is None or not session.metadata.robot_file:
             return None
         metadata, before = session.metadata, _plan_of(session)
-        # stiffness [N/m] and damping [N s/m] of the base model; the secant where it has none
+        # stiffness [N/m] and damping [N s/m] of the base model, or the secant if the model has none
         data, damping = contact.data, 0.0
         stiffness = float(np.max(data.effort)) / max(float(np.max(data.position)), 1e-9)
         with suppress(InputError):  # it cannot be judged
@@ -349,13 +349,13 @@ class _Ground:
         """Return the rehearsal of a plan.
 
         Args:
-            plan: what the arm would do.
+            plan: plan to rehearse.
         """
         return Rehearsal(self.arm, plan.model_dump_json(), self.known, self.start_rad)
 
 
 def _rounded(positive: float) -> float:
-    """Round to the nearest of ten values a decade, at most 12 % off; 0 stays."""
+    """Round to the nearest of ten values per decade, with an error of at most 12 %; 0 stays 0."""
     return float(f"{10.0 ** (round(10.0 * math.log10(positive)) / 10.0):.2e}") if positive > 0.0 else 0.0
 
 
@@ -367,7 +367,7 @@ def plan_text(experiment: NextExperiment, plan: ProbingPlan) -> str:
     """Write the plan as YAML, with its purpose as a comment.
 
     Args:
-        experiment: as a diagnosis states it.
+        experiment: the experiment that a diagnosis states.
         plan: the whole plan.
     """
     words = f"# {one_line(experiment.instruction)}\n# to {one_line(experiment.purpose)}\n"
@@ -381,7 +381,7 @@ def same_world(session: Session) -> str | None:
         session: session of a probing.
 
     Returns:
-        Options for a shell; None if only the maker of the session can know them.
+        Options for a shell; None if they cannot be derived from the session.
     """
     metadata = session.metadata
     try:

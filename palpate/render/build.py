@@ -34,7 +34,7 @@ _GAP = 0.05  # gap between runs on the time axis, as a share of the mean run
 _SHOWS = 0.1  # smallest share of the inward motion in an approach that shows its speed
 _SAME_SPEED = 1.06  # ratio up to which speeds count as the same
 _QUICK = 0.9  # quantile of inward velocity that is taken as the speed of a run without phases
-_TERM = re.compile(r"[,;] (?![^(]*\))")  # between a term and its conditions, not within parentheses
+_TERM = re.compile(r"[,;] (?![^(]*\))")  # separator between a term and its conditions, outside parentheses
 
 
 FittedValue = ParameterEstimate | ParameterValue
@@ -56,13 +56,13 @@ def channel_view(
 
     Args:
         data: the measurement, n samples.
-        stages: of its model, the base model first; none where the data cannot be judged.
-        noise: what a complete model would leave; None where nothing is known.
-        parts: the last stage's error by way of splitting.
-        words: where the last stage fails, in sentences.
-        diagnosis: what is missing, if that was asked.
+        stages: stages of its model, the base model first; empty if the data cannot be judged.
+        noise: error of a complete model; None if unknown.
+        parts: the last stage's error, split by phase, run, speed and so on.
+        words: sentences on where the last stage fails.
+        diagnosis: diagnosis of the channel; None if there is none.
         judged: samples whose error counts (n,); by default those where the last stage has a residual.
-        not_judged: a sentence on the others; by default their share.
+        not_judged: sentence on the excluded samples; by default it states their share.
         notes: further sentences.
     """
     scale = 1.0 if data.kind.is_angle else _MILLI
@@ -122,7 +122,7 @@ def stage_view(
     number: int | None = None,
     unphysical: Sequence[str] = (),
 ) -> StageView:
-    """View one stage of a model from its fit; a base model's name is its label.
+    """Make the view of one stage of a model from its fit; the label of a base model is its name.
 
     Args:
         model: base model with the effects of the stage.
@@ -133,7 +133,7 @@ def stage_view(
         label: what the stage adds.
         name: name of the whole model.
         number: number of the revision; None where it is not kept.
-        unphysical: parameters outside what is physical, in words.
+        unphysical: descriptions of parameters outside their physical bounds.
     """
     return StageView(
         number=number,
@@ -150,7 +150,7 @@ def stage_view(
 
 
 def parameter_view(name: str, fitted: FittedValue) -> ParameterView:
-    """View one parameter from its "effect.parameter" name.
+    """Make the view of one parameter.
 
     Args:
         name: "effect.parameter".
@@ -180,7 +180,7 @@ def axes_of(kind: ChannelKind) -> Axes:
 
 
 def one_after_the_other(data: ChannelData) -> FloatArray:
-    """Put runs, which may each begin at zero, one after the other on one time axis, shape (n,) [s].
+    """Place all runs, each of which may start at zero, one after the other on one time axis, shape (n,) [s].
 
     Args:
         data: the channel, n samples.
@@ -192,19 +192,19 @@ def one_after_the_other(data: ChannelData) -> FloatArray:
 
 
 def run_speeds(data: ChannelData) -> dict[int, str]:
-    """Describe each run's speed, the slowest first; empty where all runs have the same.
+    """Describe each run's speed, the slowest first; empty if all runs have the same speed.
 
     Args:
         data: the channel, n samples.
 
     Returns:
-        Words by run number.
+        Descriptions by run number.
     """
     if data.kind is not ChannelKind.CONTACT:
         return {}
     speeds = dict[int, float]()
     for rows in blocks(data.run):
-        # inward speed before the touch [mm/s], or its fast part if the approach is short
+        # inward speed before the touch [mm/s]; for a short approach, a high quantile of the inward speed
         velocity = data.velocity[rows]
         approaching, inward = velocity[data.phase[rows] == Phase.APPROACH], velocity[velocity > 0.0]
         if data.run[rows.start] >= 0:
@@ -225,10 +225,10 @@ def run_speeds(data: ChannelData) -> dict[int, str]:
 
 
 def equation_of(model: Model) -> str:
-    """Write the whole model, one line each: sum of effects, motion, and sensor.
+    """Return the model's equation: one line each for the sum of effects, the motion and the sensor.
 
     Args:
-        model: with its effects.
+        model: model with its effects.
     """
     terms = [effect for effect in model.effects if isinstance(effect, AdditiveEffect)]
     sides = [effect.equation.partition("=") for effect in terms]
@@ -243,7 +243,7 @@ def equation_of(model: Model) -> str:
 
 
 def _verdict(view: ChannelView, words: Sequence[str], diagnosis: ChannelDiagnosis | None) -> VerdictView:
-    """View the diagnosis, or the comparison of the last stage, with what was added since."""
+    """Make the view of the diagnosis or of the last stage's comparison, including later added effects."""
     if diagnosis is None and not view.stages:
         return VerdictView("", f"{view.name}: nothing was fitted.")
     labels, errors = [stage.label for stage in view.stages], [stage.rmse for stage in view.stages]
@@ -269,12 +269,12 @@ def _verdict(view: ChannelView, words: Sequence[str], diagnosis: ChannelDiagnosi
 def view_of(
     study: ModelStudy, results: Sequence[ChannelResult] | None = None, commands: Sequence[str] = ()
 ) -> StudyView:
-    """View everything that is known of a study.
+    """Make the view of a study.
 
     Args:
         study: what was measured.
-        results: what to show of it; None for all.
-        commands: that lead to the same.
+        results: channels to show; None for all.
+        commands: commands that repeat the results.
     """
     shown = study.results() if results is None else results
     source = study.source
@@ -295,7 +295,7 @@ def view_of(
 
 
 def result_view(result: ChannelResult) -> ChannelView:
-    """View everything that is known of one channel.
+    """Make the view of one channel.
 
     Args:
         result: fits, comparison and diagnosis of the channel.
@@ -337,7 +337,8 @@ RECORDING = "revisions.rrd"
 NAMES = (REPORT, RECORDING)  # files that `write_outcome` may write
 
 
-_HEAD, _MARK = 200, b'<meta name="generator" content="palpate '  # of every page, see base.html
+# The first bytes of every page contain this mark, see base.html.
+_HEAD, _MARK = 200, b'<meta name="generator" content="palpate '
 
 
 def is_own_page(path: Path) -> bool:
@@ -365,15 +366,15 @@ def write_outcome(
 
     Args:
         folder: where to; it must exist.
-        study: what was measured.
-        results: what is known about it.
-        commands: that lead to the same outcome.
+        study: study with its measurements.
+        results: results of its channels.
+        commands: commands that repeat the results.
         texts: texts of further files, by name.
 
     Raises:
         InputError: a file cannot be written.
     """
-    # plotting libraries take long to import, and a verdict should not wait for them
+    # imported here because plotting libraries are slow to import, which would delay the verdict
     from palpate.render.report import document  # noqa: PLC0415
 
     texts = {**(texts or {}), REPORT: document(view_of(study, results, commands))}

@@ -68,7 +68,7 @@ def figure_page(figure: go.Figure) -> str:
     """Make an HTML page of a figure that needs no network.
 
     Args:
-        figure: to be shown.
+        figure: figure to show.
     """
     return str(figure.to_html(include_plotlyjs=True, config=PLOT_CONFIG))
 
@@ -78,7 +78,7 @@ def force_figure(fit: ForceFit, reading_unit: str) -> go.Figure:
 
     Args:
         fit: fit of the force sensor.
-        reading_unit: of the raw reading.
+        reading_unit: unit of the raw reading.
     """
     made = make_subplots(1, 2, column_widths=[0.43, 0.57])
     plateaus = fit.plateaus

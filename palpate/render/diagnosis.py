@@ -1,4 +1,4 @@
-"""A diagnosis in sentences, and its error budget as an SVG picture, the same in every medium."""
+"""Write a diagnosis in sentences, and draw its error budget as an SVG picture, for every medium."""
 
 from collections.abc import Sequence
 from html import escape
@@ -12,11 +12,11 @@ from palpate.estimation.kinds import Kind
 from palpate.render import palette
 from palpate.render.view import NOISE, BudgetPart, BudgetView, VerdictView, percent
 
-_NO_FALL = 0.98  # ratio to the error before, above which it does not fall
+_NO_FALL = 0.98  # ratio to the previous error above which the error counts as unchanged
 
 
 def enumerated(names: Sequence[str], last: str = "and") -> str:
-    """Join names with commas, and a word before the last.
+    """Join names with commas, and with a word before the last.
 
     Args:
         names: in order.
@@ -26,7 +26,7 @@ def enumerated(names: Sequence[str], last: str = "and") -> str:
 
 
 def diagnosed(diagnosis: ChannelDiagnosis) -> VerdictView:
-    """View the verdict of a diagnosis.
+    """Make the view of a diagnosis's verdict.
 
     Args:
         diagnosis: diagnosis of one channel.
@@ -55,7 +55,8 @@ def _sentence(diagnosis: ChannelDiagnosis) -> str:
             f"{enumerated(diagnosis.depends_on) or 'no single signal'}. {_error(diagnosis)}"
         )
     names = []
-    for entry in diagnosis.accepted:  # with its approximate form, and rivals; one may replace two effects
+    # With its approximate form and alternatives; one alternative may replace two effects.
+    for entry in diagnosis.accepted:
         parts = {name: EFFECTS[name].parts if name in EFFECTS else () for name in entry.confused_with}
         rivals = [f"{name} for both" if entry.effect in parts[name] else name for name in parts]
         remarks = ["approximate"] if entry.form is Form.APPROXIMATE else []
@@ -75,7 +76,7 @@ def _sentence(diagnosis: ChannelDiagnosis) -> str:
 
 
 def _kinds_without_form(diagnosis: ChannelDiagnosis) -> list[str]:
-    """Return kinds of which no effect has the form, with their shares of the error."""
+    """Return the kinds whose form matches no effect, with their shares of the error."""
     unknown = (entry for entry in diagnosis.budget if entry.form is Form.UNKNOWN)
     return [f"{entry.kind.word} ({percent(entry.share)})" for entry in unknown]
 
@@ -114,14 +115,14 @@ def compared(
 ) -> VerdictView:
     """Judge whether a model fits by its held-out error relative to the noise.
 
-    One whose parameters are not `possible` fits nothing, however small its error.
+    A model with impossible parameters never fits, however small its error.
 
     Args:
         channel: name of the channel.
         model: name of the model.
-        error: held-out error with its unit, in words.
-        times: error over noise.
-        noise: with its unit, in words.
+        error: held-out error with its unit, as text.
+        times: ratio of error to noise.
+        noise: noise level with its unit, as text.
         possible: whether all parameters are physical.
     """
     word = "fits" if times < NOISE and possible else "misses"
@@ -131,10 +132,10 @@ def compared(
 
 
 def impossible(unphysical: Sequence[str]) -> tuple[str, ...]:
-    """Report physically impossible parameters in one sentence; empty without them.
+    """Report physically impossible parameters in one sentence; empty if there are none.
 
     Args:
-        unphysical: parameters outside what is physical, in words.
+        unphysical: descriptions of parameters outside their physical bounds.
     """
     return (f"But {enumerated(unphysical)}: {UNPHYSICAL}.",) if unphysical else ()
 
@@ -145,8 +146,8 @@ def falling(channel: str, errors: Sequence[float], added: Sequence[str], noise: 
     Args:
         channel: name of the channel.
         errors: errors of each stage, the base model's first.
-        added: effects, one fewer.
-        noise: error that a complete model would leave.
+        added: added effects, one fewer than errors.
+        noise: error of a complete model.
         unit: unit of the errors.
     """
     first, last = errors[0], errors[-1]
@@ -163,11 +164,11 @@ def falling(channel: str, errors: Sequence[float], added: Sequence[str], noise: 
     return f"{falls} The last step, {added[-1]}, {does}: from {before:.4g} to {last:.4g} {unit}."
 
 
-_SHOWN = 0.005  # share below which the unexplained error is not mentioned
+_SHOWN = 0.005  # share below which unexplained error is not mentioned
 
 
 def budget_view(diagnosis: ChannelDiagnosis) -> BudgetView | None:
-    """Arrange the error budget of a channel for display; None where the diagnosis has none.
+    """Make the view of a channel's error budget; None if the diagnosis has none.
 
     Args:
         diagnosis: diagnosis of one channel.
@@ -188,7 +189,7 @@ def budget_view(diagnosis: ChannelDiagnosis) -> BudgetView | None:
         for entry in diagnosis.budget
     ]
     confusions, pairs = list[str](), set[frozenset[Kind]]()
-    for entry in diagnosis.budget:  # kinds that cannot be told apart, each pair once
+    for entry in diagnosis.budget:  # indistinguishable kinds, each pair once
         if entry.replaceable_by and (pair := frozenset({entry.kind, *entry.replaceable_by})) not in pairs:
             pairs.add(pair)
             alternatives = " or ".join(kind.word for kind in entry.replaceable_by)
@@ -219,12 +220,12 @@ _CHARACTER = 6.4  # width of a letter on average [px]
 
 
 def budget_picture(budget: BudgetView, width: int, ink: str = "currentColor") -> str:
-    """Draw a stacked bar of all parts, and below it a row for each with its range.
+    """Draw a stacked bar of all parts, and below it one row per part with its range.
 
     Args:
-        budget: what is drawn.
+        budget: error budget to draw.
         width: width of the picture [px]; a narrow one has effects below their kind.
-        ink: color of words; the page's own by default, a middle grey for a picture file.
+        ink: text color; by default the page's own, for a picture file a medium gray.
 
     Returns:
         One `svg` element, all texts escaped.
@@ -298,7 +299,7 @@ def _row(
     return drawn
 
 
-def _text(  # noqa: PLR0917, what a text is drawn from
+def _text(  # noqa: PLR0917, a text needs all of these
     x: float,
     y: float,
     words: str,

@@ -21,9 +21,9 @@ from palpate.render.build import axes_of, one_after_the_other
 from palpate.robot_io.types import BoolArray, FloatArray
 
 _TIME_S, _PLAIN_S = 0.01, 2.0  # step and length of the plain motion
-_SHARE = 0.35  # size of a drawn effect, as a share of the effort without it
+_SHARE = 0.35  # size of a drawn effect relative to the effort without it
 _NEXT = 1.0 / 3.0  # ratio between successive gains: equal gains could cancel
-_TRIED = 8  # starts of an effect without gains
+_TRIED = 8  # number of starting values tried for an effect without gains
 _RUNS = 3  # runs of the user's motion that are simulated
 _PLAIN = {"stiffness.k": 500.0, "damping.c": 4.0, "inertia.m": 0.02, "viscous_friction.d": 0.3}
 
@@ -32,20 +32,21 @@ _PLAIN = {"stiffness.k": 500.0, "damping.c": 4.0, "inertia.m": 0.02, "viscous_fr
 class Example:
     """A model with an effect beside the same model without it."""
 
-    effect: Effect  # that is shown
-    data: ChannelData  # motion with the effort (n,) without the effect
+    effect: Effect  # effect that is shown
+    data: ChannelData  # motion, and the effort (n,) without the effect
     model: Model  # with the effect
     # Parameters by "effect.parameter", large enough to be seen; they may be changed.
     values: dict[str, float]
 
     @classmethod
     def plain(cls, effect: Effect, kind: ChannelKind) -> "Example | None":
-        """The effect on two plain presses or swings; None where that shows nothing of it.
+        """Show the effect on two plain presses or swings; None if it has no influence there.
 
-        Beside a spring and damper, or a mass with viscous friction; if it is one of these, beside the other.
+        The model without the effect is a spring and damper, or a mass with viscous friction. If the effect is
+        one of these two terms, the model has only the other term.
 
         Args:
-            effect: that is shown.
+            effect: effect to show.
             kind: kind of the channel.
         """
         data, model, values = plain(kind)
@@ -63,7 +64,7 @@ class Example:
 
         Args:
             fitted: the base model's fit.
-            effect: that is added.
+            effect: effect to add.
         """
         runs = fitted.data.runs
         few = runs[np.unique(np.linspace(0, len(runs) - 1, _RUNS).astype(int))]
@@ -142,8 +143,8 @@ def drawing(first: Curve, second: Curve, width: int, height: int) -> list[Text]:
     """Draw two curves in one frame, line by line: the first as points "·", the second in Braille.
 
     Args:
-        first: what is compared with, drawn so that it is told apart without colors too.
-        second: what is shown.
+        first: reference curve, which can be told apart without colors too.
+        second: curve to show.
         width: in characters.
         height: in lines.
     """
@@ -166,10 +167,10 @@ def drawing(first: Curve, second: Curve, width: int, height: int) -> list[Text]:
 
 
 def beside(titles: Sequence[str], drawings: Sequence[Sequence[Text]], gap: int = 3) -> Iterator[Text]:
-    """Drawings of the same height beside each other, each below its title.
+    """Place drawings of the same height side by side, each below its title.
 
     Args:
-        titles: titles of each drawing.
+        titles: title of each drawing.
         drawings: lines of each.
         gap: between two drawings [characters].
     """
@@ -180,7 +181,7 @@ def beside(titles: Sequence[str], drawings: Sequence[Sequence[Text]], gap: int =
 
 
 def _raster(curve: Curve, frame: Sequence[tuple[float, float]], width: int, height: int) -> BoolArray:
-    """Return which dots (4 height, 2 width) a curve meets, interpolated between its samples."""
+    """Return the dots, shape (4 height, 2 width), on a curve that is interpolated between its samples."""
     dots = np.zeros((4 * height, 2 * width), dtype=np.bool_)
     shares = [(values - low) / (high - low) for values, (low, high) in zip(curve[:2], frame, strict=True)]
     across, up = shares[0] * (2 * width - 1), shares[1] * (4 * height - 1)
@@ -195,11 +196,11 @@ def _raster(curve: Curve, frame: Sequence[tuple[float, float]], width: int, heig
 GROUPS = ("Contact", "Joints", "Contact and joints", "Sensor and drive readings", "From run to run")
 _MILLI, _ROOMY = 1e3, 100
 _TALLEST, _WIDEST, _NARROWEST = 11, 46, 34  # size of a drawing, in characters
-_ROUNDING = 1e-9  # share of a range, below which a number is zero
+_ROUNDING = 1e-9  # relative to a range; smaller numbers count as zero
 
 
 def library() -> tuple[Effect, ...]:
-    """Return all effects, group by group."""
+    """Return all effects, ordered by group."""
     every = [effect() for effect in EFFECTS.values()]
     return tuple(sorted(every, key=lambda effect: (GROUPS.index(group_of(effect)), effect.name)))
 
@@ -230,11 +231,11 @@ def as_data(effect: Effect) -> dict[str, Any]:
 
 
 def print_library(console: Console, effects: Sequence[Effect]) -> None:
-    """Print one table a group: each effect's signature and, if there is room, its rivals.
+    """Print one table per group: each effect's signature and, if there is room, its similar effects.
 
     Args:
         console: console to print to.
-        effects: that are listed.
+        effects: effects to list.
     """
     roomy = console.width >= _ROOMY
     for group in GROUPS:
@@ -250,12 +251,12 @@ def print_library(console: Console, effects: Sequence[Effect]) -> None:
 
 
 def print_effect(console: Console, effect: Effect, example: Example | None) -> None:
-    """Print one effect: physics, equation, signature, drawing, parameters and rivals.
+    """Print one effect: physics, equation, signature, drawing, parameters and similar effects.
 
     Args:
         console: console to print to.
-        effect: that is explained.
-        example: what is drawn; None for no drawing.
+        effect: effect to explain.
+        example: example to draw; None for no drawing.
     """
     console.print(f"[bold]{safe(effect.name)}[/bold]  [dim]{safe(', '.join(_channels(effect)))}[/dim]")
     lines = {
@@ -290,7 +291,7 @@ def drawn(example: Example, width: int) -> Iterator[Text]:
     """Draw an example with characters: effort over position or velocity and, if there is room, over time.
 
     Args:
-        example: motion and model.
+        example: motion and model to draw.
         width: width of the terminal [characters].
     """
     data, axes = example.data, axes_of(example.data.kind)

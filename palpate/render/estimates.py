@@ -1,4 +1,4 @@
-"""Estimates as a table, in sentences, as plain data, and as a view to be drawn."""
+"""Convert estimates to a table, sentences, plain data, and a view to draw."""
 
 from collections.abc import Iterator, Mapping
 from dataclasses import replace
@@ -27,10 +27,10 @@ MILLI = 1e3
 PERCENT = 100.0
 NOTABLE = 4.0  # standard errors above which a force in free air is remarked
 FEW_STEPS = 20.0  # encoder steps below which a remark is made
-POOR = 4.0  # multiple of the noise; correct models stay below 2.6, also on objects of 1e5 N/m or 200 N s/m
-_WIDE, _NARROW = 104, 80  # columns of a terminal for all columns of the table, and for the errors
-_MOST_ABREAST = 3  # parameters that stand side by side
-_IMPOSSIBLE = "impossible"  # outside what is physical
+POOR = 4.0  # multiple of the noise; correct models stay below 2.6, even on objects of 1e5 N/m or 200 N s/m
+_WIDE, _NARROW = 104, 80  # terminal widths from which all table columns fit, and from which the errors fit
+_MOST_ABREAST = 3  # parameters shown side by side
+_IMPOSSIBLE = "impossible"  # outside the physical bounds
 _COLORS = {
     Determined.YES: "green",
     Determined.ROUGHLY: "yellow",
@@ -46,7 +46,7 @@ def print_estimates(console: Console, estimates: ChannelEstimates, truth: Truth)
     Args:
         console: console to print to.
         estimates: the channel with its estimates.
-        truth: true parameters by name, as far as they are known.
+        truth: true parameters by name; unknown ones are missing.
     """
     runs, samples = len(estimates.channel.runs), int(np.count_nonzero(estimates.rows))
     title = (
@@ -59,11 +59,11 @@ def print_estimates(console: Console, estimates: ChannelEstimates, truth: Truth)
 
 
 def estimates_view(estimates: ChannelEstimates, truth: Truth) -> ChannelView:
-    """View the best estimate; the residual is that of the fitted samples.
+    """Make the view of the best estimate, with the residual of the fitted samples.
 
     Args:
         estimates: estimates of one channel.
-        truth: true parameters by name, as far as they are known.
+        truth: true parameters by name; unknown ones are missing.
     """
     best, predicted = estimates.best, estimates.prediction()
     residual = np.where(estimates.rows, estimates.channel.effort - predicted, np.nan)
@@ -100,7 +100,7 @@ def estimate_table(estimates: ChannelEstimates, truth: Truth, width: int) -> Tab
             made = _one_row_an_estimator(estimates, truth, columns)
             if natural_width(made) <= width:
                 return made
-    # For narrow terminals and large models: parameters below their estimator.
+    # On narrow terminals and for large models, the parameters are listed below their estimator.
     known = {p.name for p in shown_parameters(estimates.estimates[0]) if p.name in truth}
     numbers = ["value", "95 %", *["truth"] * bool(known)]
     made = table("", "estimator", *numbers, "determined", right=numbers)
@@ -162,11 +162,11 @@ def _in_color(state: str, text: str = "") -> str:
 
 
 def remarks(estimates: ChannelEstimates, truth: Truth) -> list[str]:
-    """Describe the surface, and what speaks against the estimates.
+    """Describe the surface, and list objections to the estimates.
 
     Args:
         estimates: estimates of one channel.
-        truth: true parameters by name, as far as they are known.
+        truth: true parameters by name; unknown ones are missing.
     """
     remarks = []
     reason, surface, channel = spoilt_by(estimates), estimates.surface_of(estimates.best), estimates.channel
@@ -191,7 +191,7 @@ def remarks(estimates: ChannelEstimates, truth: Truth) -> list[str]:
 
 
 def spoilt_by(estimates: ChannelEstimates) -> str | None:
-    """Describe what invalidates the data, so that no estimate is meaningful; None if nothing does.
+    """Describe why the data are invalid, so that no estimate is meaningful; None if they are valid.
 
     Args:
         estimates: estimates of one channel.
@@ -224,16 +224,17 @@ def _remarks_on_fits(estimates: ChannelEstimates) -> Iterator[str]:
             share = f"{PERCENT * left_out:.0f} % of the samples"
             yield f"{estimate.estimator} excludes {share} as outliers: the model does not describe them"
         doubtful = estimate.identifiability is not Identifiability.GOOD or estimate.unphysical
-        if doubtful and (roomy or estimate is estimates.best):  # otherwise the table states it for each
+        # Otherwise the table states it for each estimator.
+        if doubtful and (roomy or estimate is estimates.best):
             against.setdefault(estimate.note, []).append(estimate.estimator)
     yield from (f"{', '.join(names)}: {note}" for note, names in against.items())
 
 
 def calibration_remark(session: Session | None) -> list[str]:
-    """Describe the uncertainty of calibrations, an error in all samples that no interval includes.
+    """Describe the calibration uncertainty, a systematic error that the intervals do not include.
 
     Args:
-        session: that was measured; None for data without one.
+        session: measured session; None for data from elsewhere.
     """
     if session is None:
         return []
@@ -257,7 +258,7 @@ def as_data(estimates: ChannelEstimates, truth: Truth) -> dict[str, Any]:
 
     Args:
         estimates: estimates of one channel.
-        truth: true parameters by name, as far as they are known.
+        truth: true parameters by name; unknown ones are missing.
     """
     tare, outcomes = estimates.channel.tare, []
     for estimate in estimates.estimates:
@@ -304,8 +305,8 @@ def markdown_summary(estimates: ChannelEstimates, truth: Truth, heading: str) ->
 
     Args:
         estimates: estimates of one channel.
-        truth: true parameters by name, as far as they are known.
-        heading: first words.
+        truth: true parameters by name; unknown ones are missing.
+        heading: heading of the table.
     """
     best = estimates.best
     rows = [f"**{heading}**: model `{estimates.model.name}`, estimator `{best.estimator}`", ""]
@@ -320,7 +321,7 @@ def markdown_summary(estimates: ChannelEstimates, truth: Truth, heading: str) ->
 
 
 def shown_parameters(estimate: Estimate) -> list[ParameterEstimate]:
-    """Return all parameters but the surface, which has its own sentence.
+    """Return all parameters except the surface, which has its own sentence.
 
     Args:
         estimate: of one estimator.
@@ -338,7 +339,7 @@ def short_name(parameter: str) -> str:
 
 
 def with_interval(parameter: ParameterEstimate) -> str:
-    """Format a value and half of its 95 % interval, with the digits that it justifies.
+    """Format a value and half of its 95 % interval, with the justified number of digits.
 
     Args:
         parameter: estimate with its 95 % interval.

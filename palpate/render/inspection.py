@@ -33,9 +33,9 @@ PLOTS = "plots.html"  # what `Inspection.plot` writes
 class Inspection:
     """A session with its estimates, ready to be shown."""
 
-    session: Session  # what happened
+    session: Session  # recorded session
     view: StudyView  # its channels with the estimate of the first place that was touched
-    scene: Scene | None  # for the views of an arm; None where the session was imported
+    scene: Scene | None  # data for the views of an arm; None for an imported session
 
     def record(self, path: Path) -> float:
         """Write the Rerun recording.
@@ -44,7 +44,7 @@ class Inspection:
             path: path of the .rrd file.
 
         Returns:
-            A moment worth a picture [s].
+            Time to use for a screenshot [s].
 
         Raises:
             InputError: the file cannot be written.
@@ -70,22 +70,22 @@ class Inspection:
 
 
 def look_into(session: Session, estimates: ChannelEstimates | None = None) -> Inspection:
-    """Estimate a session's channels, and collect what is shown.
+    """Estimate a session's channels, and collect the data to show.
 
     Args:
         session: a probing session or an imported one.
         estimates: estimates, if they were made already.
 
     Raises:
-        InputError: the session holds nothing that can be shown.
+        InputError: the session contains no data that can be shown.
     """
     try:
         channels = session_channels(session, tared=True)
-    except InputError:  # the session ended before its first run did
+    except InputError:  # the session ended before its first run was complete
         channels = ()
     contact = next((channel for channel in channels if channel.kind is ChannelKind.CONTACT), None)
     if estimates is None and contact is not None:
-        with suppress(InputError):  # too little was touched to estimate from
+        with suppress(InputError):  # too few contact samples for an estimate
             estimates = estimate_with(contact, CONTACT_MODEL, BEST)
     truth = true_parameters(session)
     ticks = tick_columns(session) if has_ticks(session) else None
@@ -126,13 +126,13 @@ def _view(
     truth: Mapping[str, float],
     ticks: Columns | None,
 ) -> ChannelView:
-    """View a channel with its commanded effort, and its estimates if they are its own."""
+    """Make the view of a channel with its commanded effort, and its estimates if they are of this channel."""
     if estimates is not None and channel.name == estimates.channel.name:
         view = estimates_view(estimates, truth)
         if ticks is None:
             return view
         tick = np.searchsorted(ticks["time_s"], estimates.channel.time_s)
-        desired_n = ticks["desired_force_n"][np.minimum(tick, len(ticks["time_s"]) - 1)]  # NaN where free
+        desired_n = ticks["desired_force_n"][np.minimum(tick, len(ticks["time_s"]) - 1)]  # NaN in free air
         return replace(view, commanded=("reference", desired_n))
     view = channel_view(channel, (), None)
     joint = re.fullmatch(r"joint_(\d+)", channel.name)

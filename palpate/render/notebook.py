@@ -21,11 +21,11 @@ def notebook_progress() -> Callable[[str, float], None]:
     """Make a progress bar below the notebook's cell; outside of a notebook it does nothing.
 
     Returns:
-        To be called with the current step and the share of it that is done; without a step it clears the bar.
+        Function of the current step and the fraction of it that is done; an empty step clears the bar.
     """
     if "ipykernel" not in sys.modules:
         return lambda what, share: None
-    from IPython.display import HTML, display  # noqa: PLC0415 (it is there where ipykernel is)
+    from IPython.display import HTML, display  # noqa: PLC0415 (installed with ipykernel)
 
     handle, next_s = display(HTML(""), display_id=True), 0.0
 

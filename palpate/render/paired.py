@@ -1,4 +1,4 @@
-"""Paired comparison of two measurements or models, in a terminal and for all media."""
+"""View of a paired comparison of two measurements or models, and its output in a terminal."""
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
@@ -18,23 +18,23 @@ from palpate.render.terminal import safe_text
 from palpate.render.view import ChannelView
 
 LETTERS = ("A", "B")
-_CHANCE = 0.05  # share of lags outside a 99 % band, above which it is no chance
+_CHANCE = 0.05  # share of lags outside a 99 % band above which the correlation is significant
 _POOR, _ONLY_NOISE = (
     80.0,
     1.2,
-)  # thresholds of fit [%] and error [noise levels], below which both are remarked
+)  # thresholds of fit [%] and error [noise levels]; a remark is made if both are below them
 _PERCENT = 100.0
-_NOISE_ALONE = "only noise"  # is left
+_NOISE_ALONE = "only noise"  # end of the sentence on the remaining error
 PAIRED = "The intervals of the differences are paired: model errors that both measurements share cancel."
 
 
 @dataclass(frozen=True)
 class PairedView:
-    """View of one channel on both sides."""
+    """View of one channel in both measurements."""
 
     channel: str  # its name
-    views: tuple[ChannelView, ChannelView]  # both sides, with measurement and model
-    sides: Sides  # what was compared
+    views: tuple[ChannelView, ChannelView]  # views of both sides, with measurement and model
+    sides: Sides  # the comparison
     words: tuple[str, ...]  # result in sentences
 
     @property
@@ -79,7 +79,7 @@ class PairedView:
 
 @dataclass(frozen=True)
 class PairView:
-    """View of all channels that two files share, with the commands that repeat it."""
+    """View of all channels that two files share, with the commands that repeat the comparison."""
 
     names: tuple[str, str]
     channels: tuple[PairedView, ...]
@@ -92,7 +92,7 @@ class PairView:
 
 
 def sides_view(sides: Sides, views: tuple[ChannelView, ChannelView]) -> PairedView:
-    """View the comparison of one channel.
+    """Make the view of one channel's comparison.
 
     Args:
         sides: both sides of one channel, compared.
@@ -137,9 +137,9 @@ def _words(sides: Sides) -> Iterator[str]:
 
 
 def _is_only_noise(model: Side, measured: Side) -> bool:
-    """Return whether a model leaves only noise of a measurement that hardly exceeds it.
+    """Return whether the measurement is close to the noise level and the model's residual is only noise.
 
-    How many percent of such a measurement a model describes tells its noise, and not the model.
+    The fit [%] to such a measurement depends on its noise rather than on the model.
     """
     fit = model.fit_of(measured)
     return bool(fit < _POOR and model.floors_of(measured) < _ONLY_NOISE)
@@ -168,10 +168,10 @@ def _compare_parameters(sides: Sides) -> Iterator[str]:
 
 
 def difference_text(difference: ParameterDifference) -> str:
-    """Format a difference with half of its 95 % interval, as far as it is known.
+    """Format a difference with half of its 95 % interval, if the interval is known.
 
     Args:
-        difference: of one parameter.
+        difference: difference of one parameter.
     """
     if not np.isfinite(difference.value):
         return "–"
@@ -203,10 +203,10 @@ def print_pair(console: Console, view: PairView) -> None:
 
 
 def difference_table(differences: Sequence[ParameterDifference], width: int) -> Table:
-    """Tabulate parameters on both sides with their differences; stacked where columns are few.
+    """Tabulate the parameters of both sides with their differences, stacked on a narrow terminal.
 
     Args:
-        differences: of each parameter.
+        differences: difference of each parameter.
         width: width of the terminal [characters].
     """
     names = ("A", "B", "B − A")
@@ -223,7 +223,7 @@ def _table_of_differences(
     *,
     narrow: bool = False,
 ) -> Table:
-    """Tabulate one parameter a row; with a separator `between`, all numbers share one cell."""
+    """Tabulate one parameter per row; with a separator `between`, all numbers share one cell."""
     right = (between.join(names),) if between else names
     made = table("", "parameter", *right, *["unit"] * (not narrow), right=right)
     for difference in differences:

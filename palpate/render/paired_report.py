@@ -32,7 +32,7 @@ def state_figure(view: PairedView) -> go.Figure:
     """Draw both measured efforts, and their models dashed, over position and over velocity.
 
     Args:
-        view: view of one channel on both sides.
+        view: view of one channel in both measurements.
     """
     made, axes = make_subplots(1, 2, shared_yaxes=True, horizontal_spacing=0.03), view.views[0].axes
     for column, x in enumerate(("position", "velocity"), start=1):
@@ -50,10 +50,10 @@ def state_figure(view: PairedView) -> go.Figure:
 
 
 def time_figure(view: PairedView) -> go.Figure:
-    """Draw both efforts and residuals over time; B at A's times if it repeats A.
+    """Draw both efforts and residuals over time; if B repeats A, it is drawn at A's times.
 
     Args:
-        view: view of one channel on both sides.
+        view: view of one channel in both measurements.
     """
     made = make_subplots(2, 1, shared_xaxes=True, row_heights=[0.6, 0.4], vertical_spacing=0.06)
     first, second = view.views
@@ -74,10 +74,10 @@ def time_figure(view: PairedView) -> go.Figure:
 
 
 def residual_figure(view: PairedView) -> go.Figure:
-    """Draw autocorrelations of residuals and correlations with velocity; bands hold 99 %.
+    """Draw autocorrelations of the residuals and their correlations with velocity, with 99 % bands.
 
     Args:
-        view: view of one channel on both sides.
+        view: view of one channel in both measurements.
     """
     titles = ("Autocorrelation", "Cross-correlation with the velocity")
     made = make_subplots(1, 2, shared_yaxes=True, horizontal_spacing=0.04, subplot_titles=titles)
@@ -130,7 +130,7 @@ def document(pair: PairView) -> str:
 def record_pair(view: PairView, path: Path) -> None:
     """Write the recording, completely or not at all.
 
-    Timeline `time` is that of each side, its runs one after the other; a repetition is at the times of A.
+    On timeline `time` each side has its runs one after the other; if B repeats A, it uses A's times.
 
     Args:
         view: all channels of both files.

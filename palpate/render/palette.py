@@ -1,16 +1,16 @@
-"""One palette for every medium, legible on light and dark; a color has one meaning."""
+"""Palette for every medium, legible on light and dark backgrounds; each color has one meaning."""
 
 from palpate.control.loop.task import Phase
 from palpate.estimation.kinds import Kind
 
 MEASURED = "#3f86c8"
-BASE = "#8d99a6"  # revision 0, and what was commanded
+BASE = "#8d99a6"  # revision 0, and commanded values
 MODEL = "#de7a26"
 OTHER = "#9a6fc4"  # the second of two measurements
 NOISE = "#2f9e73"
 TRUTH = "#d1495b"
 BAND = "#48806a"
-SHADE = "rgba(128,140,155,0.18)"  # samples that are not judged
+SHADE = "rgba(128,140,155,0.18)"  # samples excluded from scoring
 JOINTS = ("#3f86c8", "#de7a26", "#2f9e73", "#9a6fc4", "#d1495b", "#5aa7b5", "#a08a2e")
 SPEEDS = ("#4a6fb5", "#2b9a92", "#7fae4d", "#e2a13c", "#d9662b", "#b23a5c")  # from slow to fast
 RESIDUAL = ((0.0, "#2a6fb0"), (0.5, "rgba(128,140,155,0.14)"), (1.0, "#c9452f"))  # below, none, above
@@ -25,7 +25,7 @@ PHASES = {
     Phase.FREE_AIR: "#b5c99a",
     Phase.STOPPED: "#8c1d18",
 }
-KINDS = {  # of effects, in an error budget; noise has the colour of the noise level
+KINDS = {  # colors of effect kinds in an error budget; noise has the color of the noise level
     Kind.ELASTIC_SHAPE: "#3f86c8",
     Kind.RATE_DEPENDENCE: "#5aa7b5",
     Kind.FRICTION: "#de7a26",
@@ -59,7 +59,7 @@ def speed_colors(words: list[str]) -> dict[str, str]:
     """Return a color for each speed, from slow to fast.
 
     Args:
-        words: for each speed, from slow to fast.
+        words: description of each speed, from slow to fast.
     """
     last = max(len(words) - 1, 1)
     return {word: SPEEDS[round(i * (len(SPEEDS) - 1) / last)] for i, word in enumerate(words)}
@@ -69,7 +69,7 @@ def phase(number: int) -> tuple[str, str]:
     """Return name and color of a phase.
 
     Args:
-        number: number of the session's column.
+        number: number of the phase in the session's column.
     """
     if number not in set(Phase):
         return UNKNOWN_PHASE

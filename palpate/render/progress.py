@@ -16,11 +16,11 @@ from palpate.control.probing.plan import ProbingPlan
 from palpate.robot_io.types import Measurement
 from palpate.runs.probing import Watcher
 
-Report = Callable[[str, float], None]  # current step, and the share of it that is done
+Report = Callable[[str, float], None]  # called with the current step and the fraction of it that is done
 MakeWatcher = Callable[[float], Watcher]  # makes a watcher from the duration of a motion [s]
 _REFRESH_S = 0.1
 _MILLI = 1e3
-_SHARE_DONE = {  # of a run, when a phase begins
+_SHARE_DONE = {  # fraction of a run that is done when a phase begins
     Phase.FREE_AIR: 0.1,
     Phase.APPROACH: 0.25,
     Phase.LOADING: 0.4,
@@ -34,7 +34,7 @@ _SHARE_DONE = {  # of a run, when a phase begins
 def diagnosis_progress(channels: Sequence[str]) -> Iterator[Report]:
     """Show the current step of a diagnosis, with a bar for each channel.
 
-    A bar fills once for each effect found, so the end is not known.
+    A bar fills once for each effect found, so it cannot show the remaining time.
 
     Args:
         channels: names of the channels.
@@ -57,7 +57,7 @@ def diagnosis_progress(channels: Sequence[str]) -> Iterator[Report]:
 
 @contextmanager
 def import_progress() -> Iterator[Report]:
-    """Show the current step of an import, and the share that is done."""
+    """Show the current step of an import and its progress."""
     with _bar("reading") as bar:
         yield lambda what, share: bar.update(share, what)
 
@@ -67,9 +67,9 @@ def probing_progress(plan: ProbingPlan, *, live: bool, remark: str = "") -> Iter
     """Show the progress of the runs.
 
     Args:
-        plan: what is going to be done.
-        live: draw a bar that moves. Never with a real arm.
-        remark: a line to say first, once the arm is ready.
+        plan: plan that is run.
+        live: whether to draw a moving bar; never with a real arm.
+        remark: line to print first, once the arm is ready.
     """
     runs = list(plan.runs())
     if not live:
@@ -96,8 +96,8 @@ def motion_progress(what: str, *, live: bool) -> Iterator[MakeWatcher]:
     """Show the progress of a motion.
 
     Args:
-        what: is being done.
-        live: draw a bar that moves. Never with a real arm.
+        what: description of the motion.
+        live: whether to draw a moving bar; never with a real arm.
     """
     if not live:
         yield lambda _duration_s: _Announcer(f"{what}; keep clear. Ctrl-C brings the arm to rest")
@@ -114,11 +114,11 @@ def motion_progress(what: str, *, live: bool) -> Iterator[MakeWatcher]:
 
 @contextmanager
 def weighing_progress(number: int, *, live: bool) -> Iterator[Callable[[float], None] | None]:
-    """Show how many weights have been read; with hardware the prompts say it.
+    """Show how many weights have been read; with hardware the prompts show this.
 
     Args:
         number: number of weights.
-        live: draw a bar; not with hardware.
+        live: whether to draw a bar; not with hardware.
     """
     if not live:
         yield None
@@ -136,11 +136,11 @@ class _Drawn:
         self._share = 0.0
 
     def update(self, share: float, words: str) -> None:
-        """Move the bar to a share, never back, with words beside it.
+        """Advance the bar to a fraction, and show the current step; the bar never moves back.
 
         Args:
-            share: that is done, from 0 to 1.
-            words: the present step.
+            share: fraction that is done, from 0 to 1.
+            words: the current step.
         """
         self._share = max(self._share, share)
         self.progress.update(self._task, completed=self._share, description=words)
@@ -149,7 +149,7 @@ class _Drawn:
 
 @contextmanager
 def _bar(what: str, *, wait: bool = False) -> Iterator[_Drawn]:
-    """Make a bar, shown at once, or with `wait` when its progress starts."""
+    """Make a bar that is shown at once or, with `wait`, at its first update."""
     talk = console.stderr()
     columns = BarColumn(bar_width=32), TextColumn("{task.description}")
     progress = Progress(
@@ -184,7 +184,7 @@ class _Mover(Watcher):
         self._next_s = 0.0
 
     def started(self) -> None:
-        """See `Watcher.started`; what is refused before leaves nothing but its error on stderr."""
+        """See `Watcher.started`; a run rejected before this call prints nothing but its error on stderr."""
         if self._remark:
             console.stderr().print(self._remark)
         self._bar.progress.start()
@@ -198,7 +198,7 @@ class _Mover(Watcher):
 
 @contextmanager
 def sweep_progress() -> Iterator[Callable[[int, int], None]]:
-    """Show how many cases are done, and the time left by the mean pace since the start."""
+    """Show the number of finished cases, and the remaining time at the mean rate so far."""
     columns = (
         BarColumn(bar_width=32),
         MofNCompleteColumn(),
@@ -211,9 +211,9 @@ def sweep_progress() -> Iterator[Callable[[int, int], None]]:
 
     def show(done: int, total: int) -> None:
         nonlocal before
-        if before is None:  # a refused run then leaves only its error on stderr
+        if before is None:  # a rejected run then prints only its error on stderr
             before = done
-            if progress.console.is_terminal:  # elsewhere it would leave an empty line
+            if progress.console.is_terminal:  # otherwise it would print an empty line
                 progress.start()
         words = "getting ready"
         if done > before:

@@ -31,14 +31,14 @@ _STYLE = _HERE / "report.css"
 
 
 def rendered(template: Path, filters: Mapping[str, Callable[..., Any]], **values: object) -> str:
-    """Render a template with values; `style` and `version` are given to all.
+    """Render a template with values; every template also gets `style` and `version`.
 
-    A template extends base.html, which wants a `title` and `facts`.
+    A template extends base.html, which requires a `title` and `facts`.
 
     Args:
         template: file of the template.
-        filters: by name.
-        values: what the template asks for.
+        filters: filters by name.
+        values: values that the template needs.
 
     Returns:
         HTML.
@@ -58,7 +58,7 @@ def rendered(template: Path, filters: Mapping[str, Callable[..., Any]], **values
 PLOT_CONFIG = {"displaylogo": False, "responsive": True, "modeBarButtonsToRemove": ["lasso2d", "select2d"]}
 _RULE, _ZERO = "rgba(128,140,155,0.22)", "rgba(128,140,155,0.6)"
 _FONT = "Inter, Source Sans 3, Helvetica Neue, Liberation Sans, Arial, sans-serif"
-_SHADE_CELLS = 300  # number of stretches of the time axis, each shaded or not
+_SHADE_CELLS = 300  # number of intervals of the time axis, each shaded or not
 _BAR_PX = 40
 RUN_TIME = "time, runs one after the other [s]"
 Place = tuple[int, int]  # row and column of a subplot
@@ -74,7 +74,7 @@ class PlotStyle:
     color: str
     dash: str = "solid"
     width: float = 1.3
-    named: bool = True  # in the legend
+    named: bool = True  # whether the legend shows the name
     shown: bool = True  # whether it is visible before a click on its name in the legend
 
 
@@ -110,7 +110,7 @@ def fall_figure(channel: ChannelView) -> go.Figure:
 
 
 def time_figure(channel: ChannelView) -> go.Figure:
-    """Draw effort and models over time, and residuals below; grey where excluded from scoring.
+    """Draw effort and models over time, and residuals below; gray marks samples excluded from scoring.
 
     Args:
         channel: channel with its stages.
@@ -222,7 +222,7 @@ def _draw_fall(made: go.Figure, channel: ChannelView) -> None:
         row=1,
         col=1,
     )
-    # room below the last bar for the label of the noise level
+    # space below the last bar for the label of the noise level
     made.update_yaxes(range=[len(errors) + 0.1, -0.6], showgrid=False, row=1, col=1)
     made.update_xaxes(title_text=f"error in held-out runs [{unit}]", range=[0.0, reach], row=1, col=1)
 
@@ -285,7 +285,7 @@ def draw_curves(made: go.Figure, curves: Sequence[Curve], place: Place, unit: st
 
     Args:
         made: figure that is drawn into.
-        curves: x (n,) and y (n,) of each.
+        curves: x (n,) and y (n,) of each curve.
         place: row and column of the subplot.
         unit: unit of y.
         look: color, dash, width and name.
@@ -306,7 +306,7 @@ def draw_curves(made: go.Figure, curves: Sequence[Curve], place: Place, unit: st
 
 
 def _shade(made: go.Figure, channel: ChannelView, place: Place) -> None:
-    """Shade stretches in which more than half of the samples are excluded from scoring."""
+    """Shade intervals in which more than half of the samples are excluded from scoring."""
     edges = np.linspace(channel.time_s[0], channel.time_s[-1], _SHADE_CELLS + 1)
     every = np.histogram(channel.time_s, edges)[0]
     out = np.histogram(channel.time_s[~channel.judged], edges)[0] > 0.5 * np.maximum(every, 1)
@@ -317,7 +317,7 @@ def _shade(made: go.Figure, channel: ChannelView, place: Place) -> None:
 
 
 def title_axes(made: go.Figure, place: Place, x: str, y: str) -> None:
-    """Name both axes of a subplot.
+    """Set the titles of both axes of a subplot.
 
     Args:
         made: figure that is drawn into.
@@ -330,11 +330,11 @@ def title_axes(made: go.Figure, place: Place, x: str, y: str) -> None:
 
 
 def styled(made: go.Figure, height: int) -> go.Figure:
-    """Apply the house style: thin rules, transparent ground, colors for light and dark.
+    """Apply the common style: thin rules, transparent background, colors for light and dark.
 
     Args:
         made: the figure.
-        height: [px].
+        height: height [px].
 
     Returns:
         The same figure.
@@ -357,7 +357,7 @@ def styled(made: go.Figure, height: int) -> go.Figure:
 
 
 def _escaped(text: str) -> str:
-    """Escape text for plotly, which reads a little HTML."""
+    """Escape text for plotly, which interprets some HTML tags."""
     return text.replace("&", "&amp;").replace("<", "&lt;")
 
 
@@ -393,7 +393,7 @@ def document(view: StudyView) -> str:
     draw = {"fall": fall_figure, "map": map_figure, "time": time_figure, "state": state_figure}
 
     def plots(channel: ChannelView) -> dict[str, Markup]:
-        """Return the channel's figures as HTML, by name; empty where there is nothing to draw."""
+        """Return the channel's figures as HTML, by name; empty if there is nothing to draw."""
         is_drawn = dict.fromkeys(draw, bool(channel.stages)) | {"fall": bool(channel.fall)}
         is_drawn["time"] |= channel.commanded is not None
         return {name: as_html(draw[name](channel)) if is_drawn[name] else Markup() for name in draw}
@@ -410,16 +410,16 @@ def document(view: StudyView) -> str:
 
 
 def as_html(figure: go.Figure) -> Markup:
-    """Return a figure for a page that includes plotly's program.
+    """Return the HTML of a figure, for a page that includes plotly.js.
 
     Args:
-        figure: as plotly has it.
+        figure: plotly figure.
     """
     return Markup(figure.to_html(full_html=False, include_plotlyjs=False, config=PLOT_CONFIG))  # noqa: S704, ours
 
 
 def bold(sentence: str, names: Iterable[str]) -> Markup:
-    """Escape a sentence, and set names in bold.
+    """Escape a sentence and set names in bold.
 
     Args:
         sentence: plain text.
@@ -432,7 +432,7 @@ def bold(sentence: str, names: Iterable[str]) -> Markup:
 
 
 def typeset(equation: str) -> Markup:
-    """Escape a formula, with powers raised, indices lowered and Greek letters.
+    """Escape a formula; typeset powers, indices and Greek letters.
 
     Args:
         equation: plain text.

@@ -1,4 +1,4 @@
-"""Comparison, diagnosis and revisions in a terminal, drawn by rich."""
+"""Print comparison, diagnosis and revisions in a terminal with rich."""
 
 import re
 from collections.abc import Iterable, Mapping, Sequence
@@ -43,11 +43,11 @@ COLORS = {
     "insufficient": "magenta",
 }
 _ROOMY, _NARROW = 100, 80  # columns of a terminal
-_FOLDED = 12  # columns for the words of a kind, where there are few
+_FOLDED = 12  # columns for a kind's description on a narrow terminal
 _MOST_RANKED = 5
 _RANGE = "necessary to\nsufficient"
 _BOUNDS = {"": "", "at most": "≤ ", "at least": "≥ "}
-_LOPSIDED = 0.1  # asymmetry above which both ends of an interval are shown, as a share of its half
+_LOPSIDED = 0.1  # asymmetry, relative to the half-width, above which both ends of an interval are shown
 
 
 def print_diagnosis(console: Console, view: StudyView) -> None:
@@ -63,7 +63,7 @@ def print_diagnosis(console: Console, view: StudyView) -> None:
         if channel.budget is not None:
             print_budget(console, channel.name, channel.budget)
         console.print(headline(channel.verdict))
-        width = console.width - 2  # of what stands below it
+        width = console.width - 2  # width of the lines below the heading
         parts: list[RenderableType] = [Text(safe_text(remark)) for remark in channel.verdict.remarks]
         if channel.accepted:
             parts.append(fall_table(channel, width))
@@ -116,18 +116,18 @@ def print_budget(console: Console, channel: str, budget: BudgetView) -> None:
 
 
 def _budget_table(budget: BudgetView, bars: int, *, is_beside: bool) -> Table:
-    """Share, range, form and effects of each part.
+    """Tabulate share, range, form and effects of each part.
 
     Args:
         budget: shares of the error.
-        bars: columns of a terminal that the bars are made for.
-        is_beside: whether the effects stand beside the form, else below it.
+        bars: width of the bars [characters].
+        is_beside: whether the effects are beside the form, rather than below it.
     """
     last = ("effects",) if is_beside else ()
     made = table("", "", "", "share", _RANGE, "form", *last, right=("share", _RANGE))
     for part in budget.parts:
         share = f"{_BOUNDS[part.bound]}{percent(part.share, bound=part.bound)}"
-        effects = ",\n".join(map(safe, part.effects_text.split(", ")))  # no name is broken
+        effects = ",\n".join(map(safe, part.effects_text.split(", ")))  # so that no name is broken
         form = part.form if is_beside or not effects else f"{part.form}\n[dim]{effects}[/dim]"
         bar = _bar(part.share, part.color, bars)
         made.add_row(safe(part.word), bar, share, part.range_text, form, *[effects] * len(last))
@@ -137,7 +137,7 @@ def _budget_table(budget: BudgetView, bars: int, *, is_beside: bool) -> Table:
 
 
 def print_comparison(console: Console, view: StudyView) -> None:
-    """Print each channel's error beside the noise level, with tables where a model misses.
+    """Print each channel's error beside the noise level, with tables if a model does not fit.
 
     Args:
         console: console to print to.
@@ -150,7 +150,7 @@ def print_comparison(console: Console, view: StudyView) -> None:
 
 
 def print_stages(console: Console, channel: ChannelView) -> None:
-    """Print how the error falls with added effects, and the last stage's parameters.
+    """Print the error of each stage, and the last stage's parameters.
 
     Args:
         console: console to print to.
@@ -162,11 +162,11 @@ def print_stages(console: Console, channel: ChannelView) -> None:
 
 
 def print_revisions(console: Console, kept: Sequence[Revision]) -> None:
-    """Print all revisions of a session, shorter where columns are few.
+    """Print all revisions of a session; on a narrow terminal in a shorter form.
 
     Args:
         console: console to print to.
-        kept: revisions of the session.
+        kept: saved revisions of the session.
     """
     roomy = console.width >= _ROOMY
     numbers = ("revision", "from") if roomy else ("no.",)
@@ -186,11 +186,11 @@ def print_revisions(console: Console, kept: Sequence[Revision]) -> None:
 
 
 def print_files(console: Console, written: Mapping[str, Path]) -> None:
-    """Print the written files, one a line.
+    """Print the written files, one per line.
 
     Args:
         console: console to print to.
-        written: paths by what they are.
+        written: paths by kind of file.
     """
     for what, path in written.items():
         console.print(f"{what:<10} [bold]{shown(path)}[/bold]", soft_wrap=True)
@@ -230,7 +230,7 @@ def emphasised(sentence: str, names: Iterable[str]) -> Text:
 
 
 def safe_text(text: str) -> str:
-    """Return text from a file without escape sequences, in which no markup is read.
+    """Return text from a file without escape sequences; its markup is not interpreted.
 
     Args:
         text: from a file.
@@ -242,13 +242,13 @@ def grade(times: float) -> str:
     """Return an error's color by its ratio to the noise level.
 
     Args:
-        times: error over noise.
+        times: ratio of error to noise.
     """
     return "green" if times < NOISE else "yellow" if times < FAR else "red"
 
 
 def fall_table(channel: ChannelView, width: int, *, narrow: bool = False) -> Table:
-    """Tabulate the held-out error, one row a stage; without bars if narrow.
+    """Tabulate the held-out error, one row per stage; without bars if narrow.
 
     Args:
         channel: channel with its stages.
@@ -321,7 +321,7 @@ def with_interval(view: ParameterView) -> tuple[str, str]:
     """
     if view.at_bound:
         return significant(view.value), AT_BOUND
-    if not view.half < float("inf"):  # NaN is not
+    if not view.half < float("inf"):  # true for NaN as well
         return significant(view.value, view.half), NOT_DETERMINED
     value, half = significant(view.value, view.half), significant(view.half, view.half)
     if abs(view.upper + view.lower - 2 * view.value) < _LOPSIDED * view.half:
@@ -330,12 +330,12 @@ def with_interval(view: ParameterView) -> tuple[str, str]:
 
 
 def parts_table(channel: ChannelView, width: int, *, narrow: bool = False) -> Table:
-    """Tabulate the error part by part, beside the noise level; the worst of each kind in bold.
+    """Tabulate the error of each part relative to the noise level, with the worst part of each kind in bold.
 
     If narrow, each kind has a row of its own, and there are no bars.
 
     Args:
-        channel: whose error was split.
+        channel: channel with its split error.
         width: width of the terminal [characters].
         narrow: whether to leave out the bars although they fit.
     """

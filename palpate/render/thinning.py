@@ -1,4 +1,4 @@
-"""Thin curves out so that a browser stays quick and every peak is still seen."""
+"""Thin curves, so that a browser draws them quickly and every peak remains visible."""
 
 from collections.abc import Sequence
 
@@ -8,13 +8,13 @@ from palpate.robot_io.types import FloatArray, IntArray
 
 MOST_POINTS = 4000
 _MOST_RUNS = 60
-_FEWEST = 16  # points of a run
+_FEWEST = 16  # smallest number of points of a run
 
 
 def peaks(values: FloatArray, most: int = MOST_POINTS) -> IntArray:
-    """Return rows of `values` (n,) to draw: minimum and maximum of each of `most` / 2 equal stretches.
+    """Return rows of `values` to draw: minimum and maximum of each of `most` / 2 equal intervals.
 
-    A stretch without finite values keeps one of them, which leaves a gap in the curve.
+    An interval without finite values keeps one row, which leaves a gap in the curve.
 
     Args:
         values: shape (n,).
@@ -34,7 +34,7 @@ def peaks(values: FloatArray, most: int = MOST_POINTS) -> IntArray:
 
 
 def rows_by_run(run: IntArray) -> dict[int, IntArray]:
-    """Return the rows of each run by its number; of very many runs, an even selection.
+    """Return the rows of each run by its number; if there are very many runs, an even selection of them.
 
     Args:
         run: number of each sample's run, shape (n,).
@@ -46,7 +46,7 @@ def rows_by_run(run: IntArray) -> dict[int, IntArray]:
 
 
 def run_curves(x: FloatArray, y: FloatArray, runs: Sequence[IntArray]) -> list[tuple[FloatArray, FloatArray]]:
-    """Return each run's curve (x, y), thinned out so that peaks of both remain.
+    """Return each run's curve (x, y), thinned so that peaks of both coordinates remain.
 
     Args:
         x: shape (n,).
@@ -59,7 +59,7 @@ def run_curves(x: FloatArray, y: FloatArray, runs: Sequence[IntArray]) -> list[t
 
 
 def joined(curves: Sequence[tuple[FloatArray, FloatArray]]) -> tuple[FloatArray, FloatArray]:
-    """Join curves to one, with a gap (NaN) after each.
+    """Join curves into one, with a gap (NaN) after each.
 
     Args:
         curves: x and y of each.

@@ -1,6 +1,6 @@
-"""What is known about a model and its measurement, as arrays and words; every medium draws from this.
+"""Views of a model and its measurement, as arrays and text, from which every medium is drawn.
 
-Positions and velocities are in the units that people read (mm for lengths); efforts and errors are in SI.
+Positions and velocities are in display units (mm for lengths); efforts and errors are in SI units.
 """
 
 from collections.abc import Iterator, Mapping, Sequence
@@ -30,7 +30,7 @@ class Axes:
 
 @dataclass(frozen=True)
 class ParameterView:
-    """One parameter with its 95 % interval, NaN where the data do not determine it, or at a bound."""
+    """One parameter with its 95 % interval; NaN if it is at a bound or the data do not determine it."""
 
     effect: str
     name: str
@@ -56,38 +56,38 @@ class StageView:
     name: str  # the whole model, such as "kelvin_voigt + cubic_stiffness"
     rmse: float  # error in held-out runs, in the effort's unit
     predicted: FloatArray  # predicted effort, shape (n,)
-    # Measured less predicted from the other runs, shape (n,); NaN where it is not judged.
+    # Measured minus predicted from the other runs, shape (n,); NaN for samples excluded from scoring.
     residual: FloatArray
     parameters: tuple[ParameterView, ...]  # in the order of the model
     effects: tuple[Effect, ...]  # the terms of the model
     equation: str  # all terms in one line
-    unphysical: tuple[str, ...] = ()  # gains that lie outside what is physical, each in words
+    unphysical: tuple[str, ...] = ()  # descriptions of gains outside their physical bounds
 
 
 @dataclass(frozen=True)
 class VerdictView:
     """The verdict on one channel."""
 
-    word: str  # adequate, missing, unexplained or insufficient; or fits or misses, where only compared
+    word: str  # adequate, missing, unexplained or insufficient; after a comparison only, fits or misses
     sentence: str  # sentence on this channel
     remarks: tuple[str, ...] = ()  # further sentences
     names: tuple[str, ...] = ()  # effects in the sentence, to be set in bold
 
     @property
     def tag(self) -> str:
-        """Word before the sentence; empty if the sentence says it."""
+        """Word before the sentence; empty if the sentence contains it."""
         return "" if self.word in {"fits", "misses"} else self.word.upper()
 
 
 @dataclass(frozen=True)
 class BudgetPart:
-    """One part of the base model's error, as shares of its square in held-out runs."""
+    """One part of the base model's error, as shares of its mean square in held-out runs."""
 
     word: str  # the kind's short name, "noise" or "unexplained"
     share: float
     color: str
-    bound: str = ""  # "at most" or "at least", where the share is only bounded
-    interval: tuple[float, float] | None = None  # 95 %, over runs
+    bound: str = ""  # "at most" or "at least" if the share is only bounded
+    interval: tuple[float, float] | None = None  # 95 % interval over runs
     necessary: float | None = None  # share lost without this kind; None for noise and unexplained
     sufficient: float | None = None  # share explained by this kind alone
     form: str = ""  # exact, approximate or unknown
@@ -107,7 +107,7 @@ class BudgetPart:
 
     @property
     def effects_text(self) -> str:
-        """Names of effects; those that are merely closest in form are marked."""
+        """Names of the effects; effects that are only the closest in form are marked."""
         return ("closest: " if self.form == "unknown" and self.effects else "") + ", ".join(self.effects)
 
 
@@ -117,7 +117,7 @@ class BudgetView:
 
     sentence: str  # the shares in words
     parts: tuple[BudgetPart, ...]  # kinds with the largest share first, then noise and unexplained
-    # Sentences on kinds that cannot be told apart, each with the experiment that separates them.
+    # Sentences on indistinguishable kinds, each with the experiment that separates them.
     confusions: tuple[str, ...] = ()
 
 
@@ -126,7 +126,7 @@ def percent(share: float, *, bound: str = "") -> str:
 
     Args:
         share: share of the whole, 0 to 1.
-        bound: "at most" where the share is only bounded.
+        bound: "at most" or "at least" if the share is only bounded.
     """
     if 0.0 < share < 0.005:
         return "1 %" if bound == "at most" else "under 1 %"
@@ -139,25 +139,25 @@ class ChannelView:
 
     name: str  # such as "contact"
     axes: Axes  # names and units
-    time_s: FloatArray  # with the runs one after the other, shape (n,) [s]
-    position: FloatArray  # in the unit that is shown, shape (n,)
-    velocity: FloatArray  # likewise
+    time_s: FloatArray  # time with the runs one after the other, shape (n,) [s]
+    position: FloatArray  # position in display units, shape (n,)
+    velocity: FloatArray  # velocity in display units, shape (n,)
     effort: FloatArray  # as measured, shape (n,)
     run: IntArray  # number of the run, shape (n,)
     engaged: BoolArray  # samples in contact, shape (n,)
     judged: BoolArray  # samples whose error counts, shape (n,); the others are shaded
-    speeds: Mapping[int, str]  # words for the speed of each run, by its number
-    stages: tuple[StageView, ...]  # base model first; empty where the data cannot be judged
+    speeds: Mapping[int, str]  # description of each run's speed, by run number
+    stages: tuple[StageView, ...]  # base model first; empty if the data cannot be judged
     fall: tuple[tuple[str, float], ...]  # label and error of each stage
     parameters: tuple[ParameterView, ...]  # of the last stage
     noise_level: float  # error of a complete model, 0 if unknown
     noise_text: str  # the same with its source, in words
-    verdict: VerdictView  # the answer
+    verdict: VerdictView  # verdict on the channel
     budget: BudgetView | None = None  # budget of the base model's error; None without a diagnosis
     # The last model's error by phase, run, speed and so on.
     parts: Mapping[str, Sequence[Part]] = field(default_factory=dict)
-    accepted: tuple[Accepted, ...] = ()  # established effects
-    ranking: tuple[Ranked, ...] = ()  # candidates that help the base model, best first
+    accepted: tuple[Accepted, ...] = ()  # accepted effects
+    ranking: tuple[Ranked, ...] = ()  # candidates that improve the base model, best first
     next_experiment: NextExperiment | None = None  # what to record next; None for nothing
     # Commanded or reference effort, shape (n,), with its name; None if unknown.
     commanded: tuple[str, FloatArray] | None = None
@@ -171,7 +171,7 @@ class ChannelView:
         return error / self.noise_level if self.noise_level > 0.0 else float("inf")
 
     def parts_by(self) -> Iterator[tuple[str, Sequence[Part]]]:
-        """The parts of each kind with its name; of very many, such as runs, only the worst."""
+        """Yield each kind's name and parts; if there are very many parts, such as runs, only the worst."""
         for kind, parts in self.parts.items():
             if len(parts) > _MOST_PARTS:
                 worst = sorted(parts, key=lambda part: -part.rmse)[: _MOST_PARTS - 2]
@@ -181,13 +181,13 @@ class ChannelView:
 
     @property
     def shown_stages(self) -> tuple[StageView, ...]:
-        """First and last stage, which curves and maps compare; one if nothing was added."""
+        """First and last stage, which curves and maps compare; only one if nothing was added."""
         return self.stages if len(self.stages) < 2 else (self.stages[0], self.stages[-1])
 
 
 @dataclass(frozen=True)
 class StudyView:
-    """All channels of a file with its origin, and the commands that repeat it."""
+    """All channels of a file with its origin, and the commands that repeat the results."""
 
     file: str
     channels: tuple[ChannelView, ...]
@@ -198,14 +198,15 @@ class StudyView:
 
 @dataclass(frozen=True)
 class ResidualMap:
-    """Mean residual over the state: cell centres (p,) and (v,), mean (v, p), NaN where too few samples."""
+    """Mean residual over the state: cell centers (p,) and (v,), mean (v, p), NaN if too few samples."""
 
     position: FloatArray
     velocity: FloatArray
     mean: FloatArray
 
 
-_CELLS, _OUTER, _LEAST = 36, 0.002, 3  # per axis; share beyond each end; samples in a cell that is shown
+# Cells per axis; share excluded at each end; fewest samples of a shown cell.
+_CELLS, _OUTER, _LEAST = 36, 0.002, 3
 
 
 def residual_map(

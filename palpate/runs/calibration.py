@@ -1,4 +1,4 @@
-"""Record what calibrations are fitted to: motions in free air, hard stops, a known pose, weights."""
+"""Record data for calibrations: motions in free air, touches of hard stops, a known pose, and weights."""
 
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import ExitStack, contextmanager
@@ -35,22 +35,22 @@ from palpate.runs.session import ArmJob, ArmSession, arm_session, checked_body
 KIND = "calibration_kind"  # key of the calibration's kind in the session's metadata
 MOTIONS = {"torque": TORQUE_MOTION, "gravity": GRAVITY_MOTION}
 SPEED_MARGIN = 1.5  # guard's limit, as a multiple of the motion's speed
-STOP_SPEED_RAD_S = 3.0  # of the guard at stops; a light wrist is jerked when the shoulder stops
-BEYOND_RAD = 0.05  # guard's position limit beyond the place where the search for a stop gives up
+STOP_SPEED_RAD_S = 3.0  # guard's speed limit at stops; a light wrist is jerked when the shoulder stops
+BEYOND_RAD = 0.05  # distance of the guard's position limit beyond the end of the search for a stop
 POSE_S = 1.0
-_FAR_RAD = 100.0  # more than any encoder counts
+_FAR_RAD = 100.0  # beyond the range of any encoder
 
 
 @dataclass(frozen=True)
 class CalibrationJob(ArmJob):
-    """A calibration run; the robot's own calibration of this kind is not applied meanwhile."""
+    """Settings of a calibration run; it does not apply the robot's existing calibration of this kind."""
 
     kind: str  # force, encoder, torque or gravity
 
 
 @dataclass(frozen=True)
 class CalibrationSetup:
-    """A robot ready to be calibrated, torque off; the body is as the calibrations that are applied say."""
+    """Robot ready to be calibrated, torque off; the body includes the applied calibrations."""
 
     job: CalibrationJob
     arm: ArmSession
@@ -60,7 +60,7 @@ class CalibrationSetup:
         """Make a guard with these limits.
 
         Args:
-            limits: the arm's limits meanwhile.
+            limits: limits during the calibration.
         """
         robot_file = self.job.robot_file
         return Guard(limits, robot_file.safe_state, robot_file.joint_count, self.body.gravity)
@@ -82,12 +82,12 @@ class CalibrationSetup:
         """Run a task in the loop, under a guard with these limits.
 
         Args:
-            task: what the arm does.
+            task: task of the arm.
             limits: limits of the guard.
             watcher: observer of the run.
 
         Raises:
-            KeyboardInterrupt: the user stopped it.
+            KeyboardInterrupt: the user stopped the run.
             PalpateError: the arm was stopped.
         """
         guard, rate_hz = self.guard(limits), self.job.robot_file.control_rate_hz
@@ -102,7 +102,7 @@ class CalibrationSetup:
 
 
 Place = Callable[[CalibrationSetup, int, float], None]
-MakeWatcher = Callable[[float], Watcher]  # from the duration of a motion, about [s]
+MakeWatcher = Callable[[float], Watcher]  # makes a watcher from the approximate duration of a motion [s]
 
 
 @contextmanager
@@ -110,7 +110,7 @@ def calibration_setup(job: CalibrationJob) -> Iterator[CalibrationSetup]:
     """Set up robot, clock and log; the session file is complete when the context ends.
 
     Args:
-        job: what is to be calibrated, with which arm.
+        job: the calibration run.
 
     Raises:
         InputError: robot file, calibrations and scenario do not fit each other, a device could not be opened,
@@ -124,7 +124,7 @@ def calibration_setup(job: CalibrationJob) -> Iterator[CalibrationSetup]:
 
 
 def motion_in_words(kind: str, limits: Limits) -> str:
-    """Describe the calibration motion, for the question before it starts.
+    """Describe the calibration motion, for the confirmation before it starts.
 
     Args:
         kind: kind of the calibration: encoder, torque or gravity.
@@ -150,17 +150,17 @@ def motion_in_words(kind: str, limits: Limits) -> str:
 def run_motion(
     job: CalibrationJob, settings: ExcitationSettings | None = None, watcher: MakeWatcher = lambda _s: NOBODY
 ) -> None:
-    """Excite the arm in free air and log it: for torque and gravity, with the usual motion of the kind.
+    """Excite the arm in free air and log the motion, for a torque or gravity calibration.
 
     Args:
-        job: what is to be calibrated, with which arm.
+        job: the calibration run.
         settings: settings of the motion; None for the usual one of the kind.
         watcher: makes the observer, given the motion's duration [s].
 
     Raises:
-        InputError: as `calibration_setup`, or no motion is clear of the ground.
+        InputError: as for `calibration_setup`, or no motion is clear of the ground.
         PalpateError: the arm was stopped.
-        KeyboardInterrupt: the user stopped it.
+        KeyboardInterrupt: the user stopped the run.
     """
     settings, robot_file = settings or MOTIONS[job.kind], job.robot_file
     limits = robot_file.limits
@@ -178,17 +178,17 @@ def run_stops(
     stops_rad: tuple[FloatArray, FloatArray] | None = None,
     watcher: MakeWatcher = lambda _s: NOBODY,
 ) -> None:
-    """Touch the joints' hard stops and log it; stops (n,) each default to the URDF's limits.
+    """Touch the joints' hard stops and log the motion.
 
     Args:
-        job: what is to be calibrated, with which arm.
+        job: the calibration run.
         stops_rad: lower and upper stops, (n,) each [rad]; None for the URDF's.
         watcher: makes the observer, given the motion's duration [s].
 
     Raises:
-        InputError: as `calibration_setup`, or a stop cannot be reached.
+        InputError: as for `calibration_setup`, or a stop cannot be reached.
         PalpateError: the arm was stopped.
-        KeyboardInterrupt: the user stopped it.
+        KeyboardInterrupt: the user stopped the run.
     """
     limits = job.robot_file.limits
     settings = StopSettings.within(limits)
@@ -202,13 +202,13 @@ def run_stops(
 
 
 def run_pose(job: CalibrationJob) -> None:
-    """Read the encoders of an unpowered arm that is held in a known pose, and log it.
+    """Read and log the encoders of an unpowered arm that is held in a known pose.
 
     Args:
-        job: what is to be calibrated, with which arm.
+        job: the calibration run.
 
     Raises:
-        InputError: as `calibration_setup`.
+        InputError: as for `calibration_setup`.
         SafetyTripError: a sample is missing or old.
     """
     with calibration_setup(job) as setup:
@@ -226,22 +226,20 @@ def run_weighing(
     measure_s: float = 1.0,
     progress: Callable[[float], None] | None = None,
 ) -> None:
-    """Apply known forces to the sensor of an unpowered arm, one after the other, and log it.
-
-    `place` applies force number i [N], positive in compression; see `weigh` for the rest.
+    """Apply known forces to the sensor of an unpowered arm, one after the other, and log the readings.
 
     Args:
-        job: what is to be calibrated, with which arm.
-        forces_n: on the sensor, one after the other [N], positive in compression.
-        place: applies a force.
+        job: the calibration run.
+        forces_n: forces on the sensor in order [N], positive in compression.
+        place: called with the setup, the force's number from 0 and the force [N]; applies the force.
         settle_s: time before each measurement [s].
         measure_s: time of each measurement [s].
-        progress: called with the share that is done.
+        progress: called with the fraction that is done.
 
     Raises:
-        InputError: as `calibration_setup`, or there are too few forces, or one is beyond the robot's limit.
+        InputError: as for `calibration_setup`, or there are too few forces, or one exceeds the robot's limit.
         SafetyTripError: a sample is missing, old or beyond a limit.
-        KeyboardInterrupt: the user stopped it.
+        KeyboardInterrupt: the user stopped the run.
     """
     check_references(forces_n)
     limit_n = job.robot_file.limits.force_n
@@ -265,7 +263,7 @@ def put_simulated_weight(setup: CalibrationSetup, number: int, force_n: float) -
     Args:
         setup: the robot that is calibrated.
         number: number of the force, from 0; not used.
-        force_n: positive in compression [N].
+        force_n: force, positive in compression [N].
     """
     if setup.arm.world is not None:
         setup.arm.world().sensor_load_n = force_n

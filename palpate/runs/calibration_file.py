@@ -42,20 +42,20 @@ from palpate.runs.calibration import KIND
 from palpate.runs.robots import EMULATED, is_simulated, shipped_robots
 from palpate.runs.session import SOURCE
 
-_FAMILY = {"gravity": "torque"}  # kinds that can use each other's sessions
+_FAMILY = {"gravity": "torque"}  # kinds that accept each other's sessions
 
 
 def open_recorded(path: Path, kind: str, robot_file: RobotFile) -> Session:
-    """Open a session that suits a calibration of this kind and robot.
+    """Open a session that was recorded for a calibration of this kind and robot.
 
     Args:
         path: session file.
         kind: kind of the calibration.
-        robot_file: robot file of the robot that it is for.
+        robot_file: robot file of the robot to calibrate.
 
     Raises:
-        InputError: it was not made for that, is of another robot or device, or such a calibration was applied
-            in it.
+        InputError: the session was recorded for another kind, robot or device, or with such a calibration
+            applied.
     """
     session = open_session(path)
     made_for = session.metadata.extra.get(KIND)
@@ -78,23 +78,23 @@ def open_recorded(path: Path, kind: str, robot_file: RobotFile) -> Session:
 
 @dataclass(frozen=True)
 class Stamp:
-    """Origin of a calibration, as every calibration file states it."""
+    """Origin of a calibration, which every calibration file states."""
 
-    robot_file: RobotFile  # name of the robot
+    robot_file: RobotFile  # robot file of the calibrated robot
     raw: Path  # session or data file of the fit
     now_utc: datetime  # date of the calibration
-    valid_days: float  # how long it may be used
+    valid_days: float  # validity of the calibration [days]
     source: str | None = "measured"  # or simulated, or emulated
     made_with: tuple[str, ...] = ()  # calibrations applied during the recording
 
     @classmethod
     def of(cls, robot_file: RobotFile, raw: Path, valid_days: float) -> "Stamp":
-        """Read the conditions from a session; a data file has none, and counts as measured now.
+        """Read the origin from a session; a data file states none and counts as measured now.
 
         Args:
-            robot_file: robot file of the robot that it is for.
+            robot_file: robot file of the robot to calibrate.
             raw: session or data file.
-            valid_days: how long it may be used [days].
+            valid_days: validity of the calibration [days].
         """
         if raw.suffix != ".mcap":
             return cls(robot_file, raw, datetime.now(UTC), valid_days)
@@ -107,7 +107,7 @@ class Stamp:
         return cls(robot_file, raw, made_utc, valid_days, source, tuple(names))
 
     def content(self, kind: str) -> dict[str, object]:
-        """Everything but the values; raise `InputError` if the raw data or the URDF cannot be read.
+        """Return all fields except the values; raise `InputError` if the raw data or URDF cannot be read.
 
         Args:
             kind: kind of the calibration.
@@ -132,15 +132,15 @@ class Stamp:
 
 
 def arm_fit_of(session: Session, urdf: str | Path, tip_frame: str) -> ArmFit:
-    """Gains, offsets, friction and tilt from a session of `run_motion`.
+    """Fit gains, offsets, friction and tilt to a session of `run_motion`.
 
     Args:
         session: session of the motion.
         urdf: file with the arm's masses.
-        tip_frame: the tip's frame in it.
+        tip_frame: frame of the tip in the URDF.
 
     Raises:
-        InputError: it is no such session, or does not determine a joint's gain.
+        InputError: the session is of another kind, or does not determine a joint's gain.
     """
     return fit_arm(motion_of(session.samples("tick")), GravityBodies.from_urdf(urdf, tip_frame))
 
@@ -148,12 +148,12 @@ def arm_fit_of(session: Session, urdf: str | Path, tip_frame: str) -> ArmFit:
 def encoder_fit_of(
     session: Session, joint_count: int, pose_rad: Sequence[float] | None, known_std_rad: float
 ) -> EncoderFit:
-    """Zeros from a session of `run_stops`, or of `run_pose` in this pose; raise `InputError` if it is none.
+    """Fit encoder zeros to a session of `run_stops` or `run_pose`; raise `InputError` for another session.
 
     Args:
         session: session of the stops or of the pose.
         joint_count: number of joints of the arm.
-        pose_rad: in which the arm was held, (n,) [rad]; None where stops were touched.
+        pose_rad: pose in which the arm was held, shape (n,) [rad]; None if stops were touched.
         known_std_rad: standard uncertainty of stops or pose [rad].
     """
     if pose_rad is not None:
@@ -169,8 +169,8 @@ def force_calibration(fit: ForceFit, reading_unit: str, stamp: Stamp) -> ForceCa
 
     Args:
         fit: scale, zero and curvature.
-        reading_unit: of the sensor's readings.
-        stamp: where it comes from.
+        reading_unit: unit of the sensor's readings.
+        stamp: origin of the calibration.
     """
     values = {"zero": _entry(fit.zero, reading_unit), "scale": _entry(fit.scale, f"N/{reading_unit}")}
     if fit.curvature:
@@ -190,7 +190,7 @@ def encoder_calibration(fit: EncoderFit, stamp: Stamp) -> EncoderCalibration:
 
     Args:
         fit: the joints' zeros.
-        stamp: where it comes from.
+        stamp: origin of the calibration.
     """
     values = {"offset": _entry(UncertainValue(fit.offset_rad, fit.std_rad), "rad")}
     findings = {"repeatability": _exact(fit.repeatability_rad, "rad")}
@@ -202,7 +202,7 @@ def torque_calibration(fit: ArmFit, stamp: Stamp) -> TorqueCalibration:
 
     Args:
         fit: gains and offsets of the drives.
-        stamp: where it comes from.
+        stamp: origin of the calibration.
     """
     values = {
         "gain": _entry(fit.gain, "1"),
@@ -218,14 +218,14 @@ def torque_calibration(fit: ArmFit, stamp: Stamp) -> TorqueCalibration:
 
 
 def gravity_calibration(fit: ArmFit, stamp: Stamp) -> GravityCalibration:
-    """Make the content of a gravity calibration, without angles that the arm does not feel.
+    """Make the content of a gravity calibration, without angles that do not affect the arm's torques.
 
     Args:
         fit: tilt of the base.
-        stamp: where it comes from.
+        stamp: origin of the calibration.
 
     Raises:
-        InputError: the arm feels no tilt at all.
+        InputError: no tilt affects the arm's torques.
     """
     tilt = zip(("pitch", "roll"), fit.tilt_rad.value.tolist(), fit.tilt_rad.std_err.tolist(), strict=True)
     values = {
@@ -266,7 +266,7 @@ class NamedRobot:
 
     @property
     def option(self) -> str:
-        """Option of the next command, as typed."""
+        """Option that names the robot in the next command."""
         packages = "".join(f" --drivers {as_shell_word(package)}" for package in self.drivers or ())
         return f"--robot {as_shell_word(self.named)}{packages}"
 
@@ -275,9 +275,9 @@ def say_how_to_use_it(calibration: Calibration, path: Path, whose: NamedRobot) -
     """Print on stderr the lines to add to the robot file, and the next command.
 
     Args:
-        calibration: what was made.
-        path: its file, from the root.
-        whose: the robot that it is of.
+        calibration: the new calibration.
+        path: absolute path of its file.
+        whose: the calibrated robot.
     """
     talk, file = console.stderr(), whose.file.path
     unit = getattr(calibration, "reading_unit", "N")

@@ -1,9 +1,9 @@
-"""Let an arm's joints follow goals of another program, such as LeRobot, at that program's own pace.
+"""Let an arm's joints follow goals of another program, such as LeRobot, at that program's own rate.
 
-The arm runs in a process of its own at its full control rate, with its guard and its session, so that neither
-a slow program nor Python's lock delays a tick. The program talks to it by `FollowingArm`: each goal is
-answered by the newest measurement. When the program stops it, or has died, the arm returns to the posture in
-which it was started, and its torque goes off.
+The arm runs in a separate process at its full control rate, with its guard and its session, so that neither
+a slow program nor Python's GIL delays a tick. The program controls it through `FollowingArm`: each goal is
+answered by the newest measurement. When the program stops the arm, or dies, the arm returns to its start pose
+and its torque is switched off.
 """
 
 import subprocess
@@ -29,23 +29,23 @@ from palpate.robot_io.guard import Guard
 from palpate.robot_io.types import FloatArray, Measurement, frozen_array
 from palpate.runs.session import ArmJob, arm_session, checked_body
 
-_RATE_1_S = 20.0  # how fast a goal is approached; both poles of the reference lie at twice this
-_LONGEST_S = 0.2  # a goal that comes later after the last one is not approached more slowly
-_BRAKE_SHARE = 0.8  # of the acceleration limit that braking before a goal plans with
+_RATE_1_S = 20.0  # rate at which a goal is approached; both poles of the reference lie at twice this rate
+_LONGEST_S = 0.2  # longest interval between goals that slows the approach
+_BRAKE_SHARE = 0.8  # share of the acceleration limit used to plan the braking before a goal
 _AT_REST_RAD, _AT_REST_RAD_S = 1e-3, 1e-3
-_READY_S = 0.5  # from torque on until the program hears that the arm is ready
+_READY_S = 0.5  # time from torque on until the program is told that the arm is ready
 _END_S = 60.0  # time limit of the process after the arm has ended
 
 
 @dataclass(frozen=True)
 class FollowingJob(ArmJob):
-    """Which arm follows, and how fast."""
+    """Settings of a following run: the arm, and the speed and acceleration of its reference."""
 
     speed_share: float = 0.5  # largest speed of the reference, as a share of the guard's limits
     acceleration_rad_s2: float = 10.0  # largest acceleration of the reference
 
     def __post_init__(self) -> None:
-        """Refuse limits of the reference that are none, beside what `ArmJob` refuses."""
+        """Raise an error for invalid limits of the reference, after the checks of `ArmJob`."""
         super().__post_init__()
         if not 0.0 < self.speed_share <= 1.0:
             raise InputError(f"speed_share {self.speed_share}: must be above 0 and at most 1")
@@ -54,10 +54,10 @@ class FollowingJob(ArmJob):
 
 
 class GoalReference:
-    """Reference that moves to a changing goal within a speed and an acceleration.
+    """Reference that moves to a changing goal within limits of speed and acceleration.
 
-    A new goal is approached in a straight line, for as long as the one before it had stood: goals that come
-    at a program's own rate then make no steps.
+    The reference moves to a new goal in a straight line, over the time that has passed since the previous
+    goal, so that goals at a program's own rate cause no steps.
 
     Args:
         position_rad: start, shape (n,) [rad].
@@ -69,10 +69,10 @@ class GoalReference:
         self._position, self._velocity = position_rad.copy(), np.zeros_like(position_rad)
         self._speed, self._acceleration = speed_rad_s, acceleration_rad_s2
         self._goal = self._way_point = self._position
-        self._since_s, self._left_s = 0.0, 0.0  # since the last goal; until the present one is due
+        self._since_s, self._left_s = 0.0, 0.0  # time since the last goal; time left to reach the current one
 
     def aim(self, goal_rad: FloatArray) -> None:
-        """Take a new goal.
+        """Set a new goal.
 
         Args:
             goal_rad: shape (n,) [rad].
@@ -102,7 +102,7 @@ class GoalReference:
 
     @property
     def arrived(self) -> bool:
-        """Whether it rests at the goal."""
+        """Whether the reference rests at the goal."""
         away, speed = np.abs(self._goal - self._position).max(), np.abs(self._velocity).max()
         return bool(away < _AT_REST_RAD and speed < _AT_REST_RAD_S)
 
@@ -112,9 +112,9 @@ class JointFollowingTask:
 
     Args:
         controller: controller of the arm.
-        line: to the program. A `Measurement` says that the arm is ready. Then each array of shape (n,) [rad]
-            is a goal, and an empty one is none; both are answered by the newest `Measurement`. None ends the
-            task, and so does a closed line.
+        line: connection to the program. The task first sends a `Measurement` when the arm is ready. Each
+            received array of shape (n,) [rad] is a goal; an empty array sets no goal. Both are answered by
+            the newest `Measurement`. None or a closed connection ends the task.
         speed_rad_s: largest speed of the reference, shape (n,) [rad/s].
         acceleration_rad_s2: largest acceleration of the reference [rad/s^2].
     """
@@ -150,7 +150,7 @@ class JointFollowingTask:
             dt_s: time since the last tick [s].
 
         Returns:
-            Command and reference; done once the arm was asked to end and is back at its start.
+            Command and reference; done once the task was told to end and the arm is back at its start.
         """
         try:
             if self._wait_s > 0.0:
@@ -182,12 +182,12 @@ def run_following(job: FollowingJob, line: Connection) -> None:
     """Follow goals until the program ends or the guard trips; the session is then complete.
 
     Args:
-        job: which arm, and how fast.
+        job: the arm and its speed.
         line: see `JointFollowingTask`.
 
     Raises:
         InputError: robot file, drivers and scenario do not fit each other; nothing has moved.
-        PalpateError: the arm was stopped, and why.
+        PalpateError: the arm was stopped; states the reason.
     """
     robot_file = job.robot_file
     calibrations = load_calibrations(robot_file, emulated=job.wired)
@@ -207,17 +207,18 @@ def run_following(job: FollowingJob, line: Connection) -> None:
 
 
 class FollowingArm:
-    """Client of an arm that runs in a process of its own.
+    """Client of an arm that runs in a separate process.
 
     Args:
-        job: which arm, and how fast.
+        job: the arm and its speed.
 
     Attributes:
         low_rad: lowest goals that are followed, shape (n,) [rad].
         high_rad: highest goals that are followed, shape (n,) [rad].
 
     Raises:
-        InputError: nothing can be simulated here, or a limit of the reference is none.
+        InputError: no physics engine is installed for a simulated arm, or a limit of the reference is
+            invalid.
     """
 
     def __init__(self, job: FollowingJob) -> None:
@@ -231,24 +232,24 @@ class FollowingArm:
 
     @property
     def running(self) -> bool:
-        """Whether it was started and not stopped since; also after the guard has stopped the arm."""
+        """Whether the arm was started and not stopped since; True even after the guard has stopped it."""
         return self._process is not None
 
     def start(self) -> Measurement:
-        """Open the devices and hold the posture in which the arm is; its torque is on then.
+        """Open the devices, switch the torque on, and hold the arm's current pose.
 
         Returns:
             The first measurement.
 
         Raises:
-            LifecycleError: it is running already.
-            PalpateError: a device could not be opened, or the arm was stopped, and why.
+            LifecycleError: the arm is running already.
+            PalpateError: a device could not be opened, or the arm was stopped; states the reason.
         """
         if self.running:
             raise LifecycleError("the arm is running already")
         self._line, theirs = Pipe()
         self._ended = None
-        # A session of its own: Ctrl-C in the terminal reaches the program, which then stops the arm.
+        # In a new process session, Ctrl-C in the terminal reaches only the program, which then stops the arm.
         program = f"from palpate.runs.following import main; main({theirs.fileno()})"
         self._process = subprocess.Popen(  # noqa: S603 (this interpreter, this module)
             [sys.executable, "-c", program],
@@ -273,9 +274,9 @@ class FollowingArm:
             The newest measurement, at most one tick old.
 
         Raises:
-            InputError: the goal is not one finite number a joint; the arm keeps its last one.
-            LifecycleError: it is not running.
-            PalpateError: the arm was stopped, and why; the same again for every later call.
+            InputError: the goal is not one finite number per joint; the arm keeps its last goal.
+            LifecycleError: the arm is not running.
+            PalpateError: the arm was stopped; states the reason, again in every later call.
         """
         goal = frozen_array(goal_rad, self.low_rad.shape, what="goal of the joints")
         return self._ask(goal.clip(self.low_rad, self.high_rad))
@@ -284,18 +285,18 @@ class FollowingArm:
         """Return the newest measurement, at most one tick old.
 
         Raises:
-            LifecycleError: it is not running.
-            PalpateError: the arm was stopped, and why; the same again for every later call.
+            LifecycleError: the arm is not running.
+            PalpateError: the arm was stopped; states the reason, again in every later call.
         """
         return self._ask(np.empty(0))
 
     def stop(self) -> None:
         """Return the arm to its start and switch its torque off; can be called again.
 
-        An arm that the guard has stopped is left in its state.
+        This does not move an arm that the guard has stopped.
 
         Raises:
-            PalpateError: the arm was stopped on its way back, and why.
+            PalpateError: the arm was stopped on its way back; states the reason.
         """
         if self._process is None:
             return
@@ -314,7 +315,7 @@ class FollowingArm:
             raise LifecycleError("the arm is not running")
         if self._ended is not None:
             raise self._ended
-        with suppress(OSError):  # it has ended, and its message is waiting
+        with suppress(OSError):  # the process has ended, and its message can be read
             self._line.send(what)
         try:
             answer = self._line.recv()
@@ -333,7 +334,7 @@ def main(descriptor: int) -> None:
     """Run the arm of `FollowingArm` at the other end of a pipe, in this process.
 
     Args:
-        descriptor: of this end of the pipe.
+        descriptor: file descriptor of this end of the pipe.
     """
     with Connection(descriptor) as line:
         try:

@@ -1,4 +1,4 @@
-"""Hide effects in a simulated world, seal them beside the session, and read the true parameters."""
+"""Hide effects in a simulated world, store them in a sealed file, and read the true parameters."""
 
 from collections.abc import Sequence
 from pathlib import Path
@@ -16,7 +16,7 @@ from palpate.sim_backend.scenario import Hidden, Scenario, parse_scenario
 
 RANDOM = "random"
 SEALED = "(sealed)"  # replaces hidden effects in a stored command line
-SEAL = "seal"  # key in the session's metadata of the mark shared with its sealed answer
+SEAL = "seal"  # metadata key of the mark that session and sealed answer share
 
 
 class HiddenFile(FileModel):
@@ -26,17 +26,16 @@ class HiddenFile(FileModel):
 
 
 def hide(scenario: Scenario, what: str) -> Scenario:
-    """Return the world with other hidden effects; its seed decides random choices.
+    """Return the world with the requested hidden effects; its seed determines random choices.
 
-    They are "random"; the name of an effect, whose place and strength are then random; or a YAML file with a
-    list `hidden`.
+    The location and strength of an effect that is given by name are random. A YAML file has a list `hidden`.
 
     Args:
         scenario: the world.
         what: "random", an effect's name, or the path of a YAML file.
 
     Raises:
-        InputError: no such effect or file, or they do not fit the world.
+        InputError: the effect or file does not exist, or does not fit the world.
     """
     if what == RANDOM or what in IMPERFECTIONS:
         effect = None if what == RANDOM else what
@@ -50,19 +49,16 @@ def hide(scenario: Scenario, what: str) -> Scenario:
 def seal_hidden(
     session: Path, scenario: Scenario, what: str | None, metadata: SessionMetadata
 ) -> Path | None:
-    """Write a session's hidden effects to a sealed file beside it; None if nothing is hidden.
-
-    `what` is how it was chosen, as for `hide`, or None if the scenario says so itself. The session's metadata
-    has the mark that binds the answer to it.
+    """Write a session's hidden effects to a sealed file beside it; return None if nothing is hidden.
 
     Args:
         session: file of the session.
         scenario: its world.
-        what: how the effects were chosen, as for `hide`; None if the scenario says so itself.
+        what: the user's choice of effects, as for `hide`; None if the scenario contains them.
         metadata: metadata of the session, with the mark that binds the answer to it.
 
     Raises:
-        InputError: such a file already exists, or it cannot be written.
+        InputError: the sealed file already exists or cannot be written.
     """
     if not scenario.hidden:
         return None
@@ -83,10 +79,10 @@ def open_answer(session: Session) -> SealedAnswer:
     """Open a session's sealed answer.
 
     Args:
-        session: beside which the sealed answer lies.
+        session: session with a sealed answer beside it.
 
     Raises:
-        InputError: there is no sealed answer, it is damaged, or it is that of another session.
+        InputError: there is no sealed answer, or it is damaged or belongs to another session.
     """
     path = existing_file(sealed_path(session.path), "sealed answer")
     answer = unseal(path)
@@ -109,7 +105,7 @@ def command_line(arguments: Sequence[str], hidden: str | None) -> str:
 
     Args:
         arguments: arguments of the program.
-        hidden: what was hidden, as typed; None for nothing.
+        hidden: hidden effects as typed; None if none.
     """
     words = list(arguments)
     for number, word in enumerate(words):
@@ -125,7 +121,7 @@ SURFACE = "surface"
 
 
 def scenario_of(session: Session) -> Scenario | None:
-    """Return the simulated world of a session, None if it was not simulated.
+    """Return the simulated world of a session; None if it was not simulated.
 
     Args:
         session: the session.
@@ -138,7 +134,7 @@ def scenario_of(session: Session) -> Scenario | None:
 
 
 def true_parameters(session: Session) -> dict[str, float]:
-    """Return true values by "effect.parameter" of a session; empty if it was not simulated.
+    """Return a session's true values by "effect.parameter"; empty if it was not simulated.
 
     `SURFACE` is the surface's coordinate along the press direction (downwards) [m].
 
@@ -150,7 +146,7 @@ def true_parameters(session: Session) -> dict[str, float]:
 
 
 def truth_of(scenario: Scenario) -> dict[str, float]:
-    """Return true values by "effect.parameter" of a simulated world.
+    """Return a simulated world's true values by "effect.parameter".
 
     Args:
         scenario: the world.

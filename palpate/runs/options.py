@@ -1,4 +1,4 @@
-"""Options of every command with an arm, and the question before a real arm gets power."""
+"""Options of all commands that run an arm, and the confirmation before a real arm gets power."""
 
 import functools
 import sys
@@ -39,8 +39,8 @@ SHARES = (
     0.25,
     0.1,
     0.0,
-)  # simulated weights, as a share of the force limit
-BEYOND_STOPS_RAD = 0.1  # an arm may be held against its stops, which are not quite where the URDF says
+)  # simulated weights, as shares of the force limit
+BEYOND_STOPS_RAD = 0.1  # an arm may be held against its stops, whose real positions differ from the URDF
 _ROBOT = f"Robot file, or a shipped arm: {', '.join(shipped_robots())}."
 _SCENARIO = f"Simulated world: a file, or one of {', '.join(shipped_scenarios())}."
 ENGINE = "Physics engine of the simulated world; default: the scenario's, otherwise PyBullet if installed."
@@ -96,7 +96,7 @@ class RunOptions:
         """Return a new file name with the arm and the current time.
 
         Args:
-            kind: what it holds, put last; empty for none.
+            kind: last part of the name; empty for none.
         """
         stamp = datetime.now().astimezone().strftime("%Y%m%d-%H%M%S")
         return "-".join(filter(None, (stamp, self.robot_file.name, kind)))
@@ -128,24 +128,24 @@ def numbers(option: str, text: str, example: str = "") -> list[float]:
     """Parse comma-separated numbers; raise `InputError` if invalid or too large.
 
     Args:
-        option: its name, for errors.
-        text: as typed.
+        option: name of the option, for errors.
+        text: text as typed.
         example: added to the error, such as ", such as 1,2".
     """
     try:
         values = [float(part) for part in text.split(",")]
     except ValueError:
         raise InputError(f"{option} {text!r}: give numbers with commas between them{example}") from None
-    if not all(abs(number) < 1e6 for number in values):  # also NaN
+    if not all(abs(number) < 1e6 for number in values):  # true for NaN as well
         raise InputError(f"{option} {text!r}: give finite numbers between -1000000 and 1000000")
     return values
 
 
 def joint_angles(option: str, text: str, robot_file: RobotFile) -> list[float]:
-    """Parse one angle a joint [rad], or home's; raise `InputError` if invalid or of the wrong number.
+    """Parse one angle per joint [rad], or "home"; raise `InputError` if invalid or of the wrong number.
 
     Args:
-        option: its name, for errors.
+        option: name of the option, for errors.
         text: angles as typed, or "home".
         robot_file: robot file of the arm.
     """
@@ -162,15 +162,15 @@ def joint_angles(option: str, text: str, robot_file: RobotFile) -> list[float]:
 def stops_of(
     lower: str | None, upper: str | None, robot_file: RobotFile
 ) -> tuple[FloatArray, FloatArray] | None:
-    """Parse lower and upper stops, (n,) each [rad], NaN where not stated; None for the URDF's.
+    """Parse lower and upper stops, (n,) each [rad], NaN if not stated; None for the URDF's.
 
     Args:
         lower: angles as typed; None if not stated.
-        upper: the same of the upper stops.
+        upper: likewise for the upper stops.
         robot_file: robot file of the arm.
 
     Raises:
-        InputError: one of them is no list of angles, or a lower stop is not below its upper one.
+        InputError: a text is not a list of angles, or a lower stop is not below its upper stop.
     """
     if lower is None and upper is None:
         return None
@@ -194,7 +194,7 @@ def pose_of(pose: str | None, robot_file: RobotFile) -> list[float] | None:
         robot_file: robot file of the arm.
 
     Raises:
-        InputError: it is no list of angles, or no joint of this arm can be turned so far.
+        InputError: the text is not a list of angles, or the pose is outside the joints' ranges.
     """
     if pose is None:
         return None
@@ -217,8 +217,8 @@ def forces_of(
     Args:
         weights_kg: masses as typed [kg]; None if not stated.
         robot_file: robot file of the arm.
-        gravity_m_s2: what makes a mass a weight [m/s^2].
-        simulated: whether forces may be chosen.
+        gravity_m_s2: gravitational acceleration [m/s^2].
+        simulated: whether forces may be chosen automatically.
 
     Raises:
         InputError: no forces are stated and they cannot be chosen, or a force is negative.
@@ -240,21 +240,19 @@ Permission = Callable[[], None]
 
 
 def without_question() -> None:
-    """Grant power at once: for simulated arms, and programs that ask in their own way."""
+    """Grant power without asking, for simulated arms and for programs that ask in their own way."""
 
 
 def ask_for_power(motion: str, *, yes: bool, pause: Callable[[float], None] = time.sleep) -> None:
-    """Describe a real arm's motion, ask for confirmation, and count down; the arm is unpowered meanwhile.
-
-    With `yes` nothing is asked; the countdown still runs.
+    """Describe a real arm's motion, ask for confirmation, and count down before the arm gets power.
 
     Args:
-        motion: what the arm is going to do, in one sentence.
-        yes: whether permission was given already.
+        motion: the planned motion, in one sentence.
+        yes: whether permission was already given; then only the countdown runs.
         pause: waits for a number of seconds.
 
     Raises:
-        InputError: the answer was no, or nobody is there to be asked; nothing has moved.
+        InputError: the answer was no, or there is no terminal to ask at; nothing has moved.
     """
     if not yes and not sys.stdin.isatty():
         raise InputError(
@@ -274,11 +272,11 @@ def ask_for_power(motion: str, *, yes: bool, pause: Callable[[float], None] = ti
 
 
 def motion_in_words(robot_file: RobotFile, plan: ProbingPlan) -> str:
-    """Describe a probing motion, for the question before a real arm gets power.
+    """Describe a probing motion, for the confirmation before a real arm gets power.
 
     Args:
         robot_file: robot file of the arm.
-        plan: what it does.
+        plan: plan of the probing.
     """
     speeds = ", ".join(f"{1e3 * speed:g}" for speed in plan.speeds_m_s)
     return (
@@ -288,14 +286,14 @@ def motion_in_words(robot_file: RobotFile, plan: ProbingPlan) -> str:
 
 
 def ask_for_pose(pose_rad: Sequence[float], *, yes: bool) -> None:
-    """Wait until a person holds an unpowered arm in a pose (n,) [rad]; return at once with `yes`.
+    """Wait until a person confirms that the unpowered arm is held in a pose.
 
     Args:
         pose_rad: joint positions, shape (n,) [rad].
-        yes: whether the arm is already held there.
+        yes: whether the arm is already held there; then return at once.
 
     Raises:
-        InputError: no person is at the terminal to move the arm.
+        InputError: there is no terminal to ask at.
     """
     if yes:
         return

@@ -45,16 +45,16 @@ MOST_TICKS = 10_000_000  # records of up to 400 bytes; sessions above 4 GiB cann
 
 @dataclass(frozen=True)
 class ProbingJob(ArmJob):
-    """Settings of a probing: world or arm, plan, and output file."""
+    """Settings of a probing run: world or arm, plan, and output file."""
 
     plan: ProbingPlan  # speeds, forces, repeats
     _: KW_ONLY
-    online: str | None = "rls"  # name of the online estimator, or None for none
+    online: str | None = "rls"  # name of the online estimator; None for none
     extra: Mapping[str, str] = field(default_factory=dict)  # further texts for the session's metadata
 
 
 class Watcher:
-    """Observer of a run that does nothing; to be subclassed."""
+    """Base class for observers of a run; its methods do nothing."""
 
     def started(self) -> None:
         """Called when the arm is ready, before it moves."""
@@ -64,15 +64,15 @@ class Watcher:
 
         Args:
             measurement: measurement of this tick.
-            output: what the task made of it.
+            output: the task's output for this measurement.
         """
 
     def observe(self, measurement: Measurement, output: TaskOutput) -> Estimates:
-        """An observer for the loop, which estimates nothing.
+        """Observe a tick for the loop, without estimates.
 
         Args:
             measurement: measurement of this tick.
-            output: what the task made of it.
+            output: the task's output for this measurement.
         """
         self.tick(measurement, output)
         return NO_ESTIMATE
@@ -85,14 +85,14 @@ NOBODY = Watcher()
 class ProbingOutcome:
     """Result of a probing run."""
 
-    session: Path  # the session file; it holds what happened until the end, also after a trip
+    session: Path  # the session file, which is complete up to the end, even after a trip
     loop: LoopResult
     failures: tuple[str, ...]  # one line for each failed run, such as a run without a touch
-    sealed: Path | None = None  # file with what was hidden in the simulated world, None if nothing was
+    sealed: Path | None = None  # sealed file of the hidden effects; None if nothing was hidden
     touched: bool = True  # whether the object was touched
 
     def raise_for_failure(self) -> None:
-        """Raise if the session does not hold all that was planned.
+        """Raise an error if the session is incomplete.
 
         Raises:
             KeyboardInterrupt, PalpateError: see `raise_for_end`; or a run gave no data.
@@ -103,7 +103,7 @@ class ProbingOutcome:
             raise PalpateError(f"{text} while probing: {self.failures[0]}")
 
     def as_data(self) -> dict[str, Any]:
-        """The outcome as plain data; the keys are stable."""
+        """Return the outcome as plain data; the keys are stable."""
         loop = self.loop
         return {
             "session": str(self.session),
@@ -124,15 +124,15 @@ class ProbingOutcome:
 
 
 def run_probing(job: ProbingJob, watcher: Watcher = NOBODY) -> ProbingOutcome:
-    """Probe and write the session file, which is complete on return.
+    """Run a probing and write the session file, which is complete on return.
 
     Args:
-        job: what is probed, with which arm.
+        job: settings of the probing.
         watcher: observer of the run.
 
     Raises:
         InputError: robot file, plan and scenario do not fit each other, or the session cannot be written;
-            nothing has moved then, and no session is left. Or a device could not be opened.
+            nothing has moved then, and no session is left. Also if a device could not be opened.
     """
     robot_file, rate_hz = job.robot_file, job.robot_file.control_rate_hz
     if job.plan.shortest_s * rate_hz > MOST_TICKS:
@@ -175,21 +175,21 @@ def run_guarded(  # noqa: PLR0917, what a run is made of
     observe: Observer,
     watcher: Watcher = NOBODY,
 ) -> tuple[LoopResult, Path | None]:
-    """Run a job's task under its guard and write the session; return the sealed answer too.
+    """Run a job's task under its guard and write the session; return the result and the sealed answer.
 
     Args:
-        job: which arm, and where to.
-        task: what the arm does.
-        calibrations: applied to its readings and commands.
+        job: arm and output file.
+        task: task of the arm.
+        calibrations: calibrations of its readings and commands.
         extra: further texts for the session's metadata.
-        observe: called in each tick; gives estimates.
+        observe: called in each tick; returns estimates.
         watcher: notified when the arm begins to move.
 
     Raises:
-        InputError: they do not fit each other; nothing has moved, and no session is left.
+        InputError: job, task and calibrations do not fit each other; nothing has moved, no session is left.
     """
     robot_file = job.robot_file
-    body = checked_body(robot_file, calibrations)  # the guard has a model of its own of the arm's weight
+    body = checked_body(robot_file, calibrations)  # the guard has its own model of the arm's weight
     guard = Guard(robot_file.limits, robot_file.safe_state, robot_file.joint_count, body.gravity)
     with ExitStack() as stack:
         arm = stack.enter_context(arm_session(job, calibrations, extra))
@@ -200,14 +200,14 @@ def run_guarded(  # noqa: PLR0917, what a run is made of
 
 
 def online_estimators() -> list[str]:
-    """Names of the estimators that can run while the arm is probing."""
+    """Return the names of the estimators that can run during a probing."""
     linear = [name for name, estimator in ESTIMATORS.items() if issubclass(estimator, OnlineEstimator)]
     return linear + [name for name, law in CONTACT_ESTIMATORS.items() if issubclass(law, OnlineContactLaw)]
 
 
 REPLAY_OF = "replay_of"  # key of the session that was repeated, in the session's metadata
-_STILL_RAD_S = 1e-3  # slower references stand
-_FARTHEST_M = 0.005  # largest distance between this arm's tip and the recorded one, in the same postures
+_STILL_RAD_S = 1e-3  # slower references count as standing still
+_FARTHEST_M = 0.005  # largest distance between this arm's tip and the recorded one, in the same poses
 
 
 @dataclass(frozen=True)
@@ -218,13 +218,13 @@ class ReplayJob(ArmJob):
 
 
 def references_of(session: Session) -> References:
-    """Return the references of a session up to its last rest between runs, where torque off is safe.
+    """Return a session's references up to its last rest between runs, where the torque can safely go off.
 
     Args:
         session: session of a probing.
 
     Raises:
-        InputError: it is no probing, or holds no whole run.
+        InputError: the session is not a probing, or contains no complete run.
     """
     if STREAM_NAME not in session.stream_names:
         raise InputError(f"{session.path}: was not recorded with an arm, so there is no motion to repeat")
@@ -250,15 +250,16 @@ def references_of(session: Session) -> References:
 def run_replay(
     job: ReplayJob, references: References, watcher: Watcher = NOBODY
 ) -> tuple[LoopResult, Path | None]:
-    """Repeat the references and write a session; return the sealed answer of a hidden world too.
+    """Repeat the references and write a session; return the result and the sealed answer.
 
     Args:
-        job: which arm, and where to.
+        job: arm and output file.
         references: joint positions and velocities over time.
         watcher: observer of the run.
 
     Raises:
-        InputError: they are of another arm, or what they need does not fit each other; nothing has moved.
+        InputError: the references are of another arm, or the job's files do not fit each other; nothing
+            moved.
     """
     calibrations = load_calibrations(job.robot_file, emulated=job.wired)
     body = RigidBody.of_robot(job.robot_file, calibrations)
@@ -271,7 +272,7 @@ def run_replay(
 
 
 def _check_arm(body: RigidBody, recorded: Session) -> None:
-    """Refuse an arm whose tip would be elsewhere in the recorded postures."""
+    """Raise an error if the arm's tip would be elsewhere in the recorded poses."""
     ticks = recorded.samples(STREAM_NAME)
     rows = np.linspace(0, len(ticks) - 1, 20).astype(int)
     there_m = ticks.vector("tip_position_world_m")[rows]
@@ -285,7 +286,7 @@ def _check_arm(body: RigidBody, recorded: Session) -> None:
 
 
 class TickRecords:
-    """A log of ticks in memory; see `palpate.control.loop.tick_record.TickLog`."""
+    """Log of ticks in memory; see `palpate.control.loop.tick_record.TickLog`."""
 
     dropped = 0
     failure = None
@@ -306,7 +307,7 @@ class TickRecords:
         """Discard events."""
 
     def samples(self, joint_count: int) -> Samples:
-        """All ticks, as a session would give them.
+        """Return all ticks in the form in which a session returns them.
 
         Args:
             joint_count: number of joints of the arm.
@@ -316,7 +317,7 @@ class TickRecords:
 
 
 def probe_in_memory(robot_file: RobotFile, scenario: Scenario, plan: ProbingPlan) -> Samples:
-    """Probe a simulated object as fast as the machine can; returns the stream "tick".
+    """Probe a simulated object as fast as possible; return the stream "tick".
 
     Args:
         robot_file: robot file of a simulated arm.

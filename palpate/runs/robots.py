@@ -1,4 +1,4 @@
-"""Find robot files and drivers, and emulate devices that real drivers talk to."""
+"""Find robot files and drivers, and emulate devices for real drivers."""
 
 import importlib.util
 from collections.abc import Mapping
@@ -28,7 +28,7 @@ EMULATED = "simulated, emulated devices"  # source stated in the session
 
 
 def shipped_robots() -> dict[str, Path]:
-    """Robot files that come with palpate, by name."""
+    """Return the robot files that come with palpate, by name."""
     return {path.parent.name: path for path in sorted(ARMS.glob("*/*.yaml")) if path.stem == path.parent.name}
 
 
@@ -54,13 +54,13 @@ def find_robot(robot: str) -> RobotFile:
 
 
 def importable(packages: list[str]) -> tuple[str, ...]:
-    """Return the packages if Python finds them and they hold drivers.
+    """Return the package names if Python finds the packages and they contain drivers.
 
     Args:
-        packages: their names, as Python imports them.
+        packages: names of the packages, as Python imports them.
 
     Raises:
-        InputError: one is not found, fails, or holds no driver.
+        InputError: a package is not found, fails to import, or contains no driver.
     """
     for package in packages:
         if package.endswith(".py"):
@@ -75,7 +75,7 @@ def importable(packages: list[str]) -> tuple[str, ...]:
 
 
 def _exists(package: str) -> bool:
-    """Return whether Python finds a package; packages around it are imported for that."""
+    """Return whether Python finds a package; this imports its parent packages."""
     with foreign_code(f"--drivers {package}"):
         try:
             return importlib.util.find_spec(package) is not None
@@ -92,13 +92,13 @@ def _number_of_drivers(drivers: DriverCatalogue) -> int:
 
 
 def is_simulated(robot_file: RobotFile) -> bool:
-    """Whether the robot's bus is a simulated world, without devices.
+    """Return whether the robot's bus is a simulated world, without devices.
 
     Args:
         robot_file: robot file of the robot.
 
     Raises:
-        InputError: it is, but there is another bus too: devices would run on the time of a simulation.
+        InputError: the robot has both a simulated and another bus, whose devices would run on simulated time.
     """
     worlds = [name for name, bus in robot_file.buses.items() if bus.driver == SimulatedBus.name]
     others = [name for name in robot_file.buses if name not in worlds]
@@ -112,7 +112,7 @@ def is_simulated(robot_file: RobotFile) -> bool:
 
 
 def check_can_be_emulated(robot_file: RobotFile) -> None:
-    """Refuse with `InputError` a robot whose world is simulated without wires.
+    """Raise `InputError` if the robot's world is simulated without device protocols.
 
     Args:
         robot_file: robot file of the robot.
@@ -132,17 +132,16 @@ def emulate(
     as_built: RobotFile | None = None,
     faults: Mapping[str, Faults] | None = None,
 ) -> WiredArm:
-    """Connect emulated devices to every bus of a robot; close its bench at the end.
+    """Connect emulated devices to every bus of a robot; the caller must close the arm's bench.
 
-    On a simulated clock the devices run in lock-step with it. They are as `as_built` says, by default as the
-    robot file does; `faults` go wrong, by bus name.
+    On a simulated clock the devices run in lockstep with the clock.
 
     Args:
         robot_file: robot file of the robot.
         scenario: the world behind the devices.
         clock: clock of the devices.
-        as_built: the arm as it is put together; None for what the robot file says.
-        faults: that the devices have, by bus name.
+        as_built: robot file of the emulated arm; None for `robot_file`.
+        faults: faults of the devices, by bus name.
 
     Raises:
         InputError: a bus cannot be emulated, or the two files do not have the same buses.
@@ -158,7 +157,7 @@ def emulate(
         raise InputError(f"{as_built.path}: its buses {built} are not those of {robot_file.path}, {expected}")
     arm = wire_up(as_built, scenario, clock, faults)
     data: Any = deepcopy(robot_file.document.data)
-    for name, bus in arm.robot_file.buses.items():  # change only the addresses of devices
+    for name, bus in arm.robot_file.buses.items():  # only the addresses of devices change
         known = as_built.buses[name].settings.items()
         data["buses"][name].update(dict(item for item in bus.settings.items() if item not in known))
     led = parse_robot_file(yaml.safe_dump(data, sort_keys=False), robot_file.path)

@@ -34,7 +34,7 @@ from palpate.sim_backend.scenario import Scenario, load_scenario
 from palpate.sim_backend.world import World
 
 SIMULATED_DRIVERS = "palpate.sim_backend.drivers"
-SOURCE = "source"  # key of where the samples come from, in the session's metadata
+SOURCE = "source"  # key of the samples' source in the session's metadata
 NOT_WHOLE = "not_whole"  # key of the incomplete sessions among those merged
 
 
@@ -47,13 +47,13 @@ class ArmJob:
     _: KW_ONLY
     scenario: Scenario | None = None  # simulated world instead of the one that the robot file names
     engine: EngineName | None = None  # physics engine instead of the scenario's
-    seed: int | None = None  # of all simulated noise instead of the scenario's
+    seed: int | None = None  # seed of all simulated noise, instead of the scenario's
     again: int = 0  # number of earlier runs of this world: hidden effects stay, noise differs
-    hidden: str | None = None  # what to hide in the simulated world, see `palpate.runs.hidden_effects`
+    hidden: str | None = None  # effects to hide in the simulated world, see `palpate.runs.hidden_effects`
     wired: bool = False  # emulate the devices of a robot of hardware drivers, and the world behind them
-    paced: bool = False  # let simulated time pass as fast as real time, not as fast as possible
-    drivers: tuple[str, ...] = ()  # packages or modules with drivers beside palpate's own
-    command_line: str = ""  # how the program was started
+    paced: bool = False  # whether simulated time runs in real time rather than as fast as possible
+    drivers: tuple[str, ...] = ()  # packages or modules with further drivers
+    command_line: str = ""  # command line that started the program
     permission: Permission = without_question  # called before a real arm is opened; may refuse by raising
 
     def __post_init__(self) -> None:
@@ -69,35 +69,35 @@ class ArmJob:
 
 @dataclass(frozen=True)
 class ArmSession:
-    """An open, unpowered robot and the session being written."""
+    """Open, unpowered robot and the session being written."""
 
     robot: Robot
     clock: Clock
     log: SessionWriter
-    sealed: Path | None  # file with what is hidden in the simulated world, None if nothing is
-    world: Callable[[], World] | None  # gives the simulated world, None with hardware
+    sealed: Path | None  # sealed file of the hidden effects; None if nothing is hidden
+    world: Callable[[], World] | None  # returns the simulated world; None with hardware
 
     def unlogged(self) -> str:
-        """Why a real arm's motion is no longer recorded; empty while it is."""
+        """Reason why a real arm's motion is no longer recorded; empty while it is recorded."""
         failure = None if self.world is not None else self.log.failure
         return "" if failure is None else f"writing the session failed ({failure})"
 
     def run(self, task: Task, guard: Guard, rate_hz: float, observer: Observer) -> LoopResult:
-        """Run a task in the loop until it ends or `unlogged` reports an end; then release the robot.
+        """Run a task in the loop until it ends or logging ends (see `unlogged`); then release the robot.
 
-        If the torque could not be switched off, releasing the robot is the second attempt. It happens before
-        the session is closed, which may wait for its disk.
+        If the torque could not be switched off, the release tries again. The robot is released before the
+        session is closed, because closing may wait for the disk.
 
         Args:
-            task: what the arm does.
-            guard: with the arm's limits.
+            task: task of the arm.
+            guard: guard with the arm's limits.
             rate_hz: control rate [Hz].
-            observer: called in each tick; gives estimates.
+            observer: called in each tick; returns estimates.
 
         Raises:
-            InputError: the task does not suit where the arm stands; nothing has moved.
-            DeviceError: the torque is off, but a device could not be released; says why the arm was stopped,
-                too.
+            InputError: the task cannot start from the arm's current pose; nothing has moved.
+            DeviceError: the torque is off, but a device could not be released; also states why the arm was
+                stopped.
         """
         robot, stop = self.robot, self.unlogged
         result = run_loop(
@@ -123,10 +123,10 @@ def checked_body(robot_file: RobotFile, calibrations: Calibrations) -> RigidBody
 
     Args:
         robot_file: robot file of the arm.
-        calibrations: how its base and drives differ from the URDF.
+        calibrations: deviations of its base and drives from the URDF.
 
     Raises:
-        InputError: the URDF is not valid, says nothing of the arm's masses, or is not the DH table's arm.
+        InputError: the URDF is not valid, lacks the arm's masses, or does not match the DH table.
     """
     body = RigidBody.of_robot(robot_file, calibrations)
     if joint := body.weightless_joint:
@@ -147,15 +147,12 @@ def arm_session(
 ) -> Iterator[ArmSession]:
     """Open the robot and begin the session file, which is complete when the context ends.
 
-    `extra` are further texts for the session's metadata; `now_utc` stands for the machine's wall clock;
-    `streams` come beside that of the ticks.
-
     Args:
-        job: which arm, and where to.
-        calibrations: applied to readings and commands.
+        job: arm and output file.
+        calibrations: calibrations of readings and commands.
         extra: further texts for the session's metadata.
-        now_utc: stands for the machine's wall clock; None for that.
-        streams: that come beside that of the ticks.
+        now_utc: current time; None for the machine's wall clock.
+        streams: further streams besides the ticks.
 
     Raises:
         InputError: robot file, drivers and scenario do not fit each other, a device could not be opened, or
@@ -193,10 +190,10 @@ def arm_session(
 
 
 def raise_for_end(result: LoopResult) -> None:
-    """Raise if the arm was stopped before the task was done.
+    """Raise an error if the arm was stopped before the task was done.
 
     Args:
-        result: how the loop ended.
+        result: result of the loop.
 
     Raises:
         SafetyTripError: the torque may still be on, or a limit was exceeded.
@@ -218,19 +215,18 @@ def begun_session(
 ) -> Iterator[tuple[SessionWriter, Path | None]]:
     """Begin a job's session file, complete when the context ends; yield its writer and sealed answer.
 
-    The session file is made before the answer is sealed, and neither replaces anything: of two programs that
-    want the same name, one is refused before it has written anything.
+    The session file is created before the sealed answer, and neither replaces a file. If two programs want
+    the same name, one of them fails before it has written anything.
 
     Args:
-        job: which arm, and where to.
+        job: arm and output file.
         joint_count: number of joints of the arm.
         metadata: metadata of the session.
         scenario: the simulated world; None with hardware.
-        streams: that come beside that of the ticks.
+        streams: further streams besides the ticks.
 
     Raises:
-        InputError: from here, or from within the context, where it says that nothing has moved; neither of
-            the two files is left.
+        InputError: raised here or within the context if nothing has moved; both files are then removed.
         SessionError: the session file already exists, or cannot be written.
     """
     mark = {SEAL: secrets.token_hex(16)} if scenario is not None and scenario.hidden else {}
@@ -254,11 +250,11 @@ def begun_session(
 def _set_up(
     job: ArmJob, clock: Clock, calibrations: Calibrations, stack: ExitStack
 ) -> tuple[Robot, Scenario | None, Callable[[], World] | None]:
-    """Return the robot, and its simulated world if any, which ends with `stack`."""
+    """Return the robot, and its simulated world if any; `stack` closes both."""
     drivers = DriverCatalogue(SIMULATED_DRIVERS, *job.drivers)
     robot = build_robot(
         job.robot_file, drivers, clock, calibrations
-    )  # checks the replaced drivers also with --wire
+    )  # checks the replaced drivers with --wire too
     if job.wired:
         scenario = _altered(job.scenario or load_scenario(DEFAULT_SCENARIO), job)
         arm = emulate(job.robot_file, scenario, clock)

@@ -1,6 +1,6 @@
-"""Run many cases of one kind on cores and machines, each result stored at its content address.
+"""Run many cases of one kind on several cores or machines, and store each result by its content address.
 
-A sweep is what `palpate sweep` runs. It is not a `Study`: that is one measurement with its models.
+`palpate sweep` runs a sweep. A `Study`, by contrast, is one measurement with its models.
 """
 
 from palpate.sweep.case import Case, ResultStore

@@ -1,8 +1,8 @@
 """Cases of a sweep, their content addresses and stored results.
 
-The address is the SHA-256 of everything that the result depends on: the work function, the parameters, the
-seed, and the code. A stored result is therefore never computed again, and after a change of the code no old
-result is used.
+The address is the SHA-256 of everything that determines the result: the work function, the parameters, the
+seed, and the code. A stored result is therefore never computed again, and no old result is used after a
+change of the code.
 """
 
 import importlib
@@ -31,7 +31,7 @@ from palpate.robot_io.types import FloatArray
 
 Row = dict[str, Any]
 Work = Callable[[Mapping[str, Any], int], list[Row]]
-"""Parameters and seed in, rows of scalars out; equal arguments give equal rows."""
+"""Function of parameters and seed that returns rows of scalars; equal arguments give equal rows."""
 
 _PHYSICS = ("palpate.robot_io", "palpate.control", "palpate.estimation", "palpate.sim_backend")
 _LIBRARIES = ("numpy", "scipy", "pin", "pybullet", "mujoco-core")
@@ -43,12 +43,12 @@ class Case:
     """One case."""
 
     work: str  # "package.module:function", a `Work`
-    parameters: Mapping[str, Any]  # what JSON can hold; its text is part of the address
-    seed: int = 0  # seed of everything random in it
+    parameters: Mapping[str, Any]  # JSON data; its text is part of the address
+    seed: int = 0  # seed of all random numbers
 
     @property
     def address(self) -> str:
-        """64 hexadecimal digits."""
+        """Content address of the result, 64 hexadecimal digits."""
         parts = [self.work, self.parameters, self.seed, code_version(self.work.partition(":")[0])]
         return sha256(json.dumps(parts, sort_keys=True, allow_nan=False).encode()).hexdigest()
 
@@ -58,10 +58,10 @@ class Case:
         return f"case {dict(self.parameters)}"
 
     def check(self) -> None:
-        """PalpateError: an input beside the parameters is missing; the case then has no result."""
+        """Raise `PalpateError` if an input besides the parameters is missing; the case then has no result."""
 
     def run(self) -> list[Row]:
-        """Run the case. Exception: whatever the work raises."""
+        """Run the case; exceptions of the work function propagate."""
         module, _, function = self.work.partition(":")
         work: Work = getattr(importlib.import_module(module), function)
         return work(self.parameters, self.seed)
@@ -69,10 +69,10 @@ class Case:
 
 @cache
 def code_version(module: str) -> str:
-    """Return the SHA-256 of the code that decides results: palpate's physics, the work and the libraries.
+    """Return the SHA-256 of the code that determines results: palpate's physics, the work and the libraries.
 
     Args:
-        module: of the work, as Python imports it.
+        module: import name of the work's module.
 
     Raises:
         InputError: there is no such module.
@@ -102,19 +102,19 @@ def _folder_of(module: str) -> Path:
 ADDRESS = "address"
 _PACK = "pack-"
 _ENDING = ".parquet"
-_SECONDS = "seconds"  # column of a case's time
+_SECONDS = "seconds"  # column of a case's processor time
 _MOST_ROWS = 10_000_000
-_ROUNDING = 1e-6  # relative difference between machines
+_ROUNDING = 1e-6  # relative difference that is tolerated between machines
 
 
 class ResultStore:
     """Stored results of one sweep.
 
     Args:
-        folder: made if needed.
+        folder: folder of the results, created if needed.
 
     Raises:
-        InputError: the folder cannot be made.
+        InputError: the folder cannot be created.
     """
 
     def __init__(self, folder: Path) -> None:
@@ -129,7 +129,7 @@ class ResultStore:
 
         Args:
             address: address of the case.
-            rows: its result.
+            rows: result of the case.
         """
         _write(
             self.folder / f"{address}{_ENDING}",
@@ -144,9 +144,9 @@ class ResultStore:
         return addresses
 
     def rows(self, addresses: Iterable[str]) -> list[Row]:
-        """Return rows of these cases, in order, without unfinished cases and values of None.
+        """Return rows of these cases, in order, without unfinished cases and without values of None.
 
-        A pack has the columns of all its cases; those that a case does not have are None in it.
+        A pack has the columns of all its cases; columns that a case does not have are None.
 
         Args:
             addresses: addresses of the cases.
@@ -200,7 +200,7 @@ class ResultStore:
                 _write(path, left)
 
     def pack(self) -> None:
-        """Join all single files into one more pack."""
+        """Merge all single files into a new pack."""
         landed = self._landed()
         if len(landed) < 2:
             return
@@ -288,22 +288,22 @@ T = TypeVar("T")
 
 @dataclass(frozen=True)
 class SweepTable:
-    """A table to print, and to write as CSV."""
+    """Table that is printed, and written as CSV."""
 
-    name: str  # name of its CSV file, without the ending
-    title: str  # name of the result
-    columns: tuple[str, ...]  # heads
+    name: str  # name of the CSV file, without its extension
+    title: str  # title of the table
+    columns: tuple[str, ...]  # column headings
     rows: tuple[tuple[Any, ...], ...]  # cells, text or numbers
 
 
 @dataclass(frozen=True)
 class Errors:
-    """Errors of one parameter by one estimator, from all rows in which both are known."""
+    """Errors of one estimator for one parameter, from all rows with both estimate and truth."""
 
-    relative: FloatArray  # estimate over truth, less one, shape (m,); only where the truth is not zero
-    at_zero: FloatArray  # estimates where it is, shape (z,)
-    over_bound: float  # root mean square of error over Cramer-Rao bound; NaN where there is none
-    covered: float  # share of the 95 % intervals that hold the truth; NaN where none is stated
+    relative: FloatArray  # estimate / truth - 1, shape (m,), of the rows with nonzero truth
+    at_zero: FloatArray  # estimates of the rows with zero truth, shape (z,)
+    over_bound: float  # root mean square of error / Cramer-Rao bound; NaN without a bound
+    covered: float  # share of the 95 % intervals that contain the truth; NaN without intervals
 
 
 def errors_of(rows: Iterable[Row], parameter: str) -> Errors:
@@ -311,7 +311,7 @@ def errors_of(rows: Iterable[Row], parameter: str) -> Errors:
 
     Args:
         rows: rows of one or several cases.
-        parameter: its name.
+        parameter: name of the parameter.
     """
     known = [row for row in rows if row.get(parameter) is not None and row.get(TRUE + parameter) is not None]
     estimated, true = column(known, parameter), column(known, TRUE + parameter)
@@ -346,7 +346,7 @@ def column(rows: Sequence[Row], name: str) -> FloatArray:
 
 
 def parameters_of(rows: Iterable[Row]) -> list[str]:
-    """Return the parameters with a known truth, without the surface.
+    """Return the parameters with known true values, except the surface.
 
     Args:
         rows: rows of any cases.
@@ -359,8 +359,8 @@ def grouped(rows: Iterable[T], key: Callable[[T], Hashable]) -> dict[Any, list[T
     """Group rows by a key, in order of first appearance.
 
     Args:
-        rows: or anything else.
-        key: gives the key of each.
+        rows: items to group.
+        key: returns the key of an item.
     """
     groups: dict[Any, list[T]] = {}
     for row in rows:
@@ -384,7 +384,7 @@ def error_table(name: str, title: str, rows: Sequence[Row], best_first: bool = F
         name: name of the table's file.
         title: title above the table.
         rows: rows of any cases.
-        best_first: order by the worst error, not by name.
+        best_first: whether to sort by the worst error rather than by name.
     """
     parameters = [p for p in parameters_of(rows) if any(row.get(p) is not None for row in rows)]
     lines = []

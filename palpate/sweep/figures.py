@@ -1,4 +1,4 @@
-"""Figures of a sweep for print: one or two columns wide, every axis with its unit."""
+"""Figures of a sweep for print, one or two columns wide."""
 
 from collections.abc import Callable, Sequence
 from functools import partial, wraps
@@ -58,22 +58,22 @@ _KNOWN = {
 
 
 class Drawing:
-    """A figure with its file name, drawn on demand in the house style."""
+    """Figure with its file name, drawn on demand in the common style."""
 
     def __init__(self, name: str, draw: Callable[[], Figure]) -> None:
         self.name = name
         self._draw = draw
 
     def figure(self) -> Figure:
-        """Draw it."""
+        """Draw the figure."""
         with mpl.rc_context(_STYLE):
             return self._draw()
 
     def save(self, figure: Figure, path: str) -> None:
-        """Write it, PNG or SVG by the ending; raise `OSError` if it cannot be written.
+        """Write the figure, as PNG or SVG by the path's extension; raise `OSError` if it cannot be written.
 
         Args:
-            figure: as drawn.
+            figure: figure to write.
             path: ends in .png or .svg.
         """
         with mpl.rc_context(_STYLE):
@@ -81,7 +81,7 @@ class Drawing:
 
 
 def _drawing(name: str) -> Callable[[Callable[P, Figure]], Callable[P, Drawing]]:
-    """Decorate a function that draws a figure so that it returns a drawing of this name."""
+    """Return a decorator that makes a function return a `Drawing` of this name instead of a figure."""
 
     def decorate(draw: Callable[P, Figure]) -> Callable[P, Drawing]:
         @wraps(draw)
@@ -95,7 +95,7 @@ def _drawing(name: str) -> Callable[[Callable[P, Figure]], Callable[P, Drawing]]
 
 @_drawing("fig3a_torque")
 def torques(ticks: Sequence[Row]) -> Figure:
-    """Figure 3a: commanded and measured torque of each joint over the first run.
+    """Draw figure 3a: commanded and measured torque of each joint over the first run.
 
     Args:
         ticks: rows of one probing.
@@ -111,7 +111,7 @@ def torques(ticks: Sequence[Row]) -> Figure:
                             ("commanded", {"color": "#1d2733", "lw": 0.7})):  # fmt: skip
             axes.plot(time_s, column(own, f"torque_{what}_{joint}_nm"), label=what, **style)
         axes.set_ylabel(f"joint {joint} [N m]")
-        # A margin above and below, and a least height, so that noise does not fill a panel.
+        # A margin above and below, and a minimum span, so that noise does not fill a panel.
         low, high = axes.get_ylim()
         more = max(0.0, 0.5 - (high - low)) / 2 + 0.1 * (high - low)
         axes.set_ylim(low - more, high + more)
@@ -122,7 +122,7 @@ def torques(ticks: Sequence[Row]) -> Figure:
 
 @_drawing("fig3b_transition")
 def transition(ticks: Sequence[Row]) -> Figure:
-    """Figure 3b: torques around the first contact, at the middle speed.
+    """Draw figure 3b: torques around the first contact, at the middle speed.
 
     Args:
         ticks: rows of one probing.
@@ -149,7 +149,7 @@ def transition(ticks: Sequence[Row]) -> Figure:
 
 @_drawing("fig4a_force_displacement")
 def force_displacement(ticks: Sequence[Row], grid: Sequence[Row]) -> Figure:
-    """Figure 4a: force over displacement at three speeds, and peaks over c v.
+    """Draw figure 4a: force over displacement at three speeds, and peak forces over c v.
 
     Args:
         ticks: rows of one probing.
@@ -174,7 +174,7 @@ def force_displacement(ticks: Sequence[Row], grid: Sequence[Row]) -> Figure:
     left.set_ylim(-0.5, 17)
     left.set_title("force; dotted: k·x + c·v at the set speed")
     left.legend()
-    # peak force over the force of the dashpot alone at the touch
+    # peak force over the dashpot's force at the touch
     for number, color in enumerate(SPEEDS):
         jump = [
             row["law damping_n_s_m"] * 1e-3 * float(row["speeds_mm_s"].split(", ")[number]) for row in grid
@@ -190,7 +190,7 @@ def force_displacement(ticks: Sequence[Row], grid: Sequence[Row]) -> Figure:
 
 @_drawing("fig4bc_estimates")
 def grid_estimates(rows: Sequence[Row]) -> Figure:
-    """Figures 4b and 4c: estimates over the grid, and their errors beside the paper's worst.
+    """Draw figures 4b and 4c: estimates over the grid, and their errors beside the paper's worst errors.
 
     Args:
         rows: rows of the grid.
@@ -239,10 +239,10 @@ def grid_estimates(rows: Sequence[Row]) -> Figure:
 
 @_drawing("fig4d_noise")
 def noise(lines: Sequence[Sequence[Any]]) -> Figure:
-    """Figure 4d: mean error over the noise; lines as in the table of `palpate.sweep.paper`.
+    """Draw figure 4d: mean error over the noise.
 
     Args:
-        lines: by estimator and noise.
+        lines: rows of the table in `palpate.sweep.paper`, by estimator and noise.
     """
     figure, all_axes = _panels(1, 2, TWO_COLUMNS_IN, 2.8)
     for index, (axes, what) in enumerate(zip(all_axes, ("k", "c"), strict=True)):
@@ -269,7 +269,7 @@ def noise(lines: Sequence[Sequence[Any]]) -> Figure:
 
 @_drawing("ransac_map")
 def ransac_map(rows: Sequence[Row], names: Sequence[str]) -> Figure:
-    """Error of k over its bound: threshold and subset (1000 trials), threshold and trials (subsets of 5).
+    """Draw the ratio of k's error to its bound over RANSAC's threshold and subset, and threshold and trials.
 
     Args:
         rows: rows of all settings and noises.
@@ -311,7 +311,7 @@ def ransac_map(rows: Sequence[Row], names: Sequence[str]) -> Figure:
 
 @_drawing("hunt_crossley")
 def hunt_crossley(rows: Sequence[Row], best: str) -> Figure:
-    """Errors of k, b and n by object, of the best estimator, with one bound to either side.
+    """Draw the best estimator's errors of k, b and n by object, with plus and minus one bound.
 
     Args:
         rows: rows of all objects.
@@ -345,7 +345,7 @@ def hunt_crossley(rows: Sequence[Row], best: str) -> Figure:
 
 @_drawing("errors")
 def error_spread(rows: Sequence[Row]) -> Figure:
-    """Spread of relative errors by estimator, one panel a parameter, for any sweep.
+    """Draw the distribution of relative errors by estimator, one panel per parameter, for any sweep.
 
     Args:
         rows: rows of any cases.
@@ -366,7 +366,7 @@ def error_spread(rows: Sequence[Row]) -> Figure:
                 axes.plot(np.median(values), y, "o", color=MODEL, ms=4)
         axes.set(xscale="log", xlabel=f"error of {parameter} [%]")
         axes.set_yticks(range(len(groups)), list(groups))
-        axes.set_ylim(len(groups) - 0.5, -0.5)  # whole rows, in the order of the table
+        axes.set_ylim(len(groups) - 0.5, -0.5)  # complete rows, in the order of the table
     return figure
 
 

@@ -1,7 +1,7 @@
-"""The YAML file of a sweep: objects, speeds, noise, hidden effects and estimators.
+"""YAML file of a sweep: objects, speeds, noise, hidden effects and estimators.
 
-Every combination of its lists is one case, `repeats` times. A number of an object's law may be a list, or a
-range {from: 200, to: 2000, step: 200}.
+Each combination of its lists is one case, repeated `repeats` times. A parameter of an object's law may be a
+list, or a range {from: 200, to: 2000, step: 200}.
 """
 
 import math
@@ -40,7 +40,7 @@ class Range(FileModel):
     step: Positive
 
     def values(self) -> list[float]:
-        """All numbers of the range; raise `InputError` if there are too many."""
+        """Return all numbers of the range; raise `InputError` if there are too many."""
         count = math.floor((self.to - self.from_) / self.step + 1e-9) + 1
         if count > MOST_CASES:
             raise InputError(f"{count:.3g} numbers from {self.from_:g} to {self.to:g}; at most {MOST_CASES}")
@@ -55,20 +55,23 @@ class GridFile(FileModel):
     objects: Annotated[tuple[dict[str, Any], ...], Field(min_length=1)]
     # sets of speeds; each set is one probing run [mm/s].
     speeds_mm_s: Annotated[tuple[tuple[Speed, ...], ...], Field(min_length=1)] = ((150.0, 90.0, 60.0),)
-    noise_std_n: Annotated[tuple[NotNegative, ...], Field(min_length=1)] = (0.02,)  # of the force sensor [N]
+    # Noise of the force sensor [N].
+    noise_std_n: Annotated[tuple[NotNegative, ...], Field(min_length=1)] = (0.02,)
     # Gaussian noise on the measured force, as a share of the force [%].
     noise_percent: Annotated[tuple[NotNegative, ...], Field(min_length=1)] = (0.0,)
     draws: Annotated[int, Field(ge=1, le=1000, strict=True)] = 1  # draws of that noise for each probing run
-    # "none", "random", the name of an effect, or a list of effects as in a scenario.
+    # hidden effects: "none", "random", the name of an effect, or a list of effects as in a scenario.
     hidden: Annotated[tuple[Hidden, ...], Field(min_length=1)] = (NOTHING,)
-    # names, or {name: ransac, threshold: 0.1}; "all": all that apply to the model.
+    # names, or {name: ransac, threshold: 0.1}; "all" selects all estimators that apply to the model.
     estimators: str | tuple[Spec, ...] = ALL
-    diagnose: bool = False  # diagnose instead of estimating
-    repeats: Annotated[int, Field(ge=1, le=1_000_000, strict=True)] = 3  # each with other noise
-    seed: Annotated[int, Field(ge=0, le=10**12, strict=True)] = 1  # of the first repeat
+    diagnose: bool = False  # whether to diagnose instead of estimating
+    repeats: Annotated[int, Field(ge=1, le=1_000_000, strict=True)] = (
+        3  # number of repeats, each with different noise
+    )
+    seed: Annotated[int, Field(ge=0, le=10**12, strict=True)] = 1  # seed of the first repeat
     model: str | None = None  # model to fit; default: the model of the object's law
     robot: str = "follower"
-    scenario: str | dict[str, Any] = "default"  # everything else of the simulated world
+    scenario: str | dict[str, Any] = "default"  # all other settings of the simulated world
     plan: Mapping[str, Any] = Field(default_factory=dict)  # further keys of the probing plan
 
     @field_validator("speeds_mm_s", mode="before")
@@ -162,7 +165,7 @@ class GridFile(FileModel):
 
 
 def load_grid(path: Path) -> GridFile:
-    """Read the file of a sweep; `InputError` names file, line, key and valid choices.
+    """Read the file of a sweep; an `InputError` names file, line, key and valid choices.
 
     Args:
         path: YAML file.
@@ -170,7 +173,7 @@ def load_grid(path: Path) -> GridFile:
     document = load_yaml(path)
     grid = validate(GridFile, document.data, document)
     lists = (grid.laws(), grid.speeds_mm_s, grid.noise_std_n, grid.noise_percent, grid.hidden)
-    count = grid.repeats * math.prod(map(len, lists))  # Python's int: no size overflows
+    count = grid.repeats * math.prod(map(len, lists))  # Python's int does not overflow
     if count > MOST_CASES:
         raise InputError(f"{document.origin}: {count} cases; at most {MOST_CASES}")
     return grid

@@ -1,6 +1,6 @@
-"""The paper's study: its figures and tables from simulated runs, beside the published numbers.
+"""Reproduce the paper's figures and tables from simulated runs, beside the published numbers.
 
-"Compliance Estimation during Bilateral Teleoperation of a Robotic Arm".
+The paper is "Compliance Estimation during Bilateral Teleoperation of a Robotic Arm".
 """
 
 from collections.abc import Mapping, Sequence
@@ -32,12 +32,12 @@ K, C = "stiffness.k", "damping.c"
 LIMIT_N = 10.0
 WORST = {"ransac": (6.5, 18.4), "lsq": (20.6, 29.5)}  # section VI-B: worst error of k and c [%]
 SPRLS, SPRLS_ZERO = "sprls (beta 20, gamma 1)", "sprls (beta 0, gamma 0)"
-CONTACT_AREA_MM2 = 681.82  # not printed: what either cube's k, E and depth give in equation (3)
+CONTACT_AREA_MM2 = 681.82  # not published: derived from either cube's k, E and depth by equation (3)
 
 
 @dataclass(frozen=True)
 class SiliconeCube:
-    """A silicone cube of tables I and II, with k [N/m] and c [N s/m] as the paper's methods found them."""
+    """Silicone cube of tables I and II, with k [N/m] and c [N s/m] as estimated by the paper's methods."""
 
     name: str
     depth_mm: float
@@ -48,7 +48,7 @@ class SiliconeCube:
 
     @property
     def stiffness_n_m(self) -> float:
-        """Equation (3): k = E A / l."""
+        """Stiffness by equation (3), k = E A / l [N/m]."""
         return 1e3 * self.modulus_n_mm2 * CONTACT_AREA_MM2 / self.depth_mm
 
 
@@ -70,12 +70,12 @@ CUBES = (
         {"lsq": 84.02, "ransac": 119.2, "sprls": 4.39},
     ),
 )
-RANSAC_NOISES = ((0.0, 0.0), (10.0, 0.0), (0.0, 30.0))  # of the force, outliers [%]
+RANSAC_NOISES = ((0.0, 0.0), (10.0, 0.0), (0.0, 30.0))  # noise relative to the force, share of outliers [%]
 _POWER_LAW = ("law stiffness", "law damping", "law exponent")
 
 
 def controller_section(ticks: Sequence[Row]) -> Section:
-    """Figure 3a.
+    """Make the section of figure 3a.
 
     Args:
         ticks: rows of one probing.
@@ -94,7 +94,7 @@ def controller_section(ticks: Sequence[Row]) -> Section:
 
 
 def transition_section(ticks: Sequence[Row]) -> Section:
-    """Figure 3b.
+    """Make the section of figure 3b.
 
     Args:
         ticks: rows of one probing.
@@ -113,7 +113,7 @@ def transition_section(ticks: Sequence[Row]) -> Section:
 
 
 def force_section(ticks: Sequence[Row], grid: Sequence[Row]) -> Section:
-    """Figure 4a, and the controller where the damper alone exceeds the force limit.
+    """Make the section of figure 4a, with the controller when the damper's force alone exceeds the limit.
 
     Args:
         ticks: rows of one probing.
@@ -161,11 +161,11 @@ def force_section(ticks: Sequence[Row], grid: Sequence[Row]) -> Section:
 
 
 def grid_section(rows: Sequence[Row], clean: Sequence[Row]) -> Section:
-    """Figures 4b and 4c, and the worst errors of section VI-B.
+    """Make the section of figures 4b and 4c, with the worst errors of section VI-B.
 
     Args:
         rows: rows of the grid.
-        clean: of the grid without sensor noise.
+        clean: rows of the grid without sensor noise.
     """
     groups = grouped(estimated(rows), lambda row: row["estimator"])
     beside: list[tuple[str, float | None, float, float | None, float]] = []
@@ -206,7 +206,7 @@ def grid_section(rows: Sequence[Row], clean: Sequence[Row]) -> Section:
 
 
 def noise_section(rows: Sequence[Row]) -> Section:
-    """Figure 4d.
+    """Make the section of figure 4d.
 
     Args:
         rows: rows of all noises and estimators.
@@ -216,7 +216,7 @@ def noise_section(rows: Sequence[Row]) -> Section:
     for (name, percent), own in groups.items():
         errors = [errors_of(own, parameter) for parameter in (K, C)]
         means = (100 * float(np.mean(np.abs(each.relative))) for each in errors)
-        # the mean absolute error [%] of a Gaussian estimate at the bound
+        # mean absolute error [%] of a Gaussian estimate at the bound
         bounds = (column(own, BOUND + name) / column(own, TRUE + name) for name in (K, C))
         least = (100 * float(np.sqrt(2 / np.pi) * np.mean(bound)) for bound in bounds)
         lines.append((name, percent, *means, *(each.over_bound for each in errors), *least))
@@ -246,7 +246,7 @@ def noise_section(rows: Sequence[Row]) -> Section:
 
 
 def cubes_section(rows: Sequence[Row]) -> Section:
-    """Tables I and II.
+    """Make the section of tables I and II.
 
     Args:
         rows: rows of the silicone cubes.
@@ -292,7 +292,7 @@ def cubes_section(rows: Sequence[Row]) -> Section:
 
 
 def ransac_section(rows: Sequence[Row]) -> Section:
-    """Influence of RANSAC's settings, which the paper leaves to future work.
+    """Make the section on RANSAC's settings, which the paper leaves to future work.
 
     Args:
         rows: rows of all settings and noises.
@@ -335,7 +335,7 @@ def ransac_section(rows: Sequence[Row]) -> Section:
 
 
 def hunt_crossley_section(rows: Sequence[Row]) -> Section:
-    """Hunt-Crossley objects, which the paper leaves to future work.
+    """Make the section on Hunt-Crossley objects, which the paper leaves to future work.
 
     Args:
         rows: rows of all objects.
@@ -390,7 +390,7 @@ _RANSAC = "palpate.sweep.works.probing:ransac_errors"
 
 
 def paper_cases() -> dict[str, list[Case]]:
-    """Return all cases of the study, part by part."""
+    """Return all cases of the study by part."""
     names = ("grid", "clean", "noise", "cubes", "hunt_crossley")
     parts: dict[str, list[Case]] = {}
     for name in names:  # with RANSAC's threshold as in the paper
@@ -417,7 +417,7 @@ def write_paper(folder: Path, parts: Mapping[str, Sequence[Row]], facts: Mapping
     Args:
         folder: destination.
         parts: rows of each part of `paper_cases`.
-        facts: to stand at the page's head.
+        facts: facts for the head of the page.
 
     Raises:
         InputError: a file cannot be written.

@@ -25,13 +25,13 @@ _TEMPLATE = Path(__file__).parent / "page.html"
 
 @dataclass(frozen=True)
 class Section:
-    """A part of the page."""
+    """Section of the page."""
 
     title: str  # heading
-    drawing: Drawing | None  # its figure, or None
+    drawing: Drawing | None  # figure, or None
     words: tuple[str, ...] = ()  # paragraphs
-    tables: tuple[SweepTable, ...] = ()  # shown, and written as CSV
-    more: tuple[SweepTable, ...] = ()  # written as CSV only
+    tables: tuple[SweepTable, ...] = ()  # tables shown on the page and written as CSV
+    more: tuple[SweepTable, ...] = ()  # tables written as CSV only
 
 
 def write_page(
@@ -42,9 +42,9 @@ def write_page(
     Args:
         folder: destination.
         title: title of the page.
-        summary: below the title.
-        facts: in a list, by name.
-        sections: in order.
+        summary: text below the title.
+        facts: facts to list, by name.
+        sections: sections in order.
     """
     for name in (FIGURES, TABLES):
         output_folder(folder / name)
@@ -75,7 +75,7 @@ def write_page(
     return folder / PAGE
 
 
-def cell(value: Any) -> str:  # noqa: ANN401, whatever stands in a table
+def cell(value: Any) -> str:  # noqa: ANN401, any value of a table
     """Format a cell.
 
     Args:
@@ -107,8 +107,8 @@ def write_grid(
         folder: destination.
         title: title of the page.
         grid: the sweep's file.
-        rows: rows of all cases that are done.
-        facts: in a list, by name.
+        rows: rows of all finished cases.
+        facts: facts to list, by name.
     """
     if grid.diagnose:
         verdicts = grouped(

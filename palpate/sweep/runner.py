@@ -1,6 +1,6 @@
-"""Run the cases of a sweep in processes of this machine or on dask workers; nothing finished is repeated.
+"""Run the unfinished cases of a sweep in local processes or on dask workers.
 
-Processes of this machine communicate over pipes that no other program can open: no port listens.
+Local processes communicate over pipes, which no other program can open; no port is opened.
 """
 
 import os
@@ -25,23 +25,23 @@ from palpate.estimation.workers import end_with_parent
 from palpate.robot_io.errors import InputError, PalpateError, describe_error
 from palpate.sweep.case import Case, ResultStore, code_version
 
-_MOST_ENDS = 4  # number of workers that a case may kill before it is given up
+_MOST_ENDS = 4  # number of workers that a case may crash before it is given up
 _END_LIMIT_S = 5.0  # time limit for a worker's end
 
-Run = Callable[[Case, str, Path], None]  # works out a case, by its address, for the store in a folder
+Run = Callable[[Case, str, Path], None]  # runs a case with its address and stores the result in a folder
 
 
 def run_in_processes(run: Run, todo: Mapping[str, Case], folder: Path, workers: int) -> Iterator[str]:
-    """Run all cases, by address; a worker that dies is replaced, and its case begins again.
+    """Run all cases; if a worker dies, replace it and restart its case.
 
     Args:
-        run: does the work of a case.
+        run: runs a case.
         todo: cases by address.
         folder: folder of the results.
-        workers: processes at a time.
+        workers: number of worker processes.
 
     Yields:
-        An empty text for each case that is done, and for any other why it is not.
+        An empty string for each finished case, or the reason why it failed.
     """
     waiting, ends = deque(todo), Counter[str]()
     pool = [_Worker.start(run, folder) for _ in range(min(workers, len(todo)))]
@@ -56,7 +56,7 @@ def run_in_processes(run: Run, todo: Mapping[str, Case], folder: Path, workers: 
                 worker, address = busy.pop(pipe)
                 try:
                     problem = worker.pipe.recv()
-                except (EOFError, OSError):  # it was killed, or the memory was full
+                except (EOFError, OSError):  # the worker was killed, or the memory was full
                     pool.remove(worker)
                     pool.append(worker := _Worker.start(run, folder))
                     ends[address] += 1
@@ -76,7 +76,7 @@ def run_in_processes(run: Run, todo: Mapping[str, Case], folder: Path, workers: 
 
 @dataclass(frozen=True)
 class _Worker:
-    """A worker process with its pipe."""
+    """Worker process with its pipe."""
 
     process: BaseProcess
     pipe: "Connection[tuple[Case, str], str]"
@@ -86,27 +86,27 @@ class _Worker:
         """Start a process that waits for its first case.
 
         Args:
-            run: does the work of a case.
+            run: runs a case.
             folder: folder of the results.
         """
         return cls(*start_worker(_serve, run, folder))
 
     def give(self, case: Case, address: str) -> None:
-        """Send it a case; a dead worker is noticed when its answer is read.
+        """Send a case to the worker; a dead worker is detected when its answer is read.
 
         Args:
             case: the case.
-            address: address of its result.
+            address: address of the case's result.
         """
         with suppress(OSError):
             self.pipe.send((case, address))
 
 
 def _serve(pipe: "Connection[str, tuple[Case, str]]", run: Run, folder: Path) -> None:
-    """Run cases as they come, and send an empty text or the error for each."""
+    """Run cases as they arrive, and send an empty string or the error for each."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # the parent handles Ctrl-C
     end_with_parent()
-    with threadpool_limits(1):  # there is a worker for each core
+    with threadpool_limits(1):  # each core has its own worker
         while True:
             case, address = pipe.recv()
             try:
@@ -131,7 +131,7 @@ class Cluster:
 
     # Address of a dask scheduler, such as "tcp://10.0.0.5:8786"; None for processes on this machine.
     scheduler: str | None = None
-    workers: int | None = None  # processes on this machine; None for one a core
+    workers: int | None = None  # number of local processes; None for one per core
 
 
 @dataclass(frozen=True)
@@ -139,8 +139,8 @@ class SweepReport:
     """Counts and errors of a sweep."""
 
     finished_before: int  # results stored before
-    finished_now: int  # worked out by this call
-    # One line for each case without a result, such as a case that repeatedly ended its worker.
+    finished_now: int  # results computed by this call
+    # One line for each case without a result, such as a case that repeatedly crashed its worker.
     failures: tuple[str, ...]
     wall_s: float  # time of this call [s]
 
@@ -153,19 +153,19 @@ def run_cases(
 ) -> SweepReport:
     """Run all cases without a stored result.
 
-    A case whose work raises has a result: a row that says so in its column `error`. Every row also has the
-    case's `seed`, in `seconds` the processor time that the case took, and whether it is the case's `first`.
+    A case whose work raises has one row with the message in column `error`. Each row also has the case's
+    `seed`, its processor time in `seconds`, and in `first` whether it is the case's first row.
 
     Args:
-        cases: in order.
-        store: where results are kept.
-        cluster: where cases run.
+        cases: cases in order.
+        store: store of the results.
+        cluster: processes or machines that run the cases.
         progress: called with the numbers of finished and of all cases.
 
     Raises:
-        InputError: there is no such scheduler, it has no workers, they do not see the store's folder, or run
-            other code.
-        PalpateError: the scheduler was lost; the same call continues from there.
+        InputError: the scheduler does not exist or has no workers, or the workers cannot access the store's
+            folder or run different code.
+        PalpateError: the connection to the scheduler was lost; a repeated call continues.
     """
     begun_s = time.perf_counter()
     finished = store.finished()
@@ -191,12 +191,12 @@ def run_one(case: Case, address: str, folder: Path) -> None:
 
     Args:
         case: the case.
-        address: address of its result, by the client's code.
+        address: address of the case's result, computed from the client's code.
         folder: folder of the results.
 
     Raises:
-        PalpateError: this worker's code is not the client's, as of one that joined later; or the case lacks
-            something.
+        PalpateError: this worker's code differs from the client's (for example, the worker joined later), or
+            the case lacks an input.
     """
     if case.address != address:
         raise PalpateError("a worker runs another version of palpate or of its libraries")
@@ -204,7 +204,7 @@ def run_one(case: Case, address: str, folder: Path) -> None:
     begun_s = time.process_time()
     try:
         rows, error = case.run(), ""
-    except Exception as problem:  # an error is a result as well: the same case would fail again
+    except Exception as problem:  # an error is a result too, because the same case would fail again
         rows, error = [{}], str(problem) if isinstance(problem, PalpateError) else describe_error(problem)
     common = {"seed": case.seed, "seconds": time.process_time() - begun_s, "error": error}
     landing = [row | common | {"first": number == 0} for number, row in enumerate(rows)]
@@ -212,7 +212,7 @@ def run_one(case: Case, address: str, folder: Path) -> None:
 
 
 def _run(cluster: Cluster, todo: dict[str, Case], store: ResultStore) -> Iterator[str]:
-    """Yield an empty text for each finished case, else its error."""
+    """Yield an empty string for each finished case, or else its error."""
     folder = store.folder.absolute()
     if not todo:
         return
@@ -230,7 +230,7 @@ def _run(cluster: Cluster, todo: dict[str, Case], store: ResultStore) -> Iterato
             client.wait_for_workers(1, timeout=_JOIN_S)
         except TimeoutError:
             raise InputError(f"scheduler {cluster.scheduler}: has no workers (dask worker ADDRESS)") from None
-        # Refuse workers that do not write into this folder, or whose results would be of other code.
+        # Reject workers that cannot write to this folder or that run different code.
         modules = {case.work.partition(":")[0] for case in todo.values()}
         mark = store.folder.absolute() / f".seen-by-all-{uuid4().hex}"
         mark.touch()
@@ -254,7 +254,7 @@ def _run_on_dask(client: Any, todo: dict[str, Case], folder: Path) -> Iterator[s
     from distributed import as_completed  # noqa: PLC0415, as above
 
     waiting = iter(todo.items())
-    mark = uuid4().hex[:8]  # a key of an earlier client may still be running
+    mark = uuid4().hex[:8]  # a task of an earlier client may still be running under its key
 
     def submit(address: str, case: Case) -> Any:  # noqa: ANN401
         return client.submit(run_one, case, address, folder, key=f"case-{address}-{mark}", pure=False)

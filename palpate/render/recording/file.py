@@ -49,7 +49,7 @@ def recording_file(name: str, path: Path, blueprint: rrb.Blueprint) -> Iterator[
     Raises:
         InputError: the file cannot be written.
     """
-    # Into memory and only then to the disk: Rerun's own writer waits forever when the disk is full.
+    # Write to memory first, then to the disk, because Rerun's writer hangs if the disk is full.
     with whole_file(path) as unfinished:
         unfinished.touch()  # checks the folder before the work begins
         name = as_utf8(name)
@@ -59,7 +59,7 @@ def recording_file(name: str, path: Path, blueprint: rrb.Blueprint) -> Iterator[
         recording.send_recording_name(name)
         try:
             yield recording
-        finally:  # also after a failure: Rerun would warn about unused data
+        finally:  # after a failure too, because Rerun would warn about unused data
             content = memory.drain_as_bytes()
         unfinished.write_bytes(content or b"")
 
@@ -101,13 +101,13 @@ def send_lines(
 def plot(
     origin: str, name: str, span: tuple[float, float] | None = None, legend: rrb.Corner2D | None = None
 ) -> rrb.TimeSeriesView:
-    """Make a plot over all of the time; without a corner for it there is no legend.
+    """Make a plot over the whole time range.
 
     Args:
         origin: path of the entity.
         name: title of the plot.
-        span: range of the vertical axis; None for all.
-        legend: its corner; None for no legend.
+        span: range of the vertical axis; None to fit all values.
+        legend: corner of the legend; None for no legend.
     """
     axis = rrb.ScalarAxis(range=span) if span else None
     shown = rrb.PlotLegend(legend) if legend else rrb.PlotLegend(visible=False)
@@ -117,11 +117,11 @@ def plot(
 
 
 def shown_on(*contents: rrb.Container | rrb.View, timeline: str) -> rrb.Blueprint:
-    """Make a blueprint of tabs without Rerun's extra panels; of revisions, at the last one.
+    """Make a blueprint of tabs without Rerun's extra panels; a timeline of revisions starts at the last one.
 
     Args:
         contents: tabs.
-        timeline: that is shown first.
+        timeline: timeline that is shown first.
     """
     # the view stays at the end of the timeline
     play: Literal["following", "paused"] = "following" if timeline == REVISION else "paused"
@@ -129,12 +129,12 @@ def shown_on(*contents: rrb.Container | rrb.View, timeline: str) -> rrb.Blueprin
     return rrb.Blueprint(rrb.Tabs(*contents), panel, collapse_panels=True)
 
 
-_HOST = "127.0.0.1"  # Rerun's own default is every address of the machine
+_HOST = "127.0.0.1"  # Rerun's default would listen on all addresses of the machine
 _START_LIMIT_S = 30.0
 _POLL_S = 0.1
 _DRIVER = "without a Vulkan driver, try: apt install mesa-vulkan-drivers"
-_SETTLE_S = 2.0  # curves and meshes are loaded bit by bit
-_TOAST_S = 7.0  # the viewer first shows a note over its upper right corner
+_SETTLE_S = 2.0  # curves and meshes load gradually
+_TOAST_S = 7.0  # the viewer first shows a notification in its upper right corner
 
 
 def open_window(recording: Path) -> None:
@@ -172,7 +172,8 @@ def take_picture(
 
     started_s = time.monotonic()
     with TemporaryDirectory() as folder, whole_file(picture) as unfinished, _headless_viewer(size) as viewer:
-        shown, taken = Path(folder, "shown.rrd"), Path(folder, "taken.png")  # it takes no name but UTF-8
+        # The viewer accepts UTF-8 names only.
+        shown, taken = Path(folder, "shown.rrd"), Path(folder, "taken.png")
         shown.symlink_to(recording.absolute())
         try:
             viewer.open(str(shown))

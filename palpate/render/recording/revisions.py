@@ -40,7 +40,7 @@ WIDTH, HEIGHT = 160.0, 90.0  # size of the frame in the view's units
 _RULE, _INK = (62, 72, 84), (190, 200, 210)
 _TICKS = 5
 _STEPS = (1.0, 2.0, 2.5, 5.0, 10.0)
-_LABEL_DROP = 3.5  # Rerun writes words below their point
+_LABEL_DROP = 3.5  # Rerun draws a label below its point
 
 
 @dataclass(frozen=True)
@@ -48,7 +48,7 @@ class Chart:
     """A frame with axes."""
 
     entity: str  # path of its entities
-    x: tuple[float, float]  # least and largest value of the horizontal axis
+    x: tuple[float, float]  # smallest and largest value of the horizontal axis
     y: tuple[float, float]  # the same for the vertical one
     x_label: str  # title of the horizontal axis, with unit
     y_label: str  # the same for the vertical one
@@ -105,10 +105,10 @@ class Chart:
 
 
 def span_of(values: FloatArray, margin: float = 0.06) -> tuple[float, float]:
-    """Return least and largest of finite values, with a margin.
+    """Return the smallest and largest finite value, with a margin.
 
     Args:
-        values: shape (n,), not all need be finite.
+        values: values, shape (n,); some may be non-finite.
         margin: share of the range added at both ends.
     """
     finite = values[np.isfinite(values)]
@@ -134,8 +134,8 @@ def ticks(low: float, high: float) -> list[float]:
 _WIDTH = 160.0  # width of a share of 1, in the view's units
 _STACK, _ROW = 14.0, 13.0  # heights of the stacked bar and of a row
 _NAMES = -62.0  # left end of the rows' names
-_STEP = 0.5  # between the lines that fill a bar: Rerun only outlines boxes
-_THICK = 5.0  # of a row's bar
+_STEP = 0.5  # distance between the lines that fill a bar, because Rerun only outlines boxes
+_THICK = 5.0  # thickness of a row's bar
 
 
 def log_budget(recording: rr.RecordingStream, entity: str, budget: BudgetView) -> None:
@@ -152,7 +152,7 @@ def log_budget(recording: rr.RecordingStream, entity: str, budget: BudgetView) -
         right = left + max(part.share, 0.0) / total * _WIDTH
         _fill(recording, f"{entity}/chart/stack/{number}", (left, right), (0.0, _STACK), part.color)
         left = right
-        # name and share; the bar, and a line from the necessary to the sufficient share
+        # name and share; bar; line from the necessary to the sufficient share
         row, y = f"{entity}/chart/row/{number}", _STACK + (number + 1) * _ROW
         place, text = (_NAMES / 2, y - 3.5), f"{part.word} {part.share_text}"
         name = rr.Points2D([place], labels=[text], colors=_INK, radii=0.0, show_labels=True)
@@ -210,9 +210,9 @@ _WIDE = 300.0
 def record_rerun(view: StudyView, path: Path) -> None:
     """Write the recording, completely or not at all.
 
-    Where a diagnosis is known, the first tab of a channel shows its error budget. Where effects were added,
-    timeline `revision` shows curves, residual, error and words of each revision,
-    beside those of revision 0 in grey. Timeline `time` shows measurement, models and motion over time.
+    If a diagnosis is known, the first tab of a channel shows its error budget. If effects were added,
+    timeline `revision` shows curves, residual, error and sentences of each revision, beside those of revision
+    0 in gray. Timeline `time` shows measurement, models and motion over time.
 
     Args:
         view: all channels.

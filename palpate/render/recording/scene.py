@@ -1,4 +1,4 @@
-"""A probing session as it is recorded: the arm in 3D, the object, and the force on it."""
+"""3D scene of a recorded probing session: the arm, the object, and the force on the object."""
 
 from __future__ import annotations
 
@@ -35,8 +35,8 @@ else:
 
 Columns = Mapping[str, NDArray[Any]]
 IN_CONTACT = (Phase.LOADING, Phase.HOLD, Phase.UNLOADING)
-PICTURES_HZ = 60.0  # in 3D; the curves keep every tick
-_VECTORS = (  # with one joint a session reads them back as scalars
+PICTURES_HZ = 60.0  # rate of 3D poses; the curves keep every tick
+_VECTORS = (  # with a single joint, a session returns them as scalars
     *("joint_position_rad", "joint_velocity_rad_s", "reference_position_rad", "reference_velocity_rad_s"),
     *("torque_measured_nm", "torque_commanded_nm", "torque_sent_nm"),
 )
@@ -46,16 +46,16 @@ _VECTORS = (  # with one joint a session reads them back as scalars
 class Scene:
     """A probing session as the recording shows it."""
 
-    name: str  # what to call it
+    name: str  # name of the recording
     ticks: Columns  # columns of the "tick" stream, n rows
     urdf: str  # text of the arm's URDF, empty if there is none
-    events: tuple[Event, ...] = ()  # what happened
-    estimate: Estimate | None = None  # outcome of the best offline estimator, if one was run
+    events: tuple[Event, ...] = ()  # events of the session
+    estimate: Estimate | None = None  # result of the best offline estimator; None if none was run
     # Coordinate of the surface along the press direction [m], None if nothing was touched.
     surface_m: float | None = None
-    # True parameters by name (as in `estimate`), where the session is simulated.
+    # True parameters by name (as in `estimate`) of a simulated session.
     truth: Mapping[str, float] = field(default_factory=dict)
-    summary: str = ""  # markdown for people
+    summary: str = ""  # summary in Markdown
 
     @property
     def time_s(self) -> FloatArray:
@@ -69,7 +69,7 @@ class Scene:
         return int(self.ticks["joint_position_rad"].shape[1])
 
     def found(self, parameter: str) -> ParameterEstimate | None:
-        """The offline estimate of a parameter, None where there is none.
+        """Return the offline estimate of a parameter; None if there is none.
 
         Args:
             parameter: "effect.parameter".
@@ -85,7 +85,7 @@ class Scene:
 
     @property
     def depth_m(self) -> FloatArray | None:
-        """Displacement into the object, shape (n,), negative above it [m]; None where nothing was touched."""
+        """Displacement into the object, shape (n,), negative above it [m]; None if nothing was touched."""
         if self.surface_m is None:
             return None
         tips = self.ticks["tip_position_world_m"]
@@ -94,14 +94,14 @@ class Scene:
 
     @property
     def main_press_direction_world(self) -> FloatArray:
-        """Mean direction into the object, shape (3,), NaN where it was never known."""
+        """Mean direction into the object, shape (3,); NaN if it was never known."""
         known = np.isfinite(self.press_direction_world).all(axis=1)
         mean: FloatArray = self.press_direction_world[known].sum(axis=0)
         return mean / np.linalg.norm(mean) if known.any() else np.full(3, np.nan)
 
     @property
     def touch_point_world_m(self) -> FloatArray | None:
-        """Middle of the touched places on the surface, shape (3,) [m]; None where nothing was touched."""
+        """Middle of the touched places on the surface, shape (3,) [m]; None if nothing was touched."""
         touching = np.isin(self.ticks["phase"], IN_CONTACT)
         if self.surface_m is None or not touching.any():
             return None
@@ -117,7 +117,7 @@ class Scene:
 
     @property
     def picture_moment_s(self) -> float:
-        """While the force is held for the last time, or the middle of the session [s]."""
+        """Time within the last phase of held force, or the middle of the session if there is none [s]."""
         holding = np.flatnonzero(self.ticks["phase"] == Phase.HOLD)
         if not len(holding):
             return float(self.time_s[len(self.time_s) // 2])
@@ -126,7 +126,7 @@ class Scene:
 
 
 def picture_rows(time_s: FloatArray) -> IntArray:
-    """Indices of times (n,) [s] that are drawn in 3D, `PICTURES_HZ` of them a second, and the last.
+    """Return the indices of the times that are drawn in 3D: `PICTURES_HZ` per second, and the last.
 
     Args:
         time_s: shape (n,) [s].
@@ -139,13 +139,13 @@ def has_ticks(session: Session) -> bool:
     """Return whether the session was made by an arm, rather than imported.
 
     Args:
-        session: session of an arm, or imported.
+        session: session of an arm, or imported session.
     """
     return STREAM_NAME in session.stream_names and len(session.samples(STREAM_NAME)) > 1
 
 
 def tick_columns(session: Session) -> Columns:
-    """Return the columns of the "tick" stream; vectors remain vectors for a single joint.
+    """Return the columns of the "tick" stream; vector columns keep two dimensions for a single joint.
 
     Args:
         session: session of an arm.
@@ -179,7 +179,7 @@ _RESOLUTION_M = 5e-5  # smaller changes of depth are not drawn
 
 
 class PressedBlock:
-    """A block below a point on its top, which gives way to the tip.
+    """Block whose top deforms under the tip.
 
     Args:
         top_center_world_m: shape (3,), the touched point of the unloaded surface [m].
@@ -199,7 +199,7 @@ class PressedBlock:
         self._flat: FloatArray = self._center + a.reshape(-1, 1) * self._u + b.reshape(-1, 1) * self._v
 
     def sides(self) -> rr.Mesh3D:
-        """The four walls, each a quad of its own, so that its normal is its own."""
+        """Return the four walls, each as a separate quad with its own normal."""
         signs = [(-1, -1), (1, -1), (1, 1), (-1, 1)]
         upper = np.array([self._center + _HALF_WIDTH_M * (a * self._u + b * self._v) for a, b in signs])
         lower, after = upper + _THICKNESS_M * self._down, np.roll(np.arange(4), -1)
@@ -210,20 +210,20 @@ class PressedBlock:
         return _mesh(vertices, np.repeat(outward, 4, axis=0), triangles, _SIDE)
 
     def top(self) -> rr.Mesh3D:
-        """The unloaded top."""
+        """Return the unloaded top."""
         corners = [i * _VERTICES + j for i in range(_VERTICES - 1) for j in range(_VERTICES - 1)]
         triangles = [(c, c + 1, c + _VERTICES + 1) for c in corners]
         triangles += [(c, c + _VERTICES + 1, c + _VERTICES) for c in corners]
         return _mesh(self._flat, np.tile(-self._down, (len(self._flat), 1)), triangles, _TOP)
 
     def pressed(self, tips_world_m: FloatArray, depth_m: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Vertices and normals of the top, each shape (m, vertices, 3), with the tip at m places.
+        """Return vertices and normals of the top, shape (m, vertices, 3) each, for m tip positions.
 
         The top follows d / (1 + (r / a)^2)^(3/2): flat far away, and d deep under the tip.
 
         Args:
             tips_world_m: places of the tip, shape (m, 3) [m].
-            depth_m: of the tip below the surface, shape (m,) [m].
+            depth_m: depth of the tip below the surface, shape (m,) [m].
         """
         offset = self._flat[None] - tips_world_m[:, None]
         along_u, along_v = offset @ self._u, offset @ self._v
@@ -250,15 +250,15 @@ def _mesh(
 ROOT_FRAME = "world"  # frame of everything that is no part of the arm
 _ARM, _OBJECT, _TIP = "arm", "object", "tip"
 _ARROW_M_PER_N, _ARROW_RADIUS_M = 0.012, 0.004
-_ARROW_ASIDE_M = 0.05  # shifted aside, because the tool would hide it
+_ARROW_ASIDE_M = 0.05  # offset to the side, because the tool would hide the arrow
 _ARROW = (240, 92, 84)
 _GRID = (120, 134, 150, 60)
 _EYE_DIRECTION = np.array([0.35, -1.0, 0.42])  # from the side: the arm moves in the x-z plane
-_EYE_DISTANCE = 1.5  # in sizes of the scene
+_EYE_DISTANCE = 1.5  # as a multiple of the scene's size
 
 
 def solid_shapes() -> list[rr.AsComponents]:
-    """Return a view's defaults that draw URDF shapes solid, which Rerun draws as wire frames."""
+    """Return view defaults that draw URDF shapes as solids; Rerun's default is wireframes."""
     shapes = (rr.Cylinders3D, rr.Boxes3D, rr.Ellipsoids3D)
     return [shape.from_fields(fill_mode="solid") for shape in shapes]
 
@@ -271,7 +271,7 @@ def log_arm(recording: rr.RecordingStream, scene: Scene) -> None:
         scene: the session.
 
     Raises:
-        InputError: what it holds is no URDF.
+        InputError: the session's URDF is not valid.
     """
     rows = scene.picture_rows
     position_rad = scene.ticks["joint_position_rad"][rows]
@@ -293,14 +293,14 @@ def log_moving_arm(
     Args:
         recording: destination.
         session: that it is in, for errors.
-        urdf: text of the arm's URDF; nothing is logged where there is none.
+        urdf: text of the arm's URDF; nothing is logged if it is empty.
         time_s: times, shape (n,) [s].
         position_rad: joint positions, shape (n, joints) [rad].
-        name: apart from other arms in the same recording, where there are any.
-        base_world_m: where it stands, shape (3,) [m].
+        name: name that distinguishes the arm from others in the recording; may be empty for one arm.
+        base_world_m: position of the base, shape (3,) [m].
 
     Raises:
-        InputError: it is no URDF.
+        InputError: the text is not a valid URDF.
     """
     if not urdf:
         return
@@ -316,22 +316,24 @@ def log_moving_arm(
     recording.log(f"{entity}/root", root, static=True)
     for joint, angles in zip(moving_joints(tree), position_rad.T, strict=False):
         with warnings.catch_warnings():
-            warnings.simplefilter("ignore", UserWarning)  # a measured angle may lie a little past its limit
+            warnings.simplefilter("ignore", UserWarning)  # a measured angle may lie slightly beyond its limit
             columns = joint.compute_transform_columns(angles.tolist(), clamp=False)
         recording.send_columns(f"{entity}/motion/{joint.name}", time_column(time_s), columns)
 
 
 def load_urdf(text: str, entity: str = _ARM, frame_prefix: str = "") -> urdf_reader.UrdfTree:
-    """Read a URDF from its text; Rerun takes files only.
+    """Read a URDF from its text, because Rerun reads files only.
 
-    Meshes and textures are left out: the text may come from a stranger's session, and names any file.
-
-    ValueError, RuntimeError: it cannot be used.
+    Meshes and textures are left out, because the text of an untrusted session may name any file.
 
     Args:
         text: text of the URDF.
         entity: path of the arm.
-        frame_prefix: before the names of frames.
+        frame_prefix: prefix of the frame names.
+
+    Raises:
+        ValueError: the URDF cannot be used.
+        RuntimeError: the URDF cannot be used.
     """
     drawn = tostring(without_files(parse_urdf(text)), encoding="unicode")
     with tempfile.TemporaryDirectory() as folder:
@@ -346,7 +348,7 @@ def moving_joints(tree: urdf_reader.UrdfTree) -> list[urdf_reader.UrdfJoint]:
     """Return the movable joints, from the base outwards.
 
     Args:
-        tree: of the arm.
+        tree: URDF tree of the arm.
     """
     inward = {joint.child_link: joint for joint in tree.joints()}
 
@@ -358,7 +360,7 @@ def moving_joints(tree: urdf_reader.UrdfTree) -> list[urdf_reader.UrdfJoint]:
 
 
 def log_object(recording: rr.RecordingStream, scene: Scene) -> None:
-    """Log the contact force beside the tip, and the object that gives way.
+    """Log the contact force beside the tip, and the deforming object.
 
     Args:
         recording: destination.
@@ -366,7 +368,7 @@ def log_object(recording: rr.RecordingStream, scene: Scene) -> None:
     """
     rows = scene.picture_rows
     press, tips = scene.press_direction_world[rows], scene.ticks["tip_position_world_m"][rows]
-    known = np.isfinite(np.hstack([tips, press])).all(axis=1)  # not while the guard stops the arm
+    known = np.isfinite(np.hstack([tips, press])).all(axis=1)  # unknown while the guard stops the arm
     rows, press, tips = rows[known], press[known], tips[known]
     vectors = -_ARROW_M_PER_N * np.nan_to_num(scene.ticks["force_n"][rows])[:, None] * press
     outwards = tips - np.einsum("ij,ij->i", tips, press)[:, None] * press
@@ -382,7 +384,7 @@ def log_object(recording: rr.RecordingStream, scene: Scene) -> None:
     for entity, mesh in (("sides", block.sides()), ("top", block.top())):
         recording.log(f"{_OBJECT}/{entity}", rr.CoordinateFrame(ROOT_FRAME), mesh, static=True)
     steps = np.round(np.maximum(depth_m[rows], 0.0) / _RESOLUTION_M)
-    rows = rows[np.r_[True, np.diff(steps) != 0]]  # those at which the top looks different, and the first
+    rows = rows[np.r_[True, np.diff(steps) != 0]]  # rows at which the top looks different, and the first row
     vertices, normals = block.pressed(scene.ticks["tip_position_world_m"][rows], depth_m[rows])
     columns = rr.Mesh3D.columns(
         vertex_positions=vertices.reshape(-1, 3), vertex_normals=normals.reshape(-1, 3)

@@ -1,4 +1,4 @@
-"""A probing session in Rerun: the arm in 3D; force, depth, phases, torques, estimates, events over time."""
+"""Record a probing session for Rerun: the arm in 3D, and its signals, estimates and events over time."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ _PARAMETERS = {  # entity: name offline, column online, title
 }
 _SECTIONS = ("read_s", "control_s", "guard_s", "write_s", "observer_s", "log_s")
 _LOWEST, _HIGHEST = 0.7, 1.8  # vertical range, as multiples of an estimate's levels, with room for the legend
-_ABOVE, _BELOW = 1.0, 1.1  # range of displacement shown, in greatest depths
+_ABOVE, _BELOW = 1.0, 1.1  # range of displacement shown, as multiples of the greatest depth
 _TROUBLE = ("stop", "failure", "log_failed", "observer_failed", "obstacle", "missed_surface")
 
 
@@ -99,7 +99,7 @@ def _log_signals(recording: rr.RecordingStream, scene: Scene) -> None:
     tracking = {f"joint {n}": (error, color, 1.5) for n, (error, color) in enumerate(lines, 1)}
     send_lines(recording, _TRACKING, scene.time_s, tracking)
     torque_nm = ticks["torque_measured_nm"].copy()
-    torque_nm[0] = np.nan  # the drive was still off, and its zeros would stretch the axes
+    torque_nm[0] = np.nan  # the drive was off, and its zeros would stretch the axes
     for joint in range(scene.joints):
         for entity, measured, commanded, name in (
             (_TORQUE, torque_nm, ticks["torque_sent_nm"], "commanded"),
@@ -110,7 +110,7 @@ def _log_signals(recording: rr.RecordingStream, scene: Scene) -> None:
                 name: (commanded[:, joint], palette.MODEL, 1.0),
             }
             send_lines(recording, f"{entity}/joint_{joint + 1}", scene.time_s, curves)
-    # how long the loop's sections took, and how late it woke up
+    # durations of the loop's sections, and lateness of its wake-up
     present = [name for name in _SECTIONS if name in scene.ticks]
     sections = {
         name.removesuffix("_s"): (_MICRO * scene.ticks[name], color, 1.0)
@@ -151,7 +151,7 @@ def _blueprint(scene: Scene) -> rrb.Blueprint:
     """Arrange arm, notes and estimates on the left, curves on the right, and further tabs."""
     estimates: list[rrb.View] = []
     for entity, (name, column, title) in _PARAMETERS.items():
-        # the vertical range shows where an estimate ends, and not its first values
+        # the vertical range covers the final values of an estimate rather than its first ones
         estimate, online = scene.found(name), scene.ticks[column][np.isfinite(scene.ticks[column])]
         levels = [scene.truth[name]] if name in scene.truth else []
         levels += [estimate.value] if estimate is not None else []

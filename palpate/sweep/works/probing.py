@@ -1,4 +1,4 @@
-"""Probe a simulated object and estimate its parameters: one row for each estimator and draw."""
+"""Work functions that probe a simulated object, and estimate its parameters or diagnose its model."""
 
 import json
 from collections.abc import Mapping, Sequence
@@ -38,15 +38,15 @@ from palpate.sim_backend.scenario import Scenario, load_scenario
 from palpate.study import Study, arm_from_urdf
 from palpate.sweep.case import Row
 
-NOTHING = "none"  # hidden
+NOTHING = "none"  # no hidden effects
 
 
 def estimate(parameters: Mapping[str, Any], seed: int) -> list[Row]:
-    """Probe once, and estimate from each draw of the force noise; see `palpate.sweep.grid` for the keys.
+    """Probe once, and return one row per estimator and draw of the force noise.
 
     Args:
-        parameters: parameters of the case.
-        seed: seed of all that is random.
+        parameters: parameters of the case; see `palpate.sweep.grid` for the keys.
+        seed: seed of all random numbers.
 
     Raises:
         PalpateError: the object could not be probed.
@@ -55,7 +55,7 @@ def estimate(parameters: Mapping[str, Any], seed: int) -> list[Row]:
     channel = contact_channel(ticks)
     model = MODELS[parameters["model"]]().build(ModelContext(surface_found=True))
     truth = truth_of(scenario)
-    # Per speed: the highest force while loading, and how long it was above the limit.
+    # By speed: the largest force during loading, and the time during which it exceeded the limit.
     loading = (ticks["phase"] == Phase.LOADING) | (ticks["phase"] == Phase.HOLD)
     runs: Sequence[int] = np.unique(ticks["run"][loading]).tolist()
     forces = [ticks["force_n"][loading & (ticks["run"] == run)] for run in runs]
@@ -65,7 +65,8 @@ def estimate(parameters: Mapping[str, Any], seed: int) -> list[Row]:
         "over_limit_ms": [float(np.count_nonzero(force > 1.05 * limit_n)) for force in forces],
     }
     common = _conditions(parameters) | reached | {f"true {name}": truth[name] for name in truth}
-    rows, share = [], parameters["noise_percent"] / 100  # standard deviation of further noise, of the force
+    # Standard deviation of additional noise, relative to the force.
+    rows, share = [], parameters["noise_percent"] / 100
     for draw in range(parameters["draws"]):
         rng = np.random.default_rng([scenario.seed, draw])
         factors = 1.0 + share * rng.standard_normal(len(channel)) if share else np.ones(len(channel))
@@ -76,13 +77,13 @@ def estimate(parameters: Mapping[str, Any], seed: int) -> list[Row]:
 
 
 def diagnosed(parameters: Mapping[str, Any], seed: int) -> list[Row]:
-    """Probe and diagnose once: one row for each judged channel.
+    """Probe and diagnose once, and return one row per diagnosed channel.
 
-    These are all, or those named in `channels` of the parameters.
+    The parameter `channels` selects channels; by default all are diagnosed.
 
     Args:
-        parameters: parameters of the case.
-        seed: seed of all that is random.
+        parameters: parameters of the case; see `palpate.sweep.grid` for the keys.
+        seed: seed of all random numbers.
     """
     samples, scenario = probed(parameters, seed)
     robot = find_robot(parameters["robot"])
@@ -90,7 +91,8 @@ def diagnosed(parameters: Mapping[str, Any], seed: int) -> list[Row]:
     channels = [
         channel for channel in channels if channel.name in parameters.get("channels", (channel.name,))
     ]
-    usual = parameters["model"] == CONTACT_MODEL  # then the joints are judged as well, each by its own model
+    # With the default model the joints are diagnosed too, each with its own model.
+    usual = parameters["model"] == CONTACT_MODEL
     study = Study(
         channels, None if usual else parameters["model"], arm=arm_from_urdf(robot.urdf_path, robot.tip_frame)
     )
@@ -104,11 +106,11 @@ def diagnosed(parameters: Mapping[str, Any], seed: int) -> list[Row]:
 
 
 def ticks(parameters: Mapping[str, Any], seed: int) -> list[Row]:
-    """Probe once: one row for each tick of a run, for figures over time.
+    """Probe once, and return one row per tick of a run, for figures over time.
 
     Args:
-        parameters: parameters of the case.
-        seed: seed of all that is random.
+        parameters: parameters of the case; see `palpate.sweep.grid` for the keys.
+        seed: seed of all random numbers.
     """
     samples, _ = probed(parameters, seed)
     contact = contact_channel(samples)
@@ -129,12 +131,11 @@ def ticks(parameters: Mapping[str, Any], seed: int) -> list[Row]:
 def probed(parameters: Mapping[str, Any], seed: int) -> tuple[Samples, Scenario]:
     """Return the ticks of a probing run, and its simulated world.
 
-    With an `engine` among the parameters that one moves the arm in place of the scenario's, in the same world
-    with the same noise.
+    The parameter `engine` replaces the scenario's physics engine; world and noise stay the same.
 
     Args:
-        parameters: parameters of the case.
-        seed: seed of all that is random.
+        parameters: parameters of the case; see `palpate.sweep.grid` for the keys.
+        seed: seed of all random numbers.
 
     Raises:
         PalpateError: the object could not be probed, or the parameters do not fit each other.
@@ -146,10 +147,10 @@ def probed(parameters: Mapping[str, Any], seed: int) -> tuple[Samples, Scenario]
 
 @lru_cache(maxsize=2)
 def _probed(text: str, seed: int, engine: EngineName | None) -> tuple[Samples, Scenario]:
-    """Cache the last run, because a worker gets many cases that evaluate the same run.
+    """Probe once; the last run is cached, because many cases of a worker evaluate the same run.
 
-    The world's seed comes from all parameters: with one seed, all objects would have the same noise and the
-    same errors.
+    The world's seed is derived from all parameters. With a common seed, all objects would have the same noise
+    and the same errors.
     """
     parameters = json.loads(text)
     scenario = world(parameters, int(sha256(f"{seed} {text}".encode()).hexdigest()[:12], 16))
@@ -182,7 +183,7 @@ def contact_channel(samples: Samples) -> ChannelData:
     """Return the contact with its force in free air subtracted; raise `InputError` if nothing was touched.
 
     Args:
-        samples: ticks of a probing.
+        samples: ticks of a probing run.
     """
     channels = contact_channels(samples, tared=True)
     if not channels:
@@ -203,10 +204,10 @@ def made_estimator(spec: str | Mapping[str, Any]) -> tuple[str, Estimator | Cont
     """Make an estimator from its name, or from a mapping with `name`, settings and perhaps `label`.
 
     Args:
-        spec: name, or mapping.
+        spec: name of the estimator, or mapping.
 
     Raises:
-        InputError: there is no such estimator, or it does not take these settings.
+        InputError: the estimator does not exist or does not accept these settings.
     """
     given = {"name": spec} if isinstance(spec, str) else spec
     settings = {key: value for key, value in given.items() if key not in {"name", "label"}}
@@ -230,7 +231,7 @@ def _estimated(channel: ChannelData, model: Model, spec: str | Mapping[str, Any]
             rows = fitting_rows(channel)
             surface_m = fit_samples(model, channel, rows).parameters[f"{ContactOffset.name}.offset"]
             samples = channel.position[rows] - surface_m, channel.velocity[rows], channel.effort[rows]
-            law = estimator.fit(*samples, rng=rng)  # these estimators state no intervals
+            law = estimator.fit(*samples, rng=rng)  # these estimators return no intervals
             if model.name == "hunt_crossley":
                 names = (f"{model.name}.{name}" for name in "kbn")
                 return row | dict(zip(names, law[:3], strict=True))
@@ -262,7 +263,7 @@ def _conditions(parameters: Mapping[str, Any]) -> Row:
 def _bounds(
     channel: ChannelData, model: Model, truth: Mapping[str, float], scenario: Scenario, share: float
 ) -> Row:
-    """Return Cramer-Rao bounds for known noise and unknown surface; none for other laws."""
+    """Return Cramer-Rao bounds for known noise and unknown surface; empty for laws without a bound."""
     names = [*model.gains, *model.inner]
     surface = channel.surface
     if surface is None or not all(name in truth or name.startswith("contact_offset") for name in names):
@@ -276,14 +277,14 @@ def _bounds(
 
 
 def ransac_errors(parameters: Mapping[str, Any], seed: int) -> list[Row]:
-    """Return root mean square errors of k and c over their bounds, from many noise draws; one row.
+    """Return one row of root mean square errors of k and c relative to their bounds, from many noise draws.
 
-    Motion and surface are known exactly, so that all that differs is the setting. `outliers_percent` of the
-    samples are off by up to the largest force; the bound is that of the samples without them.
+    Motion and surface are known exactly, so that errors depend on the settings only. A share of
+    `outliers_percent` of the samples has errors up to the largest force; the bound excludes these samples.
 
     Args:
-        parameters: parameters of the case.
-        seed: seed of all that is random.
+        parameters: parameters of the case; see `palpate.sweep.grid` for the keys.
+        seed: seed of all random numbers.
     """
     ticks, scenario = probed(parameters, seed)
     truth, channel = truth_of(scenario), contact_channel(ticks)
@@ -305,7 +306,7 @@ def ransac_errors(parameters: Mapping[str, Any], seed: int) -> list[Row]:
         problem = Regression(columns, noisy_n, ("k", "c"), ("N/m", "N s/m"), run=channel.run[rows])
         try:
             fit = ransac.fit(problem, rng=rng)
-        except InputError:  # few samples agree
+        except InputError:  # too few samples agree
             errors.append(gains)
             shares.append(0.0)
             continue
