@@ -105,7 +105,7 @@ def fall_slopes(tilt_rad: FloatArray) -> FloatArray:
 
 
 def design(bodies: GravityBodies, q: FloatArray, v: FloatArray, a: FloatArray) -> FloatArray:
-    """Compute the columns of the linearised model: gain, Coulomb, viscous, offset of each joint; tilt.
+    """Compute the columns of the linearized model: gain, Coulomb, viscous, offset of each joint; tilt.
 
     Args:
         bodies: models of the arm.

@@ -59,7 +59,7 @@ def straight_way(start_rad: FloatArray, end_rad: FloatArray) -> FloatArray:
 
 
 def is_clear(body: RigidBody, postures_rad: Iterable[FloatArray], floor_m: float) -> bool:
-    """Whether no part comes nearer to the floor than the margin.
+    """Return whether no part comes nearer to the floor than the margin.
 
     Args:
         body: model of the arm.
@@ -195,9 +195,9 @@ _SHRINKING = (1.0, 0.8, 0.6, 0.45, 0.3, 0.2)
 
 
 class FourierPath:
-    """q(t) = centre + fade(t) sum_k amplitude_k sin(2 pi k t / period + phase_k).
+    """q(t) = center + fade(t) sum_k amplitude_k sin(2 pi k t / period + phase_k).
 
-    It starts and ends at rest in the centre, fading over a quintic, so that the acceleration is continuous.
+    It starts and ends at rest in the center, fading over a quintic, so that the acceleration is continuous.
 
     Args:
         centre_rad: shape (n,) [rad].
@@ -252,7 +252,7 @@ class FourierPath:
     def _faded(
         self, angle: FloatArray, fade: float | FloatArray, rate: float | FloatArray, spin: float | FloatArray
     ) -> JointMotion:
-        """The motion at these angles of the harmonics (..., n, harmonics) [rad]."""
+        """Return the motion at these angles of the harmonics (..., n, harmonics) [rad]."""
         sine, cosine = self._amplitude * np.sin(angle), self._amplitude * np.cos(angle)
         wave, speed, acceleration = sine.sum(axis=-1), cosine @ self._rate, -(sine @ self._rate**2)
         return JointMotion(
@@ -420,7 +420,7 @@ class FreeMotion:
         return self._torque.step(measurement, motion, self._no_contact, dt_s)
 
     def at_rest(self, measurement: Measurement, waited_s: float) -> bool:
-        """Whether the arm stands still.
+        """Return whether the arm stands still.
 
         Args:
             measurement: state of the arm.
@@ -490,7 +490,7 @@ class PathTask:
         self.duration_s = path.duration_s  # with the ways to it and back, once started
 
     def start(self, measurement: Measurement) -> None:
-        """Plan the moves from the measured posture to the path's centre and back.
+        """Plan the moves from the measured posture to the path's center and back.
 
         Args:
             measurement: state of the arm.
@@ -505,7 +505,7 @@ class PathTask:
         self.duration_s = self._end_s + self._back.duration_s + _SETTLE_S
 
     def step(self, measurement: Measurement, dt_s: float) -> TaskOutput:
-        """Move to the path's centre, follow the path once, and go back.
+        """Move to the path's center, follow the path once, and go back.
 
         Args:
             measurement: state of the arm.

@@ -277,8 +277,8 @@ class Study(ModelStudy):
             revisions: as for `export_feedforward`.
 
         Raises:
-            InputError: as `export_feedforward`, the target is unknown, or `patch` is missing, not readable or
-                lacks a joint.
+            InputError: as for `export_feedforward`, the target is unknown, or `patch` is missing, not
+                readable or lacks a joint.
         """
         if target not in set(SimulatorFormat):
             raise InputError(f"target {target!r}: no such simulator. Valid: {', '.join(SimulatorFormat)}")

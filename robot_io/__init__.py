@@ -25,7 +25,7 @@ __all__ = [
 
 
 def __getattr__(name: str) -> Any:  # noqa: ANN401
-    """Import `palpate.robot_io.session` when it is asked for: types and errors need no MCAP library."""
+    """Import `palpate.robot_io.session` on first use, because types and errors need no MCAP library."""
     if name in __all__:
         from palpate.robot_io import session  # noqa: PLC0415
 

@@ -1,6 +1,6 @@
-"""Capture of what C code prints past Python's own streams.
+"""Capture output that C code prints past Python's own streams.
 
-Errors of a program end in one clear line, and its JSON is read by others: nothing else may be printed.
+Errors are printed as one line, and other programs read the JSON output, so nothing else may be printed.
 """
 
 import ctypes
@@ -20,7 +20,7 @@ def captured(lines: list[str], *descriptors: int) -> Iterator[None]:
 
     Args:
         lines: receives the captured lines.
-        descriptors: such as `STDOUT` and `STDERR`.
+        descriptors: file descriptors, such as `STDOUT` and `STDERR`.
     """
     _flush()
     kept = [(descriptor, os.dup(descriptor)) for descriptor in descriptors]

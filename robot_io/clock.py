@@ -4,7 +4,7 @@ import time
 from abc import ABC, abstractmethod
 from collections.abc import Callable
 
-_STALL_S = 0.02  # larger delays of simulated time are not made up for
+_STALL_S = 0.02  # larger delays of simulated time are not caught up
 
 
 class Clock(ABC):
@@ -24,7 +24,7 @@ class Clock(ABC):
 
 
 class MonotonicClock(Clock):
-    """The machine's monotonic clock; steps of the wall clock do not reach it."""
+    """The machine's monotonic clock, which is independent of steps of the wall clock."""
 
     def now_s(self) -> float:
         return time.monotonic()
@@ -36,26 +36,26 @@ class MonotonicClock(Clock):
 
 
 class SimulatedClock(Clock):
-    """Simulated time, which advances only in waits, as fast as the listeners can follow.
+    """Simulated time, which advances only in waits, as fast as the listeners allow.
 
     A simulated world subscribes and integrates its physics up to each new time.
 
     Args:
-        pace: a real clock to keep step with (simulation in real time), or None for as fast as possible. A
-            delay before the first step or between two is not made up for afterwards.
+        pace: real clock that sets the pace (simulation in real time), or None for as fast as possible. A
+            delay before the first step or between two steps is not caught up.
     """
 
     def __init__(self, pace: Clock | None = None) -> None:
         self._time_s = 0.0
         self._listeners: list[Callable[[float], None]] = []
         self._pace = pace
-        self._pace_ahead_s: float | None = None  # of the real clock over this one
+        self._pace_ahead_s: float | None = None  # lead of the real clock over this clock
 
     def subscribe(self, on_advance: Callable[[float], None]) -> None:
-        """Call a function each time the clock has moved on.
+        """Call a function each time the clock has advanced.
 
         Args:
-            on_advance: is called with the new time [s].
+            on_advance: called with the new time [s].
         """
         self._listeners.append(on_advance)
 

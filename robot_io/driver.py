@@ -1,4 +1,4 @@
-"""Construction of drivers: what each is given, and the catalogue of all of them."""
+"""Construction of drivers: their context, and the catalog of all drivers."""
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
@@ -27,7 +27,7 @@ class DriverContext:
     clock: Clock  # the robot's clock; samples are stamped with it
     robot_file: RobotFile  # the whole robot file, for joint count, limits and paths
     bus: Bus | None = None  # bus of the device, or None
-    section: KeyPath = ()  # where in the robot file the driver's settings stand, for errors
+    section: KeyPath = ()  # path of the driver's settings in the robot file, for errors
 
     def settings_as(self, model: type[SettingsModel], settings: Mapping[str, object]) -> SettingsModel:
         """Validate the driver's settings.
@@ -54,7 +54,7 @@ class DriverContext:
             The bus.
 
         Raises:
-            InputError: there is none, or it has another class.
+            InputError: the device has no bus, or a bus of another class.
         """
         if isinstance(self.bus, bus_type):
             return self.bus
@@ -70,7 +70,7 @@ class DriverCatalogue:
     is made by `Driver(settings: Mapping[str, object], context: DriverContext)`; making it opens nothing.
 
     Args:
-        packages: searched in addition to the built-in drivers.
+        packages: packages that are searched in addition to the built-in drivers.
     """
 
     def __init__(self, *packages: str) -> None:
@@ -87,9 +87,9 @@ def make_driver(
     """Make the driver that the robot file names in `context.section`.
 
     Args:
-        registry: of the driver's kind.
-        driver: its name.
-        settings: for the driver.
+        registry: registry of the driver's kind.
+        driver: name of the driver.
+        settings: settings of the driver.
         context: clock, robot file and bus.
 
     Returns:

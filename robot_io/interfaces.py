@@ -40,7 +40,7 @@ class Component:
         """Switch the torque off. Works in every state, also after a failure, and can be called again."""
 
     def close(self) -> None:
-        """Release ports and memory; can be called again."""
+        """Release ports and memory; can be called repeatedly."""
 
 
 class Bus(Component, ABC):
@@ -138,7 +138,7 @@ class Opened(ABC):
 
     @abstractmethod
     def close(self) -> None:
-        """Release it, torque or force off first; can be called again."""
+        """Release it, torque or force off first; can be called repeatedly."""
 
     def __enter__(self) -> Self:
         self.configure()

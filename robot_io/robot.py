@@ -134,7 +134,7 @@ class Robot(Opened):
             undo_all(self._components, "deactivate")
 
     def close(self) -> None:
-        """Switch the torque off, then release all devices; can be called again.
+        """Switch the torque off, then release all devices; can be called repeatedly.
 
         Raises:
             DeviceError: some devices failed; every one of them was tried.
@@ -264,7 +264,7 @@ def build_robot(
 
     Args:
         robot_file: the description.
-        drivers: catalogue of drivers.
+        drivers: catalog of drivers.
         clock: clock of the robot.
         calibrations: correct the devices; None for those that the robot file names, if they are valid today.
 

@@ -177,7 +177,7 @@ def parse_robot_file(text: str, origin: str | Path) -> RobotFile:
         The robot file.
 
     Raises:
-        InputError: as `load_robot_file`.
+        InputError: as for `load_robot_file`.
     """
     return _from_document(parse_yaml(text, str(origin)))
 

@@ -121,7 +121,7 @@ class SerialPort:
         self.failure = None
 
     def close(self) -> None:
-        """Close the port; can be called again."""
+        """Close the port; can be called repeatedly."""
         port, self._serial, self._fd = self._serial, None, -1
         if port is not None:
             close_exclusive(port)

@@ -167,7 +167,7 @@ def parse_scenario(text: str, origin: str) -> Scenario:
         The validated scenario.
 
     Raises:
-        InputError: as `load_scenario`.
+        InputError: as for `load_scenario`.
     """
     document = parse_yaml(text, origin)
     return validate(Scenario, document.data, document)

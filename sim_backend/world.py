@@ -280,7 +280,7 @@ class World:
         return self._engine.inverse_dynamics(*lists)
 
     def close(self) -> None:
-        """Free resources; can be called again."""
+        """Free resources; can be called repeatedly."""
         self._engine.close()
 
 
@@ -299,7 +299,7 @@ def world_of(
         The world.
 
     Raises:
-        InputError: as `World`, or the URDF cannot be read; the error names both files.
+        InputError: as for `World`, or the URDF cannot be read; the error names both files.
     """
     try:
         arm = ArmDescription(

@@ -93,7 +93,7 @@ class RigidBody:
             The model.
 
         Raises:
-            InputError: as `from_urdf`, or a calibration must not be used.
+            InputError: as for `from_urdf`, or a calibration must not be used.
         """
         if calibrations is None:
             calibrations = load_calibrations(robot_file)

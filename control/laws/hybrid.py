@@ -210,7 +210,7 @@ class HybridController:
         return self._follow(measurement, motion, tip, force_n, dt_s)
 
     def _is_new(self, measurement: Measurement) -> bool:
-        """Whether the force was sampled since the last tick."""
+        """Return whether the force was sampled since the last tick."""
         is_new = measurement.force_at_s > self._force_at_s and measurement.force_status == Status.OK
         self._force_at_s = max(self._force_at_s, measurement.force_at_s)
         return is_new

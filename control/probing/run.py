@@ -164,7 +164,7 @@ class ProbingRun:
         self._enter(Phase.HOLD, self._hold)
 
     def _is_too_deep(self, output: ControlOutput) -> bool:
-        """Whether the depth limit is reached; logs an event."""
+        """Return whether the depth limit is reached; logs an event."""
         depth_m = output.state.travel_m - self._control.surface_travel_m
         if not self._must_turn(output, depth_m - self._plan.max_depth_m):
             return False
@@ -218,7 +218,7 @@ class ProbingRun:
         return output
 
     def _is_lost(self, output: ControlOutput, dt_s: float) -> bool:
-        """Whether contact was lost; logs an event."""
+        """Return whether contact was lost; logs an event."""
         self._lost_s = 0.0 if output.in_contact else self._lost_s + dt_s
         if self._lost_s < _LOST_S:
             return False

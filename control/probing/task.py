@@ -56,7 +56,7 @@ class ProbingTask:
     Attributes:
         failures: one line for every run that gave no data.
         runs_done: number of runs that gave data.
-        cancelled: whether the task was cancelled.
+        canceled: whether the task was canceled.
 
     Raises:
         InputError: the arm is not planar, or the tool does not lie in its plane.

@@ -236,7 +236,7 @@ class Account:
             self._taken_j -= work_j
 
     def share_allowed(self, taking_j: float, other_put_in_j: float) -> float:
-        """The share 0 to 1 of a withdrawal that the other end is known to have covered.
+        """Return the share 0 to 1 of a withdrawal that the other end is known to have covered.
 
         Args:
             taking_j: energy to be taken out [J].
@@ -311,7 +311,7 @@ class WaveEnd:
         self._sent = self._sent_j = self._used = self._used_j = 0.0
 
     def send(self, wave: float, dt_s: float) -> Packet:
-        """The packet for a wave [sqrt(W)]: itself, its integral, and the energy sent so far [J].
+        """Return the packet for a wave [sqrt(W)]: itself, its integral, and the energy sent so far [J].
 
         Args:
             wave: that goes out [sqrt(W)].
@@ -322,7 +322,7 @@ class WaveEnd:
         return wave, self._sent, self._sent_j
 
     def receive(self, newest: Packet | None, dt_s: float) -> float:
-        """The wave to use in this step [sqrt(W)].
+        """Return the wave to use in this step [sqrt(W)].
 
         Args:
             newest: packet of the other end, or None.

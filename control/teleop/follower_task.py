@@ -102,7 +102,7 @@ class TargetQueue:
 
     @property
     def cancelled(self) -> bool:
-        """Whether the target that is being probed is cancelled."""
+        """Whether the target that is being probed is canceled."""
         return self._cancelled
 
     @property

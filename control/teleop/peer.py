@@ -123,7 +123,7 @@ class Peer:
         return self._clocks.best
 
     def silent(self, now_s: float) -> bool:
-        """Whether no fresh frame has come for `silent_s`, or ever.
+        """Return whether no fresh frame has come for `silent_s`, or ever.
 
         Args:
             now_s: own clock [s].

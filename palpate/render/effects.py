@@ -107,7 +107,7 @@ def sized(data: ChannelData, model: Model, base: Mapping[str, float], effect: Ef
         data: the motion and its effort without the effect.
         model: without the effect.
         base: its parameters by "effect.parameter".
-        effect: that is added.
+        effect: effect that is added.
 
     Returns:
         All parameters by "effect.parameter".

@@ -291,7 +291,7 @@ class FollowingArm:
         return self._ask(np.empty(0))
 
     def stop(self) -> None:
-        """Return the arm to its start and switch its torque off; can be called again.
+        """Return the arm to its start and switch its torque off; can be called repeatedly.
 
         This does not move an arm that the guard has stopped.
 

@@ -112,11 +112,12 @@ def script(surface_m: float, last_s: float = _LAST_S) -> dict[str, object]:
 def write_worlds(folder: Path, real: Scenario) -> None:
     """Write the follower's world as real.yaml, and the leader's as guess.yaml, softer and higher.
 
-    InputError: they cannot be written.
-
     Args:
         folder: that exists.
         real: the follower's world.
+
+    Raises:
+        InputError: they cannot be written.
     """
     surface_m = real.object.surface_height_m + _GUESS_ABOVE_M
     guess = Scenario(description="a guess", object=ObjectSettings(law=_GUESS, surface_height_m=surface_m))

@@ -83,7 +83,7 @@ def second_look(samples: Samples, target: int) -> ObjectEstimate:
         target: its number.
 
     Raises:
-        InputError: as `first_look`.
+        InputError: as for `first_look`.
     """
     contact = _contact(samples)
     model, made = _better(contact, target)

@@ -108,7 +108,7 @@ class FollowerMessaging(threading.Thread):
         self._messaging = Messaging(line, clock, take=take, on_new_peer=drop_targets)
 
     def settled(self) -> bool:
-        """Whether no estimate is pending, and a reachable leader has received all estimates.
+        """Return whether no estimate is pending, and a reachable leader has received all estimates.
 
         Pending estimates are awaited for `_SETTLE_S` from the first call, the last one for `_SEEN_S`.
         """

@@ -268,7 +268,7 @@ class _Leader:
                 self._over = True
 
     def _queued(self) -> list[Target]:
-        """Return targets that are neither finished by the follower nor cancelled."""
+        """Return targets that are neither finished by the follower nor canceled."""
         return [
             target
             for target in self._targets.values()

@@ -60,7 +60,7 @@ class ForceComparison:
         return ForceComparison(self.time_s[kept], self.felt_n[kept], self.real_n[kept], self.stalled[kept])
 
     def summary(self) -> str:
-        """The share, such as "1.2 % rms of 8000 samples"."""
+        """Return the share, such as "1.2 % rms of 8000 samples"."""
         if not len(self.real_n):
             return "nothing to compare"
         return f"{100.0 * self.share:.2g} % rms of {len(self.real_n)} samples"

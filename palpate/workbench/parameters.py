@@ -112,7 +112,7 @@ def _number(error: float, unit: str, noise: float, what: str = "", kind: str = "
 
 
 def waterfall(steps: tuple[tuple[str, float], ...], noise: float, unit: str) -> str:
-    """The error of each stage as bars, with the noise level as a line.
+    """Return the error of each stage as bars, with the noise level as a line.
 
     Args:
         steps: label and held-out error of each stage.

@@ -40,7 +40,7 @@ class DiagnosisProcess:
         """Note the progress.
 
         Args:
-            what: is being done.
+            what: what is being done.
             share: share of the work that is done, 0 to 1.
         """
         self.now = what, share
@@ -126,7 +126,7 @@ class FitPrefetcher:
             self._study.take_fit(self._channel, effects, packed)
 
     def close(self) -> None:
-        """End the process at once; can be called again."""
+        """End the process at once; can be called repeatedly."""
         if self not in _working:
             return
         _working.discard(self)
@@ -148,7 +148,7 @@ _fits: dict[tuple[str, ...], FitResult] = {}
 
 
 def _begin_worker(channel: StudyChannel, effects: Sequence[Effect]) -> None:
-    """Initialise a fitting process with low priority."""
+    """Initialize a fitting process with low priority."""
     global _channel  # noqa: PLW0603, of this process alone
     end_with_parent()
     os.nice(_NICE)

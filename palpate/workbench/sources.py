@@ -283,7 +283,7 @@ class Feed:
         """Send ticks that were not sent before; nothing without subscribers.
 
         Args:
-            session: that is being written.
+            session: session that is being written.
             ticks: newest ticks of it.
         """
         if not self.is_watched:

@@ -64,7 +64,7 @@ class AppState:
 
         Args:
             make: reads the data.
-            what: is read, in words.
+            what: what is read, in words.
         """
 
         def run() -> None:

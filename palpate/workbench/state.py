@@ -192,7 +192,7 @@ class WorkbenchState:
 
         Args:
             name: "effect.parameter".
-            value: in the parameter's SI unit.
+            value: value in the parameter's SI unit.
         """
         if self.choice.pulled.get(name) == value:  # said twice by the browser
             return
@@ -223,7 +223,7 @@ class WorkbenchState:
 
         Args:
             name: "effect.parameter".
-            value: in the parameter's SI unit; None to free it.
+            value: value in the parameter's SI unit; None to free it.
         """
         held, bounds = _without(self.choice.held, name), _without(self.choice.bounds, name)
         held |= {} if value is None else {name: value}

@@ -1,10 +1,10 @@
-"""Calibrations that a robot file names: loaded, checked against robot, device, limits and date, kept as text.
+"""Load the calibrations that a robot file names, check them, and apply them to its devices.
 
-A calibration belongs to a device: its driver and those settings that its readings depend on. It stands
-between the sensors and the guard: a wrong one must not hide forces, nor command more than a drive may exert.
+A calibration belongs to a device: its driver and those settings that affect its readings. It acts between the
+sensors and the guard, so a wrong one must neither hide forces nor command more than a drive may exert.
 
-A calibrated device wraps a driver and corrects its readings and commands. Only here a calibration changes a
-number between driver and `Measurement` or `Command`. Samples keep their time and status; NaN stays NaN.
+A calibrated device wraps a driver and corrects its readings and commands. This module alone applies
+calibrations between driver and `Measurement` or `Command`. Samples keep their time and status; NaN stays NaN.
 """
 
 import hashlib
@@ -36,7 +36,7 @@ from palpate.robot_io.interfaces import Component, ForceSensor, JointEncoder, Jo
 from palpate.robot_io.robot_file import DeviceSection, RobotFile
 from palpate.robot_io.types import FloatArray, Reading, frozen_array
 
-# Settings that affect when a sample comes or is refused, not its value; a calibration survives their change.
+# Settings that affect a sample's time or rejection, but not its value; they may change after a calibration.
 _PASSING = frozenset(
     {
         *("scenario", "baud_rate", "delay_s", "return_delay_s", "watchdog_s"),
@@ -110,7 +110,7 @@ def _lasting(settings: Mapping[str, object]) -> dict[str, object]:
 
 
 _ZERO_SHARE = 0.5  # largest zero, as a share of the force limit
-_SLOPE_SHARE = 0.5  # least slope up to the force limit, as a share of the scale
+_SLOPE_SHARE = 0.5  # smallest slope up to the force limit, as a share of the scale
 _OFFSET_SHARE = 0.2  # largest offset, as a share of the torque limit
 _LARGE_ZERO_RAD = 0.2
 
@@ -119,7 +119,7 @@ def implausible(calibration: Calibration, limits: Limits) -> str | None:
     """Describe why a calibration cannot belong to this arm.
 
     Args:
-        calibration: to check.
+        calibration: calibration to check.
         limits: limits of the arm.
 
     Returns:
@@ -156,13 +156,13 @@ def implausible(calibration: Calibration, limits: Limits) -> str | None:
 
 
 def doubtful(calibration: Calibration) -> str | None:
-    """Describe what a person must check before this calibration is used; it is not refused.
+    """Describe what a person must check before this calibration is used; the calibration is not rejected.
 
-    Any zero is possible. But a wrong one sends the arm to unexpected places, and a large offset mostly means
+    Any zero is possible, but a wrong zero sends the arm to unexpected places. A large offset usually means
     that the pose or the stop was a different one.
 
     Args:
-        calibration: to check.
+        calibration: calibration to check.
 
     Returns:
         The question, or None.
@@ -193,7 +193,7 @@ class Calibrations:
     encoder: EncoderCalibration | None = None  # of the joints' zeros
     torque: TorqueCalibration | None = None  # of the drives
     gravity: GravityCalibration | None = None  # of the base
-    text: str = ""  # all of them in one YAML text, as in a session; empty if there are none
+    text: str = ""  # all calibrations in one YAML text, as in a session; empty if there are none
 
     @property
     def kinds(self) -> tuple[str, ...]:
@@ -202,7 +202,7 @@ class Calibrations:
 
     @property
     def gravity_base_m_s2(self) -> tuple[float, float, float]:
-        """Fall acceleration in the base's axes [m/s^2]: g = R^T (0, 0, -9.81), R = R_y(pitch) R_x(roll)."""
+        """Gravity vector in the base's axes [m/s^2]: g = R^T (0, 0, -9.81), R = R_y(pitch) R_x(roll)."""
         if self.gravity is None:
             return (0.0, 0.0, -GRAVITY_M_S2)
         values = self.gravity.values
@@ -214,11 +214,11 @@ NO_CALIBRATIONS = Calibrations()
 
 
 def gravity_base_m_s2(pitch_rad: float, roll_rad: float) -> tuple[float, float, float]:
-    """Compute the fall acceleration in the axes of a tilted base; see `GravityValues`.
+    """Compute the gravity vector in the axes of a tilted base; see `GravityValues`.
 
     Args:
-        pitch_rad: about the base's y axis [rad].
-        roll_rad: about the base's x axis [rad].
+        pitch_rad: pitch about the base's y axis [rad].
+        roll_rad: roll about the base's x axis [rad].
 
     Returns:
         Shape (3,) [m/s^2].
@@ -242,7 +242,7 @@ def load_calibrations(
         robot_file: names the files.
         now_utc: date for the check; None for the machine's clock.
         leave_out: kinds that are not loaded, such as the one that is being calibrated.
-        emulated: whether the devices are emulated; if not, a calibration of emulated devices is refused.
+        emulated: whether the devices are emulated; if not, a calibration of emulated devices is rejected.
 
     Returns:
         The calibrations.
@@ -399,8 +399,8 @@ class CalibratedEncoder(_Calibrated[JointEncoder], JointEncoder):
 class CalibratedTorque(_Calibrated[JointTorque], JointTorque):
     """Drive with torque = gain reading + offset; its command is (torque - command offset) / gain.
 
-    A command never exceeds the limit, whatever the calibration makes of a torque within it. A zero torque is
-    commanded as what the calibration says gives zero.
+    A command never exceeds the limit, even if the calibration enlarges a torque. A zero torque is commanded
+    as the value that gives zero torque by the calibration.
 
     Args:
         driver: driver of the drives.

@@ -36,7 +36,7 @@ _Unit = Annotated[
 
 
 def _date_as_text(value: object) -> object:
-    """Refuse numbers as dates: they would be read as seconds since 1970."""
+    """Reject numbers as dates, because they would be read as seconds since 1970."""
     if isinstance(value, int | float):
         raise PydanticCustomError("not_a_date", "expected a date such as 2026-11-20T08:00:00+00:00")
     return value
@@ -84,28 +84,28 @@ class Calibration(FileModel):
     units: ClassVar[Mapping[str, str]] = {}
 
     palpate_calibration: Literal[1]  # version of this format
-    kind: str  # which of the four
+    kind: str  # one of the four kinds
     robot: _Text  # name of the robot in its robot file
     device: dict[str, object]  # driver and settings of the calibrated device, see `device_identity`
     # Devices that were read: real ones, a simulated robot's, or emulated ones behind real drivers. With None
     # (not stated) no robot may use the calibration.
     source: Literal["measured", "simulated", "emulated"] | None = None
-    urdf_sha256: _Sha256 | None = None  # of the URDF whose masses were taken as known; None where none were
-    made_utc: _Date  # when
-    valid_until_utc: _Date  # refused from then on
+    urdf_sha256: _Sha256 | None = None  # hash of the URDF whose masses were assumed; None if none were
+    made_utc: _Date  # date of the calibration
+    valid_until_utc: _Date  # date from which the calibration is rejected
     software_version: _Text  # version of palpate
-    raw_data: RawData  # that it was computed from
-    # Other calibrations that were applied meanwhile.
+    raw_data: RawData  # data that it was computed from
+    # Other calibrations that were applied during the recording.
     made_with: Annotated[tuple[_Text, ...], Field(max_length=8)] = ()
     findings: Findings = Field(default_factory=dict)  # further results; not applied
 
     @property
     def joint_count(self) -> int | None:
-        """Number of joints it is for; None if that does not matter."""
+        """Number of joints of the calibrated arm; None if the calibration does not depend on it."""
         return None
 
     def to_yaml(self) -> str:
-        """Write the file, as `parse_calibration` reads it."""
+        """Return the file's text, which `parse_calibration` reads."""
         data = self.model_dump(mode="json", exclude_none=True)
         data["findings"] = data.pop("findings")  # last, after the applied values
         text: str = yaml.safe_dump(data, sort_keys=False, width=110, allow_unicode=True)
@@ -142,8 +142,8 @@ class ForceValues(FileModel):
 class ForceCalibration(Calibration):
     """Calibration of the force sensor.
 
-    A negative scale is refused, and for readings in N a scale that is off by more than a factor of two: the
-    sensor's own setting is wrong then.
+    A negative scale is rejected. For readings in N, so is a scale that is off by more than a factor of two,
+    because the sensor's own setting is then wrong.
     """
 
     kind: Literal["force"]
@@ -234,7 +234,7 @@ class GravityCalibration(Calibration):
 
     kind: Literal["gravity"]
     urdf_sha256: _Sha256
-    values: GravityValues  # see `GravityValues`; an angle that the arm cannot feel is left out and taken as 0
+    values: GravityValues  # see `GravityValues`; an angle without effect on the torques is absent (0)
 
     @model_validator(mode="after")
     def _plausible(self) -> "GravityCalibration":
@@ -282,7 +282,7 @@ def parse_calibration(text: str, origin: str) -> Calibration:
         The calibration.
 
     Raises:
-        InputError: as `load_calibration`.
+        InputError: as for `load_calibration`.
     """
     return calibration_from(parse_yaml(text, origin, MAX_BYTES))
 
@@ -298,7 +298,7 @@ def calibration_from(document: YamlDocument, kind: str | None = None) -> Calibra
         The calibration.
 
     Raises:
-        InputError: as `load_calibration`.
+        InputError: as for `load_calibration`.
     """
     at = () if kind is None else (kind,)
     data = document.data if kind is None else document.data.get(kind)

@@ -55,7 +55,8 @@ class JointBus(Bus):
     def power_off(self) -> None:
         """Switch the torque of all drives off, whatever their state, and drop a staged command.
 
-        DeviceError: a drive did not confirm; all were commanded.
+        Raises:
+            DeviceError: a drive did not confirm; all were commanded.
         """
 
     @abstractmethod
@@ -140,7 +141,7 @@ class RequestQueue:
         return self._unsure > 0
 
     def skip(self) -> bool:
-        """Whether to leave out the request that is due now, once for each doubt."""
+        """Return whether to leave out the request that is due now, once for each doubt."""
         skips, self._skips = self._skips, False
         return skips
 

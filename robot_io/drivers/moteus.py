@@ -137,8 +137,8 @@ def encode_stop(host_id: int, motor_id: int) -> CanFrame:
     """Make the frame by which a controller lets go, and forgets faults.
 
     Args:
-        host_id: of the sender.
-        motor_id: of the controller.
+        host_id: CAN id of the sender.
+        motor_id: CAN id of the controller.
 
     Returns:
         The frame.
@@ -150,8 +150,8 @@ def encode_question(host_id: int, motor_id: int) -> CanFrame:
     """Make the frame that requests the state and changes nothing.
 
     Args:
-        host_id: of the sender.
-        motor_id: of the controller.
+        host_id: CAN id of the sender.
+        motor_id: CAN id of the controller.
 
     Returns:
         The frame.
@@ -163,16 +163,16 @@ def encode_torque(host_id: int, motor_id: int, torque_nm: float, watchdog_s: flo
     """Command a torque at the output that holds for a time.
 
     Args:
-        host_id: of the sender.
-        motor_id: of the controller.
-        torque_nm: at the output [N m].
+        host_id: CAN id of the sender.
+        motor_id: CAN id of the controller.
+        torque_nm: torque at the output [N m].
         watchdog_s: for how long it holds [s].
 
     Returns:
         The frame.
 
     Raises:
-        InputError: it is no number.
+        InputError: it is not a number.
     """
     if not isfinite(torque_nm):
         raise InputError(f"torque {torque_nm} N m is not finite")
@@ -186,7 +186,7 @@ def decode_state(frame: CanFrame) -> MoteusState:
     """Decode the answer of a controller.
 
     Args:
-        frame: as it came.
+        frame: received frame.
 
     Returns:
         The state.
@@ -227,7 +227,9 @@ class MoteusBus(AskedMotorBus[MoteusState]):
     def configure(self) -> None:
         """Open the adapter and hear every controller; nothing changes its mode.
 
-        DeviceError: the adapter cannot be opened, or a controller is silent or does not know its position.
+        Raises:
+            DeviceError: the adapter cannot be opened, or a controller is silent or does not know its
+                position.
         """
         self._receive_all()
         self._refuse_lost()

@@ -73,10 +73,10 @@ class Record(NamedTuple):
 
 
 def decode_record(datagram: bytes) -> Record:
-    """The record in a datagram.
+    """Return the record in a datagram.
 
     Args:
-        datagram: as it came.
+        datagram: received datagram.
 
     Returns:
         The record.
@@ -164,7 +164,7 @@ class Configuration(NamedTuple):
 
 
 def parse_configuration(page: bytes) -> Configuration:
-    """The configuration on a page.
+    """Return the configuration on a page.
 
     Args:
         page: netftapi2.xml.
@@ -350,7 +350,8 @@ class NetFt(SerialForceSensor, Examinable):
     def configure(self) -> None:
         """Read the sensor's configuration, and start the records.
 
-        DeviceError: it does not answer, its forces have another scale, or it sends no records.
+        Raises:
+            DeviceError: it does not answer, its forces have another scale, or it sends no records.
         """
         own, configuration = self._own, self._bus.read_configuration()
         newtons_per_count = newtons_per(configuration.unit) / configuration.counts_per_force

@@ -102,7 +102,8 @@ class OdriveBus(MotorBus):
     def configure(self) -> None:
         """Open the adapter, hear every axis, check the firmware, and set all axes to idle.
 
-        DeviceError: the adapter cannot be opened, or an axis is silent or of another firmware.
+        Raises:
+            DeviceError: the adapter cannot be opened, or an axis is silent or of another firmware.
         """
         self.line.open()
         self._send_all(self._to_every_axis(AxisState.IDLE))

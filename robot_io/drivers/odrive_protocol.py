@@ -198,7 +198,7 @@ def decode_heartbeat(frame: CanFrame, firmware: Firmware) -> Heartbeat:
     (bit 7 of the last: trajectory done), 0.6 the procedure result and the trajectory flag.
 
     Args:
-        frame: as it came.
+        frame: received frame.
         firmware: generation of the axis.
 
     Returns:
@@ -225,7 +225,7 @@ def decode_pair(frame: CanFrame, what: str) -> tuple[float, float]:
     """Two floats: position [rev] and velocity [rev/s], wanted and measured current [A], or the like.
 
     Args:
-        frame: as it came.
+        frame: received frame.
         what: name of its content in errors.
 
     Returns:
@@ -245,7 +245,7 @@ def decode_version(frame: CanFrame) -> tuple[int, int, int]:
     """Firmware version as major, minor, revision (0.6).
 
     Args:
-        frame: as it came.
+        frame: received frame.
 
     Returns:
         Major, minor and revision.

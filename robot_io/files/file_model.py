@@ -112,7 +112,7 @@ def parse_yaml(text: str, origin: str, max_bytes: int = MAX_BYTES) -> YamlDocume
 
 
 def _composed(text: str) -> yaml.Node | None:
-    """The node tree; nothing below changes it."""
+    """Return the node tree; nothing below changes it."""
     return _Composer(text).get_single_node()
 
 
@@ -141,7 +141,7 @@ def _error(problem: str, at: yaml.Event | yaml.Node) -> yaml.MarkedYAMLError:
 
 
 def _value(node: yaml.Node, key_path: KeyPath, lines: dict[KeyPath, int]) -> object:
-    """The value of `node`; records the line of everything inside it."""
+    """Return the value of `node`; records the line of everything inside it."""
     lines.setdefault(key_path, node.start_mark.line + 1)
     if isinstance(node, yaml.MappingNode):
         mapping: dict[str, object] = {}
@@ -377,7 +377,7 @@ def input_error(
         document: YAML, or None.
         key_path: path of the key.
         problem: description.
-        value: that is wrong, if any.
+        value: value that is wrong, if any.
 
     Returns:
         The error, to be raised.

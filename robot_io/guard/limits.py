@@ -190,7 +190,7 @@ class LimitChecks:
         return tuple(problem.text for problem in problems if problem)
 
     def motion_is_known(self, measurement: Measurement) -> bool:
-        """Whether position and velocity can be acted on, wherever they are.
+        """Return whether position and velocity can be acted on, wherever they are.
 
         Args:
             measurement: to check.

@@ -114,7 +114,7 @@ class _Joint:
         return still and abs(moved_rad) > self.most_rad
 
     def was_stopped(self, time_s: float, moved_rad: float) -> bool:
-        """Whether it had followed its reference, which has gone on the same way.
+        """Return whether it had followed its reference, which has gone on the same way.
 
         Args:
             time_s: robot's clock [s].
@@ -284,7 +284,7 @@ class StuckForce:
         return None
 
     def _has_moved(self, measurement: Measurement) -> bool:
-        """Whether the arm has, since the row began."""
+        """Return whether the arm has, since the row began."""
         positions_rad = zip(measurement.joint_position_rad.tolist(), self._since_rad, strict=True)
         return any(abs(now - then) > _MOVED_RAD for now, then in positions_rad)
 
@@ -305,7 +305,7 @@ class StuckForce:
             self._enough = self._improbable_count()
 
     def _improbable_count(self) -> float:
-        """The number of equal samples in a row that is none."""
+        """Return the number of equal samples in a row that is none."""
         if not self._noise_n:
             return inf
         noise_n = self._noise_n / self._known
@@ -393,7 +393,7 @@ class _Drive:
         return min(self.low_nm, self.high_nm, key=abs)
 
     def is_missing(self) -> bool:
-        """Whether the reading indicates a missing torque."""
+        """Return whether the reading indicates a missing torque."""
         low_nm, high_nm = self.low_nm, self.high_nm
         sign, least_nm, most_nm = (1.0, low_nm, high_nm) if low_nm > 0.0 else (-1.0, -high_nm, -low_nm)
         if not least_nm > 2.0 * self.floor_nm:

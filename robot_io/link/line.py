@@ -290,7 +290,7 @@ def _config(zenoh: Any, role: Role, settings: LineSettings) -> Any:  # noqa: ANN
 
 
 def _certified(config: Any) -> bool:  # noqa: ANN401, zenoh's own
-    """Whether both sides need a certificate."""
+    """Return whether both sides need a certificate."""
     endpoints = [*_endpoints(config, "listen"), *_endpoints(config, "connect")]
     mutual = json.loads(config.get_json(_TLS))["enable_mtls"]
     return bool(mutual) and all(endpoint.startswith(("tls/", "quic/")) for endpoint in endpoints)
@@ -299,7 +299,8 @@ def _certified(config: Any) -> bool:  # noqa: ANN401, zenoh's own
 def _keep_to_this_machine(zenoh: Any, config: Any, settings: LineSettings) -> None:  # noqa: ANN401
     """Close what zenoh opens by default, and refuse what leads to other machines.
 
-    InputError: an endpoint does, or the search for peers in the network is switched on.
+    Raises:
+        InputError: an endpoint does, or the search for peers in the network is switched on.
     """
     if config.get_json(_LISTEN) == zenoh.Config().get_json(_LISTEN):
         config.insert_json5(_LISTEN, json.dumps([f"{_LOOPBACK}:{settings.port}"]))
@@ -323,7 +324,7 @@ def _endpoints(config: Any, way: str) -> list[str]:  # noqa: ANN401, zenoh's own
 
 
 def _is_local(endpoint: str) -> bool:
-    """Whether an endpoint, such as tcp/127.0.0.1:7447, is reached from this machine alone."""
+    """Return whether an endpoint, such as tcp/127.0.0.1:7447, is reached from this machine alone."""
     protocol, _, address = endpoint.partition("/")
     host = re.split("[?#]", address)[0].rpartition(":")[0].strip("[]")
     try:

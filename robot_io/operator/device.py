@@ -1,7 +1,7 @@
 """Interface of an operator's device: it reads the hand, and pushes it. All in world axes, SI units.
 
 A device is read and commanded once a step of the haptic loop, and blocks it no longer than the device itself
-takes to answer. Devices without motors (keyboard, gamepad) push a modelled hand that follows a goal and
+takes to answer. Devices without motors (keyboard, gamepad) push a modeled hand that follows a goal and
 yields to forces:
 
     m a = K (x_goal - x) + B (v_goal - v) + force
@@ -111,7 +111,7 @@ class OperatorDevice(Opened):
             self._power(on=False)
 
     def close(self) -> None:
-        """Switch the force off and release the device; can be called again."""
+        """Switch the force off and release the device; can be called repeatedly."""
         try:
             self.deactivate()
         finally:
@@ -148,7 +148,7 @@ _STEP_S = 1e-3  # of the integration, at most
 
 
 class HandSettings(FileModel):
-    """Mass, stiffness and damping of the modelled hand."""
+    """Mass, stiffness and damping of the modeled hand."""
 
     mass_kg: Positive = 0.15  # of the device and what of the hand moves with it
     stiffness_n_m: Positive = 600.0
@@ -156,7 +156,7 @@ class HandSettings(FileModel):
 
 
 class ModelledHand(OperatorDevice):
-    """A device that gives the operator's goal; the hand is modelled."""
+    """A device that gives the operator's goal; the hand is modeled."""
 
     settings: HandSettings
 

@@ -1,4 +1,4 @@
-"""Keyboard, mouse, gamepad and Touch: what moves a modelled hand, or is one with motors.
+"""Keyboard, mouse, gamepad and Touch: what moves a modeled hand, or is one with motors.
 
 - Keyboard: each press moves the goal by a step. w s away and towards (x), a d left and right (y), r f up and
   down (z), space toggles selection.
@@ -85,7 +85,7 @@ class RecordSettings(HandSettings):
 
 
 class RecordHand(ModelledHand):
-    """A modelled hand whose goal is moved by a device file."""
+    """A modeled hand whose goal is moved by a device file."""
 
     settings: RecordSettings
     _file: RecordFile | None = None

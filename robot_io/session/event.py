@@ -110,7 +110,7 @@ def unclosed(time_s: float) -> Event:
 
 
 def says_unclosed(event: Event) -> bool:
-    """Whether an event is the one made by `unclosed`.
+    """Return whether an event is the one made by `unclosed`.
 
     Args:
         event: event of a session.

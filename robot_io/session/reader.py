@@ -54,7 +54,7 @@ class Session:
             The session.
 
         Raises:
-            SessionError: the file cannot be read, is no session, or was damaged after it was finished.
+            SessionError: the file cannot be read, is not a session, or was damaged after it was finished.
         """
         place = Path(path)
         try:

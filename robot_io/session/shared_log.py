@@ -45,7 +45,7 @@ def lock(file: BinaryIO) -> None:
 
 
 def is_locked(path: Path) -> bool:
-    """Whether a program is writing a file at this moment, if the file system shows it.
+    """Return whether a program is writing a file at this moment, if the file system shows it.
 
     Args:
         path: path of an existing file.

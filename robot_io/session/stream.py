@@ -132,7 +132,7 @@ class Stream:
             The arrays.
 
         Raises:
-            InputError: as `records`.
+            InputError: as for `records`.
         """
         names = {column.name for column in self.columns}
         if names != set(columns):

@@ -139,7 +139,7 @@ class WireFormat:
         }
 
     def _of(self, batch: int) -> "WireFormat":
-        """The same stream's format with a number of records per message."""
+        """Return the same stream's format with a number of records per message."""
         return WireFormat(replace(self.stream, batch=batch))
 
     def _view(self, messages: memoryview) -> RecordArray:

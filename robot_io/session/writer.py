@@ -160,7 +160,8 @@ class SessionWriter:
     def close(self) -> None:
         """Empty the rings, finish the file and wait for it. A second call does nothing.
 
-        UnloggedError: not all of it reached the disk.
+        Raises:
+            UnloggedError: not all of it reached the disk.
         """
         if self._closed:
             return
@@ -204,12 +205,13 @@ class SessionWriter:
 
 
 def new_session_path(path: str | os.PathLike[str]) -> Path:
-    """The path, with its folder made, if no file is there yet.
-
-    SessionError: a file is there, or the folder cannot be made.
+    """Return the path, with its folder made, if no file is there yet.
 
     Args:
         path: path of the session that is to be written.
+
+    Raises:
+        SessionError: a file is there, or the folder cannot be made.
     """
     new = Path(path)
     try:

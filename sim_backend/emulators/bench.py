@@ -50,7 +50,7 @@ class Plant:
         """Set the torque of a joint's motor.
 
         Args:
-            joint: from 0.
+            joint: index of the joint, from 0.
             torque_nm: along the joint's axis [N m].
         """
         if torque_nm == self._torque_nm[joint]:
@@ -82,7 +82,7 @@ class Plant:
         """Return the newest sample of a joint.
 
         Args:
-            joint: from 0.
+            joint: index of the joint, from 0.
 
         Returns:
             Its position, velocity and torque.
@@ -90,7 +90,7 @@ class Plant:
         return self._joints[joint]
 
     def close(self) -> None:
-        """End the world. Can be called again."""
+        """End the world. Can be called repeatedly."""
         self.world.close()
 
 
@@ -159,7 +159,7 @@ class EmulatedWire(ABC):
 
     @abstractmethod
     def close(self) -> None:
-        """Let go of the wire. Can be called again."""
+        """Let go of the wire. Can be called repeatedly."""
 
     def fileno(self) -> int:
         """A file that becomes readable when something has come, or -1: in real time it is heeded at once."""
@@ -224,7 +224,7 @@ class Bench:
                 wire.receive(self._now_s)
 
     def close(self) -> None:
-        """End the thread, the wires and the world. Can be called again."""
+        """End the thread, the wires and the world. Can be called repeatedly."""
         self._stop.set()
         if self._thread is not None:
             self._thread.join()

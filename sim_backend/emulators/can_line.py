@@ -191,7 +191,7 @@ class CanWire(FrameWire[can.Message]):
 
 
 class _DevicesEnd(VirtualBus):
-    """The devices' end of a virtual bus in lock-step: a frame is made to be sent, and needs no copy."""
+    """The devices' end of a virtual bus in lockstep: a frame is made to be sent, and needs no copy."""
 
     def send(self, msg: can.Message, timeout: float | None = None) -> None:
         for end in self.channel:

@@ -89,7 +89,7 @@ def status(servo_id: int, error: int, data: bytes = b"") -> bytes:
     """Make a status packet.
 
     Args:
-        servo_id: of the sender.
+        servo_id: id of the sender.
         error: number, with the alert bit.
         data: parameters.
 

@@ -224,7 +224,7 @@ class Memory:
         return Error.NONE
 
     def _meant(self, place: int) -> int:
-        """The byte that indirect data stands for; others stand for themselves."""
+        """Return the byte that indirect data stands for; others stand for themselves."""
         if place not in self._indirect:
             return place
         at = INDIRECT_ADDRESS + 2 * (place - self._indirect.start)

@@ -40,7 +40,7 @@ def to_uint(value: float, limit: float, bits: int) -> int:
     """Encode a number by the manual: (x - x_min) (2^bits - 1) / (x_max - x_min), cut off to an integer.
 
     Args:
-        value: in the unit of its limit; cut at it.
+        value: value in the unit of its limit; cut at it.
         limit: end of the range.
         bits: of the integer.
 

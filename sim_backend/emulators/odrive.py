@@ -1,6 +1,6 @@
 """An ODrive axis as its manual describes it: cyclic messages, state machine, watchdog, errors.
 
-Written from ODrive's documentation "CAN Protocol" (0.5.6 and 0.6.10) and the behaviour of fw-v0.5.6: any
+Written from ODrive's documentation "CAN Protocol" (0.5.6 and 0.6.10) and the behavior of fw-v0.5.6: any
 frame to the axis feeds its watchdog, an expired watchdog disarms it, an axis with errors does not arm.
 """
 

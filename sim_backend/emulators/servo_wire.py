@@ -248,7 +248,7 @@ class ServoWire(EmulatedWire, Generic[ServoType]):
     @staticmethod
     @abstractmethod
     def _status(servo_id: int, error: int, data: bytes) -> bytes:
-        """The packet of an answer."""
+        """Return the packet of an answer."""
 
     def fileno(self) -> int:
         """See `EmulatedWire.fileno`; a port that is not open would always be readable."""

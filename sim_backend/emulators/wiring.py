@@ -71,7 +71,7 @@ def wire_up(
     faults: Mapping[str, Faults] | None = None,
     effects: HiddenEffects = NO_EFFECTS,
 ) -> WiredArm:
-    """Emulate every bus of a robot; on a simulated clock the devices run in lock-step with it.
+    """Emulate every bus of a robot; on a simulated clock the devices run in lockstep with it.
 
     Faults are given by bus name; effects are hidden in plant and sensors.
 

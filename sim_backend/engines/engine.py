@@ -77,7 +77,7 @@ def _reduce(robot: ET.Element, tip_frame: str, mass_scale: float, behind_tip_m: 
 
 
 def _in_last_moving_link(robot: ET.Element, link: str, point: FloatArray) -> tuple[str, FloatArray]:
-    """The nearest ancestor of `link` that is moved by a joint, and `point` (3,) [m] in its frame."""
+    """Return the nearest ancestor of `link` that is moved by a joint, and `point` (3,) [m] in its frame."""
     parent_joints = {_name(joint, "child"): joint for joint in robot.findall("joint")}
     while link in parent_joints and parent_joints[link].get("type") == "fixed":
         joint = parent_joints[link]
@@ -222,7 +222,7 @@ class Engine(ABC):
         return 0.0
 
     def close(self) -> None:  # noqa: B027, not every engine holds something
-        """Free resources; can be called again."""
+        """Free resources; can be called repeatedly."""
 
 
 def check_serial(joints: Sequence[str], towards_tip: Sequence[str]) -> None:

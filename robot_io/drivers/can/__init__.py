@@ -1,1 +1,1 @@
-"""CAN: the adapter, and what motors of every protocol share."""
+"""CAN: the adapter, and code that motors of every protocol share."""

@@ -1,11 +1,11 @@
-"""CAN adapters: opening, reading without waiting, and classification of failures; with a reader for slcan.
+"""CAN adapters: open them, read without waiting, and classify failures; with a reader for slcan.
 
 slcan writes frames as lines of text, each ended by CR: `t` and three hexadecimal digits of an id, or `T` and
 eight, then the number of data bytes, and these; `r` and `R` request a frame instead. BEL in place of CR is an
 error. Source: LAWICEL, "CAN232 Manual", ASCII command set.
 
 python-can's own slcan reader waits in each poll, stamps frames when they are read, and never recovers from a
-byte that is no text. Here the port is read like a servo port: all received bytes, without waiting.
+byte that is not text. Here the port is read like a servo port: all received bytes, without waiting.
 
 All other adapters use python-can. Its `Notifier` is not used, because its thread ends silently at the first
 error.
@@ -35,8 +35,8 @@ else:
     can = LazyModule("can")
 
 _SPEEDS = dict(zip((10_000, 20_000, 50_000, 100_000, 125_000, 250_000, 500_000), range(7), strict=True))
-_SPEEDS[1_000_000] = 8  # 7 is 750 or 800 kbit/s, as the adapter's maker likes it
-_USUAL_BAUD_RATE = 115_200  # USB adapters take any
+_SPEEDS[1_000_000] = 8  # 7 is 750 or 800 kbit/s, depending on the adapter's maker
+_USUAL_BAUD_RATE = 115_200  # USB adapters accept any
 _LONGEST = 32  # bytes of a line; a frame takes up to 27, and a time stamp four more
 _TAKEN = (b"", b"z", b"Z")  # replies of an adapter
 _FRAME = re.compile(
@@ -46,7 +46,7 @@ _FRAME = re.compile(
 
 
 def encode_line(message: "can.Message") -> bytes:
-    """The line for a frame.
+    """Return the line for a frame.
 
     Args:
         message: frame, at most 8 data bytes.
@@ -61,16 +61,16 @@ def encode_line(message: "can.Message") -> bytes:
 
 
 def decode_line(line: bytes) -> "can.Message":
-    """The frame in a line without its end; a time stamp is left out.
+    """Return the frame in a line without its end; a time stamp is left out.
 
     Args:
-        line: as it came.
+        line: received line.
 
     Returns:
         The frame.
 
     Raises:
-        ValueError: it is none, or damaged.
+        ValueError: the line is not a frame, or is damaged.
     """
     match = _FRAME.fullmatch(line)
     if match is None:
@@ -90,14 +90,14 @@ def decode_line(line: bytes) -> "can.Message":
 
 
 class SlcanBus:
-    """One adapter, with the part of python-can's bus that is used here.
+    """One slcan adapter, with the part of python-can's bus interface that is used here.
 
     The channel is its port, with its baud rate if need be: /dev/ttyACM0@3000000. A bit rate of None leaves
     the adapter as it is set up.
 
     Raises:
-        ValueError: slcan has no such bit rate, or that is no baud rate.
-        DeviceError: there is no such port, or another program has it.
+        ValueError: slcan does not support the bit rate, or the baud rate is invalid.
+        DeviceError: the port does not exist, or another program uses it.
     """
 
     def __init__(self, channel: str, bitrate: int | None, clock: Clock) -> None:
@@ -108,7 +108,8 @@ class SlcanBus:
         self._rest, self._lines = b"", deque[bytes]()
         self._port.open()
         speed = b"" if bitrate is None else b"S%d\r" % _SPEEDS[bitrate]
-        self._lead = b"\rC\r" + speed + b"O\r"  # before the next frame: here, what opens the bus
+        # Sent before the next frame: here, the commands that open the bus.
+        self._lead = b"\rC\r" + speed + b"O\r"
         self._write(b"")
 
     def send(self, message: "can.Message", timeout: float | None = None) -> None:
@@ -119,12 +120,12 @@ class SlcanBus:
             timeout: not used.
 
         Raises:
-            DeviceError: the port has failed, or takes no more.
+            DeviceError: the port has failed, or its buffer is full.
         """
         self._write(encode_line(message))
 
     def recv(self, timeout: float | None = None) -> "can.Message | None":
-        """Return the next frame that has come; never waits.
+        """Return the next received frame; never waits.
 
         Args:
             timeout: not used.
@@ -133,19 +134,19 @@ class SlcanBus:
             The frame, or None.
 
         Raises:
-            ValueError: something came that is no frame.
+            ValueError: the received bytes are not a frame.
             DeviceError: the port has failed.
         """
         if not self._lines:
-            come = self._rest + self._port.wait(0.0)  # sees a hang-up, too
+            come = self._rest + self._port.wait(0.0)  # detects a hang-up too
             *lines, self._rest = re.split(rb"[\r\a]", come)
             self._lines.extend(line for line in lines if line not in _TAKEN)
-            if len(self._rest) > _LONGEST:  # noise, up to the next end of a line
+            if len(self._rest) > _LONGEST:  # noise up to the next end of a line
                 self._rest = self._rest[-_LONGEST:]
         return decode_line(self._lines.popleft()) if self._lines else None
 
     def shutdown(self) -> None:
-        """Take the adapter off the bus, and let the port go. Can be called again."""
+        """Take the adapter off the bus, and release the port. Can be called repeatedly."""
         try:
             if self._port.is_open:
                 self._write(b"C\r")
@@ -156,7 +157,7 @@ class SlcanBus:
         try:
             self._port.write(self._lead + line)
         except DeviceError:
-            self._lead = b"\r"  # ends what may have gone out of it
+            self._lead = b"\r"  # ends a line that may have been sent in part
             raise
         self._lead = b""
 
@@ -164,7 +165,7 @@ class SlcanBus:
 BUS_OFF = 0x040  # error classes in the id of an error frame: linux/can/error.h
 RESTARTED = 0x100
 SLCAN = "slcan"
-_MOST_FRAMES = 1000  # taken in one go; a node that babbles does not hold up the loop
+_MOST_FRAMES = 1000  # most frames per poll, so that a babbling node does not delay the loop
 
 
 @dataclass(frozen=True, slots=True)
@@ -174,7 +175,7 @@ class CanFrame:
     can_id: int  # arbitration id, 11 bits, or 29 when `extended`
     data: bytes = b""  # 0 to 8 bytes, or to 64 when `fd`
     extended: bool = False  # whether the id has 29 bits
-    remote: bool = False  # whether it asks for a frame of this id instead of being one
+    remote: bool = False  # whether it requests a frame of this id
     fd: bool = False  # whether it is a CAN FD frame, whose data travels at the second bit rate
 
 
@@ -182,12 +183,12 @@ def expect_length(frame: CanFrame, what: str, *lengths: int) -> None:
     """Check the number of data bytes.
 
     Args:
-        frame: as it came.
+        frame: received frame.
         what: name of its content in errors.
         *lengths: numbers of bytes that are valid.
 
     Raises:
-        ProtocolError: it is none of `lengths`.
+        ProtocolError: the number is not one of `lengths`.
     """
     if len(frame.data) not in lengths:
         valid = " or ".join(map(str, lengths))
@@ -195,10 +196,10 @@ def expect_length(frame: CanFrame, what: str, *lengths: int) -> None:
 
 
 class Timestamps(StrEnum):
-    """What an adapter's time stamps mean."""
+    """Meaning of an adapter's time stamps."""
 
     WALL = "wall"  # seconds since 1970, as from socketcan, virtual and udp_multicast
-    ROBOT = "robot"  # the robot's own clock, as from emulated devices in lock-step
+    ROBOT = "robot"  # the robot's own clock, as from emulated devices in lockstep
     NONE = "none"  # unknown
 
 
@@ -209,7 +210,7 @@ def _named(channel: str | int) -> str | int:
 
 
 class CanLineSettings(FileModel):
-    """Which adapter, and how it is opened."""
+    """Settings of the adapter."""
 
     fd: ClassVar = False  # whether the devices speak CAN FD
 
@@ -217,11 +218,11 @@ class CanLineSettings(FileModel):
     interface: Annotated[str, matching(r"[a-z0-9_]{1,32}", "1 to 32 small letters, digits or _")]
     # Name of the channel in the interface.
     channel: Annotated[str | int, AfterValidator(_named)]
-    # Bits a second, for adapters that set it themselves; None leaves it alone.
+    # Bit rate [bit/s], for adapters that set it themselves; None leaves it unchanged.
     bitrate: Annotated[int, Field(gt=0, le=1_000_000, strict=True)] | None = None
     # Further arguments of the python-can interface.
     options: dict[str, str | bool | int | float] = Field(default_factory=dict)
-    timestamps: Timestamps = Timestamps.WALL  # what its time stamps mean
+    timestamps: Timestamps = Timestamps.WALL  # meaning of its time stamps
 
     @model_validator(mode="after")
     def _can_be_carried(self) -> Self:
@@ -260,7 +261,7 @@ class CanLine:
 
     @property
     def label(self) -> str:
-        """What to call it in messages."""
+        """Name of the adapter in messages."""
         return f"CAN {self._settings.interface} {self._settings.channel}"
 
     @property
@@ -271,7 +272,8 @@ class CanLine:
     def open(self) -> None:
         """Open the adapter.
 
-        DeviceError: there is no such adapter, it cannot be opened, or its port is in use.
+        Raises:
+            DeviceError: there is no such adapter, it cannot be opened, or its port is in use.
         """
         own = self._settings
         lock = None if own.interface == SLCAN else PortLock(own.channel)
@@ -291,7 +293,7 @@ class CanLine:
         self.bus_off = False
 
     def close(self) -> None:
-        """Let go of the adapter. Can be called again."""
+        """Release the adapter. Can be called repeatedly."""
         bus, self._bus = self._bus, None
         try:
             if bus is not None:
@@ -311,8 +313,8 @@ class CanLine:
         """Hand a frame to the adapter.
 
         Args:
-            frame: to send.
-            deadline_s: until when the adapter may refuse it, robot's clock [s].
+            frame: frame to send.
+            deadline_s: end of the retries while the adapter refuses the frame, robot's clock [s].
 
         Raises:
             DeviceError: the adapter refused it before the deadline, is closed or bus-off.
@@ -338,9 +340,9 @@ class CanLine:
     def drain(self, deadline_s: float) -> list[tuple[CanFrame, float]]:
         """Return all received frames, oldest first, with their arrival times [s]; never waits.
 
-        Frames that were not there at the last call arrived since: a time stamp outside this interval is
-        ignored, and a frame without one gets the earliest possible time. If more frames are queued than are
-        taken at once, the remaining ones are not dated later.
+        A new frame has arrived since the last call. A time stamp outside this interval is ignored, and a
+        frame without a time stamp gets the earliest possible time. If more frames are queued than one call
+        returns, the remaining frames do not get later times.
 
         Args:
             deadline_s: end of the poll, robot's clock [s].
@@ -350,7 +352,7 @@ class CanLine:
         """
         bus, clock = self._opened(), self._clock
         now_s = clock.now_s()
-        # What to add to a time stamp to get the robot's time [s], or None if that is not known.
+        # Offset from a time stamp to the robot's time [s]; None if unknown.
         stamps = Timestamps.NONE if self._settings.interface == SLCAN else self._settings.timestamps
         offset_s = {Timestamps.ROBOT: 0.0, Timestamps.WALL: now_s - time.time()}.get(stamps)
         frames: list[tuple[CanFrame, float]] = []
@@ -360,7 +362,7 @@ class CanLine:
                 message = bus.recv(timeout=0.0)
             except (can.CanError, OSError) as error:
                 raise DeviceError(f"{self.label}: cannot receive ({error})") from error
-            except (ValueError, IndexError, KeyError, TypeError):  # bytes that are no frame
+            except (ValueError, IndexError, KeyError, TypeError):  # bytes that are not a frame
                 self.counts["damaged"] += 1
                 continue
             if message is None:
@@ -407,9 +409,10 @@ class CanLine:
 
 
 class PortLock:
-    """An exclusive lock on a serial port, as pyserial and others ask for it; held until `release`.
+    """Exclusive lock on a serial port, as pyserial and others use it; held until `release`.
 
-    The channel is what python-can is given, such as /dev/ttyACM0@115200. What is no port needs no lock.
+    The channel is that of python-can, such as /dev/ttyACM0@115200. A channel that is not a port needs no
+    lock.
 
     DeviceError: another program, or another part of this one, has the port.
     """
@@ -430,7 +433,7 @@ class PortLock:
             raise DeviceError(f"{path}: in use by another program") from error
 
     def release(self) -> None:
-        """Let others have it. Can be called again."""
+        """Release the port. Can be called repeatedly."""
         fd, self._fd = self._fd, -1
         if fd >= 0:
             os.close(fd)

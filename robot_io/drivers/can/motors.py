@@ -1,8 +1,8 @@
-"""Joints driven by motors on a CAN bus, also by motors that speak only when they are spoken to.
+"""Joints driven by motors on a CAN bus, including motors that send only on request.
 
-Of motors that speak only when they are spoken to, each command is answered with the motor's state, which the
-next poll takes in. While the torque is off, each poll asks again. Answers carry no time and no number: each
-belongs to the oldest open request of its motor, and is as old as that.
+A motor that sends only on request answers each command with its state, which the next poll reads. While the
+torque is off, each poll sends a request. Answers carry neither time nor number, so each belongs to the oldest
+open request of its motor, and gets the time of that request.
 """
 
 from abc import abstractmethod
@@ -22,17 +22,17 @@ from palpate.robot_io.files.file_model import FileModel, Number, ZeroAngle, betw
 from palpate.robot_io.types import FloatArray, Reading, Status
 
 _SILENT_SHARE = (
-    0.5  # of the age limit; reported from then on, so that the cause is known when the limit is reached
+    0.5  # share of the age limit from which silence is reported, so that the cause is known at the limit
 )
-_FRAME_BITS = 47  # of a frame with an 11 bit id and the gap after it, beside its data (ISO 11898-1)
-_EXTENSION_BITS = 20  # more with a 29 bit id
+_FRAME_BITS = 47  # bits of a frame with an 11 bit id and the gap after it, without its data (ISO 11898-1)
+_EXTENSION_BITS = 20  # additional bits with a 29 bit id
 _USUAL_BITRATE = 1_000_000  # if the adapter was configured before and does not report its bit rate
-_LOOK_S = 1e-3  # how often to look while waiting for an answer
-_MOST_FOREIGN = 20  # ids that are listed
+_LOOK_S = 1e-3  # polling period while waiting for an answer
+_MOST_FOREIGN = 20  # largest number of listed ids
 
 
 class MotorMounting(FileModel):
-    """How a motor moves its joint: joint angle = zero_rad + sign * shaft angle / gear_ratio."""
+    """Mounting of a motor: joint angle = zero_rad + sign * shaft angle / gear_ratio."""
 
     # Turns reported by the drive for one turn of the joint.
     gear_ratio: Annotated[Number, between(1e-3, 1e4, "turns")] = 1.0
@@ -89,10 +89,10 @@ class MotorBus(JointBus, Examinable):
 
     @abstractmethod
     def motor_label(self, joint: int) -> str:
-        """Return what to call the motor of a joint in messages.
+        """Return the name of a joint's motor in messages.
 
         Args:
-            joint: from 0.
+            joint: index of the joint, from 0.
         """
 
     @abstractmethod
@@ -103,12 +103,13 @@ class MotorBus(JointBus, Examinable):
     def _take(self, frame: CanFrame, at_s: float) -> bool:
         """Store the state of a joint from a frame; return False if it is from another sender.
 
-        ProtocolError: it comes from one of our motors but violates the protocol.
+        Raises:
+            ProtocolError: it comes from one of our motors but violates the protocol.
         """
 
     @abstractmethod
     def _joint_of(self, frame: CanFrame) -> int | None:
-        """Which joint a frame comes from."""
+        """Return which joint a frame comes from."""
 
     @abstractmethod
     def _encode_shaft(self, joint: int, torque_nm: float) -> tuple[CanFrame, float]:
@@ -116,7 +117,7 @@ class MotorBus(JointBus, Examinable):
 
     @abstractmethod
     def _fault(self, joint: int, now_s: float) -> str:
-        """Return the error that the motor of `joint` reports, or an empty string."""
+        """Return the error that a joint's motor reports, or an empty string."""
 
     def _hint(self, joint: int) -> str:
         """Return a hint about the motor of `joint`, if any; it is not a fault."""
@@ -159,16 +160,16 @@ class MotorBus(JointBus, Examinable):
 
     @property
     def _foreign_listed(self) -> str:
-        """The ids of frames that are not for us, as they are written for CAN."""
+        """Return the ids of foreign frames, in the usual CAN notation."""
         return ", ".join(f"0x{can_id:03X}" for can_id in sorted(self._foreign_ids))
 
     @property
     def _foreign_remedy(self) -> str:
-        """What to do about such frames."""
+        """Return a remedy for foreign frames."""
         return "correct the ids, or take the others off"
 
     def _frame_s(self, byte_count: int, *, extended: bool = False) -> float:
-        """Time that a frame is on the wire at least [s]; stuffing adds up to a fifth."""
+        """Return the least time of a frame on the wire [s]; bit stuffing adds up to a fifth."""
         bits = _FRAME_BITS + _EXTENSION_BITS * extended + 8 * byte_count
         return bits / (self.line.bitrate or _USUAL_BITRATE)
 
@@ -178,8 +179,9 @@ class MotorBus(JointBus, Examinable):
     def poll(self, deadline_s: float) -> None:
         """See `Bus.poll`: takes what has arrived and does not wait.
 
-        DeviceError: adapter failed or bus-off, or a motor reports an error; DeviceTimeoutError: a motor has
-        fallen silent.
+        Raises:
+            DeviceError: adapter failed or bus-off, or a motor reports an error.
+            DeviceTimeoutError: a motor has fallen silent.
         """
         now_s = self._clock.now_s()
         self._drain(deadline_s)
@@ -267,7 +269,7 @@ class MotorBus(JointBus, Examinable):
             raise failures[0]
 
     def _wait_for(self, done: Callable[[], bool], timeout_s: float) -> bool:
-        """Receive frames until `done` or until the time is over; return which."""
+        """Receive frames until `done` or until the time-out; return whether `done`."""
         end_s = self._clock.now_s() + timeout_s
         while True:
             self._drain(end_s)
@@ -278,10 +280,10 @@ class MotorBus(JointBus, Examinable):
             self._clock.sleep_until(self._clock.now_s() + _LOOK_S)
 
 
-ANSWER_S = 0.05  # more than any motor takes
+ANSWER_S = 0.05  # longer than any motor needs
 _TWICE_S = 2e-3  # after the last motor's answer: a second motor with the same id has answered too by then
-_LATEST_WATCHDOG = 1.5  # times its time: it has fired by then
-_MARGIN_SHARE = 0.5  # of a tick, by which delays vary
+_LATEST_WATCHDOG = 1.5  # multiple of the watchdog's time by which it has fired
+_MARGIN_SHARE = 0.5  # variation of delays, as a share of a tick
 _TWO_MOTORS = "do two motors have this id?"
 
 StateType = TypeVar("StateType")
@@ -313,8 +315,10 @@ class AskedMotorBus(MotorBus, Generic[StateType]):
         self._enabled: list[bool | None] = [None] * len(mountings)
         margin_s = _MARGIN_SHARE / context.robot_file.control_rate_hz
         self._requests = [RequestQueue(margin_s, ANSWER_S) for _ in mountings]
-        self._states: list[list[tuple[StateType, float]]] = [[] for _ in mountings]  # since the last look
-        self._newest: list[StateType | None] = [None] * len(mountings)  # whose request is not known yet
+        # States since the last poll.
+        self._states: list[list[tuple[StateType, float]]] = [[] for _ in mountings]
+        # Newest states without a known request.
+        self._newest: list[StateType | None] = [None] * len(mountings)
         self._answers, self._unasked = [0] * len(mountings), [0] * len(mountings)
         self._commanded_s = -inf
         self._command: list[CanFrame] = []
@@ -324,11 +328,11 @@ class AskedMotorBus(MotorBus, Generic[StateType]):
 
     @abstractmethod
     def _questions(self, joint: int) -> list[CanFrame]:
-        """Frames that request the state of a motor without torque."""
+        """Return the frames that request the state of a motor without torque."""
 
     @abstractmethod
     def _motor_asked(self, frame: CanFrame) -> int | None:
-        """The motor that answers a frame with its state, by its id; None if none does."""
+        """Return the motor that answers a frame with its state, by its id; None if none does."""
 
     @abstractmethod
     def _condition(self, state: StateType) -> tuple[int, bool | None]:
@@ -336,14 +340,14 @@ class AskedMotorBus(MotorBus, Generic[StateType]):
 
     @abstractmethod
     def _keep(self, joint: int, state: StateType, asked_s: float) -> None:
-        """Store the motion that a motor reports for its joint; it was requested at `asked_s` [s]."""
+        """Store the motion that a motor reports for its joint and that was requested at `asked_s` [s]."""
 
     @abstractmethod
     def _error_names(self, error: int) -> str:
-        """What an error means."""
+        """Return the names of an error."""
 
     def _error(self, joint: int) -> int:
-        """Error of a motor; 0 for none."""
+        """Return the error of a motor; 0 for none."""
         return self._errors[joint]
 
     # Common to all protocols.
@@ -354,7 +358,8 @@ class AskedMotorBus(MotorBus, Generic[StateType]):
     def _receive_all(self) -> None:
         """Open the adapter and receive a state of every motor.
 
-        DeviceError: it cannot be opened, a motor is silent, or two motors have the same id.
+        Raises:
+            DeviceError: it cannot be opened, a motor is silent, or two motors have the same id.
         """
         self.line.open()
         self._unasked = [0] * self.joint_count
@@ -371,27 +376,27 @@ class AskedMotorBus(MotorBus, Generic[StateType]):
             raise DeviceError(f"{self.line.label}: no answer in {ANSWER_S} s from {labels}{heard}")
 
     def _ask(self) -> None:
-        """Ask all motors, whose torque is off, for their states."""
+        """Request the states of all motors, whose torque is off."""
         self._send_all([frame for joint in range(self.joint_count) for frame in self._questions(joint)])
 
     def _refuse_duplicate_ids(self) -> None:
-        """Refuse motors that answer more often than they were asked, by a DeviceError."""
+        """Raise a DeviceError if a motor answers more often than it was asked."""
         if twins := self._twins():
             raise DeviceError(f"{self.line.label}: {twins}")
 
     def _twins(self) -> str:
-        """Return which motors have answered more often than they were asked, or an empty string."""
+        """Name the motors that have answered more often than they were asked; empty if there are none."""
         labels = [self.motor_label(joint) for joint, count in enumerate(self._unasked) if count]
         said = f"answers more often than it is asked: {_TWO_MOTORS}"
         return "; ".join(f"{label}: {said}" for label in labels)
 
     def poll(self, deadline_s: float) -> None:
-        """See `MotorBus.poll`; where no command has been sent since the last poll, asks for the next one."""
+        """See `MotorBus.poll`; without a command since the last poll, sends requests for the next poll."""
         try:
             super().poll(deadline_s)
         finally:
             if not self.line.bus_off:
-                # The motors answer the last command, said again for no longer than the watchdog's time.
+                # The motors answer the last command, which is repeated for at most the watchdog's time.
                 if not self._powered:
                     self._send_all(
                         [frame for joint in self._joints_to_ask() for frame in self._questions(joint)]
@@ -409,7 +414,7 @@ class AskedMotorBus(MotorBus, Generic[StateType]):
         super().flush(deadline_s)
 
     def _joints_to_ask(self) -> list[int]:
-        """All requests except those to motors that are skipped this time; see `RequestQueue.skip`."""
+        """Return the joints to ask, without those that are skipped this time; see `RequestQueue.skip`."""
         return [joint for joint, requests in enumerate(self._requests) if not requests.skip()]
 
     def _send(self, frame: CanFrame, deadline_s: float) -> None:
@@ -422,7 +427,7 @@ class AskedMotorBus(MotorBus, Generic[StateType]):
         super()._drain(deadline_s)
         now_s = self._clock.now_s()
         for joint, requests in enumerate(self._requests):
-            # More states than requests are those of several motors, or late ones: if they differ, none is
+            # More states than requests come from several motors, or are late: if they differ, none is
             # believed. Else the newest counts.
             states, self._states[joint] = self._states[joint], []
             asked = [state for state, at_s in states if requests.answer(at_s)]
@@ -435,7 +440,7 @@ class AskedMotorBus(MotorBus, Generic[StateType]):
                 self._newest[joint] = asked[-1]
                 self._errors[joint], self._enabled[joint] = self._condition(asked[-1])
             if requests.settle(now_s) is not None:
-                self._newest[joint] = None  # whose request is not known
+                self._newest[joint] = None  # its request is not known
             state = self._newest[joint]
             if state is not None and not requests.is_unsure:
                 self._newest[joint] = None
@@ -455,7 +460,8 @@ class AskedMotorBus(MotorBus, Generic[StateType]):
 
         A motor that reports its mode must report `enabled`, or an error.
 
-        DeviceError: a motor has not answered so.
+        Raises:
+            DeviceError: a motor has not answered in this way.
         """
         self._answers, self._unasked = [0] * self.joint_count, [0] * self.joint_count
         self._send_all(frames)
@@ -484,7 +490,7 @@ class AskedMotorBus(MotorBus, Generic[StateType]):
             raise DeviceError(f"{self.line.label}: no answer in {ANSWER_S} s from {silent}")
 
     def _refuse_errors(self, but: int | None = None) -> None:
-        """DeviceError: some motors have errors, other than `but`; with their names."""
+        """Raise a DeviceError with the names of all motors that have an error other than `but`."""
         errors = [self._error(joint) for joint in range(self.joint_count)]
         problems = [
             f"{self.motor_label(joint)}: {self._error_names(error)}"
@@ -495,11 +501,11 @@ class AskedMotorBus(MotorBus, Generic[StateType]):
             raise DeviceError(f"{self.line.label}: {'; '.join(problems)}: remove the cause, then restart it")
 
     def _outlast_watchdogs(self) -> None:
-        """Send nothing for longer than the watchdogs of the motors."""
+        """Send nothing for longer than the motors' watchdog time."""
         self._clock.sleep_until(self._clock.now_s() + _LATEST_WATCHDOG * self._watchdog_s)
 
     def _refuse_going_on(self, going_on: Sequence[bool], how: str) -> None:
-        """DeviceError: some motors went on (n) after the silence, and how that is seen."""
+        """Raise a DeviceError if some motors did not stop during the silence; `how` states the evidence."""
         if any(going_on):
             alive = ", ".join(self.motor_label(joint) for joint, on in enumerate(going_on) if on)
             raise DeviceError(

@@ -22,7 +22,7 @@ from palpate.robot_io.types import FloatArray
 
 
 def count_steps(servos: Sequence[ServoSettings]) -> FloatArray:
-    """Compute what one count of each servo is along its joint's axis.
+    """Compute the size of one count of each servo along its joint's axis.
 
     Args:
         servos: m servos that turn joints.

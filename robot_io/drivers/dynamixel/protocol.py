@@ -108,7 +108,7 @@ def decode_status(packet: bytes) -> DynamixelStatus:
         Sender, error and parameters.
 
     Raises:
-        ProtocolError: It is no status packet, or its checksum is wrong.
+        ProtocolError: It is not a status packet, or its checksum is wrong.
     """
     if len(packet) < _HEAD + _LEAST_STATUS_LENGTH or not packet.startswith(HEADER):
         raise ProtocolError(f"not a packet: {packet[:16].hex(' ')}")
@@ -144,7 +144,7 @@ _FAST_SYNC_READ = 0x8A
 
 
 class DynamixelDialect(ServoDialect):
-    """See `ServoDialect`; an echo is no status packet."""
+    """See `ServoDialect`; an echo is not a status packet."""
 
     word = 2
 

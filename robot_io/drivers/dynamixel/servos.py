@@ -164,7 +164,7 @@ class DynamixelAccess(RegisterAccess):
         super().__init__(protocol.DIALECT, port, clock)
 
     def who(self, servo_id: int) -> tuple[int, int]:
-        """Read model number and firmware version of a servo. DeviceError: as `ping`.
+        """Read model number and firmware version of a servo. DeviceError: as for `ping`.
 
         Args:
             servo_id: which servo.
@@ -185,7 +185,7 @@ class DynamixelAccess(RegisterAccess):
             The problem, and its remedy.
 
         Raises:
-            DeviceError: As `read`.
+            DeviceError: as for `read`.
         """
         mode = tables.drive_mode_trouble(self.read(servo.id, tables.DRIVE_MODE))
         if mode:
@@ -228,7 +228,8 @@ class DynamixelLine(ServoLine):
     def identify(self) -> None:
         """Ping the servos and compare them with the settings.
 
-        DeviceError: a servo is missing, is another model, is too old, or has a wrong setup.
+        Raises:
+            DeviceError: a servo is missing, is another model, is too old, or has a wrong setup.
         """
         self._check_all_there()
         servos = [(servo, servo.servo_model) for servo in self._settings.turning]
@@ -262,7 +263,8 @@ class DynamixelLine(ServoLine):
     def prepare_feedback(self) -> None:
         """Map the data of each tick, and set return delay and watchdog; the torque is off from here on.
 
-        DeviceError: a servo did not accept a setting.
+        Raises:
+            DeviceError: a servo did not accept a setting.
         """
         # Padding comes first: a request can start at any padding byte, so that answers to different requests
         # differ in length and a late answer cannot be taken for a new one.

@@ -73,13 +73,14 @@ class LerobotCalibration(RootModel[Annotated[dict[str, LerobotMotor], Field(min_
 def read_calibration(path: Path) -> dict[str, LerobotMotor]:
     """Read a calibration file of LeRobot's.
 
-    InputError: it cannot be read, or is no such file; with the first thing that is wrong.
-
     Args:
         path: path of the file.
 
     Returns:
         The joints, by LeRobot's names.
+
+    Raises:
+        InputError: it cannot be read, or is not such a file; with the first thing that is wrong.
     """
     try:
         return validate(LerobotCalibration, json.loads(read_text(path))).root

@@ -76,7 +76,7 @@ def decode_status(packet: bytes) -> FeetechStatus:
         Sender, error and parameters.
 
     Raises:
-        ProtocolError: It is no status packet, or its checksum is wrong.
+        ProtocolError: It is not a status packet, or its checksum is wrong.
     """
     size = len(packet)
     if size < AROUND or not packet.startswith(HEADER):
@@ -95,7 +95,7 @@ class FeetechStatusReader(PacketStream[FeetechStatus]):
     """Finds status packets in a stream; see `PacketStream`.
 
     Args:
-        echo: An instruction that may come back on the one wire, and is no answer.
+        echo: An instruction that may come back on the one wire, and is not an answer.
         largest: Size of the largest expected packet [bytes].
     """
 
@@ -136,7 +136,7 @@ class FeetechDialect(ServoDialect):
         """Read a servo's id; after a voltage error the answer to a true ping looks like its echo.
 
         Args:
-            servo_id: of the servo.
+            servo_id: id of the servo.
 
         Returns:
             The request.

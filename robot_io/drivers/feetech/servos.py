@@ -79,7 +79,8 @@ class FeetechLine(ServoLine):
     def identify(self) -> None:
         """Ping the servos and compare them with the settings.
 
-        DeviceError: a servo is missing, is another model, or has a wrong setup.
+        Raises:
+            DeviceError: a servo is missing, is another model, or has a wrong setup.
         """
         self._check_all_there()
         for servo_id in self.ids:
@@ -135,7 +136,8 @@ class FeetechLine(ServoLine):
     def switch_on(self) -> dict[int, int]:
         """Switch the torque on, each servo at its present position; return these goals by id.
 
-        DeviceError: a servo refused, or has an error.
+        Raises:
+            DeviceError: a servo refused, or has an error.
         """
         registers, goals = self.registers, {}
         for servo_id in self.ids:

@@ -115,7 +115,8 @@ class MitBus(AskedMotorBus[MitState]):
     def configure(self) -> None:
         """Open the adapter and receive a state of every motor, with the torque off.
 
-        DeviceError: the adapter cannot be opened, or a motor is silent or differs from the robot file.
+        Raises:
+            DeviceError: the adapter cannot be opened, or a motor is silent or differs from the robot file.
         """
         self._receive_all()
         # Compare the ranges of the numbers on the wire with the robot file.
@@ -183,7 +184,8 @@ class MitBus(AskedMotorBus[MitState]):
     def _set_up(self) -> None:
         """Set mode and CAN timeout, and forget that it has fired.
 
-        DeviceError: a motor did not take them, or has another error.
+        Raises:
+            DeviceError: a motor did not take them, or has another error.
         """
         dialect = self._dialect
         timeout = round(self._own.watchdog_s / TIMEOUT_STEP_S)
@@ -211,7 +213,8 @@ class MitBus(AskedMotorBus[MitState]):
         A motor that reports its mode must have left motor mode. Any other motor exerts a small torque before
         the silence. Afterwards it is asked by the frame that enters motor mode, because it may have left it.
 
-        DeviceError: a motor keeps its torque, or shows no torque at all.
+        Raises:
+            DeviceError: a motor keeps its torque, or shows no torque at all.
         """
         says_mode = bool(self._dialect.set_up)
         trial_nm = [

@@ -69,7 +69,7 @@ def encode_torque(motor_id: int, torque_nm: float, ranges: MitRanges) -> tuple[C
 
     Args:
         motor_id: id of the receiver.
-        torque_nm: at the output shaft [N m].
+        torque_nm: torque at the output shaft [N m].
         ranges: ranges of the motor's model.
 
     Returns:
@@ -121,10 +121,10 @@ def decode_state(frame: CanFrame, ranges: MitRanges, *, status_beside_id: bool =
 
 
 def to_bits(value: float, low: float, high: float, largest: int) -> int:
-    """The number from 0 to `largest` that stands for a value.
+    """Return the number from 0 to `largest` that stands for a value.
 
     Args:
-        value: in the unit of its range; values beyond the range are cut.
+        value: value in the unit of its range; values beyond the range are cut.
         low: value of 0.
         high: value of the largest number.
         largest: number.
@@ -215,7 +215,7 @@ class MitFrames:
 
         Args:
             motor_id: id of the receiver.
-            torque_nm: at the output shaft [N m].
+            torque_nm: torque at the output shaft [N m].
             ranges: ranges of the motor's model.
 
         Returns:
@@ -232,7 +232,7 @@ class MitFrames:
         return None if frame.can_id == REGISTERS_ID else frame.can_id
 
     def sender(self, frame: CanFrame) -> int | None:
-        """Return the id of the motor that a frame comes from; None if it is no answer of one of ours.
+        """Return the id of the motor that a frame comes from; None if it is not an answer of one of ours.
 
         Args:
             frame: the received frame.
@@ -253,7 +253,7 @@ class MitFrames:
             The motor's state.
 
         Raises:
-            ProtocolError: it is no state.
+            ProtocolError: the frame is not a state.
         """
         return decode_state(frame, ranges, status_beside_id=self._STATUS_BESIDE_ID)
 
@@ -262,7 +262,7 @@ class MitFrames:
 
         Args:
             frame: the received frame.
-            motor_id: of its sender.
+            motor_id: CAN id of its sender.
 
         Returns:
             Whether it is.
@@ -282,7 +282,7 @@ class MitFrames:
 
         Args:
             motor_id: id of the receiver.
-            register: to read.
+            register: register to read.
 
         Returns:
             The frame.
@@ -294,8 +294,8 @@ class MitFrames:
 
         Args:
             motor_id: id of the receiver.
-            register: to write.
-            value: in the register's own unit.
+            register: register to write.
+            value: value in the register's own unit.
 
         Returns:
             The frame.
@@ -309,7 +309,7 @@ class MitFrames:
 
         Args:
             frame: the received frame.
-            motor_id: of its sender.
+            motor_id: CAN id of its sender.
             register: the requested one.
 
         Returns:

@@ -104,7 +104,7 @@ def decode_frame(frame: bytes) -> Sample:
         The sample.
 
     Raises:
-        ProtocolError: another size or header, a wrong CRC, or a value is no number.
+        ProtocolError: another size or header, a wrong CRC, or a value is not a number.
     """
     if len(frame) != FRAME_SIZE or frame[0] != _HEADER:
         raise ProtocolError(f"no frame: {frame[:40]!r}")
@@ -207,7 +207,8 @@ class Bota(SerialForceSensor, Examinable):
     def configure(self) -> None:
         """Set the sensor up, and let it run.
 
-        DeviceError: it does not answer, or refuses; or the line is too slow.
+        Raises:
+            DeviceError: it does not answer, or refuses; or the line is too slow.
         """
         own, baud_rate = self._own, self._bus.baud_rate
         if baud_rate not in BAUD_RATE_CODES or own.rate_hz * FRAME_SIZE * _BITS > baud_rate:

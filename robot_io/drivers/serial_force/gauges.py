@@ -127,7 +127,7 @@ _PINGS = 4
 
 
 def model_of(answer: str) -> str:
-    """Which interface answered MODEL.
+    """Return which interface answered MODEL.
 
     Args:
         answer: to MODEL.
@@ -268,10 +268,10 @@ _GAUGE_ANSWER_S, _TWICE = 0.3, 2
 
 
 def reading_of(line: str) -> tuple[str, str]:
-    """The number as it is written, and its unit.
+    """Return the number as it is written, and its unit.
 
     Args:
-        line: as it came.
+        line: received line.
 
     Returns:
         Number and unit.
@@ -289,7 +289,7 @@ class Mark10Stream(LineStream):
     """Readings in one unit, as the gauge writes it; a switch to another unit is a complaint.
 
     Readings above twice the gauge's capacity [N] are rejected. The model is the answer to the poll's marker,
-    and readings before it are left out; raise `ProtocolError` if the unit is no unit of force.
+    and readings before it are left out; raise `ProtocolError` if the unit is not a unit of force.
     """
 
     def __init__(self, unit: str, capacity_n: float, model: str, poll: Poll) -> None:

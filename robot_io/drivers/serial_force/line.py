@@ -115,7 +115,7 @@ class SerialReader:
         self._thread.start()
 
     def stop(self) -> None:
-        """Do not look any more. Can be called again."""
+        """Do not look any more. Can be called repeatedly."""
         self._stop.set()
         if self._thread is not None:
             self._thread.join()
@@ -176,7 +176,7 @@ class SerialReader:
                 self.newest = ForceSample(force_n, arrived_s, late_s)
 
     def _undamaged(self, samples: list[float], *, is_damaged: bool) -> list[float]:
-        """The readings that have come, without those beside damaged ones or soon after them."""
+        """Return the readings that have come, without those beside damaged ones or soon after them."""
         if self._has_checksums:
             return samples
         if is_damaged:
@@ -284,7 +284,7 @@ class ForceLine(Bus):
         """Close the port that is open."""
 
     def close(self) -> None:
-        """End the reading and close the port. Can be called again."""
+        """End the reading and close the port. Can be called repeatedly."""
         if self._reader is not None:
             self._reader.stop()
             self._reader = None
@@ -349,8 +349,6 @@ class ForceLine(Bus):
     ) -> None:
         """Parse all bytes as readings with `stream`; readings from `capacity_n` [N] on are saturated.
 
-        DeviceError: the port is not open.
-
         Args:
             stream: makes readings of bytes.
             capacity_n: where the range ends [N].
@@ -358,6 +356,9 @@ class ForceLine(Bus):
             has_checksums: whether each reading has one.
             own_time: dates readings by the sensor's time.
             poll: asks for each reading.
+
+        Raises:
+            DeviceError: the port is not open.
         """
         self._capacity_n = capacity_n
         self._reader = self.reader_type(
@@ -375,8 +376,9 @@ class ForceLine(Bus):
     def poll(self, deadline_s: float) -> None:
         """See `Bus.poll`; never waits.
 
-        DeviceError: the port failed, or the sensor says that it has; DeviceTimeoutError: it is silent, or has
-        sent data but no valid reading yet.
+        Raises:
+            DeviceError: the port failed, or the sensor says that it has.
+            DeviceTimeoutError: it is silent, or has sent data but no valid reading yet.
         """
         reader = self._reader
         if reader is None:

@@ -81,7 +81,7 @@ def checksums(content: bytes) -> tuple[int, int]:
 
 
 def encode_telegram(telegram: Telegram) -> bytes:
-    """The bytes of a telegram.
+    """Return the bytes of a telegram.
 
     Args:
         telegram: to send.
@@ -320,7 +320,8 @@ class Lorenz(SerialForceSensor, Examinable):
     def configure(self) -> None:
         """Identify the sensor, and start the stream.
 
-        DeviceError: it does not answer, or is another sensor.
+        Raises:
+            DeviceError: it does not answer, or is another sensor.
         """
         own = self._own
         self._bus.write(STOP_STREAM)

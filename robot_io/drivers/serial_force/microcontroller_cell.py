@@ -40,7 +40,7 @@ def checked(line: bytes) -> str:
     """Return the text of a line before its CRC.
 
     Args:
-        line: as it came.
+        line: received line.
 
     Returns:
         The text.
@@ -58,7 +58,7 @@ def sample_of(line: bytes) -> tuple[int, int]:
     """Counter and counts of a line.
 
     Args:
-        line: as it came.
+        line: received line.
 
     Returns:
         Counter and counts.
@@ -80,7 +80,7 @@ def fault_of(line: bytes) -> str:
     """Return the error that a line reports, such as "fault converter", or an empty string.
 
     Args:
-        line: as it came.
+        line: received line.
     """
     with suppress(ProtocolError):
         text = checked(line)
@@ -193,7 +193,7 @@ class MicrocontrollerCell(SerialForceSensor, Examinable):
 
 
 def _identity(line: bytes) -> list[str] | None:
-    """Parse version, converter and rate from a line; None if it is no answer."""
+    """Parse version, converter and rate from a line; None if it is not an answer."""
     try:
         first, *words = checked(line).split()
     except (ProtocolError, ValueError):

@@ -210,7 +210,7 @@ def text_of(line: bytes) -> str:
     """Decode a line as text, stripped.
 
     Args:
-        line: as it came.
+        line: received line.
 
     Returns:
         The text.

@@ -73,11 +73,11 @@ class ServoBus(JointBus, Examinable):
 
     @abstractmethod
     def _is_well(self, feedback: Sequence[Any]) -> bool:
-        """Whether all servos have their settings and no errors; decides in most ticks."""
+        """Return whether all servos have their settings and no errors; decides in most ticks."""
 
     @abstractmethod
     def _problem(self, feedback: Sequence[Any]) -> str | None:
-        """Why some of the feedback cannot be trusted at all, or None."""
+        """Return why some of the feedback cannot be trusted at all, or None."""
 
     @abstractmethod
     def _goals(self, torque_nm: list[float]) -> tuple[list[int], FloatArray]:
@@ -132,8 +132,10 @@ class ServoBus(JointBus, Examinable):
     def poll(self, deadline_s: float) -> None:
         """See `Bus.poll`; the samples are of all servos or of none.
 
-        DeviceTimeoutError: a servo did not answer properly in time, by id; DeviceError: the port failed, a
-        servo has restarted, let go or has a hardware error, or two of a joint differ, by name.
+        Raises:
+            DeviceTimeoutError: a servo did not answer properly in time, by id.
+            DeviceError: the port failed, a servo has restarted, let go or has a hardware error, or two of a
+                joint differ, by name.
         """
         if self._reader is None:
             raise LifecycleError("the servos can be read only between configure and close")
@@ -156,7 +158,8 @@ class ServoBus(JointBus, Examinable):
     def _complaints(self, feedback: Sequence[Any]) -> str:
         """Return errors that servos report with sound positions.
 
-        DeviceError: the feedback cannot be trusted at all.
+        Raises:
+            DeviceError: the feedback cannot be trusted at all.
         """
         if problem := self._problem(feedback):
             raise DeviceError(problem)
@@ -187,7 +190,7 @@ class ServoBus(JointBus, Examinable):
         return struct.Struct("<" + len(self._ids) * ("Bh" if self._line.goal.signed else "BH"))
 
     def _sync_write(self, goals: list[int]) -> bytes:
-        """The packet that sends a goal to each servo that turns a joint (m)."""
+        """Return the packet that sends a goal to each servo that turns a joint (m)."""
         goal = self._line.goal
         self._goal_fields[1::2] = goals
         block = self._goal_layout.pack(*self._goal_fields)

@@ -374,6 +374,6 @@ class ServoJoints:
 
 
 def _whole_turns(angle_rad: FloatArray) -> FloatArray:
-    """The whole turns nearest to angles [rad]."""
+    """Return the whole turns nearest to angles [rad]."""
     turns: FloatArray = _TURN_RAD * np.round(angle_rad / _TURN_RAD)
     return turns

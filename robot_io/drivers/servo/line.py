@@ -185,7 +185,7 @@ class RegisterAccess:
         self.write_bytes(servo_id, register.address, register.encode(value), f"setting {register.name}")
 
     def write_bytes(self, servo_id: int, address: int, data: bytes, what: str) -> None:
-        """Set bytes from `address` on; `what` is for the error. DeviceError: as `write`.
+        """Set bytes from `address` on; `what` is for the error. DeviceError: as for `write`.
 
         Args:
             servo_id: which servo.
@@ -207,7 +207,7 @@ class RegisterAccess:
                 is then only set if it differs.
 
         Raises:
-            DeviceError: As `write`, or it has another value afterwards.
+            DeviceError: as for `write`, or it has another value afterwards.
         """
         if keeps and self.read(servo_id, register) == value:
             return
@@ -220,7 +220,7 @@ class RegisterAccess:
         Args:
             servo_id: which servo.
             register: which of its registers.
-            value: in the servo's unit.
+            value: value in the servo's unit.
         """
         self._port.write(self._dialect.write(servo_id, register.address, register.encode(value)))
         self._confirm(servo_id, register, value)
@@ -328,7 +328,8 @@ class ServoLine(ABC):
     def prepare(self) -> None:
         """Write the settings for a run, and read them back; the torque is off from here on.
 
-        DeviceError: a servo did not accept a setting.
+        Raises:
+            DeviceError: a servo did not accept a setting.
         """
 
     @abstractmethod

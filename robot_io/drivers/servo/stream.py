@@ -36,7 +36,7 @@ class PacketStream(ABC, Generic[PacketType]):
         """Decode a packet; None if it is to be ignored; raise `ProtocolError` if it is invalid."""
 
     def _is_suspect(self, packet: bytes) -> bool:
-        """Whether to count a sequence that is no packet as rejected."""
+        """Return whether to count a sequence that is no packet as rejected."""
         return True
 
     def feed(self, data: bytes) -> list[PacketType]:
@@ -140,7 +140,7 @@ class ServoDialect(ABC):
         """Ping one servo.
 
         Args:
-            servo_id: of the servo.
+            servo_id: id of the servo.
 
         Returns:
             The packet.
@@ -155,7 +155,7 @@ class ServoDialect(ABC):
         """Read bytes of one servo.
 
         Args:
-            servo_id: of the servo.
+            servo_id: id of the servo.
             address: address of the first byte.
             size: number of bytes.
 
@@ -168,7 +168,7 @@ class ServoDialect(ABC):
         """Write bytes of one servo, which acknowledges with an empty answer.
 
         Args:
-            servo_id: of the servo.
+            servo_id: id of the servo.
             address: address of the first byte.
             data: the bytes.
 
