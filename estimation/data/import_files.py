@@ -1,6 +1,7 @@
 """Import several data files, each with one or more runs, as one measurement."""
 
 from collections.abc import Callable, Iterable, Sequence
+from contextlib import suppress
 from dataclasses import replace
 from itertools import chain
 from pathlib import Path
@@ -72,9 +73,10 @@ def import_files(
         try:
             parts.append(import_table(table, options))
         except InputError:
-            if parts or len(paths) == 1:
-                raise
-            beside = joined_columns(table, (read_table(more) for more in paths[1:]))
+            beside = None
+            if not parts and len(paths) > 1:
+                with suppress(InputError):  # the first file's fault is the one to report
+                    beside = joined_columns(table, (read_table(more) for more in paths[1:]))
             if beside is None:
                 raise
             return import_table(beside, options)

@@ -534,3 +534,10 @@ def test_files_that_do_not_belong_side_by_side_are_not_joined(tmp_path, further)
     paths = [write_columns(tmp_path / "q.csv", SWING), write_columns(tmp_path / "tau.csv", further)]
     with pytest.raises(InputError, match=r"q\.csv"):
         import_files(paths, ImportOptions())
+
+
+def test_of_files_that_cannot_be_joined_the_first_one_s_fault_is_reported(tmp_path):
+    paths = [write_columns(tmp_path / "q.csv", SWING), tmp_path / "remarks.csv"]
+    paths[1].write_text("nothing but words\n")
+    with pytest.raises(InputError, match=r"q\.csv"):
+        import_files(paths, ImportOptions())
