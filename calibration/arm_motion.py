@@ -223,7 +223,7 @@ class FourierPath:
         """Compute the motion at a time; at rest before the start and after the end.
 
         Args:
-            time_s: since the start [s].
+            time_s: time since the start [s].
 
         Returns:
             Motion of the joints.
@@ -234,7 +234,7 @@ class FourierPath:
         """Compute the motion at many times at once.
 
         Args:
-            times_s: since the start, shape (m,) [s].
+            times_s: time since the start, shape (m,) [s].
 
         Returns:
             Motion whose parts have shape (m, n).

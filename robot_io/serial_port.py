@@ -130,7 +130,7 @@ class SerialPort:
         """Send bytes.
 
         Args:
-            data: to send.
+            data: data to send.
 
         Raises:
             DeviceError: the port is closed or gone, or its output is blocked.

@@ -33,7 +33,7 @@ class SimulatedBus(JointBus):
     deactivated there.
 
     Attributes:
-        scenario: of the world; `use_scenario` changes it until the robot is configured.
+        scenario: scenario of the world; `use_scenario` changes it until the robot is configured.
         force: newest force, shape (1,) [N].
     """
 

@@ -1,1 +1,1 @@
-"""The arm itself: its kinematics and dynamics, from URDF or DH table."""
+"""Kinematics and dynamics of the arm, from URDF or DH table."""

@@ -43,8 +43,8 @@ _TURNED = 1e-3  # largest difference between elements of two rotation matrices
 class DhRow(FileModel):
     """One row of the table."""
 
-    name: Name  # of the joint, or of what a fixed row stands for
-    type: Literal["revolute", "prismatic", "fixed"]  # what moves
+    name: Name  # name of the joint, or of the fixed transform
+    type: Literal["revolute", "prismatic", "fixed"]  # type of the joint
     theta_rad: Number = 0.0  # turn about the previous z, or its offset for a revolute joint [rad]
     d_m: Number = 0.0  # shift along the previous z, or its offset for a prismatic joint [m]
     a_m: Number = 0.0  # shift along the new x [m]
@@ -131,7 +131,7 @@ def load_dh_table(source: str | Path | YamlDocument) -> DhTable:
         The validated table.
 
     Raises:
-        InputError: names file, line, key and valid values.
+        InputError: the file is invalid; the error names file, line, key and valid values.
     """
     document = source if isinstance(source, YamlDocument) else load_yaml(source)
     return validate(DhTable, document.data, document)
@@ -142,7 +142,7 @@ def check_dh_table(robot_file: RobotFile, body: RigidBody) -> None:
 
     Args:
         robot_file: names the table.
-        body: the URDF's model.
+        body: rigid-body model of the URDF.
 
     Raises:
         InputError: the table is invalid, or describes another arm.

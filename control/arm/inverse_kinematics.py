@@ -1,4 +1,4 @@
-"""Closed-form inverse kinematics of a planar arm with three revolute joints, any parallel axes.
+"""Closed-form inverse kinematics of a planar arm with three revolute joints of parallel axes.
 
 In the arm's plane, with u any direction in it, n the first joint's axis and w = n x u, the links of lengths
 L1, L2, L3 lie at the absolute angles a1, a2, a3 (positive about n):
@@ -26,7 +26,7 @@ _ROUNDING = 1e-9
 
 
 class Elbow(IntEnum):
-    """Which way the elbow bends: the sign of the second link's turn about the first joint's axis."""
+    """Bending direction of the elbow: the sign of the second link's turn about the first joint's axis."""
 
     NEGATIVE = -1
     POSITIVE = 1
@@ -41,7 +41,7 @@ class IkSolution:
 
     @property
     def near_singular(self) -> bool:
-        """Whether the first two links are within 3 degrees of one line, where the joints must move fast."""
+        """Whether the first two links are within 3 degrees of a straight line; joint speeds grow there."""
         return self.elbow_sine < NEAR_SINGULAR
 
 
@@ -53,8 +53,8 @@ class PlanarArm:
         tool_axis_tip: direction of the tool in the tip frame, shape (3,).
 
     Raises:
-        InputError: the arm does not have three revolute joints with parallel axes, or the tool does not lie
-            in its plane.
+        InputError: the arm does not have three revolute joints with parallel axes, or the tool is not in its
+            plane.
     """
 
     def __init__(self, body: RigidBody, tool_axis_tip: FloatArray) -> None:
@@ -70,7 +70,7 @@ class PlanarArm:
                     f"'{joints[0].name}'"
                 )
         self.signs = (1.0, *(math.copysign(1.0, normal @ joint.axis_world) for joint in joints[1:]))
-        # u is horizontal where there is a choice: world x for an arm that moves in the x-z plane.
+        # If possible, u is horizontal: world x for an arm that moves in the x-z plane.
         guide = np.array([1.0, 0.0, 0.0]) if abs(normal[0]) < 0.9 else np.array([0.0, 1.0, 0.0])
         u_axis = guide - (guide @ normal) * normal
         self._normal, self._u_axis = normal, u_axis / np.linalg.norm(u_axis)
@@ -94,13 +94,13 @@ class PlanarArm:
         Args:
             tip_position_world_m: shape (3,) [m].
             tool_direction_world: shape (3,), of any length.
-            elbow: which way the elbow bends.
+            elbow: bending direction of the elbow.
 
         Returns:
             Joint positions, and how near they are to a singularity.
 
         Raises:
-            InputError: the point cannot be reached, or point or direction lie out of the plane.
+            InputError: the point cannot be reached, or point or direction are outside the plane.
         """
         tip = frozen_array(tip_position_world_m, (3,), what="tip position")
         offset_m = float(tip @ self._normal) - self._out_of_plane_m
@@ -133,7 +133,7 @@ class PlanarArm:
             u_m: first coordinate of the tip in the plane [m].
             w_m: second coordinate [m].
             tool_rad: angle of the tool [rad].
-            elbow: which way the elbow bends.
+            elbow: bending direction of the elbow.
 
         Returns:
             Angles a1, a2, a3 [rad].
@@ -188,7 +188,7 @@ class PlanarArm:
         return across + self._shoulder
 
     def plane_direction(self, direction_world: FloatArray) -> tuple[float, float, float]:
-        """Project a world direction on the plane.
+        """Project a world direction onto the plane.
 
         Args:
             direction_world: shape (3,); must lie in the plane.
@@ -203,7 +203,7 @@ class PlanarArm:
         return math.cos(angle), math.sin(angle), angle
 
     def plane_point(self, point_world_m: FloatArray) -> tuple[float, float]:
-        """Project a world point on the plane.
+        """Project a world point onto the plane.
 
         Args:
             point_world_m: shape (3,) [m].

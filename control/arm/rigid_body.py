@@ -1,11 +1,11 @@
 """Kinematics and dynamics of an arm, from its URDF, through Pinocchio.
 
-Equation of motion with generalised torques tau and a wrench w that the surroundings exert on the tip:
+Equation of motion with generalized torques tau and the external wrench w on the tip:
 
     M(q) a + C(q, v) v + g(q) = tau + J(q)^T w
 
 Featherstone, "Rigid Body Dynamics Algorithms", Springer 2008, chapters 5 (RNEA) and 6 (mass matrix).
-World frame: that of the URDF's root link; gravity is 9.81 m/s^2 along -z unless a base is said to be tilted.
+World frame: that of the URDF's root link; gravity is 9.81 m/s^2 along -z unless the base is tilted.
 """
 
 from collections.abc import Sequence
@@ -60,8 +60,8 @@ class RigidBody:
 
     Args:
         model: Pinocchio's model.
-        tip_frame: name of the frame whose motion counts.
-        place: where the model comes from, for errors.
+        tip_frame: name of the tip's frame.
+        place: origin of the model, for errors.
 
     Raises:
         InputError: the frame is unknown, or a joint has more than one coordinate.
@@ -83,17 +83,17 @@ class RigidBody:
 
     @classmethod
     def of_robot(cls, robot_file: RobotFile, calibrations: Calibrations | None = None) -> "RigidBody":
-        """Build the model of a robot file's arm, with the base tilted as its gravity calibration says.
+        """Build the model of a robot file's arm, with the base tilted by its gravity calibration.
 
         Args:
             robot_file: names the URDF.
-            calibrations: to apply; None for those that the robot file names, if they are valid today.
+            calibrations: calibrations to apply; None for those of the robot file that are valid today.
 
         Returns:
             The model.
 
         Raises:
-            InputError: as for `from_urdf`, or a calibration must not be used.
+            InputError: as for `from_urdf`, or a calibration is not valid.
         """
         if calibrations is None:
             calibrations = load_calibrations(robot_file)
@@ -117,9 +117,9 @@ class RigidBody:
         """Read a URDF from a file or from its text.
 
         Args:
-            urdf: path, or text (anything that holds a "<").
-            tip_frame: name of the frame whose motion counts.
-            gravity_m_s2: acceleration of a free fall in the axes of the root link, shape (3,) [m/s^2].
+            urdf: path, or text (any string with a "<").
+            tip_frame: name of the tip's frame.
+            gravity_m_s2: gravity vector in the axes of the root link, shape (3,) [m/s^2].
             rotor_inertia_kg_m2: inertia that rotors add to the joints, shape (n,) or empty for none [kg m^2].
             origin: name of the text in errors.
 
@@ -127,8 +127,8 @@ class RigidBody:
             The model.
 
         Raises:
-            InputError: the file cannot be read, is too large or no URDF, or has no such frame or other
-                joints.
+            InputError: the file cannot be read, is too large, is not a URDF, lacks the frame, or has joints
+                of other types.
         """
         is_text = isinstance(urdf, str) and "<" in urdf
         place = origin if is_text else str(urdf)
@@ -158,12 +158,12 @@ class RigidBody:
 
     @property
     def tip_in_last_link(self) -> FloatArray:
-        """Where the tip is in the frame of the link that its last joint moves, shape (3,) [m]."""
+        """Position of the tip in the frame of the link that the last joint moves, shape (3,) [m]."""
         return frozen_array(self._model.frames[self._tip].placement.translation)
 
     @property
     def weightless_joint(self) -> str:
-        """Name of the first joint that moves neither mass nor inertia, empty if there is none."""
+        """Name of the first joint that moves neither mass nor inertia; empty if there is none."""
         inertia = np.diag(self.mass_matrix(pin.neutral(self._model)))
         return next((name for name, own in zip(self.joint_names, inertia, strict=True) if own <= 0.0), "")
 
@@ -241,7 +241,7 @@ class RigidBody:
     def inverse_dynamics(
         self, position_rad: FloatArray, velocity_rad_s: FloatArray, acceleration_rad_s2: FloatArray
     ) -> FloatArray:
-        """Compute the torques that give an acceleration in free air, gravity included.
+        """Compute the torques for an acceleration in free air, including gravity.
 
         Args:
             position_rad: joint positions, shape (n,) [rad].
@@ -367,7 +367,7 @@ class RigidBody:
         model, data = self._model, self._data
         if list(model.parents[1:]) != list(range(model.nv)):
             raise InputError("URDF: the joints branch, expected one chain from base to tip")
-        # At the world's origin; pinocchio drops the second axis of an arm with one joint.
+        # At the world's origin; Pinocchio drops the second axis of an arm with one joint.
         jacobian = pin.computeJointJacobians(model, data, np.zeros(model.nq)).reshape(6, model.nv)
         axes = []
         for index, name in enumerate(self.joint_names):
@@ -379,7 +379,7 @@ class RigidBody:
 
 
 def _built(text: str) -> "pin.Model":
-    """Parse a URDF; the C++ parser's printed messages become the reason of the error."""
+    """Parse a URDF; an error quotes the C++ parser's printed messages."""
     printed: list[str] = []
     try:
         with captured(printed, STDOUT, STDERR):

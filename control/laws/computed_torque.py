@@ -19,8 +19,8 @@ from palpate.robot_io.types import FloatArray, Measurement, clip
 class Pid:
     """PID controller with filtered derivative and limited output: kp e + ki integral(e) + kd filtered(de/dt).
 
-    The derivative passes a first-order low-pass (backward Euler). The integral of a joint stands still while
-    its output is limited and the error would drive it further (conditional integration).
+    The derivative passes a first-order low-pass (backward Euler). A joint's integral is held while
+    its output is limited and the error would increase it (conditional integration).
 
     Args:
         joint_count: number of joints n.
@@ -64,7 +64,8 @@ class Pid:
 
     def reset(self) -> None:
         """Clear integral and derivative."""
-        self._integral = [0.0] * self._joint_count  # times ki, so that a change of gain makes no bump
+        # Multiplied by ki, so that a change of the gain causes no step.
+        self._integral = [0.0] * self._joint_count
         self._rate = [0.0] * self._joint_count
 
     def step(self, error_rad: FloatArray, error_rate_rad_s: FloatArray, dt_s: float) -> FloatArray:
@@ -79,7 +80,7 @@ class Pid:
             Output, shape (n,).
         """
         followed = dt_s / (dt_s + self._filter_s)
-        output: list[float] = []  # a loop over few joints is several times as fast as arrays
+        output: list[float] = []  # for few joints, a loop is several times faster than arrays
         errors = zip(error_rad.tolist(), error_rate_rad_s.tolist(), strict=True)
         for joint, (error, error_rate) in enumerate(errors):
             self._rate[joint] += (error_rate - self._rate[joint]) * followed

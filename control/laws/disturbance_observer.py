@@ -1,10 +1,10 @@
-"""Disturbance observer: compares the force sensor with the torque that the joints need beyond their model.
+"""Disturbance observer: compares the force sensor with the joint torques that the model does not explain.
 
-With M the mass matrix and n the tool's direction, the controller's correction c of a motion that is followed
-stands for an unmodelled torque M c. A force f on the tip, beyond what the sensor reads, explains it as
-M c = J^T n f, so f = m (J^T n).c with the mass m = 1 / (n^T J M^-1 J^T n) that the tip has along n. It is the
-stationary form of a disturbance observer: Siciliano et al., "Robotics", Springer 2009, section 8.5.2 and
-problem 8.13.
+With M the mass matrix and n the tool's direction, the controller's correction c while following a motion
+corresponds to an unmodeled torque M c. A force f on the tip, beyond what the sensor reads, explains it as
+M c = J^T n f, so f = m (J^T n).c with the mass m = 1 / (n^T J M^-1 J^T n) that the tip has along n. This is
+the steady-state form of a disturbance observer: Siciliano et al., "Robotics", Springer 2009, section 8.5.2
+and problem 8.13.
 """
 
 import math
@@ -16,9 +16,9 @@ from palpate.robot_io.errors import SafetyTripError
 from palpate.robot_io.types import Measurement
 
 _FREE_FILTER_S = 0.05  # time constant of the free-air baseline
-_MASS_TICKS = 50  # between updates of the tip's mass; the arm moves by millimetres meanwhile
-_STALL_PERIODS = 3  # a tick later than this leaves the arm off its motion,
-_STALL_S = 0.1  # and is not judged for this long
+_MASS_TICKS = 50  # ticks between updates of the tip's mass, in which the arm moves by millimeters
+_STALL_PERIODS = 3  # after a later tick than this, the arm is off its motion
+_STALL_S = 0.1  # and is not checked for this time
 
 
 class DisturbanceObserver:
@@ -42,29 +42,30 @@ class DisturbanceObserver:
         self.restart()
 
     def restart(self) -> None:
-        """Forget everything."""
+        """Reset all state."""
         self._ticks, self._period_s = 0, math.inf
         self._mass_kg = self._stalled_s = 0.0
         self.pause()
 
     def pause(self) -> None:
-        """Forget the free-air baseline; the disturbance of the next tick becomes the new one."""
+        """Reset the free-air baseline to the disturbance of the next tick."""
         self._free_n = self._beyond_n = math.nan
         self._sensed_n, self._count = 0.0, 0
 
     def update(
         self, measurement: Measurement, output: ControlOutput, dt_s: float, *, in_free_air: bool
     ) -> None:
-        """Judge one tick.
+        """Check one tick.
 
         Args:
             measurement: state of the arm.
-            output: of the controller in this tick.
+            output: output of the controller in this tick.
             dt_s: time since the last tick [s].
-            in_free_air: whether nothing touches the arm, so that the disturbance is weight and friction.
+            in_free_air: whether nothing touches the arm, so that the disturbance is due to weight and
+                friction.
 
         Raises:
-            SafetyTripError: for several ticks the joint torques have contradicted the sensor.
+            SafetyTripError: the joint torques have contradicted the sensor for several ticks.
         """
         if self._ticks % _MASS_TICKS == 0:
             self._mass_kg = self._body.mass_along(measurement.joint_position_rad, output.push_lever_m)
@@ -79,7 +80,7 @@ class DisturbanceObserver:
         if in_free_air:
             self._free_n += (beyond_n - self._free_n) * dt_s / (dt_s + _FREE_FILTER_S)
         unexplained_n = self._beyond_n - self._free_n
-        # The sensor may read a pull where the joints feel a push, as if its sign were wrong. Both must exceed
+        # With a wrong sign, the sensor reads a pull while the joints indicate a push. Both must exceed
         # half of what weight and friction may leave unexplained.
         is_opposed = self._sensed_n < -self._opposed_n and self._sensed_n + unexplained_n > self._opposed_n
         contradicted = abs(unexplained_n) > self._threshold_n or is_opposed

@@ -5,7 +5,7 @@ as long as the delays are short: the fastest reaction is c / M and the slowest k
 damped objects and D on stiff ones (Hogan, "Impedance Control", ASME JDSMC 107, 1985; Seraji and Colbaugh,
 IJRR 16, 1997).
 
-Loading keeps the set speed for as long as the force limit allows. Braking at a constant rate stops where the
+Loading keeps the set speed as long as the force limit allows. Braking at a constant rate stops where the
 object's spring alone reaches the limit, and on the way spring and damping together stay below it:
 
     v <= sqrt(2 a room / k),    v <= room / c,    room = F_limit - k x
@@ -30,7 +30,7 @@ _STIFFNESS_SPREAD_N_M = 3000.0  # standard deviation before the first sample
 _DAMPING_SPREAD_N_S_M = 100.0
 _FORCE_NOISE_N = 0.05
 _MEMORY_N = 3.0  # change of the spring's force over which older samples fade
-_STILL_M_S = 0.002  # slower samples are left out
+_STILL_M_S = 0.002  # slower samples are ignored
 
 
 class Compliance(NamedTuple):
@@ -44,7 +44,7 @@ def within_bounds(compliance: Compliance) -> Compliance:
     """Clip a compliance to the range in which the force laws are stable.
 
     Args:
-        compliance: of the object.
+        compliance: compliance of the object.
 
     Returns:
         The nearest compliance within the bounds.
@@ -93,18 +93,18 @@ class QuickEstimator:
         error_n = force_n - self._k * depth_m - self._c * speed_m_s
         self._k += gain_k * error_n / spread
         self._c += gain_c * error_n / spread
-        # The spread is kept below what was likely at first, or forgetting would inflate it without end.
+        # The spread is limited to its initial value, because forgetting would inflate it without bound.
         self._p_kk = min((self._p_kk - gain_k**2 / spread) / forget, _STIFFNESS_SPREAD_N_M**2)
         self._p_cc = min((self._p_cc - gain_c**2 / spread) / forget, _DAMPING_SPREAD_N_S_M**2)
         most = math.sqrt(max(self._p_kk * self._p_cc, 0.0))
         self._p_kc = clip((self._p_kc - gain_k * gain_c / spread) / forget, -most, most)
 
 
-_OWN_DAMPING = 0.4  # of the object's damping counts; all of it would overshoot, none would creep
-_FOLLOW_S = 0.004  # how fast the speed follows the braking curve
-_BRAKING_RESERVE = 2.0  # times the planned or needed braking; more only against force above the limit
+_OWN_DAMPING = 0.4  # share of the object's damping that is used; all of it would overshoot, none would creep
+_FOLLOW_S = 0.004  # time constant with which the speed follows the braking curve
+_BRAKING_RESERVE = 2.0  # multiple of the planned or needed braking; more only if the force exceeds the limit
 _LEAST_ROOM_N = 0.1
-_BACK_OUT = 0.1  # of the speed limit: the fastest way back out while loading
+_BACK_OUT = 0.1  # largest outward speed while loading, as a share of the speed limit
 
 
 @dataclass(frozen=True, slots=True)
@@ -119,7 +119,7 @@ class Admittance:
 
         Args:
             force_error_n: desired minus measured force [N]; positive moves into the object.
-            speed_m_s: of the reference, positive into the object [m/s].
+            speed_m_s: speed of the reference, positive into the object [m/s].
             dt_s: length of the step [s].
 
         Returns:
@@ -133,11 +133,11 @@ def scheduled_admittance(compliance: Compliance, gains: ContactGains) -> Admitta
     """Choose virtual mass and damping for an object.
 
     Args:
-        compliance: of the object, or an estimate of it.
+        compliance: compliance of the object, or an estimate of it.
         gains: gains of the force law.
 
     Returns:
-        An admittance that is damped as the gains say.
+        An admittance with the damping ratio of the gains.
     """
     stiffness_n_m, damping_n_s_m = compliance
     mass_kg = max(gains.mass_kg, damping_n_s_m / gains.reaction_rad_s)
@@ -148,13 +148,13 @@ def scheduled_admittance(compliance: Compliance, gains: ContactGains) -> Admitta
 def loading_acceleration(
     speed_m_s: float, speed_limit_m_s: float, room_n: float, compliance: Compliance, gains: ContactGains
 ) -> float:
-    """Compute the acceleration that presses in at the set speed below the force limit.
+    """Compute the acceleration for loading at the set speed below the force limit.
 
     Args:
-        speed_m_s: of the reference, positive into the object [m/s].
+        speed_m_s: speed of the reference, positive into the object [m/s].
         speed_limit_m_s: set speed [m/s].
         room_n: force limit minus the force of the object's spring at the present depth [N].
-        compliance: of the object.
+        compliance: compliance of the object.
         gains: gains of the force law.
 
     Returns:
@@ -182,10 +182,10 @@ _HOLD_FOLLOW_S = 0.01  # time constant with which the speed follows it
 
 
 class Environment(NamedTuple):
-    """The object as it is known now."""
+    """Current estimate of the object."""
 
     compliance: Compliance  # F = k x + c dx/dt
-    surface_travel_m: float  # where x begins along the press line [m]
+    surface_travel_m: float  # position of x = 0 along the press line [m]
 
 
 class HoldState(NamedTuple):
@@ -207,16 +207,17 @@ HoldLaw = Callable[[HoldState, ContactGains, float], float]
 
 
 def _admittance(hold: HoldState, gains: ContactGains, dt_s: float) -> float:
-    """M a = F_d - F - D v, with M and D scaled to the object."""
+    """Compute a from M a = F_d - F - D v, with M and D scaled to the object."""
     law = scheduled_admittance(hold.known.compliance, gains)
     return law.acceleration(hold.error_n, hold.state.speed_m_s, dt_s)
 
 
 def _force_tracking(hold: HoldState, gains: ContactGains, dt_s: float) -> float:
-    """M a + D v + K (x - x_r) = -F with x_r where this impedance comes to rest at the desired force.
+    """Compute a from M a + D v + K (x - x_r) = -F, where x_r gives the desired force at rest.
 
-    x_r = x_e + F_d / k + F_d / K: the force is right in the end as far as stiffness and surface are. Seraji
-    and Colbaugh, "Force Tracking in Impedance Control", IJRR 16 (1997), indirect adaptive scheme.
+    x_r = x_e + F_d / k + F_d / K, so the final force is as accurate as the estimates of stiffness and
+    surface. Seraji and Colbaugh, "Force Tracking in Impedance Control", IJRR 16 (1997), indirect adaptive
+    scheme.
     """
     stiffness_n_m, damping_n_s_m = hold.known.compliance
     rest_m = hold.known.surface_travel_m + hold.desired_n / stiffness_n_m
@@ -226,11 +227,11 @@ def _force_tracking(hold: HoldState, gains: ContactGains, dt_s: float) -> float:
 
 
 def _constant_force(hold: HoldState, gains: ContactGains, dt_s: float) -> float:
-    """Speed v = a (F_d - F) / k: on a spring of stiffness k the force follows the model dF/dt = a (F_d - F).
+    """Track the speed v = a (F_d - F) / k, so that on a spring of stiffness k dF/dt = a (F_d - F).
 
     S. K. Singh, D. O. Popa, "An Analysis of Some Fundamental Problems in Adaptive Control of Force and
-    Impedance Behavior", IEEE Trans. Robotics and Automation 11 (1995). On a damped object the speed is held
-    below what the damper turns into the whole error.
+    Impedance Behavior", IEEE Trans. Robotics and Automation 11 (1995). On a damped object the speed is
+    limited so that the damper's force does not exceed the error.
     """
     stiffness_n_m, damping_n_s_m = hold.known.compliance
     rate = stiffness_n_m / _REFERENCE_RAD_S + damping_n_s_m

@@ -16,7 +16,7 @@ class TrackingGains(FileModel):
     # natural frequency of a position error, below a tenth of the control rate [rad/s].
     bandwidth_rad_s: Annotated[Positive, Field(le=1000.0)] = 60.0
     damping_ratio: Annotated[Positive, Field(le=5.0)] = 1.0  # 1 is critically damped
-    integral_rate_1_s: NotNegative = 6.0  # how fast a constant disturbance is taken out [1/s]
+    integral_rate_1_s: NotNegative = 6.0  # rate at which a constant disturbance is compensated [1/s]
     derivative_filter_s: Annotated[NotNegative, Field(le=0.1)] = 0.001  # low-pass on the velocity error [s]
     acceleration_limit_rad_s2: Positive = 400.0  # largest output of the PID [rad/s^2]
 
@@ -31,46 +31,46 @@ class TrackingGains(FileModel):
 
 
 class TouchGains(FileModel):
-    """When the tool counts as in contact, judged by the force above the free-air mean."""
+    """Contact detection from the force above the free-air mean."""
 
-    touch_force_n: Positive = 0.3  # above it is contact; raised by the task where the sensor is noisier [N]
-    # below this share of the touch force is no contact.
+    touch_force_n: Positive = 0.3  # contact above this force; the task raises it for a noisier sensor [N]
+    # contact ends below this share of the touch force.
     release_share: Annotated[Positive, Field(lt=1.0)] = 0.5
-    # new force samples in a row before the state changes.
+    # consecutive new force samples before the state changes.
     debounce_samples: Annotated[int, Field(ge=1, le=100)] = 2
-    # largest touch force as a share of the plan's force limit; with a larger one nothing is probed.
+    # largest touch force as a share of the plan's force limit; a larger one prevents probing.
     limit_share: Share = 0.35
-    # the same for the force in free air, which counts as the sensor's bias and is tared.
+    # likewise for the force in free air, which is tared as the sensor's bias.
     bias_share: NotNegative = 0.5
 
 
 class ContactGains(FileModel):
-    """The force law in contact."""
+    """Gains of the force law in contact."""
 
     # virtual mass of the admittance; the object's damping over it is the fastest reaction [kg].
     mass_kg: Positive = 1.0
-    # of virtual mass, damping and the object's stiffness.
+    # damping ratio of virtual mass, damping and the object's stiffness.
     damping_ratio: Annotated[Positive, Field(le=5.0)] = 1.0
     damping_min_n_s_m: Positive = 5.0  # least virtual damping [N s/m]
     # fastest reaction on a damped object; delays of sensor and drives limit it.
     reaction_rad_s: Positive = 200.0
-    braking_m_s2: Positive = 4.0  # deceleration planned for when loading comes to the force limit [m/s^2]
+    braking_m_s2: Positive = 4.0  # planned deceleration when loading approaches the force limit [m/s^2]
     # largest change of speed in contact, when the force is above the limit [m/s^2].
     yielding_m_s2: Positive = 30.0
-    # share of the force limit that loading comes to; the rest is margin, and the hold's.
+    # share of the force limit at which loading ends; the rest is margin, and is reached by the hold.
     loading_aim: Annotated[Share, Field(ge=0.96)] = 0.98
-    # time from a force to a motion in answer: sensor, tick, drives [s].
+    # delay from a force to the responding motion: sensor, tick, drives [s].
     latency_s: Annotated[NotNegative, Field(le=0.1)] = 0.003
     force_feedforward: Share = 1.0  # share of the measured force that the joints compensate
 
 
 class WitnessGains(FileModel):
-    """When joint torques and force sensor contradict each other; see `laws.disturbance_observer`."""
+    """Gains of the check of joint torques against the force sensor; see `laws.disturbance_observer`."""
 
     share: Share = 0.5  # threshold as a share of the plan's force limit, plus
-    floor_n: Positive = 4.0  # what weight and friction may leave unexplained [N]
+    floor_n: Positive = 4.0  # force that weight and friction may leave unexplained [N]
     filter_s: Annotated[NotNegative, Field(le=0.1)] = 0.005  # low-pass on the difference [s]
-    samples: Annotated[int, Field(ge=1, le=100)] = 3  # ticks in a row before it counts
+    samples: Annotated[int, Field(ge=1, le=100)] = 3  # consecutive ticks before a trip
 
 
 class Gains(FileModel):
@@ -86,7 +86,7 @@ def gains_of(robot_file: RobotFile) -> Gains:
     """Read the gains of a robot file.
 
     Args:
-        robot_file: whose section `gains` is read.
+        robot_file: robot file with a section `gains`.
 
     Returns:
         Validated gains.

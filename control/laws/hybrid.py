@@ -1,8 +1,8 @@
-"""The hybrid controller of figure 2: position before contact, force in contact, one reference for both.
+"""Hybrid controller of figure 2: position before contact, force in contact, one reference for both.
 
-Before contact the reference is the demanded motion X_pre. In contact the force law moves it, and it becomes
-X_des. Position and speed of the reference carry over in both directions, so the switch makes no bump: only
-the acceleration can change, and it is bounded. Inverse kinematics and computed torque follow in either case.
+Before contact the reference is the demanded motion X_pre. In contact the force law moves the reference, then
+called X_des. Position and speed of the reference are continuous in both directions; only the acceleration can
+jump, and it is bounded. Inverse kinematics and computed torque follow the reference in either case.
 "Compliance Estimation during Bilateral Teleoperation of a Robotic Arm", section IV-C.
 """
 
@@ -35,8 +35,8 @@ class ForceGoal(NamedTuple):
     """Goal in contact."""
 
     force_n: float  # force to reach or to hold, positive in compression [N]
-    speed_limit_m_s: float  # fastest way in [m/s]
-    hold: bool  # follow the admittance, rather than load at the speed limit
+    speed_limit_m_s: float  # largest inward speed [m/s]
+    hold: bool  # whether to follow the hold law rather than load at the speed limit
 
 
 class HybridReference(NamedTuple):
@@ -52,13 +52,13 @@ class ControlOutput(NamedTuple):
     """Output of the controller in one tick."""
 
     command: Command  # joint torques
-    motion: JointMotion  # joint motion that was aimed at
+    motion: JointMotion  # reference motion of the joints
     tip: TipMotion  # measured motion of the tip
     state: LineState  # reference along the press line
     in_contact: bool  # state of the contact switch
     force_n: float  # measured force above the free-air mean [N]
     push_lever_m: FloatArray  # joint torques per force along the tool, shape (n,) [m]
-    # accelerations that were added to stay on the motion, shape (n,) [rad/s^2].
+    # accelerations added by the feedback, shape (n,) [rad/s^2].
     correction_rad_s2: FloatArray
 
 
@@ -76,7 +76,7 @@ class ContactSwitch:
         self.in_contact = False
 
     def update(self, force_n: float) -> bool:
-        """Judge one new force sample.
+        """Update the state with one new force sample.
 
         Args:
             force_n: above the free-air mean [N].
@@ -119,15 +119,15 @@ class HybridController:
         self._contact_gains = gains.contact
         self._torque = ComputedTorque(body, gains.tracking)
         self._line: PressLine | None = None
-        self.reference_rad = np.zeros(body.joint_count)  # joint positions aimed at
+        self.reference_rad = np.zeros(body.joint_count)  # reference joint positions
         self._force_at_s = -math.inf
         self._touch_gains = gains.touch
         self.switch = ContactSwitch(gains.touch, gains.touch.touch_force_n)
         self.quick_estimator = QuickEstimator()
         self.state = LineState(0.0)  # reference along the press line
-        self.force_bias_n = 0.0  # force in free air, which counts as none
-        self.surface_travel_m = 0.0  # where the last touch began, to within one tick
-        self._clear_travel_m = 0.0  # where there was last no force
+        self.force_bias_n = 0.0  # force in free air, which is subtracted
+        self.surface_travel_m = 0.0  # travel at which the last touch began, to within one tick
+        self._clear_travel_m = 0.0  # last travel without force
 
     def start(self, measurement: Measurement) -> None:
         """Begin from the measured joint positions, with the measured force as the free-air force.
@@ -144,7 +144,7 @@ class HybridController:
 
         Args:
             line: the press line.
-            travel_m: travel at which the joints' reference is [m].
+            travel_m: travel of the joints' present reference [m].
         """
         self._line = line
         self.state = LineState(travel_m)
@@ -231,7 +231,7 @@ class HybridController:
     def _force_law(
         self, goal: ForceGoal, force_n: float, measured_m_s: float, speed_m_s: float, dt_s: float
     ) -> float:
-        """Acceleration of the reference [m/s^2]."""
+        """Return the acceleration of the reference [m/s^2]."""
         compliance, gains = self.quick_estimator.compliance, self._contact_gains
         if goal.hold:
             state = self.state._replace(speed_m_s=speed_m_s)

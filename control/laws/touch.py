@@ -12,7 +12,7 @@ _NOISE_FACTOR = 6.0  # standard deviations of the free-air force that count as c
 
 
 def touch_force_n(noise_n: float, least_n: float = 0.0) -> float:
-    """Compute the force above the free-air mean from which on there is contact.
+    """Compute the force above the free-air mean from which contact is detected.
 
     Args:
         noise_n: standard deviation of the force in free air [N].
@@ -25,11 +25,11 @@ def touch_force_n(noise_n: float, least_n: float = 0.0) -> float:
 
 
 def release_force_n(touch_n: float, gains: "TouchGains") -> float:
-    """Compute the force above the free-air mean below which a contact is over.
+    """Compute the force above the free-air mean below which contact ends.
 
     Args:
-        touch_n: touch force at which it began [N].
-        gains: share of the touch force.
+        touch_n: touch force [N].
+        gains: gains with the share of the touch force.
 
     Returns:
         Release force [N].
@@ -40,14 +40,14 @@ def release_force_n(touch_n: float, gains: "TouchGains") -> float:
 def free_air_problem(force_n: float, touch_n: float, force_limit_n: float, gains: "TouchGains") -> str | None:
     """Describe why no object can be probed with this free-air force.
 
-    The force in free air is tared away: if an object made it, all later forces are wrong by as much. Below
-    the touch force an object is not noticed.
+    The force in free air is tared. If an object causes it, all later forces have this error. An object below
+    the touch force is not detected.
 
     Args:
         force_n: mean force in free air [N].
         touch_n: touch force above it [N].
         force_limit_n: force limit of the plan [N].
-        gains: largest shares of the force limit.
+        gains: gains with the largest shares of the force limit.
 
     Returns:
         Problem and remedy, or None.
@@ -78,7 +78,7 @@ class RunningMean:
     _squares: float = 0.0
 
     def add(self, value: float) -> None:
-        """Take in one sample.
+        """Add one sample.
 
         Args:
             value: the sample.

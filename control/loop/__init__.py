@@ -1,1 +1,1 @@
-"""The loop: tick after tick, with its records, its timing, and the way out."""
+"""The control loop with its records, its timing and its stop."""

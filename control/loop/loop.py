@@ -1,4 +1,4 @@
-"""The loop: read the robot, ask the task, let the guard decide, command the robot; tick after tick."""
+"""Control loop: in each tick, read the robot, step the task, apply the guard, and command the robot."""
 
 import math
 from collections.abc import Callable
@@ -36,30 +36,30 @@ def run_loop(
     """Run a task until it is done, stopped or tripped; then switch the torque off.
 
     The task starts with the torque off. Then the robot is activated, and ticks run on a grid of absolute
-    times. The run ends early by a trip of the guard, by Ctrl-C (also SIGTERM and SIGHUP; in the main thread
-    only), by `stop`, by a device that fails, and by an exception or an invalid output of the task. In all
-    these cases the guard's safe state runs until it is finished. Deactivation follows in every case. A
-    failure of observer or log does not stop the arm: the observer is switched off, failures of the log are
-    counted, both with an event.
+    times. The run ends early after a trip of the guard, Ctrl-C (also SIGTERM and SIGHUP; in the main thread
+    only), a reason from `stop`, a failed device, or an exception or invalid output of the task. In all these
+    cases the guard's safe state runs until it is finished. The robot is deactivated in every case. A failure
+    of observer or log does not stop the arm: the observer is switched off, failures of the log are counted,
+    and both are logged as an event.
 
     Args:
-        robot: configured and not active; on return it is deactivated, not closed.
-        guard: armed; after an early end it stays tripped until it is re-armed.
-        task: what the arm does.
+        robot: configured robot that is not active; on return it is deactivated, but not closed.
+        guard: armed guard; after an early end it stays tripped until it is re-armed.
+        task: task of the arm.
         clock: real or simulated time.
-        log: takes the records of the stream "tick" and the events, and stays open.
+        log: receives the records of the stream "tick" and the events; it stays open.
         rate_hz: control rate [Hz].
         observer: called after each command.
-        stop: asked once a tick; a reason that is not empty ends the run. On a real arm it watches the log.
+        stop: called once per tick; a non-empty reason ends the run. On a real arm it watches the log.
 
     Returns:
-        How the run ended; `LoopResult.raise_for_trip` turns a bad end into an error.
+        Result of the run; `LoopResult.raise_for_trip` raises an error for a bad end.
 
     Raises:
         InputError: the rate is not positive.
         SafetyTripError: the guard is tripped already.
         DeviceError: a device failed before the first tick, or had no sample within its age limit.
-        Exception: whatever the task raised at its start, such as `InputError` for a target out of reach.
+        Exception: any exception of the task's start, such as `InputError` for a target out of reach.
     """
     if not (math.isfinite(rate_hz) and rate_hz > 0):
         raise InputError(f"control rate {rate_hz} Hz: must be positive")
@@ -81,12 +81,11 @@ def run_loop(
 def first_measurement(robot: Robot, guard: Guard, clock: Clock, period_s: float) -> Measurement:
     """Read until every device has a sample that is young enough for the guard.
 
-    Samples that waited in a line since the devices were opened are old, and some devices speak only when
-    asked.
+    Samples that were buffered since the devices were opened are old, and some devices send only on request.
 
     Args:
-        robot: configured.
-        guard: knows the age limits.
+        robot: configured robot.
+        guard: guard with the age limits.
         clock: real or simulated time.
         period_s: time between reads [s].
 
@@ -94,7 +93,7 @@ def first_measurement(robot: Robot, guard: Guard, clock: Clock, period_s: float)
         The first measurement with young samples of all devices.
 
     Raises:
-        DeviceTimeoutError: a device has none within `FIRST_SAMPLE_S`; the error names it.
+        DeviceTimeoutError: a device has no young sample within `FIRST_SAMPLE_S`; the error names it.
     """
     give_up_s = clock.now_s() + FIRST_SAMPLE_S
     while True:
@@ -119,7 +118,7 @@ class _Loop:
         self._period_s, self._grid = period_s, TickGrid(self._clock.now_s(), period_s)
         self._timing = LoopTiming()
         self._reference_rad: FloatArray | None = None  # joint reference of the tick before
-        self._log_s = 0.0  # of the tick before
+        self._log_s = 0.0  # duration of logging in the previous tick
         self._ticks = self._unsent = 0
         self._deactivation_error = ""
         self._joints = (self._robot.joint_count,)
@@ -130,14 +129,14 @@ class _Loop:
         """Run from the start of the task to torque off.
 
         Args:
-            measurement: first one with young samples.
+            measurement: first measurement with young samples.
         """
         self._measurement = measurement
         self._guard.watch(measurement)
         if not self._guard.tripped:
-            self._guard.rearm(measurement)  # the rate limit starts from here, not from an earlier run
+            self._guard.rearm(measurement)  # starts the rate limit from here rather than from an earlier run
         try:
-            if not self._guard.tripped:  # else the arm is never powered
+            if not self._guard.tripped:  # otherwise the arm is never powered
                 self._task.start(measurement)
                 self._robot.activate()
                 self._grid = TickGrid(self._clock.now_s() + self._period_s, self._period_s)
@@ -153,7 +152,7 @@ class _Loop:
                 self._stop.fail("switching the torque off", error)
 
     def result(self) -> LoopResult:
-        """How it ended, but for the times."""
+        """Return the result without its times."""
         return LoopResult(
             outcome=self._stop.outcome,
             cause=self._stop.cause,
@@ -171,7 +170,7 @@ class _Loop:
         )
 
     def _safe_tick(self, dt_s: float) -> bool:
-        """Run one tick when it is due; an exception trips the guard. Returns whether it was the last."""
+        """Run one tick when it is due; an exception trips the guard. Return whether it was the last tick."""
         stopping = self._guard.tripped is not None
         try:
             self._clock.sleep_until(self._grid.due_s)
@@ -181,7 +180,7 @@ class _Loop:
             return stopping  # a failure during the safe stop ends the run: torque off
 
     def _tick(self, dt_s: float) -> bool:
-        """Run one tick, `dt_s` [s] after the one before; returns whether it was the last."""
+        """Run one tick, `dt_s` [s] after the previous one; return whether it was the last tick."""
         guard = self._guard
         woken = perf_counter()
         now_s = self._clock.now_s()
@@ -193,7 +192,7 @@ class _Loop:
         output = self._stopped_output if guard.tripped else self._step(measurement, dt_s)
         stepped = perf_counter()
         held_s = (now_s := self._clock.now_s()) - measurement.time_s
-        if held_s > guard.longest_hold_up_s:  # dated now, its samples count as too old
+        if held_s > guard.longest_hold_up_s:  # evaluated now, its samples are too old
             guard.trip(f"the program was held up for {held_s:.3g} s within a tick")
             measurement = measurement._replace(time_s=now_s)
         command = guard.limit(output.command, measurement, dt_s)
@@ -204,7 +203,7 @@ class _Loop:
         tripped = guard.tripped is not None
         if tripped:
             self._stop.log_trip()
-            output = output._replace(phase=Phase.STOPPED)  # also if the guard refused the task's command
+            output = output._replace(phase=Phase.STOPPED)  # even if the guard rejected the task's command
         estimates = NO_ESTIMATE if tripped else self._journal.observe(measurement, output)
         observed = perf_counter()
         durations = TickDurations(
@@ -244,7 +243,7 @@ class _Loop:
             return self._stopped_output
 
     def _write(self, command: Command, now_s: float) -> FloatArray:
-        """Send a command; returns the sent torques, shape (n,) [N m], NaN if sending failed."""
+        """Send a command; return the sent torques, shape (n,) [N m], NaN if sending failed."""
         try:
             return self._robot.write(command, now_s + self._period_s).joint_torque_nm
         except Exception as error:

@@ -1,4 +1,4 @@
-"""Real-time help of the operating system: switched on where permitted, reported where not."""
+"""Real-time features of the operating system: enabled where permitted, otherwise reported."""
 
 import ctypes
 import gc
@@ -16,10 +16,10 @@ _TIMER_SLACK_NS = 1  # the default of 50 us is added to every sleep of a thread 
 
 @dataclass(frozen=True, slots=True)
 class RealtimeReport:
-    """Which kinds of help were granted."""
+    """Granted and refused real-time features."""
 
-    granted: tuple[str, ...]  # names of what is on, such as "SCHED_FIFO"
-    refused: tuple[str, ...]  # one line for each thing that is not on: what, why, and what to do about it
+    granted: tuple[str, ...]  # names of granted features, such as "SCHED_FIFO"
+    refused: tuple[str, ...]  # one line per refused feature: name, reason and remedy
 
     @property
     def complete(self) -> bool:
@@ -33,16 +33,17 @@ class RealtimeReport:
 
 @contextmanager
 def realtime(priority: int = 80) -> Iterator[RealtimeReport]:
-    """Make the calling thread punctual while the context is open; restore everything afterwards.
+    """Enable real-time features for the calling thread within the context; restore everything afterwards.
 
-    For loops on a real clock only: on simulated time the thread never sleeps and would starve others. A
-    refused kind of help is no error.
+    Use it only for loops on a real clock: on simulated time the thread never sleeps and would starve others.
+        A
+    refused feature is not an error.
 
     Args:
-        priority: of SCHED_FIFO, 1 to 99; 80 is above the usual interrupt threads' 50.
+        priority: SCHED_FIFO priority, 1 to 99; 80 is above the usual 50 of interrupt threads.
 
     Yields:
-        What was granted and what was refused.
+        Report of granted and refused features.
     """
     switches: tuple[tuple[str, str, Callable[[], AbstractContextManager[None]]], ...] = (
         ("fine timer", "each sleep may be 50 us longer", _fine_timer),
@@ -74,7 +75,7 @@ def realtime(priority: int = 80) -> Iterator[RealtimeReport]:
 
 @contextmanager
 def _fifo(priority: int) -> Iterator[None]:
-    """SCHED_FIFO for this thread alone: threads and processes that it starts are scheduled normally."""
+    """Set SCHED_FIFO for this thread only; threads and processes that it starts are scheduled normally."""
     _require_linux()
     former, former_param = os.sched_getscheduler(0), os.sched_getparam(0)
     os.sched_setscheduler(0, os.SCHED_FIFO | os.SCHED_RESET_ON_FORK, os.sched_param(priority))
@@ -83,15 +84,15 @@ def _fifo(priority: int) -> Iterator[None]:
     finally:
         try:
             os.sched_setscheduler(0, former, former_param)
-        except PermissionError:  # only a privileged thread may take the reset-on-fork flag off again
+        except PermissionError:  # only a privileged thread may clear the reset-on-fork flag
             os.sched_setscheduler(0, former | os.SCHED_RESET_ON_FORK, former_param)
 
 
 @contextmanager
 def _locked_memory() -> Iterator[None]:
-    """Keep all pages in memory once used; those to come as well, unless a limit would make allocations fail.
+    """Lock all pages in memory once used, and future pages unless a limit would make allocations fail.
 
-    Locked before their use, the gigabyte that Arrow's allocator only reserves would be filled at once.
+    Locking pages before their use would fill the gigabyte that Arrow's allocator only reserves.
     """
     _require_linux()
     if _locked_kib():  # an existing lock is kept
@@ -121,7 +122,7 @@ def _fine_timer() -> Iterator[None]:
 
 @contextmanager
 def _awake_processor() -> Iterator[None]:
-    """Ask Linux for no wake-up latency; the request holds as long as the file is open."""
+    """Request zero wake-up latency from Linux; the request is valid while the file is open."""
     with open("/dev/cpu_dma_latency", "wb", buffering=0) as request:
         request.write((0).to_bytes(4, sys.byteorder))
         yield
@@ -129,7 +130,7 @@ def _awake_processor() -> Iterator[None]:
 
 @contextmanager
 def _frozen_garbage() -> Iterator[None]:
-    """Collect once, then leave all that exists now out of later collections, which so stay short."""
+    """Collect garbage once, then exclude all existing objects from later collections, to keep these short."""
     if gc.get_freeze_count():  # an existing freeze is kept
         yield
         return

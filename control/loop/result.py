@@ -1,4 +1,4 @@
-"""How a run of the loop ended, and what it cost."""
+"""Result of a run of the loop: outcome, counts and timing."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
@@ -9,7 +9,7 @@ from palpate.robot_io.errors import PalpateError, SafetyTripError
 
 
 class Outcome(StrEnum):
-    """Why the loop ended."""
+    """Reason for the end of the loop."""
 
     FINISHED = "finished"  # the task was done
     STOPPED = "stopped"  # stopped on request
@@ -18,19 +18,19 @@ class Outcome(StrEnum):
 
 @dataclass(frozen=True, slots=True)
 class LoopResult:
-    """Result of a run of the loop. In every case torque off was commanded."""
+    """Result of a run of the loop; torque off was commanded in every case."""
 
     outcome: Outcome  # finished, stopped or tripped
     cause: str = ""  # why it was stopped or tripped; empty when the task was done
     ticks: int = 0  # ticks that were run
     overruns: int = 0  # ticks that ended after the next one was due
-    skipped: int = 0  # instants of the grid that passed without a tick
-    dropped: int = 0  # records that found no room in the log
-    log_failures: int = 0  # calls of the log that failed; the arm is not stopped for it
+    skipped: int = 0  # grid times without a tick
+    dropped: int = 0  # records lost because the log was full
+    log_failures: int = 0  # failed calls of the log, which do not stop the arm
     log_error: str = ""  # why the log is incomplete (such as a full disk), empty if no reason is known
     observer_error: str = ""  # why the observer was switched off, empty if it was not
     unsent: int = 0  # commands that could not be sent
-    deactivation_error: str = ""  # why switching the torque off could not be confirmed, empty if it was
+    deactivation_error: str = ""  # why torque off could not be confirmed; empty if it was
     duration_s: float = 0.0  # time on the loop's clock [s]
     wall_s: float = 0.0  # time of the wall clock [s]
     timing: Mapping[str, SectionTiming] = field(default_factory=dict)  # duration of the tick's sections
@@ -38,12 +38,12 @@ class LoopResult:
 
     @property
     def is_clean(self) -> bool:
-        """Whether nothing was late, lost or left open."""
+        """Whether no tick was late, no record lost and the torque confirmed off."""
         troubles = self.log_error or self.observer_error or self.deactivation_error
         return not (troubles or self.overruns or self.dropped or self.unsent)
 
     def one_line(self) -> str:
-        """Summarise outcome and problems in one line."""
+        """Summarize outcome and problems in one line."""
         text = f"{self.outcome}{': ' if self.cause else ''}{self.cause}; {self.ticks} ticks"
         for count, what in (
             (self.overruns, "overruns"),

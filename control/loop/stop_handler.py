@@ -1,4 +1,4 @@
-"""Stopping a run early: signals, requests and failures trip the guard, and each cause is logged once."""
+"""Early stop of a run: signals, requests and failures trip the guard, and each cause is logged once."""
 
 import signal
 import threading
@@ -20,13 +20,13 @@ _ENDING_SIGNALS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)  # Ctrl-C, kill
 class InterruptFlag:
     """Context in which the signals that end a program only set a flag.
 
-    A second Ctrl-C changes nothing: the safe stop under way is already the shortest one. Signals that the
-    program's parent had switched off (nohup, background jobs) stay off. Outside the main thread, where Python
+    A second Ctrl-C has no effect, because the safe stop is already as short as possible. Signals that the
+    program's parent ignores (nohup, background jobs) stay ignored. Outside the main thread, where Python
     allows no handlers, the flag is never set.
     """
 
     def __init__(self) -> None:
-        self.signal_name: str | None = None  # the first signal that came
+        self.signal_name: str | None = None  # the first received signal
         self._former: dict[signal.Signals, Any] = {}
 
     def __enter__(self) -> Self:
@@ -50,7 +50,7 @@ class StopHandler:
     """Turns requests to stop and failures into trips of the guard, each logged once.
 
     Attributes:
-        stop: asked once a tick; a reason that is not empty ends the run.
+        stop: called once per tick; a non-empty reason ends the run.
         error: the exception behind the trip, if there was one.
     """
 
@@ -74,7 +74,7 @@ class StopHandler:
 
     @property
     def cause(self) -> str:
-        """Why the guard is tripped, empty if it is not."""
+        """Why the guard is tripped; empty if it is not."""
         self.log_trip()
         return self._cause
 
@@ -108,7 +108,7 @@ class StopHandler:
         if not self.guard.tripped:
             self.error = error
             self.guard.trip(text)
-        elif text != self._last_failure:  # a failure that repeats in each tick is one event
+        elif text != self._last_failure:  # a failure that repeats in each tick is logged once
             self.journal.event(self.clock.now_s(), "failure", text)
         self._last_failure = text
 

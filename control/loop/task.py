@@ -1,4 +1,4 @@
-"""Tasks of the loop: a task turns one measurement into one command, tick after tick."""
+"""Tasks of the loop: in each tick, a task computes a command from a measurement."""
 
 import math
 from collections.abc import Mapping
@@ -25,7 +25,7 @@ class Phase(IntEnum):
     HOLD = 4  # in contact, force held
     UNLOADING = 5  # in contact, moving out
     RETRACT = 6  # contact lost, moving away from the object
-    FREE_AIR = 7  # on purpose without contact, for the noise floor and the arm's own dynamics
+    FREE_AIR = 7  # intentionally without contact, for the noise floor and the arm's own dynamics
     STOPPED = 8  # the safe state: the guard commands, not the task
 
 
@@ -52,14 +52,14 @@ class TaskOutput(NamedTuple):
     tip_position_world_m: FloatArray
     tip_velocity_world_m_s: FloatArray  # shape (3,), measured tip velocity [m/s]
     press_direction_world: FloatArray  # shape (3,), unit vector into the object
-    desired_force_n: float  # contact force aimed at, positive in compression [N]; NaN when it is free
+    desired_force_n: float  # desired contact force, positive in compression [N]; NaN if the force is free
     phase: Phase  # phase of the task
     run: int = NO_RUN  # number of the probing run from 0, or `NO_RUN` between runs
-    done: bool = False  # the task has ended: this command is the last, and the torque may go off
-    events: tuple[TaskEvent, ...] = ()  # what happened in this tick
+    done: bool = False  # whether the task has ended: this command is the last, and the torque may go off
+    events: tuple[TaskEvent, ...] = ()  # events of this tick
 
 
-# What each part of a `TaskOutput` must be, in the order of its fields, and how errors call it.
+# Required type of each field of a `TaskOutput`, in order, and its name in errors.
 _KINDS: tuple[type | tuple[type, ...], ...] = (
     *(Command, np.ndarray, np.ndarray, np.ndarray, np.ndarray, np.ndarray),
     *((float, int), Phase, (int, np.integer), object, tuple),
@@ -68,9 +68,9 @@ _KIND_NAMES = ("Command", *["array"] * 5, "number", "Phase", "whole number", "",
 
 
 class Task(Protocol):
-    """Anything that the loop can run.
+    """Interface of tasks that the loop can run.
 
-    A task sees measurements and time steps, never devices or clocks.
+    A task receives measurements and time steps, but never devices or clocks.
     """
 
     def start(self, measurement: Measurement) -> None:
@@ -112,10 +112,10 @@ def make_output(
         tip: measured motion of the tip.
         direction: unit vector into the object, shape (3,), world frame.
         phase: phase of the task.
-        desired_force_n: contact force aimed at, positive in compression [N]; NaN if the force is free.
+        desired_force_n: desired contact force, positive in compression [N]; NaN if the force is free.
         run: number of the probing run, or `NO_RUN`.
         done: whether the task has ended.
-        events: what happened in the tick.
+        events: events of the tick.
 
     Returns:
         The output, with the measured tip motion.
@@ -155,7 +155,7 @@ def checked_output(output: object, joints: tuple[int]) -> TaskOutput:
         The same object.
 
     Raises:
-        TypeError: it is no `TaskOutput`, or a part of it has the wrong type.
+        TypeError: the output is not a `TaskOutput`, or a field has the wrong type.
         ValueError: an array has the wrong shape.
     """
     if not isinstance(output, TaskOutput):

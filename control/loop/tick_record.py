@@ -1,4 +1,4 @@
-"""Stream "tick" of a session: its records, and the log that takes them."""
+"""Stream "tick" of a session: its records and its log."""
 
 import math
 from collections.abc import Callable, Mapping
@@ -18,7 +18,7 @@ NO_ESTIMATE: Estimates = (math.nan, math.nan, math.nan)
 
 
 class Tick(NamedTuple):
-    """Everything that one tick of the loop read, computed and sent."""
+    """All data that one tick of the loop read, computed and sent."""
 
     number: int  # number of the tick on the loop's grid
     measurement: Measurement
@@ -32,7 +32,7 @@ class Tick(NamedTuple):
 _PHASES = ", ".join(f"{phase.value} {phase.name}" for phase in Phase)
 _STATUS = "0 OK, 1 STALE, 2 SATURATED, 3 FAULT"
 _PER_JOINT = 0  # width of a column with one value for each joint
-# Attribute of `Tick`, and the column that holds it: name, unit, width, description, type.
+# Attribute of `Tick`, and its column: name, unit, width, description, type.
 _COLUMNS = (
     ("number", "tick", "1", 1, "number of the tick on the loop's grid; a gap is an overrun", "int64"),
     ("measurement.time_s", "time_s", "s", 1, "start of the tick on the robot's clock", "float64"),
@@ -113,7 +113,7 @@ def tick_record(tick: Tick) -> tuple[object, ...]:
     """Make one record of `tick_stream`.
 
     Args:
-        tick: what happened in the tick.
+        tick: data of the tick.
 
     Returns:
         A value for each column, in their order.
@@ -126,18 +126,18 @@ Observer = Callable[[Measurement, TaskOutput], Estimates]
 
 
 class TickLog(Protocol):
-    """The part of a session's writer that the loop needs; neither call may block."""
+    """Interface of a session's writer that the loop uses; no call may block."""
 
     @property
     def dropped(self) -> int:
-        """Number of records that found no room and are lost."""
+        """Number of records lost because the buffer was full."""
 
     @property
     def failure(self) -> str | None:
-        """Why records no longer reach the disk; None if they do."""
+        """Reason why records no longer reach the disk; None if they do."""
 
     def append(self, stream_name: str, record: tuple[object, ...]) -> object:
-        """Take over one record.
+        """Append one record.
 
         Args:
             stream_name: name of the stream.
@@ -145,7 +145,7 @@ class TickLog(Protocol):
         """
 
     def event(self, time_s: float, kind: str, text: str, data: Mapping[str, object] | None = None) -> object:
-        """Take over one event.
+        """Append one event.
 
         Args:
             time_s: time on the robot's clock [s].
@@ -168,12 +168,12 @@ class Journal:
 
     @property
     def log_trouble(self) -> str:
-        """Why the log is incomplete; empty if no reason is known."""
+        """Reason why the log is incomplete; empty if none is known."""
         return self.log_error or self._log.failure or ""
 
     @property
     def dropped(self) -> int:
-        """Number of records that found no room in the log."""
+        """Number of records lost because the log was full."""
         return self._log.dropped
 
     def observe(self, measurement: Measurement, output: TaskOutput) -> Estimates:
@@ -181,7 +181,7 @@ class Journal:
 
         Args:
             measurement: state of the arm.
-            output: what the task made of it.
+            output: the task's output for this measurement.
 
         Returns:
             Online estimates, NaN if there are none.
@@ -202,7 +202,7 @@ class Journal:
         """Log a tick's record and its events.
 
         Args:
-            tick: what happened in the tick.
+            tick: data of the tick.
         """
         time_s, record = tick.measurement.time_s, tick_record(tick)
         try:

@@ -1,4 +1,4 @@
-"""Durations of a tick's sections in histograms of constant memory, and the grid of ticks."""
+"""Histograms of the durations of a tick's sections, and the time grid of ticks."""
 
 import math
 from collections.abc import Mapping
@@ -13,11 +13,11 @@ from palpate.robot_io.types import FloatArray, IntArray
 _BINS_PER_OCTAVE = 32  # a bin is 2.2 % wide, so a percentile is right to 1.1 %
 _FIRST_BIN = -24 * _BINS_PER_OCTAVE  # 60 ns: shorter ones are counted as zero
 _LAST_BIN = 5 * _BINS_PER_OCTAVE  # 32 s: longer ones are counted in the last bin
-_BATCH = 256  # ticks sorted in at once, which takes little longer than for one
+_BATCH = 256  # ticks counted at once, which takes little longer than counting one
 
 
 class TickDurations(NamedTuple):
-    """Durations of one tick's sections that have ended when its record is made [s]."""
+    """Durations of one tick's sections that are complete when its record is made [s]."""
 
     read_s: float
     control_s: float
@@ -25,7 +25,9 @@ class TickDurations(NamedTuple):
     write_s: float
     observer_s: float
     log_s: float  # of the tick before
-    lateness_s: float  # woken up after the tick was due, on the loop's clock; zero on simulated time
+    lateness_s: (
+        float  # delay of the wake-up after the tick was due, on the loop's clock; zero on simulated time
+    )
 
 
 SECTIONS = (*(name.removesuffix("_s") for name in TickDurations._fields), "tick")
@@ -66,14 +68,14 @@ class Histogram:
         self.max_s = max(self.max_s, float(durations_s.max(initial=0.0)))
 
     def percentile(self, percent: float) -> float:
-        """Compute a percentile to 1.1 %.
+        """Compute a percentile with an error of at most 1.1 %.
 
         Args:
             percent: 0 to 100.
 
         Returns:
-            Duration that `percent` of the counted ones did not exceed [s]; 0 below 60 ns, NaN if none was
-                counted.
+            Duration that `percent` of the counted durations did not exceed [s]; 0 below 60 ns, NaN without
+            any.
         """
         if not self.count:
             return math.nan
@@ -90,7 +92,7 @@ class Histogram:
 
 
 class LoopTiming:
-    """One histogram for each section, and one for the whole tick without its lateness."""
+    """Histograms of each section and of the whole tick without its lateness."""
 
     def __init__(self) -> None:
         self._recent: list[TickDurations] = []
@@ -121,7 +123,7 @@ class LoopTiming:
 
 @dataclass
 class TickGrid:
-    """The instants `start_s + k * period_s`, walked in order.
+    """Time grid `start_s + k * period_s`, traversed in order.
 
     Each instant is computed from the start, never from the previous tick, so rounding does not accumulate. A
     tick that still runs when the next one is due has overrun. The grid then continues at the next instant
@@ -140,13 +142,13 @@ class TickGrid:
         return self.start_s + self.index * self.period_s
 
     def advance(self, now_s: float) -> int:
-        """Go on to the next tick.
+        """Advance to the next tick.
 
         Args:
             now_s: when the current tick ended, on the loop's clock [s].
 
         Returns:
-            How many periods later the next tick is: 1, or more after an overrun.
+            Number of periods to the next tick: 1, or more after an overrun.
         """
         previous = self.index
         self.index = previous + 1

@@ -1,7 +1,7 @@
-"""Persistent excitation: a profile that rides on the hold and separates stiffness from damping.
+"""Persistent excitation: a profile that is added to the hold and separates stiffness from damping.
 
-At one frequency w, force over displacement is k + j w c, so several frequencies show both. The profile only
-takes force away, so that the force limit stays the limit.
+At one frequency w, force over displacement is k + j w c, so several frequencies determine both. The profile
+only reduces the force, so that the force limit is kept.
 """
 
 import math
@@ -14,22 +14,22 @@ from pydantic import Field, model_validator
 from palpate.control.paths.trajectory import PEAK_SPEED, quintic
 from palpate.robot_io.files.file_model import FileModel, Positive
 
-_RAMP_SHARE = 0.2  # of the duration, for fading in
+_RAMP_SHARE = 0.2  # share of the duration for the fade-in
 _PEAK_SAMPLES_PER_PERIOD = 50
-_SINES = 8  # of a multisine
+_SINES = 8  # number of sines in a multisine
 
 
 class Excitation(FileModel):
-    """Profile that rides on the hold."""
+    """Settings of a profile that is added to the hold."""
 
-    # "multisine" (eight frequencies at once) or "chirp" (one that rises).
+    # "multisine" (eight frequencies at once) or "chirp" (a rising frequency).
     shape: Literal["multisine", "chirp"] = "multisine"
-    # "force" modulates the desired force; "position" moves the tip by what makes this force.
+    # "force" modulates the desired force; "position" moves the tip by the distance that gives this force.
     quantity: Literal["force", "position"] = "force"
     amplitude_n: Positive = 1.5  # half of the force's peak to peak [N]
     low_hz: Annotated[Positive, Field(le=100.0)] = 0.5  # lowest frequency [Hz]
     high_hz: Annotated[Positive, Field(le=100.0)] = 8.0  # highest frequency [Hz]
-    duration_s: Annotated[Positive, Field(le=600.0)] = 4.0  # how long [s]
+    duration_s: Annotated[Positive, Field(le=600.0)] = 4.0  # duration [s]
 
     @model_validator(mode="after")
     def _check_frequencies(self) -> "Excitation":
@@ -59,7 +59,7 @@ class ProfilePoint:
 class Profile:
     """A wave between -1 and 1 minus an offset, faded in so that value, rate and acceleration begin at zero.
 
-    It ends in full swing, because the arm moves out of the object next.
+    It ends without a fade-out, because the arm moves out of the object next.
 
     Args:
         excitation: shape, frequencies and duration.
@@ -77,7 +77,7 @@ class Profile:
             self._phases = np.zeros(1)
             self._scale = 1.0
         else:
-            # Evenly spaced in ratio, with phases that keep the peak low: Schroeder, IEEE Trans. Information
+            # Logarithmically spaced, with phases that keep the peak low: Schroeder, IEEE Trans. Information
             # Theory 16(1), 1970.
             index = np.arange(_SINES)
             self._rates = math.tau * np.geomspace(excitation.low_hz, excitation.high_hz, _SINES)
@@ -91,7 +91,7 @@ class Profile:
         """Compute the profile at a time.
 
         Args:
-            time_s: since its start [s].
+            time_s: time since its start [s].
 
         Returns:
             Value and derivatives.
@@ -124,14 +124,14 @@ def position_amplitude_m(
 ) -> tuple[float, float]:
     """Compute amplitude and offset of a position profile on an object of about this compliance.
 
-    The highest frequency makes the force's amplitude; the offset takes as much off the spring's force, so
-    that the sum stays below the limit. Neither the wave nor fading in exceeds the speed limit; fading in is
-    not faster than a third of the force moves the object's damper.
+    The highest frequency determines the force's amplitude. The offset reduces the spring's force by as much,
+    so that the sum stays below the limit. Neither wave nor fade-in exceeds the speed limit, and the fade-in
+    needs at most a third of the force on the object's damper.
 
     Args:
         excitation: shape, frequencies and force amplitude.
-        stiffness_n_m: of the object [N/m].
-        damping_n_s_m: of the object [N s/m].
+        stiffness_n_m: stiffness of the object [N/m].
+        damping_n_s_m: damping of the object [N s/m].
         force_limit_n: force limit [N].
         speed_limit_m_s: speed limit [m/s].
 

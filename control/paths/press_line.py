@@ -1,4 +1,4 @@
-"""A straight line that the tip follows with the tool's direction kept."""
+"""Straight line that the tip follows with a constant tool direction."""
 
 import math
 
@@ -13,13 +13,13 @@ _REACH_STEP_M = 2e-3
 
 
 class PressLine:
-    """The line along which an object is pressed, in an arm's plane.
+    """Line in the arm's plane along which an object is pressed.
 
     Args:
         arm: geometry of the arm.
         start_world_m: tip position at travel 0, shape (3,) [m].
-        direction_world: of travel and tool, shape (3,); made a unit vector.
-        elbow: which way the elbow bends.
+        direction_world: direction of travel and tool, shape (3,); it is normalized.
+        elbow: bending direction of the elbow.
 
     Raises:
         InputError: the start cannot be reached.
@@ -65,7 +65,7 @@ class PressLine:
 
         Args:
             goal_m: farthest travel of interest [m]; negative: back.
-            near_rad: joint positions to start near, shape (3,) [rad].
+            near_rad: joint positions near the start, shape (3,) [rad].
             limits_rad: lowest and highest joint positions, shape (3,) each [rad].
 
         Returns:
@@ -88,11 +88,11 @@ class PressLine:
         return reached_m
 
     def joint_motion(self, state: LineState, near_rad: FloatArray) -> JointMotion:
-        """Compute the joint motion that gives a motion along the line.
+        """Compute the joint motion for a motion along the line.
 
         Args:
             state: motion along the line.
-            near_rad: joint positions whose nearest turns are taken, shape (3,) [rad].
+            near_rad: joint positions that select the turn of each joint, shape (3,) [rad].
 
         Returns:
             Motion of the joints.
@@ -107,7 +107,7 @@ class PressLine:
         determinant = x1 * y2 - x2 * y1
         if abs(determinant) < 1e-6 * first_m * second_m:
             raise InputError("target is singular: the first two links are in one line")
-        # The third link keeps its direction, so tip velocity = sum over the first two of rate_i (-y_i, x_i).
+        # The third link keeps its direction: tip velocity = sum of rate_i (-y_i, x_i), i = 1, 2.
         vu, vw = self._u * state.speed_m_s, self._w * state.speed_m_s
         rate1 = (vu * x2 + vw * y2) / determinant
         rate2 = -(vu * x1 + vw * y1) / determinant

@@ -1,4 +1,4 @@
-"""Motions in free air with continuous acceleration: joints between postures, the tip along a line."""
+"""Motions in free air with continuous acceleration: of joints between poses, and of the tip along a line."""
 
 import math
 from collections.abc import Sequence
@@ -10,9 +10,9 @@ import numpy as np
 from palpate.robot_io.errors import InputError
 from palpate.robot_io.types import FloatArray, frozen_array
 
-PEAK_SPEED = 15.0 / 8.0  # of `quintic`, over its mean
+PEAK_SPEED = 15.0 / 8.0  # peak speed of `quintic` over its mean speed
 _PEAK_ACCELERATION = 10.0 / math.sqrt(3.0)
-_SHORTEST_S = 1e-3  # duration of a move of no length
+_SHORTEST_S = 1e-3  # duration of a move of zero length
 
 
 class LineState(NamedTuple):
@@ -57,8 +57,8 @@ class JointMove:
     Args:
         start_rad: joint positions, shape (n,) [rad].
         end_rad: joint positions, shape (n,) [rad].
-        speed_limit_rad_s: of every joint [rad/s].
-        acceleration_limit_rad_s2: of every joint [rad/s^2].
+        speed_limit_rad_s: limit of every joint [rad/s].
+        acceleration_limit_rad_s2: limit of every joint [rad/s^2].
 
     Raises:
         InputError: a limit is not positive.
@@ -89,7 +89,7 @@ class JointMove:
         """Compute the motion at a time.
 
         Args:
-            time_s: since the start [s]; at rest at the end afterwards.
+            time_s: time since the start [s]; at rest at the end afterwards.
 
         Returns:
             Motion of the joints.
@@ -97,11 +97,11 @@ class JointMove:
         return _on_way(self._start, self._way, quintic(time_s, self.duration_s))
 
     def brake_at(self, time_s: float, acceleration_limit_rad_s2: float) -> "JointBrake":
-        """Come to rest on the way.
+        """Return a motion that comes to rest on the way.
 
         Args:
-            time_s: when the braking begins [s].
-            acceleration_limit_rad_s2: of every joint [rad/s^2].
+            time_s: time at which the braking begins [s].
+            acceleration_limit_rad_s2: limit of every joint [rad/s^2].
 
         Returns:
             The braking motion.
@@ -119,7 +119,7 @@ class JointBrake:
         start_rad: start of the way, shape (n,) [rad].
         way_rad: end minus start, shape (n,) [rad].
         along: share of the way, and its derivatives, when the braking begins.
-        acceleration_limit_rad_s2: of every joint [rad/s^2].
+        acceleration_limit_rad_s2: limit of every joint [rad/s^2].
     """
 
     def __init__(
@@ -134,7 +134,7 @@ class JointBrake:
         """Compute the motion at a time.
 
         Args:
-            time_s: since the braking began [s]; at rest afterwards.
+            time_s: time since the braking began [s]; at rest afterwards.
 
         Returns:
             Motion of the joints.
@@ -152,8 +152,8 @@ class JointPath:
 
     Args:
         points_rad: two or more joint positions, shape (n,) each [rad].
-        speed_limit_rad_s: of every joint [rad/s].
-        acceleration_limit_rad_s2: of every joint [rad/s^2].
+        speed_limit_rad_s: limit of every joint [rad/s].
+        acceleration_limit_rad_s2: limit of every joint [rad/s^2].
     """
 
     def __init__(
@@ -169,7 +169,7 @@ class JointPath:
         """Compute the motion at a time.
 
         Args:
-            time_s: since the start [s]; at rest at the end afterwards.
+            time_s: time since the start [s]; at rest at the end afterwards.
 
         Returns:
             Motion of the joints.
@@ -178,11 +178,11 @@ class JointPath:
         return self._moves[number].at(since_s)
 
     def brake_at(self, time_s: float, acceleration_limit_rad_s2: float) -> JointBrake:
-        """Come to rest on the way; see `JointMove.brake_at`.
+        """Return a motion that comes to rest on the way; see `JointMove.brake_at`.
 
         Args:
-            time_s: when the braking begins [s].
-            acceleration_limit_rad_s2: of every joint [rad/s^2].
+            time_s: time at which the braking begins [s].
+            acceleration_limit_rad_s2: limit of every joint [rad/s^2].
 
         Returns:
             The braking motion.
@@ -191,10 +191,10 @@ class JointPath:
         return self._moves[number].brake_at(since_s, acceleration_limit_rad_s2)
 
     def passed_rad(self, time_s: float) -> tuple[FloatArray, ...]:
-        """List the points already passed, the last one first: the way back.
+        """List the points already passed, the last one first, as a path back.
 
         Args:
-            time_s: since the start [s].
+            time_s: time since the start [s].
 
         Returns:
             Joint positions, shape (n,) each [rad].
@@ -202,7 +202,7 @@ class JointPath:
         return self._points[self._move_at(time_s)[0] :: -1]
 
     def _move_at(self, time_s: float) -> tuple[int, float]:
-        """Number of the move that is under way, and for how long it has been [s]."""
+        """Return the index of the current move, and the time since its start [s]."""
         last = len(self._moves) - 1
         for number, move in enumerate(self._moves[:last]):
             if time_s < move.duration_s:
@@ -212,10 +212,10 @@ class JointPath:
 
 
 class SpeedBlend:
-    """Change of speed along a line, with the speed a cubic in time.
+    """Change of speed along a line; the speed is a cubic polynomial of time.
 
     Args:
-        start: state of motion; its acceleration is continued.
+        start: state of motion, whose acceleration is continued.
         speed_m_s: constant speed afterwards [m/s].
         acceleration_limit_m_s2: largest acceleration if the start has none [m/s^2].
 
@@ -240,7 +240,7 @@ class SpeedBlend:
         """Compute the motion at a time.
 
         Args:
-            time_s: since the start [s].
+            time_s: time since the start [s].
 
         Returns:
             Motion along the line.
@@ -273,7 +273,7 @@ def blend_distance_m(speed_m_s: float, acceleration_limit_m_s2: float) -> float:
 
 
 def turning_distance_m(speed_m_s: float, acceleration_limit_m_s2: float) -> float:
-    """Compute how far a `SpeedBlend` to the opposite speed still goes forward.
+    """Compute the forward distance of a `SpeedBlend` to the opposite speed.
 
     Args:
         speed_m_s: speed at its start [m/s].
@@ -286,13 +286,13 @@ def turning_distance_m(speed_m_s: float, acceleration_limit_m_s2: float) -> floa
 
 
 class LineReturn:
-    """Return along a line: from a state of motion to rest at a travel, cruising in between.
+    """Motion along a line from a state of motion to rest at a travel, with constant speed in between.
 
-    If the way is too short to cruise, it overshoots by the stopping distance and rests there.
+    If the distance is too short, the motion overshoots by the stopping distance and ends there.
 
     Args:
         start: state of motion.
-        end_travel_m: where to rest [m].
+        end_travel_m: travel of the rest position [m].
         speed_m_s: cruising speed, positive [m/s].
         acceleration_limit_m_s2: as for `SpeedBlend` [m/s^2].
 
@@ -318,7 +318,7 @@ class LineReturn:
         """Compute the motion at a time.
 
         Args:
-            time_s: since the start [s].
+            time_s: time since the start [s].
 
         Returns:
             Motion along the line.

@@ -1,1 +1,1 @@
-"""The probing task: what is pressed where, how fast and how hard."""
+"""The probing task: plan, sites, routes, runs and replay."""

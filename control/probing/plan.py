@@ -1,4 +1,4 @@
-"""Probing plan: where, how fast, how hard and how often."""
+"""Probing plan: targets, speeds, forces and repeats."""
 
 import math
 from collections.abc import Iterator
@@ -28,27 +28,29 @@ class ProbingRunSpec:
 
 
 class ProbingPlan(FileModel):
-    """A probing task; every target is probed `repeats` times at all speeds."""
+    """Plan of a probing task; every target is probed `repeats` times at all speeds."""
 
     # set speeds of approach and loading [m/s].
     speeds_m_s: Annotated[tuple[Speed, ...], Field(min_length=1, max_length=100)] = (0.15, 0.09, 0.06)
-    # how often all speeds are run at each target.
+    # number of repeats of all speeds at each target.
     repeats: Annotated[int, Field(ge=1, le=1000, strict=True)] = 1
-    # points near the surface, which itself is found by touch; empty: below the tip [m].
+    # points near the surface, which is found by touch; empty for one target below the tip [m].
     targets_world_m: Annotated[tuple[Vector, ...], Field(max_length=1000)] = ()
-    # direction in which the tool points and presses; made a unit vector.
+    # direction in which the tool points and presses; it is normalized.
     press_direction_world: Vector = (0.0, 0.0, -1.0)
-    # loading ends here, and this force is held [N].
+    # force at which loading ends, and which is held [N].
     force_limit_n: Annotated[Number, Field(ge=0.01, le=1000.0)] = 10.0
-    hold_s: NotNegative = 1.0  # how long it is held [s]
-    # law that holds it, see `palpate.control.laws.force_laws`; the last two use the online estimate.
+    hold_s: NotNegative = 1.0  # duration of the hold [s]
+    # law of the hold, see `palpate.control.laws.force_laws`; the last two use the online estimate.
     hold_law: Literal["admittance", "force_tracking_impedance", "constant_force"] = "admittance"
-    excitation: Excitation | None = None  # profile that rides on the hold afterwards, or None
+    excitation: Excitation | None = None  # profile that is added to the hold afterwards, or None
     approach_clearance_m: Positive = 0.03  # an approach starts this far before the target [m]
-    search_depth_m: Positive = 0.2  # distance from there within which the surface must be touched [m]
+    search_depth_m: Positive = (
+        0.2  # distance from the approach start within which the surface must be touched [m]
+    )
     max_depth_m: Positive = 0.15  # deepest indentation [m]
     retract_m: Positive = 0.03  # way out of the object between runs [m]
-    settle_s: NotNegative = 0.2  # standing still before the free-air record [s]
+    settle_s: NotNegative = 0.2  # rest before the free-air record [s]
     # free-air record before each approach, for bias and noise of the force [s].
     free_air_s: Annotated[float, Field(ge=0.05, le=60.0)] = 0.3
     # before each run the tip swings up by this from where the approach starts, and back down, once at each of
@@ -59,11 +61,11 @@ class ProbingPlan(FileModel):
         0.3,
         1.0,
     )
-    load_time_limit_s: Positive = 10.0  # loading is given up after this [s]
-    acceleration_m_s2: Positive = 3.0  # of the tip in free air [m/s^2]
-    travel_speed_m_s: Speed = 0.15  # of the tip while retracting [m/s]
+    load_time_limit_s: Positive = 10.0  # time limit of loading [s]
+    acceleration_m_s2: Positive = 3.0  # acceleration of the tip in free air [m/s^2]
+    travel_speed_m_s: Speed = 0.15  # speed of the tip while retracting [m/s]
     joint_speed_rad_s: Positive = 1.0  # fastest joint while moving to a target [rad/s]
-    joint_acceleration_rad_s2: Positive = 4.0  # the same for acceleration [rad/s^2]
+    joint_acceleration_rad_s2: Positive = 4.0  # largest joint acceleration while moving to a target [rad/s^2]
 
     @field_validator("press_direction_world")
     @classmethod
@@ -92,7 +94,7 @@ class ProbingPlan(FileModel):
 
     @property
     def shortest_s(self) -> float:
-        """Shortest duration of the plan [s], if every surface lies one clearance ahead of the tip."""
+        """Shortest duration of the plan [s], with every surface one clearance ahead of the tip."""
         ride_s = self.excitation.duration_s if self.excitation else 0.0
         still_s = self.settle_s + self.free_air_s + self.hold_s + ride_s
         approach_s = sum(self.approach_clearance_m / speed_m_s for speed_m_s in self.speeds_m_s)
@@ -100,7 +102,7 @@ class ProbingPlan(FileModel):
         return rounds * (approach_s + len(self.speeds_m_s) * still_s)
 
     def runs(self) -> Iterator[ProbingRunSpec]:
-        """List all runs in order: targets, in each the repeats, in each the speeds."""
+        """Yield all runs in order: by target, then by repeat, then by speed."""
         run = 0
         for target in range(max(len(self.targets_world_m), 1)):
             for repeat in range(self.repeats):
@@ -119,7 +121,7 @@ def load_probing_plan(path: str | Path) -> ProbingPlan:
         The validated plan.
 
     Raises:
-        InputError: names file, line, key and valid values.
+        InputError: the file is invalid; the error names file, line, key and valid values.
     """
     document = load_yaml(path)
     return validate(ProbingPlan, document.data, document)

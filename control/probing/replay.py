@@ -13,8 +13,8 @@ from palpate.control.paths.trajectory import JointMotion, JointMove
 from palpate.robot_io.errors import InputError
 from palpate.robot_io.types import Command, FloatArray, IntArray, Measurement
 
-SPEED_RAD_S, ACCELERATION_RAD_S2 = 0.5, 2.0  # of the way to where the references begin
-_SETTLE_S = 0.3  # standing there, and at the end
+SPEED_RAD_S, ACCELERATION_RAD_S2 = 0.5, 2.0  # of the move to the first reference
+_SETTLE_S = 0.3  # rest before the references, and after them
 
 
 @dataclass(frozen=True, eq=False)
@@ -53,15 +53,15 @@ class References:
 
 
 class ReplayTask:
-    """Moves to where the references begin, follows them, and stays; see `palpate.control.loop.task.Task`.
+    """Task that moves to the first reference, follows the references, and stays at the last one.
 
-    Joints are followed by computed torque, which compensates the measured force as a load. No force is
-    controlled: on a stiffer object it grows up to the guard's limit.
+    Joints are followed by computed torque, which compensates the measured force as a load. The force is
+    not controlled: on a stiffer object it can grow up to the guard's limit.
 
     Args:
         body: model of the arm.
         gains: gains of the computed torque.
-        references: of an arm with as many joints.
+        references: references of an arm with as many joints.
 
     Raises:
         InputError: the references are of an arm with another number of joints.
@@ -89,7 +89,7 @@ class ReplayTask:
         self._time_s, self._tick = 0.0, 0
 
     def step(self, measurement: Measurement, dt_s: float) -> TaskOutput:
-        """Move to the first reference, then follow the recorded ones in their time.
+        """Move to the first reference, then follow the recorded references at their times.
 
         Args:
             measurement: state of the arm.
@@ -113,7 +113,7 @@ class ReplayTask:
         )
 
     def _motion(self, since_s: float) -> JointMotion:
-        """References at a time, straight between two ticks; at rest after the last."""
+        """Interpolate the references linearly at a time; at rest after the last."""
         known, tick = self._references, self._tick
         if tick == len(known.time_s) - 1:
             still = np.zeros(known.joint_count)

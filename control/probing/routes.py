@@ -1,11 +1,11 @@
 """Routes in free air that stay above the object, and the swings before a run.
 
-Joints that move in proportion swing the tip on an arc. Between two targets it bulges by up to centimetres,
-more than a tool is lifted between runs: where the tip would dip, it goes up first.
+A proportional motion of the joints moves the tip along an arc. Between two targets the arc can sag by
+centimeters, more than the lift of the tool between runs. If the tip would come too low, it is lifted first.
 
-A press moves the joints little and reverses them under load only. What friction, a gap, a lag and a weight
-each leave in a joint's torque differs when it reverses in free air, and at two speeds: so the arm may swing
-up from the start of the approach and back down, slowly and fast.
+A press moves the joints little and reverses them only under load. Friction, backlash, lag and weight have
+different effects on a joint's torque when the joint reverses in free air, and at two speeds. Therefore the arm
+can swing up from the start of the approach and back down, slowly and fast.
 """
 
 import math
@@ -22,8 +22,8 @@ from palpate.control.probing.sites import ProbingSite
 from palpate.robot_io.errors import InputError
 from palpate.robot_io.types import FloatArray
 
-_STEPS = 40  # places on a route, and moments of a swing, that are checked
-_KEPT_SHARE = 0.5  # share of the clearance that a route keeps
+_STEPS = 40  # checked points of a route, and checked times of a swing
+_KEPT_SHARE = 0.5  # share of the clearance that a route must keep
 _MOST_LIFTS = 5  # attempts to lift a route
 _LIFT_MARGIN_M = 0.002
 _ROUNDING_M = 1e-6
@@ -40,7 +40,7 @@ class Place(NamedTuple):
 
 
 class Route(NamedTuple):
-    """Points, shape (3,) each [rad], at rest in between, and how far the lowest place is too low [m]."""
+    """Points, shape (3,) each [rad], with rest in between, and the lowest point's lack of height [m]."""
 
     points_rad: tuple[FloatArray, ...]
     too_low_m: float
@@ -49,7 +49,7 @@ class Route(NamedTuple):
         """Describe that the route is too low, with a remedy.
 
         Args:
-            where: such as "to target 2".
+            where: part of the route for messages, such as "to target 2".
 
         Returns:
             One sentence.
@@ -61,10 +61,10 @@ class Route(NamedTuple):
         )
 
     def refuse_if_low(self, where: str) -> None:
-        """Refuse a route that is too low.
+        """Raise an error if the route is too low.
 
         Args:
-            where: such as "to target 2".
+            where: part of the route for messages, such as "to target 2".
 
         Raises:
             InputError: the route is too low.
@@ -74,7 +74,7 @@ class Route(NamedTuple):
 
 
 class Swing(NamedTuple):
-    """Half a swing, up or down: start, points from there on, shape (3,) each [rad], fastest joint's speed."""
+    """Half a swing, up or down: start, further points, shape (3,) each [rad], and fastest joint's speed."""
 
     start: Place
     points_rad: tuple[FloatArray, ...]
@@ -97,13 +97,13 @@ class Routes:
         self._shares = np.linspace(0.0, 1.0, _STEPS)[:, None]
 
     def find(self, start: Place, end: Place) -> Route:
-        """Find the route with the least lifting that keeps clear of the object, or the highest there is.
+        """Find the route with the smallest lift that clears the object, or else the highest route.
 
-        Between two targets the higher one counts; to or from any other place, the lower end.
+        The clearance refers to the higher of two targets, or else to the lower end of the route.
 
         Args:
-            start: where the route begins.
-            end: where it ends.
+            start: start of the route.
+            end: end of the route.
 
         Returns:
             The route.
@@ -121,14 +121,14 @@ class Routes:
         return best
 
     def check(self, start: Place, sites: Sequence[ProbingSite]) -> None:
-        """Check the routes from the start to all sites in turn and back.
+        """Check the routes from the start to all sites in order and back.
 
         Args:
-            start: where the arm is.
-            sites: of the plan, in their order.
+            start: present place of the arm.
+            sites: sites of the plan, in order.
 
         Raises:
-            InputError: the tip comes too near to where an object is expected.
+            InputError: the tip comes too near to an expected object.
         """
         here, where = start, ""
         for number, site in enumerate(sites, 1):
@@ -141,7 +141,7 @@ class Routes:
         """List all swings before a run at a site.
 
         Args:
-            site: where the next approach starts, and all swings begin and end.
+            site: site of the next approach start, where all swings begin and end.
             near_rad: present joint positions, shape (3,) [rad].
 
         Returns:
@@ -165,7 +165,7 @@ class Routes:
         """Check that the arm has room and torque for the plan's swings, and that they clear the object.
 
         Args:
-            sites: of the plan.
+            sites: sites of the plan.
             near_rad: present joint positions, shape (3,) [rad].
             body: model of the arm.
             torque_limits_nm: largest torques, shape (3,) [N m]; None for any.
@@ -195,7 +195,7 @@ class Routes:
         return low, self.find(low, Place(high_rad))
 
     def _at_level(self, ends: tuple[Place, Place], level_m: float, top_m: float) -> Route:
-        """The route whose ends are lifted to a level [m] where they are lower, and the site allows it."""
+        """Return the route with lower ends lifted to a level [m], as far as the sites allow it."""
         start, end = ends
         up, over = self._lifted_rad(start, level_m), self._lifted_rad(end, level_m)
         across = up + self._shares * (over - up)
@@ -214,7 +214,7 @@ class Routes:
         return place.site.lifted_rad(lift_m, place.position_rad)
 
     def _depths_m(self, position_rad: FloatArray) -> FloatArray:
-        """How far down the tip is, shape (k,) [m], for joint positions of shape (k, 3) [rad]."""
+        """Return the tip's depth along "down", shape (k,) [m], for joint positions of shape (k, 3) [rad]."""
         return np.asarray(self._arm.tips_in_plane(position_rad) @ self._down)
 
 

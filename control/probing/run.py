@@ -1,6 +1,6 @@
 """One probing run: free-air record, approach, loading, hold, unloading, retract.
 
-The surface is not given: the approach ends with the touch that the force sensor reports.
+The surface is unknown: the approach ends when the force sensor detects the touch.
 """
 
 import math
@@ -16,29 +16,29 @@ from palpate.control.probing.plan import ProbingPlan, ProbingRunSpec
 from palpate.control.probing.sites import ProbingSite
 from palpate.robot_io.types import Measurement
 
-_LOADED_SHARE = 0.95  # of the force limit, and
-_SLOW_SHARE = 0.1  # of the set speed, but at least
-_SLOW_M_S = 0.002  # this, end the loading
+_LOADED_SHARE = 0.95  # share of the force limit, and
+_SLOW_SHARE = 0.1  # share of the set speed, but at least
+_SLOW_M_S = 0.002  # this speed; loading ends at a larger force and a lower speed
 _HOLD_M_S = 0.02  # speed limit of a hold, so that the tip does not follow an object that has moved away
 _LOST_S = 0.01  # time without contact in hold or excitation after which contact is lost
 _TOO_STRONG = 1.1  # share of the force limit that ends an excitation by position
 
 
 class ProbingRun:
-    """State machine from a site's approach start, where the arm is at rest, back to the next one's.
+    """State machine of one run, from rest at a site's approach start to rest at the next approach start.
 
     Args:
         control: position and force controller.
-        site: target and limits along its press line.
+        site: target, and limits along its press line.
         spec: number and speed of the run.
         plan: forces, times and distances.
         gains: gains of contact detection.
 
     Attributes:
         phase: phase of the last tick.
-        desired_force_n: aimed at in the last tick [N], NaN if the force is free.
+        desired_force_n: desired force in the last tick [N]; NaN if the force is free.
         events: events of the last tick.
-        failure: why the run gave no data, or None.
+        failure: reason why the run gave no data, or None.
         finished: whether the run has ended.
     """
 
@@ -77,7 +77,7 @@ class ProbingRun:
         return self._step(measurement, dt_s)
 
     def cancel(self, why: str) -> None:
-        """Leave the object at once, and go back to where the approach started.
+        """Leave the object at once, and return to the start of the approach.
 
         Args:
             why: reason, for the failure.
@@ -271,7 +271,7 @@ class ProbingRun:
         return output
 
     def _go_back(self) -> None:
-        """To where the next approach starts."""
+        """Return to the start of the next approach."""
         plan, travel_m = self._plan, self._site.approach_travel_m
         start = self._control.state
         self._return = LineReturn(start, travel_m, plan.travel_speed_m_s, plan.acceleration_m_s2)

@@ -1,4 +1,4 @@
-"""Where a probing plan presses: one line per target, checked against the arm before it moves."""
+"""Sites of a probing plan: one press line per target, checked against the arm before it moves."""
 
 from collections.abc import Iterable
 from dataclasses import dataclass
@@ -14,10 +14,10 @@ from palpate.robot_io.robot_file import RobotFile
 from palpate.robot_io.types import FloatArray, frozen_array
 
 JointLimits = tuple[FloatArray, FloatArray]
-_LIFT_ROOM_M = 0.1  # least room above the highest target's clearance, for the way to the next one
-_FORCE_MARGIN = 1.1  # for the overshoot of touch and loading
-_SPEED_MARGIN = 1.1  # for the encoder's noise and the controller's corrections
-_STEPS = 20  # places on a press line that are checked
+_LIFT_ROOM_M = 0.1  # smallest lift above the highest target's clearance, for the move to the next target
+_FORCE_MARGIN = 1.1  # margin for the overshoot of touch and loading
+_SPEED_MARGIN = 1.1  # margin for the encoder's noise and the controller's corrections
+_STEPS = 20  # checked points of a press line
 
 
 @dataclass
@@ -25,11 +25,11 @@ class ProbingSite:
     """A target: its press line, and limits as travels along that line [m]."""
 
     line: PressLine
-    search_travel_m: float  # the surface must be touched before this travel
-    deepest_travel_m: float  # the tip never goes beyond this travel
-    highest_travel_m: float  # nor does an approach start before this one, which is not positive
-    lifted_travel_m: float  # nor does the tip go back beyond this one, which is not above that one
-    approach_travel_m: float = 0.0  # where the next approach starts; 0 until the surface is known
+    search_travel_m: float  # travel before which the surface must be touched
+    deepest_travel_m: float  # largest travel of the tip
+    highest_travel_m: float  # smallest travel at which an approach may start, not positive
+    lifted_travel_m: float  # smallest travel of the tip, not above `highest_travel_m`
+    approach_travel_m: float = 0.0  # travel at which the next approach starts; 0 until the surface is known
 
     def start_above(self, surface_travel_m: float, clearance_m: float) -> None:
         """Set the start of the next approach.
@@ -42,7 +42,7 @@ class ProbingSite:
 
     @property
     def lift_room_m(self) -> float:
-        """How far the tip can be lifted from the start of the next approach [m]."""
+        """Possible lift of the tip from the start of the next approach [m]."""
         return self.approach_travel_m - self.lifted_travel_m
 
     def joint_position_rad(self, near_rad: FloatArray) -> FloatArray:
@@ -81,7 +81,7 @@ def probing_sites(
 
     Args:
         arm: geometry of the arm.
-        plan: targets and distances; without targets the only approach starts at the tip.
+        plan: targets and distances; without targets, a single approach starts at the tip.
         tip_position_world_m: present tip position, shape (3,) [m].
         position_rad: present joint positions, shape (3,) [rad].
         limits_rad: lowest and highest joint positions, shape (3,) each [rad].
@@ -90,7 +90,7 @@ def probing_sites(
         One site per target.
 
     Raises:
-        InputError: an approach cannot be started, or the search distance behind its start does not fit.
+        InputError: an approach start or the search distance after it is out of reach.
     """
     direction = frozen_array(plan.press_direction_world)
     starts = [frozen_array(target) - plan.approach_clearance_m * direction for target in plan.targets_world_m]
@@ -129,14 +129,14 @@ def check_against_guard(plan: ProbingPlan, robot_file: RobotFile) -> None:
     """Check that forces and joint speeds of a plan stay below the limits of the robot's guard.
 
     Args:
-        plan: to check.
+        plan: plan to check.
         robot_file: with the limits.
 
     Raises:
         InputError: the guard would trip; the error names the largest valid value.
     """
     limits = robot_file.limits
-    most_n = limits.force_n / _FORCE_MARGIN  # also with an excitation, which only takes force away
+    most_n = limits.force_n / _FORCE_MARGIN  # applies to an excitation too, which only reduces the force
     if plan.force_limit_n > most_n:
         raise InputError(
             f"force_limit_n {plan.force_limit_n:g} N: the guard of '{robot_file.name}' trips at "
@@ -161,7 +161,7 @@ def check_tip_speeds(
     """Check that no joint on a press line exceeds the guard's velocity limit.
 
     Args:
-        sites: of the plan.
+        sites: sites of the plan.
         plan: with the tip speeds.
         near_rad: present joint positions, shape (n,) [rad].
         velocity_limits_rad_s: the guard's limits, shape (n,) [rad/s].

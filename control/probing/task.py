@@ -3,7 +3,7 @@
 MOVE -> FREE_AIR -> APPROACH -> LOADING -> HOLD -> UNLOADING -> RETRACT -> MOVE -> ... -> IDLE
 
 Before a run the arm may swing up and down in free air, a MOVE as well (`free_air_swing_m`).
-The last move goes back to where the task started: there the arm stood without torque, and can stand again.
+The last move returns to the start pose, in which the arm was at rest without torque.
 """
 
 import math
@@ -31,17 +31,17 @@ from palpate.robot_io.robot_file import RobotFile
 from palpate.robot_io.types import FloatArray, Measurement, frozen_array
 
 _OBSTACLE_SHARE = 0.5  # share of the force limit that counts as an obstacle while moving
-_LEAVING_SHARE = 1.5  # the same while an obstacle is being left
+_LEAVING_SHARE = 1.5  # likewise while moving away from an obstacle
 _OBSTACLE_TICKS = 3
-_BRAKE_FACTOR = 5.0  # braking before an obstacle, times the acceleration of a move
-_OUTWARD = (Phase.UNLOADING, Phase.RETRACT)  # not monitored: friction pulls the other way
+_BRAKE_FACTOR = 5.0  # braking at an obstacle, as a multiple of a move's acceleration
+_OUTWARD = (Phase.UNLOADING, Phase.RETRACT)  # not monitored, because friction acts in the other direction
 _IN_FREE_AIR = (Phase.IDLE, Phase.MOVE, Phase.FREE_AIR)
 _REST_RAD_S = 0.05  # fastest joint of an arm at rest
 _REST_WAIT_S = 2.0  # longest wait for rest after a move
 
 
 class ProbingTask:
-    """Works through a `ProbingPlan`; see `palpate.control.loop.task.Task`.
+    """Task that executes a `ProbingPlan`; see `palpate.control.loop.task.Task`.
 
     Args:
         body: model of the arm.
@@ -49,12 +49,12 @@ class ProbingTask:
         gains: gains of all laws.
         plan: what to probe.
         position_limits_rad: lowest and highest joint positions, shape (n,) each [rad]; None for the URDF's.
-        velocity_limits_rad_s: at which the guard trips, shape (n,) [rad/s]; None for no check.
+        velocity_limits_rad_s: the guard's velocity limits, shape (n,) [rad/s]; None for no check.
         torque_limits_nm: largest torques, shape (n,) [N m]; None for no check.
         estimated: returns the online estimate for the plan's hold law, see `HybridController`.
 
     Attributes:
-        failures: one line for every run that gave no data.
+        failures: one line for each run that gave no data.
         runs_done: number of runs that gave data.
         canceled: whether the task was canceled.
 
@@ -135,8 +135,8 @@ class ProbingTask:
             measurement: state of the arm.
 
         Raises:
-            InputError: a target cannot be probed from here, or not at the plan's speeds; or the force exceeds
-                what can be the sensor's bias.
+            InputError: a target cannot be probed from here or at the plan's speeds, or the force is too large
+                for a bias of the sensor.
         """
         touch = self._gains.touch
         if problem := free_air_problem(
@@ -166,8 +166,8 @@ class ProbingTask:
         """Compute one tick; see `palpate.control.loop.task.Task.step`.
 
         Raises:
-            SafetyTripError: force sensor and joint torques contradict each other, an obstacle is in the way
-                back, or the arm does not come to rest there.
+            SafetyTripError: force sensor and joint torques contradict each other, an obstacle blocks the way
+                back, or the arm does not come to rest.
         """
         self._events = []
         run = self._run
@@ -203,7 +203,7 @@ class ProbingTask:
         )
 
     def cancel(self, why: str) -> None:
-        """Drop the remaining runs, the present one included, and go back to where the task started.
+        """Drop the current and all remaining runs, and return to the start pose.
 
         Args:
             why: reason, for the failure.
@@ -220,7 +220,7 @@ class ProbingTask:
             self._turn_back()
 
     def _begin_route(self) -> None:
-        """Move to the next run's approach start, or back to where the task started."""
+        """Move to the next run's approach start, or back to the start pose."""
         self._swings: deque[Swing] = deque()
         route = None
         while self._specs and route is None:
@@ -269,12 +269,12 @@ class ProbingTask:
         share = abs(output.force_n) / self._plan.force_limit_n
         if share < _OBSTACLE_SHARE:
             self._obstacle_share = _OBSTACLE_SHARE
-        is_touch = abs(output.force_n) > self._control.switch.touch_force_n  # and not a noisy sensor
+        is_touch = abs(output.force_n) > self._control.switch.touch_force_n  # rather than sensor noise
         is_strong = share > self._obstacle_share
         self._blocked_ticks = self._blocked_ticks + 1 if is_strong and is_touch else 0
         is_blocked = self._blocked_ticks >= _OBSTACLE_TICKS
         if is_blocked:
-            # Go back without the remaining runs; on the way back already, trip the guard.
+            # Return without the remaining runs; if already returning, trip the guard.
             what = f"{output.force_n:.1f} N on the way"
             if not self._specs:
                 raise SafetyTripError(f"{what} back to where the task started: something is in the way")
@@ -312,7 +312,7 @@ class ProbingTask:
         return output
 
     def _turn_back(self) -> None:
-        """Brake, and go back the way that the arm came."""
+        """Brake, and return along the path that the arm came."""
         self._swings.clear()
         self._blocked_ticks = 0
         self._passed_rad = self._way.passed_rad(self._move_s)

@@ -140,7 +140,7 @@ async def _probe(home: AppState, arguments: list[str], place: ui.element, *, joi
 
 
 async def _resolve(home: AppState, world: str, place: ui.element) -> None:
-    """Run `palpate resolve` in the probed world, and show its decisions as they come."""
+    """Run `palpate resolve` in the probed world, and show its decisions as they arrive."""
     folder = _unused(home, "resolve")
     arguments = ["resolve", *shlex.split(world), "--out", str(folder)]
     place.clear()

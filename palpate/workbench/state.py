@@ -454,7 +454,7 @@ def groups(evidence: Sequence[EffectEvidence]) -> list[list[EffectEvidence]]:
     """Group effects that are alike on these data, the strongest evidence first.
 
     Args:
-        evidence: of each effect.
+        evidence: evidence of each effect.
     """
     left = sorted(evidence, key=lambda each: -each.falls)
     made: list[list[EffectEvidence]] = []

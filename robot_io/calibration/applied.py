@@ -404,7 +404,7 @@ class CalibratedTorque(_Calibrated[JointTorque], JointTorque):
 
     Args:
         driver: driver of the drives.
-        calibration: of the torques.
+        calibration: calibration of the torques.
         limit_nm: largest command, shape (n,) [N m].
     """
 

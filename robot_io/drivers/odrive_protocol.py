@@ -301,7 +301,7 @@ def encode_input_torque(node_id: int, torque_nm: float) -> CanFrame:
 
     Args:
         node_id: of the axis.
-        torque_nm: of the motor [N m].
+        torque_nm: torque of the motor [N m].
 
     Returns:
         The frame.

@@ -275,7 +275,7 @@ def problem_at(key: str, text: str) -> PydanticCustomError:
     """Make an error of a model about a key below it, whose line the message then names.
 
     Args:
-        key: such as `values.scale`.
+        key: key, such as `values.scale`.
         text: the problem.
 
     Returns:
@@ -314,7 +314,7 @@ def validate(
 
     Args:
         model: class of the model.
-        data: to validate.
+        data: data to validate.
         document: YAML that holds the data; None for data made by a program.
         at: path of the data in the document.
 
@@ -349,7 +349,7 @@ def member(value: object, registry: Registry[Model], key: str) -> Model:
 
     Args:
         value: mapping, or member.
-        registry: of the members.
+        registry: registry of the members.
         key: that holds the name.
 
     Returns:
@@ -374,7 +374,7 @@ def input_error(
     Problems of the whole file, or of a key that is missing, have no line.
 
     Args:
-        document: YAML, or None.
+        document: YAML document, or None.
         key_path: path of the key.
         problem: description.
         value: value that is wrong, if any.

@@ -37,7 +37,7 @@ class SafeStop:
         gravity_nm: gravity model, or None.
 
     Attributes:
-        duration_s: time from the trip until the torque is to go off [s].
+        duration_s: time from the trip until the torque must go off [s].
     """
 
     def __init__(self, limits: Limits, safe_state: SafeState, gravity_nm: GravityModel | None) -> None:
@@ -189,7 +189,7 @@ class Guard:
         """Describe each device without a young enough sample; never trips.
 
         Args:
-            measurement: to check.
+            measurement: measurement to check.
 
         Returns:
             One line a device.
@@ -202,7 +202,7 @@ class Guard:
         The same measurement can be checked again, for instance once its reference is known.
 
         Args:
-            measurement: to check.
+            measurement: measurement to check.
             reference_position_rad: where the joints should be, shape (n,) [rad]; None to skip the tracking
                 checks.
         """

@@ -127,7 +127,7 @@ class LimitChecks:
         """Find the first problem of a measurement.
 
         Args:
-            measurement: to check.
+            measurement: measurement to check.
 
         Returns:
             The problem, or None.
@@ -176,7 +176,7 @@ class LimitChecks:
         """Describe each device without a young enough sample, whatever the sample holds.
 
         Args:
-            measurement: to check.
+            measurement: measurement to check.
 
         Returns:
             One line a device.
@@ -193,7 +193,7 @@ class LimitChecks:
         """Return whether position and velocity can be acted on, wherever they are.
 
         Args:
-            measurement: to check.
+            measurement: measurement to check.
 
         Returns:
             True if they are young, healthy and finite.
@@ -209,7 +209,7 @@ class LimitChecks:
         """Find the first joint that is too far from its reference.
 
         Args:
-            measurement: to check.
+            measurement: measurement to check.
             reference_position_rad: shape (n,) [rad].
 
         Returns:

@@ -83,10 +83,10 @@ class _Joint:
 
         Args:
             time_s: of the sample, robot's clock [s].
-            position_rad: of the encoder [rad].
+            position_rad: positions of the encoder [rad].
             reference_rad: of the controller [rad].
             torque_nm: measured by its drive [N m].
-            force_n: of the force sensor [N].
+            force_n: force of the force sensor [N].
         """
         if self.samples:
             self.step_rad = min(self.step_rad, abs(position_rad - self.position_rad))

@@ -97,7 +97,7 @@ class WireFormat:
         """Encode records.
 
         Args:
-            records: of the stream's dtype, shape (n,).
+            records: records of the stream's dtype, shape (n,).
 
         Returns:
             Messages; only the last may hold less than a batch.

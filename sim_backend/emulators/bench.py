@@ -115,7 +115,7 @@ class Shaft:
         """Set the motor's torque; that of a second motor on the joint adds to it.
 
         Args:
-            torque_nm: of this motor at the joint [N m].
+            torque_nm: torque of this motor at the joint [N m].
         """
         self.torque_nm = 0.0 if self.limp else -torque_nm if self.backwards else torque_nm
         self._plant.set_torque(self._joint, self._together_nm)

@@ -53,7 +53,7 @@ class Fault(FileModel):
         """Check whether the fault can strike at a time.
 
         Args:
-            elapsed_s: since the start of the emulator [s].
+            elapsed_s: time since the start of the emulator [s].
 
         Returns:
             Whether it can.

@@ -173,7 +173,7 @@ class Receiver(ABC):
         """Yield the instructions that are complete now.
 
         Args:
-            data: bytes that have come.
+            data: received bytes.
 
         Returns:
             The instructions.

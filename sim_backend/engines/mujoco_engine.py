@@ -1,4 +1,4 @@
-"""The arm in MuJoCo: the object's force and all torques are applied as generalised forces."""
+"""The arm in MuJoCo: the object's force and all torques are applied as generalized forces."""
 
 from collections.abc import Sequence
 

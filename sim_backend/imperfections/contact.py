@@ -271,7 +271,7 @@ class _Bristles(_Memory[tuple[float, float]], MaterialEffect):
 class HiddenStressRelaxation(ContactImperfection):
     """F += sum of F_i, dF_i/dt = k_i dx/dt - F_i / tau_i: one or two Maxwell branches beside the spring.
 
-    The generalised Maxwell (Wiechert) solid; Ferry, "Viscoelastic Properties of Polymers", 1980, ch. 1. The
+    The generalized Maxwell (Wiechert) solid; Ferry, "Viscoelastic Properties of Polymers", 1980, ch. 1. The
     object's own spring is what is left in the end. The branches go on relaxing when the tip has left.
     """
 

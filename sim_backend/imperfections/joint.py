@@ -189,7 +189,7 @@ class _LinkTorque(JointImperfection, ABC):
         """Compute the torque on the link, see `AddedTorque`.
 
         Args:
-            position_rad: of the joint [rad].
+            position_rad: positions of the joint [rad].
             drive_nm: torque of the drive [N m].
 
         Returns:

@@ -161,7 +161,7 @@ class DynamixelDialect(ServoDialect):
 
         Args:
             address: address of the first byte.
-            size: bytes from each servo.
+            size: number of bytes from each servo.
             servo_ids: in the order of their parts.
 
         Returns:

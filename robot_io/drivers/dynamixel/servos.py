@@ -167,7 +167,7 @@ class DynamixelAccess(RegisterAccess):
         """Read model number and firmware version of a servo. DeviceError: as for `ping`.
 
         Args:
-            servo_id: which servo.
+            servo_id: id of the servo.
 
         Returns:
             Model number and firmware version.

@@ -53,7 +53,7 @@ def filter_setup(rate_hz: int) -> bytes:
     """Return the filter for a sample rate; chopping, the fast mode and the FIR filter are off.
 
     Args:
-        rate_hz: samples a second [Hz].
+        rate_hz: sample rate [Hz].
     """
     return f"f,{_CONVERSIONS_HZ // rate_hz},0,0,1".encode()
 

@@ -115,10 +115,10 @@ class TelegramReader:
         self.rejected = 0
 
     def feed(self, data: bytes) -> list[Telegram]:
-        """Take bytes, and return the telegrams that are complete now.
+        """Process received bytes, and return the telegrams that are now complete.
 
         Args:
-            data: bytes that have come.
+            data: received bytes.
 
         Returns:
             The telegrams, oldest first.
@@ -155,7 +155,7 @@ def encode_start_stream(address: int, rate_hz: int) -> bytes:
 
     Args:
         address: address of the sensor.
-        rate_hz: samples a second [Hz].
+        rate_hz: sample rate [Hz].
 
     Returns:
         The bytes of the telegram.
@@ -307,7 +307,7 @@ class LorenzSettings(SerialForceSettings):
 
 
 class Lorenz(SerialForceSensor, Examinable):
-    """A Lorenz sensor in its speed-optimised stream.
+    """A Lorenz sensor in its speed-optimized stream.
 
     Which sensor it is comes from its configuration, in telegrams with checksums; the stream itself has none.
     """

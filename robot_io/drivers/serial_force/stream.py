@@ -171,7 +171,7 @@ def newtons_per(unit: str) -> float:
     """Return the newtons in one unit; case does not matter, except that MN is not mN.
 
     Args:
-        unit: such as "lbF".
+        unit: unit, such as "lbF".
 
     Returns:
         Newtons.
@@ -233,10 +233,10 @@ class ReadingStream(Protocol):
         """How much was not a sample."""
 
     def feed(self, data: bytes) -> list[float]:
-        """Take bytes, and return the samples that are complete now.
+        """Process received bytes, and return the samples that are now complete.
 
         Args:
-            data: bytes that have come.
+            data: received bytes.
 
         Returns:
             Forces [N] in the sensor's own sign, oldest first.
@@ -256,10 +256,10 @@ class LineSplitter:
         self.dropped = 0
 
     def feed(self, data: bytes) -> list[bytes]:
-        """Take bytes, and return the lines that are complete now.
+        """Process received bytes, and return the lines that are now complete.
 
         Args:
-            data: bytes that have come.
+            data: received bytes.
 
         Returns:
             The lines, without their ends.

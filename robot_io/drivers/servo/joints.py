@@ -178,7 +178,7 @@ class ServoPairs:
         """Divide torques of joints among servos.
 
         Args:
-            torque_nm: of the joints, shape (n,) [N m].
+            torque_nm: torque of the joints, shape (n,) [N m].
 
         Returns:
             Of the servos, shape (m,) [N m].

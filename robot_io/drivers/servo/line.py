@@ -115,7 +115,7 @@ class RegisterAccess:
         """Request the identity of a servo.
 
         Args:
-            servo_id: Which servo.
+            servo_id: id of the servo.
             size: Number of bytes of its answer.
 
         Returns:
@@ -133,7 +133,7 @@ class RegisterAccess:
         """Count the answers to one ping, which are two where two servos have the same id.
 
         Args:
-            servo_id: Which servo.
+            servo_id: id of the servo.
             size: Number of bytes of an answer.
 
         Returns:
@@ -155,8 +155,8 @@ class RegisterAccess:
         """Read a register.
 
         Args:
-            servo_id: Which servo.
-            register: Which of its registers.
+            servo_id: id of the servo.
+            register: register of the servo.
 
         Returns:
             Its value.
@@ -174,8 +174,8 @@ class RegisterAccess:
         """Set a register, and wait for the confirmation.
 
         Args:
-            servo_id: Which servo.
-            register: Which of its registers.
+            servo_id: id of the servo.
+            register: register of the servo.
             value: New value, in the servo's unit.
 
         Raises:
@@ -188,7 +188,7 @@ class RegisterAccess:
         """Set bytes from `address` on; `what` is for the error. DeviceError: as for `write`.
 
         Args:
-            servo_id: which servo.
+            servo_id: id of the servo.
             address: address of the first byte.
             data: the bytes.
             what: description for errors.
@@ -200,8 +200,8 @@ class RegisterAccess:
         """Set a register, and read it back.
 
         Args:
-            servo_id: Which servo.
-            register: Which of its registers.
+            servo_id: id of the servo.
+            register: register of the servo.
             value: New value, in the servo's unit.
             keeps: Whether it keeps its value without power, in a memory that wears out with each writing; it
                 is then only set if it differs.
@@ -218,8 +218,8 @@ class RegisterAccess:
         """Set a register of a servo that may not answer to writing, and read it back; see `settle`.
 
         Args:
-            servo_id: which servo.
-            register: which of its registers.
+            servo_id: id of the servo.
+            register: register of the servo.
             value: value in the servo's unit.
         """
         self._port.write(self._dialect.write(servo_id, register.address, register.encode(value)))
@@ -229,7 +229,7 @@ class RegisterAccess:
         """Return the cause of the alert bit in a servo's answers, for the end of a message.
 
         Args:
-            servo_id: which servo.
+            servo_id: id of the servo.
         """
         return ""
 

@@ -95,7 +95,7 @@ class ServoDialect(ABC):
         """Write at the same address of several servos, without answers.
 
         Args:
-            address: Of the first byte.
+            address: address of the first byte.
             size: Number of bytes for each servo.
             block: For each servo its id and its bytes.
 
@@ -182,7 +182,7 @@ class ServoDialect(ABC):
 
         Args:
             address: address of the first byte.
-            size: bytes from each servo.
+            size: number of bytes from each servo.
             servo_ids: in the order of the answers.
 
         Returns:
@@ -194,7 +194,7 @@ class ServoDialect(ABC):
         """Write at the same address of several servos, different bytes to each, without answers.
 
         Args:
-            address: Of the first byte.
+            address: address of the first byte.
             data: Bytes by servo id.
 
         Returns:
