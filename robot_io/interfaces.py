@@ -1,10 +1,10 @@
-"""Interfaces of drivers, and starting and stopping several of them.
+"""Interfaces of drivers, and functions that start and stop several of them.
 
 Blocking work happens in `Bus.poll` and `Bus.flush`, each with a deadline.
 
-Before its first sample a device reads NaN, sampled at minus infinity, `Status.STALE`: never a zero that looks
-measured. Samples come from `configure` on, with the torque still off, so that an arm can be observed before
-it is powered.
+Before its first sample a device returns NaN, sampled at minus infinity, with `Status.STALE`, rather than a
+zero that looks measured. Samples come from `configure` on, with the torque still off, so that an arm can be
+observed before it is powered.
 """
 
 from abc import ABC, abstractmethod
@@ -23,10 +23,10 @@ class Component:
     """
 
     def configure(self) -> None:
-        """Open what is needed and check that the device is the expected one.
+        """Open the device and check that it is the expected one.
 
         Raises:
-            DeviceError: it is absent or not the expected model.
+            DeviceError: the device is absent or not the expected model.
         """
 
     def activate(self) -> None:
@@ -44,7 +44,7 @@ class Component:
 
 
 class Bus(Component, ABC):
-    """A line that one or more devices share; polled once and flushed once in each tick."""
+    """Line that one or more devices share; it is polled once and flushed once in each tick."""
 
     @abstractmethod
     def poll(self, deadline_s: float) -> None:
@@ -53,7 +53,7 @@ class Bus(Component, ABC):
         A device that does not answer keeps its old sample, whose reading then has `Status.STALE`.
 
         Args:
-            deadline_s: on the robot's clock, when waiting ends; a past deadline means no waiting [s].
+            deadline_s: end of waiting, robot's clock; a past deadline means no waiting [s].
 
         Raises:
             DeviceError: the bus itself failed (unplugged, bus-off).
@@ -64,7 +64,7 @@ class Bus(Component, ABC):
         """Send the commands staged by the devices on this bus.
 
         Args:
-            deadline_s: on the robot's clock, when waiting ends [s].
+            deadline_s: end of waiting, robot's clock [s].
 
         Raises:
             DeviceError: the bus itself failed.
@@ -108,7 +108,7 @@ class JointTorque(Component, ABC):
             torque_nm: shape (n,), positive along the joint axis [N m].
 
         Returns:
-            What will be sent, after the drive's resolution and range, shape (n,) [N m].
+            Torques that will be sent, after the drive's resolution and range, shape (n,) [N m].
         """
 
 
@@ -120,17 +120,17 @@ class ForceSensor(Component, ABC):
         """Return the newest force, shape (1,), positive in compression [N]; never blocks."""
 
 
-_ATTEMPTS = 3  # of a step that is interrupted, such as by several Ctrl-C
+_ATTEMPTS = 3  # attempts at a step that is interrupted, for example by several Ctrl-C
 Labelled = tuple[str, Component]
-"""A component and what to call it in messages."""
+"""Name of a component in messages, and the component."""
 
 
 class Opened(ABC):
-    """Context manager that configures and closes; a failure to close hides no earlier error."""
+    """Context manager that configures and closes; an error in closing never hides an earlier error."""
 
     @abstractmethod
     def configure(self) -> None:
-        """Open it.
+        """Open the device.
 
         Raises:
             DeviceError: a device is absent or not the expected model.
@@ -138,7 +138,7 @@ class Opened(ABC):
 
     @abstractmethod
     def close(self) -> None:
-        """Release it, torque or force off first; can be called repeatedly."""
+        """Switch off torque or force, and release the device; can be called repeatedly."""
 
     def __enter__(self) -> Self:
         self.configure()
@@ -161,13 +161,13 @@ def start_all(
     *,
     undo: Literal["close", "deactivate"],
 ) -> None:
-    """Take each component through a step, in order; if one fails, undo it and all before it.
+    """Apply a step to each component in order; if one fails, undo it and all earlier ones.
 
     The failing component is undone too: a drive may have powered two of three motors before it failed.
 
     Args:
-        components: with their names for messages.
-        step: to take.
+        components: components with their names for messages.
+        step: step to apply.
         undo: the reverse step.
 
     Raises:
@@ -195,8 +195,8 @@ def undo_all(components: Sequence[Labelled], step: Literal["close", "deactivate"
     again.
 
     Args:
-        components: with their names for messages.
-        step: to take.
+        components: components with their names for messages.
+        step: step to apply.
 
     Raises:
         DeviceError: some components failed; the error names all of them.

@@ -4,8 +4,8 @@ A proportional motion of the joints moves the tip along an arc. Between two targ
 centimeters, more than the lift of the tool between runs. If the tip would come too low, it is lifted first.
 
 A press moves the joints little and reverses them only under load. Friction, backlash, lag and weight have
-different effects on a joint's torque when the joint reverses in free air, and at two speeds. Therefore the arm
-can swing up from the start of the approach and back down, slowly and fast.
+different effects on a joint's torque when the joint reverses in free air, and at two speeds. Therefore the
+arm can swing up from the start of the approach and back down, slowly and fast.
 """
 
 import math

@@ -1,8 +1,8 @@
 """ODrive axes on a CAN bus, in torque mode through CANSimple.
 
-The axes send cyclic messages; a tick contains no requests. Set up over USB beforehand: node id, bit rate, the
-rates of the cyclic messages (encoder estimates, and motor current with firmware 0.5 or torques with 0.6, at
-the control rate), current limit and watchdog.
+The axes send cyclic messages; a tick contains no requests. The axes must be set up over USB beforehand: node
+id, bit rate, the rates of the cyclic messages (encoder estimates, and motor current with firmware 0.5 or
+torques with 0.6, at the control rate), current limit and watchdog.
 """
 
 from collections.abc import Mapping
@@ -35,8 +35,8 @@ class OdriveAxis(MotorMounting):
 
     node_id: Annotated[int, Field(ge=0, le=MAX_NODE_ID, strict=True)]  # its CAN node id
     max_torque_nm: Torque  # largest motor torque, from its current limit [N m]
-    # What lets it exert that [A]. If stated, each activation writes it to the axis, with a velocity limit
-    # that leaves room beyond this file's (Set_Limits); else both are as they were set over USB.
+    # Current limit for this torque [A]. If stated, each activation writes it to the axis, with a velocity
+    # limit above this file's (Set_Limits); otherwise both keep their values from USB.
     current_limit_a: Annotated[Positive, Field(le=1000)] | None = None
     # Motor torque per ampere, needed with firmware 0.5, which reports current [N m/A].
     torque_constant_nm_a: TorqueConstant | None = None
@@ -65,8 +65,8 @@ class OdriveBusSettings(CanLineSettings):
 
 
 _OBEYED_SHARE, _CLEAR_SHARE, _SHORT_SAMPLES = 0.8, 0.02, 5  # of what was sent, of the most; in a row
-_SPARE_SPEED = 1.5  # times the robot file's: the guard stops the arm before an axis fails
-_LOST_HEARTBEATS = 3.5  # heartbeat periods without one: it is lost
+_SPARE_SPEED = 1.5  # multiple of the robot file's limit, so that the guard stops the arm before an axis fails
+_LOST_HEARTBEATS = 3.5  # heartbeat periods without a heartbeat after which the axis is lost
 _LATENCY_ROUNDS, _LATEST_ANSWER_S = 3, 0.05
 _ENCODER_ERRORS = {"ENCODER_FAILED", "MISSING_ESTIMATE", "SPINOUT_DETECTED", "UNKNOWN_POSITION"}
 
@@ -75,8 +75,8 @@ class OdriveBus(MotorBus):
     """ODrive axes on a CAN bus.
 
     Heartbeats are monitored: an axis has failed if it reports an error, leaves closed-loop control on its
-    own, or loses its heartbeat. CANSimple cannot read the watchdog's settings, so activation proves it by
-    letting it expire.
+    own, or sends no heartbeat. CANSimple cannot read the watchdog's settings, so activation tests the
+    watchdog by letting it expire.
     """
 
     name = "odrive_bus"
@@ -100,7 +100,7 @@ class OdriveBus(MotorBus):
         return f"joint {joint + 1} (node {self._axes[joint].node_id})"
 
     def configure(self) -> None:
-        """Open the adapter, hear every axis, check the firmware, and set all axes to idle.
+        """Open the adapter, receive data from every axis, check the firmware, and set all axes to idle.
 
         Raises:
             DeviceError: the adapter cannot be opened, or an axis is silent or of another firmware.
@@ -111,8 +111,8 @@ class OdriveBus(MotorBus):
         self._wait_for(self._all_heard, self._heartbeat_timeout_s)
         for joint, axis in enumerate(self._axes):
             self._check_heard(joint, axis)
-        # Measure how long each axis takes to answer, by which its samples are dated back: CAN frames carry no
-        # time, and a constant delay would go unnoticed. A silent axis is assumed to be prompt.
+        # Measure each axis's answering time, which corrects the times of its samples: CAN frames carry no
+        # time, and a constant delay would go unnoticed. A silent axis is assumed to have no delay.
         ask = [odrive.ask(axis.node_id, OdriveCommand.BUS_VOLTAGE_CURRENT) for axis in self._axes]
         latencies_s = []
         for _ in range(_LATENCY_ROUNDS):
@@ -225,7 +225,7 @@ class OdriveBus(MotorBus):
 
     @property
     def _setup_commands(self) -> tuple[str, ...]:
-        """All settings that an axis needs over USB, as typed into odrivetool."""
+        """Return all settings that an axis needs over USB, as odrivetool commands."""
         limits = (
             f"{odrive.VELOCITY_LIMIT} = {max(map(self._fastest_rev_s, range(self.joint_count))):.1f} or more",
             f"{odrive.CURRENT_LIMIT[self._own.firmware]} = what max_torque_nm needs",
@@ -241,7 +241,7 @@ class OdriveBus(MotorBus):
         )
 
     def _fastest_rev_s(self, joint: int) -> float:
-        """How fast a motor turns at the robot file's limit [rev/s]."""
+        """Return the speed of a motor at the robot file's velocity limit [rev/s]."""
         return self._limits.velocity_rad_s[joint] * self._axes[joint].gear_ratio / tau
 
     def _check_rate(self, joint: int, at_s: list[float], oldest_s: float, what: str) -> None:
@@ -290,7 +290,7 @@ class OdriveBus(MotorBus):
         self._send_all(self._to_every_axis(AxisState.CLOSED_LOOP_CONTROL))
 
         def armed() -> bool:
-            self._send_all(zero_torque)  # so that the watchdogs do not expire meanwhile
+            self._send_all(zero_torque)  # feeds the watchdogs
             return all(
                 beat is not None
                 and beat.state is AxisState.CLOSED_LOOP_CONTROL

@@ -1,4 +1,4 @@
-"""ODrive CANSimple: numbers, frames to an axis, and what it sends; little-endian, motor revolutions.
+"""ODrive CANSimple: ids, frames to an axis, and its messages; little-endian, in motor revolutions.
 
 Sources: ODrive documentation "CAN Protocol" for firmware 0.5.6 (with its table can-protocol.csv) and 0.6.10
 (docs.odriverobotics.com), the enumerations in odriverobotics/ros_odrive (odrive_enums.h, firmware 0.6), and
@@ -15,7 +15,7 @@ from palpate.robot_io.errors import InputError, ProtocolError
 
 
 class Firmware(StrEnum):
-    """Generations that differ on the bus: heartbeat layout, error bits, and what reports the torque."""
+    """Firmware generations, which differ in heartbeat layout, error bits and torque message."""
 
     V0_5 = "0.5"
     V0_6 = "0.6"
@@ -55,12 +55,12 @@ CURRENT_LIMIT = {  # [A]
     Firmware.V0_6: "odrv0.axis0.config.motor.current_soft_max",
 }
 
-# An axis as shipped does not run below (dc_bus_undervoltage_trip_level of fw-v0.5.6).
+# Default supply voltage below which an axis does not run (dc_bus_undervoltage_trip_level of fw-v0.5.6).
 UNDERVOLTAGE_V = 8.0
 
 
 class AxisState(IntEnum):
-    """What an axis is doing; the same numbers in both generations."""
+    """State of an axis; the numbers are the same in both generations."""
 
     UNDEFINED = 0
     IDLE = 1
@@ -133,10 +133,10 @@ def axis_error_names(error: int, firmware: Firmware) -> tuple[str, ...]:
 
     Args:
         error: bits of the axis.
-        firmware: generation that names them.
+        firmware: firmware generation of the bits.
 
     Returns:
-        The names; a number where a bit has none.
+        The names; a number for a bit without a name.
     """
     table = AXIS_ERRORS[firmware]
     bits = (1 << place for place in range(32) if error >> place & 1)
@@ -156,13 +156,13 @@ class Heartbeat:
 
     axis_error: int  # error bits, see `axis_error_names`
     state: AxisState  # state of the axis
-    component_errors: tuple[str, ...] = ()  # names of the parts that report an error (0.5 only)
-    procedure_result: int = 0  # how the last procedure ended (0.6 only); 0 is success
+    component_errors: tuple[str, ...] = ()  # names of the components that report an error (0.5 only)
+    procedure_result: int = 0  # result of the last procedure (0.6 only); 0 is success
     trajectory_done: bool = False  # whether a planned motion has ended
 
 
 def odrive_id(node_id: int, command: OdriveCommand) -> int:
-    """Arbitration id of a command to, or a message from, an axis.
+    """Return the arbitration id of a command to, or a message from, an axis.
 
     Args:
         node_id: of the axis, 0 to 63.
@@ -192,7 +192,7 @@ def split_odrive_id(can_id: int) -> tuple[int, int]:
 
 
 def decode_heartbeat(frame: CanFrame, firmware: Firmware) -> Heartbeat:
-    """Heartbeat of either generation.
+    """Decode a heartbeat of either generation.
 
     Bytes 0 to 3 are the axis error and byte 4 the state. Then 0.5 has flags for motor, encoder and controller
     (bit 7 of the last: trajectory done), 0.6 the procedure result and the trajectory flag.
@@ -222,7 +222,7 @@ def decode_heartbeat(frame: CanFrame, firmware: Firmware) -> Heartbeat:
 
 
 def decode_pair(frame: CanFrame, what: str) -> tuple[float, float]:
-    """Two floats: position [rev] and velocity [rev/s], wanted and measured current [A], or the like.
+    """Decode two floats, such as position [rev] and velocity [rev/s], or desired and measured current [A].
 
     Args:
         frame: received frame.
@@ -242,7 +242,7 @@ def decode_pair(frame: CanFrame, what: str) -> tuple[float, float]:
 
 
 def decode_version(frame: CanFrame) -> tuple[int, int, int]:
-    """Firmware version as major, minor, revision (0.6).
+    """Decode the firmware version: major, minor, revision (0.6).
 
     Args:
         frame: received frame.
@@ -284,7 +284,7 @@ def encode_axis_state(node_id: int, state: AxisState) -> CanFrame:
 
 
 def encode_controller_mode(node_id: int) -> CanFrame:
-    """Choose torque control, passed through.
+    """Select torque control with input mode "passthrough".
 
     Args:
         node_id: of the axis.
@@ -307,7 +307,7 @@ def encode_input_torque(node_id: int, torque_nm: float) -> CanFrame:
         The frame.
 
     Raises:
-        InputError: not a number that a 32 bit float can hold.
+        InputError: the torque cannot be represented by a 32 bit float.
     """
     try:
         data = _FLOAT.pack(torque_nm)
@@ -319,9 +319,9 @@ def encode_input_torque(node_id: int, torque_nm: float) -> CanFrame:
 
 
 def encode_limits(node_id: int, velocity_rev_s: float, current_a: float) -> CanFrame:
-    """Set how fast a motor may turn [rev/s], beyond which it fails, and its largest current [A].
+    """Set a motor's velocity limit [rev/s], above which the axis fails, and its current limit [A].
 
-    Lost at the next start; no command of CANSimple reads them.
+    The axis loses both at its next start; CANSimple cannot read them.
 
     Args:
         node_id: of the axis.

@@ -1,34 +1,34 @@
 """Detection of frozen sensors and of drives that do not obey.
 
-Frozen encoders. A joint at rest also reads one number, and so does one that friction holds. An encoder is
-**suspect** when for some time not one of its steps was seen, although the reference of its joint has moved by
-several. Every trip then names it, and its joint is not braked against its velocity until a step is seen;
-friction makes sound encoders suspect, so the weight is held up as always. It is **stuck**, and trips the
-guard, when meanwhile the drive has answered with a change of torque that no friction of a sound joint holds
-back. A smaller change suffices where a joint that had followed its reference stands still from one sample to
-the next, while the reference goes on the same way and the force stays as it is: friction stops a joint that
-creeps or turns round, and an object that is hit is felt. A jammed joint looks the same, and is as good a
-reason to stop.
+Frozen encoders. The reading of a joint at rest is constant too, also if friction holds the joint. An encoder
+is **suspect** if its reading has not changed for some time, although the reference of its joint has moved by
+several encoder steps. Every trip then names the encoder, and its joint is not braked by its velocity until
+the reading changes. Friction makes working encoders suspect, so the weight is supported as usual. An encoder
+is **stuck**, and trips the guard, if meanwhile the drive's torque has changed by more than the friction of a
+working joint can hold. A smaller change suffices if a joint that followed its reference stops from one sample
+to the next, while the reference continues in the same direction and the force does not change: friction stops
+only a joint that creeps or reverses, and a collision changes the force. A jammed joint looks the same, and is
+an equally good reason to stop.
 
-Frozen force sensors. A sound sensor repeats itself too: its steps are coarse, it is filtered, it holds zero
-on purpose, or nothing shakes it. So a problem is reported only while the arm moves, and only for an
-improbable row of equal samples. With a share p of samples that are equal to the one before, k equal ones in a
-row come by chance with a probability of p^k. The share is learnt from the sensor's own samples and noise:
-readings on the edge between two steps alternate, and stand still in the middle of one. Noise is a change up
-and down by more than one step: a row of ups is a push, and one step is an edge. Filtered readings repeat
-themselves in clusters, so a row must also be much longer than any before it. A sensor that has stood still
-for the whole time while the arm moved, and then changed again, does so by nature and is not reported any
-more.
+Frozen force sensors. A working sensor repeats values too: its resolution is coarse, it is filtered, it holds
+zero on purpose, or it has no vibration. So a problem is reported only while the arm moves, and only for an
+improbable sequence of equal samples. If a share p of samples equals the previous one, k consecutive equal
+samples have a probability of p^k. The share is estimated from the sensor's own samples and noise: readings at
+the edge between two quantization steps alternate, and are constant in the middle of a step. Only changes up
+and down by more than one step count as noise, because several rises are a push, and a change by one step is
+an edge. Filtered readings repeat in clusters, so a sequence must also be much longer than any earlier one. A
+sensor whose reading stayed constant while the arm moved, and then changed again, is not reported any more.
 
-Drives that still answer, but exert no torque, or the opposite one. A drive that has restarted may report it
-in none of its frames; its own measured torque shows it. The torque is compared with everything that was sent
-within the time after which a sound drive shows it, so that delays, lags and fast changes of the command are
-allowed for; a torque near zero is not judged.
+Drives that still answer, but exert no torque or the opposite torque. The frames of a drive may not report a
+restart, but its measured torque reveals it. The torque is compared with all commands within the response time
+of a working drive, which allows for delays, lags and fast changes of the command. Torques near zero are not
+checked.
 
-Not every sound drive shows what it was sent: constants are off by tens of percent, zeros drift, amplifiers
-saturate, small torques are lost, and some readings are mostly noise or rounding. So half of the torque may
-always be missing; a reading may be off by its usual error; a difference within the reading's own jumps is
-ignored; and a small torque is not expected of a drive that has never shown so small a torque on that side.
+A working drive may not measure the commanded torque: constants have errors of tens of percent, zeros drift,
+amplifiers saturate, small torques are lost, and some readings are mostly noise or rounding. So half of the
+torque may always be missing, a reading may have its usual error, and a difference within the reading's own
+jumps is ignored. A small torque is not expected of a drive that has never measured so small a torque of that
+sign.
 """
 
 from math import inf, isfinite, log, nan
@@ -36,21 +36,21 @@ from math import inf, isfinite, log, nan
 from palpate.robot_io.guard.limits import Limits, Problem
 from palpate.robot_io.types import FloatArray, Measurement, Status, clip
 
-_SAMPLES = 5  # new ones in that time; a drive with fewer measures more slowly than it is read
-_STEPS = 4  # of the encoder, that the reference must have moved, and
-_TRACKING_SHARE = 0.01  # this share of the tracking limit; or
-_UNKNOWN_SHARE = 0.05  # this one, as long as no step has been seen that would tell their size
-_TORQUE_SHARE = 0.5  # of the torque limit; friction changes sign with the motion, and so counts twice
-_STOPPED_SHARE = 0.1  # the same where the joint was stopped in its motion,
+_SAMPLES = 5  # new torque samples in that time; with fewer, the drive measures more slowly than it is read
+_STEPS = 4  # encoder steps by which the reference must have moved, and
+_TRACKING_SHARE = 0.01  # share of the tracking limit by which it must have moved; or
+_UNKNOWN_SHARE = 0.05  # this share, as long as the size of the encoder's steps is unknown
+_TORQUE_SHARE = 0.5  # share of the torque limit; friction changes sign with the motion, and so counts twice
+_STOPPED_SHARE = 0.1  # likewise if the joint was stopped in its motion,
 _FORCE_SHARE = 0.02  # and the force has not changed by more than this share of its limit
-_FOLLOWED = (0.6, 1.5)  # times the way of its reference: the joint was following
-_PACE_SHARE = 0.5  # of the reference's speed before: it has gone on
+_FOLLOWED = (0.6, 1.5)  # ratio of the joint's motion to that of its reference: the joint was following
+_PACE_SHARE = 0.5  # share of the reference's earlier speed: the reference continued
 
 _Mark = tuple[float, float, float]  # time [s], position and reference [rad]
 
 
 class _Joint:
-    """One joint since its reading last changed."""
+    """State of one joint since its reading last changed."""
 
     __slots__ = (
         *(
@@ -79,7 +79,7 @@ class _Joint:
     def begin(
         self, time_s: float, position_rad: float, reference_rad: float, torque_nm: float, force_n: float
     ) -> None:
-        """A reading that differs from the one before, or is the first.
+        """Store a changed or first reading.
 
         Args:
             time_s: of the sample, robot's clock [s].
@@ -99,7 +99,7 @@ class _Joint:
 
     @property
     def most_rad(self) -> float:
-        """The way that a sound encoder shows."""
+        """Motion that a working encoder must show [rad]."""
         known = isfinite(self.step_rad)
         return max(self.least_rad, _STEPS * self.step_rad) if known else self.unknown_rad
 
@@ -108,17 +108,17 @@ class _Joint:
 
         Args:
             time_s: robot's clock [s].
-            moved_rad: how far the reference has moved [rad].
+            moved_rad: motion of the reference [rad].
         """
         still = self.samples >= _SAMPLES and time_s - self.since_s >= self.still_s - 1e-9
         return still and abs(moved_rad) > self.most_rad
 
     def was_stopped(self, time_s: float, moved_rad: float) -> bool:
-        """Return whether it had followed its reference, which has gone on the same way.
+        """Return whether the joint followed its reference until it stopped, while the reference continued.
 
         Args:
             time_s: robot's clock [s].
-            moved_rad: how far the reference has moved [rad].
+            moved_rad: motion of the reference [rad].
         """
         way_rad = self.followed_rad
         if abs(way_rad) <= self.most_rad or not _FOLLOWED[0] < self.before_rad / way_rad < _FOLLOWED[1]:
@@ -127,15 +127,14 @@ class _Joint:
 
 
 class StuckEncoders:
-    """Tracks, for each joint, since when its reading has stood still, and the events since then.
+    """Tracks for each joint how long its reading has been constant, and the events in that time.
 
     Args:
-        limits: `stuck_encoder_s` is how long a joint must stand still; shares of the other limits are
-            thresholds.
+        limits: `stuck_encoder_s` is the time without a change; thresholds are shares of the other limits.
 
     Attributes:
-        suspicion: which encoder is suspect and why; None if none is.
-        is_proven: whether it is stuck.
+        suspicion: the suspect encoder and the reason; None if there is none.
+        is_proven: whether the encoder is stuck.
     """
 
     def __init__(self, limits: Limits) -> None:
@@ -148,7 +147,7 @@ class StuckEncoders:
         self.restart()
 
     def restart(self) -> None:
-        """Forget the history; the known size of the steps stays."""
+        """Reset the history; the known size of the steps is kept."""
         self._sampled_at_s = self._marked_at_s = -inf
         self.suspicion: str | None = None
         self.is_proven = False
@@ -162,7 +161,7 @@ class StuckEncoders:
             measurement: measurement of this tick.
 
         Returns:
-            False for suspect joints that still show no step, shape (n,).
+            False for suspect joints whose reading has not changed since, shape (n,).
         """
         positions_rad = measurement.joint_position_rad.tolist()
         for joint, position_rad in zip(self._joints, positions_rad, strict=True):
@@ -170,11 +169,11 @@ class StuckEncoders:
         return [not joint.suspect for joint in self._joints]
 
     def update(self, measurement: Measurement, reference_position_rad: FloatArray) -> None:
-        """Judge one tick; without a new sample of the encoders nothing changes.
+        """Check one tick; without a new sample of the encoders nothing changes.
 
         Args:
             measurement: measurement of this tick.
-            reference_position_rad: where the joints should be, shape (n,) [rad].
+            reference_position_rad: reference positions of the joints, shape (n,) [rad].
         """
         if not measurement.encoder_at_s > self._sampled_at_s:
             return
@@ -184,7 +183,7 @@ class StuckEncoders:
         references_rad = reference_position_rad.tolist()
         torques_nm = measurement.joint_torque_nm.tolist()
         if time_s - self._marked_at_s >= self._still_s:
-            # Store joint positions and references; motion before this says nothing.
+            # Store joint positions and references; earlier motion is not evidence.
             missed = time_s - self._marked_at_s > 2.0 * self._still_s
             self._marked_at_s = time_s
             for joint, position_rad, reference_rad in zip(
@@ -213,15 +212,15 @@ class StuckEncoders:
                 )
 
 
-_LEAST_KNOWN = 100  # samples, before anything is said
-_LEAST_SHARE = 0.05  # the least share assumed of any sensor
+_LEAST_KNOWN = 100  # samples before a problem can be reported
+_LEAST_SHARE = 0.05  # smallest share assumed for any sensor
 _IMPROBABLE = -log(1e-9)
-_LONGER = 3  # times the longest row so far
+_LONGER = 3  # multiple of the longest sequence so far
 # Times a step, over what a sample goes up and down beyond one: no less than p in the middle of a step, for
 # normal noise of any size.
 _NOISE_SHARE = 0.25
-_MOST_STEPS = 8.0  # larger jumps are blows, and count as no more noise than this
-_MOVED_RAD = 0.002  # least motion of a joint since the row began; more than a coarse encoder's noise
+_MOST_STEPS = 8.0  # larger jumps are impacts, and count as this much noise
+_MOVED_RAD = 0.002  # smallest motion of a joint since the sequence began; more than a coarse encoder's noise
 
 _SENSOR_REMEDY = (
     "check the load cell's cable and amplifier, and switch it off and on again; if it shows one number by "
@@ -230,10 +229,10 @@ _SENSOR_REMEDY = (
 
 
 class StuckForce:
-    """Tracks how often the force repeats itself.
+    """Detects a force sensor that repeats one value.
 
     Args:
-        time_s: least duration of a row that counts [s].
+        time_s: shortest duration of a sequence that counts [s].
     """
 
     def __init__(self, time_s: float) -> None:
@@ -245,16 +244,16 @@ class StuckForce:
         self._sampled_at_s = self._since_s = -inf
         self._force_n = nan
         self._since_rad: list[float] = []
-        self._row = self._longest = 0  # samples in a row that were equal to the one before
-        self._equal = self._known = 0  # samples that were, and all samples, before this row
-        self._jump_n = nan  # the last change
+        self._row = self._longest = 0  # consecutive samples that were equal to the previous one
+        self._equal = self._known = 0  # number of equal samples, and of all samples, before this sequence
+        self._jump_n = nan  # last change
         self._step_n = inf  # smallest change so far
-        self._noise_n = 0.0  # sum of the changes that went back, each beyond one step
-        self._enough: float = inf  # such a row is no chance
-        self._rests = False  # it is known to stand still by nature
+        self._noise_n = 0.0  # sum of the changes that reversed, each beyond one step
+        self._enough: float = inf  # length of a sequence that is not due to chance
+        self._rests = False  # whether the sensor is known to repeat values
 
     def problem(self, measurement: Measurement) -> Problem | None:
-        """Judge one tick; a repeated sample is ignored.
+        """Check one tick; a repeated sample is ignored.
 
         Args:
             measurement: measurement of this tick.
@@ -284,18 +283,18 @@ class StuckForce:
         return None
 
     def _has_moved(self, measurement: Measurement) -> bool:
-        """Return whether the arm has, since the row began."""
+        """Return whether the arm has moved since the sequence began."""
         positions_rad = zip(measurement.joint_position_rad.tolist(), self._since_rad, strict=True)
         return any(abs(now - then) > _MOVED_RAD for now, then in positions_rad)
 
     def _learn(self, was_long: bool, measurement: Measurement) -> None:
-        """From the row that has ended with this measurement."""
+        """Update the statistics with the sequence that ended with this measurement."""
         jump_n = measurement.force_n - self._force_n
         self._step_n = min(self._step_n, abs(jump_n))
         if jump_n * self._jump_n < 0.0:
             self._noise_n += min(abs(jump_n), _MOST_STEPS * self._step_n) - self._step_n
         row, self._row = self._row, 0
-        if was_long:  # a long run of equal samples at rest says nothing about motion
+        if was_long:  # a long sequence of equal samples at rest is no evidence about motion
             self._rests |= self._has_moved(measurement)
             return
         self._equal += row
@@ -305,7 +304,7 @@ class StuckForce:
             self._enough = self._improbable_count()
 
     def _improbable_count(self) -> float:
-        """Return the number of equal samples in a row that is none."""
+        """Return the number of consecutive equal samples that is not due to chance."""
         if not self._noise_n:
             return inf
         noise_n = self._noise_n / self._known
@@ -313,20 +312,20 @@ class StuckForce:
         return max(_IMPROBABLE / -log(share), _LONGER * self._longest) if share < 1.0 else inf
 
 
-_MISSING_SHARE = 0.5  # of the torque sent that may always be missing, and
-_CLEAR_SHARE = 0.5  # of what may be missing: no more than that is, where a torque is shown clearly
+_MISSING_SHARE = 0.5  # share of the sent torque that may always be missing, and
+_CLEAR_SHARE = 0.5  # largest share of this that is missing if a torque is clearly measured
 _STEADY = 1.5  # times the least is the most torque of late, where one was shown: not in passing
 _SMALLER = 0.8  # times the smallest torque so shown: must be shown as well,
 _LARGE_SHARE = 0.1  # and so must this share of the torque limit, whatever was shown
 _FLOOR_SHARE = 0.01  # this share of the torque limit, and
-_JUMPS = 2.0  # in mean jumps of the reading
-_JUMP_SHARE = 0.02  # of a new jump in that mean
-_DISOBEYED_SAMPLES = 5  # in a row before it counts, however slowly they come
-_HABIT_S = 1.0  # how far a reading is off becomes usual within this time,
-_FIRST_S = 0.05  # but after the first command, for so long,
-_FIRST_HABIT_S = 0.01  # within this one
+_JUMPS = 2.0  # multiple of the reading's mean jump
+_JUMP_SHARE = 0.02  # weight of a new jump in that mean
+_DISOBEYED_SAMPLES = 5  # consecutive samples before it counts, at any sample rate
+_HABIT_S = 1.0  # time constant with which a deviation becomes usual;
+_FIRST_S = 0.05  # for this time after the first command,
+_FIRST_HABIT_S = 0.01  # this time constant
 _LATE_S = 0.1  # largest delay of a reading
-_PAUSE_S = 0.1  # without a command, after which the next one counts as the first
+_PAUSE_S = 0.1  # time without a command after which the next command counts as the first
 
 _DRIVE_REMEDY = (
     "check its supply and connectors, and restart it; palpate doctor says whether it is well; if it obeys "
@@ -335,7 +334,7 @@ _DRIVE_REMEDY = (
 
 
 class _Drive:
-    """One drive: its recent commands, and its usual readings."""
+    """Recent commands and usual readings of one drive."""
 
     __slots__ = (
         *("before_nm", "clear_nm", "count", "floor_nm", "high_nm", "jump_nm", "jumps"),
@@ -344,22 +343,22 @@ class _Drive:
 
     def __init__(self, limit_nm: float) -> None:
         self.floor_nm = _FLOOR_SHARE * limit_nm
-        # Lowest and highest: in this stretch of time, in the one before, and in both.
+        # Lowest and highest command: in this interval, in the previous one, and in both.
         self.sent_nm = self.before_nm = (inf, -inf)
         self.low_nm, self.high_nm = inf, -inf
         self.measured_nm = nan
         self.jump_nm = inf  # resolution unknown until the reading changes
-        # Smallest torques that were clearly shown, by their sign.
+        # Smallest torques that were clearly measured, by sign.
         self.clear_nm = dict.fromkeys((1.0, -1.0), _LARGE_SHARE * limit_nm / _SMALLER)
         self.usually_off_nm = self.obeyed_at_s = 0.0
         self.count = self.jumps = 0
 
     def widen(self, torque_nm: float, *, is_next: bool) -> None:
-        """Count a command in, as the first of the next stretch of time or as one more of this one.
+        """Include a command in the range, in this interval or as the first of the next one.
 
         Args:
             torque_nm: that was commanded [N m].
-            is_next: whether a new stretch of time begins with it.
+            is_next: whether a new interval begins with this command.
         """
         if is_next:
             self.before_nm, self.sent_nm = self.sent_nm, (torque_nm, torque_nm)
@@ -372,7 +371,7 @@ class _Drive:
         self.high_nm = high_nm if high_nm > before_high_nm else before_high_nm
 
     def shows(self, measured_nm: float) -> None:
-        """Take the newest reading, and learn how it jumps.
+        """Store the newest reading, and update the mean jump.
 
         Args:
             measured_nm: of the drive [N m].
@@ -389,7 +388,7 @@ class _Drive:
 
     @property
     def least_sent_nm(self) -> float:
-        """The smallest torque of late, where all had one sign [N m]."""
+        """Smallest recent torque if all had one sign [N m]."""
         return min(self.low_nm, self.high_nm, key=abs)
 
     def is_missing(self) -> bool:
@@ -417,10 +416,10 @@ class _Drive:
 
 
 class UnresponsiveDrives:
-    """Tracks the commands of each drive, and since when its readings contradict them.
+    """Tracks each drive's commands, and how long its readings have contradicted them.
 
     Args:
-        limits: `deaf_drive_s` is the time; shares of the arm's torques are thresholds.
+        limits: `deaf_drive_s` is the time; thresholds are shares of the torque limits.
     """
 
     def __init__(self, limits: Limits) -> None:
@@ -429,12 +428,12 @@ class UnresponsiveDrives:
         self.restart()
 
     def restart(self) -> None:
-        """Forget everything, as after the torque was off."""
+        """Reset all state, for example after the torque was off."""
         self._sampled_at_s = self._sent_at_s = self._begun_s = self._stretch_s = -inf
         self._drives = tuple(map(_Drive, self._torques_nm))
 
     def sent(self, time_s: float, torque_nm: list[float]) -> None:
-        """Remember a command that is sent now.
+        """Store a command that is sent now.
 
         Args:
             time_s: now, on the robot's clock [s].
@@ -451,7 +450,7 @@ class UnresponsiveDrives:
             drive.widen(torque, is_next=is_next)
 
     def problem(self, measurement: Measurement) -> Problem | None:
-        """Judge one tick; a repeated sample is ignored.
+        """Check one tick; a repeated sample is ignored.
 
         Args:
             measurement: measurement of this tick.

@@ -1,11 +1,12 @@
-"""Frame around every message: a seal, version, sender, sequence, and the stamps of both clocks.
+"""Frame around every message: a seal, version, sender, sequence number, and times of both clocks.
 
 A frame is its seal and a protobuf message of eight fields of eight bytes each and the message's bytes. Their
-length is a varint padded to three bytes, so that everything has a fixed place, and one call reads it all.
+length is a varint padded to three bytes, so that all fields have fixed positions, and one call reads the
+frame.
 
 The seal is a checksum, or with a key that both sides share a message authentication code. A checksum (CRC-32)
-detects damage, and does not stop an attacker. The code (first 16 bytes of HMAC-SHA-256, RFC 2104) can only be
-made with the key. It does not encrypt; TLS does.
+detects damage, and does not stop an attacker. The code (first 16 bytes of HMAC-SHA-256, RFC 2104) requires
+the key. It does not encrypt; TLS does.
 """
 
 import hmac
@@ -22,14 +23,14 @@ from typing import Any, NamedTuple
 from palpate.robot_io.errors import InputError, ProtocolError
 from palpate.robot_io.link.messages import Intent, Message, ObjectEstimate, Report, WireType
 
-_LEAST_BYTES, _MOST_BYTES = 16, 4096  # of a key
+_LEAST_BYTES, _MOST_BYTES = 16, 4096  # smallest and largest size of a key
 
 
 class Seal(NamedTuple):
-    """How frames are marked and verified."""
+    """Mark that authenticates frames."""
 
     size: int  # of the mark [bytes]
-    of: Callable[[bytes | memoryview], bytes]  # the mark of a frame
+    of: Callable[[bytes | memoryview], bytes]  # computes the mark of a frame
     broken: str  # message for a frame with another mark
 
 
@@ -84,7 +85,7 @@ def load_seal(path: Path, topic: str) -> Seal:
 
 
 def check_secret(path: Path, what: str) -> None:
-    """Refuse a file with a secret that other users can read.
+    """Raise an error if other users can read a file with a secret.
 
     Args:
         path: the file.
@@ -110,18 +111,19 @@ _MOST_FRAMES = 2**40  # of one sender; gaps of many senders still fit a record's
 _HEADER = struct.Struct("<BqBqBqBdBqBdBdBqBBBB")
 _FIELDS = struct.Struct("<xqxqxqxdxqxdxdxq4x")  # the same without tags and length
 _TAGS = (0x09, 0x11, 0x19, 0x21, 0x29, 0x31, 0x39, 0x41, 0x4A)  # fields 1 to 8 of eight bytes each; 9, bytes
-_KINDS: dict[type[Message], int] = {Intent: 0, Report: 1, ObjectEstimate: 2}  # they travel: add at the end
+# Transmitted numbers: add new ones at the end.
+_KINDS: dict[type[Message], int] = {Intent: 0, Report: 1, ObjectEstimate: 2}
 _WIRE: tuple[WireType[Any], ...] = tuple(WireType(kind) for kind in _KINDS)
 
 
 class FrameError(ProtocolError):
-    """Bytes that are no whole frame of this version."""
+    """The received bytes are not a complete frame of this version."""
 
 
 class Heard(NamedTuple):
     """The newest frame that a side has received from its peer."""
 
-    sender: int = 0  # of that frame; 0 before the first
+    sender: int = 0  # sender of that frame; 0 before the first
     sent_s: float = nan  # on the peer's clock [s]; NaN before the first
     at_s: float = nan  # when it arrived, on the own clock [s]; NaN before the first
 
@@ -130,7 +132,7 @@ class Frame(NamedTuple):
     """One message with its origin and times."""
 
     version: int
-    sender: int  # random number of the sending program, another each time it is started
+    sender: int  # random number of the sending program, different for each start
     sequence: int  # counts up by one with each frame of a sender, from 0
     sent_s: float  # on the sender's clock [s]
     heard_sender: int  # these three as in `Heard`, of the sender's own peer
@@ -141,7 +143,7 @@ class Frame(NamedTuple):
 
     @property
     def message(self) -> Message:
-        """The decoded message.
+        """Decode the message.
 
         Raises:
             FrameError: the content is not valid for its kind.
@@ -166,7 +168,7 @@ def encode(  # noqa: PLR0917
         sent_s: this side's clock [s].
         heard: newest frame of the peer.
         message: the content.
-        seal: of this side.
+        seal: seal of this side.
 
     Returns:
         The bytes to send.
@@ -191,7 +193,7 @@ def decode(data: bytes, seal: Seal = CHECKSUM) -> Frame:
 
     Args:
         data: received bytes.
-        seal: of the other side.
+        seal: seal of the other side.
 
     Returns:
         The frame.

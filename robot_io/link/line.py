@@ -1,8 +1,8 @@
-"""Line between leader and follower: eclipse-zenoh, peers on this machine unless a file says otherwise.
+"""Line between leader and follower over eclipse-zenoh, by default between peers on this machine.
 
 Frames are sent once, never repeated by the program: each message holds the whole state of its sender. A
-callback of zenoh's own thread only stores bytes; `receive` decodes them. For trials frames can be delayed,
-jittered and lost on their way out, by a fixed seed.
+callback of zenoh's own thread only stores bytes; `receive` decodes them. For tests, outgoing frames can be
+delayed, jittered and lost with a fixed seed.
 """
 
 import heapq
@@ -39,7 +39,7 @@ from palpate.robot_io.link.messages import Message
 class Impairment:
     """Impairment of the network in one direction."""
 
-    delay_s: float = 0.0  # mean [s]
+    delay_s: float = 0.0  # mean delay [s]
     jitter_s: float = 0.0  # standard deviation of the delay, which is never below 0 [s]
     loss: float = 0.0  # share of frames that are lost
     seed: int = 0
@@ -66,7 +66,7 @@ class BadNetwork:
         self._count = 0
 
     def put(self, data: bytes, now_s: float) -> None:
-        """Take a frame that is sent now.
+        """Add a frame that is sent now.
 
         Args:
             data: the frame.
@@ -106,17 +106,17 @@ _MOST_SAID = 200  # characters of a message of zenoh
 
 @dataclass(frozen=True)
 class LineSettings:
-    """How the two sides find each other.
+    """Settings by which the two sides find each other.
 
     Without a file both are peers on this machine's loopback, the follower listening. A file is zenoh's own
-    configuration (JSON5), which decides everything: endpoints, router, certificates, access.
+    configuration (JSON5), which defines everything: endpoints, router, certificates, access.
     """
 
-    name: str = "arm"  # of the pair: both sides must give the same
+    name: str = "arm"  # name of the pair, equal on both sides
     port: int = 7447
     config: Path | None = None
-    key: Path | None = None  # a secret of the pair; without it any frame with a fitting checksum is taken
-    impairment: Impairment | None = None  # of what this side sends, for trials
+    key: Path | None = None  # secret key of the pair; without it any frame with a valid checksum is accepted
+    impairment: Impairment | None = None  # impairment of outgoing frames, for tests
 
     def __post_init__(self) -> None:
         if not self.name.replace("-", "").replace("_", "").isalnum():
@@ -197,7 +197,8 @@ class Line:
         """Return frames that have arrived since the last call, each with its time of arrival [s]."""
         self._pump()
         arrived = []
-        for _ in range(len(self._waiting)):  # not those that come meanwhile: a flood would never end
+        # Frames that arrive meanwhile wait, because a flood would never end.
+        for _ in range(len(self._waiting)):
             at_s, data = self._waiting.popleft()
             try:
                 arrived.append((at_s, decode(data, self._theirs)))
@@ -206,12 +207,12 @@ class Line:
         return arrived
 
     def resubscribe(self) -> None:
-        """Declare the subscription again: zenoh announces it once, which over UDP may be lost."""
+        """Repeat the subscription, because zenoh announces it only once, which may be lost over UDP."""
         self._subscriber.undeclare()  # type: ignore[no-untyped-call]
         self._subscriber = self._session.declare_subscriber(self._subscribed, self._arrived)
 
     def refuse(self, why: str) -> None:
-        """Count received bytes that are no valid frame or message.
+        """Count received bytes that are not a valid frame or message.
 
         Args:
             why: reason.
@@ -220,7 +221,7 @@ class Line:
 
     @property
     def advice(self) -> str:
-        """Checks to suggest if nothing is received from the other side."""
+        """Return suggestions if nothing is received from the other side."""
         same = "--port" if self._settings.config is None else "a --link that meets this one"
         words = f"does a {_OTHER[self.role]} run with the same --name and --key, and {same}?"
         if not self._over_udp:
@@ -234,8 +235,8 @@ class Line:
         """Record the newest frame of the peer; the next frame sent refers to it.
 
         Args:
-            frame: that arrived.
-            at_s: when, on this side's clock [s].
+            frame: received frame.
+            at_s: arrival time on this side's clock [s].
         """
         self._heard = Heard(frame.sender, frame.sent_s, at_s)
 
@@ -250,7 +251,7 @@ class Line:
         self.close()
 
     def _arrived(self, sample: Any) -> None:  # noqa: ANN401, zenoh's own
-        if len(sample.payload) > MOST_BYTES:  # no frame; not stored
+        if len(sample.payload) > MOST_BYTES:  # not a frame, so not stored
             self.refuse(f"more than {MOST_BYTES} bytes")
             return
         self._waiting.append((self._clock.now_s(), sample.payload.to_bytes()))
@@ -297,7 +298,7 @@ def _certified(config: Any) -> bool:  # noqa: ANN401, zenoh's own
 
 
 def _keep_to_this_machine(zenoh: Any, config: Any, settings: LineSettings) -> None:  # noqa: ANN401
-    """Close what zenoh opens by default, and refuse what leads to other machines.
+    """Disable zenoh's default listeners, and reject endpoints on other machines.
 
     Raises:
         InputError: an endpoint does, or the search for peers in the network is switched on.

@@ -1,7 +1,8 @@
-"""Messages between leader and follower: frozen dataclasses that become protobuf messages at run time.
+"""Messages between leader and follower: frozen dataclasses that are mapped to protobuf messages at run time.
 
-float is a double, int an sfixed64, bool a bool, str a string, bytes are bytes, another dataclass is a message
-of its own; a tuple of any of these is a repeated field. Fields are numbered from 1 in the order of the class.
+The types map as follows: float to double, int to sfixed64, bool to bool, str to string, bytes to bytes, a
+dataclass to a nested message, and a tuple of any of these to a repeated field. Fields are numbered from 1 in
+the order of the class.
 
 Every message holds the whole state of its sender, so the next one replaces a lost one.
 """
@@ -64,7 +65,7 @@ class WireType(Generic[T]):
             The value.
 
         Raises:
-            ProtocolError: the bytes are no such message, or a value is invalid.
+            ProtocolError: the bytes are not such a message, or a value is invalid.
         """
         try:
             value: T = self._codec.read(self._codec.message.FromString(data))
@@ -81,7 +82,7 @@ class _Codec:
         self._kind, self.message = kind, message_factory.GetMessageClass(descriptor)
         self._names = tuple(member.name for member in members)
         self._values = attrgetter(*self._names)
-        self._build: list[tuple[str, Callable[[Any], object]]] = []  # fields that are not taken as they are
+        self._build: list[tuple[str, Callable[[Any], object]]] = []  # fields that need a conversion
         self._read: list[tuple[int, Callable[[Any], object]]] = []
         for place, member in enumerate(members):
             if member.kind not in _SCALARS:
@@ -143,7 +144,7 @@ def _describe(kind: type) -> descriptor_pb2.DescriptorProto:
 MOST_TARGETS = 64
 MOST_PARAMETERS = 64
 MOST_TEXT = 500  # characters
-_UNIT = 1e-6  # how far a direction may be from a unit vector
+_UNIT = 1e-6  # tolerance of the length of a unit vector
 _LEADERS, _NUMBERS = 2**31, 2**16  # distinct leaders; targets that each may give
 _MOST_COUNT = _LEADERS * _NUMBERS  # a double holds all of them
 
@@ -186,7 +187,7 @@ class TargetState(IntEnum):
     DONE = 2
     REFUSED = 3  # out of reach, or against the follower's own limits
     CANCELLED = 4
-    FAILED = 5  # tried, and no data came of it
+    FAILED = 5  # tried without obtaining data
 
 
 _STATES = frozenset(TargetState)
@@ -196,7 +197,7 @@ _STATES = frozenset(TargetState)
 class Target:
     """A place to probe. Speed and force are the follower's own plan, not the network's."""
 
-    number: int  # given by the leader, see `target_number`; never used twice, by another leader neither
+    number: int  # assigned by the leader, see `target_number`; unique among all leaders
     position_world_m: tuple[float, ...]  # shape (3,), a point near the surface [m]
     direction_world: tuple[float, ...]  # shape (3,), unit vector into the object
 
@@ -212,10 +213,10 @@ class Target:
 class Intent:
     """The operator's intent; leader to follower."""
 
-    targets: tuple[Target, ...]  # in the order in which they are to be probed
-    cancelled: tuple[int, ...]  # numbers of targets that are not wanted any more
+    targets: tuple[Target, ...]  # targets in the order of probing
+    cancelled: tuple[int, ...]  # numbers of canceled targets
     seen: tuple[int, ...]  # revision of the newest estimate that has arrived, of each target
-    ended: bool  # the operator is done: finish the queue, then end
+    ended: bool  # whether the operator has finished: finish the queue, then end
 
     def __post_init__(self) -> None:
         _need_few("targets", self.targets, MOST_TARGETS)

@@ -1,6 +1,6 @@
 """Bota Systems' force-torque sensors with a serial interface: protocol and sensor.
 
-Bota Systems' serial protocol as bytes: commands in letters, and frames of 37 bytes.
+The serial protocol has commands of letters, and frames of 37 bytes.
 
 A frame is AA, 34 bytes of data and their CRC-16 (X.25), all little-endian: status, forces and torques along
 x, y and z as floats, the sensor's time in microseconds, its temperature. Commands are answered with `r,0,`,
@@ -32,7 +32,7 @@ _STATUS: Final = {
     0x04: "invalid measurements",
     0x08: "raw measurements",
 }
-_MANY_SKIPPED: Final = 5  # samples in a row that show a restart, not a late sample
+_MANY_SKIPPED: Final = 5  # consecutive samples that indicate a restart rather than a late sample
 _LONGEST_GAP_US: Final = 1_000_000
 _TIMES: Final = 1 << 32
 
@@ -50,7 +50,7 @@ def communication_setup(baud_rate: int) -> bytes:
 
 
 def filter_setup(rate_hz: int) -> bytes:
-    """Return the filter for a sample rate; chopping, the fast mode and the FIR filter are off.
+    """Return the command that sets the filter for a sample rate; chopping, fast mode and FIR filter are off.
 
     Args:
         rate_hz: sample rate [Hz].
@@ -62,7 +62,7 @@ def code_of(command: bytes, received: bytes | bytearray) -> int | None:
     """Find the answer code to a command in received bytes; None without an answer, 0 for success.
 
     Args:
-        command: as it was sent.
+        command: the sent command.
         received: all bytes received since.
     """
     match = re.search(rb"r,\d,%c,(\d)" % command[0], received)
@@ -73,7 +73,7 @@ def crc16(data: bytes) -> int:
     """Compute the CRC-16 of X.25, least significant bit first.
 
     Args:
-        data: bytes that it covers.
+        data: bytes covered by the checksum.
 
     Returns:
         The checksum, from 0 to FFFF.
@@ -147,7 +147,7 @@ class BotaStream:
 
     @property
     def rejected(self) -> int:
-        """Frames that were damaged, and samples that were not new or that the sensor had skipped."""
+        """Number of damaged frames, repeated samples, and samples that the sensor skipped."""
         return self._frames.rejected + self._left_out
 
     def feed(self, data: bytes) -> list[float]:
@@ -187,7 +187,7 @@ def _follows(time_us: int, before_us: int | None) -> bool:
 
 _ANSWER_S = 0.5
 _ATTEMPTS, _STARTING = 3, 8  # the latter where opening the port may have restarted it, for some seconds
-_BITS = 10  # of a byte on the line
+_BITS = 10  # bits per byte on the line
 
 
 class BotaSettings(AxisForceSettings):
@@ -205,10 +205,10 @@ class Bota(SerialForceSensor, Examinable):
     _bus: SerialLine
 
     def configure(self) -> None:
-        """Set the sensor up, and let it run.
+        """Configure the sensor and start its stream.
 
         Raises:
-            DeviceError: it does not answer, or refuses; or the line is too slow.
+            DeviceError: the sensor does not answer or refuses a command, or the line is too slow.
         """
         own, baud_rate = self._own, self._bus.baud_rate
         if baud_rate not in BAUD_RATE_CODES or own.rate_hz * FRAME_SIZE * _BITS > baud_rate:
@@ -231,7 +231,7 @@ class Bota(SerialForceSensor, Examinable):
         self._bus.listen(stream, own.capacity_n, has_checksums=True, own_time=stream.own_time)
 
     def _command(self, command: bytes) -> None:
-        """Have a command done; the sensor may still have been starting, or have lost a letter."""
+        """Send a command until it is confirmed; the sensor may be starting or may have lost a letter."""
         received = bytearray()
 
         def understand(data: bytes) -> int | None:

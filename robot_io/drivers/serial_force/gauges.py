@@ -1,4 +1,4 @@
-"""Force gauges that send text: any that writes one line a sample, Loadstar DI-100/1000, and Mark-10.
+"""Force gauges that send text: generic gauges with one line per sample, Loadstar DI-100/1000, and Mark-10.
 
 Loadstar: Loadstar Sensors, "DI-100U / DI-1000U Command Set" and "DI-1000HS-1K Output Formats"
 (loadstarsensors.com): a command ends with CR, an answer with CR LF; CR alone is answered with A and ends a
@@ -23,11 +23,11 @@ from palpate.robot_io.examination import Examinable
 from palpate.robot_io.files.file_model import Capacity, Positive
 
 MAX_PATTERN = 200
-_REPEATED_GROUP = re.compile(r"\)[*+{]")  # the only way to backtrack for ever on a short line
+_REPEATED_GROUP = re.compile(r"\)[*+{]")  # the only construct that can backtrack endlessly on a short line
 
 
 def compile_pattern(pattern: str) -> re.Pattern[str]:
-    """A pattern that must match a whole line, with a group `value` and perhaps a group `unit`.
+    """Compile a pattern that must match a whole line, with a group `value` and perhaps a group `unit`.
 
     Args:
         pattern: regular expression.
@@ -36,8 +36,8 @@ def compile_pattern(pattern: str) -> re.Pattern[str]:
         The pattern.
 
     Raises:
-        InputError: not a regular expression, without `value`, or with a repeated group, which can take for
-            ever.
+        InputError: the pattern is not a regular expression, lacks `value`, or has a repeated group, which can
+            backtrack endlessly.
     """
     if len(pattern) > MAX_PATTERN:
         raise InputError(f"pattern: longer than {MAX_PATTERN} characters")
@@ -53,15 +53,15 @@ def compile_pattern(pattern: str) -> re.Pattern[str]:
 
 
 def pattern_stream(pattern: str, unit: str | None, scale: float, largest_n: float) -> LineStream:
-    """Readings from lines that match `pattern`, see `compile_pattern`; a value is multiplied with `scale`.
+    """Make a stream of readings from lines that match `pattern`, see `compile_pattern`.
 
-    Lines that name no unit are in `unit`; where that is None, they are rejected.
+    Lines without a unit are in `unit`; if that is None, they are rejected.
 
     Args:
         pattern: regular expression of a line.
-        unit: unit of lines that name none, or None.
-        scale: factor on a value.
-        largest_n: largest force that is a reading [N].
+        unit: unit of lines without a unit, or None.
+        scale: factor applied to a value.
+        largest_n: largest force that is accepted as a reading [N].
 
     Returns:
         The stream.
@@ -87,10 +87,10 @@ class ForceLinesSettings(SerialForceSettings):
 
     # Regular expression for a whole line, with a group (?P<value>...) and perhaps (?P<unit>...).
     pattern: Annotated[str, Field(min_length=1, max_length=MAX_PATTERN)]
-    unit: Annotated[str | None, AfterValidator(known_unit)] = None  # unit of lines that name none
-    scale: Positive = 1.0  # what a value is multiplied with before its unit; for its sign there is `reversed`
-    capacity_n: Capacity  # from this force on the sensor is saturated [N]
-    # What to send to make it stream, such as a carriage return.
+    unit: Annotated[str | None, AfterValidator(known_unit)] = None  # unit of lines without a unit
+    scale: Positive = 1.0  # factor applied to a value; `reversed` sets its sign
+    capacity_n: Capacity  # force from which the sensor is saturated [N]
+    # Command that starts the stream, such as a carriage return.
     start: Annotated[str, Field(max_length=100)] = ""
 
     @field_validator("pattern")
@@ -127,16 +127,16 @@ _PINGS = 4
 
 
 def model_of(answer: str) -> str:
-    """Return which interface answered MODEL.
+    """Return the interface model from the answer to MODEL.
 
     Args:
-        answer: to MODEL.
+        answer: answer to MODEL.
 
     Returns:
         The model.
 
     Raises:
-        ProtocolError: an unknown one.
+        ProtocolError: the model is unknown.
     """
     for model in MODELS:
         if model in answer.upper():
@@ -145,10 +145,10 @@ def model_of(answer: str) -> str:
 
 
 def unit_of(answer: str) -> float:
-    """Newtons in one unit of the readings, from the answer to UNITS.
+    """Return the newtons in one unit of the readings.
 
     Args:
-        answer: to UNITS.
+        answer: answer to UNITS.
 
     Returns:
         Newtons in one unit.
@@ -161,7 +161,7 @@ def unit_of(answer: str) -> float:
 
 
 def number_of(text: str) -> float:
-    """A decimal number as the interface writes it.
+    """Parse a decimal number in the interface's format.
 
     Args:
         text: decimal number.
@@ -170,7 +170,7 @@ def number_of(text: str) -> float:
         The number.
 
     Raises:
-        ProtocolError: it is not one.
+        ProtocolError: the text is not a decimal number.
     """
     if not _NUMBER.fullmatch(text.strip()):
         raise ProtocolError(f"not a number: '{text[:40]}'")
@@ -178,7 +178,7 @@ def number_of(text: str) -> float:
 
 
 def loadstar_stream(newtons_per_unit: float, capacity_n: float) -> LineStream:
-    """Readings of the continuous mode; twice the capacity [N] is not accepted as a reading.
+    """Make a stream of readings in continuous mode; twice the capacity [N] is not accepted as a reading.
 
     Args:
         newtons_per_unit: newtons in one unit of the readings.
@@ -198,7 +198,7 @@ def loadstar_stream(newtons_per_unit: float, capacity_n: float) -> LineStream:
 class LoadstarSettings(SerialForceSettings):
     """Settings in the robot file."""
 
-    capacity_n: Capacity  # capacity of the load cell [N]; the interface must say the same within 1 %
+    capacity_n: Capacity  # capacity of the load cell [N]; the interface must report the same within 1 %
     tare: StrictBool = False  # whether to zero it when the robot is configured; nothing must touch it then
 
 
@@ -212,7 +212,7 @@ class Loadstar(SerialForceSensor, Examinable):
 
     def configure(self) -> None:
         """Check model, unit and capacity; start the stream; raise `DeviceError` on no or a wrong answer."""
-        # End a stream that may still run; then it answers to a ping.
+        # End a stream that may still run; then the interface answers a ping.
 
         def is_yes(line: bytes) -> bool | None:
             return line.strip() == YES.encode() or None
@@ -258,7 +258,7 @@ class Loadstar(SerialForceSensor, Examinable):
 ASK = b"?C\r"  # the current reading, independent of the display
 # No unsolicited readings, units with readings, no peak on the display, no automatic shutoff.
 SET_UP = b"AOUT0\rFULL\rCUR\rAOFF0\r"
-SIGNS = b"\rIPOL0\rOPOL0\r"  # signs neither inverted nor left out; firmware that knows none does neither
+SIGNS = b"\rIPOL0\rOPOL0\r"  # signs neither inverted nor left out, as in firmware without these commands
 ASK_GAUGE_MODEL = b"RM\r"
 ERRORS = {10: "illegal command", 11: "not applicable", 12: "invalid specifier", 22: "value too large"}
 
@@ -268,7 +268,7 @@ _GAUGE_ANSWER_S, _TWICE = 0.3, 2
 
 
 def reading_of(line: str) -> tuple[str, str]:
-    """Return the number as it is written, and its unit.
+    """Return the number as text, and its unit.
 
     Args:
         line: received line.
@@ -277,7 +277,7 @@ def reading_of(line: str) -> tuple[str, str]:
         Number and unit.
 
     Raises:
-        ProtocolError: it is no reading.
+        ProtocolError: the line is not a reading.
     """
     match = _READING.fullmatch(line)
     if match is None:
@@ -286,7 +286,7 @@ def reading_of(line: str) -> tuple[str, str]:
 
 
 class Mark10Stream(LineStream):
-    """Readings in one unit, as the gauge writes it; a switch to another unit is a complaint.
+    """Readings in one unit, as the gauge writes it; a change of the unit is reported as an error.
 
     Readings above twice the gauge's capacity [N] are rejected. The model is the answer to the poll's marker,
     and readings before it are left out; raise `ProtocolError` if the unit is not a unit of force.
@@ -300,7 +300,7 @@ class Mark10Stream(LineStream):
         self.complaint = ""
 
     def _take(self, line: bytes, samples: list[float]) -> None:
-        if line.rstrip().endswith(self._model):  # perhaps behind a reading that has lost its end
+        if line.rstrip().endswith(self._model):  # may follow a reading that has lost its end
             self._poll.marked()
             samples.clear()
         else:
@@ -313,7 +313,7 @@ class Mark10Stream(LineStream):
         if unit != self._unit:
             self._new_unit_count = self._new_unit_count + 1 if unit == self._new_unit else 1
             self._new_unit = unit
-            if self._new_unit_count >= _TWICE:  # no damaged letter
+            if self._new_unit_count >= _TWICE:  # not just a damaged letter
                 self.complaint = f"the gauge reads in {unit}, and read in {self._unit} when it was configured"
             raise ProtocolError(f"in {unit} in place of {self._unit}")
         self._new_unit_count, self.complaint = 0, ""

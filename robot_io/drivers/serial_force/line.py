@@ -1,4 +1,4 @@
-"""The line of a force sensor: its thread, which keeps the newest reading, and the base of its sensors."""
+"""Line of a force sensor: the thread that keeps the newest reading, and the base class of its sensors."""
 
 import os
 import select
@@ -29,27 +29,27 @@ else:
     serial = LazyModule("serial")
 
 _LOOK_S = 1e-3  # longest time between reads of the thread
-_PROMPT_S = 2.5e-3  # between two reads: bytes found at the second have just arrived
-_DISCARD = 2  # readings after a damaged one; multiplied at each damage soon after
+_PROMPT_S = 2.5e-3  # time between two reads within which bytes count as just arrived
+_DISCARD = 2  # readings discarded after a damaged one; multiplied if damage recurs soon
 _DISCARD_MORE = 4  # more, but no more than
 _DISCARD_MOST = 1000
-_SOON = 100  # good readings
+_SOON = 100  # valid readings within which damage recurs soon
 _JUMP_SHARE = 0.01  # of the capacity; a reading that jumps by more needs the next one to confirm it
 
 
 class ForceSample(NamedTuple):
-    """One reading in the sensor's own sign [N], and when it arrived or should have, robot's clock [s]."""
+    """One reading with the sensor's own sign [N], and its actual or due arrival time, robot's clock [s]."""
 
     force_n: float
     arrived_at_s: float
-    late_s: float = 0.0  # by how much it arrived later than it should have
+    late_s: float = 0.0  # delay of its arrival after the due time
 
 
 class SerialReader:
     """Keeps the newest valid reading of a port and drops older ones that were not fetched.
 
-    If more time than usual passes between two reads of the port, the arrival of its bytes is unknown, and
-    they are dated to the earlier read. So a reader that falls behind shows an old sample and never a fresh
+    If more time than usual passes between two reads of the port, the arrival of the bytes is unknown, and
+    they get the time of the earlier read. So a reader that falls behind shows an old sample, never a fresh
     one.
 
     Many protocols have no checksum. After damaged data the next two readings are discarded, and more of them
@@ -58,8 +58,8 @@ class SerialReader:
     for each reading, none of this is needed.
 
     The port must not block. The stream waits `held_back_s` [s] for the confirmation of a reading. A reading
-    that is late by the sensor's `own_time`, which the stream keeps, is dated back; a reading requested by a
-    `poll` is as old as its request.
+    that is late by the sensor's `own_time`, which the stream keeps, gets an earlier time. A reading requested
+    by a `poll` gets the time of its request.
 
     Attributes:
         newest: the newest reading; None before the first.
@@ -85,7 +85,7 @@ class SerialReader:
         self._to_discard, self._discard_next = 0, _DISCARD
         self._good = 0  # readings since the last damaged one
         self._jump_n = _JUMP_SHARE * capacity_n
-        # Accepted; waiting for the next one; last accepted step.
+        # Accepted reading; reading that waits for the next one; last accepted step.
         self._last_n = self._held_n = self._step_n = nan
         self._implausible = 0
         self._stop = threading.Event()
@@ -95,7 +95,7 @@ class SerialReader:
 
     @property
     def rejected(self) -> int:
-        """Damaged and implausible readings so far."""
+        """Number of damaged and implausible readings so far."""
         return self._stream.rejected + self._implausible
 
     @property
@@ -106,7 +106,7 @@ class SerialReader:
     def start(self) -> None:
         """Read the port until `stop`: in a thread, or, on a simulated clock, whenever time has advanced.
 
-        Simulated time stands still meanwhile, so that runs are repeatable.
+        Simulated time does not advance during a read, so that runs are repeatable.
         """
         if isinstance(self._clock, SimulatedClock):
             self._clock.subscribe(lambda _: self.look())
@@ -115,7 +115,7 @@ class SerialReader:
         self._thread.start()
 
     def stop(self) -> None:
-        """Do not look any more. Can be called repeatedly."""
+        """Stop reading the port. Can be called repeatedly."""
         self._stop.set()
         if self._thread is not None:
             self._thread.join()
@@ -166,7 +166,7 @@ class SerialReader:
         is_damaged = self._stream.rejected != rejected
         if self._poll and (samples or is_damaged):
             asked_s = self._poll.answered(read_s)
-            arrived_s = asked_s if len(set(samples)) <= 1 else None  # nobody asked for several
+            arrived_s = asked_s if len(set(samples)) <= 1 else None  # several readings were not requested
         late_s = 0.0
         if self._own_time and samples and arrived_s is not None:
             dated_s = self._own_time.sampled_at_s(arrived_s, prompt=self._is_prompt)
@@ -176,13 +176,13 @@ class SerialReader:
                 self.newest = ForceSample(force_n, arrived_s, late_s)
 
     def _undamaged(self, samples: list[float], *, is_damaged: bool) -> list[float]:
-        """Return the readings that have come, without those beside damaged ones or soon after them."""
+        """Return the received readings, without those beside damaged ones or soon after them."""
         if self._has_checksums:
             return samples
         if is_damaged:
             self._to_discard, self._good = self._discard_next, 0
             self._held_n = nan
-            if self.newest:  # a greeting before the first reading is no damage
+            if self.newest:  # a greeting before the first reading is not damage
                 self._discard_next = min(_DISCARD_MORE * self._discard_next, _DISCARD_MOST)
             return []
         self._good += len(samples)
@@ -214,7 +214,7 @@ class SerialReader:
         try:
             while not self._stop.is_set() and self.failure is None:
                 self.look(_LOOK_S)
-        except Exception as error:  # a thread must not end unseen
+        except Exception as error:  # a thread must not end unnoticed
             self.failure = f"reading failed ({type(error).__name__}: {error})"
 
 
@@ -223,21 +223,21 @@ Answer = TypeVar("Answer")
 _SILENT_SHARE = (
     0.5  # of the age limit; reported from then on, so that the cause is known when the limit is reached
 )
-_WRITE_S = 0.2  # more than any question takes
+_WRITE_S = 0.2  # longer than any request takes to send
 
 
 class ForceLineSettings(FileModel):
     """Settings in the robot file, extended by each kind of line."""
 
-    # From sampling in the sensor to arrival: filter, transmission, latency timer of the USB adapter [s].
+    # Delay from sampling to arrival: filter, transmission, latency timer of the USB adapter [s].
     delay_s: Annotated[NotNegative, Field(le=1)] = 0.0
 
 
 class Port(Protocol):
-    """An open end of a line; nothing waits for long."""
+    """Interface of an open port; no call waits for long."""
 
     def fileno(self) -> int:
-        """Its file."""
+        """Return the file descriptor."""
 
     def read(self, size: int, /) -> bytes:
         """Return received bytes, at most `size` or one datagram.
@@ -284,7 +284,7 @@ class ForceLine(Bus):
         """Close the port that is open."""
 
     def close(self) -> None:
-        """End the reading and close the port. Can be called repeatedly."""
+        """Stop reading and close the port. Can be called repeatedly."""
         if self._reader is not None:
             self._reader.stop()
             self._reader = None
@@ -309,14 +309,14 @@ class ForceLine(Bus):
     def ask(
         self, question: bytes, understand: Callable[[bytes], Answer | None], timeout_s: float
     ) -> Answer | None:
-        """Send `question` and pass received bytes to `understand` until it returns an answer, or time is up.
+        """Send `question` and pass received bytes to `understand` until it returns an answer or times out.
 
-        Only before `listen`.
+        Must be called before `listen`.
 
         Args:
             question: bytes for the sensor.
             understand: parses all received bytes into an answer, or None.
-            timeout_s: how long to wait [s].
+            timeout_s: longest wait [s].
 
         Returns:
             The answer, or None.
@@ -350,10 +350,10 @@ class ForceLine(Bus):
         """Parse all bytes as readings with `stream`; readings from `capacity_n` [N] on are saturated.
 
         Args:
-            stream: makes readings of bytes.
-            capacity_n: where the range ends [N].
-            held_back_s: how long the stream waits for the confirmation of a reading [s].
-            has_checksums: whether each reading has one.
+            stream: parser of the bytes.
+            capacity_n: end of the sensor's range [N].
+            held_back_s: time for which the stream waits for the confirmation of a reading [s].
+            has_checksums: whether each reading has a checksum.
             own_time: dates readings by the sensor's time.
             poll: asks for each reading.
 
@@ -401,7 +401,7 @@ class ForceLine(Bus):
             raise DeviceTimeoutError(f"{self.label}: no reading for {age_s * 1e3:.1f} ms{late}{rejected}")
 
     def flush(self, deadline_s: float) -> None:
-        """See `Bus.flush`; nothing is sent to a sensor in a tick."""
+        """See `Bus.flush`; a tick sends nothing to a sensor."""
 
     def reading(self, *, reversed_sign: bool) -> Reading:
         """Return the newest sample as a reading.
@@ -470,7 +470,7 @@ class SerialForceSettings(FileModel):
 class AxisForceSettings(SerialForceSettings):
     """One axis of a sensor of forces and torques."""
 
-    axis: Literal["x", "y", "z"]  # of the sensor, along which the tool pushes
+    axis: Literal["x", "y", "z"]  # axis of the sensor along which the tool pushes
     capacity_n: Capacity  # of this axis [N]
 
 
@@ -486,12 +486,12 @@ class SerialForceSensor(ForceSensor):
     def __init__(self, settings: Mapping[str, object], context: DriverContext) -> None:
         self._own = context.settings_as(self.Settings, settings)
         self._bus = context.bus_as(self.line_type)
-        self._identified = ""  # who answered
+        self._identified = ""  # identity of the sensor
 
     def _ask_line(
         self, question: bytes, take: Callable[[bytes], Answer | None], timeout_s: float
     ) -> Answer | None:
-        """What `take` makes of the first line of an answer that it takes; None where none comes in time."""
+        """Return the result of `take` for the first line that it accepts; None if none arrives in time."""
         lines = LineSplitter()
 
         def first(data: bytes) -> Answer | None:
@@ -503,13 +503,13 @@ class SerialForceSensor(ForceSensor):
         return DeviceError(f"{self._bus.label}: {problem}")
 
     def examine(self) -> tuple[Finding, ...]:
-        """Who answered in `configure`."""
+        """Return the identity that the sensor reported in `configure`."""
         return (ok("force sensor", self._identified),) if self._identified else ()
 
     def close(self) -> None:
         """End the stream."""
         if self.end_of_stream:
-            with suppress(DeviceError):  # it is gone, or was never there: nothing to end
+            with suppress(DeviceError):  # the sensor is disconnected, so there is nothing to end
                 self._bus.write(self.end_of_stream)
 
     def read_force(self) -> Reading:

@@ -30,7 +30,7 @@ ROTOR_HEADER_BLOCK = 128
 ROTOR_HEADER_ID = 0x40
 STREAM_MODE = 3
 SAMPLE_RATE_CODES = {20: 250, 25: 200, 50: 100, 100: 50, 200: 25, 250: 20, 500: 10, 1000: 5, 1250: 4, 2500: 2}
-_HEADER = 4  # command, receiver, sender, count
+_HEADER = 4  # bytes: command, receiver, sender, count
 _BLOCK = 32  # bytes of a configuration block
 
 
@@ -48,9 +48,9 @@ class LorenzCommand(IntEnum):
 class Telegram:
     """One telegram."""
 
-    command: int  # what it is
-    receiver: int  # address that it goes to
-    sender: int  # address that it comes from
+    command: int  # command number
+    receiver: int  # address of the receiver
+    sender: int  # address of the sender
     parameters: bytes = b""  # up to 255 bytes
 
 
@@ -59,12 +59,12 @@ class SensorHeader:
     """Identity that the sensor reports (block "rotor header")."""
 
     dimension_code: int  # code of the unit
-    load_code: int  # nominal load of channel A, as it is stored
+    load_code: int  # code of the nominal load of channel A
     serial_number: int  # of the sensor
 
 
 def checksums(content: bytes) -> tuple[int, int]:
-    """Compute checksum and weighted checksum of all between STX and themselves.
+    """Compute checksum and weighted checksum of a telegram's content.
 
     Args:
         content: content of a telegram, between STX and the checksums.
@@ -81,10 +81,10 @@ def checksums(content: bytes) -> tuple[int, int]:
 
 
 def encode_telegram(telegram: Telegram) -> bytes:
-    """Return the bytes of a telegram.
+    """Encode a telegram.
 
     Args:
-        telegram: to send.
+        telegram: telegram to send.
 
     Returns:
         Its bytes, stuffed.
@@ -101,16 +101,16 @@ def encode_telegram(telegram: Telegram) -> bytes:
 
 
 class TelegramReader:
-    """Finds telegrams in a stream of bytes, in any portions.
+    """Parser of telegrams from a byte stream, in any portions.
 
-    A single STX always begins a telegram, even in the middle of another one that has lost its end.
+    A single STX always begins a telegram, even within another telegram that has lost its end.
 
     Attributes:
         rejected: telegrams that were broken off or had a wrong checksum.
     """
 
     def __init__(self) -> None:
-        self._content: bytearray | None = None  # since STX, without doubled ones; None: waiting for STX
+        self._content: bytearray | None = None  # bytes since STX, unstuffed; None while waiting for STX
         self._half_stuffed = False
         self.rejected = 0
 
@@ -135,14 +135,14 @@ class TelegramReader:
         return telegrams
 
     def _take(self, byte: int) -> bool:
-        """Take one byte in; True if it was the last of a telegram."""
+        """Process one byte; return whether it was the last byte of a telegram."""
         if self._content is None:
             self._content = bytearray() if byte == STX else None
             return False
         if byte == STX and not self._half_stuffed:
             self._half_stuffed = True
             return False
-        if self._half_stuffed and byte != STX:  # that STX was a beginning
+        if self._half_stuffed and byte != STX:  # that STX began a new telegram
             self.rejected += bool(self._content)
             self._content = bytearray()
         self._half_stuffed = False
@@ -151,7 +151,7 @@ class TelegramReader:
 
 
 def encode_start_stream(address: int, rate_hz: int) -> bytes:
-    """Ask for an endless stream of channel A.
+    """Encode the request for an endless stream of channel A.
 
     Args:
         address: address of the sensor.
@@ -170,7 +170,7 @@ def encode_start_stream(address: int, rate_hz: int) -> bytes:
 
 
 def decode_header_block(parameters: Sequence[int]) -> SensorHeader:
-    """The block "rotor header" as READ_CONFIG answers it: its number, and the block with own checksums.
+    """Decode the block "rotor header" from the answer to READ_CONFIG.
 
     Args:
         parameters: parameters of the answer to READ_CONFIG.
@@ -203,7 +203,7 @@ def decode_header_block(parameters: Sequence[int]) -> SensorHeader:
     )
 
 
-_SYNC_SAMPLES = 5  # counters in a row before a stream is accepted
+_SYNC_SAMPLES = 5  # consecutive counters before a stream is accepted
 _NEAR_COUNTS = 128  # half of a step of the high byte
 
 
@@ -224,12 +224,12 @@ class LorenzStream:
         newtons_per_count: newtons in one count.
     """
 
-    complaint = ""  # it has no words
+    complaint = ""  # the protocol reports no errors
 
     def __init__(self, newtons_per_count: float) -> None:
         self._factor = newtons_per_count
         self._rest = b""
-        self._in_step = False  # whether the rest begins with a counter
+        self._in_step = False  # whether the remaining bytes begin with a counter
         self._last_counts = nan  # of the last sample that was accepted
         self.rejected = 0
 
@@ -254,23 +254,23 @@ class LorenzStream:
         return samples
 
     def _is_likelier(self, counts: int, high: int, low: int, following: int) -> bool:
-        """Whether the sample is near the last one, and the force would be far if bytes had been lost."""
+        """Return whether the sample is near the last one, while lost bytes would mean a distant force."""
         away = []
         if high == following:  # two bytes lost: the true sample is the low byte and the next counter
             away.append(abs(_signed(low, following) - self._last_counts))
-        if low == following:  # one byte lost: the next sample's high byte, its low byte is yet to come
+        if low == following:  # one byte lost: the next sample's high byte, whose low byte has not arrived
             away.append(abs(_signed(following, 128) - self._last_counts) - 128)
         return abs(counts - self._last_counts) < _NEAR_COUNTS <= min(away)
 
     def _search(self, buffer: bytes, place: int) -> tuple[int, bool]:
         """Return where a row of fitting counters begins, or where to continue when more bytes arrive.
 
-        A ramp of the force also counts up by one, and a lost or damaged byte of the true row leaves it two
-        steps. So a row is accepted only if no other row has as many steps.
+        A ramp of the force can also increase by one, and a lost or damaged byte of the true row leaves two of
+        its steps. So a row is accepted only if no other row has as many steps.
         """
         while place + 3 * _SYNC_SAMPLES + 2 <= len(buffer):
             rows = (buffer[place + shift :: 3][:_SYNC_SAMPLES] for shift in range(3))
-            # How often each row increases by one.
+            # Number of times that each row increases by one.
             steps = [sum((after - before) & 0xFF == 1 for before, after in pairwise(row)) for row in rows]
             if max(steps) == _SYNC_SAMPLES - 1 and sorted(steps)[1] <= 1:
                 return place + steps.index(max(steps)), True
@@ -287,7 +287,7 @@ class LorenzSettings(SerialForceSettings):
     nominal_load: Annotated[Positive, Field(le=1e6)]  # nominal load, in `unit`
     unit: Annotated[str, AfterValidator(known_unit)]  # unit of the nominal load
     counts_at_nominal: Annotated[Positive, Field(le=32767)]  # counts at nominal load
-    # The sensor's code of its unit; the error of a first try with any code shows it.
+    # The sensor's code of its unit; the error after a first try with any code shows the right one.
     dimension_code: Annotated[int, Field(ge=0, le=255, strict=True)]
     load_code: Annotated[int, Field(ge=0, le=65535, strict=True)]  # the sensor's code of its nominal load
     rate_hz: Annotated[int, Field(strict=True)] = 1000  # samples a second

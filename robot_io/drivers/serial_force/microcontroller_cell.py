@@ -1,14 +1,14 @@
 """A load cell for 20 dollars: HX711 or NAU7802 on a microcontroller, with the firmware of docs/firmware.
 
-The protocol is ours: lines of ASCII, each with `*` and the CRC-16 (CCITT, from FFFF) of what is before it as
-four hexadecimal digits, and ended by LF.
+The protocol is palpate's own: lines of ASCII text, each followed by `*`, the CRC-16 (CCITT, from FFFF) of the
+text as four hexadecimal digits, and LF.
 
     ?                              what the host sends, alone and without a CRC
     cell 1 nau7802 320*162E        the answer: version of the protocol, converter, samples a second
     17 -123456*B93E                each sample, unasked: counter modulo 256, and counts
 
-A line that has lost or gained a byte is none, and a counter that does not go on is no sample; where the
-converter fails, the firmware says `fault` and a word instead.
+A line that has lost or gained a byte is rejected, and so is a sample whose counter does not advance. If the
+converter fails, the firmware sends `fault` and a word instead.
 """
 
 import re
@@ -27,13 +27,14 @@ from palpate.robot_io.files.file_model import Capacity, Number, Positive
 
 WHO = b"?\n"
 VERSION = "1"
-LARGEST_COUNTS = (1 << 23) - 1  # of a 24 bit converter; there, and one below zero, it is at its end
+# End of the range of a 24 bit converter; the other end is one below its negative.
+LARGEST_COUNTS = (1 << 23) - 1
 
 _SAMPLE = re.compile(r"([0-9]{1,3}) (-?[0-9]{1,7})")
 _ANSWER_S, _QUESTIONS = 0.3, 4  # a board that is reset by opening its port takes a second to start
-_COUNTERS, _AHEAD = 256, 128  # a larger step of the counter is a step back
+_COUNTERS, _AHEAD = 256, 128  # a larger step of the counter counts as a step back
 _OLD_SAMPLES = 5  # consecutive old samples that continue from each other: the cell has restarted
-_RATE_ERROR = 0.1  # of the converters' own oscillators
+_RATE_ERROR = 0.1  # relative error of the converters' own oscillators
 
 
 def checked(line: bytes) -> str:
@@ -46,7 +47,7 @@ def checked(line: bytes) -> str:
         The text.
 
     Raises:
-        ProtocolError: the CRC is not that of the text, or missing.
+        ProtocolError: the CRC is wrong or missing.
     """
     text, star, digits = line.rpartition(b"*")
     if not star or digits != b"%04X" % crc_hqx(text, 0xFFFF):
@@ -55,7 +56,7 @@ def checked(line: bytes) -> str:
 
 
 def sample_of(line: bytes) -> tuple[int, int]:
-    """Counter and counts of a line.
+    """Parse counter and counts of a line.
 
     Args:
         line: received line.
@@ -64,7 +65,7 @@ def sample_of(line: bytes) -> tuple[int, int]:
         Counter and counts.
 
     Raises:
-        ProtocolError: it is damaged, or no sample.
+        ProtocolError: the line is damaged, or is not a sample.
     """
     match = _SAMPLE.fullmatch(checked(line))
     if (
@@ -89,7 +90,7 @@ def fault_of(line: bytes) -> str:
 
 
 class CellStream:
-    """Forces from the lines; a line whose counter repeats or goes back is old, and left out.
+    """Forces from lines; a line whose counter repeats or goes back is old, and is ignored.
 
     If five such lines continue from each other, the cell has restarted. A converter at the end of its range
     shows at least `capacity_n` [N]. `rate_hz` is the sample rate [Hz], by which `own_time` dates samples.
@@ -103,14 +104,14 @@ class CellStream:
         self._lines = LineSplitter()
         self._lines.resynchronise()  # the first line may have lost its beginning
         self._counter: int | None = None
-        self._old_counter: int | None = None  # of the last sample that was left out
-        self._old = 0  # such samples that continue from each other
+        self._old_counter: int | None = None  # counter of the last ignored sample
+        self._old = 0  # number of ignored samples that continue from each other
         self.complaint = ""
         self._bad = 0
 
     @property
     def rejected(self) -> int:
-        """Lines that were damaged or old."""
+        """Number of damaged or old lines."""
         return self._bad + self._lines.dropped
 
     def feed(self, data: bytes) -> list[float]:
@@ -121,7 +122,7 @@ class CellStream:
             except ProtocolError:
                 if fault := fault_of(line):
                     self.complaint = f"the cell says '{fault}'"
-                    self.own_time.restart()  # its counter stands still meanwhile
+                    self.own_time.restart()  # the cell's counter does not advance during a fault
                 else:
                     self._bad += 1
                 continue
@@ -152,7 +153,7 @@ class MicrocontrollerCellSettings(SerialForceSettings):
     """Settings in the robot file."""
 
     capacity_n: Capacity  # capacity of the load cell [N]
-    # What one count is; from two known weights, or `palpate calibrate force` [N].
+    # Newtons per count, from two known weights or `palpate calibrate force` [N].
     newtons_per_count: Positive
     zero_counts: Number = 0.0  # counts without a load
     # Sample rate [Hz]; the firmware must report the same.

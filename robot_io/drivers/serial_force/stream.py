@@ -9,19 +9,19 @@ from typing import Protocol
 from palpate.robot_io.errors import ProtocolError
 
 _CLOCKS_DIFFER = 1e-3  # relative: two crystals, and a rate rounded to whole hertz
-_WINDOW_S, _WINDOWS = 0.25, 4  # in whose shortest delays an error of the rate shows
+_WINDOW_S, _WINDOWS = 0.25, 4  # windows whose shortest delays reveal an error of the rate
 _STEADY = 0.5  # share of the largest change between two windows by which changes may differ
 
 
 class OwnTime:
-    """Dates readings: none is younger than the shortest delay so far, from sampling to arrival, allows.
+    """Computes sampling times of readings from the shortest delay so far between sampling and arrival.
 
-    A constant delay cannot be detected, but a change of the delay can. A sensor whose clock is off by more
-    than 0.1 % seems to fall behind. If the rate may be off by more, it is corrected once the shortest delays
+    A constant delay cannot be detected, but a change of the delay can. A sensor whose clock error exceeds
+    0.1 % seems to fall behind. If the rate may be off by more, it is corrected once the shortest delays
     have changed steadily for a second; a single late reading changes them once.
 
     Args:
-        rate_error: Share by which the sensor's time may be off.
+        rate_error: Largest relative error of the sensor's clock.
         longest_gap_s: Longest silence after which the advance of the sensor's time is still known [s].
     """
 
@@ -31,28 +31,28 @@ class OwnTime:
         self.restart()
 
     def restart(self) -> None:
-        """Restart: the sensor has restarted, and its time has no relation to earlier readings."""
+        """Reset after a restart of the sensor, whose time then has no relation to earlier readings."""
         self._now_s = self._looked_s = 0.0  # on the sensor's clock
         self._arrived_s = inf
-        self._delay_s = self._window_delay_s = inf  # the shortest; it holds how far the clocks are apart
+        self._delay_s = self._window_delay_s = (
+            inf  # the shortest delay, which includes the offset between the clocks
+        )
         self._window_end_s, self._delays_s = _WINDOW_S, deque[float](maxlen=_WINDOWS)
 
     def goes_on(self, by_s: float) -> None:
         """Advance the sensor's time to that of the newest reading.
 
         Args:
-            by_s: sensor's clock [s].
+            by_s: time since the previous reading, sensor's clock [s].
         """
         self._now_s += by_s * self._rate
 
     def sampled_at_s(self, arrived_at_s: float, *, prompt: bool) -> float:
-        """Compute when the newest reading was sampled at the latest.
-
-        It arrived at `arrived_at_s`; `prompt` is whether it was just then, and not perhaps later.
+        """Compute the latest possible sampling time of the newest reading.
 
         Args:
-            arrived_at_s: host's clock [s].
-            prompt: whether it arrived just then.
+            arrived_at_s: arrival time, host's clock [s].
+            prompt: whether the arrival time is exact; otherwise the reading may have arrived later.
 
         Returns:
             Time on the host's clock [s].
@@ -68,7 +68,7 @@ class OwnTime:
         return min(arrived_at_s, self._now_s + self._delay_s)
 
     def _follow_rate(self, delay_s: float) -> None:
-        """Correct the sensor's rate where its delays have changed steadily."""
+        """Correct the sensor's rate if its delays have changed steadily."""
         self._window_delay_s = min(self._window_delay_s, delay_s)
         if self._now_s < self._window_end_s:
             return
@@ -85,14 +85,14 @@ class OwnTime:
             self._delays_s.clear()
 
 
-_MARGIN_S = 1e-3  # by which answering times vary; a marker that was not needed does no harm
-_FORGETTING = 0.01  # how far the usual answering time follows a shorter one
-_PATIENCE_S = 0.1  # for an answer, and for that to a marker
-_DEAF_S = 0.25  # after one that did not come: until nothing late can be taken for the next one
+_MARGIN_S = 1e-3  # variation of answering times; an unnecessary marker does no harm
+_FORGETTING = 0.01  # rate at which the usual answering time follows a shorter one
+_PATIENCE_S = 0.1  # time limit for an answer, and for the answer to a marker
+_DEAF_S = 0.25  # pause after a missing answer, so that no late answer is taken for the next one
 
 
 class Poll:
-    """One request, repeated once it is answered; an answer is as old as its request can make it.
+    """One request that is repeated after each answer; a reading gets the time of its request.
 
     If an answer is missing, the request is sent again behind a marker: a request whose answer is no reading.
     Sensors answer in order, so everything after the marker's answer belongs to the request behind it. If
@@ -100,20 +100,20 @@ class Poll:
     newer request.
 
     Args:
-        question: What asks for a reading.
-        marker: What asks for something else.
+        question: Request for a reading.
+        marker: Request for something else.
     """
 
     def __init__(self, question: bytes, marker: bytes) -> None:
         self._question, self._marker = question, marker
-        self._asked_s: float | None = None  # while the answer is out
+        self._asked_s: float | None = None  # time of the request while its answer is pending
         self._silent_since_s = 0.0  # time of the first unanswered request
-        self._usual_s: float | None = None  # answering time, the longest of late
+        self._usual_s: float | None = None  # usual answering time, the longest of recent ones
         self._awaits_marker = False
         self._deaf_until_s = -float("inf")
 
     def to_send(self, now_s: float) -> bytes:
-        """Return what to send now; may be empty.
+        """Return the bytes to send now; may be empty.
 
         Args:
             now_s: robot's clock [s].
@@ -132,7 +132,7 @@ class Poll:
         return self._marker + self._question
 
     def marked(self) -> None:
-        """Note that the answer to the marker has come."""
+        """Record that the answer to the marker has arrived."""
         self._awaits_marker = False
 
     def answered(self, arrived_s: float) -> float | None:
@@ -151,7 +151,7 @@ class Poll:
         return asked_s
 
 
-MAX_LINE = 200  # bytes; a longer one is noise
+MAX_LINE = 200  # largest length of a line [bytes]; a longer line is noise
 _FIXED_FORMAT = 200  # lines of equal decimals in a row; by chance, trailing zeros left out, 1 in 10^9
 _GRAVITY_M_S2 = 9.80665
 _POUND_N = 0.45359237 * _GRAVITY_M_S2
@@ -190,13 +190,13 @@ def known_unit(unit: str | None) -> str | None:
     """Check a unit from a robot file, for pydantic.
 
     Args:
-        unit: as the robot file says, or None.
+        unit: unit in the robot file, or None.
 
     Returns:
         The same.
 
     Raises:
-        ValueError: it is unknown.
+        ValueError: the unit is unknown.
     """
     if unit is not None:
         try:
@@ -216,7 +216,7 @@ def text_of(line: bytes) -> str:
         The text.
 
     Raises:
-        ProtocolError: it holds something that is not printable ASCII.
+        ProtocolError: the line contains characters other than printable ASCII.
     """
     if not all(32 <= byte < 127 or byte == 9 for byte in line):
         raise ProtocolError(f"not a line of text: {line[:40]!r}")
@@ -224,13 +224,13 @@ def text_of(line: bytes) -> str:
 
 
 class ReadingStream(Protocol):
-    """Makes force samples out of bytes, in any portions. Damaged ones are counted and left out."""
+    """Parser of force samples from bytes, in any portions. Damaged samples are counted and ignored."""
 
     complaint: str  # error that the device reports since its last sample, or an empty string
 
     @property
     def rejected(self) -> int:
-        """How much was not a sample."""
+        """Number of received items that were not samples."""
 
     def feed(self, data: bytes) -> list[float]:
         """Process received bytes, and return the samples that are now complete.
@@ -244,7 +244,7 @@ class ReadingStream(Protocol):
 
 
 class LineSplitter:
-    """Cuts at CR and LF, whichever come; empty lines are dropped.
+    """Splits bytes at CR and LF; empty lines are dropped.
 
     Attributes:
         dropped: lines that were too long.
@@ -252,7 +252,7 @@ class LineSplitter:
 
     def __init__(self) -> None:
         self._rest = b""
-        self._skipping = False  # until the end of a line whose beginning was not seen or was too long
+        self._skipping = False  # while skipping a line whose beginning was missing or too long
         self.dropped = 0
 
     def feed(self, data: bytes) -> list[bytes]:
@@ -281,15 +281,15 @@ class LineSplitter:
 class LineStream:
     """Readings from lines of text, none beyond `largest_n` [N].
 
-    Where all lines have had the same number of decimals, one with another number is rejected: a byte is
-    missing ("0.65" without its point is 65). A first line may have lost its beginning, and is left out unless
-    `from_beginning`.
+    If all lines so far have the same number of decimals, a line with another number is rejected, because a
+    byte is missing ("0.65" without its point is 65). The first line may have lost its beginning, and is
+    ignored unless `from_beginning`.
 
     `parse` makes of a line the number as it is written, and newtons per unit.
     ProtocolError: it is no reading.
     """
 
-    complaint = ""  # such devices do not complain
+    complaint = ""  # such devices report no errors
 
     def __init__(
         self, parse: Callable[[str], tuple[str, float]], largest_n: float, *, from_beginning: bool = False
@@ -298,12 +298,12 @@ class LineStream:
         self._lines = LineSplitter()
         if not from_beginning:
             self._lines.resynchronise()
-        self._decimals, self._same = 0, 0  # and number of consecutive lines with it
+        self._decimals, self._same = 0, 0  # number of decimals, and consecutive lines with it
         self._bad = 0
 
     @property
     def rejected(self) -> int:
-        """Lines that were not readings."""
+        """Number of lines that were not readings."""
         return self._bad + self._lines.dropped
 
     def feed(self, data: bytes) -> list[float]:
@@ -331,8 +331,8 @@ class LineStream:
         elif self._same < _FIXED_FORMAT:
             self._decimals, self._same = decimals, 0
         else:
-            self._same //= 2  # a lasting change of format is learned
+            self._same //= 2  # adapts to a lasting change of the format
             raise ProtocolError(f"{decimals} decimals, where all lines had {self._decimals}")
-        if not abs(force_n) <= self._largest_n:  # nor NaN
+        if not abs(force_n) <= self._largest_n:  # true for NaN as well
             raise ProtocolError(f"{force_n:g} N is beyond {self._largest_n:g} N")
         return force_n
