@@ -2,8 +2,8 @@
 
 Positions are positive into the object. A coupling has two sides, each stepped on its own machine, that send
 each other small packets. Three axes are three couplings. Pure: no clock, no link. In each step a channel
-gives a side one packet: the newest that has arrived, again and again until a newer one comes, or each after a
-constant delay. So a lost, a late and a repeated packet all look like an old one.
+returns one packet to a side: either the newest received packet, repeated until a newer one arrives, or each
+packet after a constant delay. So lost, late and repeated packets all look like old ones.
 
 - Direct (position-force): the leader's position is tracked, and the measured force is fed back.
 - Four channels: position, velocity and force travel both ways. Lawrence, "Stability and transparency in
@@ -36,14 +36,14 @@ from palpate.robot_io.errors import InputError
 from palpate.robot_io.types import clip
 
 Packet = tuple[float, ...]  # what one side sends the other in a step
-_LONGEST = 10_000  # steps; a packet that is further behind the newest is ignored
+_LONGEST = 10_000  # largest age behind the newest packet, in steps; older packets are ignored
 
 
 class Channel(ABC):
-    """One side's end of the link; pure. Call `take` for what has arrived, then `packet` once in each step."""
+    """One side's end of the link, without I/O: `take` received packets, then call `packet` once per step."""
 
     def take(self, number: int, packet: Packet) -> None:
-        """Take in a packet that has arrived.
+        """Store a received packet.
 
         Args:
             number: step of the sender in which it was sent.
@@ -54,15 +54,15 @@ class Channel(ABC):
 
     @abstractmethod
     def _take(self, number: int, packet: Packet) -> None:
-        """The same for a packet that is finite."""
+        """Store a finite packet."""
 
     @abstractmethod
     def packet(self) -> Packet | None:
-        """Give the packet of this step; None before the first. Call it once in each step."""
+        """Return the packet of this step; None before the first. Call it once per step."""
 
 
 class Newest(Channel):
-    """Gives the newest packet; an overtaken one is dropped."""
+    """Channel that returns the newest packet; an overtaken packet is dropped."""
 
     def __init__(self) -> None:
         self._number = -1
@@ -78,9 +78,9 @@ class Newest(Channel):
 
 
 class Playout(Channel):
-    """A playout buffer: each packet waits until it is as old as the oldest that ever came.
+    """Playout buffer that delays each packet to the largest delay so far.
 
-    So jitter becomes a constant delay, for which waves are made (Kosuge, Murayama and Takeo, "Bilateral
+    So jitter becomes a constant delay, as wave variables require (Kosuge, Murayama and Takeo, "Bilateral
     feedback control of telemanipulators via computer network", IROS 1996). A lost packet is replaced by the
     one before it.
     """
@@ -109,9 +109,9 @@ class Playout(Channel):
 class DevicePort(NamedTuple):
     """State of a side's own device."""
 
-    position_m: float  # of the device's tip along the axis [m]
+    position_m: float  # position of the device's tip along the axis [m]
     velocity_m_s: float  # [m/s]
-    # Leader: what the hand pushes the device with, positive inwards. Follower: compression of its tool [N].
+    # Leader: force of the hand on the device, positive inwards. Follower: compression of its tool [N].
     force_n: float
 
 
@@ -123,14 +123,14 @@ class CouplingSide(ABC):
 
         Args:
             port: state of the own device.
-            newest: packet of the other side, as the channel gives it; None before the first.
+            newest: packet of the other side from the channel; None before the first.
             dt_s: time until the next step, for which the force is held [s].
 
         Returns:
             Force of the actuator on the own device [N], positive inwards, and the packet for the other side.
 
         Raises:
-            InputError: a value is not finite, or the time not positive; nothing has changed.
+            InputError: a value is not finite, or the time is not positive; the state is unchanged.
         """
         if not math.isfinite(sum(port) + sum(newest or ())) or not 0.0 < dt_s < math.inf:
             raise InputError(f"coupling: {port}, packet {newest}, step {dt_s} s: all must be finite numbers")
@@ -153,7 +153,7 @@ class Coupling:
 
 @dataclass(frozen=True)
 class Tracking:
-    """The follower's own position control, the same for all: F = K (x_wanted - x) + B (v_wanted - v)."""
+    """The follower's position control, common to all couplings: F = K (x_des - x) + B (v_des - v)."""
 
     stiffness_n_m: float = 8000.0
     damping_n_s_m: float = 120.0
@@ -164,11 +164,11 @@ class Tracking:
                 raise InputError(f"tracking: stiffness and damping are finite and not negative, not {value}")
 
     def force_n(self, ahead_m: float, faster_m_s: float) -> float:
-        """Force [N] for how far the wanted motion is ahead [m] and how much faster it is [m/s].
+        """Compute the tracking force [N].
 
         Args:
-            ahead_m: how far the wanted motion is ahead [m].
-            faster_m_s: how much faster it is [m/s].
+            ahead_m: desired minus actual position [m].
+            faster_m_s: desired minus actual velocity [m/s].
         """
         return self.stiffness_n_m * ahead_m + self.damping_n_s_m * faster_m_s
 
@@ -177,14 +177,14 @@ TRACKING = Tracking()
 
 
 class DirectLeader(CouplingSide):
-    """Sends position and velocity, renders the force that comes."""
+    """Leader that sends position and velocity, and renders the received force."""
 
     def _step(self, port: DevicePort, newest: Packet | None, dt_s: float) -> tuple[float, Packet]:
         return -newest[0] if newest else 0.0, (port.position_m, port.velocity_m_s)
 
 
 class DirectFollower(CouplingSide):
-    """Tracks position and velocity that come, sends the measured force."""
+    """Follower that tracks the received position and velocity, and sends the measured force."""
 
     def _step(self, port: DevicePort, newest: Packet | None, dt_s: float) -> tuple[float, Packet]:
         wanted_m, wanted_m_s = newest or (port.position_m, 0.0)
@@ -196,7 +196,7 @@ DIRECT = Coupling("direct", DirectLeader, DirectFollower)
 
 
 class FourChannelSide(CouplingSide):
-    """Tracks the other side, and adds the force measured there; `reflects` where that is a compression."""
+    """Side that tracks the other side, and adds its measured force; `reflects` if that is a compression."""
 
     def __init__(self, *, reflects: bool) -> None:
         self._sign = -1.0 if reflects else 1.0
@@ -213,19 +213,19 @@ FOUR_CHANNEL = Coupling(
 
 
 DRAG_N_S_M = 10.0
-RESERVE_J = 1e-3  # what each end may take at the very start, when nothing has been put in
-_FASTEST_M_S = 0.5  # of a point of the link, after a gap in the packets above all
+RESERVE_J = 1e-3  # energy that each end may initially take, before any is put in
+_FASTEST_M_S = 0.5  # largest speed of a point of the link, mainly after a gap in the packets
 
 
 class Account:
-    """Energy of one end of the link, as known there [J]."""
+    """Energy balance of one end of the link, as known there [J]."""
 
     def __init__(self) -> None:
         self.put_in_j = 0.0  # by this end
         self._taken_j = 0.0
 
     def book(self, work_j: float) -> None:
-        """What this end did on the link in a step, negative if the link worked on it.
+        """Add the work that this end did on the link in a step; negative if the link did work on this end.
 
         Args:
             work_j: positive if this end worked on the link [J].
@@ -236,7 +236,7 @@ class Account:
             self._taken_j -= work_j
 
     def share_allowed(self, taking_j: float, other_put_in_j: float) -> float:
-        """Return the share 0 to 1 of a withdrawal that the other end is known to have covered.
+        """Return the share, 0 to 1, of a withdrawal that is covered by the other end's known input.
 
         Args:
             taking_j: energy to be taken out [J].
@@ -247,7 +247,7 @@ class Account:
 
 
 class TimeDomainLeader(CouplingSide):
-    """Lets its point go where the spring has the force that comes, as far as the account covers it."""
+    """Leader that moves its point so that the spring has the received force, if the account covers it."""
 
     def __init__(self) -> None:
         self._account = Account()
@@ -271,9 +271,10 @@ class TimeDomainLeader(CouplingSide):
 
 
 class TimeDomainFollower(CouplingSide):
-    """Moves its point to where the leader is as far as the account covers it, and sends the tracking force.
+    """Follower that moves its point to the leader's position, as far as the account covers it.
 
-    What was held back is made up for as soon as the account allows it, so positions do not drift apart.
+    It sends the tracking force. A motion that was held back is made up for as soon as the account allows it,
+    so positions do not drift apart.
     """
 
     def __init__(self) -> None:
@@ -292,7 +293,7 @@ class TimeDomainFollower(CouplingSide):
         return force_n, (force_n, self._account.put_in_j)
 
     def _force_n(self, port: DevicePort, way_m: float, dt_s: float) -> float:
-        """Tracking force [N] after the wanted position has moved on by `way_m` [m]."""
+        """Return the tracking force [N] after the desired position has moved by `way_m` [m]."""
         return TRACKING.force_n(self._wanted_m + way_m - port.position_m, way_m / dt_s - port.velocity_m_s)
 
 
@@ -300,21 +301,21 @@ TIME_DOMAIN = Coupling("time-domain passivity", TimeDomainLeader, TimeDomainFoll
 
 
 IMPEDANCE_N_S_M = 30.0  # b: felt as drag in free air, and over a delay T as a spring b / T in contact
-_CATCH_UP_1_S = 5.0  # how fast the integrals are brought together
+_CATCH_UP_1_S = 5.0  # rate at which the integrals are matched
 _GAP_STEPS = 5.0  # energy is kept back to hold the wave for so long, before any is spent on catching up
 
 
 class WaveEnd:
-    """One end of the two lines: counts what goes out, and gives back what came in, never more than that."""
+    """One end of the wave lines: counts sent energy, and returns at most the received energy."""
 
     def __init__(self) -> None:
         self._sent = self._sent_j = self._used = self._used_j = 0.0
 
     def send(self, wave: float, dt_s: float) -> Packet:
-        """Return the packet for a wave [sqrt(W)]: itself, its integral, and the energy sent so far [J].
+        """Return the packet for a wave [sqrt(W)]: the wave, its integral, and the energy sent so far [J].
 
         Args:
-            wave: that goes out [sqrt(W)].
+            wave: outgoing wave [sqrt(W)].
             dt_s: step [s].
         """
         self._sent += wave * dt_s
@@ -342,7 +343,7 @@ class WaveEnd:
 
 
 class WaveLeader(CouplingSide):
-    """Turns its velocity and the wave that comes into a force and a wave that goes."""
+    """Leader that computes a force and the outgoing wave from its velocity and the incoming wave."""
 
     def __init__(self) -> None:
         self._end = WaveEnd()
@@ -355,10 +356,10 @@ class WaveLeader(CouplingSide):
 
 
 class WaveFollower(CouplingSide):
-    """Turns the wave that comes into a wanted velocity, and the tracking's force into a wave that goes.
+    """Follower that computes a desired velocity from the incoming wave, and the outgoing wave from its force.
 
-    Wanted velocity and force depend on each other; solved for the end of the step (implicit), the spring of
-    the tracking makes no energy.
+    Desired velocity and force depend on each other. They are solved for the end of the step (implicitly), so
+    that the spring of the tracking generates no energy.
     """
 
     def __init__(self) -> None:
@@ -370,7 +371,7 @@ class WaveFollower(CouplingSide):
         wave = self._end.receive(newest, dt_s)
         ahead_m = 0.0 if math.isnan(self._wanted_m) else self._wanted_m - port.position_m
         yielding_n_s_m = IMPEDANCE_N_S_M + TRACKING.stiffness_n_m * dt_s
-        free_m_s = self._root * wave / IMPEDANCE_N_S_M  # wanted velocity if there were no force
+        free_m_s = self._root * wave / IMPEDANCE_N_S_M  # desired velocity without force
         force_n = (TRACKING.stiffness_n_m * ahead_m + yielding_n_s_m * (free_m_s - port.velocity_m_s)) / (
             1.0 + yielding_n_s_m / IMPEDANCE_N_S_M
         )

@@ -1,7 +1,7 @@
-"""The follower's task: hold still, probe target after target from the queue, hold still again.
+"""The follower's task: hold still, probe all targets of the queue in order, and hold still again.
 
-Each target is a `ProbingTask` of its own, from the place where the arm holds and back to it. Messages change
-the queue only; speeds, forces and distances are the plan's, and the guard may stop the arm at any time.
+Each target has its own `ProbingTask`, which starts and ends where the arm holds. Messages change only the
+queue. Speeds, forces and distances come from the plan, and the guard may stop the arm at any time.
 """
 
 import threading
@@ -25,26 +25,26 @@ _OVER = (TargetState.DONE, TargetState.REFUSED, TargetState.CANCELLED, TargetSta
 
 
 class TargetQueue:
-    """Queue that the link fills and the task empties; safe for two threads.
+    """Thread-safe queue that the link fills and the task empties.
 
     Attributes:
-        linked: whether the leader responds; no target is begun while it is not.
-        remark: why the newest target was refused or failed.
+        linked: whether the leader responds; no target is started while it does not.
+        remark: reason why the newest target was refused or failed.
     """
 
     def __init__(self) -> None:
         self._lock = threading.Lock()
         self._targets: dict[int, Target] = {}
         self._states: dict[int, TargetState] = {}
-        self._newest = -1  # number of the newest target that was taken in; the leader counts up
+        self._newest = -1  # number of the newest accepted target; the leader counts up
         self._current: int | None = None
-        self._cancelled = False  # of the target that is being probed
+        self._cancelled = False  # whether the current target is canceled
         self._ended = False
         self.linked = False
         self.remark = ""
 
     def take(self, intent: Intent) -> None:
-        """Take in the leader's intent; targets beyond the queue's capacity are left for later.
+        """Update the queue from the leader's intent; targets beyond its capacity are left for later.
 
         Args:
             intent: targets, cancellations and whether the leader has ended.
@@ -52,7 +52,7 @@ class TargetQueue:
         with self._lock:
             for target in intent.targets:
                 if target.number > self._newest:
-                    if len(self._states) >= MOST_TARGETS:  # forget the oldest target that is over
+                    if len(self._states) >= MOST_TARGETS:  # forget the oldest finished target
                         over = next((n for n, state in self._states.items() if state in _OVER), None)
                         if over is None:
                             break
@@ -67,14 +67,14 @@ class TargetQueue:
             self._ended = intent.ended
 
     def clear(self) -> None:
-        """Drop the targets of the former leader because another leader begins."""
+        """Drop the targets of the previous leader when another leader starts."""
         with self._lock:
             self._targets, self._states = {}, {}
             self._newest, self._ended = -1, False
             self._cancelled = self._current is not None
 
     def begin(self) -> Target | None:
-        """Begin the next target.
+        """Start the next target.
 
         Returns:
             The target; None if there is none or the link is silent.
@@ -92,8 +92,8 @@ class TargetQueue:
         """Set the state of the target that was being probed.
 
         Args:
-            state: how it ended.
-            remark: why it was refused or failed.
+            state: final state.
+            remark: reason why it was refused or failed.
         """
         with self._lock:
             if self._current in self._states:
@@ -102,12 +102,12 @@ class TargetQueue:
 
     @property
     def cancelled(self) -> bool:
-        """Whether the target that is being probed is canceled."""
+        """Whether the current target is canceled."""
         return self._cancelled
 
     @property
     def current(self) -> int:
-        """Number of the target that is being probed, -1 for none; it may be a former leader's."""
+        """Number of the current target, -1 for none; it may be a previous leader's."""
         return -1 if self._current is None else self._current
 
     @property
@@ -123,7 +123,7 @@ class TargetQueue:
 
 
 class OnSilence(StrEnum):
-    """What happens to the present target when the leader falls silent; then the arm holds still."""
+    """Treatment of the current target when the leader falls silent; then the arm holds still."""
 
     FINISH = "finish"
     RETREAT = "retreat"
@@ -134,7 +134,7 @@ def plan_for(target: Target, plan: ProbingPlan) -> ProbingPlan:
 
     Args:
         target: place and direction.
-        plan: everything else.
+        plan: all other settings.
 
     Returns:
         The plan for the target.
@@ -144,7 +144,7 @@ def plan_for(target: Target, plan: ProbingPlan) -> ProbingPlan:
 
 
 class FollowerTask:
-    """Works through a `TargetQueue`; see `palpate.control.loop.task.Task`.
+    """Task that probes the targets of a `TargetQueue`; see `palpate.control.loop.task.Task`.
 
     It is done when the leader has ended.
 
@@ -154,8 +154,8 @@ class FollowerTask:
         gains: gains of all laws.
         queue: of targets.
         probing: makes the probing task of a target.
-        settled: whether nothing but the queue keeps the arm up, such as a pending estimate.
-        on_silence: what happens to the present target when the leader falls silent.
+        settled: returns whether the arm need not wait for anything but the queue, such as an estimate.
+        on_silence: treatment of the current target when the leader falls silent.
     """
 
     def __init__(  # noqa: PLR0917
@@ -172,7 +172,7 @@ class FollowerTask:
         self._queue, self._probing = queue, probing
         self._settled, self._on_silence = settled, on_silence
         self._under_way: ProbingTask | None = None
-        self._runs = self._base = 0  # runs so far; of the targets before the one under way
+        self._runs = self._base = 0  # runs so far; runs of the targets before the current one
         self._linked = False
         self._events: list[TaskEvent] = []
 
@@ -191,7 +191,7 @@ class FollowerTask:
         """Compute one tick; see `palpate.control.loop.task.Task.step`.
 
         Raises:
-            Exception: whatever a `ProbingTask` raises.
+            Exception: any exception of a `ProbingTask`.
         """
         self._events = []
         if self._queue.linked != self._linked:

@@ -1,11 +1,11 @@
-"""Comparison of the follower's measured force with the force that the virtual object would give."""
+"""Comparison of the follower's measured force with the force of the virtual object."""
 
 from collections import defaultdict, deque
 from collections.abc import Hashable
 from dataclasses import dataclass
 from math import sqrt
 
-_KEPT = 200  # samples of one place
+_KEPT = 200  # number of samples kept per place
 _FEWEST = 8
 # A mismatch exceeds this share of the measured force, this multiple of the noise, and this force.
 _SHARE = 0.1
@@ -18,8 +18,10 @@ class ForceMismatch:
     """Difference between model and measurement at one place."""
 
     place: Hashable  # such as target and phase
-    share: float  # mean of measured minus predicted, over the mean measured force; positive: felt too soft
-    rms_n: float  # of measured minus predicted [N]
+    share: (
+        float  # mean of measured minus predicted over mean measured force; positive if the model is too soft
+    )
+    rms_n: float  # root mean square of measured minus predicted [N]
 
     shallow_m: float  # least and
     deep_m: float  # greatest depth of the samples [m]
@@ -35,7 +37,7 @@ class ForceMismatch:
 
 
 class MismatchMonitor:
-    """Collects pairs of measured and predicted force by place, for one model; pure.
+    """Collects pairs of measured and predicted force by place, for one model, without I/O.
 
     Args:
         noise_n: standard deviation of the follower's force sensor [N].
@@ -48,11 +50,11 @@ class MismatchMonitor:
         )
 
     def add(self, place: Hashable, depth_m: float, measured_n: float, predicted_n: float) -> None:
-        """Take in one sample in contact.
+        """Add one sample in contact.
 
         Args:
-            place: such as target and phase.
-            depth_m: below the surface [m].
+            place: place, such as target and phase.
+            depth_m: depth below the surface [m].
             measured_n: force of the sensor, positive in compression [N].
             predicted_n: force of the model [N].
         """

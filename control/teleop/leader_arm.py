@@ -1,8 +1,8 @@
-"""An arm of servos in the operator's hand: its tip is read, and pushes back.
+"""Servo arm in the operator's hand: reads the position of its tip, and exerts a force on the hand.
 
     tau = g(q) + J(q)^T f
 
-The model holds up the arm's own weight, and every torque passes its guard. There is no button: the operator
+The model compensates the arm's weight, and every torque passes the guard. There is no button: the operator
 selects a place by pressing the tool's force sensor harder than `select_force_n`.
 """
 
@@ -23,11 +23,11 @@ from palpate.robot_io.robot import Robot, build_robot
 from palpate.robot_io.robot_file import load_robot_file
 from palpate.robot_io.types import Command, FloatArray, Measurement, Status
 
-# The leader arm needs kinematics, which `robot_io` does not know.
+# The leader arm needs kinematics, which `robot_io` does not have.
 _PLACES = ("palpate.robot_io.operator", "palpate.control.teleop.leader_arm")
 
 OPERATOR_DEVICES = Registry("operator device", OperatorDevice, *_PLACES)  # type: ignore[type-abstract]
-_DEVICE = "device"  # key of a file that names one, with its settings beside it
+_DEVICE = "device"  # key of the device name in a file, beside the settings
 
 
 def build_operator_device(
@@ -40,7 +40,7 @@ def build_operator_device(
 
     Args:
         name: name of the device.
-        settings: for its `Settings`.
+        settings: settings for its `Settings` class.
         clock: clock of this side.
         document: that the settings come from, for errors with file and line.
 
@@ -66,7 +66,7 @@ def build_operator(operator: str, clock: Clock) -> OperatorDevice:
         The device.
 
     Raises:
-        InputError: there is no such device or file, or a setting is invalid.
+        InputError: the device or file does not exist, or a setting is invalid.
     """
     if operator in OPERATOR_DEVICES:
         try:
@@ -86,20 +86,20 @@ def build_operator(operator: str, clock: Clock) -> OperatorDevice:
     return build_operator_device(name, rest, clock, document)
 
 
-_WAIT_S = 1.0  # for the first sample
+_WAIT_S = 1.0  # time limit for the first sample
 
 
 class LeaderArmSettings(FileModel):
     """Settings of the leader arm."""
 
     robot: Path  # robot file
-    drivers: tuple[str, ...] = ()  # packages with drivers beside the built-in ones
+    drivers: tuple[str, ...] = ()  # packages with further drivers
     select_force_n: Positive = 5.0
-    deadline_s: Positive = 0.005  # for one exchange with the devices
+    deadline_s: Positive = 0.005  # time limit of one exchange with the devices
 
 
 class LeaderArm(OperatorDevice):
-    """An operator device that is an arm; `read` takes a measurement, `set_force` sends one command."""
+    """Arm as an operator device; `read` reads a measurement, and `set_force` sends a command."""
 
     name = "leader_arm"
     Settings = LeaderArmSettings

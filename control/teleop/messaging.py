@@ -1,4 +1,4 @@
-"""Messaging of both sides over a line: fresh messages are passed on, silence and new peers are noticed."""
+"""Messaging of both sides over a line: forwards fresh messages, and detects silence and new peers."""
 
 from collections.abc import Callable
 from math import nan
@@ -31,8 +31,8 @@ def link_record(peer: Peer, malformed: int, now_s: float) -> tuple[object, ...]:
 
     Args:
         peer: state of the other side.
-        malformed: frames so far that were no messages.
-        now_s: on the clock of this side [s].
+        malformed: number of malformed frames so far.
+        now_s: time on the clock of this side [s].
     """
     offset = peer.offset
     clocks = (nan, nan) if offset is None else (offset.offset_s, offset.round_trip_s)
@@ -40,18 +40,18 @@ def link_record(peer: Peer, malformed: int, now_s: float) -> tuple[object, ...]:
     return (now_s, *clocks, peer.age_s(now_s), peer.silent(now_s), *counts, malformed, peer.lost)
 
 
-_RESUBSCRIBE_S = 3.0  # silence after which the subscription is declared again
+_RESUBSCRIBE_S = 3.0  # silence after which the subscription is repeated
 _UNHEARD_S = 10.0  # silence after which a possible cause is reported
 
 
 class Messaging:
-    """A line, with the state of the peer at its other end.
+    """Messaging over a line, with the state of the peer at its other end.
 
     Args:
-        line: between the two.
+        line: line between both sides.
         clock: clock of this side.
-        take: is called with each fresh message and the time it was sent, on the peer's clock [s].
-        on_new_peer: is called when another program has taken the peer's place, before its first message.
+        take: called with each fresh message and the time it was sent, on the peer's clock [s].
+        on_new_peer: called when another program has replaced the peer, before its first message.
 
     Attributes:
         peer: state of the other side.
@@ -71,17 +71,18 @@ class Messaging:
         self.send = line.send
         self._line, self._clock, self._take, self._on_new_peer = line, clock, take, on_new_peer
         self._begun_s, self._complaints = clock.now_s(), set[str]()
-        self._answers_another = False  # whether frames came that answer another program
+        self._answers_another = False  # whether received frames answer another program
         self._resubscribe_s = self._begun_s + _RESUBSCRIBE_S
 
     def receive(self) -> bool:
-        """Take in what has arrived.
+        """Process all received frames.
 
         Returns:
             Whether `linked` has changed.
         """
         for at_s, frame in self._line.receive():
-            if frame.heard_sender != self._line.sender:  # has not heard this program, or is a replayed frame
+            # The sender has not received this program's frames, or the frame is a replay.
+            if frame.heard_sender != self._line.sender:
                 self._answers_another |= frame.heard_sender != 0
                 if self.peer.silent(at_s):
                     self._line.heard(frame, at_s)
@@ -109,7 +110,7 @@ class Messaging:
         return self.linked != was
 
     def problem(self) -> str:
-        """Describe once why the peer may not be heard.
+        """Describe, once, why nothing may be received from the peer.
 
         Returns:
             One sentence; empty if there is nothing new.

@@ -1,9 +1,9 @@
-"""Model-mediated coupling: the operator feels a model of the object, which the follower finds by probing.
+"""Model-mediated coupling: the operator feels a model of the object that the follower fits by probing.
 
-The first touch of the virtual object asks for a probing. Only the target travels to the follower, which
-presses by itself at several speeds and sends back a model of the object. The rendered force comes from that
-model without delay, and is passive whatever comes from the link (`VirtualObject`). Source: Mitra and
-Niemeyer, "Model-mediated telemanipulation", IJRR 27(2), 2008; the architecture of the paper's figure 1.
+The first touch of the virtual object requests a probing. Only the target is sent to the follower, which
+presses autonomously at several speeds and returns a model of the object. The rendered force comes from that
+model without delay, and is passive for any input from the link (`VirtualObject`). Source: Mitra and Niemeyer,
+"Model-mediated telemanipulation", IJRR 27(2), 2008; the architecture of the paper's figure 1.
 """
 
 from collections.abc import Callable
@@ -36,17 +36,17 @@ _RETRACT_M_S = 0.05
 
 @dataclass(frozen=True)
 class ObjectModel:
-    """How the follower describes an object, and how the leader renders it."""
+    """Model of an object, which the follower fits and the leader renders."""
 
-    # Samples (n, 3) in contact, of position [m], velocity [m/s] and compression [N], to parameters.
+    # Function from samples (n, 3) of position [m], velocity [m/s] and compression [N] to parameters.
     fit: Callable[[FloatArray], Packet]
-    # Parameters to the force law and the position of the surface [m].
+    # Function from parameters to force law and surface position [m].
     law: Callable[[Packet], tuple[ForceLaw, float]]
-    guess: Packet  # parameters before anything was probed
+    guess: Packet  # parameters before the first probing
 
 
 def _fit_kelvin_voigt(samples: FloatArray) -> Packet:
-    """Stiffness [N/m], damping [N s/m], surface [m] by least squares of F = k (x - x0) + c v."""
+    """Fit stiffness [N/m], damping [N s/m] and surface [m] of F = k (x - x0) + c v by least squares."""
     position, velocity, force = samples.T
     columns = np.column_stack([position, velocity, np.ones_like(position)])
     (stiffness, damping, offset), *_ = np.linalg.lstsq(columns, force)
@@ -62,7 +62,7 @@ KELVIN_VOIGT = ObjectModel(
 
 @dataclass(frozen=True)
 class ProbingMotion:
-    """Speeds and force limit with which the follower presses."""
+    """Speeds and force limit of the follower's presses."""
 
     speeds_m_s: tuple[float, ...] = (0.06, 0.04, 0.02)
     force_limit_n: float = 8.0
@@ -73,10 +73,10 @@ class ProbingMotion:
 
 
 class ModelMediatedLeader(CouplingSide):
-    """Renders the model; the first touch of it asks for a probing.
+    """Leader that renders the model, and requests a probing at its first touch.
 
     Args:
-        model: kind of the object.
+        model: kind of model.
     """
 
     def __init__(self, model: ObjectModel) -> None:
@@ -106,7 +106,7 @@ class ProbingStage(Enum):
 
 @dataclass
 class ModelMediatedFollower(CouplingSide):
-    """Waits for a target, presses there at each speed up to the force limit, and answers with a model."""
+    """Follower that presses a target at each speed up to the force limit, and returns a model."""
 
     model: ObjectModel
     way: ProbingMotion
@@ -145,7 +145,7 @@ class ModelMediatedFollower(CouplingSide):
                     self.stage = ProbingStage.PRESS
                     return -_RETRACT_M_S
                 answer = (self._target, *self.model.fit(np.array(self._samples)))
-                if np.isfinite(answer).all():  # else the last model stays
+                if np.isfinite(answer).all():  # otherwise the last model stays
                     self._answer = answer
                 self._samples.clear()
                 self.stage = ProbingStage.IDLE
@@ -157,7 +157,7 @@ def model_mediated(model: ObjectModel = KELVIN_VOIGT) -> Coupling:
     """Make the coupling for a kind of object.
 
     Args:
-        model: how the object is described.
+        model: kind of model.
 
     Returns:
         The coupling.

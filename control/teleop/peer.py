@@ -1,11 +1,11 @@
-"""State of the other side of a link, from its frames: which of them count, their age, whether it is there.
+"""State of the other side of a link, from its frames: their classes, their age, and the peer's presence.
 
-One sender is listened to at a time. Another sender's frames are foreign until the first has been silent; then
-the newcomer becomes the peer, and `restarts` counts it.
+Only one sender is the peer at a time. Frames of another sender are foreign until the peer has been silent;
+then the new sender becomes the peer, and `restarts` counts it.
 
-The offset between the two clocks follows from messages in both directions. With t0 the own stamp that the
-peer answers to, t1 its arrival there, t2 the peer's stamp and t3 the arrival here (t1, t2 on the peer's
-clock),
+The offset between the two clocks follows from messages in both directions. Let t0 be the own time stamp that
+the peer answers, t1 its arrival there, t2 the peer's time stamp and t3 the arrival here (t1 and t2 on the
+peer's clock):
 
     round trip = (t3 - t0) - (t2 - t1),    offset = peer - own = ((t1 - t0) + (t2 - t3)) / 2 +- round trip / 2
 
@@ -26,18 +26,18 @@ _MOST = 512
 
 
 class Offset(NamedTuple):
-    """How far the peer's clock is ahead of the own clock."""
+    """Offset of the peer's clock from the own clock."""
 
     offset_s: float  # peer minus own [s]
-    round_trip_s: float  # of the exchange that it comes from; the offset is known to half of it [s]
-    at_s: float  # when that exchange ended, on the own clock [s]
+    round_trip_s: float  # round trip of its exchange; the offset's uncertainty is half of it [s]
+    at_s: float  # end of that exchange, on the own clock [s]
 
 
 class ClockOffset:
     """Keeps the exchange with the shortest round trip of the last seconds."""
 
     def __init__(self) -> None:
-        # By age, and each with a shorter round trip than all that are younger: the first one is the best.
+        # Sorted by age, each with a shorter round trip than all younger ones; the first is the best.
         self._kept: deque[Offset] = deque()
 
     @property
@@ -46,10 +46,10 @@ class ClockOffset:
         return self._kept[0] if self._kept else None
 
     def update(self, t0_s: float, t1_s: float, t2_s: float, t3_s: float) -> None:
-        """Take in one exchange; stamps that are not finite or contradict each other are ignored.
+        """Add one exchange; time stamps that are not finite or contradict each other are ignored.
 
         Args:
-            t0_s: own stamp that the peer answers to, own clock [s].
+            t0_s: own time stamp that the peer answers, own clock [s].
             t1_s: its arrival at the peer, peer's clock [s].
             t2_s: stamp of the answer, peer's clock [s].
             t3_s: arrival of the answer, own clock [s].
@@ -65,26 +65,26 @@ class ClockOffset:
             kept.popleft()
 
 
-_WINDOW = 64  # sequence numbers below the newest that are known one by one
+_WINDOW = 64  # number of recent sequence numbers that are tracked individually
 
 
 class Arrival(StrEnum):
     """Class of a frame; only a fresh one counts."""
 
     FRESH = "fresh"
-    LATE = "late"  # under way for too long to act on
+    LATE = "late"  # in transit for too long to be used
     REPEATED = "repeated"  # arrived before
     REORDERED = "reordered"  # older than the newest
-    FOREIGN = "foreign"  # of another sender than the peer
+    FOREIGN = "foreign"  # from another sender than the peer
 
     __hash__ = str.__hash__  # faster than an Enum's: every frame is counted
 
 
 @dataclass(frozen=True, slots=True)
 class PeerLimits:
-    """When a frame is too old, and when its sender is silent."""
+    """Limits on the age of frames and on silence."""
 
-    late_s: float = 3.0  # longest time under way of a frame that is acted on [s]
+    late_s: float = 3.0  # longest transit time of a used frame [s]
     silent_s: float = 1.0  # time without a fresh frame after which the peer is silent [s]
 
     def __post_init__(self) -> None:
@@ -95,15 +95,15 @@ class PeerLimits:
 
 
 class Peer:
-    """Judges frames by their stamps; pure, time is an argument on the own clock [s].
+    """Classifies frames by their time stamps, without I/O; times are on the own clock [s].
 
     Args:
-        limits: on age and silence.
+        limits: limits on age and silence.
 
     Attributes:
         counts: frames by class.
         lost: gaps in the sequence so far; frames that arrive late are subtracted again.
-        restarts: how often a new sender has taken the peer's place.
+        restarts: number of times that a new sender has replaced the peer.
     """
 
     def __init__(self, limits: PeerLimits) -> None:
@@ -114,16 +114,18 @@ class Peer:
         self._clocks = ClockOffset()
         self._sender: int | None = None
         self._newest, self._seen = -1, 0
-        self._fastest_s = inf  # least of arrival minus stamp: two clocks' offset and the shortest way
+        self._fastest_s = (
+            inf  # smallest arrival minus time stamp: the clocks' offset plus the shortest transit time
+        )
         self._fresh_at_s = self._sent_s = nan
 
     @property
     def offset(self) -> Offset | None:
-        """How far the peer's clock is ahead; None before the first exchange."""
+        """Offset of the peer's clock; None before the first exchange."""
         return self._clocks.best
 
     def silent(self, now_s: float) -> bool:
-        """Return whether no fresh frame has come for `silent_s`, or ever.
+        """Return whether no fresh frame has arrived for `silent_s`, or ever.
 
         Args:
             now_s: own clock [s].
@@ -131,7 +133,7 @@ class Peer:
         Returns:
             True if the peer is silent.
         """
-        return not now_s - self._fresh_at_s <= self._limits.silent_s  # also NaN
+        return not now_s - self._fresh_at_s <= self._limits.silent_s  # true for NaN as well
 
     def age_s(self, now_s: float) -> float:
         """Compute the age of the newest fresh frame's content.
@@ -140,12 +142,12 @@ class Peer:
             now_s: own clock [s].
 
         Returns:
-            Age [s]; NaN before there is a frame, or the offset is known.
+            Age [s]; NaN before the first frame, or if the offset is unknown.
         """
         return self.since_s(self._sent_s, now_s)
 
     def since_s(self, peer_s: float, now_s: float) -> float:
-        """Compute how long ago a time of the peer's clock was.
+        """Compute the time elapsed since a time of the peer's clock.
 
         Args:
             peer_s: peer's clock [s].
@@ -160,8 +162,8 @@ class Peer:
         """Classify a frame, and count it.
 
         Args:
-            frame: that arrived.
-            arrived_s: when, own clock [s].
+            frame: received frame.
+            arrived_s: arrival time, own clock [s].
 
         Returns:
             Its class.
@@ -190,7 +192,7 @@ class Peer:
         self._seen = (self._seen << min(-behind, _WINDOW) | 1) & ((1 << _WINDOW) - 1)
         self._newest = frame.sequence
         self._clocks.update(frame.heard_sent_s, frame.heard_at_s, frame.sent_s, arrived_s)
-        # Before the offset is known, the time under way is compared with that of the fastest frame.
+        # Before the offset is known, the transit time is compared with that of the fastest frame.
         way_s, best = arrived_s - frame.sent_s, self._clocks.best
         self._fastest_s = min(self._fastest_s, way_s)
         way_s += -self._fastest_s if best is None else best.offset_s

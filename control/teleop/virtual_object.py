@@ -1,7 +1,7 @@
-"""The object that the operator feels: a half space with any force law, changed while it is touched.
+"""Virtual object for the operator: a half space with any force law, which can change during contact.
 
-The object only pushes, along the outward normal of its surface. Two rules hold whatever the law is and
-however often it is changed, so the law itself need not be passive:
+The object only pushes, along the outward normal of its surface. Two rules hold for any law and any changes of
+it, so the law itself need not be passive:
 
 1. **Energy.** With E the work that the tip has done on the object since touch (exact for a force that is held
    from one step to the next) and x the depth, the force is at most
@@ -33,7 +33,7 @@ from palpate.robot_io.errors import InputError
 from palpate.robot_io.types import FloatArray, clip, frozen_array
 
 # force_n = law(depth_m, rate_m_s, dt_s): compression positive, 0 for depth <= 0. It is called once in each
-# step, touched or not, so that a law may have a memory.
+# step, with and without contact, so that a law may have memory.
 ForceLaw = Callable[[float, float, float], float]
 
 _STEEPEST = 4.0  # p: laws up to depth^3 are rendered unchanged
@@ -78,25 +78,25 @@ def hunt_crossley(stiffness: float, damping: float, exponent: float) -> ForceLaw
 class RenderedForce(NamedTuple):
     """Result of one step of the virtual object."""
 
-    force_world_n: FloatArray  # on the tip, shape (3,) [N]
-    force_n: float  # the same along the normal, positive in compression [N]
-    depth_m: float  # of the tip below the surface; negative above it [m]
-    energy_j: float  # put in by the tip since touch, by the forces rendered so far [J]
-    withheld_n: float  # how much less than the law's own force is rendered, by the two rules [N]
+    force_world_n: FloatArray  # force on the tip, shape (3,) [N]
+    force_n: float  # force along the normal, positive in compression [N]
+    depth_m: float  # depth of the tip below the surface; negative above it [m]
+    energy_j: float  # energy input by the tip since touch, from the rendered forces [J]
+    withheld_n: float  # reduction of the law's force by the two rules [N]
 
 
 class VirtualObject:
-    """A half space that pushes the tip out by a force law that can be exchanged at any time.
+    """Half space with a force law that can be replaced at any time.
 
     Args:
         law: the force law, such as `kelvin_voigt(1000.0, 5.0)`.
         point_world_m: any point of the undeformed surface, shape (3,) [m].
-        normal_world: out of the object, shape (3,), made a unit vector.
-        largest_jump_n: how much force an update may add or take away in one step [N].
-        surface_speed_m_s: how fast the surface moves to a new place during contact [m/s].
-        reserve_j: what one contact may return beyond what was put in [J]; k q^2 / 4 lets an encoder of step
+        normal_world: outward normal, shape (3,); it is normalized.
+        largest_jump_n: largest change of force by an update in one step [N].
+        surface_speed_m_s: speed of the surface to a new position during contact [m/s].
+        reserve_j: energy that one contact may return beyond its input [J]; k q^2 / 4 lets an encoder of step
             q [m] begin to press on stiffness k [N/m].
-        force_limit_n: no force is larger [N].
+        force_limit_n: largest force [N].
 
     Raises:
         InputError: the normal is zero, or a value is not finite or not positive.
@@ -127,7 +127,7 @@ class VirtualObject:
         self._height_m = self._next_height_m = self._along_normal(point_world_m)
         self._jump_n, self._surface_m_s = largest_jump_n, surface_speed_m_s
         self._reserve_j, self._limit_n = reserve_j, force_limit_n
-        self._tip_m = math.nan  # along the normal, at the last step
+        self._tip_m = math.nan  # tip position along the normal in the last step
         self._force_n = self._energy_j = self._fading_n = 0.0
         self._updated = False
 
@@ -161,7 +161,7 @@ class VirtualObject:
         """
         tip_m = float(self._normal.dot(tip_position_world_m))
         rate_m_s = -float(self._normal.dot(tip_velocity_world_m_s))
-        # A surface that is not touched moves at once, else at a limited speed.
+        # A surface without contact moves at once; with contact it moves at a limited speed.
         if tip_m >= max(self._height_m, self._next_height_m):
             self._height_m = self._next_height_m
         most_m = self._surface_m_s * dt_s
@@ -194,11 +194,11 @@ class VirtualArm:
         body: model of the arm.
         tool_axis_tip: direction of the tool, tip frame, shape (3,).
         direction_world: direction of the tool, world frame, shape (3,).
-        home_rad: joint positions at the start, shape (3,) [rad]; they decide how the elbow bends.
+        home_rad: initial joint positions, shape (3,) [rad]; they determine the elbow's bending direction.
 
     Attributes:
         position_rad: joint positions, shape (3,) [rad].
-        reached: whether the tip is where the hand is, within the arm's plane.
+        reached: whether the tip is at the hand's position in the arm's plane.
 
     Raises:
         InputError: the arm is not planar, or the direction does not lie in its plane.
@@ -213,10 +213,10 @@ class VirtualArm:
         self.position_rad, self.reached = home_rad.copy(), True
 
     def follow(self, hand_world_m: FloatArray) -> None:
-        """Put the tip where the hand is; out of reach, stay.
+        """Move the tip to the hand's position; if it is out of reach, do not move.
 
         Args:
-            hand_world_m: shape (3,) [m].
+            hand_world_m: position of the hand, shape (3,) [m].
         """
         u_m, w_m = self._arm.plane_point(hand_world_m)
         try:

@@ -24,13 +24,14 @@ from palpate.sim_backend.scenario import ObjectSettings, Scenario
 from palpate.teleop.merged_sessions import TOUCH_S, ForceComparison, MergedSessions, merge_sessions
 from palpate.teleop.recording import draw, record_both
 
-_GUESS = KelvinVoigtLaw(stiffness_n_m=300.0, damping_n_s_m=5.0)  # object felt before the first estimate,
-_GUESS_ABOVE_M = 0.003  # and the height of its surface above the real one [m]
-_LIMIT_S = 44.0  # time after which both sides are ended [s]: the whole demo should take a minute
+_GUESS = KelvinVoigtLaw(stiffness_n_m=300.0, damping_n_s_m=5.0)  # object before the first estimate
+_GUESS_ABOVE_M = 0.003  # height of its surface above the real surface [m]
+_LIMIT_S = 44.0  # time after which both sides are stopped, so that the demo takes about a minute [s]
 _END_S = 15.0  # time for both sides to end after that [s]
 _PLACES_M = (0.36, 0.40)  # x of the targets
-_ABOVE_M, _BELOW_M = 0.03, 0.02  # of the surface: where the hand waits, and where it wants to go
-_PRESSES = ((1.0, 0.5), (0.8, 0.4), (1.5, 0.3))  # times down, for 60 to 120 mm/s, and of holding [s]
+_ABOVE_M, _BELOW_M = 0.03, 0.02  # hand's rest position above the surface, and its goal below the surface
+# Durations of pressing, for 60 to 120 mm/s, and of holding [s].
+_PRESSES = ((1.0, 0.5), (0.8, 0.4), (1.5, 0.3))
 _LAST_S = 16.0
 _SIDES = ("follower", "leader")
 
@@ -40,13 +41,13 @@ class TeleopDemo:
     """Results of the demo."""
 
     merged: MergedSessions
-    felt: ForceComparison  # felt force and force of the real object
+    felt: ForceComparison  # felt force, and force of the real object
     modelled: ForceComparison  # force of the models in the follower's presses, and measured force
     files: dict[str, Path]
-    ended_early: bool = False  # whether the leader had to end before the operator's script did
+    ended_early: bool = False  # whether the leader was stopped before the end of the operator's script
 
     def slowness_summary(self) -> str:
-        """Describe the parts for which this machine was too slow; empty if it kept pace."""
+        """Describe the parts for which this machine was too slow; empty if it was fast enough."""
         clauses = self.merged.slowness()
         if self.ended_early:
             clauses.append(f"the leader was ended after {_LIMIT_S:g} s, before the operator's script")
@@ -66,7 +67,7 @@ class TeleopDemo:
         return f"verdicts of the diagnosis: {', '.join(texts) or 'nothing was probed before the end'}"
 
     def force_summary(self) -> str:
-        """Describe how far the felt force is from the real one."""
+        """Describe the difference between felt and real force."""
         if not len(self.felt.real_n):
             return "there was no touch after the first estimate: the felt force cannot be compared"
         settled, stalled = self.felt.settled(), int(self.felt.stalled.sum())
@@ -79,11 +80,11 @@ class TeleopDemo:
 
 
 def script(surface_m: float, last_s: float = _LAST_S) -> dict[str, object]:
-    """Write the operator's script: choose two places, then press on both until the end.
+    """Make the operator's script: choose two places, then press on both until the end.
 
     Args:
         surface_m: height of the surface [m].
-        last_s: when the last press begins at the latest [s].
+        last_s: latest start of the last press [s].
     """
     high_m, low_m = surface_m + _ABOVE_M, surface_m - _BELOW_M
     path: list[dict[str, object]] = []
@@ -131,14 +132,14 @@ def run_demo(
     """Run both sides, and evaluate their sessions.
 
     Args:
-        folder: where everything goes.
-        real: the world of the follower.
-        follower: its further options.
-        leader: its further options.
+        folder: destination of all files.
+        real: world of the follower.
+        follower: further options of this side.
+        leader: further options of this side.
 
     Raises:
-        InputError: something exists already.
-        PalpateError: one of them failed; its words are in its log.
+        InputError: a file exists already.
+        PalpateError: a side failed; its log states the reason.
     """
     output_folder(folder)
     sessions = {side: output_file(folder / f"{side}.mcap") for side in _SIDES}
@@ -181,7 +182,7 @@ def _run_both(folder: Path, commands: dict[str, list[str]]) -> bool:
                 running[side] = subprocess.Popen([*program, side, *options], stdout=file, stderr=file)  # noqa: S603
         with suppress(subprocess.TimeoutExpired):
             running["leader"].wait(until_s - time.monotonic())
-        if running["leader"].poll() is None:  # the machine is slow: use what was recorded
+        if running["leader"].poll() is None:  # the machine is slow: use the data recorded so far
             valid.add(INTERRUPTED)
             for process in running.values():
                 process.send_signal(signal.SIGINT)

@@ -1,8 +1,8 @@
 """Estimate the object at each target, in separate processes while the arm continues.
 
-After every run, a first estimate: spring and damper or Hunt-Crossley, whichever leaves the smaller error,
-with intervals. After the last run of a target, the diagnosis, which may add effects and states whether the
-model is complete.
+After every run, a first estimate is made with intervals: spring and damper or Hunt-Crossley, whichever has
+the smaller error. After the last run of a target, a diagnosis follows, which may add effects and states
+whether the model is complete.
 """
 
 import os
@@ -61,14 +61,14 @@ def sample_stream(joint_count: int) -> Stream:
 
 
 def first_look(samples: Samples, target: int) -> ObjectEstimate:
-    """Fit two contact laws to the runs so far of a target, and return the better one.
+    """Fit two contact laws to a target's runs so far, and return the better one.
 
     Args:
         samples: samples of one target.
-        target: its number.
+        target: number of the target.
 
     Raises:
-        InputError: nothing was touched, or too little to estimate from.
+        InputError: nothing was touched, or there are too few contact samples.
     """
     return _better(_contact(samples), target)[1]
 
@@ -80,7 +80,7 @@ def second_look(samples: Samples, target: int) -> ObjectEstimate:
 
     Args:
         samples: samples of one target.
-        target: its number.
+        target: number of the target.
 
     Raises:
         InputError: as for `first_look`.
@@ -111,22 +111,22 @@ class ObjectEstimator:
 
     @property
     def busy(self) -> bool:
-        """Whether an answer is still to come."""
+        """Whether an answer is pending."""
         return any(worker.busy for worker in self._workers)
 
     def look(self, samples: Samples, target: int, *, last: bool) -> None:
-        """Have a target's samples estimated, and after the last run also diagnosed.
+        """Request an estimate for a target's samples, and after the last run a diagnosis.
 
         Args:
             samples: samples of one target.
-            target: its number.
-            last: whether its last run is over.
+            target: number of the target.
+            last: whether the target's last run is over.
         """
         for worker in self._workers[: 2 if last else 1]:
             worker.take(samples, target)
 
     def answers(self) -> list[ObjectEstimate | str]:
-        """Return estimates since the last call, or why there is none."""
+        """Return the estimates since the last call, or the reasons why there is none."""
         return [answer for worker in self._workers for answer in worker.answers()]
 
     def close(self) -> None:
@@ -169,11 +169,11 @@ class _EstimatorProcess:
 
 
 def _serve(pipe: Connection, look: Look, nice: int) -> None:
-    """Estimate all received samples at low priority; end with the parent, which handles Ctrl-C."""
+    """Estimate all received samples at low priority; exit with the parent, which handles Ctrl-C."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     os.nice(nice)
     end_with_parent()
-    pipe.send(None)  # ready: all is imported
+    pipe.send(None)  # ready: all modules are imported
     while True:
         try:
             pipe.send(look(*pipe.recv()))
@@ -181,7 +181,7 @@ def _serve(pipe: Connection, look: Look, nice: int) -> None:
             return
         except InputError as error:
             pipe.send(f"no estimate: {error}")
-        except Exception as error:  # a fault here must not end the estimates of other targets
+        except Exception as error:  # an error must not end the estimates of other targets
             pipe.send(f"no estimate: {one_line(error)}")
 
 
@@ -190,8 +190,8 @@ class _Contact(NamedTuple):
 
     channel: ChannelData
     tip_world_m: FloatArray  # mean of the tip in contact, shape (3,) [m]
-    direction_world: FloatArray  # into the object, shape (3,)
-    noise_n: float  # of the sensor in free air [N]
+    direction_world: FloatArray  # unit vector into the object, shape (3,)
+    noise_n: float  # noise of the sensor in free air [N]
     measured_s: float  # time of the last sample [s]
 
 
@@ -219,7 +219,7 @@ def _better(contact: _Contact, target: int) -> tuple[str, ObjectEstimate]:
     for model in _MODELS:
         try:
             (estimates,) = Study(contact.channel, model).estimate(_ESTIMATORS)
-            # Converts the estimate to a simulated object by way of a temporary revision.
+            # Converts the estimate to a simulated object through a temporary revision.
             revision = Revision(
                 number=0,
                 parent=None,
@@ -261,7 +261,8 @@ def _estimate(contact: _Contact, target: int, revision: Revision) -> ObjectEstim
         ends = kept.value - reach, kept.value + reach
         parameters.append(EstimatedParameter(name, kept.unit, kept.value, *ends))
     tip_m, direction = contact.tip_world_m, contact.direction_world
-    along_m = -export.scenario.object.surface_height_m  # as `export_scenario` has it, whatever the direction
+    # Sign convention of `export_scenario`, for any direction.
+    along_m = -export.scenario.object.surface_height_m
     surface_m = tip_m + (along_m - tip_m @ direction) * direction
     return ObjectEstimate(
         revision=0,

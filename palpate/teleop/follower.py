@@ -51,11 +51,11 @@ from palpate.runs.session import ArmJob, arm_session, checked_body
 from palpate.teleop.estimating import ObjectEstimator, sample_stream
 from palpate.teleop.virtual_object import summarize_estimate
 
-_MESSAGE_PERIOD_S = 0.02  # between two reports
+_MESSAGE_PERIOD_S = 0.02  # period of reports
 _RESEND_S = 0.2  # period of sending an unconfirmed estimate [s]
 _SETTLE_S = 25.0  # that the arm holds still for estimates and verdicts when all targets are over,
 _SEEN_S = 3.0  # and for the newest to be seen
-_FAREWELLS = 25  # times that the last report is sent
+_FAREWELLS = 25  # number of repeats of the last report
 ESTIMATE = "estimate"  # kind of an estimate's event
 Say = Callable[[str], None]
 
@@ -71,14 +71,14 @@ class ReportedState(NamedTuple):
 
 
 class FollowerMessaging(threading.Thread):
-    """Exchanges messages with the leader in a separate thread, independent of the control loop.
+    """Thread that exchanges messages with the leader, independent of the control loop.
 
     Attributes:
-        queue: of targets, filled here.
+        queue: queue of targets, filled by this thread.
         moment: state of the arm and measured force; the loop replaces it in every tick.
         notes: entries for the session, (kind, text, data), which the loop logs.
-        estimates: how many were made.
-        error: why the exchange ended; empty while it continues.
+        estimates: number of estimates made.
+        error: reason why the exchange ended; empty while it continues.
     """
 
     def __init__(self, line: Line, clock: Clock, say: Say, *, diagnose: bool) -> None:
@@ -89,9 +89,9 @@ class FollowerMessaging(threading.Thread):
         self.estimates, self.error = 0, ""
         self._clock, self._say, self._over = clock, say, threading.Event()
         self._work: deque[tuple[Stream, RecordArray, int, bool]] = deque()
-        self._quiet = True  # whether no estimate was pending at the thread's last look
+        self._quiet = True  # whether no estimate was pending at the thread's last check
         self._estimator = ObjectEstimator(diagnose=diagnose)
-        self._newest: dict[int, ObjectEstimate] = {}  # by target, of the newest targets
+        self._newest: dict[int, ObjectEstimate] = {}  # newest estimate by target
         self._seen: tuple[int, ...] = ()  # revisions that the leader has received
         self._resend_s, self._asked_s, self._made_s = 0.0, math.nan, -math.inf
 
@@ -120,7 +120,7 @@ class FollowerMessaging(threading.Thread):
         return bool(self.error) or not ((waiting and now_s < self._asked_s + _SETTLE_S) or unseen)
 
     def look(self, stream: Stream, records: RecordArray, target: int, *, last: bool) -> None:
-        """Have a target's samples estimated; takes no time.
+        """Request an estimate for a target's samples; returns at once.
 
         Args:
             stream: columns of the records.
@@ -135,20 +135,20 @@ class FollowerMessaging(threading.Thread):
         try:
             while not self._over.wait(_MESSAGE_PERIOD_S):
                 self._exchange()
-        except Exception as error:  # a follower that cannot send continues as with a silent leader
+        except Exception as error:  # a follower that cannot send continues as if the leader were silent
             self.error = one_line(error)
             self._say(f"the link failed, no further target is probed: {self.error}")
         finally:
             self.queue.linked = False
 
     def farewell(self, cause: str) -> None:
-        """Report that the arm has ended, and why it was stopped if it was.
+        """Report that the arm has ended, and the reason if it was stopped.
 
         Args:
-            cause: why the arm was stopped; empty where it was not.
+            cause: reason of the stop; empty if the arm was not stopped.
         """
         self.close()
-        with suppress(Exception):  # nobody needs to hear it
+        with suppress(Exception):  # errors no longer matter
             for _ in range(_FAREWELLS):
                 self._messaging.send(replace(self._report(), remark=cause[:MOST_TEXT], ended=True))
                 time.sleep(_MESSAGE_PERIOD_S)
@@ -169,7 +169,7 @@ class FollowerMessaging(threading.Thread):
         return self._messaging.record(now_s)
 
     def _exchange(self) -> None:
-        """Hear the leader, estimate, and send a report with the estimates that the leader lacks."""
+        """Receive the leader's messages, estimate, and report the estimates that the leader lacks."""
         changed, self.queue.linked = self._messaging.receive(), self._messaging.linked
         if changed and self.queue.linked:
             self._say("the leader responds")
@@ -185,7 +185,7 @@ class FollowerMessaging(threading.Thread):
             self._resend_s = now_s + _RESEND_S
             for estimate in self._unseen():
                 self._messaging.send(estimate)
-        self._quiet = not self._estimator.busy  # set last, when all new estimates are stored
+        self._quiet = not self._estimator.busy  # set last, after all new estimates are stored
 
     def _exchange_estimates(self) -> None:
         """Give samples to the estimator, and collect its answers."""
@@ -243,7 +243,7 @@ _MOST_SAMPLES = 200_000  # largest number of samples stored for a target's estim
 
 
 class Observer:
-    """Observer of one run; `runs` is the number of presses a target."""
+    """Observer of one run; `runs` is the number of presses per target."""
 
     def __init__(self, messaging: FollowerMessaging, log: SessionWriter, joint_count: int, runs: int) -> None:
         self._messaging, self._log, self._runs = messaging, log, runs
@@ -274,7 +274,7 @@ class Observer:
         return NO_ESTIMATE
 
     def _collect(self, measurement: Measurement, output: TaskOutput) -> None:
-        """Collect the current target's samples, and have them estimated after each run."""
+        """Collect the current target's samples, and request an estimate after each run."""
         if self._run not in {NO_RUN, output.run}:
             last = self._run - self._first_run + 1 == self._runs
             self._messaging.look(self._stream, self._records[: self._count].copy(), self._target, last=last)
@@ -303,9 +303,9 @@ class Observer:
 
 @dataclass(frozen=True)
 class FollowerJob(ArmJob):
-    """Which arm follows, how it probes, and how it is linked."""
+    """Settings of a follower: arm, probing plan and link."""
 
-    plan: ProbingPlan  # how each target is probed; targets of its own it has none
+    plan: ProbingPlan  # how each target is probed; the plan has no targets of its own
     _: KW_ONLY
     link: LineSettings = field(default_factory=LineSettings)
     on_silence: OnSilence = OnSilence.FINISH
@@ -318,7 +318,7 @@ class FollowerOutcome:
 
     loop: LoopResult
     states: dict[int, TargetState]  # final state of each target, by number
-    estimates: int  # how many were made
+    estimates: int  # number of estimates
     talk_error: str  # why the link failed; empty if it did not
 
 

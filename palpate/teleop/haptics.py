@@ -1,8 +1,8 @@
 """Haptic loop in a separate process: hand position in, force out, at 1 kHz.
 
-It owns the operator's device, the virtual arm and object, and the leader's session. Messages reach it only as
-estimates that the leader's main process has checked. If that process dies, the loop ends: force off, session
-closed.
+The process owns the operator's device, the virtual arm and object, and the leader's session. It receives only
+estimates that the leader's main process has checked. If that process dies, the loop switches the force off,
+closes the session and ends.
 """
 
 import signal
@@ -31,7 +31,7 @@ from palpate.runs.robots import find_robot
 from palpate.sim_backend.scenario import Scenario
 from palpate.teleop.virtual_object import felt_data, force_law, summarize_estimate, terms_of
 
-_DOWN = np.array((0.0, 0.0, -1.0))  # the scene's object is pressed downwards
+_DOWN = np.array((0.0, 0.0, -1.0))  # press direction of the scene's object
 GUESS = -1  # revision of the scene's own object, before anything was probed
 _PERIOD_S = 1e-3
 _TELL_TICKS = 20
@@ -42,14 +42,14 @@ STREAM_NAME, FEEL = "haptic", "feel"
 
 @dataclass(frozen=True)
 class HapticJob:
-    """Object to render, its device, and the file to record."""
+    """Settings of the haptic loop: virtual object, device and session file."""
 
     robot: str  # file or name of the virtual arm
     operator: str  # file or name of the operator's device
     scene: Scenario  # virtual object before the first estimate
     session: Path
     metadata: SessionMetadata
-    largest_jump_n: float = 0.05  # largest change of force by an update in one tick
+    largest_jump_n: float = 0.05  # largest change of force per tick after an update of the object [N]
 
     def __post_init__(self) -> None:
         if not 0.0 < self.largest_jump_n < inf:
@@ -74,10 +74,10 @@ class HapticReport:
     tip_world_m: tuple[float, ...]  # shape (3,)
     force_n: float
     selected: tuple[tuple[float, ...], ...] = ()  # places that the operator chose, (3,) each [m]
-    refused: tuple[str, ...] = ()  # what could not be rendered
+    refused: tuple[str, ...] = ()  # estimates that could not be rendered
     finished: bool = False  # whether the script has ended
     lateness: SectionTiming | None = None  # of the whole run, in the last report
-    failure: str = ""  # why it ended early, in the last report
+    failure: str = ""  # reason of an early end, in the last report
     opened: bool = True  # whether the operator's device could be opened; without it there is no session
 
 
@@ -111,11 +111,11 @@ def haptic_stream(joint_count: int) -> Stream:
 
 
 def run_haptics(pipe: Connection, job: HapticJob) -> None:
-    """Render until the script ends, the main process says so, or its pipe closes.
+    """Render until the script ends, the main process requests the end, or its pipe closes.
 
     Args:
-        pipe: to the main process.
-        job: what is rendered.
+        pipe: connection to the main process.
+        job: settings of the loop.
     """
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # the main process handles Ctrl-C, and then ends this one
     clock, lateness, failure, opened = MonotonicClock(), Histogram(), "", False
@@ -126,11 +126,13 @@ def run_haptics(pipe: Connection, job: HapticJob) -> None:
             streams = [haptic_stream(robot_file.joint_count), LINK_STREAM]
             with ExitStack() as stack:
                 log = stack.enter_context(SessionWriter(job.session, streams, job.metadata))
-                stack.callback(device.deactivate)  # before the session is closed, which may take long
+                # Before the session is closed, because closing may take long.
+                stack.callback(device.deactivate)
                 log.event(clock.now_s(), "realtime", str(stack.enter_context(realtime())))
                 device.activate()
                 _Haptics(job, robot_file, device, log, pipe).run(clock, lateness)
-    except (EOFError, BrokenPipeError, ConnectionResetError):  # the main process is gone, and all is closed
+    # The main process is gone, and everything is closed.
+    except (EOFError, BrokenPipeError, ConnectionResetError):
         return
     except PalpateError as error:
         failure = str(error)
@@ -142,7 +144,7 @@ def run_haptics(pipe: Connection, job: HapticJob) -> None:
 
 
 class _Haptics:
-    """One run of the loop."""
+    """State and loop of one run."""
 
     def __init__(
         self,

@@ -1,4 +1,4 @@
-"""Leader: sends the operator's targets to the follower, and its estimates to the haptic loop.
+"""Leader: sends the operator's targets to the follower, and the follower's estimates to the haptic loop.
 
 This process handles messages and display; a separate process renders (`palpate.teleop.haptics`), so that
 neither a slow network nor a slow terminal affects the felt force.
@@ -36,18 +36,18 @@ from palpate.sim_backend.scenario import Scenario
 from palpate.teleop.haptics import HapticCommands, HapticJob, HapticReport, run_haptics
 from palpate.teleop.virtual_object import DOWN, TargetStates, summarize_estimate
 
-MESSAGE_PERIOD_S = 0.02  # between two intents
+MESSAGE_PERIOD_S = 0.02  # period of intents
 _LINK_RECORD_S, _SHOW_S = 0.1, 0.5
 _FAREWELL_S = 45.0  # time limit for a follower to finish the queued targets
-_SAME_PLACE_M = 0.005  # places nearer than this are the same target
-_START_S = 30.0  # until the haptic process is heard
+_SAME_PLACE_M = 0.005  # places closer than this are the same target
+_START_S = 30.0  # time limit for the haptic process's first message
 _OVER = (TargetState.DONE, TargetState.REFUSED, TargetState.CANCELLED, TargetState.FAILED)
 Say = Callable[[str], None]
 
 
 @dataclass(frozen=True)
 class LeaderJob:
-    """Initial virtual object, and settings of the link."""
+    """Settings of a leader: initial virtual object and link."""
 
     haptics: HapticJob
     link: LineSettings = field(default_factory=LineSettings)
@@ -58,9 +58,9 @@ class LeaderOutcome:
     """Result of a leader's run."""
 
     states: dict[int, str]  # last reported state of each target
-    estimates: int  # that arrived
+    estimates: int  # number of received estimates
     heard: bool  # whether the follower answered
-    lateness: SectionTiming | None  # of the haptic loop
+    lateness: SectionTiming | None  # lateness of the haptic loop
 
 
 def leader_metadata(robot_file: RobotFile, scene: Scenario, command_line: str) -> SessionMetadata:
@@ -92,7 +92,7 @@ def run_leader(job: LeaderJob, say: Say, show: Say) -> LeaderOutcome:
 
     Raises:
         InputError: the link cannot be opened.
-        PalpateError: the haptic process has ended, and why.
+        PalpateError: the haptic process has ended; states the reason.
     """
     clock = MonotonicClock()
     with Line("leader", job.link, clock) as line:
@@ -106,7 +106,7 @@ def run_leader(job: LeaderJob, say: Say, show: Say) -> LeaderOutcome:
                 leader.run()
             return leader.outcome()
         finally:
-            pipe.close()  # which ends the haptic process
+            pipe.close()  # ends the haptic process
             process.join(_START_S)
 
 
@@ -145,7 +145,7 @@ class _Leader:
         self._lateness: SectionTiming | None = None
 
     def run(self) -> None:
-        """Exchange messages until it is over."""
+        """Exchange messages until the end."""
         begun_s = self._clock.now_s()
         while not self._over:
             now_s = self._clock.now_s()
@@ -153,18 +153,18 @@ class _Leader:
             if self._telling is None and now_s - begun_s > _START_S:
                 raise PalpateError(f"the haptic process did not respond within {_START_S:g} s")
             self._exchange()
-            # Feel the estimate of the nearest place that was probed.
+            # Render the estimate of the nearest probed place.
             chosen = self._target_states.choose(self._telling.tip_world_m) if self._telling else None
             if chosen is not None:
                 self._send(HapticCommands(self._read, render=chosen))
-            # the session's part goes to the process that writes it
+            # send session entries to the process that writes the session
             if self._telling is not None and (self._notes or not now_s < self._link_s + _LINK_RECORD_S):
                 self._link_s, notes = now_s, tuple(self._notes)
                 self._send(HapticCommands(self._read, notes=notes, link=self._messaging.record(now_s)))
                 self._notes.clear()
             if not now_s < self._show_s + _SHOW_S:
                 self._show_s, status, felt = now_s, "starting", self._target_states.felt
-                if self._telling is not None:  # how far the virtual object can be trusted
+                if self._telling is not None:  # reliability of the virtual object
                     age_s = nan if felt is None else self._messaging.peer.since_s(felt.measured_s, now_s)
                     trust = self._target_states.summary(self._telling.tip_world_m, age_s)
                     link = "linked" if self._messaging.linked else "NO LINK"
@@ -173,7 +173,7 @@ class _Leader:
             if now_s > self._ending_s + _FAREWELL_S or (self._ending and not self._messaging.linked):
                 self._over = True
             self._clock.sleep_until(now_s + MESSAGE_PERIOD_S)
-        # Have the session closed, and hear how punctual the loop was.
+        # Request the end of the session, and receive the loop's timing.
         if self._lateness is None:
             self._send(HapticCommands(self._read, notes=tuple(self._notes), end=True))
         while self._lateness is None:
@@ -181,7 +181,7 @@ class _Leader:
             self._clock.sleep_until(self._clock.now_s() + MESSAGE_PERIOD_S)
 
     def end(self) -> str:
-        """Add no more targets than those queued; describe what happens to them."""
+        """Accept no further targets; describe the remaining steps for the queued ones."""
         if not self._ending:
             self._ending_s = self._clock.now_s()
         if not self._messaging.linked:
@@ -190,7 +190,7 @@ class _Leader:
 
     @property
     def _ending(self) -> bool:
-        return self._ending_s == self._ending_s  # not NaN
+        return self._ending_s == self._ending_s  # false for NaN
 
     def outcome(self) -> LeaderOutcome:
         """Return the result of the run."""
@@ -221,7 +221,7 @@ class _Leader:
             raise self._lost() from error
 
     def _select(self, place: tuple[float, ...]) -> None:
-        """Add a target; or, if one is waiting or being probed at this place, cancel that."""
+        """Add a target or, if a target at this place is waiting or being probed, cancel that target."""
         waiting = [each for each in self._queued() if dist(each.position_world_m, place) < _SAME_PLACE_M]
         for target in waiting:
             self._cancelled.append(target.number)
@@ -254,7 +254,7 @@ class _Leader:
                 target = short_number(message.target)
                 self._note("estimate", f"target {target}: {summarize_estimate(message)}{why}")
         elif isinstance(message, Report):
-            # Until it receives this leader's messages, a follower may report targets of the previous leader.
+            # A follower may report targets of the previous leader until it receives this leader's messages.
             states = zip(message.targets, map(TargetState, message.states), strict=True)
             self._states.update((number, state) for number, state in states if number in self._targets)
             if message.remark and message.remark != self._remark:

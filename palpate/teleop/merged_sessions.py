@@ -1,4 +1,4 @@
-"""A leader's and a follower's session on one time line, and the error of the felt force."""
+"""Merge a leader's and a follower's session on one time line, and compute the error of the felt force."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -25,13 +25,13 @@ TOUCH_S = 0.005  # time after a touch in which passivity limits the damper's for
 _TICK_S = 1e-3
 _TOO_SLOW = 0.01  # share of missed ticks or lost time above which the machine was too slow
 _APART_S = 0.05  # shortest time between two touches
-_LEAST_N = 0.2  # smallest real force that is compared
+_LEAST_N = 0.2  # smallest real force that is included in the comparison
 _PRESSED = (Phase.LOADING, Phase.HOLD, Phase.UNLOADING)
 
 
 @dataclass(frozen=True)
 class ForceComparison:
-    """Two forces to compare, shape (n,) each."""
+    """Comparison of two forces, shape (n,) each."""
 
     time_s: FloatArray  # on the leader's clock [s]
     felt_n: FloatArray
@@ -46,16 +46,16 @@ class ForceComparison:
         return float(np.sqrt(np.mean((self.felt_n - self.real_n) ** 2) / np.mean(self.real_n**2)))
 
     def settled(self) -> "ForceComparison":
-        """Leave out the first `TOUCH_S` of every touch, and touches that began late."""
+        """Return the comparison without each touch's first `TOUCH_S`, and without touches that began late."""
         begins_s = self.time_s[np.diff(self.time_s, prepend=-np.inf) > _APART_S]
         since_s = self.time_s - begins_s[np.searchsorted(begins_s, self.time_s, side="right") - 1]
         return self.select((since_s >= TOUCH_S) & ~self.stalled)
 
     def select(self, kept: BoolArray) -> "ForceComparison":
-        """Keep the samples, shape (n,), for which `kept` holds.
+        """Return the comparison with the selected samples.
 
         Args:
-            kept: shape (n,).
+            kept: mask of the samples to keep, shape (n,).
         """
         return ForceComparison(self.time_s[kept], self.felt_n[kept], self.real_n[kept], self.stalled[kept])
 
@@ -68,7 +68,7 @@ class ForceComparison:
 
 @dataclass(frozen=True)
 class MergedSessions:
-    """Both sessions; times are the leader's."""
+    """Both sessions, with times on the leader's clock."""
 
     leader: Session
     follower: Session
@@ -85,10 +85,10 @@ class MergedSessions:
 
     @cached_property
     def exchanges(self) -> FloatArray:
-        """Leader's time, follower's clock minus leader's, round trip; shape (n, 3) [s], n > 0.
+        """Leader's time, follower's clock minus leader's, round trip by exchange; shape (n, 3) [s], n > 0.
 
         Raises:
-            InputError: neither side received a message of the other.
+            InputError: neither side received a message from the other.
         """
         for session, sign in ((self.leader, 1.0), (self.follower, -1.0)):
             link = session.samples(LINK)
@@ -104,16 +104,16 @@ class MergedSessions:
 
     @property
     def offset_s(self) -> float:
-        """The follower's clock minus the leader's, of the exchange with the shortest round trip [s]."""
+        """Follower's clock minus leader's, from the exchange with the shortest round trip [s]."""
         return float(self.exchanges[self.exchanges[:, 2].argmin(), 1])
 
     @property
     def round_trip_s(self) -> float:
-        """The shortest round trip: the offset is known to half of it [s]."""
+        """Shortest round trip [s]; the offset's uncertainty is half of it."""
         return float(self.exchanges[:, 2].min())
 
     def clock_summary(self) -> str:
-        """Describe the offset between the two clocks, as far as it is known."""
+        """Describe the offset between the two clocks and its uncertainty."""
         which = "ahead of" if self.offset_s >= 0.0 else "behind"
         moved_ms = 1e3 * np.ptp(self.exchanges[:, 1])
         return (
@@ -124,7 +124,7 @@ class MergedSessions:
 
     @property
     def missed_share(self) -> float:
-        """Share of the leader's haptic ticks that were late by a period or more, or left out."""
+        """Share of the leader's haptic ticks that were skipped, or late by a period or more."""
         time_s, late = self.haptic["time_s"], self.haptic["lateness_s"] >= _TICK_S
         due = max(round((time_s[-1] - time_s[0]) / _TICK_S) + 1, len(time_s))
         return float((due - len(time_s) + np.count_nonzero(late)) / due)
@@ -138,7 +138,7 @@ class MergedSessions:
         return max(0.0, -float(np.polyfit(time_s - time_s[0], offset_s - offset_s[0], 1)[0]))
 
     def slowness(self) -> list[str]:
-        """List, as clauses, the parts for which the machine was too slow; empty if it kept pace."""
+        """List, as clauses, the parts for which the machine was too slow; empty if it was fast enough."""
         clauses = []
         if self.missed_share > _TOO_SLOW:
             gap_ms = 1e3 * np.diff(self.haptic["time_s"]).max(initial=0.0)
@@ -161,7 +161,7 @@ class MergedSessions:
         return np.asarray(follower_s - np.interp(follower_s, theirs_s, offset_s))
 
     def feels(self) -> list[tuple[Event, Mapping[str, Any]]]:
-        """Return the models that the operator felt, as events with their data."""
+        """Return the events of the rendered models, with their data."""
         return [(event, event.data or {}) for event in self.leader.events if event.kind == FEEL]
 
     def verdicts(self) -> dict[int, str]:
@@ -172,7 +172,8 @@ class MergedSessions:
     def felt_and_real(self, real: Scenario) -> ForceComparison:
         """Compare forces felt after the first estimate with the real object's response to the same motion.
 
-        Touches that were under way when the first estimate came are left out: the force fades over then.
+        Touches during the arrival of the first estimate are left out, because the force then changes
+        gradually.
 
         Args:
             real: the follower's world.
@@ -185,7 +186,7 @@ class MergedSessions:
         motion = zip(depth_m.tolist(), rate_m_s.tolist(), step_s.tolist(), strict=True)
         real_n = np.array([law(*state) for state in motion])
         touching = haptic["force_n"] > 0.0
-        # where a touch begins, and the number of the newest one, 0 before the first
+        # start of each touch, and number of the newest touch, 0 before the first
         begins = touching & ~np.concatenate([[False], touching[:-1]])
         number = np.cumsum(begins)
         knew = np.concatenate([[False], (haptic["revision"] != GUESS)[begins]])
@@ -208,7 +209,7 @@ class MergedSessions:
             for event in self.follower.events
             if event.kind == "target" and event.data and "state" not in event.data
         ]
-        # number of the target that was being probed; -1 before any
+        # number of the probed target; -1 before the first
         targets = np.full(len(ticks), -1.0)
         if begun:
             starts_s, numbers = np.array(begun).T
@@ -234,11 +235,11 @@ class MergedSessions:
 
 
 def merge_sessions(first: Session, second: Session) -> MergedSessions:
-    """Merge both sessions, in either order. InputError: they are not a leader's and a follower's.
+    """Merge both sessions, in either order; raise `InputError` unless they are a leader's and a follower's.
 
     Args:
-        first: of leader or follower.
-        second: of the other side.
+        first: session of leader or follower.
+        second: session of the other side.
     """
     for leader, follower in ((first, second), (second, first)):
         if HAPTIC in leader.stream_names and {TICK, LINK} <= set(follower.stream_names):

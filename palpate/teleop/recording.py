@@ -32,7 +32,7 @@ else:
     rr = LazyModule("rerun")
     rrb = LazyModule("rerun.blueprint")
 
-_LEADER_BASE_M = (0.0, 0.5, 0.0)  # beside the follower, in the picture only
+_LEADER_BASE_M = (0.0, 0.5, 0.0)  # position beside the follower, for display only
 _FORCE, _DEPTH, _PHASE, _LINK, _EVENTS = "force", "depth", "phase", "link", "events"
 _TROUBLE = {"disagreement", "refused", "link", "link_silent", "trip", "no_estimate"}
 _MILLI = 1e3
@@ -46,10 +46,10 @@ def record_both(merged: MergedSessions, path: Path) -> float:
         path: path of the .rrd file.
 
     Returns:
-        A moment worth a picture [s].
+        Time to use for a screenshot [s].
 
     Raises:
-        InputError: the file cannot be written, the sessions hold no arm, or the sides never heard each other.
+        InputError: the file cannot be written, the sessions contain no arm, or no message was received.
     """
     haptic, ticks = merged.haptic, merged.ticks
     start_s = float(haptic["time_s"][0])
@@ -93,7 +93,7 @@ def record_both(merged: MergedSessions, path: Path) -> float:
 
 
 def _log_parameters(recording: rr.RecordingStream, merged: MergedSessions, start_s: float) -> None:
-    """Log each felt parameter as a level with its interval, from estimate to estimate."""
+    """Log each rendered parameter as a constant with its interval, from estimate to estimate."""
     end_s = float(merged.haptic["time_s"][-1])
     feels = merged.feels()
     for name in _parameters(merged):
@@ -155,9 +155,9 @@ def draw(path: Path, merged: MergedSessions, felt: ForceComparison, modelled: Fo
         modelled: force of the models in the follower's presses, and measured force.
 
     Raises:
-        InputError: it cannot be written.
+        InputError: the file cannot be written.
     """
-    import matplotlib as mpl  # noqa: PLC0415, half a second that nobody else should wait for
+    import matplotlib as mpl  # noqa: PLC0415, takes half a second to import
 
     mpl.rcdefaults()  # ignores a matplotlibrc in the current folder
     mpl.use("Agg")

@@ -1,7 +1,7 @@
 """Virtual object: force law, estimates so far, and a summary line.
 
-Laws and effects come from the simulator, so the operator can feel everything that a diagnosis can accept and
-`palpate export` can write. Values are checked like those of a scenario file.
+Laws and effects come from the simulator, so every effect that a diagnosis can accept and `palpate export` can
+write can be rendered. Values are checked like those of a scenario file.
 """
 
 from collections.abc import Mapping, Sequence
@@ -27,7 +27,7 @@ _ONE_JOINT = 1  # contact effects use no joints
 
 
 def terms_of(scenario: Scenario) -> tuple[ContactModel, ...]:
-    """Return a scenario's contact law, and the effects between object and tip.
+    """Return a scenario's contact law and the effects between object and tip.
 
     Args:
         scenario: a simulated world.
@@ -38,13 +38,13 @@ def terms_of(scenario: Scenario) -> tuple[ContactModel, ...]:
 
 
 def force_law(terms: Sequence[ContactModel]) -> ForceLaw:
-    """Make an object's force law, with its own memory, for `control`'s `VirtualObject`.
+    """Make an object's force law, with its own memory, for a `VirtualObject` of `palpate.control.teleop`.
 
     Args:
         terms: contact law first, then effects.
 
     Raises:
-        InputError: there is no such law or effect, or a value is out of its range.
+        InputError: a law or effect does not exist, or a value is out of its range.
     """
     if not terms:
         raise InputError("an object without a contact law")
@@ -65,7 +65,7 @@ def force_law(terms: Sequence[ContactModel]) -> ForceLaw:
 
 
 def felt_data(estimate: ObjectEstimate) -> dict[str, object]:
-    """Convert an estimate to an event's data, complete enough to render it again."""
+    """Convert an estimate to an event's data, from which it can be rendered again."""
     return {
         "revision": estimate.revision,
         "target": estimate.target,
@@ -80,7 +80,7 @@ def felt_data(estimate: ObjectEstimate) -> dict[str, object]:
 
 
 def terms_in(data: Mapping[str, Any]) -> tuple[ContactModel, ...]:
-    """Read the object's model from data of `felt_data`. InputError: it is invalid.
+    """Read the object's model from data of `felt_data`; raise `InputError` if they are invalid.
 
     Args:
         data: data of the session's event.
@@ -126,12 +126,12 @@ def summarize_estimate(estimate: ObjectEstimate) -> str:
 
 
 def summarize_trust(estimate: ObjectEstimate | None, age_s: float, away_m: float) -> str:
-    """Describe how far the virtual object can be trusted.
+    """Describe the reliability of the virtual object.
 
     Args:
         estimate: the rendered estimate; None for the scene's guess.
-        age_s: of the measurement that it rests on [s]; NaN if not known.
-        away_m: from where it was measured, across the press direction [m]; NaN if not known.
+        age_s: age of the underlying measurement [s]; NaN if unknown.
+        away_m: distance from the measured place, across the press direction [m]; NaN if unknown.
     """
     if estimate is None:
         return "virtual object: a guess, nothing was probed yet"
@@ -146,7 +146,7 @@ _TOUCHING = (Phase.LOADING, Phase.HOLD, Phase.UNLOADING)
 
 
 class TargetStates:
-    """Estimates by target; the nearest is rendered, and the scene's guess before the first.
+    """Estimates by target; the nearest one is rendered, or the scene's object before the first estimate.
 
     Attributes:
         received: number of estimates.
@@ -157,7 +157,8 @@ class TargetStates:
         self.received = 0
         self.felt: ObjectEstimate | None = None
         self._estimates: dict[int, ObjectEstimate] = {}
-        self._revisions: dict[int, int] = {}  # newest by target, also of what cannot be felt
+        # Newest revision by target, including estimates that cannot be rendered.
+        self._revisions: dict[int, int] = {}
         self._law: ForceLaw = force_law(terms_of(scene))
         self._surface_m = np.array((0.0, 0.0, scene.object.surface_height_m))
         self._mismatch, self._reported = MismatchMonitor(), set[object]()
@@ -169,11 +170,11 @@ class TargetStates:
         return tuple(self._revisions.values())[-MOST_TARGETS:]
 
     def on_new_peer(self) -> None:
-        """Reset the counts of estimates for another follower."""
+        """Reset the revisions for another follower."""
         self._revisions.clear()
 
     def take(self, estimate: ObjectEstimate) -> bool:
-        """Store an estimate; return whether it is new. InputError: it cannot be rendered.
+        """Store an estimate and return whether it is new; raise `InputError` if it cannot be rendered.
 
         Args:
             estimate: of one target.
@@ -190,10 +191,10 @@ class TargetStates:
         return True
 
     def choose(self, tip_world_m: tuple[float, ...]) -> ObjectEstimate | None:
-        """Return the estimate to render at this place, (3,) [m]; None if nothing changes.
+        """Return the estimate to render at this place; None if it does not change.
 
         Args:
-            tip_world_m: of the virtual arm, shape (3,) [m].
+            tip_world_m: tip position of the virtual arm, shape (3,) [m].
         """
         if not self._estimates:
             return None
@@ -210,7 +211,7 @@ class TargetStates:
 
         Args:
             report: of the follower.
-            sent_s: when it was sent, on the follower's clock [s].
+            sent_s: time of sending, on the follower's clock [s].
 
         Returns:
             Description of a disagreement that was not reported yet; empty otherwise.
@@ -231,16 +232,16 @@ class TargetStates:
         return [f"target {place[0]}, {place[1]}: {mismatch.summary()}" for mismatch in mismatches]
 
     def summary(self, tip_world_m: tuple[float, ...], age_s: float) -> str:
-        """Describe how far the rendered object can be trusted; `age_s` is its measurement's age [s].
+        """Describe the reliability of the rendered object.
 
         Args:
-            tip_world_m: of the virtual arm, shape (3,) [m].
-            age_s: of the measurement [s].
+            tip_world_m: tip position of the virtual arm, shape (3,) [m].
+            age_s: age of the measurement [s].
         """
         away_m = nan if self.felt is None else _away_m(self.felt, tip_world_m)
         return summarize_trust(self.felt, age_s, away_m)
 
 
 def _away_m(estimate: ObjectEstimate, tip_world_m: tuple[float, ...]) -> float:
-    """Distance across the press direction [m]."""
+    """Return the distance from the estimate's place, across the press direction [m]."""
     return dist(estimate.surface_world_m[:2], tip_world_m[:2])

@@ -1,4 +1,4 @@
-"""Cards of the diagnosis and of the riddle, which any tab can start, follow and stop."""
+"""Cards of the diagnosis and of the riddle; any tab can start, follow and stop them."""
 
 import asyncio
 from base64 import b64encode
@@ -39,7 +39,7 @@ class DiagnosisCard:
     ) -> None:
         self._state, self._add, self._on_diagnosed = state, add, on_diagnosed
         self._buttons: ui.element | None = None
-        self._judging: DiagnosisProcess | None = None  # as the page shows it
+        self._judging: DiagnosisProcess | None = None  # the diagnosis that the page shows
 
     def build(self, more: Callable[[], None] = lambda: None) -> None:
         """Create the elements of the panel.
@@ -84,7 +84,7 @@ class DiagnosisCard:
             state.judging = None
 
     def _tell(self) -> None:
-        """Show the progress, also of a diagnosis started in another tab or before a reload."""
+        """Show the progress of a diagnosis, even if another tab started it or the page was reloaded."""
         before, judge = self._judging, self._state.judging
         self._judging = judge
         if judge is not None:
@@ -110,7 +110,7 @@ class DiagnosisCard:
             element.set_visibility(now)
 
     def offer(self, chosen: Sequence[str]) -> None:
-        """Offer the diagnosed effects step by step, without those selected already.
+        """Offer the diagnosed effects step by step, without effects that are already selected.
 
         Args:
             chosen: names of the effects in the model.
@@ -175,12 +175,12 @@ def pose(folder: Path) -> Path:
         folder: folder of the session.
 
     Returns:
-        The session.
+        Path of the session file.
 
     Raises:
         PalpateError: the session cannot be written.
     """
-    # load the simulator for a riddle only
+    # imported only for a riddle, which needs the simulator
     from palpate.workflows.demo import HIDDEN_PLAN, drawn_seed, hide_one, probe_demo  # noqa: PLC0415
 
     drawn = drawn_seed()
@@ -194,10 +194,10 @@ def pose(folder: Path) -> Path:
 class RiddleScore:
     """Guesses of user and diagnosis, compared with the answer."""
 
-    truth: frozenset[str]  # what was hidden
-    guessed: frozenset[str]  # what the user had ticked
-    named: frozenset[str]  # what the diagnosis named
-    alike: frozenset[str]  # effects that the diagnosis says this data cannot tell from what it named
+    truth: frozenset[str]  # hidden effects
+    guessed: frozenset[str]  # effects that the user had ticked
+    named: frozenset[str]  # effects that the diagnosis named
+    alike: frozenset[str]  # effects that the diagnosis cannot distinguish from the named ones
 
     def in_words(self) -> str:
         """Describe the result in a few sentences."""
@@ -223,7 +223,7 @@ def _listed(names: frozenset[str], joint: str = " and ") -> str:
 
 
 class RiddleCard:
-    """Asks the user what is hidden, and shows the answer."""
+    """Asks the user which effect is hidden, and shows the answer."""
 
     def __init__(self, state: WorkbenchState, diagnose: Callable[[], Awaitable[None]]) -> None:
         self._state, self._diagnose = state, diagnose

@@ -1,4 +1,4 @@
-"""Left panel of the page: the library with pictures and evidence, and single effects with sliders."""
+"""Left panel of the page: library of effects with plots and evidence, and single effects with sliders."""
 
 import asyncio
 import math
@@ -23,15 +23,15 @@ from palpate.workbench.processes import FitPrefetcher
 from palpate.workbench.startup import picture
 from palpate.workbench.state import TELLING, EffectEvidence, WorkbenchState, evidence_of, groups
 
-_BAR_PX = 44  # width of the bar of an effect that removes all of the error
-_PAUSE_S = 0.1  # period of checks whether the selection changed
+_BAR_PX = 44  # width of the bar of an effect that removes the whole error
+_PAUSE_S = 0.1  # period of checks for a changed selection
 Tick = Callable[[str], Awaitable[None]]
-Row = dict[str, Any]  # height of a row, as in effects.js
+Row = dict[str, Any]  # fields of a row, as in effects.js
 _APART: Row = {"alike": False, "together": ""}
 
 
 class EffectRows(Element, component="effects.js"):
-    """The library in the browser as one element, so that a tick does not redraw the page."""
+    """The effect library as one browser element, so that ticking an effect does not redraw the page."""
 
     def __init__(self, rows: list[Row]) -> None:
         super().__init__()
@@ -49,7 +49,7 @@ class EffectRows(Element, component="effects.js"):
         """Change fields of some effects; only differences are sent.
 
         Args:
-            changes: what differs of a row, by the effect's name.
+            changes: changed fields of rows, by effect name.
         """
         differing = {
             name: left
@@ -96,7 +96,7 @@ class Effects:
             self._rows = EffectRows([_row(effect, kind) for effect in self._effects.values()])
 
         async def tick(event: events.GenericEventArguments) -> None:
-            # as in the browser; corrected if it cannot be fitted
+            # selection in the browser; reverted if it cannot be fitted
             self._rows.by_name[event.args]["chosen"] ^= True
             await self._tick(event.args)
 
@@ -118,7 +118,7 @@ class Effects:
     async def weigh(self, idle: asyncio.Event) -> None:
         """Compute the change of the error by each effect while the page is idle.
 
-        The fit of the next tick is then already done.
+        The fits are then already available when the user ticks an effect.
 
         Args:
             idle: set while the page is idle.
@@ -189,7 +189,8 @@ class Effects:
             for name in names:
                 changes[name] |= {"order": _rank(group[0].falls, chosen=chosen), "alike": len(names) > 1}
             if len(names) > 1:
-                last = [name for name in self._effects if name in names][-1]  # in the order of the page
+                # Last effect in the order of the page.
+                last = [name for name in self._effects if name in names][-1]
                 listed = ", ".join(name.replace("_", " ") for name in names)
                 changes[last] |= {"together": f"hard to tell apart in this data: {listed}"}
         self._rows.change(changes)

@@ -1,6 +1,6 @@
 """Elements of the page, and the texts shown on hover.
 
-Texts may come from files: each is one property, never a part of code or markup.
+Texts may come from files, so each is set as one property, never as part of code or markup.
 """
 
 from collections.abc import Mapping, Sequence
@@ -15,12 +15,12 @@ AnyElement = TypeVar("AnyElement", bound=Element)
 
 
 def set_props(element: AnyElement, **values: str | bool) -> AnyElement:
-    """Set properties by key (aria_label sets aria-label); returns the element.
+    """Set properties by key (aria_label sets aria-label), and return the element.
 
-    `Element.props("key=value")` reads its text as code: a quote in a value would begin properties of its own.
+    `Element.props("key=value")` parses its text, so a quote in a value could inject further properties.
 
     Args:
-        element: gets the properties.
+        element: element to change.
         values: property values by key.
 
     Returns:
@@ -31,11 +31,11 @@ def set_props(element: AnyElement, **values: str | bool) -> AnyElement:
 
 
 def heading(text: str, title: str = "") -> None:
-    """Add a heading; `title` is shown on hover.
+    """Add a heading.
 
     Args:
         text: text of the heading.
-        title: shown on hover.
+        title: text shown on hover.
     """
     element = TextElement(tag="h2", text=text)
     if title:
@@ -47,7 +47,7 @@ Restyle = tuple[Mapping[str, Sequence[Any]], list[int]]
 
 
 class Plot(Element, component="plot.js"):
-    """One figure; changes made before the browser is ready are sent when it is."""
+    """One figure; changes made before the browser is ready are sent once it is."""
 
     def __init__(self, figure: Figure) -> None:
         super().__init__()
@@ -65,7 +65,7 @@ class Plot(Element, component="plot.js"):
         """Draw another figure.
 
         Args:
-            figure: as plotly's JSON has it.
+            figure: figure in plotly's JSON format.
         """
         self.figure = figure
         self._send("replace", figure)
@@ -85,7 +85,7 @@ class Plot(Element, component="plot.js"):
         """Change the layout.
 
         Args:
-            layout: what changes of it.
+            layout: changed layout keys.
         """
         self.figure["layout"] |= layout
         self._send("relayout", layout)
@@ -105,10 +105,10 @@ def curve(  # noqa: PLR0917, what a line is made of
     """Return a curve over x (n,) for plotly.
 
     Args:
-        name: in the legend.
+        name: name in the legend.
         x: shape (n,).
         y: shape (n,).
-        color: as CSS has it.
+        color: CSS color.
         width: width of the line [px].
         unit: unit of y.
         more: further keys of plotly's trace.
@@ -125,7 +125,7 @@ def axis(title: str, **more: object) -> dict[str, Any]:
     """Return an axis with its title for plotly.
 
     Args:
-        title: with its unit.
+        title: title with unit.
         more: further keys of plotly's axis.
     """
     return {**_AXIS, "title": {"text": title, "standoff": 6}, **more}

@@ -35,17 +35,17 @@ async def lay_out_page(home: AppState) -> None:
     """Build the page for the server's state.
 
     Args:
-        home: what the server shows.
+        home: state of the server.
     """
     if home.state is None:
-        # Where nothing is open: drop a file, choose one, or probe.
+        # Start page without data: drop a file, choose one, or probe.
         with ui.element("div").classes("begin"):
             ui.label("palpate workbench").classes("brand")
             if home.error:
                 ui.label(home.error).classes("bad").mark("refused")
             drop = _choose(home)
             if home.error and home.file is not None and not is_session(home.file):
-                ui.timer(0.01, partial(drop.begin, home.file), once=True)  # its columns may be corrected
+                ui.timer(0.01, partial(drop.begin, home.file), once=True)  # the user may correct its columns
         return
     state = home.state
     gallery = Gallery(state)
@@ -163,7 +163,7 @@ def _unused(home: AppState, name: str, ending: str = "") -> Path:
 
 
 def _next_step(home: AppState, state: WorkbenchState) -> None:
-    """Show the experiment that separates open explanations, with a button that runs it."""
+    """Show the experiment that separates the open explanations, with a button that runs it."""
     diagnosis, session = state.diagnosis, state.study.source.session
     world = None if session is None else same_world(session)
     folder = state.study.folder
@@ -173,7 +173,7 @@ def _next_step(home: AppState, state: WorkbenchState) -> None:
         ui.label(elements.SEALED).classes("quiet")
         return
     place = ui.element("div")
-    # A session's metadata may come from others; its drivers are code, and run only after confirmation.
+    # A session's metadata may be untrusted. Its drivers are code, which runs only after confirmation.
     simulated = "simulated" in session.metadata.extra.get("source", "") and "--drivers" not in world
 
     async def go() -> None:
@@ -190,7 +190,7 @@ def _next_step(home: AppState, state: WorkbenchState) -> None:
         except PalpateError as error:
             ui.notify(str(error), type="negative")
             return
-        if not place.client.has_socket_connection:  # nothing moves after the page was closed
+        if not place.client.has_socket_connection:  # prevents motion after the page was closed
             return
         arguments = ["--experiment", str(folder / _NEXT), *shlex.split(world)]
         if simulated:

@@ -1,4 +1,4 @@
-"""The page: builds its parts and handles clicks; one fit at a time, the newest last."""
+"""The page: builds its parts, handles clicks, and runs one fit at a time, the newest selection last."""
 
 import asyncio
 from collections.abc import Awaitable, Callable, Sequence
@@ -22,11 +22,11 @@ from palpate.workbench.plots import PlotPanel, UseRuns
 from palpate.workbench.state import DisplayedFit, ModelSelection, WorkbenchState, describe_kind
 
 _FOLLOW_S = 0.5
-_NEXT_S = 0.03  # for the browser to draw what was sent before
+_NEXT_S = 0.03  # pause in which the browser draws earlier updates
 
 
 class Page:
-    """One browser's view of the workbench."""
+    """View of the workbench in one browser."""
 
     def __init__(
         self,
@@ -38,9 +38,9 @@ class Page:
         """Show a state of the workbench.
 
         Args:
-            state: what is shown.
-            opening: offers another file.
-            show_state: shows another state in place of this page.
+            state: state to show.
+            opening: called to offer another file.
+            show_state: shows another state instead.
             serve_report: makes a report available to the browser; returns its address.
         """
         self.state, self._opening = state, opening
@@ -60,9 +60,10 @@ class Page:
         """Build all parts: raw curves first, then the fit, then the evidence.
 
         Args:
-            below: builds what belongs above the effects; returns what is told which effects are chosen.
-            gallery: opens the picture of an effect.
-            use_runs: uses runs otherwise.
+            below: builds the elements above the effects; returns a function that receives the selected
+                effects.
+            gallery: opens the plot of an effect.
+            use_runs: called with the excluded and the held-out runs.
         """
         refused = self.state.study.refusal(self.state.channel)
         self._error = ErrorCard()
@@ -137,7 +138,7 @@ class Page:
         await self.choose(choice.with_effects(list(dict.fromkeys([*choice.effects, *effects]))))
 
     def on_diagnosed(self) -> None:
-        """Use a finished diagnosis: its noise level for the error, and its groups of effects."""
+        """Use the noise level and the groups of effects of a finished diagnosis."""
         if self._shown is not None:
             self._effects.arrange()
             ui.timer(0.01, lambda: self._change(self.state.show), once=True)
@@ -147,7 +148,7 @@ class Page:
     ) -> None:
         """Fit, then show error and curves first, maps next, and intervals last.
 
-        A preview of what is coming is shown until a slow fit is there.
+        A preview of the selection is shown until a slow fit is complete.
         """
         self._turn += 1
         turn = self._turn
@@ -190,7 +191,7 @@ class Page:
         """Preview the selection and fit it; return the fit shown before if that fails."""
         preview = None
         if coming is not None:
-            with suppress(PalpateError):  # the fit says why
+            with suppress(PalpateError):  # the fit reports the reason
                 preview = await asyncio.to_thread(lambda: self.state.preview(coming()))
         if preview is not None:
             self._error.show(preview)
@@ -238,7 +239,7 @@ class Page:
         async def choose_channel(event: events.ValueChangeEventArguments[Any]) -> None:
             try:
                 await asyncio.to_thread(self.state.to_channel, event.value)
-            except InputError:  # it cannot be judged: its raw curves and the reason are shown
+            except InputError:  # the channel cannot be judged: show its raw curves and the reason
                 self.state.set_choice(ModelSelection(event.value))
             ui.navigate.reload()
 
@@ -330,14 +331,14 @@ class Page:
 
 
 def _button(text: str, icon: str, work: Callable[[], object], about: str, look: str = "flat") -> ui.button:
-    """A button of the header."""
+    """Make a button of the header."""
     made = ui.button(text, icon=icon, on_click=work).mark(text.lower()).props("dense no-caps")
-    # a narrow window shows the icon alone
+    # a narrow window shows only the icon
     return set_props(made, aria_label=text, title=f"{text}: {about}", **{look: True})
 
 
 def gates(state: WorkbenchState) -> None:
-    """Return the checklist of the data checks.
+    """Make the checklist of the data checks.
 
     Args:
         state: state of the page.

@@ -17,7 +17,7 @@ from palpate.workbench.elements import heading, set_props
 from palpate.workbench.state import DisplayedFit, ModelSelection, WorkbenchState
 
 Choose = Callable[[ModelSelection], Awaitable[None]]
-_STEPS = 200  # of a slider
+_STEPS = 200  # steps of a slider
 
 
 @dataclass(frozen=True)
@@ -25,13 +25,13 @@ class JudgedFit:
     """Facts about a fit that need its intervals."""
 
     shown: DisplayedFit  # the fit
-    unphysical: tuple[str, ...]  # gains beyond what is physical, in words
-    # Noise level estimated beside this model; the channel's is estimated beside the base model.
+    unphysical: tuple[str, ...]  # descriptions of gains outside their physical bounds
+    # Noise level estimated with this model; that of the channel is estimated with the base model.
     noise: float
 
     @classmethod
     def of(cls, shown: DisplayedFit) -> "JudgedFit":
-        """Judge a fit; takes as long as its intervals.
+        """Evaluate a fit; this computes its intervals.
 
         Args:
             shown: the fit.
@@ -40,7 +40,7 @@ class JudgedFit:
 
 
 class ErrorCard:
-    """The held-out error in large type, and how it fell."""
+    """The held-out error in large type, and its decrease by stage."""
 
     def __init__(self) -> None:
         self._judged: JudgedFit | None = None
@@ -57,7 +57,7 @@ class ErrorCard:
             self._fall = set_props(ui.html("").mark("waterfall"), title=elements.FALL)
 
     def show(self, shown: DisplayedFit) -> None:
-        """Show the error of a fit; `judge` shows whether that is good.
+        """Show the error of a fit; `judge` shows whether it is good.
 
         Args:
             shown: the fit.
@@ -70,10 +70,10 @@ class ErrorCard:
             self.judge(self._judged)
 
     def judge(self, fit: "JudgedFit") -> None:
-        """Show whether a fit with known intervals is good: a small error alone does not make it so.
+        """Show whether a fit with known intervals is good; a small error does not suffice.
 
         Args:
-            fit: with its intervals.
+            fit: fit with its intervals.
         """
         self._judged, shown = fit, fit.shown
         unit, error, noise = shown.fitted.data.kind.effort_unit, shown.fitted.rmse, shown.noise
@@ -95,7 +95,7 @@ class ErrorCard:
             unit: unit of the effort.
             noise: noise level of the channel [unit].
         """
-        self._wrong.set_text("")  # it is said of the fit
+        self._wrong.set_text("")  # applies to the fit only
         self._number.set_content(_number(error, unit, noise, "at these values"))
 
 
@@ -145,15 +145,15 @@ class Parameters:
     ) -> None:
         self._state, self._choose, self._pulled = state, choose, pulled
         self._shown: DisplayedFit | None = None
-        self._estimates: dict[str, ParameterEstimate] = {}  # of the fit that is shown, once they are known
-        self._listed: ModelSelection | None = None  # whose parameters have rows
+        self._estimates: dict[str, ParameterEstimate] = {}  # intervals of the shown fit, once known
+        self._listed: ModelSelection | None = None  # selection whose parameters have rows
         self._values: dict[str, float] = {}
         self._intervals: dict[str, ui.label] = {}
         self._numbers: dict[str, ui.label] = {}
         self._sliders: dict[str, ui.slider] = {}
 
     def build(self) -> None:
-        """Put the elements."""
+        """Create the elements."""
         with ui.element("section").classes("card sliders"):
             with ui.row().classes("bar"):
                 heading("Parameters", elements.SLIDER)
@@ -166,7 +166,7 @@ class Parameters:
             self._list = ui.element("div").classes("parameters")
 
     def show(self, shown: DisplayedFit) -> None:
-        """List the parameters of a fit; intervals that are not known yet come later.
+        """List the parameters of a fit; unknown intervals follow later.
 
         Args:
             shown: the fit.
@@ -193,7 +193,7 @@ class Parameters:
         """Show the 95 % intervals.
 
         Args:
-            estimates: by "effect.parameter".
+            estimates: estimates by "effect.parameter".
         """
         assert self._shown is not None  # noqa: S101, set by `show`
         self._estimates = dict(estimates)
@@ -252,7 +252,7 @@ class Parameters:
             self._numbers[name] = ui.label().classes("value")
             self._intervals[name] = set_props(ui.label().classes("interval"), title=elements.INTERVAL)
             self._mark_state(name)
-            # twice the value to either side, within the physical bounds
+            # from minus to plus twice the value, within the physical bounds
             fitted, known = self._shown.fitted.values[name], self._state.parameter(name)
             reach = 2.0 * abs(fitted) or (known.typical[1] - known.typical[0])
             low, high = max(fitted - reach, known.lower), min(fitted + reach, known.upper)
@@ -266,7 +266,7 @@ class Parameters:
 
             async def release(event: events.GenericEventArguments) -> None:
                 await pull(event)
-                self._state.release()  # one step of undo ends
+                self._state.release()  # completes one undo step
 
             async def hold() -> None:
                 value = None if name in self._state.choice.held else self._values[name]
@@ -315,13 +315,13 @@ class Lines:
         self._state = state
 
     def build(self) -> None:
-        """Put the elements."""
+        """Create the elements."""
         with ui.element("section").classes("card same"):
             heading("Equivalent commands", elements.SAME)
             self._command = ui.label().classes("code").mark("command")
             self._python = ui.label().classes("code").mark("python")
 
     def show(self) -> None:
-        """State the lines."""
+        """Show the current lines."""
         self._command.set_text(self._state.command() or "only in Python:")
         self._python.set_text(self._state.python())

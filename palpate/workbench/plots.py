@@ -18,9 +18,9 @@ from palpate.workbench import elements
 from palpate.workbench.elements import Figure, Plot, Restyle, axis, curve, heading, layout_of, set_props
 from palpate.workbench.state import DisplayedFit, WorkbenchState
 
-MOST_POINTS = 1200  # of a curve over time
+MOST_POINTS = 1200  # points of a curve over time
 MOST_OF_STATE = 900
-_FEW = 4  # runs over the state, where none were chosen
+_FEW = 4  # number of runs over the state if none were chosen
 _MILLI = 1e3
 MEASURED, BASE, MODEL, LEFT_BEFORE, LEFT = range(5)  # traces over time
 
@@ -38,7 +38,7 @@ class DrawnMotion:
 
     @classmethod
     def of(cls, data: ChannelData, runs: Sequence[int] = ()) -> "DrawnMotion":
-        """Select the motion of some runs; of all runs without any.
+        """Select the motion of some runs.
 
         Args:
             data: the channel, n samples.
@@ -56,7 +56,7 @@ class DrawnMotion:
         return np.isin(self.data.run, self.runs) if self.runs else np.ones(len(self.data), dtype=np.bool_)
 
     def map(self, residual: FloatArray) -> ResidualMap:
-        """A residual (n,) over the state; of a contact only while pressed.
+        """Return the map of a residual over the state; for a contact only samples in contact.
 
         Args:
             residual: shape (n,), in the effort's unit.
@@ -64,7 +64,7 @@ class DrawnMotion:
         return residual_map(self.position, self.velocity, residual, self.judged & self.data.engaged)
 
     def rows(self, values: FloatArray, most: int, span_s: tuple[float, float] | None = None) -> IntArray:
-        """Select samples to draw so that peaks of `values` (n,) are seen; -1 for a gap between runs.
+        """Select samples to draw, with all peaks of `values`; -1 marks a gap between runs.
 
         Args:
             values: shape (n,).
@@ -81,7 +81,7 @@ class DrawnMotion:
 
 
 def picked(values: FloatArray, rows: IntArray) -> np.ndarray:
-    """Select rows of values (n,) as float32, which a browser gets quickly; NaN at gaps (row -1).
+    """Select rows of values as float32, which is fast to send; NaN at gaps (row -1).
 
     Args:
         values: shape (n,).
@@ -97,7 +97,7 @@ def time_figure(motion: DrawnMotion, base: FloatArray | None, left: FloatArray |
     """Draw measured effort, base model and model over time, and residuals below.
 
     Args:
-        motion: what is drawn, n samples.
+        motion: motion to draw, n samples.
         base: effort of the base model (n,); None before the fit.
         left: residual of the base model (n,); None before the fit.
     """
@@ -121,7 +121,7 @@ def time_figure(motion: DrawnMotion, base: FloatArray | None, left: FloatArray |
         yaxis=axis(motion.axes.effort, domain=[0.4, 1.0]),
         yaxis2=axis(f"residual [{unit}]", domain=[0.0, 0.32], range=[-most, most]),
         dragmode="zoom",
-        hovermode="x",  # a cursor can be set wherever one clicks
+        hovermode="x",  # a cursor can be set at any click
         hoverdistance=-1,
         uirevision=motion.data.name,
     )
@@ -137,9 +137,9 @@ def time_update(
     """Return all curves over time again, with full detail in the visible span.
 
     Args:
-        motion: what is drawn, n samples.
+        motion: motion to draw, n samples.
         base: effort and residual of the base model, (n,) each.
-        now: the same of the chosen model.
+        now: effort and residual of the selected model.
         span_s: first and last time to draw [s]; None for all.
     """
     rows = motion.rows(motion.data.effort, MOST_POINTS, span_s)
@@ -154,7 +154,7 @@ def model_update(
     """Return the model's curves alone.
 
     Args:
-        motion: what is drawn, n samples.
+        motion: motion to draw, n samples.
         predicted: effort of the model (n,).
         left: residual of the model (n,).
         span_s: first and last time to draw [s]; None for all.
@@ -164,7 +164,7 @@ def model_update(
 
 
 def _state_rows(motion: DrawnMotion) -> IntArray:
-    """Select samples of a few runs, evenly in time: curves over the state have no peaks to keep."""
+    """Select samples of a few runs, evenly in time, because curves over the state have no peaks to keep."""
     all_runs = motion.data.runs
     few = motion.runs or tuple(
         all_runs[np.unique(np.linspace(0, len(all_runs) - 1, _FEW).astype(int))].tolist()
@@ -175,10 +175,10 @@ def _state_rows(motion: DrawnMotion) -> IntArray:
 
 
 def near(motion: DrawnMotion) -> BoolArray:
-    """Select the samples around a contact; all of a joint's motion.
+    """Select the samples around a contact; for a joint, all samples.
 
     Args:
-        motion: what is drawn, n samples.
+        motion: motion to draw, n samples.
 
     Returns:
         Shape (n,).
@@ -192,7 +192,7 @@ def state_figure(motion: DrawnMotion, predicted: FloatArray | None) -> Figure:
     """Draw measured effort and model over position, and over velocity.
 
     Args:
-        motion: what is drawn, n samples.
+        motion: motion to draw, n samples.
         predicted: effort of the model (n,); None before the fit.
     """
     rows = _state_rows(motion)
@@ -219,7 +219,7 @@ _PANELS = ({"xaxis": "x", "yaxis": "y"}, {"xaxis": "x2", "yaxis": "y2"})  # axes
 
 
 def _beside(title: str) -> dict[str, Any]:
-    """Return the vertical axis of the second panel, which shares that of the first."""
+    """Return the vertical axis of the second panel, which is shared with the first."""
     return axis(title, anchor="x2", matches="y") | {"showticklabels": False, "title": {"text": ""}}
 
 
@@ -239,7 +239,7 @@ def state_update(motion: DrawnMotion, predicted: FloatArray) -> Restyle:
     """Return the model's curves over the state.
 
     Args:
-        motion: what is drawn, n samples.
+        motion: motion to draw, n samples.
         predicted: effort of the model (n,).
     """
     rows = _state_rows(motion)
@@ -250,7 +250,7 @@ def map_figure(motion: DrawnMotion, before: FloatArray, now: FloatArray) -> Figu
     """Draw residuals of base model and model over the state, on one color scale.
 
     Args:
-        motion: what is drawn, n samples.
+        motion: motion to draw, n samples.
         before: residual of the base model (n,).
         now: residual of the chosen model (n,).
     """
@@ -290,7 +290,7 @@ def map_update(motion: DrawnMotion, residual: FloatArray) -> Restyle:
     """Return the model's residual map.
 
     Args:
-        motion: what is drawn, n samples.
+        motion: motion to draw, n samples.
         residual: residual of the chosen model (n,).
     """
     grid = motion.map(residual)
@@ -302,7 +302,7 @@ def cursor_shapes(times_s: Mapping[str, float]) -> dict[str, Any]:
     """Return the cursors A and B as lines with their letters.
 
     Args:
-        times_s: of each cursor, by its letter [s].
+        times_s: time of each cursor, by its letter [s].
     """
     colors = {"A": "#1d2733", "B": palette.TRUTH}
     lines = [
@@ -327,11 +327,11 @@ def _above(text: str, x_axis: str, y_axis: str) -> dict[str, Any]:
 MOST_RUNS = 60  # largest number of runs that can be selected one by one
 UseRuns = Callable[
     [Sequence[int], Sequence[int]], Awaitable[None]
-]  # called with the excluded and the held-out runs
+]  # called with the excluded and with the held-out runs
 
 
 class PlotPanel:
-    """Curves of one channel; a tick redraws the model's alone."""
+    """Curves of one channel; ticking an effect redraws only the model's curves."""
 
     def __init__(self, state: WorkbenchState, use_runs: UseRuns) -> None:
         self._state, self._use_runs = state, use_runs
@@ -344,7 +344,7 @@ class PlotPanel:
         self._next = "A"
 
     def build(self) -> None:
-        """Build the elements; raw curves are shown before any analysis, and if it fails."""
+        """Create the elements; raw curves are shown before the analysis, and if it fails."""
 
         def zoom(event: events.GenericEventArguments) -> None:
             span = event.args
@@ -354,7 +354,7 @@ class PlotPanel:
                 self._time.restyle(time_update(self._motion, base, self._drawn, self._span_s))
 
         def move_cursor(name: str, event: events.ValueChangeEventArguments[Any]) -> None:
-            """Put a cursor at a time [s], or on the nearer end of the curves; None takes it away."""
+            """Set a cursor at a time [s], limited to the curves' range; None removes it."""
             if self._cursors.get(name) == event.value:
                 return
             self._cursors.pop(name, None)
@@ -389,7 +389,7 @@ class PlotPanel:
             self._map: Plot | None = None
 
     def show(self, shown: DisplayedFit) -> None:
-        """Draw a fit; the first one of a channel with its base model.
+        """Draw a fit; with the first fit of a channel, also draw its base model.
 
         Args:
             shown: the fit.
@@ -408,7 +408,7 @@ class PlotPanel:
             self._state_plot.restyle(state_update(self._motion, self._drawn[0]))
 
     def show_map(self) -> None:
-        """Draw the residual map, which takes longest and so comes last."""
+        """Draw the residual map, last because it is the slowest."""
         if self._shown is None or self._drawn is None:
             return
         if self._map is None:
@@ -418,10 +418,10 @@ class PlotPanel:
             self._map.restyle(map_update(self._motion, self._drawn[1]))
 
     def preview(self, effort: FloatArray) -> None:
-        """Draw another prediction (n,) than the fit's while a slider moves.
+        """Draw another prediction than the fit's while a slider moves.
 
         Args:
-            effort: shape (n,), in the effort's unit.
+            effort: predicted effort, shape (n,), in the effort's unit.
         """
         if self._shown is not None:
             self._drawn = effort, np.where(self._shown.base.judged, self._data.effort - effort, np.nan)
@@ -472,7 +472,7 @@ class PlotPanel:
             if not still:
                 await self._use_runs(out.value or (), judged.value or ())
 
-        for select in (out, judged):  # several can be chosen before the list is closed
+        for select in (out, judged):  # several runs can be selected before the list is closed
             select.on("popup-show", lambda: use(still=True)).on("popup-hide", lambda: use(still=False))
             select.on_value_change(lambda: use(still=choosing))
 

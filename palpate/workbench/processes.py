@@ -29,15 +29,15 @@ class StoppedError(PalpateError):
 
 
 class DiagnosisProcess:
-    """Diagnoses in another process, so that the page stays quick and can stop it."""
+    """Diagnosis in another process, so that the page stays responsive and can stop it."""
 
     def __init__(self) -> None:
         self._stop = Event()
         self.now = ("starting a process for it", 0.0)  # current step, and the share that is done
-        self.failure = ""  # why there is no answer
+        self.failure = ""  # reason why there is no result
 
     def note(self, what: str, share: float) -> None:
-        """Note the progress.
+        """Store the progress.
 
         Args:
             what: what is being done.
@@ -99,7 +99,7 @@ _MOST = 6  # number of recent fits from which the process can continue
 
 
 class FitPrefetcher:
-    """A process that fits models of one channel ahead of their use."""
+    """Process that fits models of one channel ahead of their use."""
 
     def __init__(self, study: Study, channel: StudyChannel) -> None:
         self._study, self._channel = study, channel
@@ -113,13 +113,13 @@ class FitPrefetcher:
         )
 
     async def fit(self, effects: Sequence[str]) -> None:
-        """Make a fit and give it to the study, if the study does not have it.
+        """Compute a fit and store it in the study, unless the study has it.
 
         Args:
-            effects: added to the base model, in order.
+            effects: effects added to the base model, in order.
 
         Raises:
-            InputError: it cannot be fitted.
+            InputError: the model cannot be fitted.
         """
         if self._names.issuperset(effects) and not self._study.is_fitted(self._channel, effects):
             packed = await asyncio.wrap_future(self._pool.submit(_fit_packed, tuple(effects)))

@@ -1,8 +1,8 @@
-"""Serve the page on this machine alone, and protect it from other sites.
+"""Serve the page on this machine only, and protect it from other sites.
 
 NiceGUI compiles its components' templates in the browser and runs what the server sends by `eval`, so its
-policy must allow `unsafe-eval`. All other ways from text to code are closed: scripts need the nonce of this
-answer, which only NiceGUI's own template gets, and `palpate.workbench.elements` sets properties by key.
+policy must allow `unsafe-eval`. All other ways to run text as code are blocked: scripts need the nonce of the
+response, which only NiceGUI's own template has, and `palpate.workbench.elements` sets properties by key.
 """
 
 import asyncio
@@ -42,14 +42,14 @@ _OPEN = (
 )
 _POLICY, _UNFRAMED = "Content-Security-Policy", "frame-ancestors 'none'"
 _NONCE = "nonce"  # key in a request's state
-_ELSEWHERE = {"cross-site", "same-site"}  # value that a browser sends with another page's request
+_ELSEWHERE = {"cross-site", "same-site"}  # header values of another page's request
 
 
 class OwnPageOnly:
-    """ASGI middleware: refuses what another page asks for, and gives each answer the page's policy.
+    """ASGI middleware that rejects requests of other pages, and adds the page's policy to each response.
 
     Args:
-        app: what is served.
+        app: application to serve.
         origins: addresses of the page itself, such as "http://127.0.0.1:8090".
     """
 
@@ -79,7 +79,7 @@ class OwnPageOnly:
             async def send_with_policy(message: Message) -> None:
                 if message["type"] == "http.response.start":
                     answer = MutableHeaders(scope=message)
-                    own = answer.get(_POLICY)  # of a report, which is kept from the page itself
+                    own = answer.get(_POLICY)  # policy of a report, which is isolated from the page
                     answer.update({**HEADERS, _POLICY: f"{own}; {_UNFRAMED}" if own else policy})
                 await send(message)
 
@@ -87,7 +87,7 @@ class OwnPageOnly:
 
 
 class _WithNonce(jinja2.BaseLoader):
-    """NiceGUI's templates with the nonce of the request in their own scripts; what is filled in has none."""
+    """Loader that adds the request's nonce to scripts of NiceGUI's templates, but not to inserted text."""
 
     def __init__(self, templates: jinja2.BaseLoader | None) -> None:
         assert templates is not None  # noqa: S101, NiceGUI loads them from a folder
@@ -96,7 +96,7 @@ class _WithNonce(jinja2.BaseLoader):
     def get_source(
         self, environment: jinja2.Environment, template: str
     ) -> tuple[str, str | None, Callable[[], bool] | None]:
-        """One template; see `jinja2.BaseLoader`."""
+        """Return one template; see `jinja2.BaseLoader`."""
         source, file, is_current = self._templates.get_source(environment, template)
         own = source.replace("<script", f'<script nonce="{{{{ request.state.{_NONCE} }}}}"')
         return own, file, is_current
@@ -113,7 +113,7 @@ def serve(home: AppState, listening: socket) -> None:
 
     Args:
         home: what the server shows.
-        listening: socket that is open already.
+        listening: open socket.
     """
 
     @ui.page("/", title="palpate workbench", response_timeout=_CONNECT_S)
@@ -137,12 +137,12 @@ def serve(home: AppState, listening: socket) -> None:
     def report(key: str) -> FileResponse:
         if key not in home.reports:
             raise HTTPException(HTTPStatus.NOT_FOUND)
-        # The file holds text of a measurement: in an origin of its own, it cannot press buttons of the page.
+        # The file contains text of a measurement. In a separate origin it cannot press buttons of the page.
         return FileResponse(home.reports[key], headers={"Content-Security-Policy": "sandbox allow-scripts"})
 
     app.on_shutdown(lambda: _end(home))
     served = FastAPI()
-    # A foreign page whose name points here (DNS rebinding) must not press buttons: one powers an arm.
+    # A foreign page whose name points here (DNS rebinding) must not press buttons, because one powers an arm.
     host, port = listening.getsockname()
     served.add_middleware(TrustedHostMiddleware, allowed_hosts=[host, "localhost"])
     served.add_middleware(OwnPageOnly, origins=(f"http://{host}:{port}", f"http://localhost:{port}"))
@@ -151,27 +151,27 @@ def serve(home: AppState, listening: socket) -> None:
         favicon="◎",
         reconnect_timeout=_AWAY_S,
         message_history_length=_RESENT,
-        gzip_middleware_factory=None,  # nothing leaves this machine
-        tailwind=False,  # it searches the page at every change
+        gzip_middleware_factory=None,  # all traffic is local
+        tailwind=False,  # Tailwind scans the page at every change
         show_welcome_message=False,
     )
     server = uvicorn.Server(uvicorn.Config(served, log_level="warning", ws="wsproto"))
-    # NiceGUI looks for its server among all objects of the program. That holds tuples which the thread that
+    # NiceGUI searches its server among all objects of the program. These include tuples that the thread that
     # reads the data is just building, and Python then raises SystemError there.
     vars(ui_run_with)["gc"] = SimpleNamespace(get_objects=lambda: [server])
     server.run([listening])
 
 
-_pages: list[str] = []  # addresses of pages that this program has open
+_pages: list[str] = []  # addresses of open pages of this program
 
 
 def open_page(study: "Study", port: int = 0, *, browser: bool = True) -> PageAddress:
     """Serve the page of a study in a thread of this program.
 
     Args:
-        study: to show.
-        port: on this machine; 0 takes any free one.
-        browser: open it in a browser, too.
+        study: study to show.
+        port: port on this machine; 0 for any free port.
+        browser: whether to open the page in a browser.
 
     Raises:
         InputError: the port is taken, or a page is open already.

@@ -34,7 +34,7 @@ DROPPED = Path("sessions")  # folder of dropped files
 MOST_BYTES = 500_000_000
 NOTHING = "not used"
 _SELECT = "dense outlined options-dense"
-_SHOWN = 4  # values of a column that are shown
+_SHOWN = 4  # number of values of a column that are shown
 
 
 @dataclass
@@ -43,16 +43,16 @@ class ColumnGuess:
 
     name: str
     quantity: str
-    unit: str  # empty where the file states none: it is asked for, and of a time inferred from its steps
+    unit: str  # empty if the file states none; inferred for time, otherwise the user is asked
     why: str
     values: str
-    stated: str = ""  # unit that the file states
+    stated: str = ""  # unit stated in the file
 
     def assign(self, quantity: str) -> None:
-        """Take the column for another quantity, in the unit that it has or that the file states.
+        """Assign another quantity to the column, in its present unit or the unit stated in the file.
 
         Args:
-            quantity: such as force; empty if the column is not used.
+            quantity: quantity, such as force; empty if the column is not used.
         """
         known = units_of(quantity)
         self.unit = next((unit for unit in (self.unit, self.stated) if unit in known), "")
@@ -60,10 +60,10 @@ class ColumnGuess:
 
 
 def guess(table: Table) -> list[ColumnGuess]:
-    """Guess the role of each numeric column by name, and of the time also by its values.
+    """Guess the role of each numeric column from its name, and of the time also from its values.
 
     Args:
-        table: the file.
+        table: table of the file.
     """
     guesses = guess_columns(table.names, clocks_of(table.columns))
     guesses = [guessed for guessed in guesses if table.is_numeric(guessed.column)]
@@ -84,7 +84,7 @@ def guess(table: Table) -> list[ColumnGuess]:
 
 
 def options_of(columns: Sequence[ColumnGuess]) -> ImportOptions:
-    """Return the import options for these roles. InputError: two columns have the same role.
+    """Return the import options for these roles; raise `InputError` if two columns have the same role.
 
     Args:
         columns: columns of the file, with the roles that the user chose.
@@ -101,7 +101,7 @@ def units_of(quantity: str) -> list[str]:
     """Return the units that a quantity may have.
 
     Args:
-        quantity: such as force or position_2.
+        quantity: quantity, such as force or position_2.
     """
     return [
         unit for dimension in QUANTITIES.get(re.sub(r"_\d+$", "", quantity), ()) for unit in SI[dimension]
@@ -122,7 +122,7 @@ class FileDrop:
         self._opened = opened
 
     def build(self) -> None:
-        """Put the elements."""
+        """Create the elements."""
 
         async def upload(event: events.UploadEventArguments) -> None:
             try:
@@ -143,7 +143,7 @@ class FileDrop:
         self._review = ui.element("div").classes("dropped")
 
     async def begin(self, path: Path) -> bool:
-        """Open a session at once, a data file after a review of its columns; return whether it can be read.
+        """Open a session at once, a data file after a review of its columns; return whether it is readable.
 
         Args:
             path: a session, a folder of sessions or a data file.
@@ -161,7 +161,7 @@ class FileDrop:
     async def _keep(self, event: events.UploadEventArguments) -> tuple[Path, bool]:
         """Store the file under its own name; return its path, and whether it is new."""
         name = Path(event.file.name).name
-        if event.file.size() > MOST_BYTES:  # the browser refuses it, but other clients may send it
+        if event.file.size() > MOST_BYTES:  # the browser rejects it, but other clients may send it
             raise InputError(f"{name}: larger than {MOST_BYTES // 10**6} MB; open it by its name instead")
         folder, content = output_folder(DROPPED), await event.file.read()
         stem, dot, ending = name.partition(".")
@@ -251,12 +251,12 @@ class Feed:
     """A Foxglove WebSocket server; it sends each tick once, at its time in the session.
 
     Args:
-        host: address that it listens at.
-        port: 0 for any free one.
+        host: address to listen on.
+        port: port; 0 for any free port.
 
     Raises:
         ModuleNotFoundError: the Foxglove SDK is not installed.
-        InputError: the port cannot be had.
+        InputError: the port is not available.
     """
 
     def __init__(self, host: str, port: int) -> None:
@@ -271,16 +271,16 @@ class Feed:
             raise InputError(message) from error
         self._channel = foxglove.Channel(TOPIC, schema=_SCHEMA)
         self.port = int(self._server.port)
-        self._lock = Lock()  # pages follow a session in threads of their own
+        self._lock = Lock()  # pages follow a session in separate threads
         self._sent: dict[Path, float] = {}  # time up to which each session was sent [s]
 
     @property
     def is_watched(self) -> bool:
-        """Whether anybody has subscribed."""
+        """Whether there is a subscriber."""
         return bool(self._channel.has_sinks())
 
     def send(self, session: Path, ticks: Samples) -> None:
-        """Send ticks that were not sent before; nothing without subscribers.
+        """Send ticks that were not sent before; do nothing without subscribers.
 
         Args:
             session: session that is being written.
@@ -297,7 +297,7 @@ class Feed:
             columns = {n: online_residual(ticks) if n == "residual_n" else ticks[n] for n in _NUMBERS}
             torques = ticks.vector("torque_measured_nm")
             for row in np.flatnonzero(new):
-                # values that are not known yet are left out: JSON has no NaN
+                # unknown values are left out, because JSON has no NaN
                 message: dict[str, object] = {
                     name: float(values[row]) for name, values in columns.items() if np.isfinite(values[row])
                 }
@@ -306,7 +306,7 @@ class Feed:
                 self._channel.log(message, log_time=int(time_s[row] * _NS))
 
     def close(self) -> None:
-        """End the server."""
+        """Stop the server."""
         self._channel.close()
         self._server.stop()
 
@@ -326,9 +326,9 @@ def online_residual(ticks: Samples) -> FloatArray:
 
 
 PERIOD_S = 0.5
-SPAN_S = 12.0  # that is shown
-_POINTS = 600  # of a curve
-_LAST = 30_000  # ticks that are kept
+SPAN_S = 12.0  # duration that is shown
+_POINTS = 600  # points of a curve
+_LAST = 30_000  # number of stored ticks
 
 
 def newest_growing(folder: Path) -> Path | None:
@@ -392,7 +392,7 @@ class Live:
         self._reading, self._follower = False, Follower(session, STREAM_NAME, _LAST)
 
     def build(self) -> None:
-        """Put the elements."""
+        """Create the elements."""
         with ui.element("section").classes("card"):
             heading(f"Live: {self._session.name}")
             self._words = ui.label("waiting for the first chunk").classes("quiet").mark("live")
@@ -431,7 +431,7 @@ async def run_command(arguments: Sequence[str], hear: Callable[[str], object]) -
         hear: called with each printed line.
 
     Returns:
-        Its error in one line; empty on success.
+        The command's error in one line; empty on success.
     """
     process = await asyncio.create_subprocess_exec(
         *[sys.executable, "-P", "-m", "palpate.main", *arguments],

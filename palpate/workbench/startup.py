@@ -1,4 +1,4 @@
-"""State of the server, and its answers before the page's library is imported (some seconds)."""
+"""State of the server, and its responses while the page's library is imported (some seconds)."""
 
 import socket
 from base64 import b64encode
@@ -30,16 +30,16 @@ if TYPE_CHECKING:
 
 @dataclass
 class AppState:
-    """State that the server shows."""
+    """State of the server."""
 
-    folder: Path  # whose sessions are offered
-    file: Path | None = None  # file that was requested; None without one
+    folder: Path  # folder whose sessions are offered
+    file: Path | None = None  # requested file; None if there is none
     riddle: bool = False  # whether an effect was hidden for the user to find
-    state: "WorkbenchState | None" = None  # once data was read
-    raw: str = ""  # a drawing of what a session measured; empty for other files
+    state: "WorkbenchState | None" = None  # state of the workbench, once data have been read
+    raw: str = ""  # drawing of a session's measurements; empty for other files
     reserved: set[Path] = field(default_factory=set)  # paths that tabs are about to write
-    reading: str = ""  # file that is being read; empty afterwards
-    error: str = ""  # why it could not be
+    reading: str = ""  # file being read; empty afterwards
+    error: str = ""  # why it could not be read
     reports: dict[str, Path] = field(default_factory=dict)  # reports written from the page, by key
     feed: "Feed | None" = None  # server for Foxglove, if requested
     open: "Callable[[Path, ImportOptions], WorkbenchState] | None" = None  # opens a file
@@ -50,7 +50,7 @@ class AppState:
         return f'<p class="quiet">{escape(self.reading or "opening")} …</p>{self.raw}'
 
     def serve_report(self, path: Path) -> str:
-        """Serve a report to the browser; return its address, which cannot be guessed.
+        """Serve a report to the browser; return its unguessable address.
 
         Args:
             path: path of the report.
@@ -90,7 +90,7 @@ _PAGE = """<!doctype html><html lang="en"><head><meta charset="utf-8"><title>pal
 _SCRIPT = 'addEventListener("load", () => setTimeout(() => location.reload(), 200))'
 
 CLOSED = "default-src 'none'; base-uri 'none'; form-action 'none'; frame-ancestors 'none'; object-src 'none'"
-"""Content-Security-Policy: nothing is loaded but what is added to it; no other page may frame this one."""
+"""Content-Security-Policy that blocks everything not added to it, and framing by other pages."""
 
 HEADERS = {
     "X-Content-Type-Options": "nosniff",
@@ -98,7 +98,7 @@ HEADERS = {
     "Cross-Origin-Opener-Policy": "same-origin",
     "Cross-Origin-Resource-Policy": "same-origin",
 }
-"""Of every answer: other pages can neither load it nor keep a handle of it."""
+"""Headers of every response: other pages can neither load it nor keep a reference to it."""
 
 _POLICY = (
     f"{CLOSED}; style-src 'unsafe-inline'; img-src data:; "
@@ -107,7 +107,7 @@ _POLICY = (
 
 
 class EarlyServer(ThreadingTCPServer):
-    """An open port of this machine that answers its first visitor.
+    """Server on an open port of this machine that answers its first visitor.
 
     Args:
         host: address that it listens at.
@@ -118,7 +118,7 @@ class EarlyServer(ThreadingTCPServer):
     """
 
     allow_reuse_address = daemon_threads = True
-    request_queue_size = 128  # visitors wait in the socket until the page's server starts
+    request_queue_size = 128  # visitors wait in the socket's queue until the page's server starts
     page = b""
 
     def __init__(self, host: str, port: int) -> None:
@@ -137,12 +137,12 @@ class EarlyServer(ThreadingTCPServer):
 
     def release_socket(self) -> socket.socket:
         """Stop answering, and return the open socket."""
-        if self._answers:  # else it would wait for ever
+        if self._answers:  # otherwise shutdown would wait forever
             self.shutdown()
         return self.socket
 
     def handle_error(self, *_: object) -> None:
-        """Ignore visitors who hang up."""
+        """Ignore visitors that disconnect."""
 
 
 class _Reply(BaseHTTPRequestHandler):
@@ -152,7 +152,7 @@ class _Reply(BaseHTTPRequestHandler):
     def do_GET(self) -> None:
         """Answer the page once; later visitors wait for the real server.
 
-        A page of an earlier server asks for other places, to be connected again: it is told to come back.
+        A page of an earlier server requests other paths to reconnect; it is told to retry later.
         """
         if self.headers.get("Host", "").rpartition(":")[0] not in {
             self.server.server_address[0],
@@ -188,8 +188,8 @@ def picture(
     Args:
         x: shape (n,).
         curves: values (n,) and color of each.
-        width: [px].
-        height: [px].
+        width: width [px].
+        height: height [px].
     """
     every = np.concatenate([y for y, _ in curves])
     low, high = float(every.min()), float(every.max())
@@ -214,7 +214,7 @@ def raw_curves(file: Path) -> str:
         HTML.
 
     Raises:
-        SessionError: it is a session that cannot be read.
+        SessionError: the file is a session that cannot be read.
     """
     if file.suffix != ".mcap":
         return ""
@@ -240,10 +240,10 @@ def _panel(title: str, time_s: FloatArray, curves: Sequence[tuple[FloatArray, st
 
 
 def early_server(port: int) -> EarlyServer:
-    """Open the page's address.
+    """Open the page's port.
 
     Args:
-        port: on this machine; 0 takes any free one.
+        port: port on this machine; 0 for any free port.
 
     Raises:
         InputError: the port is in use.

@@ -1,4 +1,4 @@
-"""State of the workbench without any page: a study, the selected model, and undo."""
+"""State of the workbench, independent of any page: a study, the selected model, and undo."""
 
 from collections import deque
 from collections.abc import Mapping, MutableSequence, Sequence
@@ -23,9 +23,9 @@ from palpate.workbench.processes import DiagnosisProcess
 
 Value = TypeVar("Value")
 Bounds = tuple[float, float]
-_Runs = tuple[tuple[int, ...], tuple[int, ...]]  # left out, held out
-_Step = tuple["ModelSelection", _Runs]  # of undo and redo
-_MOST_STEPS = 100  # that can be undone
+_Runs = tuple[tuple[int, ...], tuple[int, ...]]  # runs left out, runs held out
+_Step = tuple["ModelSelection", _Runs]  # one step of undo and redo
+_MOST_STEPS = 100  # largest number of undo steps
 
 
 @dataclass(frozen=True)
@@ -33,10 +33,10 @@ class ModelSelection:
     """The selected model: one step of undo and redo."""
 
     channel: str  # its name
-    effects: tuple[str, ...] = ()  # added to the base model, in order
+    effects: tuple[str, ...] = ()  # effects added to the base model, in order
     # Held parameters, by "effect.parameter".
     held: Mapping[str, float] = field(default_factory=dict)
-    bounds: Mapping[str, Bounds] = field(default_factory=dict)  # of others
+    bounds: Mapping[str, Bounds] = field(default_factory=dict)  # bounds of further parameters
     # Values of moved sliders: drawn, not fitted; a new fit resets the sliders.
     pulled: Mapping[str, float] = field(default_factory=dict)
 
@@ -61,7 +61,7 @@ class ModelSelection:
 class DisplayedFit:
     """The selected model beside the base model."""
 
-    choice: ModelSelection  # what was chosen
+    choice: ModelSelection  # the selection
     base: FitResult  # the base model
     fitted: FitResult  # fit of the selection; intervals are computed on first use
     # Label and held-out error of the base model and of each effect added.
@@ -78,7 +78,7 @@ class DisplayedFit:
         """Return the root mean square error at other parameters, on the scored samples.
 
         Args:
-            values: by "effect.parameter".
+            values: values by "effect.parameter".
 
         Returns:
             The error in the effort's unit.
@@ -92,7 +92,7 @@ class WorkbenchState:
     """One study on the page, with undo and redo.
 
     Args:
-        study: what was measured.
+        study: study to show.
         source: the file with its options as typed in a command; empty for data without a file.
     """
 
@@ -114,7 +114,7 @@ class WorkbenchState:
 
     @property
     def diagnosis(self) -> ChannelDiagnosis | None:
-        """Diagnosis of this channel, None before."""
+        """Diagnosis of this channel; None if there is none yet."""
         return self.study.known_diagnosis(self.channel)
 
     def effects(self) -> tuple[Effect, ...]:
@@ -123,13 +123,13 @@ class WorkbenchState:
         return applicable_effects(fitted.data, fitted.model, self.study.effects)
 
     def show(self, choice: ModelSelection | None = None) -> DisplayedFit:
-        """Fit a selection, by default the present one, in the same way as the commands.
+        """Fit a selection, by default the current one, in the same way as the commands.
 
         Args:
             choice: channel, effects and held parameters; None for the present choice.
 
         Raises:
-            InputError: it cannot be fitted.
+            InputError: the selection cannot be fitted.
         """
         chosen = choice or self.choice
         channel, names = self.study.channel(chosen.channel), chosen.effects
@@ -148,13 +148,13 @@ class WorkbenchState:
         return DisplayedFit(choice, base, stages[-1], steps, noise, is_rough)
 
     def preview(self, choice: ModelSelection) -> DisplayedFit | None:
-        """Predict roughly what `show` will return; None if known, or with held or bounded parameters.
+        """Predict the result of `show` roughly; None if it is known, or with held or bounded parameters.
 
         Args:
             choice: the model.
 
         Raises:
-            InputError: it cannot be fitted.
+            InputError: the selection cannot be fitted.
         """
         channel, names = self.study.channel(choice.channel), choice.effects
         if self.study.is_fitted(channel, names) or choice.held or choice.bounds:
@@ -163,20 +163,20 @@ class WorkbenchState:
         return self._shown(choice, stages, is_rough=True)
 
     def choose(self, choice: ModelSelection) -> DisplayedFit:
-        """Fit a selection and make it the present one; nothing changes if it cannot be fitted.
+        """Fit a selection and make it the current one; nothing changes if it cannot be fitted.
 
         Args:
             choice: channel, effects and held parameters.
 
         Raises:
-            InputError: it cannot be fitted.
+            InputError: the selection cannot be fitted.
         """
         shown = self.show(choice)
         self.set_choice(choice)
         return shown
 
     def set_choice(self, choice: ModelSelection) -> None:
-        """Make a selection the present one without a fit; undo restores the previous one.
+        """Make a selection the current one without a fit; undo restores the previous one.
 
         Args:
             choice: channel, effects and held parameters.
@@ -194,7 +194,7 @@ class WorkbenchState:
             name: "effect.parameter".
             value: value in the parameter's SI unit.
         """
-        if self.choice.pulled.get(name) == value:  # said twice by the browser
+        if self.choice.pulled.get(name) == value:  # the browser sends it twice
             return
         choice = replace(self.choice, pulled={**self.choice.pulled, name: value})
         if self._pulling == name:
@@ -211,7 +211,7 @@ class WorkbenchState:
         """Return the selection with an effect added, or removed if it is selected.
 
         Args:
-            effect: its name.
+            effect: name of the effect.
         """
         now = self.choice.effects
         return self.choice.with_effects(
@@ -219,7 +219,7 @@ class WorkbenchState:
         )
 
     def with_held(self, name: str, value: float | None) -> ModelSelection:
-        """Return the selection with a parameter held at a value; None to free it.
+        """Return the selection with a parameter held at a value, or free.
 
         Args:
             name: "effect.parameter".
@@ -234,10 +234,10 @@ class WorkbenchState:
 
         Args:
             name: "effect.parameter".
-            bounds: lower and upper, in the parameter's SI unit.
+            bounds: lower and upper bound, in the parameter's SI unit.
 
         Raises:
-            InputError: they are not two numbers, the lower one below the upper one.
+            InputError: the bounds are not two numbers, or the lower one is not below the upper one.
         """
         if not (np.isfinite(bounds).all() and bounds[0] < bounds[1]):
             raise InputError(
@@ -261,7 +261,7 @@ class WorkbenchState:
         """Undo one step.
 
         Returns:
-            This state; another one of the same measurement if the last step was to use its runs otherwise.
+            This state, or another state of the same measurement if the last step changed the use of runs.
         """
         return self._moved(self._past, self._future)
 
@@ -295,10 +295,10 @@ class WorkbenchState:
         """Select a saved revision.
 
         Args:
-            revision: kept in the study's folder.
+            revision: revision saved in the study's folder.
 
         Raises:
-            InputError: it is of other data, or of another base model than the page shows.
+            InputError: the revision is of other data or of another base model.
         """
         self.study.check(revision)
         if self.study.channel(revision.channel).model.name != revision.model:
@@ -330,7 +330,7 @@ class WorkbenchState:
         return {**model.gains, **model.inner}[name]
 
     def joined_with(self, path: Path) -> "WorkbenchState":
-        """Return a state with the runs of another session after those of this one; in memory.
+        """Return a state, in memory, with the runs of another session after those of this one.
 
         Args:
             path: path of the other session.
@@ -342,14 +342,15 @@ class WorkbenchState:
         return self._with(source, self.study.held_out)
 
     def with_runs(self, out: Sequence[int], held_out: Sequence[int]) -> "WorkbenchState":
-        """Return a state of the same measurement, its runs used otherwise; in memory.
+        """Return a state of the same measurement, in memory, with a different use of its runs.
 
         Args:
-            out: runs neither fitted nor judged.
-            held_out: runs not fitted, and on which alone models are judged; none for each in turn.
+            out: runs excluded from fitting and scoring.
+            held_out: runs excluded from fitting and used only for scoring; empty to hold out each run in
+                turn.
 
         Raises:
-            InputError: nothing would be left of a channel, or nothing to be fitted to.
+            InputError: a channel would have no runs left, or none to fit.
         """
         state = self._using(tuple(sorted(out)), tuple(sorted(set(held_out) - set(out))))
         state.choice = ModelSelection(self.choice.channel, self.choice.effects)
@@ -376,11 +377,12 @@ class WorkbenchState:
         return state
 
     def command(self) -> str:
-        """Command with the same result as the page; empty where none has."""
+        """Command with the same result as the page; empty if there is none."""
         measured = self.study.source
         if (self.out and measured.session is None) or self.choice.held or self.choice.bounds:
             return ""
-        if not self.source or (self.whole is not None and measured.averaged):  # other runs would be averaged
+        # The command would average other runs.
+        if not self.source or (self.whole is not None and measured.averaged):
             return ""
         source = f"{self.source} --where run={_listed(measured.runs)}" if self.out else self.source
         held = self.study.held_out
@@ -423,7 +425,7 @@ class EffectEvidence:
     """Change of the error by one effect beside the other selected effects."""
 
     effect: str  # its name
-    falls: float  # share of the held-out error
+    falls: float  # decrease as a share of the held-out error
     change: (
         FloatArray  # change of the block residuals, (m,), unit length; parallel for indistinguishable effects
     )
@@ -434,13 +436,13 @@ TELLING = 0.05  # share of the error below which an effect has no influence
 
 
 def evidence_of(study: Study, channel: StudyChannel, beside: Sequence[str], effect: str) -> EffectEvidence:
-    """Compute how one effect changes the error beside others. InputError: it cannot be fitted.
+    """Compute how one effect changes the error beside others. InputError: the selection cannot be fitted.
 
     Args:
-        study: holds the fits.
+        study: study with the fits.
         channel: channel of the study.
         beside: names of the other effects in the model.
-        effect: its name.
+        effect: name of the effect.
     """
     before, fitted = study.fit(channel, beside), study.fit(channel, [*beside, effect])
     change = before.residual_on_blocks - fitted.residual_on_blocks
