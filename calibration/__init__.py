@@ -1,1 +1,1 @@
-"""Finds out how a robot's devices differ from what they say, and writes it down; robot_io applies it."""
+"""Estimate the errors of a robot's devices as calibrations, which robot_io applies."""

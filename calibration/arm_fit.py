@@ -9,10 +9,11 @@ The fit finds gains, offsets and friction of the drives, and the base's tilt, fr
 
     gain_j m_j(t) + offset_j = (I_j + G_j g(pitch, roll))(t - delay) + coulomb_j sign(v_j) + viscous_j v_j
 
-I and G are of the model, m is what the drives measure. It carries the noise, so it is what is
-fitted, with 1 / gain_j on the right. The amplitude of the weight's torque gives the gain and its phase the
-tilt. The delay between the samples of motion and torque is fitted as well: left alone it passes for viscous
-friction. Samples near standstill, where friction is anything up to its limit, are left out.
+I and G come from the model, and m is the torque measured by the drives. Because m is noisy, m is the
+regressand, with 1 / gain_j on the right-hand side. The amplitude of the weight's torque gives the gain and
+its phase the tilt. The delay between the samples of motion and torque is fitted too, because an unmodeled
+delay resembles viscous friction. Samples near standstill, where friction takes any value up to its limit, are
+left out.
 
 Gauss-Newton, each joint weighted with its own residual; the covariance allows for autocorrelated residuals
 (palpate.estimation.statistics). Friction: Armstrong-Helouvry et al., Automatica 30 (1994).
@@ -40,7 +41,7 @@ _UNIT = np.eye(3)
 
 @dataclass(frozen=True)
 class GravityBodies:
-    """One arm without gravity, and with 1 m/s^2 along each of the base's axes."""
+    """Models of one arm without gravity, and with 1 m/s^2 along each of the base's axes."""
 
     weightless: RigidBody
     along: tuple[RigidBody, RigidBody, RigidBody]
@@ -78,7 +79,7 @@ class GravityBodies:
 
 
 def fall(tilt_rad: FloatArray) -> FloatArray:
-    """Compute the fall acceleration in the base's axes.
+    """Compute the gravity vector in the base's axes.
 
     Args:
         tilt_rad: pitch and roll, shape (2,) [rad].
@@ -136,7 +137,7 @@ _FEWEST = 500  # samples of a motion
 _FEWEST_BLOCKS = 50  # of each joint, in motion
 _STEPS = 12
 _CONVERGED = 1e-10
-_UNFELT = 1e-3  # of the larger one: a tilt whose torque is less than that is not felt
+_UNFELT = 1e-3  # relative to the larger effect; a tilt with less effect on the torques is not identifiable
 _FEWEST_LOADED = 1e-9
 
 
@@ -152,9 +153,9 @@ class ArmFit:
     command_offset_nm: UncertainArray  # true torque where the commanded one is 0 [N m]
     coulomb_nm: UncertainArray  # dry friction [N m]
     viscous_nms_rad: UncertainArray  # viscous friction [N m s/rad]
-    delay_s: UncertainValue[float]  # of the torque samples behind the motion's [s]
-    tilt_rad: UncertainArray  # pitch and roll, shape (2,) [rad]; NaN where the arm does not feel it
-    residual_nm: FloatArray  # measured less fitted torque, NaN where a sample was left out [N m]
+    delay_s: UncertainValue[float]  # delay of the torque samples relative to the motion samples [s]
+    tilt_rad: UncertainArray  # pitch and roll, shape (2,) [rad]; NaN if not identifiable
+    residual_nm: FloatArray  # measured minus fitted torque, NaN for excluded samples [N m]
     position_rad: FloatArray
     velocity_rad_s: FloatArray
 
@@ -172,7 +173,7 @@ class ArmMotion:
 
 
 def motion_of(ticks: Samples) -> ArmMotion:
-    """Extract the part of a session in which the path was followed.
+    """Extract the part of a session in which the arm followed the path.
 
     Args:
         ticks: ticks of the session.
@@ -216,7 +217,7 @@ def fit_arm(motion: ArmMotion, bodies: GravityBodies) -> ArmFit:
         InputError: a joint hardly moved, or its load does not change, so that its gain is not identifiable.
     """
     inertial, gravity = bodies.parts(motion.position_rad, motion.velocity_rad_s, motion.acceleration_rad_s2)
-    # Samples near standstill are left out, with those near them in time: derivatives smear friction's jump.
+    # Samples near standstill and their neighbors are left out: derivatives smear the jump of friction.
     still = np.abs(motion.velocity_rad_s) <= STANDSTILL_RAD_S
     near = np.ones(2 * _EDGE + 1)
     away = np.column_stack([np.convolve(joint, near, mode="same") < 0.5 for joint in still.T])
@@ -254,7 +255,7 @@ class _Solver:
         self.delay = 4 * self.joints  # index of the delay; the tilts follow
 
     def solve(self) -> tuple[FloatArray, FloatArray]:
-        """Values and covariance, the tilts that are not felt left out."""
+        """Return values and covariance, without tilts that are not identifiable."""
         values = np.zeros(self.delay + 1 + int(self.felt.sum()))
         values[: self.delay : 4] = 1.0
         for _ in range(_STEPS):
@@ -267,7 +268,7 @@ class _Solver:
         return values, sandwich(columns, residual * w**2, w**2, joint).matrix
 
     def tilt(self, values: FloatArray) -> FloatArray:
-        """Pitch and roll, 0 where they are not felt.
+        """Return pitch and roll, 0 if not identifiable.
 
         Args:
             values: values of all free parameters.

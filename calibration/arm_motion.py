@@ -480,17 +480,17 @@ class PathTask:
         body: model of the arm.
         gains: gains of the tracking.
         path: to follow.
-        travel_rad_s: speed of the fastest joint on the ways there and back [rad/s].
+        travel_rad_s: speed of the fastest joint on the moves to the path and back [rad/s].
     """
 
     def __init__(self, body: RigidBody, gains: TrackingGains, path: FourierPath, travel_rad_s: float) -> None:
         self._free = FreeMotion(body, gains)
         self._path, self._travel_rad_s = path, travel_rad_s
         self._time_s = 0.0
-        self.duration_s = path.duration_s  # with the ways to it and back, once started
+        self.duration_s = path.duration_s  # including the moves to the path and back, once started
 
     def start(self, measurement: Measurement) -> None:
-        """Plan the moves from the measured posture to the path's center and back.
+        """Plan the moves from the measured pose to the path's center and back.
 
         Args:
             measurement: state of the arm.
@@ -505,7 +505,7 @@ class PathTask:
         self.duration_s = self._end_s + self._back.duration_s + _SETTLE_S
 
     def step(self, measurement: Measurement, dt_s: float) -> TaskOutput:
-        """Move to the path's center, follow the path once, and go back.
+        """Move to the path's center, follow the path once, and return.
 
         Args:
             measurement: state of the arm.

@@ -1,4 +1,4 @@
-"""The joints' zeros: against a hard stop or a known pose."""
+"""Calibration of the joints' zeros from hard stops or a known pose."""
 
 import math
 from collections.abc import Iterable, Iterator, Sequence
@@ -33,19 +33,19 @@ from palpate.robot_io.session import Samples, Session
 from palpate.robot_io.types import FloatArray, Measurement, Status, clip
 
 _NEAR_RAD = 0.12  # distance to the stop at which the approach begins
-_LIMIT_MARGIN_RAD = 0.1  # distance of postures to the position limits
+_LIMIT_MARGIN_RAD = 0.1  # distance of poses from the position limits
 _INSTEAD = "or calibrate in a known pose instead, without power: --pose home"
-_TRIES = 5  # postures of each other joint
+_TRIES = 5  # number of tried positions of each other joint
 
 
 @dataclass(frozen=True)
 class StopApproach:
-    """One joint's way to its stop."""
+    """Approach of one joint to its stop."""
 
     joint: int  # from 0
-    stop_rad: float  # where the stop is said to be [rad]
+    stop_rad: float  # nominal position of the stop [rad]
     side: int  # 1 for the upper stop, -1 for the lower
-    posture_rad: FloatArray  # where the approach begins, shape (n,) [rad]
+    posture_rad: FloatArray  # start of the approach, shape (n,) [rad]
 
 
 def plan_stops(
@@ -55,23 +55,23 @@ def plan_stops(
     stops_rad: tuple[FloatArray, FloatArray],
     reach_rad: float,
 ) -> tuple[FloatArray, tuple[StopApproach, ...]]:
-    """Plan the posture to go up to first, and the approaches, each from there.
+    """Plan a raised pose, and the approaches that start from it.
 
-    For each joint, take the side and posture with the most room to the ground among those in which the torque
-    limits carry the arm. Nothing goes lower than where the arm stands.
+    For each joint, choose the side and pose with the largest ground clearance among those that the torque
+    limits can hold. No part goes lower than in the start pose.
 
     Args:
         body: model of the arm.
         start_rad: present joint positions, shape (n,) [rad].
         limits: limits of the guard.
         stops_rad: lower and upper stops, shape (n,) each [rad], NaN where there is none.
-        reach_rad: how far a joint may seem to go beyond its stop [rad].
+        reach_rad: largest apparent motion of a joint beyond its stop [rad].
 
     Returns:
-        The posture, shape (n,) [rad], and the approaches.
+        The raised pose, shape (n,) [rad], and the approaches.
 
     Raises:
-        InputError: a joint has no stop that can be reached clear of the ground.
+        InputError: a joint has no stop that can be reached without touching the ground.
     """
     floor_m = float(body.heights_m(start_rad)[1:].min())
     low, high = room(limits, _LIMIT_MARGIN_RAD)
@@ -102,12 +102,12 @@ def plan_stops(
 
 
 def with_room_for_stops(limits: Limits, approaches: Iterable[StopApproach], beyond_rad: float) -> Limits:
-    """Widen the position limits so that each joint can go to its stop.
+    """Widen the position limits so that each joint can reach its stop.
 
     Args:
         limits: limits of the guard.
-        approaches: to the stops.
-        beyond_rad: how far a joint may seem to go beyond its stop [rad].
+        approaches: approaches to the stops.
+        beyond_rad: largest apparent motion of a joint beyond its stop [rad].
 
     Returns:
         The widened limits.
@@ -148,27 +148,27 @@ def _candidates(
 
 
 EVENT = "stop_touched"
-PUSH_SHARE = 0.075  # of the torque limit: less than the guard's threshold for an encoder that stands still
+PUSH_SHARE = 0.075  # share of the torque limit, below the guard's threshold for a stuck encoder
 _PRESS_RAD_S = 0.05
 _LEAD_RAD = 0.03
-_STILL_S = 0.3  # a joint that is pushed for so long
-_STILL_RAD = 0.003  # and moves less than this stands against something
-_BACK_RAD = 0.08  # between two touches
+_STILL_S = 0.3  # a joint that is pushed for this time
+_STILL_RAD = 0.003  # and moves less than this is at a stop
+_BACK_RAD = 0.08  # retreat between two touches
 _SETTLE_S = 0.3
 
 
 @dataclass(frozen=True)
 class StopSettings:
-    """How stops are touched."""
+    """Settings of the touches of stops."""
 
     # torque beyond the arm's weight that pushes a joint against its stop, shape (n,) [N m].
     push_nm: FloatArray
-    lead_rad: FloatArray  # the reference waits when it is so far ahead of the joint, shape (n,) [rad]
-    travel_rad_s: float  # on the ways to the stops and back [rad/s]
-    speed_rad_s: float  # of the approach [rad/s]
-    touches: int = 3  # at each stop
-    hold_s: float = 0.25  # how long the joint is read at the stop [s]
-    reach_rad: float = 0.15  # largest distance from where the stop is said to be [rad]
+    lead_rad: FloatArray  # largest lead of the reference over the joint, shape (n,) [rad]
+    travel_rad_s: float  # speed of the moves to the stops and back [rad/s]
+    speed_rad_s: float  # speed of the approach [rad/s]
+    touches: int = 3  # number of touches of each stop
+    hold_s: float = 0.25  # duration of the reading at the stop [s]
+    reach_rad: float = 0.15  # largest distance from the nominal position of the stop [rad]
 
     @classmethod
     def within(cls, limits: Limits) -> Self:
@@ -198,8 +198,8 @@ class StopTask:
     Args:
         body: model of the arm.
         gains: gains of the tracking.
-        up_rad: posture between the approaches, shape (n,) [rad].
-        approaches: to the stops.
+        up_rad: pose between the approaches, shape (n,) [rad].
+        approaches: approaches to the stops.
         settings: torque, speed and number of touches.
     """
 
@@ -216,7 +216,7 @@ class StopTask:
         self._touches = len(approaches) * settings.touches
 
     def start(self, measurement: Measurement) -> None:
-        """Plan the way from the measured posture to the first stop.
+        """Plan the move from the measured pose to the first stop.
 
         Args:
             measurement: state of the arm.
@@ -232,7 +232,7 @@ class StopTask:
         """Move to the next stop, or press against it; see `palpate.control.loop.task.Task.step`.
 
         Raises:
-            SafetyTripError: a stop is not where it is said to be.
+            SafetyTripError: a stop is too far from its nominal position.
         """
         return self._press(measurement, dt_s) if self._pressing else self._move(measurement, dt_s)
 
@@ -288,7 +288,7 @@ class StopTask:
             text = f"joint {joint + 1} against its stop, the encoder shows {position:.5f} rad"
             stop = {"run": self._touch, "joint": joint, "stop_rad": approach.stop_rad, "shown_rad": position}
             events = (TaskEvent(EVENT, text, stop),)
-            # Back off, and go on to the next touch, the next stop, or home.
+            # Back off, and continue with the next touch, the next stop, or the return.
             before, here = self._approach, self._reference_rad.copy()
             here[before.joint] = measurement.joint_position_rad[before.joint]
             back = here.copy()
@@ -305,7 +305,7 @@ class StopTask:
         return self._free.output(measurement, motion, torque_nm, phase, run, events=events)
 
     def _check_stop(self, position_rad: float, at_stop: bool) -> None:
-        """Trip for a stop that is too far from where it should be."""
+        """Trip if a stop is too far from its nominal position."""
         approach, reach = self._approach, self._settings.reach_rad
         if abs(position_rad - approach.stop_rad) > reach:
             push_nm = float(self._settings.push_nm[approach.joint])
@@ -321,9 +321,10 @@ class StopTask:
             )
 
     def _pushed(self, measurement: Measurement, motion: JointMotion, dt_s: float) -> FloatArray:
-        """Torques that hold the other joints and push this one after its reference with little torque.
+        """Compute torques that hold the other joints and push this one gently towards its reference.
 
-        The tracking of this joint must not reach the others through the mass matrix: a stop would shake them.
+        The tracking of this joint must not act on the others through the mass matrix, because a stop would
+        shake them.
         """
         joint = self._approach.joint
         position, speed = measurement.joint_position_rad[joint], measurement.joint_velocity_rad_s[joint]
@@ -334,24 +335,25 @@ class StopTask:
         most_nm = float(self._settings.push_nm[joint])
         ahead, faster = motion.position_rad[joint] - position, motion.velocity_rad_s[joint] - speed
         inertia = float(self._body.mass_matrix(measurement.joint_position_rad)[joint, joint])
-        spring_nm_rad = most_nm / float(self._settings.lead_rad[joint])  # pulls it after its reference
-        damping_nms_rad = 2.0 * math.sqrt(inertia * spring_nm_rad)  # critical, so that it does not swing
+        # Pulls the joint towards its reference.
+        spring_nm_rad = most_nm / float(self._settings.lead_rad[joint])
+        damping_nms_rad = 2.0 * math.sqrt(inertia * spring_nm_rad)  # critical damping
         push_nm = spring_nm_rad * float(ahead) + damping_nms_rad * float(faster)
         torque_nm[joint] += clip(push_nm, -most_nm, most_nm)
         return torque_nm
 
 
-_ROUNDING_RAD = 1e-12  # of a mean of equal numbers
-_UNIFORM = np.sqrt(12.0)  # resolution over the standard deviation that it alone gives
+_ROUNDING_RAD = 1e-12  # rounding error of a mean of equal numbers
+_UNIFORM = np.sqrt(12.0)  # ratio of the resolution to the standard deviation of its rounding
 
 
 @dataclass(frozen=True)
 class EncoderFit:
     """Zeros of n joints."""
 
-    offset_rad: FloatArray  # to be added to what the encoders show, shape (n,) [rad]
+    offset_rad: FloatArray  # to be added to the encoders' readings, shape (n,) [rad]
     std_rad: FloatArray  # standard uncertainties, shape (n,) [rad]
-    shown_rad: tuple[FloatArray, ...]  # one mean for every touch of every joint, or one for the pose [rad]
+    shown_rad: tuple[FloatArray, ...]  # mean reading of each touch by joint, or one mean for the pose [rad]
     repeatability_rad: FloatArray  # standard deviation of the touches, shape (n,); 0 for a pose [rad]
 
 
@@ -395,15 +397,15 @@ def fit_pose(session: Session, pose_rad: FloatArray, pose_std_rad: float) -> Enc
     """Fit zeros to a pose in which the arm was held.
 
     Args:
-        session: in which the arm stands still.
-        pose_rad: shape (n,) [rad].
+        session: session in which the arm is at rest.
+        pose_rad: known pose, shape (n,) [rad].
         pose_std_rad: standard uncertainty of each joint [rad].
 
     Returns:
         The zeros.
 
     Raises:
-        InputError: the session holds no samples, or the arm moved.
+        InputError: the session has no samples, or the arm moved.
     """
     position = _fresh(session.samples("tick")).vector("joint_position_rad")
     if not len(position):
@@ -426,7 +428,7 @@ def _fresh(ticks: Samples) -> Samples:
 
 
 def _resolution(ticks: Samples) -> float:
-    """The encoders' steps as the data show them: the smallest change from tick to tick [rad]; 0 if none."""
+    """Return the encoders' resolution, the smallest change between ticks [rad]; 0 without a change."""
     changes = np.abs(np.diff(ticks.vector("joint_position_rad"), axis=0)).ravel()
     changes = changes[changes > 1e-12]
     return float(changes.min()) if len(changes) else 0.0

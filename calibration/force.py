@@ -1,16 +1,16 @@
-"""The force sensor, from known weights or a reference: plateaus, fit, weighing on the robot.
+"""Calibration of the force sensor from known weights or a reference: plateaus, fit, and weighing.
 
 The fit finds scale, zero, curvature and hysteresis from plateaus.
 
     force = scale (r - zero) + curvature (r - zero)^2,   r = reading + hysteresis / 2 * direction
 
-An effect that the data do not show (a t test at 1 %) is removed from the equation; its estimate is reported.
-Without curvature, scale is the mean slope over the range, with it the slope at the zero. Least squares in the
-force.
+An effect that is not significant (t test at 1 %) is removed from the equation; its estimate is reported.
+Without curvature, scale is the mean slope over the range; with curvature it is the slope at the zero. The fit
+minimizes squared errors of the force.
 
-Each plateau is one observation, so that differences between plateaus (creep, friction, a weight's error) are
-in the uncertainty. No sensor is exactly linear or parabolic, and the remaining shape need not show in the
-scatter: the change of zero and scale by one more power of the reading counts as one more standard
+Each plateau is one observation, so the uncertainty includes differences between plateaus (creep, friction, a
+weight's error). No sensor is exactly linear or parabolic, and the remaining shape may not be visible in the
+scatter. Therefore the change of zero and scale by one more power of the reading is added as a standard
 uncertainty. VIM 2.39, 4.16, 4.21; VDI/VDE 2638; JCGM 100:2008, 4.3 and F.2.
 """
 
@@ -29,9 +29,9 @@ from palpate.robot_io.errors import InputError
 from palpate.robot_io.session import Session
 from palpate.robot_io.types import BoolArray, FloatArray, Status
 
-_SETTLING_SHARE = 0.25  # of a plateau, left out where nothing says when it is settled
-_FEWEST = 3  # samples of a plateau
-_OUTLIER = 8.0  # robust standard deviations of a converter's glitch
+_SETTLING_SHARE = 0.25  # share of a plateau that is left out if there is no information about settling
+_FEWEST = 3  # fewest samples of a plateau
+_OUTLIER = 8.0  # robust standard deviations from which a sample is a converter's glitch
 _NORMAL = 1.4826  # standard deviation of normal noise over its median absolute deviation
 STANDARD_GRAVITY_M_S2 = 9.80665
 _ROLES = ("reading", "reference", "settled")
@@ -43,23 +43,23 @@ _TO_N = {"n": 1.0, "kn": 1e3, "mn": 1e-3, "lbf": 4.4482216152605}
 class Plateaus:
     """Mean readings under known forces, in the order of time; arrays of shape (m,)."""
 
-    reference_n: FloatArray  # force that was there [N]
-    reading: FloatArray  # mean of what the sensor showed, in its unit
-    std_err: FloatArray  # of each mean if the samples' noise is white, in the sensor's unit
-    direction: FloatArray  # 1 where the force was reached from below, -1 from above, 0 at the start
-    glitches: int = 0  # samples that were left out as outliers
+    reference_n: FloatArray  # known force [N]
+    reading: FloatArray  # mean reading of the sensor, in its unit
+    std_err: FloatArray  # standard error of each mean for white noise, in the sensor's unit
+    direction: FloatArray  # 1 if the force was reached from below, -1 from above, 0 at the start
+    glitches: int = 0  # number of samples left out as outliers
 
     def __len__(self) -> int:
         return len(self.reading)
 
 
 def find_plateaus(reading: FloatArray, reference_n: FloatArray, settled: BoolArray | None = None) -> Plateaus:
-    """Cut a record where the reference changes, and average the reading of each piece.
+    """Split a record at changes of the reference, and average the reading of each piece.
 
     Args:
         reading: reading of the sensor, shape (n,).
         reference_n: known force, shape (n,) [N].
-        settled: samples that count, shape (n,); without it the first quarter of each plateau does not count.
+        settled: mask of samples to use, shape (n,); None to leave out the first quarter of each plateau.
 
     Returns:
         The plateaus.
@@ -104,7 +104,7 @@ def plateaus_of(references_n: Sequence[float], pieces: Sequence[FloatArray]) -> 
 
 
 def _is_glitch(piece: FloatArray) -> BoolArray:
-    """Samples far off the median, if most agree; the resolution counts as noise."""
+    """Return samples far from the median, if most agree; the resolution counts as noise."""
     off = np.abs(piece - np.median(piece))
     steps = np.diff(np.unique(piece))
     noise = max(_NORMAL * float(np.median(off)), float(steps.min()) if len(steps) else 0.0)
@@ -118,23 +118,24 @@ def read_reference_file(
     gravity_m_s2: float = STANDARD_GRAVITY_M_S2,
     reading_unit: str | None = None,
 ) -> tuple[Plateaus, str]:
-    """Read plateaus from a data file: CSV (also .gz), Parquet or NPZ, one row a sample in the order of time.
+    """Read plateaus from a data file: CSV (also .gz), Parquet or NPZ, one row per sample in time order.
 
-    Units are the end of a name, such as `load_counts`, `weight_kg`, `force_N`. Where there is a column
-    `settled`, only rows count in which it is not 0.
+    The end of a column's name is its unit, such as `load_counts`, `weight_kg`, `force_N`. If there is a
+    column `settled`, only rows in which it is nonzero are used.
 
     Args:
         path: path of the file.
-        columns: names of the columns `reading`, `reference` and `settled`; a missing entry is a column whose
-            name begins so.
-        gravity_m_s2: makes a mass a weight [m/s^2].
-        reading_unit: of the readings; None for the end of the column's name.
+        columns: names of the columns `reading`, `reference` and `settled`; a missing entry stands for the
+            column whose name begins so.
+        gravity_m_s2: gravitational acceleration, which converts masses to forces [m/s^2].
+        reading_unit: unit of the readings; None for the end of the column's name.
 
     Returns:
         The plateaus, and the unit of the readings.
 
     Raises:
-        InputError: the file cannot be read, a column is missing or has no known unit, or nothing is steady.
+        InputError: the file cannot be read, a column is missing or has no known unit, or no plateau is
+            steady.
     """
     wrong = [role for role in columns if role not in _ROLES]
     if wrong:
@@ -252,12 +253,12 @@ class ForceFit:
     zero: UncertainValue[float]  # reading without force [u]
     scale: UncertainValue[float]  # [N/u]
     curvature: UncertainValue[float] | None  # [N/u^2]; None where none is shown
-    # what the sensor shows more on the way down than on the way up, at the same force [N].
+    # excess of the reading on the way down over that on the way up, at the same force [N].
     hysteresis_n: UncertainValue[float]
     # largest distance of the characteristic from its chord over the range, as a share of it.
     nonlinearity: UncertainValue[float]
-    plateaus: Plateaus  # what was fitted
-    residual_n: FloatArray  # reference less what the calibrated sensor says, shape (m,) [N]
+    plateaus: Plateaus  # fitted plateaus
+    residual_n: FloatArray  # reference minus calibrated reading, shape (m,) [N]
     range_n: tuple[float, float]  # lowest and highest reference [N]
     suspect: int | None  # index from 0 of an outlying plateau, or None
 

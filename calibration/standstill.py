@@ -1,4 +1,4 @@
-"""Readings at standstill, and estimates with uncertainties that hold for few observations too."""
+"""Readings at standstill, and estimates with uncertainties that are valid for few observations too."""
 
 import math
 from dataclasses import dataclass

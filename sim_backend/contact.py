@@ -61,10 +61,10 @@ class ObjectResponse:
 
 
 class ComplianceObject:
-    """A horizontal, frictionless surface that answers depth and rate with an upward force.
+    """Horizontal, frictionless surface with an upward force that depends on depth and rate.
 
     Args:
-        engine: moves the arm.
+        engine: engine that moves the arm.
         law: contact law.
         surface_height_m: world height of the undeformed surface [m].
 
@@ -72,7 +72,7 @@ class ComplianceObject:
         is_engine_contact: whether the engine itself exerts the force.
 
     Raises:
-        InputError: the law is an engine's own contact, and this engine has none.
+        InputError: the law is an engine's own contact, which this engine does not have.
     """
 
     def __init__(self, engine: Engine, law: ObjectLaw, surface_height_m: float) -> None:
@@ -122,7 +122,7 @@ class TipContact:
     """Contact of one arm's tip with one object.
 
     The engine integrates by semi-implicit Euler: v(n+1) = v(n) + h a(n), x(n+1) = x(n) + h v(n+1), so its
-    velocity belongs to the middle of the last step, half a step before its position. The law is given the
+    velocity belongs to the middle of the last step, half a step before its position. The law receives the
     rate at the time of the depth, (3 v(n) - v(n-1)) / 2. That makes contact accurate to the second order in h
     (leapfrog for the spring, Adams-Bashforth for the damper), and depth, rate and force of one state belong
     together.
@@ -134,11 +134,11 @@ class TipContact:
         effects: hidden effects; those of contact and tool act here.
 
     Attributes:
-        depth_m: how far the tip is below the undeformed surface [m]; negative above it.
+        depth_m: depth of the tip below the undeformed surface [m]; negative above it.
         rate_m_s: d(depth)/dt [m/s].
         force_n: force of the object on the tip, upwards [N].
-        push_n: the part of it that the engine does not exert by itself, to be applied in the next step [N].
-        tip_position_m: of the tip frame in the world, shape (3,) [m].
+        push_n: part of the force that the engine does not exert by itself; applied in the next step [N].
+        tip_position_m: position of the tip frame in the world, shape (3,) [m].
     """
 
     def __init__(
@@ -151,10 +151,10 @@ class TipContact:
         self._speed_before_m_s: float | None = None
 
     def update(self, time_s: float) -> None:
-        """Compute depth, rate and force at the arm's present state.
+        """Compute depth, rate and force in the arm's current state.
 
         Args:
-            time_s: of that state [s].
+            time_s: time of that state [s].
         """
         self.tip_position_m, velocity, self._quaternion = self._engine.tip_state()
         speed, before = -velocity[2], self._speed_before_m_s
@@ -167,7 +167,7 @@ class TipContact:
         self.push_n = self.force_n - (by_engine_n or 0.0)
 
     def restart(self) -> None:
-        """Forget the last step's speed, because the arm was placed elsewhere."""
+        """Reset the last step's speed, because the arm was placed elsewhere."""
         self._speed_before_m_s = None
 
     def compression_n(self, sensor_axis_tip: Sequence[float]) -> float:

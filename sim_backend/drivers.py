@@ -15,7 +15,7 @@ from palpate.sim_backend.scenario import Scenario, load_scenario
 from palpate.sim_backend.sensors import SensorSample, quantise
 from palpate.sim_backend.world import World, world_of
 
-_REST_RAD, _REST_RAD_S = 0.01, 0.1  # nearer and slower than this the arm is on its rest
+_REST_RAD, _REST_RAD_S = 0.01, 0.1  # an arm closer and slower than this is on its rest
 
 
 class SimulatedBusSettings(FileModel):
@@ -26,11 +26,11 @@ class SimulatedBusSettings(FileModel):
 
 
 class SimulatedBus(JointBus):
-    """A simulated world in place of a bus.
+    """Bus that connects to a simulated world.
 
     On a simulated clock the world advances with the clock; on any other it catches up at each poll and flush.
-    Before its first activation the arm stands on its rest instead of falling, and again after it is
-    deactivated there.
+    Before its first activation the arm is supported by its rest, and again after it is deactivated
+    there.
 
     Attributes:
         scenario: scenario of the world; `use_scenario` changes it until the robot is configured.
@@ -64,7 +64,7 @@ class SimulatedBus(JointBus):
         """Replace the robot file's scenario.
 
         Args:
-            scenario: the new one.
+            scenario: new scenario.
 
         Raises:
             LifecycleError: the world exists already.
@@ -75,7 +75,7 @@ class SimulatedBus(JointBus):
 
     @property
     def world(self) -> World:
-        """The world, for its object and its truth.
+        """The simulated world, for access to its object and true values.
 
         Raises:
             LifecycleError: the robot is not configured, or closed.
@@ -94,13 +94,13 @@ class SimulatedBus(JointBus):
         self._world.held = True
 
     def activate(self) -> None:
-        """Let the arm off its rest."""
+        """Release the arm from its rest."""
         if self.world.held:
             self._rest_rad = self.world.truth().joint_position_rad
         self.world.held = False
 
     def deactivate(self) -> None:
-        """Torque off; where its rest is, the arm stands on it again."""
+        """Switch the torque off; the rest supports the arm again if the arm is there."""
         self.power_off()
         if self._world is not None and self._rest_rad is not None:
             truth = self._world.truth()
@@ -109,7 +109,7 @@ class SimulatedBus(JointBus):
             self._world.held = self._world.held or bool(is_there and is_still)
 
     def close(self) -> None:
-        """End the world."""
+        """Close the world."""
         if self._world is not None:
             self._world.close()
             self._world = None
@@ -150,7 +150,7 @@ class SimulatedBus(JointBus):
         """Apply the staged torques from now on, once the world has caught up with the clock.
 
         Args:
-            deadline_s: robot's clock [s]; it does not matter here.
+            deadline_s: not used.
         """
         if self._staged_torque_nm is not None:
             self.world.advance_to(self._clock.now_s())
@@ -175,8 +175,7 @@ class SimEncoder(BusEncoder):
 class SimTorque(BusTorque):
     """Torque-controlled drives in the world.
 
-    Their range is the URDF's effort limit; their resolution and the quality of what they measure are the
-    scenario's.
+    Their range is the URDF's effort limit; resolution and measurement errors come from the scenario.
     """
 
     name = "sim_torque"

@@ -1,4 +1,4 @@
-"""Hidden effects of a world, drawn at random or named, and the sealed answer beside a session."""
+"""Hidden effects of a world, random or named, and the sealed answer beside a session."""
 
 import base64
 import binascii
@@ -23,7 +23,7 @@ from palpate.sim_backend.imperfection import (
 from palpate.sim_backend.noise_scale import CONTACT, NoiseScale
 from palpate.sim_backend.scenario import Scenario
 
-WEAKEST, STRONGEST = 5.0, 50.0  # times the noise floor
+WEAKEST, STRONGEST = 5.0, 50.0  # multiples of the noise floor
 _STREAM = crc32(b"hidden")  # separate from the sensors' noise, which uses the same seed
 
 
@@ -31,14 +31,14 @@ def hidden_effects(imperfections: Sequence[Imperfection], joint_count: int) -> H
     """Make the effects of one world, each with its own memory.
 
     Args:
-        imperfections: from the drives to the links, and from the object to the tip.
+        imperfections: hidden effects in order, from the drives to the links and from the object to the tip.
         joint_count: number of joints of the arm.
 
     Returns:
         The effects.
 
     Raises:
-        InputError: one is in a joint that the arm does not have.
+        InputError: an effect is in a joint that the arm does not have.
     """
     return sum((entry.effects(joint_count) for entry in imperfections), HiddenEffects())
 
@@ -60,12 +60,12 @@ def draw_hidden(
 ) -> list[Imperfection]:
     """Draw one effect at random, 5 to 50 times the noise floor of a probing run with the default plan.
 
-    Equal seeds draw the same.
+    Equal seeds give equal effects.
 
     Args:
         seed: seed of the draw.
-        channel: channel that shows it, such as "contact" or "joint_2"; None to draw it (half the time the
-            contact).
+        channel: channel that shows the effect, such as "contact" or "joint_2"; None to draw it (the contact
+            with a probability of one half).
         effect: name of the effect; None to draw it.
         scenario: the world; None for the default one.
 
@@ -73,7 +73,7 @@ def draw_hidden(
         Entries for the scenario's section `hidden`.
 
     Raises:
-        InputError: no such channel or effect, or no probing run shows the effect in the channel.
+        InputError: the channel or effect does not exist, or no probing run shows the effect in the channel.
     """
     scenario = Scenario() if scenario is None else scenario
     scale, generator = noise_scale(scenario), np.random.default_rng([seed, _STREAM])
@@ -130,11 +130,11 @@ def sealed_path(session: str | Path) -> Path:
 
 
 def seal(session: str | Path, answer: SealedAnswer) -> Path:
-    """Write the sealed answer beside a session file, completely or not at all; nothing is replaced.
+    """Write the sealed answer beside a session file, completely or not at all, without replacing a file.
 
     Args:
         session: path of the session file.
-        answer: to seal.
+        answer: answer to seal.
 
     Returns:
         Path of the sealed file.
@@ -176,7 +176,7 @@ def unseal(path: str | Path) -> SealedAnswer:
         The answer.
 
     Raises:
-        InputError: there is none, or it is damaged or of another version.
+        InputError: the sealed answer does not exist, is damaged, or has another version.
     """
     path = Path(path)
     try:

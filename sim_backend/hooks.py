@@ -1,4 +1,4 @@
-"""Where hidden effects enter the world: at the contact, at the joints, at a sensor, in the plant itself.
+"""Interfaces of hidden effects in the world: at the contact, the joints, a sensor, or in the plant.
 
 Effects are small objects called at each physics step or sample; they may keep a state.
 """
@@ -16,7 +16,7 @@ class ContactState(NamedTuple):
 
     time_s: float  # time of the state [s]
     step_s: float  # length of a physics step [s]
-    depth_m: float  # how far the tip is below the surface [m]; negative above it
+    depth_m: float  # depth of the tip below the surface [m]; negative above it
     rate_m_s: float  # d(depth)/dt [m/s]
 
 
@@ -28,20 +28,21 @@ class JointStepState(NamedTuple):
     position_rad: Sequence[float]  # n positions [rad]
     velocity_rad_s: Sequence[float]  # n velocities [rad/s]
     drive_torque_nm: Sequence[float]  # n torques commanded to the drives [N m]
-    mass_matrix: Callable[[], FloatArray]  # gives the joint-space inertia (n, n) [kg m^2] at these positions
-    # Gives the torques (n) [N m] of a motion without acceleration, in free air.
+    # Returns the joint-space inertia (n, n) [kg m^2] at these positions.
+    mass_matrix: Callable[[], FloatArray]
+    # Returns the torques (n) [N m] of a motion without acceleration, in free air.
     bias_torque_nm: Callable[[], FloatArray]
 
 
 class ContactEffect(ABC):
-    """Changes the force between object and tip after contact has been limited to pushing: it may pull."""
+    """Changes the force between object and tip after the limit to pushing, so it may pull."""
 
     @abstractmethod
     def contact_force_n(self, state: ContactState, force_n: float) -> float:
         """Compute the force after the effect.
 
-        Called at each physics step, in contact or not, in the order of the list; behind a compliant tool more
-        than once in a step, with motions that a solver tries. `settle` stores the memory.
+        Called at each physics step, with or without contact, in the order of the list. With a compliant tool
+        it is called several times per step, with the trial motions of a solver. `settle` stores the memory.
 
         Args:
             state: motion of the tip.
@@ -52,20 +53,20 @@ class ContactEffect(ABC):
         """
 
     def settle(self) -> None:  # noqa: B027, most effects have no memory
-        """Store the last call's motion in the memory: it holds at this step."""
+        """Store the last call's motion, which is the valid one of this step, in the memory."""
 
 
 class MaterialEffect(ContactEffect):
-    """Part of the object's material: it adds to the law before contact is limited to pushing."""
+    """Part of the object's material, which is added to the law before the limit to pushing."""
 
     def felt(self, state: ContactState) -> ContactState:
-        """Compute the motion that law and effects feel; a changed geometry enters here.
+        """Compute the motion that acts on law and effects; a changed geometry enters here.
 
         Args:
             state: motion of the tip.
 
         Returns:
-            Motion that the material feels.
+            Motion that acts on the material.
         """
         return state
 
@@ -83,7 +84,7 @@ class ToolEffect(ABC):
 
         Args:
             state: motion of the tip.
-            surface_n: gives the object's force for a motion; the last evaluated motion is the valid one.
+            surface_n: returns the object's force for a motion; the last evaluated motion is the valid one.
 
         Returns:
             Force on the tip [N].
@@ -100,8 +101,8 @@ class JointEffect(ABC):
     def joint_torque_nm(self, state: JointStepState, torque_nm: Sequence[float]) -> Sequence[float]:
         """Compute the torques that reach the links; called once at each physics step.
 
-        The drive's torque sensor does not see the change, just as a motor current does not show bearing
-        friction.
+        The drive's torque sensor does not measure the change, just as a motor current does not include
+        bearing friction.
 
         Args:
             state: motion of the joints.
@@ -112,11 +113,11 @@ class JointEffect(ABC):
         """
 
     def restart(self) -> None:  # noqa: B027, most effects have no memory
-        """Forget the motion so far, because the arm was placed elsewhere."""
+        """Reset the memory, because the arm was placed elsewhere."""
 
 
 class FrictionEffect(ABC):
-    """Resists the motion of joints: against it while they move, up to as much as needed while they stand.
+    """Friction of joints: opposes their motion, and holds them at rest up to a limit.
 
     The engine solves for the resistance together with the motion, so friction brings a joint to rest and
     keeps it there, and never reverses it.
@@ -126,7 +127,7 @@ class FrictionEffect(ABC):
     def friction_nm(self, state: JointStepState, limit_nm: Sequence[float]) -> Sequence[float]:
         """Compute the largest resistance of each joint; called once at each physics step.
 
-        As with `JointEffect`, the drive's torque sensor does not see it.
+        As with `JointEffect`, the drive's torque sensor does not measure it.
 
         Args:
             state: motion of the joints.
@@ -140,12 +141,12 @@ class FrictionEffect(ABC):
 class SensorHook(ABC):
     """Changes a sensor's samples."""
 
-    # Whether it acts on the clean signal (mechanical effects) or on the noisy one (electrical effects).
+    # Whether it acts on the noise-free signal (mechanical effects) or on the noisy one (electrical effects).
     ahead_of_noise: bool = False
 
     @abstractmethod
     def measure(self, time_s: float, value: Sequence[float]) -> Sequence[float]:
-        """Compute the changed sample; called once a sample, before resolution and range are applied.
+        """Compute the changed sample; called once per sample, before resolution and range are applied.
 
         Args:
             time_s: when the sample was taken [s].
@@ -185,7 +186,7 @@ class PlantEffect(ABC):  # noqa: B024, one of the two is enough
 
 @dataclass(frozen=True)
 class HiddenEffects:
-    """All that is hidden in one world; the sum of two holds both, in this order."""
+    """Hidden effects of one world; the sum of two contains both, in this order."""
 
     contact: tuple[ContactEffect, ...] = ()  # at the contact, applied in this order
     tool: tuple[ToolEffect, ...] = ()  # between tip and object, from the object to the tip
@@ -204,7 +205,7 @@ NO_EFFECTS = HiddenEffects()
 
 
 Transducer = Callable[[float, float], float]
-"""Makes (time of the sample [s], value) into another value; it may remember the samples before."""
+"""Function from (time of the sample [s], value) to another value; it may have memory."""
 
 
 class ChannelEffect(SensorHook):
@@ -212,8 +213,8 @@ class ChannelEffect(SensorHook):
 
     Args:
         index: index of the value, from 0.
-        transducer: changes it.
-        ahead_of_noise: whether it acts on the clean signal.
+        transducer: function that changes the value.
+        ahead_of_noise: whether it acts on the noise-free signal.
     """
 
     def __init__(self, index: int, transducer: Transducer, ahead_of_noise: bool) -> None:
@@ -237,11 +238,11 @@ class ChannelEffect(SensorHook):
 
 
 class AddedTorque(JointEffect):
-    """A torque in addition to the drive's in one joint.
+    """Additional torque in one joint.
 
     Args:
         index: index of the joint, from 0.
-        torque_nm: gives it [N m] from position [rad] and the drive's torque [N m].
+        torque_nm: function of position [rad] and the drive's torque [N m] that returns the torque [N m].
     """
 
     def __init__(self, index: int, torque_nm: Callable[[float, float], float]) -> None:
@@ -264,12 +265,12 @@ class AddedTorque(JointEffect):
 
 
 class JointFriction(FrictionEffect):
-    """A resistance against the motion in one joint.
+    """Friction in one joint.
 
     Args:
         index: index of the joint, from 0.
-        resistance_nm: gives the largest one [N m] from the speed without sign [rad/s] and the drive's torque
-            along the motion [N m], negative where the drive holds back.
+        resistance_nm: function of the absolute speed [rad/s] and the drive's torque along the motion [N m],
+            negative if the drive brakes, that returns the largest resistance [N m].
     """
 
     def __init__(self, index: int, resistance_nm: Callable[[float, float], float]) -> None:

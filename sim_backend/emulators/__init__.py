@@ -1,4 +1,4 @@
-"""Emulated devices at the other end of the drivers' wires, written from the protocols' manuals."""
+"""Emulated devices for the drivers, written from the protocols' manuals."""
 
 from palpate.sim_backend.emulators.faults import Fault, FaultKind, Faults
 

@@ -1,4 +1,4 @@
-"""The simulated arm behind all emulated wires, its motors' shafts, and the bench that lets time pass."""
+"""The simulated arm behind all emulated wires, its motors' shafts, and the bench that advances time."""
 
 import select
 import termios
@@ -15,7 +15,7 @@ from palpate.sim_backend.hooks import NO_EFFECTS, HiddenEffects
 from palpate.sim_backend.scenario import Scenario
 from palpate.sim_backend.world import world_of
 
-_REST_SHARE = 0.04  # of a joint's torque limit
+_REST_SHARE = 0.04  # share of a joint's torque limit below which the arm stays on its rest
 
 
 @dataclass(frozen=True, slots=True)
@@ -28,11 +28,11 @@ class JointState:
 
 
 class Plant:
-    """An arm in a simulated world, with the interfaces of its motors and its force sensor.
+    """Arm in a simulated world, with the interfaces of its motors and its force sensor.
 
-    It stands on its rest, with friction, until a motor first exerts 4 % of its limit in the robot file, so
-    that a driver's trial torque at activation moves nothing. Its sensors have the quality of the direct
-    simulation. It begins at `start_s` on the bench's clock [s]. Not thread-safe: a single bench owns it.
+    The arm stays on its rest, with friction, until a motor first exerts 4 % of its limit in the robot file,
+    so that a driver's test torque at activation moves nothing. Its sensors have the errors of the direct
+    simulation. It starts at `start_s` on the bench's clock [s]. Not thread-safe: a single bench owns it.
     """
 
     def __init__(
@@ -43,7 +43,7 @@ class Plant:
         self._torque_nm = [0.0] * self.world.joint_count
         self._rest_nm = [_REST_SHARE * limit for limit in robot_file.limits.torque_nm]
         self._joints = [JointState(angle, 0.0, 0.0) for angle in robot_file.home_rad]
-        # The newest, positive in compression [N], and how far to trust it; None before the first.
+        # Newest force, positive in compression [N], with its status; None before the first.
         self.force: tuple[float, Status] | None = None
 
     def set_torque(self, joint: int, torque_nm: float) -> None:
@@ -51,7 +51,7 @@ class Plant:
 
         Args:
             joint: index of the joint, from 0.
-            torque_nm: along the joint's axis [N m].
+            torque_nm: torque along the joint's axis [N m].
         """
         if torque_nm == self._torque_nm[joint]:
             return
@@ -61,7 +61,7 @@ class Plant:
         self.world.set_torque(self._torque_nm)
 
     def advance_to(self, time_s: float) -> None:
-        """Let physics pass up to a time, and sample all sensors.
+        """Advance the physics to a time, and sample all sensors.
 
         Args:
             time_s: bench's clock [s].
@@ -90,7 +90,7 @@ class Plant:
         return self._joints[joint]
 
     def close(self) -> None:
-        """End the world. Can be called repeatedly."""
+        """Close the world. Can be called repeatedly."""
         self.world.close()
 
 
@@ -100,9 +100,9 @@ class Shaft:
     Attributes:
         beside: the other motor, if two turn the joint.
         torque_nm: torque of the motor [N m].
-        limp: whether the motor exerts nothing, whatever its command.
-        backwards: whether it exerts the opposite.
-        slipped_rad: how far its horn has slipped on the joint [rad].
+        limp: whether the motor exerts no torque for any command.
+        backwards: whether it exerts the opposite torque.
+        slipped_rad: slip angle of its horn on the joint [rad].
     """
 
     def __init__(self, plant: Plant, joint: int) -> None:
@@ -112,7 +112,7 @@ class Shaft:
         self.limp = self.backwards = False
 
     def exert(self, torque_nm: float) -> None:
-        """Set the motor's torque; that of a second motor on the joint adds to it.
+        """Set the motor's torque, to which that of a second motor on the joint is added.
 
         Args:
             torque_nm: torque of this motor at the joint [N m].
@@ -159,14 +159,14 @@ class EmulatedWire(ABC):
 
     @abstractmethod
     def close(self) -> None:
-        """Let go of the wire. Can be called repeatedly."""
+        """Release the wire. Can be called repeatedly."""
 
     def fileno(self) -> int:
-        """A file that becomes readable when something has come, or -1: in real time it is heeded at once."""
+        """Return a file descriptor that becomes readable when data arrive, or -1; used in real time."""
         return -1
 
     def next_due_s(self) -> float:
-        """When something is due on the wire [s]."""
+        """Return the time of the next due data on the wire [s]."""
         return inf
 
 
@@ -174,7 +174,7 @@ class Bench:
     """Advances a plant and its wires in steps of half a millisecond.
 
     On a simulated clock everything happens within the clock's advance, so runs are repeatable. On any other
-    clock, `start` runs a thread that keeps up with it; in a separate process it disturbs no control loop.
+    clock, `start` runs a thread that follows it; in a separate process it disturbs no control loop.
     """
 
     def __init__(self, plant: Plant, wires: Sequence[EmulatedWire], clock: Clock) -> None:
@@ -189,7 +189,7 @@ class Bench:
             clock.subscribe(self.advance_to)
 
     def advance_to(self, time_s: float) -> None:
-        """Let time pass up to a time.
+        """Advance plant and wires to a time.
 
         Args:
             time_s: bench's clock [s].
@@ -206,13 +206,13 @@ class Bench:
             wire.send(self._now_s)
 
     def start(self) -> None:
-        """Keep up with a real clock in a thread until `close`."""
+        """Follow a real clock in a thread until `close`."""
         self._thread = threading.Thread(target=self._run, name="emulators", daemon=True)
         self._thread.start()
 
     def _run(self) -> None:
         while not self._stop.is_set():
-            # Wait until something comes over a wire or is due on one, and at most for a step.
+            # Wait until data arrive or are due on a wire, and at most for one step.
             now_s = self._clock.now_s()
             due_s = min((wire.next_due_s() for wire in self._wires), default=inf)
             files = [file for wire in self._wires if (file := wire.fileno()) >= 0]
@@ -220,11 +220,11 @@ class Bench:
             now_s = self._clock.now_s()
             while self._now_s < now_s:
                 self._step_towards(now_s)
-            for wire in self._wires:  # received data are dated now, not a step ago
+            for wire in self._wires:  # received data get the current time, not that of the last step
                 wire.receive(self._now_s)
 
     def close(self) -> None:
-        """End the thread, the wires and the world. Can be called repeatedly."""
+        """Stop the thread, and close the wires and the world. Can be called repeatedly."""
         self._stop.set()
         if self._thread is not None:
             self._thread.join()

@@ -1,4 +1,4 @@
-"""What goes wrong on an emulated wire, and what becomes of the frames between a device and its host."""
+"""Faults of an emulated wire, and their effect on the frames between a device and its host."""
 
 from abc import abstractmethod
 from collections.abc import Iterable
@@ -14,43 +14,43 @@ from palpate.sim_backend.emulators.bench import EmulatedWire
 
 
 class FaultKind(StrEnum):
-    """What goes wrong. An emulator knows those that its wire and its devices can have."""
+    """Kind of fault. An emulator supports the kinds that its wire and its devices can have."""
 
     DROP = "drop"  # a frame of the device is not sent
-    DELAY = "delay"  # it is sent `delay_s` late
-    CORRUPT = "corrupt"  # one of its bits is flipped after its checksum was made
-    LOSE = "lose"  # one of its bytes is lost; not on CAN, where no frame survives that
-    DUPLICATE = "duplicate"  # it is sent twice
-    REORDER = "reorder"  # it changes places with the one after it
-    WRONG_ID = "wrong_id"  # it carries another device's id
+    DELAY = "delay"  # a frame is sent `delay_s` late
+    CORRUPT = "corrupt"  # one bit of a frame is flipped after its checksum was computed
+    LOSE = "lose"  # one byte of a frame is lost; not on CAN, where such a frame is rejected
+    DUPLICATE = "duplicate"  # a frame is sent twice
+    REORDER = "reorder"  # a frame is swapped with the next one
+    WRONG_ID = "wrong_id"  # a frame carries another device's id
     ALERT = "alert"  # the device reports an error
     REBOOT = "reboot"  # the device restarts with its power-up settings, silent for `delay_s`
     UNPLUG = "unplug"  # the port or interface is gone
-    STUCK = "stuck"  # the sensor's value stays as it is
-    NOT_A_NUMBER = "not_a_number"  # the sensor sends something that is no number
+    STUCK = "stuck"  # the sensor's value is frozen
+    NOT_A_NUMBER = "not_a_number"  # the sensor sends a value that is not a number
     SATURATED = "saturated"  # the sensor sends the end of its range
     REVERSED = "reversed"  # the sensor's sign is wrong, or the motor's
-    LIMP = "limp"  # the motor exerts nothing, and otherwise works
+    LIMP = "limp"  # the motor exerts no torque, but otherwise works
     DEAF = "deaf"  # a servo ignores new goals and keeps its last one
     SLIPPED = "slipped"  # the motor's horn slips on its joint, by 0.1 rad
 
 
 class Fault(FileModel):
-    """One fault; a scenario for a test bench is a list of them."""
+    """One fault; a test scenario is a list of faults."""
 
-    kind: FaultKind  # what goes wrong
-    # Which device, by the name or number that its emulator has for it; None is every device.
+    kind: FaultKind  # kind of fault
+    # Device, by its name or number in the emulator; None for every device.
     device: str | int | None = None
-    from_s: NotNegative = 0.0  # when it begins, after the start of the emulator [s]
-    for_s: Positive | None = None  # how long it lasts [s]; None is for ever
-    # How often it strikes at most; None is at every opportunity.
+    from_s: NotNegative = 0.0  # start, after the start of the emulator [s]
+    for_s: Positive | None = None  # duration [s]; None for no end
+    # Largest number of occurrences; None for no limit.
     times: Annotated[int, Field(gt=0, strict=True)] | None = None
-    # How likely it strikes at an opportunity, from 0 to 1.
+    # Probability at each opportunity, from 0 to 1.
     probability: Annotated[Number, Field(gt=0, le=1)] = 1.0
-    delay_s: NotNegative = 0.0  # how late, or how long away, for the kinds that need it [s]
+    delay_s: NotNegative = 0.0  # delay, or duration of absence, for the kinds that need it [s]
 
     def lasts_at(self, elapsed_s: float) -> bool:
-        """Check whether the fault can strike at a time.
+        """Check whether the fault can occur at a time.
 
         Args:
             elapsed_s: time since the start of the emulator [s].
@@ -62,7 +62,7 @@ class Fault(FileModel):
 
 
 class Faults:
-    """Decides at each opportunity whether a fault occurs. Equal seeds give equal faults.
+    """Decides at each opportunity whether a fault occurs; equal seeds give equal faults.
 
     The emulator started at `start_s` on its own clock [s]. `generator` draws the details, such as which bit
     is flipped.
@@ -70,30 +70,30 @@ class Faults:
 
     def __init__(self, faults: Iterable[Fault] = (), *, seed: int = 0, start_s: float = 0.0) -> None:
         self._planned = tuple(faults)
-        self._struck: dict[int, int] = {}  # by place in the plan
+        self._struck: dict[int, int] = {}  # number of occurrences by index in the plan
         self._start_s = start_s
         self.generator = np.random.default_rng(seed)
 
     @property
     def planned(self) -> bool:
-        """Whether anything is to go wrong, now or later."""
+        """Whether any fault is planned, now or later."""
         return bool(self._planned)
 
     def add(self, *faults: Fault) -> None:
-        """Plan more of them, also while the emulator runs."""
+        """Plan further faults, even while the emulator runs."""
         self._planned = (*self._planned, *faults)
 
     def clear(self) -> None:
-        """Forget all of them."""
+        """Remove all faults."""
         self._planned = ()
         self._struck = {}
 
     def strikes(self, kind: FaultKind, device: str | int, now_s: float) -> Fault | None:
-        """Draw whether a fault of this kind strikes a device now; each call is a chance.
+        """Draw whether a fault of this kind occurs in a device now; each call is one opportunity.
 
         Args:
-            kind: what could go wrong.
-            device: by the name or number that its emulator has for it.
+            kind: kind of fault.
+            device: name or number of the device in its emulator.
             now_s: emulator's clock [s].
 
         Returns:
@@ -129,7 +129,7 @@ class Faults:
 
         Args:
             frame: bytes.
-            first: byte from which on a bit may change.
+            first: index of the first byte in which a bit may change.
 
         Returns:
             The damaged frame.
@@ -145,7 +145,7 @@ Device = str | int
 
 
 class FrameWire(EmulatedWire, Generic[Frame]):
-    """A wire with faults of single frames; a kind of wire defines how they are sent and damaged.
+    """Wire with faults of single frames; subclasses define how frames are sent and damaged.
 
     Faults may be added at any time.
     """
@@ -161,10 +161,10 @@ class FrameWire(EmulatedWire, Generic[Frame]):
 
     @abstractmethod
     def _damaged(self, device: Device, frame: Frame, now_s: float) -> Frame:
-        """What arrives of a device's frame by the faults that change it."""
+        """Return a device's frame after the faults that change it."""
 
     def _deliver(self, device: Device, frame: Frame, now_s: float) -> None:
-        """Send a device's frame as the faults let it."""
+        """Send a device's frame, subject to the faults."""
         strikes = self.faults.strikes
         if strikes(FaultKind.DROP, device, now_s):
             return

@@ -1,4 +1,4 @@
-"""A physics engine: one serial arm, moved by joint torques and a force at its tip, and its URDF."""
+"""Interface of physics engines, with one serial arm driven by joint torques and a force at its tip."""
 
 import xml.etree.ElementTree as ET
 from abc import ABC, abstractmethod
@@ -22,24 +22,24 @@ def dynamics_urdf(
     tip_radius_m: float,
     sensor_axis_tip: Sequence[float],
 ) -> str:
-    """Remove pictures, meshes and collision shapes, and add one sphere behind the tip frame.
+    """Remove visuals, meshes and collision shapes from a URDF, and add one sphere behind the tip frame.
 
     The sphere touches a surface with the tip frame's origin. It is a shape of the last moving link, because
-    PyBullet lets links behind a fixed joint pass through static bodies. A link without <inertial>, to which
-    PyBullet would give 1 kg, gets no mass, as URDF means it.
+    PyBullet lets links behind a fixed joint pass through static bodies. A link without <inertial> gets no
+    mass, as URDF specifies; PyBullet would give it 1 kg.
 
     Args:
         urdf_text: the robot's URDF.
         tip_frame: link whose origin is the contact point.
         mass_scale: factor on all masses and inertias [-].
-        tip_radius_m: of the sphere [m].
+        tip_radius_m: radius of the sphere [m].
         sensor_axis_tip: unit vector in the tip frame along which the tool pushes.
 
     Returns:
         The URDF for the engine.
 
     Raises:
-        InputError: not a URDF, a number in it is invalid, or it has no link of the tip frame's name.
+        InputError: the text is not a URDF, has an invalid number, or lacks the link of the tip frame.
     """
     try:
         robot = parse_urdf(urdf_text)
@@ -98,22 +98,22 @@ def _name(joint: ET.Element, role: str) -> str:
     return element.get("link", "")
 
 
-Joints = Sequence[float]  # a value of each joint, shape (n,)
+Joints = Sequence[float]  # one value per joint, shape (n,)
 Vector = tuple[float, float, float]
 Quaternion = tuple[float, float, float, float]  # (x, y, z, w)
 
 
 class Engine(ABC):
-    """A serial arm of revolute and prismatic joints, its base fixed at the world's origin.
+    """Serial arm of revolute and prismatic joints with its base fixed at the world's origin.
 
-    Kinematics and dynamics are the engine's own; every loss that it would add by itself is off. It integrates
+    Kinematics and dynamics are the engine's own, but all its built-in losses are disabled. It integrates
     by semi-implicit Euler: v(n+1) = v(n) + h a(n), x(n+1) = x(n) + h v(n+1), with h the step [s].
 
     Args:
-        urdf_text: made by `dynamics_urdf`.
-        tip_frame: link whose motion counts.
+        urdf_text: URDF from `dynamics_urdf`.
+        tip_frame: link of the tip.
         step_s: step h [s].
-        gravity_m_s2: fall acceleration in the world, shape (3,) [m/s^2].
+        gravity_m_s2: gravity vector in the world, shape (3,) [m/s^2].
 
     Raises:
         InputError: the engine cannot load the URDF, or it is not a serial arm that ends at the tip frame.
@@ -155,17 +155,18 @@ class Engine(ABC):
         """Apply torques and an upward force at the tip for the next step only.
 
         Args:
-            torque_nm: along the joint axes, shape (n,) [N m].
-            tip_force_z_n: upwards [N].
-            tip_position_m: of the tip in the world, shape (3,) [m].
+            torque_nm: torques along the joint axes, shape (n,) [N m].
+            tip_force_z_n: upward force [N].
+            tip_position_m: position of the tip in the world, shape (3,) [m].
         """
 
     @abstractmethod
     def brake(self, friction_nm: Joints) -> None:
-        """Resist the joints' motion by dry friction from the next step on.
+        """Apply dry friction to the joints from the next step on.
 
-        The engine solves for friction with the motion: it is the limit while a joint moves, and what is
-        needed while it stands.
+        The engine solves for friction together with the motion: friction equals its limit while a joint
+            moves,
+        and the required holding torque while the joint is at rest.
 
         Args:
             friction_nm: largest torques, shape (n,) [N m].
@@ -202,10 +203,10 @@ class Engine(ABC):
         """
 
     def set_surface(self, contact: EngineContact | None, height_m: float) -> None:
-        """Put a surface with the engine's own contact into the world, or take it away.
+        """Add a surface with the engine's own contact to the world, or remove it.
 
         Args:
-            contact: stiffness and damping; None to take the surface away.
+            contact: stiffness and damping; None to remove the surface.
             height_m: world height of the surface [m].
 
         Raises:
@@ -221,7 +222,7 @@ class Engine(ABC):
         """Return the force of the surface of `set_surface` on the tip [N]."""
         return 0.0
 
-    def close(self) -> None:  # noqa: B027, not every engine holds something
+    def close(self) -> None:  # noqa: B027, some engines hold no resources
         """Free resources; can be called repeatedly."""
 
 

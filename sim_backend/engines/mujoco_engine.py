@@ -1,4 +1,4 @@
-"""The arm in MuJoCo: the object's force and all torques are applied as generalized forces."""
+"""Engine with MuJoCo, in which the object's force and all torques are applied as generalized forces."""
 
 from collections.abc import Sequence
 
@@ -9,7 +9,7 @@ from palpate.robot_io.errors import InputError
 from palpate.robot_io.types import FloatArray
 from palpate.sim_backend.engines.engine import Engine, Joints, Quaternion, check_serial
 
-# Friction and stops are soft constraints here. This is as hard as they get: within 2 steps, to 1 part in 1e4.
+# Friction and stops are soft constraints here; this is the hardest setting (2 steps, 1 part in 1e4).
 _STEPS_TO_STOP = 2.0
 _HARD = [0.9999, 0.9999, 0.001, 0.5, 2.0]
 _FRAME = mujoco.mjtObj.mjOBJ_XBODY
@@ -43,8 +43,8 @@ class MujocoEngine(Engine):
         effort = zip(model.jnt_actfrclimited, model.jnt_actfrcrange[:, 1], strict=True)
         self.torque_limit_nm = [float(limit) if limited else np.inf for limited, limit in effort]
         self._data = data = mujoco.MjData(model)
-        self._aside = mujoco.MjData(model)  # for questions about other states
-        # Views of the engine's own memory, kept because creating one takes as long as reading it.
+        self._aside = mujoco.MjData(model)  # for computations in other states
+        # Views of the engine's memory, kept because creating a view takes as long as reading it.
         self._position, self._velocity, self._applied = data.qpos, data.qvel, data.qfrc_applied
         self._tip_position, self._tip_quaternion = data.xpos[self._tip], data.xquat[self._tip]
         self._tip_velocity = np.zeros(6)
@@ -85,17 +85,17 @@ class MujocoEngine(Engine):
 
     def brake(self, friction_nm: Joints) -> None:
         self._model.dof_frictionloss[:] = friction_nm
-        self._update_views()  # friction is a constraint that the next step reads from there
+        self._update_views()  # the next step reads friction, a constraint, from there
 
     def step(self) -> None:
         mujoco.mj_step2(self._model, self._data)
         self._update_views()
 
     def _update_views(self) -> None:
-        """Update links, inertia and constraints to the present positions and velocities.
+        """Update links, inertia and constraints to the current positions and velocities.
 
-        It is the first half of MuJoCo's step, called after the second half instead of before it: MuJoCo's own
-        step would leave the links as they were before it.
+        This is the first half of MuJoCo's step, called after the second half instead of before it, because
+        MuJoCo's own step would leave the links in their earlier state.
         """
         mujoco.mj_step1(self._model, self._data)
 

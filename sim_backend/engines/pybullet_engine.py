@@ -1,4 +1,4 @@
-"""The arm in PyBullet, loaded without the engine's surprises."""
+"""Engine with PyBullet, with its unexpected defaults disabled."""
 
 import tempfile
 from collections.abc import Sequence
@@ -13,12 +13,12 @@ from palpate.robot_io.types import FloatArray
 from palpate.sim_backend.contact_laws.standard import EngineContact
 from palpate.sim_backend.engines.engine import Engine, Joints, Quaternion, Vector, check_serial
 
-with captured([], STDERR):  # which it greets on
+with captured([], STDERR):  # hides the engine's greeting
     import pybullet as bullet
 
 _NO_SPEED_LIMIT = 1e6  # the engine would cut joint speeds at 100 rad/s
-_RIGID_N_M = 1e18  # the engine puts the stiffness of both bodies in series, and adds their damping
-_HALF_WIDTH_M = 2.0  # of the surface's box
+_RIGID_N_M = 1e18  # the engine combines both bodies' stiffness in series, and adds their damping
+_HALF_WIDTH_M = 2.0  # half width of the surface's box
 _HALF_HEIGHT_M = 0.5
 
 
@@ -31,7 +31,7 @@ class PyBulletEngine(Engine):
         self, urdf_text: str, tip_frame: str, *, step_s: float, gravity_m_s2: Sequence[float]
     ) -> None:
         self._client: int = bullet.connect(bullet.DIRECT)
-        self._end = finalize(self, _disconnect, self._client)  # a forgotten engine would keep its 28 MB
+        self._end = finalize(self, _disconnect, self._client)  # an unclosed engine would keep its 28 MB
         self._end.atexit = False
         try:
             self._load(urdf_text, tip_frame)
@@ -52,7 +52,7 @@ class PyBulletEngine(Engine):
                 maxJointVelocity=_NO_SPEED_LIMIT,
                 physicsClientId=self._client,
             )
-        # A loaded joint comes with a velocity motor that brakes it; a motor without force is off.
+        # A loaded joint has a velocity motor that brakes it; a motor without force is off.
         zeros = [0.0] * len(self._joints)
         bullet.setJointMotorControlArray(
             self._body, self._joints, bullet.VELOCITY_CONTROL, forces=zeros, physicsClientId=self._client
@@ -84,7 +84,7 @@ class PyBulletEngine(Engine):
         return [state[0] for state in states] + [state[1] for state in states]
 
     def tip_state(self) -> tuple[Vector, Vector, Quaternion]:
-        # Without recomputing it the engine would show the state one step before.
+        # Without recomputation the engine would return the state of the previous step.
         state = bullet.getLinkState(self._body, self._tip, 1, 1, self._client)
         return state[4], state[6], state[5]
 
@@ -99,7 +99,7 @@ class PyBulletEngine(Engine):
             )
 
     def brake(self, friction_nm: Joints) -> None:
-        # A velocity motor towards zero of limited torque is dry friction.
+        # A velocity motor with target zero and limited torque acts as dry friction.
         bullet.setJointMotorControlArray(
             self._body,
             self._joints,
@@ -115,7 +115,7 @@ class PyBulletEngine(Engine):
     def inverse_dynamics(
         self, position_rad: Joints, velocity_rad_s: Joints, acceleration_rad_s2: Joints
     ) -> FloatArray:
-        # PyBullet crashes on arrays here; it takes lists.
+        # PyBullet crashes on arrays here; it accepts lists.
         lists = [list(values) for values in (position_rad, velocity_rad_s, acceleration_rad_s2)]
         return np.array(bullet.calculateInverseDynamics(self._body, *lists, physicsClientId=self._client))
 
