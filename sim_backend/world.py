@@ -226,7 +226,7 @@ class World:
         return torque
 
     def _joint_values(self) -> list[float]:
-        """Positions and velocities (2n) of the present state, read once from the engine."""
+        """Return the 2n positions and velocities of the current state, read once from the engine."""
         if self._joints is None:
             self._joints = self._engine.joint_state()
         return self._joints

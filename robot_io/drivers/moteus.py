@@ -41,7 +41,7 @@ class MoteusBusSettings(CanLineSettings):
     fd: ClassVar = True
 
     motors: Annotated[tuple[MoteusMotor, ...], Field(min_length=1)]  # one per joint, from base to tip
-    host_id: Annotated[int, Field(ge=0, le=127, strict=True)] = 0  # to whom they answer
+    host_id: Annotated[int, Field(ge=0, le=127, strict=True)] = 0  # CAN id to which they answer
     # After how long without a command a controller stops [s]. Each command carries it, in milliseconds, and
     # it is left to expire once at each activation.
     watchdog_s: Annotated[Number, Field(ge=1e-3, le=1)] = 0.1
@@ -55,7 +55,7 @@ class MoteusBusSettings(CanLineSettings):
 
 
 STOPPED, FAULT, POSITION, TIMEOUT = 0, 1, 10, 11  # modes
-RELATIVE, ROTOR, OUTPUT = 0, 1, 2  # what its position is known by: home state
+RELATIVE, ROTOR, OUTPUT = 0, 1, 2  # home state: source of its position
 FIRST_LIMIT: Final = 96  # from here on, a fault code in a healthy mode names the limit of the torque
 
 FAULTS: Final = {
@@ -115,14 +115,14 @@ class MoteusState:
     position_rev: float
     velocity_rev_s: float
     torque_nm: float
-    home: int  # what its position is known by
+    home: int  # source of its position
     supply_v: float
     temperature_c: float  # of the board
     fault: int  # a fault in mode FAULT, else what limits the torque; 0 is none
 
     @property
     def is_known(self) -> bool:
-        """Whether it knows its position, velocity and torque."""
+        """Whether the controller knows its position, velocity and torque."""
         return isfinite(self.position_rev + self.velocity_rev_s + self.torque_nm)
 
     @property
@@ -134,7 +134,7 @@ class MoteusState:
 
 
 def encode_stop(host_id: int, motor_id: int) -> CanFrame:
-    """Make the frame by which a controller lets go, and forgets faults.
+    """Make the frame that stops a controller and clears its faults.
 
     Args:
         host_id: CAN id of the sender.
@@ -166,7 +166,7 @@ def encode_torque(host_id: int, motor_id: int, torque_nm: float, watchdog_s: flo
         host_id: CAN id of the sender.
         motor_id: CAN id of the controller.
         torque_nm: torque at the output [N m].
-        watchdog_s: for how long it holds [s].
+        watchdog_s: time for which the torque holds [s].
 
     Returns:
         The frame.
@@ -192,7 +192,7 @@ def decode_state(frame: CanFrame) -> MoteusState:
         The state.
 
     Raises:
-        ProtocolError: wrong length, or not what was asked for.
+        ProtocolError: the length is wrong, or the frame is not the requested answer.
     """
     expect_length(frame, "moteus state", _ANSWER.size)
     head, mode, floats, turns, speed, torque, rest, home, volts, celsius, fault = _ANSWER.unpack(frame.data)
@@ -225,7 +225,7 @@ class MoteusBus(AskedMotorBus[MoteusState]):
         self._stops = [encode_stop(own.host_id, motor_id) for motor_id in ids]
 
     def configure(self) -> None:
-        """Open the adapter and hear every controller; nothing changes its mode.
+        """Open the adapter and receive a state of every controller, without changing modes.
 
         Raises:
             DeviceError: the adapter cannot be opened, or a controller is silent or does not know its
@@ -235,7 +235,7 @@ class MoteusBus(AskedMotorBus[MoteusState]):
         self._refuse_lost()
 
     def _refuse_lost(self) -> None:
-        """DeviceError: a controller does not know its position, or only from where it started."""
+        """Raise a DeviceError if a controller knows no position, or only one relative to its start."""
         for joint, state in enumerate(self._shown):
             if self._motion_is_wrong[joint]:
                 raise self._about(

@@ -2,7 +2,7 @@
 
 Raw Data Transfer (RDT) uses requests of 8 bytes and records of 36 bytes, one per datagram. All values are
 big-endian. A record has a counter of its own and of its measurement, so that repeated, late and reordered
-records are detected. Ethernet's CRC and UDP's checksum let no flipped bit through.
+records are detected. Ethernet's CRC and UDP's checksum detect flipped bits.
 
 Sources: ATI 9620-05-NET FT, "UDP Interface Using RDT"; ATI 9610-05-Ethernet Axia, "Status Code". Bit names
 are Axia's, and 17 is the older Net Box's. Some bits have another meaning there, such as 30 (an error of its
@@ -105,7 +105,7 @@ def status_problem(status: int) -> str:
 class NetFtStream:
     """Forces of one axis ("x", "y" or "z") from datagrams, `rate_hz` of them a second [Hz]; see `Stream`.
 
-    What counts as rejected are datagrams that were no records, and records that were not new.
+    Rejected are datagrams that were not records, and records that were not new.
     """
 
     def __init__(self, newtons_per_count: float, axis: str, rate_hz: float) -> None:
@@ -173,7 +173,7 @@ def parse_configuration(page: bytes) -> Configuration:
         The configuration.
 
     Raises:
-        ProtocolError: something is missing, or cannot be.
+        ProtocolError: a value is missing or invalid.
     """
     text = page.decode("utf-8", "replace")
     try:
@@ -212,7 +212,7 @@ def read_configuration(host: str, port: int) -> Configuration:
         The configuration.
 
     Raises:
-        DeviceError: it does not answer in time, or with something else.
+        DeviceError: the sensor does not answer in time, or its answer is not a configuration.
     """
     where = f"http://{host}:{port}{PAGE}"
     connection = HTTPConnection(host, port, timeout=_PATIENCE_S)
@@ -250,7 +250,7 @@ class NetFtLineSettings(ForceLineSettings):
 
 
 class DatagramReader(SerialReader):
-    """Passes on each datagram separately."""
+    """Stream reader that passes on each datagram separately."""
 
     def _receive(self) -> list[bytes]:
         datagrams: list[bytes] = []
@@ -261,7 +261,7 @@ class DatagramReader(SerialReader):
 
 
 class _Socket:
-    """A socket that hears one sender, as a port."""
+    """Socket that receives from one sender, as a port."""
 
     def __init__(self, host: str, port: int) -> None:
         self._socket = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
@@ -297,7 +297,7 @@ class _Socket:
 
 
 class NetFtLine(ForceLine):
-    """One sensor; datagrams of others are not heard."""
+    """Line of one sensor; datagrams of other hosts are ignored."""
 
     name = "net_ft_line"
     Settings = NetFtLineSettings

@@ -28,8 +28,8 @@ class SafeStop:
     time. In the last quarter of that time the rest fades, wherever the arm is. Without a gravity model, or
     after an invalid value of it, s is 0.
 
-    Braking is at most as strong as at the velocity limit, so that a wrong velocity cannot kick, and it is not
-    rate-limited, so that a bad torque ends at once.
+    The braking torque is limited to its value at the velocity limit, so that a wrong velocity causes no jerk.
+    It is not rate-limited, so that a wrong torque ends at once.
 
     Args:
         limits: limits of the arm.
@@ -192,7 +192,7 @@ class Guard:
             measurement: measurement to check.
 
         Returns:
-            One line a device.
+            One line per device.
         """
         return self._checks.too_old(measurement)
 

@@ -33,11 +33,11 @@ class Limits(FileModel):
     encoder_age_s: Age  # oldest position and velocity that are still acted on [s]
     torque_age_s: Age  # oldest measured torque that is still acted on [s]
     force_age_s: Age  # oldest force that is still acted on [s]
-    # How long a drive may show less than half of any torque that it was sent of late [s].
+    # How long a drive may measure less than half of any recently sent torque [s].
     deaf_drive_s: Patience = 0.01
-    # How long an encoder may stand still while its reference and its drive's torque move on [s].
+    # How long an encoder may be constant while its reference and its drive's torque change [s].
     stuck_encoder_s: Patience = 0.02
-    # How long a force sensor that has never done so may repeat one number while the arm moves [s].
+    # How long a force sensor that never did so before may repeat one value while the arm moves [s].
     stuck_force_s: Patience = 0.02
 
     @property
@@ -70,7 +70,7 @@ class Limits(FileModel):
 
 
 class SafeState(FileModel):
-    """How a tripped arm comes to rest: it is braked, then lowered, then the torque goes off.
+    """Settings of a safe stop: the arm is braked, then lowered, then the torque is switched off.
 
     Braking is torque = -damping * velocity, with the arm's weight held up. Keep damping * (tick + age of the
     velocity) below the smallest inertia that the joint moves; from twice that on, the brake itself would
@@ -82,7 +82,7 @@ class SafeState(FileModel):
     stop_time_s: Annotated[NotNegative, Field(le=10)]  # time from the trip for braking [s]
     # Time after it in which the arm sinks, until the torque goes off [s].
     lower_time_s: Annotated[NotNegative, Field(le=10)] = 3.0
-    lower_speed_rad_s: Annotated[Positive, Field(le=2.0)] = 0.3  # how fast it sinks meanwhile [rad/s]
+    lower_speed_rad_s: Annotated[Positive, Field(le=2.0)] = 0.3  # speed of this lowering [rad/s]
 
 
 class Problem(NamedTuple):

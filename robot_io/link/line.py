@@ -301,7 +301,7 @@ def _keep_to_this_machine(zenoh: Any, config: Any, settings: LineSettings) -> No
     """Disable zenoh's default listeners, and reject endpoints on other machines.
 
     Raises:
-        InputError: an endpoint does, or the search for peers in the network is switched on.
+        InputError: an endpoint is on another machine, or the search for peers in the network is enabled.
     """
     if config.get_json(_LISTEN) == zenoh.Config().get_json(_LISTEN):
         config.insert_json5(_LISTEN, json.dumps([f"{_LOOPBACK}:{settings.port}"]))

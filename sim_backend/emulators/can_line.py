@@ -28,7 +28,7 @@ class MotorPlace(FileModel, extra="ignore"):
 
     @property
     def mounting(self) -> dict[str, float]:
-        """For an emulated motor."""
+        """Keyword arguments of an emulated motor."""
         return {
             "gear_ratio": -self.gear_ratio if self.reversed else self.gear_ratio,
             "zero_rad": self.zero_rad,
@@ -57,7 +57,7 @@ class EmulatedMotor(ABC):
 
     @property
     def shown(self) -> JointState:
-        """The same, as its encoder shows them."""
+        """Angle, speed and torque as measured by the motor."""
         return self._at_shaft(self._stuck or self._plant.joint(self._joint))
 
     def _at_shaft(self, motion: JointState) -> JointState:
@@ -97,7 +97,7 @@ class EmulatedMotor(ABC):
         """
 
     def strike(self, fault: Fault, now_s: float) -> None:
-        """Suffer a fault of the motor itself: alert, reboot, or an encoder that is stuck from now on.
+        """Apply a fault of the motor itself: alert, reboot, or an encoder that is stuck from now on.
 
         Args:
             fault: to suffer.
@@ -118,7 +118,7 @@ class EmulatedMotor(ABC):
 
     @abstractmethod
     def _start_up(self) -> None:
-        """Be as after power-up."""
+        """Reset to the power-up state."""
 
     @abstractmethod
     def _drive(self) -> None:

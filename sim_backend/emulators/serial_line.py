@@ -19,7 +19,7 @@ _RANGE_N = 1e3  # reading of a saturated sensor without its own range
 
 
 class StreamTimer:
-    """Schedules the readings of a stream at a steady rate; missed readings are not made up for.
+    """Schedules the readings of a stream at a steady rate; missed readings are not repeated.
 
     The first one is due a period after the start. `passed` is the number of periods between the last two due
     readings, more than one if some were missed.
@@ -64,7 +64,7 @@ class StreamTimer:
 
 
 class SerialSensor(ABC):
-    """What speaks at the end of the line."""
+    """Emulated sensor at the end of the line."""
 
     name = "force"
     sign = 1.0
@@ -121,7 +121,7 @@ class SerialSensor(ABC):
         self._power_up(now_s)
 
     def _power_up(self, now_s: float) -> None:  # noqa: B027, a gauge need not have a memory
-        """Forget what the host has set since power-up."""
+        """Reset the host's settings to those of power-up."""
 
 
 class SensorWire(FrameWire[bytes]):
@@ -137,7 +137,7 @@ class SensorWire(FrameWire[bytes]):
         self._stuck_n: float | None = None
 
     def _corrupted(self, data: bytes) -> bytes:
-        """What arrives of a reading that is damaged on its way."""
+        """Return a reading as it arrives after damage."""
         return self.faults.flip_a_bit(data)
 
     def send(self, now_s: float) -> None:

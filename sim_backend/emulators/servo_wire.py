@@ -110,7 +110,7 @@ class LineServo(ABC):
         return JointState(angle_rad, self._direction * speed_rad_s, state.torque_nm)
 
     def hear(self, now_s: float) -> None:
-        """Notice an instruction on the line, for whomever: it shows that the controller lives.
+        """Receive any instruction on the line, which feeds the watchdog.
 
         Args:
             now_s: bench's clock [s].
@@ -125,7 +125,7 @@ class LineServo(ABC):
     @property
     @abstractmethod
     def return_delay_s(self) -> float:
-        """From the end of an instruction to the start of its answer [s]."""
+        """Delay from the end of an instruction to the start of its answer [s]."""
 
     @abstractmethod
     def watch(self, now_s: float) -> None:
@@ -309,7 +309,7 @@ class ServoWire(EmulatedWire, Generic[ServoType]):
         return data if data and heard_at(self._master, self._baud_rate) else b""
 
     def _apply_faults(self, servo: LineServo, now_s: float) -> None:
-        """What happens to a servo itself."""
+        """Apply the faults of a servo itself."""
         strikes = self.faults.strikes
         if strikes(FaultKind.ALERT, servo.id, now_s):
             servo.fail()
@@ -325,7 +325,7 @@ class ServoWire(EmulatedWire, Generic[ServoType]):
             servo.shaft.slipped_rad = _SLIP_RAD if slipped else 0.0
 
     def _answer(self, answers: Iterable[Answer], now_s: float) -> None:
-        """One packet each, in turn, as the faults let them."""
+        """Send one packet per answer, in order, subject to the faults."""
         frames = []
         for servo, data, error in answers:
             packet = self._status(self._sent_id(servo.id, now_s), error | servo.alert, data)

@@ -80,9 +80,9 @@ _ERROR_NAMES = {
 
 
 class DynamixelStatus(NamedTuple):
-    """What a servo answers."""
+    """Answer of a servo."""
 
-    servo_id: int  # who answers
+    servo_id: int  # id of the answering servo
     error: int  # error byte: bit 7 is the alert, the rest an error number
     data: bytes  # parameters
 
@@ -93,7 +93,7 @@ class DynamixelStatus(NamedTuple):
 
     @property
     def refusal(self) -> str | None:
-        """Why the instruction was refused, or None if it was not."""
+        """Reason why the instruction was refused, or None if it was not."""
         number = self.error & ~_ALERT
         return _ERROR_NAMES.get(number, f"error number {number}") if number else None
 
@@ -157,7 +157,7 @@ class DynamixelDialect(ServoDialect):
         return packet + _checksum(packet)
 
     def fast_sync_read(self, address: int, size: int, servo_ids: Sequence[int]) -> bytes:
-        """Read the same bytes of several servos, which make one packet together; see `FastReply`.
+        """Read the same bytes of several servos, which answer with one joint packet; see `FastReply`.
 
         Args:
             address: address of the first byte.
@@ -219,10 +219,10 @@ class FastReply:
         """Count the servos that have added their part to an answer that is not complete.
 
         Args:
-            data: what has been received so far.
+            data: bytes received so far.
 
         Returns:
-            How many have.
+            Number of servos.
         """
         return min(max(0, (len(data) - _FAST_HEAD) // self._part), len(self._ids) - 1)
 

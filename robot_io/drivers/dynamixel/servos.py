@@ -57,7 +57,7 @@ class DynamixelFeedback(NamedTuple):
 
     @property
     def complaint(self) -> str:
-        """Its hardware errors by name, or nothing."""
+        """Names of its hardware errors, or an empty string."""
         is_well = not (self.error or self.hardware_error)
         return "" if is_well else f"hardware error: {hardware_error_names(self.hardware_error)}"
 
@@ -110,7 +110,7 @@ def feedback_reader(
 
 
 class _FastReader(FeedbackReader[DynamixelFeedback]):
-    """The servos make one packet together; its length says at once which request it answers."""
+    """Reader of joint packets of all servos; the packet's length identifies its request."""
 
     _buffer = b""
 
@@ -158,7 +158,7 @@ class _FastReader(FeedbackReader[DynamixelFeedback]):
 
 
 class DynamixelAccess(RegisterAccess):
-    """Registers of Dynamixel servos, and what is behind an alert."""
+    """Access to registers of Dynamixel servos, and to the causes of alerts."""
 
     def __init__(self, port: SerialPort, clock: Clock) -> None:
         super().__init__(protocol.DIALECT, port, clock)
@@ -300,7 +300,7 @@ class DynamixelLine(ServoLine):
 
 
 def examine_servo(access: DynamixelAccess, servo: ServoSettings, label: str) -> Iterator[Finding]:
-    """Look at model, firmware, supply, temperature, errors and setup of one servo.
+    """Examine model, firmware, supply, temperature, errors and setup of one servo.
 
     Args:
         access: Access to its registers.

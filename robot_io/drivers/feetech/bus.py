@@ -1,9 +1,9 @@
 """A bus of Feetech servos, whose own position control generates the torques.
 
-These servos have no torque mode and no watchdog: in their mode without position control they would run on
-after the program has died. So a torque is commanded as a goal beside the joint's present position, by the
-servo's own law (`tables`). Without further commands, the joint stays near that goal. Torques are those of the
-motor, from its duty cycle and speed; they do not include the friction of the gears.
+These servos have no torque mode and no watchdog: in their mode without position control they would continue
+to run after the program has died. So a torque is commanded as a goal near the joint's present position, by
+the servo's own law (`tables`). Without further commands, the joint stays near that goal. Torques are those of
+the motor, from its duty cycle and speed; they do not include the friction of the gears.
 """
 
 import struct
@@ -67,7 +67,7 @@ class FeetechFeedback(NamedTuple):
 
     @property
     def complaint(self) -> str:
-        """Its errors by name, or nothing."""
+        """Names of its errors, or an empty string."""
         return f"error: {error_names(self.errors)}" if self.errors else ""
 
 
@@ -98,12 +98,12 @@ def decode_feedback(packet: Packet) -> FeetechFeedback:
 
 
 class Plausibility:
-    """Refuses implausible feedback of the servos of this bus.
+    """Check that rejects implausible feedback of the servos of this bus.
 
     Args:
         clock: The robot's clock.
         settings: Settings sent to each servo, as in `FeetechFeedback.settings`, by its id.
-        fastest_counts_s: No joint is faster [counts/s].
+        fastest_counts_s: Largest plausible speed of a joint [counts/s].
     """
 
     def __init__(self, clock: Clock, settings: Mapping[int, Settings], fastest_counts_s: float) -> None:
@@ -112,7 +112,7 @@ class Plausibility:
         self._last: dict[int, tuple[float, int]] = {}
 
     def restart(self) -> None:
-        """Forget the last positions and commands."""
+        """Reset the last positions and commands."""
         for goals in self._goals.values():
             goals.clear()
         self._last.clear()
@@ -136,7 +136,7 @@ class Plausibility:
             The servo's state.
 
         Raises:
-            ProtocolError: It is not to be believed.
+            ProtocolError: The feedback is implausible.
             DeviceError: The servo has restarted.
         """
         feedback, servo_id = decode_feedback(packet), packet.servo_id
@@ -170,7 +170,7 @@ _FASTEST = 2.0  # times the no-load speed: a joint that is thrown
 
 
 class FeetechBus(ServoBus):
-    """Servos of the STS series; those that just hold are read and watched as the joints are."""
+    """Servos of the STS series; servos that only hold are read and monitored like joints."""
 
     name = "feetech_bus"
     _settings: FeetechSettings

@@ -49,9 +49,9 @@ def error_names(value: int) -> str:
 
 
 class FeetechStatus(NamedTuple):
-    """What a servo answers."""
+    """Answer of a servo."""
 
-    servo_id: int  # who answers
+    servo_id: int  # id of the answering servo
     error: int  # error byte, see `error_names`
     data: bytes  # parameters
 

@@ -13,14 +13,14 @@ from palpate.robot_io.drivers.mit.settings import MitBusSettings
 from palpate.robot_io.errors import DeviceError, ProtocolError
 from palpate.robot_io.examination import Finding, fail, ok
 
-_SAME_RANGE = 1e-3  # share by which a motor's own range may differ from the stated one
+_SAME_RANGE = 1e-3  # relative tolerance between a motor's own range and the stated one
 _SAME_POSITION_RAD = 0.02  # between two answers of a motor without torque
-_TRIAL_SHARE = 0.01  # of a motor's torque range
-_TRIAL_S = 0.01  # until it is exerted
+_TRIAL_SHARE = 0.01  # share of a motor's torque range
+_TRIAL_S = 0.01  # time until the torque is exerted
 
 
 class MitBus(AskedMotorBus[MitState]):
-    """MIT-mode motors of any maker on a CAN bus."""
+    """Bus of MIT-mode motors of any maker."""
 
     name = "mit_bus"
 
@@ -182,10 +182,10 @@ class MitBus(AskedMotorBus[MitState]):
         self._command, self._commanded_s = self._zero_torque(), self._clock.now_s()
 
     def _set_up(self) -> None:
-        """Set mode and CAN timeout, and forget that it has fired.
+        """Set mode and CAN timeout, and clear an expired timeout.
 
         Raises:
-            DeviceError: a motor did not take them, or has another error.
+            DeviceError: a motor rejected them, or has another error.
         """
         dialect = self._dialect
         timeout = round(self._own.watchdog_s / TIMEOUT_STEP_S)
@@ -208,7 +208,7 @@ class MitBus(AskedMotorBus[MitState]):
         self._send_all([self._frames.order(motor_id, Order.CLEAR) for motor_id in has_fired])
 
     def _check_watchdogs(self) -> None:
-        """Prove the watchdogs: send nothing for longer than a motor may keep its torque.
+        """Test the watchdogs: send nothing for longer than a motor may keep its torque.
 
         A motor that reports its mode must have left motor mode. Any other motor exerts a small torque before
         the silence. Afterwards it is asked by the frame that enters motor mode, because it may have left it.

@@ -1,4 +1,4 @@
-"""The protocol of motors in MIT mode: motion, gains and feed-forward torque packed into eight bytes.
+"""Protocol of motors in MIT mode, which packs motion, gains and feed-forward torque into eight bytes.
 
 Big-endian: position 16 bits, velocity 12, KP 12, KD 12, torque 12. An n bit number x stands for low + x (high
 - low) / (2^n - 1); the ranges depend on the model, or are stated in the robot file.
@@ -55,7 +55,7 @@ class MitState:
     position_rad: float  # of the output shaft [rad]
     velocity_rad_s: float  # of the output shaft [rad/s]
     torque_nm: float  # at the output shaft [N m]
-    # Whether a value is at the end of its range, so that the true one may lie beyond.
+    # Whether a value is at the end of its range, so that the true value may lie beyond.
     at_range_end: bool
     error: int  # see the maker's table; 0 is none. Old firmware does not send it
     # Whether the motor is in motor mode; None if it does not report that.
@@ -65,7 +65,7 @@ class MitState:
 def encode_torque(motor_id: int, torque_nm: float, ranges: MitRanges) -> tuple[CanFrame, float]:
     """Make the frame for a torque at the output shaft, clipped to the range.
 
-    Zero torque is half a step off, for 4095 is odd.
+    Zero torque has an error of half a step, because 4095 is odd.
 
     Args:
         motor_id: id of the receiver.
@@ -121,7 +121,7 @@ def decode_state(frame: CanFrame, ranges: MitRanges, *, status_beside_id: bool =
 
 
 def to_bits(value: float, low: float, high: float, largest: int) -> int:
-    """Return the number from 0 to `largest` that stands for a value.
+    """Return the integer from 0 to `largest` that encodes a value.
 
     Args:
         value: value in the unit of its range; values beyond the range are cut.
@@ -178,7 +178,7 @@ TIMEOUT_STEP_S: Final = 50e-6
 
 
 class Order(StrEnum):
-    """Orders that every motor accepts beside a torque."""
+    """Orders that every motor accepts besides torques."""
 
     ENTER = "enter motor mode"
     LEAVE = "leave motor mode"
@@ -186,7 +186,7 @@ class Order(StrEnum):
 
 
 class MitFrames:
-    """Frames of the Mini Cheetah's firmware, as CubeMars' motors and others have it.
+    """Frames of the Mini Cheetah's firmware, which CubeMars' motors and others use.
 
     Some motors answer to `host_id`; `answer_ids` are the arbitration ids of each motor's answers, by its id.
     """
@@ -232,7 +232,7 @@ class MitFrames:
         return None if frame.can_id == REGISTERS_ID else frame.can_id
 
     def sender(self, frame: CanFrame) -> int | None:
-        """Return the id of the motor that a frame comes from; None if it is not an answer of one of ours.
+        """Return the id of the motor that sent a frame; None if no motor of this bus did.
 
         Args:
             frame: the received frame.
@@ -328,7 +328,7 @@ class MitFrames:
 
 
 class DamiaoFrames(MitFrames):
-    """Damiao's: four bits of the id with a status above, an order more, and registers."""
+    """Damiao's frames: an id of four bits with a status above, an additional order, and registers."""
 
     _ORDERS: ClassVar = {**MitFrames._ORDERS, Order.CLEAR: CLEAR_ERROR}
     _ID_BITS, _STATUS_BESIDE_ID = 0xF, True

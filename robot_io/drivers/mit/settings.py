@@ -28,7 +28,7 @@ from palpate.robot_io.files.file_model import FileModel, Number, between
 
 
 class Maker(StrEnum):
-    """Whose motors they are; all on a bus are of one."""
+    """Maker of the motors; all motors on a bus have the same maker."""
 
     CUBEMARS = "cubemars"  # and others whose firmware is the Mini Cheetah's
     DAMIAO = "damiao"
@@ -37,12 +37,12 @@ class Maker(StrEnum):
 
 @dataclass(frozen=True, slots=True)
 class MitDialect:
-    """How one maker's motors speak."""
+    """Protocol details of one maker's motors."""
 
-    frames: type[MitFrames]  # what is sent and answered
+    frames: type[MitFrames]  # frames of requests and answers
     models: dict[str, MitRanges]  # ranges of each model, as delivered
-    errors: dict[int, str]  # what an error means; where errors are bits, each bit
-    encoder_fault: int | None  # the error of the encoder, if it has one
+    errors: dict[int, str]  # name of each error; if errors are bits, of each bit
+    encoder_fault: int | None  # error of the encoder, if the maker defines one
     largest_id: int  # of a motor
     host_id: int = 0  # id under which motors answer, unless the robot file states another
     errors_are_bits: bool = False
@@ -56,7 +56,7 @@ class MitDialect:
     set_up: tuple[tuple[MotorRegister, int | None], ...] = ()
 
     def error_names(self, error: int) -> str:
-        """Name an error; where errors are bits, each of them.
+        """Name an error; if errors are bits, name each bit.
 
         Args:
             error: number in a state.
@@ -189,7 +189,7 @@ class MitMotor(MotorMounting):
     """One motor. It reports at its output shaft, so that `gear_ratio` is only what comes after it."""
 
     motor_id: Annotated[int, Field(ge=1, le=255, strict=True)]  # its CAN id
-    model: str  # which ranges it has, see `makers`
+    model: str  # model, which determines its ranges
     ranges: MitRangeSettings | None = None  # its ranges, if they differ from the model's
     # Arbitration id of its answers (Damiao's "master id"); None is its own id and 16, as Damiao recommends.
     answer_id: Annotated[int, Field(ge=1, lt=REGISTERS_ID, strict=True)] | None = None
@@ -198,7 +198,7 @@ class MitMotor(MotorMounting):
 class MitBusSettings(CanLineSettings):
     """Settings in the robot file."""
 
-    maker: Maker = Maker.CUBEMARS  # whose motors they are
+    maker: Maker = Maker.CUBEMARS  # maker of the motors
     motors: Annotated[tuple[MitMotor, ...], Field(min_length=1)]  # one per joint, from base to tip
     # Id to which the motors answer; None is 0, and 253 for Robstride's. An answer under the motor's own id is
     # taken too, except from Robstride's. Damiao's motors have an `answer_id` each instead.
@@ -255,12 +255,12 @@ class MitBusSettings(CanLineSettings):
 
     @property
     def dialect(self) -> MitDialect:
-        """How these motors speak."""
+        """Protocol details of these motors."""
         return DIALECTS[self.maker]
 
     @property
     def host(self) -> int:
-        """To whom the motors answer."""
+        """CAN id to which the motors answer."""
         return self.dialect.host_id if self.host_id is None else self.host_id
 
     def wire_ranges(self, motor: MitMotor) -> MitRanges:

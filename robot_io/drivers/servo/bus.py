@@ -101,7 +101,7 @@ class ServoBus(JointBus, Examinable):
         self._turns_known = False
 
     def close(self) -> None:
-        """Let the port go."""
+        """Release the port."""
         self._reader = None
         self._port.close()
 
@@ -224,7 +224,7 @@ class ServoBus(JointBus, Examinable):
 
 
 class ServoEncoderSettings(FileModel):
-    """How the velocity is come by."""
+    """Settings of the velocity measurement."""
 
     # "servo" takes the servo's own velocity; "difference" differentiates the position, whose steps show, and
     # smooths it.

@@ -1,4 +1,4 @@
-"""Reads all servos once a tick, and dates each answer by the request that it belongs to."""
+"""Read all servos once per tick, and assign each answer the time of its request."""
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
@@ -164,7 +164,7 @@ class FeedbackReader(Generic[FeedbackType]):
                     yield request, [answers[servo_id] for servo_id in ids]
 
     def _silence(self, asked: Request) -> str:
-        """Who did not answer."""
+        """Name the servos that did not answer."""
         silent = ", ".join(str(servo_id) for servo_id in self._ids if servo_id not in asked.answers)
         damaged = f" ({self._packets.rejected} damaged answers)" if self._packets.rejected else ""
         return f"servo {silent} did not answer in time{damaged}"

@@ -22,7 +22,7 @@ _OF_EACH = frozenset(("id", "reversed", "zero_rad", "homing_offset", "second"))
 
 
 class ServoMounting(FileModel):
-    """How one servo sits on its joint."""
+    """Mounting of one servo on its joint."""
 
     known_models: ClassVar[Collection[str]]
 
@@ -114,7 +114,7 @@ class ServoBusSettings(FileModel, Generic[ServoType]):
 
     @property
     def labels(self) -> tuple[str, ...]:
-        """What to call them in messages, in the same order."""
+        """Names of the servos in messages, in the same order."""
         first = (f"servo {servo.id} (joint {joint})" for joint, servo in enumerate(self.servos, 1))
         second = self.turning[len(self.servos) :]
         paired = zip(self.pairs, second, strict=True)
@@ -134,7 +134,7 @@ _SAMPLES = 5  # in a row before it counts, however slowly they come
 
 
 class ServoPairs:
-    """Makes joints of servos, and servos of joints.
+    """Conversion between values of servos and of joints with one or two servos.
 
     Servos are in the order of `ServoBusSettings.turning`: n joints have m servos, of which the last m - n are
     the second ones.
@@ -160,7 +160,7 @@ class ServoPairs:
         self.restart()
 
     def restart(self) -> None:
-        """Forget since when torques differ."""
+        """Reset the time since torques differ."""
         self._alike_at_s, self._count = [inf] * len(self.joints), [0] * len(self.joints)
 
     def of_servos(self, of_joints: Sequence[float]) -> list[float]:
@@ -240,7 +240,7 @@ class ServoPairs:
             position_rad: Positions of all servos (m) [rad].
 
         Returns:
-            How far each pair stands apart, and which zero of the second servo would make the two agree.
+            Angle difference of each pair, and the zero of the second servo that removes it.
         """
         findings = []
         ahead_rad = self._ahead_rad(position_rad)
@@ -261,7 +261,7 @@ class ServoPairs:
             position_rad: Positions of all servos (m) [rad].
 
         Returns:
-            What is wrong with it, or None.
+            Description of the problem, or None.
         """
         for label, ahead_rad in zip(self._labels, self._ahead_rad(position_rad), strict=True):
             if not abs(ahead_rad) <= self._tolerance_rad:
@@ -279,7 +279,7 @@ class ServoPairs:
             time_s: When they were measured [s].
 
         Returns:
-            What is wrong with it, or None.
+            Description of the problem, or None.
         """
         for k, joint in enumerate(self.joints):
             first_nm, second_nm = float(torque_nm[joint]), float(torque_nm[self.joint_count + k])
@@ -301,7 +301,7 @@ _TURN_RAD = 2.0 * np.pi
 
 
 class ServoSample(NamedTuple):
-    """What one sync read brought; positive along the joint axes."""
+    """Result of one sync read; positive along the joint axes."""
 
     sampled_at_s: float  # time of the request [s]
     position_rad: FloatArray  # shape (n,) [rad]
@@ -374,6 +374,6 @@ class ServoJoints:
 
 
 def _whole_turns(angle_rad: FloatArray) -> FloatArray:
-    """Return the whole turns nearest to angles [rad]."""
+    """Return the angles rounded to whole turns [rad]."""
     turns: FloatArray = _TURN_RAD * np.round(angle_rad / _TURN_RAD)
     return turns

@@ -1,4 +1,4 @@
-"""Registers of servos, and all servos of one bus: found, examined, and switched on and off."""
+"""Registers of servos, and the search, examination and switching of all servos of one bus."""
 
 from abc import ABC, abstractmethod
 from collections import Counter
@@ -78,7 +78,7 @@ class Packet(Protocol):
 
     @property
     def servo_id(self) -> int:
-        """Who answers."""
+        """Id of the servo that answers."""
 
     @property
     def data(self) -> bytes:
@@ -119,7 +119,7 @@ class RegisterAccess:
             size: Number of bytes of its answer.
 
         Returns:
-            What it answers.
+            Data of the answer.
 
         Raises:
             DeviceTimeoutError: No answer.
@@ -278,7 +278,7 @@ TWO_SERVOS = "two servos have this id: connect one of them alone, and give it an
 
 
 class Survey(NamedTuple):
-    """Who answers on a line."""
+    """Servos that answer on a line."""
 
     answers: Counter[int]  # number of answers by id; more than one where several servos have it
     damaged: tuple[int, ...]  # ids from which nothing but damaged answers came
@@ -288,10 +288,10 @@ def listed(ids: Iterable[int]) -> str:
     """Join ids for a message.
 
     Args:
-        ids: of servos.
+        ids: ids of servos.
 
     Returns:
-        Such as "1, 2, 3".
+        Text such as "1, 2, 3".
     """
     return ", ".join(map(str, ids))
 
@@ -334,7 +334,7 @@ class ServoLine(ABC):
 
     @abstractmethod
     def switch_on(self) -> object:
-        """Torque on, at zero; raise `DeviceError` if a servo refused."""
+        """Switch the torque on, at zero; raise `DeviceError` if a servo refused."""
 
     def switch_off(self) -> None:
         """Switch the torque off until every servo confirms; raise `DeviceError` with the ids that did not."""
@@ -357,7 +357,7 @@ class ServoLine(ABC):
             registers: Access to the line, perhaps at another baud rate than that of the settings.
 
         Returns:
-            How often each answered, and whose answers were damaged.
+            Number of answers of each servo, and ids whose answers were damaged.
 
         Raises:
             DeviceError: The port failed.
@@ -407,7 +407,7 @@ def examine_line(
         examine_servo: Examines one servo that answers, by its id and label.
 
     Returns:
-        What was found.
+        The findings.
 
     Raises:
         DeviceError: The port failed.
@@ -444,7 +444,7 @@ def examine_line(
 
 
 def _ping_all(line: ServoLine, port: SerialPort) -> Survey:
-    """Ping all at once, then those of the robot file one by one: some firmware answers only the latter."""
+    """Ping all, then each servo of the robot file, because some firmware answers only single pings."""
     port.read_all()
     request = line.dialect.ping_all()
     reader, answers = line.dialect.packet_reader(request), Counter[int]()
@@ -457,7 +457,7 @@ def _ping_all(line: ServoLine, port: SerialPort) -> Survey:
 
 
 def _silence_finding(settings: ServoBusSettings[Any], line: ServoLine, answers: Counter[int]) -> Finding:
-    """None of the servos answers: others may, or all of them at another baud rate."""
+    """Describe that no servo answers, and look for other ids and other baud rates."""
     if answers:
         value = f"{_ids(line.ids)} silent, on the line are {_ids(sorted(answers))}"
         return fail("servos", value, "correct the ids in the robot file or in the servos")

@@ -40,7 +40,7 @@ class PacketStream(ABC, Generic[PacketType]):
         return True
 
     def feed(self, data: bytes) -> list[PacketType]:
-        """Take more bytes.
+        """Process received bytes.
 
         Args:
             data: Bytes in the order of their arrival, cut anywhere.
@@ -82,7 +82,7 @@ _PING, _READ, _WRITE, _SYNC_READ, SYNC_WRITE = 0x01, 0x02, 0x03, 0x82, 0x83
 
 
 class ServoDialect(ABC):
-    """Instructions as bytes, and what finds the answers to them."""
+    """Encoder of instructions, and factory of readers of their answers."""
 
     word: ClassVar[int]  # bytes of an address or a size
 
@@ -105,7 +105,7 @@ class ServoDialect(ABC):
 
     @abstractmethod
     def packet_reader(self, request: bytes) -> PacketStream[Any]:
-        """Make what finds the answers to a request, and not its echo.
+        """Make the reader that finds the answers to a request, but not its echo.
 
         Args:
             request: packet that the servos were sent.
@@ -183,7 +183,7 @@ class ServoDialect(ABC):
         Args:
             address: address of the first byte.
             size: number of bytes from each servo.
-            servo_ids: in the order of the answers.
+            servo_ids: ids in the order of the answers.
 
         Returns:
             The packet.
