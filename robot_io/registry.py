@@ -1,4 +1,4 @@
-"""Registry of implementations by name: a new one is one new file in the right folder."""
+"""Registry of implementations by name; a new implementation needs one new file in the right folder."""
 
 import importlib
 import inspect

@@ -1,4 +1,4 @@
-"""An arm assembled from its devices: lifecycle, one coherent measurement and one command a tick."""
+"""An arm assembled from its devices: lifecycle, one coherent measurement and one command per tick."""
 
 from collections.abc import Mapping
 from enum import Enum

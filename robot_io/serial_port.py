@@ -1,4 +1,4 @@
-"""A serial port with one owner: opened exclusively, never blocking, closed after a failure."""
+"""Serial port with one owner, which is opened exclusively, never blocks, and is closed after a failure."""
 
 import errno
 import fcntl
@@ -95,7 +95,7 @@ class SerialPort:
 
     @property
     def is_open(self) -> bool:
-        """Whether it can be used."""
+        """Whether the port is open."""
         return self._fd >= 0
 
     def duration_s(self, byte_count: int) -> float:

@@ -1,4 +1,4 @@
-"""Interface of an operator's device: it reads the hand, and pushes it. All in world axes, SI units.
+"""Interface of operator devices, which read the hand and push it; world axes, SI units.
 
 A device is read and commanded once a step of the haptic loop, and blocks it no longer than the device itself
 takes to answer. Devices without motors (keyboard, gamepad) push a modeled hand that follows a goal and
@@ -105,7 +105,7 @@ class OperatorDevice(Opened):
         return self._push(frozen_array(force_world_n, (3,), what=f"{self.name}: force"))
 
     def deactivate(self) -> None:
-        """Switch the force off. Works in every state, and can be called again."""
+        """Switch the force off. Works in every state, and can be called repeatedly."""
         if self._is_active:
             self._is_active = False
             self._power(on=False)
@@ -133,7 +133,7 @@ class OperatorDevice(Opened):
 
     @abstractmethod
     def _power(self, *, on: bool) -> None:
-        """Motors on at zero force, or off."""
+        """Switch the motors on at zero force, or off."""
 
     @abstractmethod
     def _push(self, force_world_n: FloatArray) -> FloatArray:
@@ -141,7 +141,7 @@ class OperatorDevice(Opened):
 
     @abstractmethod
     def _release(self) -> None:
-        """Close what `_open` opened, all or half of it."""
+        """Close everything that `_open` opened, even if it failed halfway."""
 
 
 _STEP_S = 1e-3  # of the integration, at most

@@ -1,4 +1,4 @@
-"""Keyboard, mouse, gamepad and Touch: what moves a modeled hand, or is one with motors.
+"""Keyboard, mouse and gamepad, which move a modeled hand, and Touch, which has motors.
 
 - Keyboard: each press moves the goal by a step. w s away and towards (x), a d left and right (y), r f up and
   down (z), space toggles selection.
@@ -55,7 +55,7 @@ class RecordFile:
             raise DeviceError(f"{path}: cannot be opened ({error.strerror})") from error
 
     def read(self) -> list[bytes]:
-        """Return all records that have come since the last call.
+        """Return all records received since the last call.
 
         Raises:
             DeviceError: the device has disappeared.
@@ -116,7 +116,7 @@ _WAYS = {
 
 
 class KeyboardSettings(RecordSettings):
-    """How far a key press goes."""
+    """Settings of a keyboard, with the step of a key press."""
 
     step_m: Positive = 0.001
     terminal: str = "/dev/tty"
@@ -158,7 +158,7 @@ _LEFT, _X_NEGATIVE, _Y_NEGATIVE = 0x01, 0x10, 0x20
 
 
 class MouseSettings(RecordSettings):
-    """How far the hand goes for each count."""
+    """Settings of a mouse, with the motion of the hand per count."""
 
     port: str = "/dev/input/mice"
     count_m: Positive = 5e-5
@@ -194,7 +194,7 @@ AxisNumber = Annotated[int, Field(ge=0, le=63)]
 
 
 class GamepadSettings(RecordSettings):
-    """Which stick moves what; the defaults are those of most pads, whose sticks give -1 when pushed away."""
+    """Axes of the sticks; the defaults suit most pads, whose sticks return -1 when pushed away."""
 
     port: str = "/dev/input/js0"
     axes: tuple[AxisNumber, AxisNumber, AxisNumber] = (1, 0, 4)  # for x, y and z

@@ -48,7 +48,7 @@ class SessionMetadata:
             ) from error
 
     def to_strings(self) -> dict[str, str]:
-        """Convert everything but `extra` to text, as the file's header keeps it."""
+        """Convert all fields except `extra` to text for the file's header."""
         return {name: getattr(self, name) for name in _TEXTS} | {
             "seed": "" if self.seed is None else str(self.seed)
         }
@@ -110,7 +110,7 @@ def unclosed(time_s: float) -> Event:
 
 
 def says_unclosed(event: Event) -> bool:
-    """Return whether an event is the one made by `unclosed`.
+    """Return whether `unclosed` made an event.
 
     Args:
         event: event of a session.

@@ -298,7 +298,7 @@ class McapFile:
         return channel
 
     def write_records(self, stream_name: str, sequence: NDArray[np.uint64], records: RecordArray) -> None:
-        """Add records.
+        """Append records.
 
         Args:
             stream_name: name of the stream.
@@ -330,11 +330,11 @@ class McapFile:
         self._mcap.add_message(channel, time_ns, data, publish_time=time_ns, sequence=number & 0xFFFFFFFF)
 
     def flush(self) -> None:
-        """Hand the whole chunks to the operating system, which keeps them if this process is killed."""
+        """Pass complete chunks to the operating system, which keeps them if this process is killed."""
         self._file.flush()
 
     def end_chunk(self) -> None:
-        """End the chunk in progress too, and hand it over."""
+        """Pass the current chunk to the operating system too."""
         self._mcap.flush()
 
     def finish(self, offered: Mapping[str, int]) -> None:

@@ -40,7 +40,7 @@ class Session:
 
     @property
     def unclosed(self) -> bool:
-        """Whether its program ended without closing it; everything logged until then is here."""
+        """Whether its program ended without closing it; the session contains everything logged until then."""
         return any(map(says_unclosed, self.events))
 
     @classmethod

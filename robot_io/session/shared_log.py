@@ -25,7 +25,7 @@ _WAIT_S, _POLL_S = 1.0, 0.01  # for a program that only checks for a lock
 
 
 def lock(file: BinaryIO) -> None:
-    """Hold the file until it is closed. SessionError: another program uses it.
+    """Lock the file until it is closed; raise `SessionError` if another program uses it.
 
     Args:
         file: open for writing.
@@ -161,7 +161,7 @@ class RingBuffer:
         return sequence, records
 
     def _fence(self) -> None:
-        """Order the writes before it and those after it, also on CPUs that would exchange them (ARM)."""
+        """Keep earlier writes before later ones, even on CPUs that reorder writes (ARM)."""
         self._barrier.release()
         self._barrier.acquire()
 
@@ -222,7 +222,7 @@ class SharedLog:
 
     @property
     def failure(self) -> str | None:
-        """Why the writer process gave up; None while it works."""
+        """Reason why the writer process failed; None while it works."""
         if self._words[_STATE] != FAILED:
             return None
         return bytes(self._failure[: self._words[_FAILURE_LENGTH]]).decode(errors="replace")

@@ -1,4 +1,4 @@
-"""Logs a live session. The control loop only copies into memory; another process waits for the disk."""
+"""Log of a live session. The control loop only copies to memory; another process writes to the disk."""
 
 import os
 import subprocess
@@ -145,12 +145,12 @@ class SessionWriter:
 
     @property
     def dropped(self) -> int:
-        """Records and events that found their ring full, so far."""
+        """Number of records and events dropped so far because their ring was full."""
         return sum(ring.dropped for ring in self._log.rings.values())
 
     @property
     def failure(self) -> str | None:
-        """Why nothing reaches the disk any more; None while all is well."""
+        """Reason why records no longer reach the disk; None while they do."""
         if self._log.failure is not None:
             return self._log.failure
         if self._log.state != FINISHED and self._process.poll() is not None:

@@ -23,7 +23,7 @@ BATCH = 512  # records taken at once
 
 
 def main() -> None:
-    """Do the job that comes on standard input."""
+    """Run the job read from standard input."""
     # The program gets these signals as well; it is the one to end the session.
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     signal.signal(signal.SIGTERM, signal.SIG_IGN)
