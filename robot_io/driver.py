@@ -40,7 +40,7 @@ class DriverContext:
             The validated settings.
 
         Raises:
-            InputError: names file, line, key, value and valid values.
+            InputError: a setting is invalid; the error names file, line, key, value and valid values.
         """
         return validate(model, settings, self.robot_file.document, self.section)
 

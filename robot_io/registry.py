@@ -72,7 +72,7 @@ class Registry(Mapping[str, type[T]], Generic[T]):
 
 @cache
 def _members_in(package: ModuleType, base: type[object]) -> tuple[type[object], ...]:
-    """Return the members that a package's modules define themselves; without an own name they are bases."""
+    """Return the members defined in a package's own modules; classes without a `name` are base classes."""
     inside = pkgutil.walk_packages(getattr(package, "__path__", ()), package.__name__ + ".")
     modules = (package, *(importlib.import_module(entry.name) for entry in inside))
     return tuple(

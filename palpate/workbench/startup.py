@@ -110,8 +110,8 @@ class EarlyServer(ThreadingTCPServer):
     """Server on an open port of this machine that answers its first visitor.
 
     Args:
-        host: address that it listens at.
-        port: 0 for any free one.
+        host: address to listen on.
+        port: port; 0 for any free port.
 
     Raises:
         OSError: the port is in use.
