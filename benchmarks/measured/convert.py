@@ -15,6 +15,7 @@ import gzip
 import hashlib
 import io
 import itertools
+import json
 import subprocess
 import sys
 import zipfile
@@ -279,7 +280,15 @@ def read_trials(content: bytes, options: Mapping[str, Any]) -> list[Columns]:
     ]
 
 
+def read_json(content: bytes, options: Mapping[str, Any]) -> list[Columns]:
+    """Read numbers of a list of records; `records` is the key of the list, the keys of a record its names."""
+    rows = json.loads(content)[options["records"]]
+    names = [name for name, value in rows[0].items() if isinstance(value, int | float)]
+    return [{name: np.array([row[name] for row in rows], dtype=np.float64) for name in names}]
+
+
 READERS: dict[str, Reader] = {
+    "json": read_json,
     "text": read_text,
     "trials": read_trials,
     "workbook": read_workbook,

@@ -12,7 +12,7 @@ import openpyxl
 import pytest
 from scipy.io import savemat
 
-from benchmarks.measured.convert import RECIPES, SPLITS, Origin, convert, load_recipe, split_of
+from benchmarks.measured.convert import RECIPES, SPLITS, Origin, convert, load_recipe, read_json, split_of
 from benchmarks.measured.ladder import TERMS, Ladder, load, thin
 from benchmarks.measured.score import score, summary
 from palpate.estimation.effects import EFFECTS
@@ -145,6 +145,12 @@ def test_conversion_reads_vectors_and_columns_of_a_numpy_archive(tmp_path: Path)
         tmp_path / "out",
     )
     assert [row["position_rad"] for row in rows_of(tmp_path / "out")] == [2, 5, 8, 11]
+
+
+def test_a_log_of_records_has_a_column_for_each_number() -> None:
+    log = b'{"motor": "a", "entries": [{"t": 0, "q": 0.5, "goal": null}, {"t": 1, "q": 0.25, "goal": 3}]}'
+    (columns,) = read_json(log, {"records": "entries"})
+    assert {name: values.tolist() for name, values in columns.items()} == {"t": [0, 1], "q": [0.5, 0.25]}
 
 
 def test_falling_clock_begins_a_run_and_each_item_makes_one(tmp_path: Path) -> None:
