@@ -184,11 +184,11 @@ class TargetJoint:
 
     @property
     def number(self) -> int:
-        """Of the joint, from 1."""
+        """Return the number of the joint, from 1."""
         return int(self.channel.removeprefix("joint_"))
 
     def lines(self) -> list[str]:
-        """Each value with what it comes from, one line each."""
+        """Return one line for each value, with the sources of its fit."""
         return [f"{key} {each.number:.5g} ({'; '.join(each.fitted)})" for key, each in self.values.items()]
 
 

@@ -122,7 +122,7 @@ class EmulatedMitMotor(EmulatedMotor):
         self._exert(torque_nm)
 
     def tell(self, now_s: float) -> list[can.Message]:
-        """See `EmulatedMotor.tell`; the watchdog is its CAN timeout."""
+        """Stop the drive after its CAN timeout; return no frames (see `EmulatedMotor.tell`)."""
         if self.enabled and self.timeout_s is not None and now_s - self._heard_s > self.timeout_s:
             self._time_out()
             self._drive()
@@ -296,7 +296,7 @@ class EmulatedRobstride(EmulatedMitMotor):
             self.timeout_s = self.parameters.get(ROBSTRIDE_TIMEOUT, 0) / 20000 or None
 
     def tell(self, now_s: float) -> list[can.Message]:
-        """See `EmulatedMotor.tell`; it reports faults."""
+        """Check the watchdog, and return the pending fault reports (see `EmulatedMotor.tell`)."""
         super().tell(now_s)
         news, self._news = self._news, []
         return news

@@ -210,7 +210,7 @@ class PressedBlock:
         return _mesh(vertices, np.repeat(outward, 4, axis=0), triangles, _SIDE)
 
     def top(self) -> rr.Mesh3D:
-        """Return the unloaded top."""
+        """Return the mesh of the object's top surface without load."""
         corners = [i * _VERTICES + j for i in range(_VERTICES - 1) for j in range(_VERTICES - 1)]
         triangles = [(c, c + 1, c + _VERTICES + 1) for c in corners]
         triangles += [(c, c + _VERTICES + 1, c + _VERTICES) for c in corners]

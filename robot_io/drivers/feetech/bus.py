@@ -255,7 +255,7 @@ class FeetechBus(ServoBus):
         return None
 
     def _goals(self, torque_nm: list[float]) -> tuple[list[int], FloatArray]:
-        """See `ServoBus._goals`: by the servos' law, from where each is during the next tick."""
+        """Compute goals from the servos' control law and predicted positions; see `ServoBus._goals`."""
         if self.sample is None:
             raise LifecycleError("read the servos first: a torque command starts from their positions")
         ahead_s = self._clock.now_s() - self.sample.sampled_at_s + self._half_tick_s

@@ -48,7 +48,7 @@ def compile_pattern(pattern: str) -> re.Pattern[str]:
     if "value" not in compiled.groupindex:
         raise InputError(f"pattern '{pattern}': has no group (?P<value>...)")
     if _REPEATED_GROUP.search(pattern):
-        raise InputError(f"pattern '{pattern}': a repeated group can take for ever")
+        raise InputError(f"pattern '{pattern}': matching a repeated group may never end")
     return compiled
 
 

@@ -285,8 +285,8 @@ class LineStream:
     byte is missing ("0.65" without its point is 65). The first line may have lost its beginning, and is
     ignored unless `from_beginning`.
 
-    `parse` makes of a line the number as it is written, and newtons per unit.
-    ProtocolError: it is no reading.
+    `parse` returns the number as written in a line, and the newtons per unit. It raises `ProtocolError`
+    if the line is not a reading.
     """
 
     complaint = ""  # such devices report no errors
