@@ -511,12 +511,14 @@ def _has_zero_size(reduced: FitResult, fit: FitResult, name: str) -> bool:
     """Return whether the intervals at `LEVEL` of all parameters that scale an effect contain zero.
 
     These parameters are the effect's gains, or its first inner parameter if it has no gains (a gap, a
-    compliance, a time). The result is false for an effect that removes more than half of the squared error
-    apart from smoothing bias, because its wide intervals only show that parameters are collinear.
+    compliance, a time). The result is false for an effect of the object or the drive that removes more than
+    half of the squared error apart from smoothing bias, because its wide intervals only show that parameters
+    are collinear. A fault of the sensor, or a drift, is rare: without a certain size it has no name.
     """
-    if fit.flexible.before.sum() <= 0.5 * reduced.flexible.before.sum():
-        return False
     effect = fit.solution.model.effect(name)
+    is_large = fit.flexible.before.sum() <= 0.5 * reduced.flexible.before.sum()
+    if is_large and effect.kind not in READER_KINDS | {Kind.DRIFT}:
+        return False
     estimates = estimate_parameters(*final_solution(fit))
     sizes = [estimates[f"{name}.{parameter.name}"] for parameter in effect.gains or effect.inner[:1]]
     return not any(abs(size.value) > 0.5 * _INTERVAL_RATIO * np.ptp(size.interval) for size in sizes)

@@ -230,8 +230,18 @@ def test_an_effect_that_takes_away_more_than_is_left_is_not_nothing(searches):
     end = reached(search, RUB, BIAS)
     assert not module._has_zero_size(search.start, end, RUB)
     assert module._has_zero_size(search.without(end, BIAS), end, BIAS)
-    half, whole = (SimpleNamespace(flexible=SimpleNamespace(before=np.array([one]))) for one in (1.0, 2.0))
+    half, whole = (
+        SimpleNamespace(flexible=SimpleNamespace(before=np.array([one])), solution=end.solution)
+        for one in (1.0, 2.0)
+    )
     assert not module._has_zero_size(whole, half, RUB)
+
+
+def test_a_fault_of_the_reader_needs_a_size_even_if_it_removes_most_of_the_error(searches):
+    search, _ = searches("a friction")
+    end = reached(search, RUB, BIAS)
+    large = SimpleNamespace(flexible=SimpleNamespace(before=1e9 * end.flexible.before))
+    assert module._has_zero_size(large, end, BIAS)
 
 
 def test_parts_that_are_fewer_than_their_whole_are_held_against_it():
