@@ -113,7 +113,7 @@ class Side:
             return None
 
     def fit_of(self, other: "Side") -> float:
-        """Return the fit of this model to the other measurement, by cross-validation for its own [%].
+        """Return how well this model fits the other measurement [%]; its own measurement is cross-validated.
 
         Args:
             other: the side whose measurement is predicted.

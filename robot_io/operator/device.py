@@ -156,7 +156,7 @@ class HandSettings(FileModel):
 
 
 class ModelledHand(OperatorDevice):
-    """A device that gives the operator's goal; the hand is modeled."""
+    """A device that reports the goal of an operator whose hand is simulated."""
 
     settings: HandSettings
 

@@ -122,7 +122,7 @@ class EmulatedMitMotor(EmulatedMotor):
         self._exert(torque_nm)
 
     def tell(self, now_s: float) -> list[can.Message]:
-        """Stop the drive after its CAN timeout; return no frames (see `EmulatedMotor.tell`)."""
+        """Apply the CAN timeout of the motor; return no frames (see `EmulatedMotor.tell`)."""
         if self.enabled and self.timeout_s is not None and now_s - self._heard_s > self.timeout_s:
             self._time_out()
             self._drive()

@@ -250,7 +250,10 @@ class _Bristles(_Memory[tuple[float, float]], MaterialEffect):
         self._friction = friction
 
     def contact_force_n(self, state: ContactState, force_n: float) -> float:
-        """Add z = f + (z0 - f) exp(-abs(dx) / s), f with the sign of dx; nothing out of contact.
+        """Add the friction state z = f + (z0 - f) exp(-abs(dx) / s) in contact.
+
+        f is the friction force with the sign of the step dx, z0 the state before the step, and s the path
+        over which the state changes.
 
         Args:
             state: motion of the tip.
