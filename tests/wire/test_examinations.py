@@ -139,7 +139,7 @@ def test_other_servos_than_stated_are_found(bolted, subject, level, said, refuse
         (ODRIVE, "      - {node_id: 2, gear_ratio: 9, max_torque_nm: 2.2}\n", "", "one per joint"),
         (ODRIVE, "odrive_encoder, bus: motors", "odrive_encoder, bus: load_cell", "odrive_bus"),
         (ODRIVE, *(LINES[0], LINES[1].replace("?P<value>", "?P<force>")), "value"),
-        (ODRIVE, *(LINES[0], LINES[1].replace(r"(?P<unit>\w+)", "((a+)+)")), "for ever"),
+        (ODRIVE, *(LINES[0], LINES[1].replace(r"(?P<unit>\w+)", "((a+)+)")), "may never end"),
         (CUBEMARS, "model: AK60-6", "model: AK60-7", "AK60-6"),
         (CUBEMARS, "motor_id: 2", "motor_id: 1", "not all different"),
         (CUBEMARS, "motor_id: 2,", "motor_id: 2, answer_id: 18,", "'answer_id' is Damiao's"),
