@@ -25,17 +25,6 @@ Columns = Callable[[AdditiveEffect, ChannelData, Inner], FloatArray]
 Parts = tuple[FloatArray, FloatArray]  # columns (n, p) and known effort (n,), before any sensor
 
 
-def effect_columns(effect: AdditiveEffect, data: ChannelData, inner: Inner) -> FloatArray:
-    """Compute the columns of an effect, shape (n, k).
-
-    Args:
-        effect: the effect.
-        data: the channel, with the motion that acts.
-        inner: values of the inner parameters by name.
-    """
-    return effect.columns(data, inner)
-
-
 @dataclass(frozen=True)
 class Regression:
     """effort = columns @ gains + noise."""
@@ -323,7 +312,12 @@ class Model:
                 data = _moved(IdentityKey(effect), IdentityKey(data), tuple(own(effect, parameters).items()))
         return data
 
-    def parts(self, data: ChannelData, parameters: Parameters, columns_of: Columns = effect_columns) -> Parts:
+    def parts(
+        self,
+        data: ChannelData,
+        parameters: Parameters,
+        columns_of: Columns = lambda effect, data, inner: effect.columns(data, inner),
+    ) -> Parts:
         """Return the columns and the known effort before any sensor effect.
 
         Args:

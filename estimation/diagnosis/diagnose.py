@@ -142,28 +142,21 @@ def diagnose_channel(
     end, tests = _find_effects(search, checks, kinds, coarse_kinds)
     if not checks.is_complete(end):
         end, tests = _look_beyond_offset(search, end, tests, checks, kinds)
-    evidence = _evidence(search, checks, end, tests, kinds, coarse_kinds)
+
+    def evidence_of(end: FitResult, tests: list[FormTest]) -> Evidence:
+        complete = checks.is_complete(end)
+        partials = (None, None) if complete else (kinds(), coarse_kinds())
+        return Evidence(search, checks.measurement, end, complete, checks.objection(end), tests, *partials)
+
+    evidence = evidence_of(end, tests)
     while name := effect_without_gain(evidence):
         end = search.without(end, name)
-        evidence = _evidence(search, checks, end, form_tests(kinds(), end), kinds, coarse_kinds)
+        evidence = evidence_of(end, form_tests(kinds(), end))
     names = search.added_effects(end)
     may_be_rounding = "quantisation" not in names if names else not evidence.complete
     if may_be_rounding and (reason := _too_few_levels(search.start)):
         return insufficient_diagnosis(data, reason)
     return decide_verdict(evidence)
-
-
-def _evidence(  # noqa: PLR0917
-    search: Search,
-    checks: "_Completeness",
-    end: FitResult,
-    tests: list[FormTest],
-    kinds: Callable[[], PartiallyLinear],
-    coarse_kinds: Callable[[], PartiallyLinear],
-) -> Evidence:
-    complete = checks.is_complete(end)
-    partials = (None, None) if complete else (kinds(), coarse_kinds())
-    return Evidence(search, checks.measurement, end, complete, checks.objection(end), tests, *partials)
 
 
 def _find_effects(

@@ -1,9 +1,8 @@
 """Block averages of a channel, and cross-validation folds of whole runs."""
 
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from types import MappingProxyType
 
 import numpy as np
 import scipy
@@ -34,8 +33,6 @@ _WITHIN = 0.05  # share of the effort's variance that block averages may lose
 _SMOOTH = 0.75  # ratio to the step variance of white noise below which variation in a block is smooth
 _AGAIN = 0.9  # share of the first contact in a run's contact samples above which later ones are negligible
 _REST = 0.05  # largest speed of a joint at rest, relative to its usual highest speed
-ALONE = Model("no model", ())
-NO_PARAMETERS: Parameters = MappingProxyType({})
 LOAD = "load"
 LUMPED = "lumped_inertia_effort"  # part of the load that may act on the drive's rotor before the gear
 # Effects with weight, and all effects whose effort is a load. The armature is not among them, because the
@@ -89,68 +86,32 @@ class BlockedData:
         """Measured effort on blocks, shape (m,)."""
         return self.cache.get_or_compute("effort", lambda: self.reduce(self.data.effort))
 
-    def columns(
-        self,
-        effect: AdditiveEffect,
-        inner: Inner,
-        beside: Model = ALONE,
-        parameters: Parameters = NO_PARAMETERS,
-    ) -> FloatArray:
-        """Return the columns of an effect on blocks, shape (m, k).
+    def parts(self, effect: AdditiveEffect, model: Model, parameters: Parameters) -> FloatArray:
+        """Return what an effect of a model adds on blocks, shape (m, k + 1); cached.
 
         Args:
-            effect: the effect.
-            inner: values of the inner parameters by name.
-            beside: model whose motion, memory and sensor effects act on the columns; all must be linear.
-            parameters: inner parameters of that model by "effect.parameter".
+            effect: the effect, with k gains.
+            model: the model; its effects on motion, memory and sensor act here, and all must be linear.
+            parameters: inner parameters of the model by "effect.parameter".
+
+        Returns:
+            Effort per unit of each gain, and in the last column the effort independent of the gains.
         """
-
-        def compute(data: ChannelData) -> FloatArray:
-            return beside.faded(effect, effect.columns(data, inner), data, parameters)
-
-        return self._cached("columns", effect, inner, beside, parameters, compute)
-
-    def known(
-        self,
-        effect: AdditiveEffect,
-        inner: Inner,
-        beside: Model = ALONE,
-        parameters: Parameters = NO_PARAMETERS,
-    ) -> FloatArray:
-        """Return the effort on blocks that an effect adds independently of its gains, shape (m,).
-
-        Args:
-            effect: the effect.
-            inner: values of the inner parameters by name.
-            beside: model whose motion and sensor effects act, see `columns`.
-            parameters: inner parameters of that model by "effect.parameter".
-        """
-        return self._cached(
-            "known", effect, inner, beside, parameters, lambda data: effect.known(data, inner)
-        )
-
-    def _cached(  # noqa: PLR0917
-        self,
-        what: str,
-        effect: AdditiveEffect,
-        inner: Inner,
-        beside: Model,
-        parameters: Parameters,
-        compute: Callable[[ChannelData], FloatArray],
-    ) -> FloatArray:
-        acting = beside.acting
+        acting, inner = model.acting, own(effect, parameters)
         needs = (*effect.needs, *(name for acts in acting for name in acts.needs))
         cache = self.load_cache if LOAD in needs else self.cache  # the load depends on the model
         around = [(IdentityKey(acts), *own(acts, parameters).values()) for acts in acting]
 
         def on_blocks() -> FloatArray:
-            signal = compute(beside.moved(self.data, parameters))
-            for sensor in beside.sensors:
-                if not sensor.pointwise and signal.size:  # an effect without gains has no columns
+            moved = model.moved(self.data, parameters)
+            columns = model.faded(effect, effect.columns(moved, inner), moved, parameters)
+            signal = np.column_stack([columns, effect.known(moved, inner)])
+            for sensor in model.sensors:
+                if not sensor.pointwise:
                     signal = sensor.sense(signal, self.data, own(sensor, parameters))
             return self.reduce(signal)
 
-        return cache.get_or_compute((what, IdentityKey(effect), *inner.values(), *around), on_blocks)
+        return cache.get_or_compute((IdentityKey(effect), *inner.values(), *around), on_blocks)
 
     def at_full_rate(self, effect: AdditiveEffect, data: ChannelData, inner: Inner) -> FloatArray:
         """Return the columns of an effect at each sample, shape (n, k); cached for the measured motion.

@@ -275,8 +275,9 @@ def _on_blocks(
     blocked = problem.blocked
     blocks, known = [np.empty((0, len(blocked)))], np.zeros(len(blocked))
     for effect in model.additive:
-        blocks.append(blocked.columns(effect, own(effect, inner), model, inner).T)
-        known = known + blocked.known(effect, own(effect, inner), model, inner)
+        parts = blocked.parts(effect, model, inner)
+        blocks.append(parts[:, :-1].T)
+        known = known + parts[:, -1]
     columns = np.concatenate(blocks).T
     for sensor in [sensor for sensor in model.sensors if sensor.pointwise]:
         sensed = sensor.sense(np.column_stack([columns, known]), blocked.data, own(sensor, inner))

@@ -7,6 +7,7 @@ from functools import lru_cache, wraps
 from threading import Lock
 from typing import Any, TypeVar, cast
 
+import numpy as np
 from numpy.typing import NDArray
 
 from palpate.estimation.channel import ChannelData
@@ -39,15 +40,18 @@ def cache_by_array(compute: Function) -> Function:
     """Cache a function of read-only arrays; results for writable or very long arrays are not cached.
 
     Args:
-        compute: function whose arguments are arrays.
+        compute: function whose arguments are arrays and numbers.
     """
-    cached = lru_cache(maxsize=_MOST)(lambda *keys: compute(*(key.thing for key in keys)))
+    cached = lru_cache(maxsize=_MOST)(
+        lambda *keys: compute(*(key.thing if isinstance(key, IdentityKey) else key for key in keys))
+    )
 
     @wraps(compute)
-    def lookup(*arrays: NDArray[Any]) -> Any:  # noqa: ANN401
+    def lookup(*arguments: NDArray[Any] | float) -> Any:  # noqa: ANN401
+        arrays = [argument for argument in arguments if isinstance(argument, np.ndarray)]
         if any(array.flags.writeable or len(array) > _LONG for array in arrays):
-            return compute(*arrays)
-        return cached(*map(IdentityKey, arrays))
+            return compute(*arguments)
+        return cached(*(IdentityKey(each) if isinstance(each, np.ndarray) else each for each in arguments))
 
     return cast("Function", lookup)
 

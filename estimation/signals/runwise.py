@@ -12,7 +12,7 @@ import scipy
 
 from palpate.estimation.channel import ChannelData
 from palpate.estimation.signals.blocks import block_index, blocks, split_columns
-from palpate.estimation.signals.cache_by_array import IdentityKey, cache_by_array
+from palpate.estimation.signals.cache_by_array import cache_by_array
 from palpate.robot_io.types import FloatArray, IntArray
 
 _WINDOW = 5  # samples over which a derivative is smoothed
@@ -100,7 +100,7 @@ def shift(signal: FloatArray, time_s: FloatArray, run: IntArray, delay_s: float)
         return signal.copy()
     step_s = sample_time(time_s, run)
     if not is_even(time_s, run):
-        matrix = _known_interpolation(IdentityKey(time_s), IdentityKey(run), delay_s)
+        matrix = _cached_interpolation(time_s, run, delay_s)
         shifted = np.empty_like(signal)
         for column, result in zip(np.atleast_2d(signal.T), np.atleast_2d(shifted.T), strict=True):
             result[:] = matrix @ column
@@ -138,9 +138,7 @@ def _interpolation(
     return scipy.sparse.csr_array((weights.ravel(), around.ravel(), edges), shape=(len(part), len(run)))
 
 
-@lru_cache(maxsize=4)
-def _known_interpolation(time_s: IdentityKey, run: IdentityKey, delay_s: float) -> "scipy.sparse.csr_array":
-    return _interpolation(time_s.thing, run.thing, delay_s)
+_cached_interpolation = cache_by_array(_interpolation)
 
 
 def _cubic_weights(times: FloatArray, at: FloatArray) -> FloatArray:

@@ -240,3 +240,13 @@ def test_blocks_are_stretches_of_equal_values(values, expected):
 def test_a_shift_keeps_the_shape_of_a_signal_without_columns(uneven):
     time_s = TIME + (0.3 * (TIME[1] - TIME[0]) * (np.arange(len(TIME)) % 2) if uneven else 0.0)
     assert shift(np.empty((len(TIME), 0)), time_s, ONE_RUN, 0.105).shape == (len(TIME), 0)
+
+
+def test_a_shift_follows_times_that_were_changed_in_place():
+    time_s = np.cumsum(0.01 + 0.003 * (np.arange(1000) % 2))
+    signal = np.sin(time_s)
+    shift(signal, time_s, ONE_RUN, 0.105)
+    time_s[500:] += 2.0
+    np.testing.assert_array_equal(
+        shift(signal, time_s, ONE_RUN, 0.105), shift(signal, time_s.copy(), ONE_RUN, 0.105)
+    )
