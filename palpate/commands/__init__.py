@@ -112,27 +112,17 @@ def root(
 def load_command(name: str) -> Any:  # noqa: ANN401, typer's own command
     """Import a command: `NAME_command` of its module, or the module's `group` of commands.
 
-    Its help is the docstring up to `Args:`: each option has a help of its own.
+    Its help is its docstring. Arguments are documented once, by the help of each option.
 
     Args:
-        name: of the command, one of `COMMANDS`.
-
-    Returns:
-        the command, with the commands of its group if it is one.
+        name: name of the command, one of `COMMANDS`.
     """
     module = importlib.import_module(f"palpate.commands.{COMMANDS[name][0]}")
     if hasattr(module, "group"):
-        group: Any = get_command(module.group)
-        for command in group.commands.values():
-            command.help = _before_arguments(command.help)
-        return group
-    function = getattr(module, f"{name}_command")
+        return get_command(module.group)
+    command = getattr(module, f"{name}_command")
     single = typer.Typer(rich_markup_mode="rich", add_completion=False)
     # one line a paragraph, which the terminal wraps
-    about = "\n\n".join(" ".join(text.split()) for text in _before_arguments(getdoc(function)).split("\n\n"))
-    single.command(name=name, help=about, context_settings={"help_option_names": ["-h", "--help"]})(function)
+    about = "\n\n".join(" ".join(text.split()) for text in (getdoc(command) or "").split("\n\n"))
+    single.command(name=name, help=about, context_settings={"help_option_names": ["-h", "--help"]})(command)
     return get_command(single)
-
-
-def _before_arguments(docstring: str | None) -> str:
-    return (docstring or "").partition("\n\nArgs:")[0]

@@ -122,27 +122,6 @@ def batch_command(
     palpate batch 'data/*.csv' --pattern '{specimen}_{day}.csv' --group day --diagnose --out result
 
     palpate batch spots.csv --split run --out result
-
-    Args:
-        data: the measurements, and how they are read.
-        out: output folder.
-        model: base model, or "suggest"; None for what suits each channel.
-        diagnose: whether missing effects are looked for.
-        pool: whether the evidence of all measurements is combined.
-        add: effects fitted to every measurement.
-        pattern: fields in the file names.
-        metadata: file with further fields.
-        join: field whose equal texts make one measurement of several files.
-        split: column whose different texts make several measurements of one file.
-        group: field whose groups are compared.
-        share: effects with the same parameters in all channels of a group.
-        workers: number of processes; None for one per core.
-        scheduler: address of a dask scheduler; None for this machine.
-        retry: whether measurements that could not be judged are tried again.
-        as_json: whether the result is printed as JSON.
-
-    Raises:
-        InputError: an option does not suit the measurements, or none of them is readable.
     """
     from palpate.batches.run import batch  # noqa: PLC0415, its libraries take a second
     from palpate.batches.table import texts  # noqa: PLC0415, as above

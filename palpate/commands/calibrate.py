@@ -95,18 +95,6 @@ def force(
     On the robot: without power and with the sensor's axis upright, you put on and remove known weights.
 
     From a file (CSV, Parquet, NPZ): one row per sample, with columns for the reading and for the reference.
-
-    Args:
-        options: arm, input and output.
-        column: columns of a file by their roles, as ROLE=COLUMN.
-        reading_unit: unit of the readings in a file.
-        weights_kg: masses in their order on the sensor, with commas [kg].
-        gravity_m_s2: gravitational acceleration at the site [m/s^2].
-        reference_percent: standard uncertainty that all references share [%].
-
-    Raises:
-        InputError: options or file cannot be used.
-        PalpateError: the arm was stopped, or the readings allow no calibration.
     """
 
     def record(job: runs.CalibrationJob) -> None:
@@ -165,19 +153,7 @@ def encoder(
         float, typer.Option(help="Standard uncertainty of stops or pose.", metavar="MRAD", min=0, max=100)
     ] = 1.0,
 ) -> None:
-    """Calibrate the zeros of the encoders, against hard stops (slowly, at low torque) or in a known pose.
-
-    Args:
-        options: arm, input and output.
-        pose: in which the arm is held: "home", or angles with commas [rad].
-        lower_stops: angles of the lower stops with commas [rad]; None for the URDF's.
-        upper_stops: the same of the upper stops.
-        known_mrad: standard uncertainty of stops or pose [mrad].
-
-    Raises:
-        InputError: options contradict each other, or power was refused.
-        PalpateError: the arm was stopped, or a stop was not found.
-    """
+    """Calibrate the zeros of the encoders, against hard stops (slowly, at low torque) or in a known pose."""
     robot_file, stops_stated = options.robot_file, lower_stops is not None or upper_stops is not None
     if pose is not None and stops_stated:
         raise InputError("--pose: the arm does not move to its stops; leave out --lower-stops, --upper-stops")
@@ -209,13 +185,6 @@ def torque(options: MotionOptions) -> None:
     """Calibrate gains and offsets of the drives' torques, from a motion in free air under the arm's weight.
 
     Friction is estimated and reported, but not compensated. The URDF's masses are assumed to be exact.
-
-    Args:
-        options: arm, input and output.
-
-    Raises:
-        InputError: the recording cannot be used, or power was refused.
-        PalpateError: the arm was stopped.
     """
     _move_in_free_air("torque", options, fits.torque_calibration)
 
@@ -227,13 +196,6 @@ def gravity(options: MotionOptions) -> None:
 
     An arm that moves in one plane shows only the tilt in that plane. The URDF's masses are assumed to be
     exact.
-
-    Args:
-        options: arm, input and output.
-
-    Raises:
-        InputError: the recording cannot be used, or power was refused.
-        PalpateError: the arm was stopped.
     """
     _move_in_free_air("gravity", options, fits.gravity_calibration)
 

@@ -220,22 +220,6 @@ def compare_command(
 
     Examples: palpate compare a.mcap; palpate compare before.csv after.csv --out comparison; palpate compare
     a.mcap --model kelvin_voigt --other-model hunt_crossley
-
-    Args:
-        data: the measurement, and how it is read.
-        other: second measurement; None for the same.
-        model: base model; None for what suits each channel.
-        other_model: base model of the second measurement.
-        channel: only this one.
-        revision: numbers of the revisions to compare instead of the base model.
-        other_revision: the same, of the second measurement.
-        folder: where revisions are kept.
-        as_json: whether the result is printed as JSON.
-        out: folder of result and report.
-        force: whether existing files in that folder are replaced.
-
-    Raises:
-        InputError: options contradict each other, the data cannot be used, or a file cannot be written.
     """
     named = {"--model": model, "--other-model": other_model, "--channel": channel}
     if (revision or other_revision) and (given := [name for name, value in named.items() if value]):

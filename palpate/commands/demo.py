@@ -58,16 +58,6 @@ def demo_command(
     """Probe a simulated object and estimate its stiffness, then find a hidden effect in another object.
 
     Writes two session files, each with a folder of recordings, plots and a report. Takes less than a minute.
-
-    Args:
-        scenario: name or file of the simulated world.
-        engine: of its physics; None for the scenario's.
-        seed: of noise and hidden effects; None for a random one.
-        out: first session file to write.
-        as_json: whether the outcome is printed as JSON.
-
-    Raises:
-        InputError: there is no such scenario, or a file cannot be written.
     """
     world = load_scenario(scenario)
     if engine is not None:

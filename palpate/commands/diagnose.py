@@ -61,19 +61,6 @@ def diagnose_command(
     Verdicts: adequate, missing, unexplained (structure that no known effect explains), or insufficient (the
     data do not allow a verdict). All errors are on runs that were not used for the fit. Overwrites earlier
     results in the session's folder.
-
-    Args:
-        data: the measurement, and how it is read.
-        model: base model; None for what suits each channel.
-        channel: only this one.
-        apply: whether the missing effects are added as revisions.
-        exit_code: whether the exit code tells the verdict.
-        as_json: whether the result is printed as JSON.
-        out: folder of results and revisions.
-        force: whether existing files in that folder are replaced.
-
-    Raises:
-        InputError: the data cannot be used, or a file cannot be written.
     """
     from palpate.render.progress import diagnosis_progress  # noqa: PLC0415, loads what moves an arm
 
@@ -206,16 +193,6 @@ def estimate_command(
     """Estimate the parameters of a model with 95 % intervals, by least squares, a robust method and RANSAC.
 
     Reads a session or a data file. For a simulated session, the true values and the errors are shown too.
-
-    Args:
-        data: the measurement, and how it is read.
-        model: base model; None for what suits each channel.
-        estimator: names with commas; None for the usual ones.
-        every: whether all estimators are used.
-        as_json: whether the result is printed as JSON.
-
-    Raises:
-        InputError: the data or the estimators cannot be used.
     """
     if every and estimator is not None:
         raise InputError(f"--all and --estimator {estimator}: give one of them")

@@ -58,19 +58,6 @@ def doctor_command(  # noqa: PLR0917, one parameter an option
     """Examine this machine, or with --robot an arm: limits, ports, devices, rates, and signs with --move.
 
     The exit code is 0 if no check fails, else 1. The arm gets no power without --move and a confirmation.
-
-    Args:
-        robot: robot file of the arm; None for this machine alone.
-        wire: whether its devices are emulated.
-        as_built: robot file of the emulated devices; None for the same.
-        move: whether signs are checked, by hand and under power.
-        drivers: packages with further drivers.
-        yes: whether an emulated arm gets power without a question.
-        as_json: whether the findings are printed as JSON.
-
-    Raises:
-        InputError: options contradict each other, or nobody can confirm.
-        typer.Exit: with 1 if a check fails.
     """
     if robot is None:
         given = {"--wire": wire, "--as-built": as_built, "--move": move, "--yes": yes, "--drivers": drivers}

@@ -35,14 +35,6 @@ def effects_command(
     """List the effects that a model may lack, or show one with its equation and a drawing.
 
     Examples: palpate effects; palpate effects backlash; palpate effects cubic_stiffness --on press.csv
-
-    Args:
-        name: of the effect to show in detail; None for the list.
-        on: measurement on whose motion it is drawn.
-        as_json: whether the result is printed as JSON.
-
-    Raises:
-        InputError: there is no such effect, or it does not apply to the measurement.
     """
     if name is None:
         if on is not None:

@@ -140,21 +140,6 @@ def export_command(
     Examples: palpate export stiff.mcap; palpate export swing.csv --format feedforward -o arm.yaml;
     palpate export arm.csv --urdf arm.urdf --format mjcf --patch arm.xml -o better.xml;
     palpate export stiff.mcap --stream tick -o ticks.parquet
-
-    Args:
-        data: the measurement, and how it is read.
-        revision: numbers of the revisions to export.
-        form: what is written from the models.
-        patch: file to copy and complete.
-        stream: stream or channel to write instead of models.
-        layout: program to write a layout for instead of models.
-        folder: where revisions are kept.
-        out: file to write; by default one in the folder of results.
-        force: whether an existing file is replaced.
-        as_json: whether the result is printed as JSON.
-
-    Raises:
-        InputError: options contradict each other, the data cannot be used, or the file cannot be written.
     """
     given = [
         name
@@ -362,17 +347,6 @@ def report_command(
     """Write measurement, models and diagnosis as one self-contained HTML page.
 
     palpate report press.csv -o press.html
-
-    Args:
-        data: the measurement, and how it is read.
-        model: base model; None for what suits each channel.
-        folder: where revisions are kept.
-        out: page to write.
-        force: whether a page of another program is replaced.
-        as_json: whether the result is printed as JSON.
-
-    Raises:
-        InputError: the data cannot be used, or the page cannot be written.
     """
     path = output_file(out, force=force or is_own_page(out), keep=[data.file], endings=(".html", ".htm"))
     study = data.study(model, folder_to_read(data.file, folder))

@@ -56,16 +56,6 @@ def import_command(
     needs time, position and torque. Common column names and units are recognized and reported.
 
     Examples: palpate import press.csv --look; palpate import 1.xlsx 2.xlsx -o both.mcap
-
-    Args:
-        options: how the files are read.
-        files: data files, and folders of them.
-        out: session file to write.
-        look: whether the files are only shown.
-        as_json: whether the outcome is printed as JSON.
-
-    Raises:
-        InputError: a file cannot be read, or the session cannot be written.
     """
     tables: list[Path] = []
     for path in files:

@@ -41,17 +41,6 @@ def inspect_command(  # noqa: PLR0917, one parameter an option
 
     Without a display, the recording is written to the file of --save, or to a file in the session's folder,
     which is overwritten. Rerun opens this file on any machine.
-
-    Args:
-        session: file of the session.
-        other: session of the other side of a teleoperation.
-        save: recording to write instead of opening a window.
-        screenshot: picture to write.
-        plots: folder of plots.
-        force: whether existing files are replaced.
-
-    Raises:
-        InputError: a session cannot be used, or a file cannot be written.
     """
     opened, merged = open_session(session), None
     if other is not None:

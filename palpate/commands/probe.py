@@ -63,21 +63,6 @@ def probe_command(
     Without a robot file, this runs in simulation. The session file holds every tick.
 
     A real arm gets power only after a confirmation (or --yes) and a countdown.
-
-    Args:
-        options: which arm runs.
-        experiment: plan to start from.
-        speed_mm_s: approach speeds with commas [mm/s].
-        force_limit_n: force to load up to [N].
-        hold_s: duration of the hold [s].
-        repeats: number of repetitions of all speeds.
-        out: session file to write.
-        online: estimator that runs while probing, or "none".
-        yes: whether a real arm gets power without a question.
-
-    Raises:
-        InputError: the plan is invalid, power was refused, or the file cannot be written.
-        PalpateError: the arm was stopped, or nothing was touched.
     """
     robot_file = options.robot_file
     speeds_m_s = None
@@ -175,16 +160,6 @@ def replay_command(
 
     Example: palpate export real.mcap -o twin.yaml; palpate replay real.mcap --scenario twin.yaml
     -o twin.mcap; palpate compare real.mcap twin.mcap
-
-    Args:
-        options: which arm runs.
-        session: whose motion is repeated.
-        out: session file to write.
-        yes: whether a real arm gets power without a question.
-
-    Raises:
-        InputError: the session holds no motion of this arm, power was refused, or a file cannot be written.
-        PalpateError: the arm was stopped.
     """
     recorded = open_session(session)
     references, robot_file = references_of(recorded), options.robot_file
@@ -251,19 +226,6 @@ def resolve_command(
       palpate resolve --hidden random --seed 7
 
       palpate resolve --robot my_arm.yaml --probes 3 --seconds 120
-
-    Args:
-        options: which arm runs.
-        experiment: plan of the first probe.
-        probes: maximum number of probes.
-        seconds: maximum time of probing [s].
-        channel: the only one to explain.
-        out: folder of the sessions.
-        yes: whether a real arm gets power without a question.
-
-    Raises:
-        InputError: there is no such channel, the folder holds sessions, or power was refused.
-        PalpateError: the arm was stopped.
     """
     from palpate.workflows.resolve import DECISIONS, Budget, resolve  # noqa: PLC0415, the study takes a second
 

@@ -50,20 +50,6 @@ def add_command(
 
     Continues from the newest revision; --from goes back to another one. Updates report and recording in the
     revisions folder.
-
-    Args:
-        data: the measurement, and how it is read.
-        effects: names of the effects, in the order in which they are added.
-        start: number of the revision to continue from; None for the newest.
-        fresh: whether to start again from the base model.
-        model: base model; None for what suits each channel.
-        channel: whose model is extended; None if there is only one.
-        as_json: whether the result is printed as JSON.
-        out: folder of revisions and pictures.
-        force: whether existing files in that folder are replaced.
-
-    Raises:
-        InputError: the data cannot be used, an effect does not apply, or a file cannot be written.
     """
     folder = output_folder(folder_to_fill(data.file, out, NAMES, force=force))
     study = data.study(model, folder)
@@ -119,17 +105,6 @@ def remove_command(
     """Refit the newest model without one of its added effects, and keep the result as a revision.
 
     palpate remove press.csv bias
-
-    Args:
-        data: the measurement, and how it is read.
-        effect_name: the effect to remove.
-        model: base model; None for what suits each channel.
-        channel: whose model is reduced; None if there is only one.
-        folder: where revisions are kept.
-        as_json: whether the result is printed as JSON.
-
-    Raises:
-        InputError: the data cannot be used, or the effect was not added.
     """
     study = data.study(model, folder_to_read(data.file, folder))
     change = study.remove(effect_name, channel)
@@ -147,14 +122,6 @@ def revisions_command(data: DataArguments, as_json: JsonOption = False, folder: 
     """List the revisions of a measurement's models, with their effects and held-out errors.
 
     Accepts the options of the other commands for reading a data file; they change nothing here.
-
-    Args:
-        data: the measurement.
-        as_json: whether the list is printed as JSON.
-        folder: where revisions are kept.
-
-    Raises:
-        InputError: there is no such file, or a revision is damaged.
     """
     existing_data(data.file)
     revisions = Revisions(folder_to_read(data.file, folder)).all()

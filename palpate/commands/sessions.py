@@ -35,15 +35,7 @@ def info_command(
     session: Annotated[Path, typer.Argument(help="Session file (.mcap).")],
     as_json: Annotated[bool, typer.Option("--json", help="Print everything as JSON.")] = False,
 ) -> None:
-    """Show the content of a session: time and origin, streams, events, and whether it is complete.
-
-    Args:
-        session: file of the session.
-        as_json: whether everything is printed as JSON.
-
-    Raises:
-        InputError: it is no session.
-    """
+    """Show the content of a session: time and origin, streams, events, and whether it is complete."""
     opened = open_session(session)
     data = describe_session(opened)
     if as_json:
@@ -150,14 +142,6 @@ def merge_command(
     """Merge several sessions into one; runs are renumbered, and a diagnosis treats them as one measurement.
 
     Example: palpate merge monday.mcap tuesday.mcap -o both.mcap
-
-    Args:
-        sessions: files of one arm, or of imported measurements, in order.
-        out: session file to write.
-        as_json: whether the result is printed as JSON.
-
-    Raises:
-        InputError: fewer than two sessions, a session twice, or sessions that do not match.
     """
     if len(sessions) < 2:
         raise InputError(f"{sessions[0]}: is one session; name two or more")
@@ -341,15 +325,7 @@ def reveal_command(
     session: Annotated[Path, typer.Argument(help="Session file (.mcap) that was probed with --hidden.")],
     as_json: Annotated[bool, typer.Option("--json", help="Print the answer as JSON.")] = False,
 ) -> None:
-    """Open the sealed answer beside a session: which effects were hidden, where, and how strong.
-
-    Args:
-        session: file of the session.
-        as_json: whether the answer is printed as JSON.
-
-    Raises:
-        InputError: it is no session, or the sealed answer is missing or another session's.
-    """
+    """Open the sealed answer beside a session: which effects were hidden, where, and how strong."""
     sealed = open_session(session)
     answer = (
         open_answer(sealed) if was_sealed(sealed) else SealedAnswer((), None, sealed.metadata.created_utc)

@@ -52,19 +52,6 @@ def sweep_command(
     palpate sweep mine.yaml --plan
 
     palpate sweep mine.yaml --scheduler tcp://10.0.0.5:8786 --out /shared/mine
-
-    Args:
-        what: "paper", or a file with a grid.
-        out: output folder.
-        workers: number of processes; None for one per core.
-        scheduler: address of a dask scheduler; None for this machine.
-        limit: number of cases to run; None for all.
-        plan: whether the remaining cases and their time are shown instead.
-        as_json: whether the outcome is printed as JSON.
-
-    Raises:
-        InputError: there is no such grid, or the folder holds other files.
-        PalpateError: cases without a result.
     """
     from palpate.sweep import Cluster, ResultStore, run_cases  # noqa: PLC0415, its libraries take a second
 

@@ -100,23 +100,6 @@ def follower(
 
       palpate teleop follower --scenario stiff -o follower.mcap
       palpate teleop follower --robot my_arm.yaml --experiment gentle.yaml --link router.json5
-
-    Args:
-        options: which arm runs.
-        experiment: probing plan for every target.
-        on_silence: what happens to the current target if the leader is silent.
-        diagnose: whether missing effects are looked for.
-        name: of the pair of leader and follower.
-        port: on this machine, without `link`.
-        link: zenoh configuration.
-        key: secret key file.
-        bad_network: delay and jitter [ms] and loss [%] of this side's messages.
-        out: session file to write.
-        yes: whether a real arm gets power without a question.
-
-    Raises:
-        InputError: an option is invalid, or power was refused.
-        PalpateError: the arm was stopped.
     """
     robot_file = options.robot_file
     plan = load_probing_plan(existing_file(experiment, "experiment")) if experiment else PLAN
@@ -216,24 +199,6 @@ def leader(  # noqa: PLR0917, one parameter an option
 
       palpate teleop leader --operator gamepad -o leader.mcap
       palpate teleop leader --operator touch.yaml --link router.json5
-
-    Args:
-        operator: name or file of the device that the operator moves.
-        robot: virtual arm.
-        scenario: virtual object before the first estimate.
-        jump_n: largest change of force per millisecond when the model is updated [N].
-        name: of the pair of leader and follower.
-        port: on this machine, without `link`.
-        link: zenoh configuration.
-        key: secret key file.
-        bad_network: delay and jitter [ms] and loss [%] of this side's messages.
-        out: session file to write.
-        yes: whether an arm used as device gets power without a question.
-        as_json: whether the outcome is printed as JSON.
-
-    Raises:
-        InputError: an option is invalid, or power was refused.
-        typer.Exit: with 1 if the other side sent nothing, without `as_json`.
     """
     command_line = as_command(sys.argv[1:])
     device = build_operator(operator, MonotonicClock())  # checks the file before anything starts
@@ -306,15 +271,6 @@ def demo(
 
       palpate teleop demo --out teleop-demo
       palpate teleop demo --out far --scenario hunt_crossley --bad-network 500,20,10
-
-    Args:
-        out: folder for everything.
-        scenario: object of the follower.
-        bad_network: delay and jitter [ms] and loss [%] of both sides' messages.
-        as_json: whether the outcome is printed as JSON.
-
-    Raises:
-        InputError: an option is invalid, or the folder cannot be written.
     """
     _line("arm", 7447, None, None, bad_network)  # checks the option before anything starts
     network = [] if bad_network is None else ["--bad-network", bad_network]

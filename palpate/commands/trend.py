@@ -62,21 +62,6 @@ def trend_command(
     palpate trend nightly --exit-code
 
     palpate trend logs --out nightly --pattern '{date}.csv' --follow
-
-    Args:
-        data: folder or table of `palpate batch`, or with `out` a folder of recordings.
-        date: field with dates or numbers; None for the usual names, otherwise the order.
-        parameter: only these series.
-        out: folder in which recordings are processed first.
-        model: base model of recordings.
-        pattern: fields in names of recordings.
-        follow: whether to go on, and test again whenever there are new data.
-        every_s: time between two looks at the data [s].
-        exit_code: whether the exit code tells that something changes.
-        as_json: whether the result is printed as JSON.
-
-    Raises:
-        InputError: options contradict each other, there is no table, or no such series.
     """
     if out is None and (given := [name for name, value in (("model", model), ("pattern", pattern)) if value]):
         raise InputError(f"--{given[0]}: applies to recordings, together with --out FOLDER")

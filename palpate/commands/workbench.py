@@ -47,17 +47,6 @@ def workbench_command(
     leave this machine. Ctrl-C ends the server.
 
     Examples: palpate workbench press.csv; palpate workbench sessions --no-browser; palpate workbench --riddle
-
-    Args:
-        data: measurement or folder of sessions, and how it is read.
-        model: base model; None for what suits each channel.
-        port: of the page on this machine; 0 for a free one.
-        no_browser: whether the address is only printed.
-        foxglove: port on which a running probe is served to Foxglove; None for not at all.
-        riddle: whether an effect is hidden in a simulated object first.
-
-    Raises:
-        InputError: options contradict each other, a file does not exist, or a port is in use.
     """
     if riddle and data.file != Path():
         raise InputError("--riddle probes an object of its own: leave out the file")
