@@ -53,9 +53,6 @@ class GravityBodies:
         Args:
             urdf: path or text.
             tip_frame: name of the tip's frame.
-
-        Returns:
-            The models.
         """
         weightless, x, y, z = (
             RigidBody.from_urdf(urdf, tip_frame, gravity) for gravity in ((0.0, 0.0, 0.0), *_UNIT)
@@ -79,25 +76,19 @@ class GravityBodies:
 
 
 def fall(tilt_rad: FloatArray) -> FloatArray:
-    """Compute the gravity vector in the base's axes.
+    """Compute the gravity vector in the base's axes, shape (3,) [m/s^2].
 
     Args:
         tilt_rad: pitch and roll, shape (2,) [rad].
-
-    Returns:
-        Shape (3,) [m/s^2].
     """
     return np.array(gravity_base_m_s2(float(tilt_rad[0]), float(tilt_rad[1])))
 
 
 def fall_slopes(tilt_rad: FloatArray) -> FloatArray:
-    """Compute the derivatives of `fall` by pitch and by roll.
+    """Compute the derivatives of `fall` by pitch and by roll, shape (3, 2) [m/s^2 per rad].
 
     Args:
         tilt_rad: pitch and roll, shape (2,) [rad].
-
-    Returns:
-        Shape (3, 2) [m/s^2 per rad].
     """
     step = 1e-6
     return np.column_stack(
@@ -177,9 +168,6 @@ def motion_of(ticks: Samples) -> ArmMotion:
 
     Args:
         ticks: ticks of the session.
-
-    Returns:
-        Motion and torques.
 
     Raises:
         InputError: there is too little motion.

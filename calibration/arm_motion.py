@@ -32,27 +32,21 @@ _TRIES = 61  # angles of each joint
 
 
 def lowest_m(body: RigidBody, postures_rad: Iterable[FloatArray]) -> float:
-    """Compute the height of the lowest joint (but the first) or tip over some postures.
+    """Compute the height of the lowest joint (but the first) or tip over some postures [m].
 
     Args:
         body: model of the arm.
         postures_rad: joint positions, shape (n,) each [rad].
-
-    Returns:
-        Height [m].
     """
     return min(float(body.heights_m(posture)[1:].min()) for posture in postures_rad)
 
 
 def straight_way(start_rad: FloatArray, end_rad: FloatArray) -> FloatArray:
-    """List postures on the way of a joint move.
+    """List postures on the way of a joint move, shape (k, n) [rad].
 
     Args:
         start_rad: shape (n,) [rad].
         end_rad: shape (n,) [rad].
-
-    Returns:
-        Shape (k, n) [rad].
     """
     count = max(2, int(np.abs(end_rad - start_rad).max() / _STEP_RAD) + 1)
     return np.linspace(start_rad, end_rad, count)
@@ -86,13 +80,10 @@ def paced(speed_rad_s: float, limits: Limits) -> FloatArray:
 
 
 def travel_speed_rad_s(limits: Limits) -> float:
-    """Compute the speed of the fastest joint on the ways to a measurement and back.
+    """Compute the speed of the fastest joint on the ways to a measurement and back [rad/s].
 
     Args:
         limits: limits of the guard.
-
-    Returns:
-        Speed [rad/s].
     """
     return float(paced(_TRAVEL_RAD_S, limits).min())
 
@@ -224,9 +215,6 @@ class FourierPath:
 
         Args:
             time_s: time since the start [s].
-
-        Returns:
-            Motion of the joints.
         """
         return self._faded(self._rate * time_s + self._phase, *self._fade(time_s))
 
@@ -297,9 +285,6 @@ def choose_path(
         limits: limits of the guard.
         settings: size and speed.
         rng: random numbers.
-
-    Returns:
-        The path.
 
     Raises:
         InputError: no motion is clear of the ground and inside the limits, or all are too slow.
@@ -397,15 +382,12 @@ class FreeMotion:
         self._torque.reset()
 
     def torque_nm(self, measurement: Measurement, motion: JointMotion, dt_s: float) -> FloatArray:
-        """Compute joint torques that follow a motion.
+        """Compute joint torques that follow a motion, shape (n,) [N m].
 
         Args:
             measurement: state of the arm.
             motion: reference of the joints.
             dt_s: time since the last tick [s].
-
-        Returns:
-            Shape (n,) [N m].
 
         Raises:
             SafetyTripError: the force sensor reads more than `TOUCH_N` away from free air.
@@ -425,9 +407,6 @@ class FreeMotion:
         Args:
             measurement: state of the arm.
             waited_s: time since its motion should have ended [s].
-
-        Returns:
-            True at rest.
 
         Raises:
             SafetyTripError: it still moves after `_REST_WAIT_S`.
@@ -461,9 +440,6 @@ class FreeMotion:
             run: number of the run, or `NO_RUN`.
             done: whether the task has ended.
             events: events of the tick.
-
-        Returns:
-            The output.
         """
         tip = self.body.tip_motion(measurement.joint_position_rad, measurement.joint_velocity_rad_s)
         return make_output(

@@ -108,9 +108,6 @@ def with_room_for_stops(limits: Limits, approaches: Iterable[StopApproach], beyo
         limits: limits of the guard.
         approaches: approaches to the stops.
         beyond_rad: largest apparent motion of a joint beyond its stop [rad].
-
-    Returns:
-        The widened limits.
     """
     low, high = list(limits.position_min_rad), list(limits.position_max_rad)
     for approach in approaches:
@@ -176,9 +173,6 @@ class StopSettings:
 
         Args:
             limits: limits of the guard.
-
-        Returns:
-            The settings.
         """
         return cls(
             push_nm=PUSH_SHARE * np.array(limits.torque_nm),
@@ -365,9 +359,6 @@ def fit_stops(session: Session, joint_count: int, stop_std_rad: float) -> Encode
         joint_count: number of joints n.
         stop_std_rad: standard uncertainty of the stops' positions [rad].
 
-    Returns:
-        The zeros.
-
     Raises:
         InputError: a joint's stop was not touched at least twice.
     """
@@ -400,9 +391,6 @@ def fit_pose(session: Session, pose_rad: FloatArray, pose_std_rad: float) -> Enc
         session: session in which the arm is at rest.
         pose_rad: known pose, shape (n,) [rad].
         pose_std_rad: standard uncertainty of each joint [rad].
-
-    Returns:
-        The zeros.
 
     Raises:
         InputError: the session has no samples, or the arm moved.

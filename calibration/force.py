@@ -61,9 +61,6 @@ def find_plateaus(reading: FloatArray, reference_n: FloatArray, settled: BoolArr
         reference_n: known force, shape (n,) [N].
         settled: mask of samples to use, shape (n,); None to leave out the first quarter of each plateau.
 
-    Returns:
-        The plateaus.
-
     Raises:
         InputError: fewer than three samples remain of every plateau.
     """
@@ -88,9 +85,6 @@ def plateaus_of(references_n: Sequence[float], pieces: Sequence[FloatArray]) -> 
     Args:
         references_n: known forces, in the order of time [N].
         pieces: readings under each of them.
-
-    Returns:
-        The plateaus.
     """
     kept = [piece[~_is_glitch(piece)] for piece in pieces]
     reference = np.array(references_n, dtype=np.float64)
@@ -220,9 +214,6 @@ def read_weighing(session: Session) -> Plateaus:
 
     Args:
         session: the session.
-
-    Returns:
-        The plateaus.
 
     Raises:
         InputError: the session holds no reference forces.

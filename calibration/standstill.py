@@ -37,9 +37,6 @@ def few_sample_factor(degrees_of_freedom: int) -> float:
 
     Args:
         degrees_of_freedom: of the estimated standard error.
-
-    Returns:
-        The factor.
     """
     return float(t.ppf(_COVERED, degrees_of_freedom) / norm.ppf(_COVERED))
 

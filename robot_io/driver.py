@@ -36,9 +36,6 @@ class DriverContext:
             model: the driver's own pydantic model.
             settings: section of the robot file.
 
-        Returns:
-            The validated settings.
-
         Raises:
             InputError: a setting is invalid; the error names file, line, key, value and valid values.
         """
@@ -49,9 +46,6 @@ class DriverContext:
 
         Args:
             bus_type: class that the bus must have.
-
-        Returns:
-            The bus.
 
         Raises:
             InputError: the device has no bus, or a bus of another class.
@@ -91,9 +85,6 @@ def make_driver(
         driver: name of the driver.
         settings: settings of the driver.
         context: clock, robot file and bus.
-
-    Returns:
-        The driver.
 
     Raises:
         InputError: no driver has this name, its settings are invalid, or its own code fails.

@@ -52,9 +52,6 @@ def describe_error(error: BaseException, own_file: str = "") -> str:
     Args:
         error: as it was caught; the interpreter's own frames are left out.
         own_file: file whose last line is named if the error passed through it, even if a library raised it.
-
-    Returns:
-        One line.
     """
     text = f"{type(error).__name__}: {error}"
     frames = [f for f in traceback.extract_tb(error.__traceback__) if not f.filename.startswith("<")]

@@ -48,9 +48,6 @@ def ok(subject: str, text: str) -> Finding:
     Args:
         subject: what was checked.
         text: result, with units.
-
-    Returns:
-        The finding.
     """
     return Finding(subject, Level.OK, text)
 
@@ -62,9 +59,6 @@ def warn(subject: str, text: str, remedy: str) -> Finding:
         subject: what was checked.
         text: result, with units.
         remedy: what to do.
-
-    Returns:
-        The finding.
     """
     return Finding(subject, Level.WARN, text, remedy)
 
@@ -76,23 +70,17 @@ def fail(subject: str, text: str, remedy: str) -> Finding:
         subject: what was checked.
         text: result, with units.
         remedy: what to do.
-
-    Returns:
-        The finding.
     """
     return Finding(subject, Level.FAIL, text, remedy)
 
 
 def graded(subject: str, text: str, *complaints: tuple[Level, object, str]) -> Finding:
-    """Make a finding with the first complaint that holds.
+    """Make a finding with the first complaint that holds; ok if no complaint holds.
 
     Args:
         subject: what was checked.
         text: result, with units.
         complaints: level, whether it holds, and remedy of each, the worst first.
-
-    Returns:
-        The finding; ok if no complaint holds.
     """
     for level, holds, remedy in complaints:
         if holds:

@@ -50,9 +50,6 @@ class Registry(Mapping[str, type[T]], Generic[T]):
 
         Args:
             name: the unknown name.
-
-        Returns:
-            One line.
         """
         having = [member for member in self._members if str(name) and str(name) in member]  # such as "cubic"
         close = having if len(having) == 1 else get_close_matches(str(name), self._members, n=1)

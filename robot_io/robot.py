@@ -157,9 +157,6 @@ class Robot(Opened):
         Args:
             deadline_s: on the robot's clock, when waiting ends [s].
 
-        Returns:
-            The measurement.
-
         Raises:
             LifecycleError: the robot is not configured.
             DeviceError: a device returned a wrong shape.
@@ -267,9 +264,6 @@ def build_robot(
         drivers: catalog of drivers.
         clock: clock of the robot.
         calibrations: correct the devices; None for those that the robot file names, if they are valid today.
-
-    Returns:
-        The robot.
 
     Raises:
         InputError: a driver has no such name, its settings are invalid, joint counts differ, or a calibration

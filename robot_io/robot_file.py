@@ -119,9 +119,6 @@ class RobotFile(FileModel):
 
         Args:
             relative: path relative to the robot file.
-
-        Returns:
-            The path.
         """
         return self.path.parent / relative
 
@@ -139,9 +136,6 @@ def load_robot_file(path: str | Path) -> RobotFile:
 
     Args:
         path: path of the file.
-
-    Returns:
-        The robot file.
 
     Raises:
         InputError: the first problem, with file, line, key, value and valid values.
@@ -172,9 +166,6 @@ def parse_robot_file(text: str, origin: str | Path) -> RobotFile:
     Args:
         text: YAML.
         origin: name of the text in errors.
-
-    Returns:
-        The robot file.
 
     Raises:
         InputError: as for `load_robot_file`.

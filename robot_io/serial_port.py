@@ -23,9 +23,6 @@ def reason_of(error: Exception) -> str:
 
     Args:
         error: error of the system.
-
-    Returns:
-        The reason.
     """
     number = getattr(error, "errno", None)
     if number in (errno.EAGAIN, errno.EBUSY):
@@ -40,9 +37,6 @@ def open_exclusively(path: str, baud_rate: int, write_timeout_s: float | None = 
         path: path of the port.
         baud_rate: [bit/s].
         write_timeout_s: longest time of a write [s]; None leaves it to the system.
-
-    Returns:
-        The open port.
 
     Raises:
         DeviceError: there is no such port, no permission, or another program has it.
@@ -99,13 +93,10 @@ class SerialPort:
         return self._fd >= 0
 
     def duration_s(self, byte_count: int) -> float:
-        """Compute how long bytes take on the wire.
+        """Compute how long bytes take on the wire [s].
 
         Args:
             byte_count: number of bytes.
-
-        Returns:
-            Duration [s].
         """
         return byte_count * 10.0 / self.baud_rate
 

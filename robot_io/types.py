@@ -68,9 +68,6 @@ def frozen_array(
         shape: that the array must have; None for any.
         what: name of the array in errors.
 
-    Returns:
-        The array.
-
     Raises:
         InputError: wrong shape or a value that is not finite.
     """
@@ -90,8 +87,5 @@ def clip(value: float, low: float, high: float) -> float:
         value: the number; NaN stays NaN.
         low: lower bound.
         high: upper bound.
-
-    Returns:
-        The clipped number.
     """
     return low if value < low else high if value > high else value

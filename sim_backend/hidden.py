@@ -34,9 +34,6 @@ def hidden_effects(imperfections: Sequence[Imperfection], joint_count: int) -> H
         imperfections: hidden effects in order, from the drives to the links and from the object to the tip.
         joint_count: number of joints of the arm.
 
-    Returns:
-        The effects.
-
     Raises:
         InputError: an effect is in a joint that the arm does not have.
     """
@@ -48,9 +45,6 @@ def noise_scale(scenario: Scenario) -> NoiseScale:
 
     Args:
         scenario: the world.
-
-    Returns:
-        The scale.
     """
     return NoiseScale.of(scenario.object.law, scenario.sensors)
 
@@ -136,9 +130,6 @@ def seal(session: str | Path, answer: SealedAnswer) -> Path:
         session: path of the session file.
         answer: answer to seal.
 
-    Returns:
-        Path of the sealed file.
-
     Raises:
         InputError: the file exists already, or cannot be written.
     """
@@ -171,9 +162,6 @@ def unseal(path: str | Path) -> SealedAnswer:
 
     Args:
         path: path of the sealed file.
-
-    Returns:
-        The answer.
 
     Raises:
         InputError: the sealed answer does not exist, is damaged, or has another version.

@@ -80,14 +80,11 @@ class ToolEffect(ABC):
 
     @abstractmethod
     def contact_force_n(self, state: ContactState, surface_n: Callable[[ContactState], float]) -> float:
-        """Compute the force on the tip.
+        """Compute the force on the tip [N].
 
         Args:
             state: motion of the tip.
             surface_n: returns the object's force for a motion; the last evaluated motion is the valid one.
-
-        Returns:
-            Force on the tip [N].
         """
 
     def settle(self) -> None:  # noqa: B027, a tool need not have a memory
@@ -151,9 +148,6 @@ class SensorHook(ABC):
         Args:
             time_s: when the sample was taken [s].
             value: force (1,) [N], torques (n,) [N m] or positions (n,) [rad].
-
-        Returns:
-            The changed sample.
         """
 
 
@@ -166,20 +160,14 @@ class PlantEffect(ABC):  # noqa: B024, one of the two is enough
         Args:
             urdf_text: URDF so far.
             tip_frame: link at the contact point.
-
-        Returns:
-            The changed URDF.
         """
         return urdf_text
 
     def gravity_m_s2(self, gravity_m_s2: Sequence[float]) -> Sequence[float]:
-        """Change gravity.
+        """Change gravity, shape (3,) [m/s^2].
 
         Args:
             gravity_m_s2: fall acceleration in the world so far, shape (3,) [m/s^2].
-
-        Returns:
-            Shape (3,) [m/s^2].
         """
         return gravity_m_s2
 
@@ -228,9 +216,6 @@ class ChannelEffect(SensorHook):
         Args:
             time_s: when the sample was taken [s].
             value: force (1,) [N], torques (n,) [N m] or positions (n,) [rad].
-
-        Returns:
-            The changed sample.
         """
         changed = list(value)
         changed[self._index] = self._transducer(time_s, changed[self._index])

@@ -38,9 +38,6 @@ def parameter(unit: str, low: float, high: float, **limits: Any) -> Any:  # noqa
         low: least typical value.
         high: largest typical value.
         limits: what pydantic's `Field` takes, such as `ge`, `le` and `default`.
-
-    Returns:
-        The field.
     """
     return Field(json_schema_extra={"parameter": [unit, low, high]}, **limits)
 
@@ -87,9 +84,6 @@ class Imperfection(FileModel, ABC):
             channel: the channel that shows it.
             scale: noise floors and motion.
             generator: draws properties that the strength does not determine, such as a sign.
-
-        Returns:
-            The effect.
 
         Raises:
             InputError: the effect cannot be in this channel.
@@ -235,9 +229,6 @@ def parse_imperfection(value: object) -> Imperfection:
 
     Args:
         value: a mapping, or a hidden effect.
-
-    Returns:
-        The effect.
     """
     return member(value, IMPERFECTIONS, "effect")
 

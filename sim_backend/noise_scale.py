@@ -91,9 +91,6 @@ class NoiseScale:
         Args:
             law: contact law of the object.
             sensors: settings of the sensors.
-
-        Returns:
-            The scale.
         """
         force, torque = sensors.force, sensors.torque
         return cls(
@@ -112,9 +109,6 @@ class NoiseScale:
 
         Args:
             channel: such as "joint_1".
-
-        Returns:
-            Its motion.
 
         Raises:
             InputError: there is no such joint.

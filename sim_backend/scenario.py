@@ -80,9 +80,6 @@ class Scenario(FileModel):
         Args:
             hidden: replace the present ones.
 
-        Returns:
-            The copy.
-
         Raises:
             InputError: they do not fit the scenario.
         """
@@ -94,9 +91,6 @@ class Scenario(FileModel):
         Args:
             seed: seed of all noise.
 
-        Returns:
-            The copy.
-
         Raises:
             InputError: the seed is invalid.
         """
@@ -107,9 +101,6 @@ class Scenario(FileModel):
 
         Args:
             engine: name of the engine.
-
-        Returns:
-            The copy.
         """
         return self.model_copy(update={"physics": self.physics.model_copy(update={"engine": engine})})
 
@@ -135,9 +126,6 @@ def load_scenario(source: object, base_dir: str | Path = ".") -> Scenario:
         source: such as "stiff", "my_object.yaml" or `{object: {...}}`; a scenario is returned as it is.
         base_dir: folder of relative paths.
 
-    Returns:
-        The validated scenario.
-
     Raises:
         InputError: the first problem, with file, line, key and valid values.
     """
@@ -162,9 +150,6 @@ def parse_scenario(text: str, origin: str) -> Scenario:
     Args:
         text: YAML.
         origin: name of the text in errors.
-
-    Returns:
-        The validated scenario.
 
     Raises:
         InputError: as for `load_scenario`.

@@ -91,9 +91,6 @@ class LowPass:
 
         Args:
             signal: input.
-
-        Returns:
-            Output.
         """
         if self._output is None:
             self._output = list(signal)
@@ -228,9 +225,6 @@ def quantise(values: Sequence[float], step: float) -> list[float]:
     Args:
         values: in any unit.
         step: in the same unit; 0 changes nothing.
-
-    Returns:
-        The rounded values.
     """
     return [round(value / step) * step for value in values] if step else list(values)
 

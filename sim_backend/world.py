@@ -295,9 +295,6 @@ def world_of(
         effects: hidden in addition to the scenario's.
         start_s: time of the initial state on the robot's clock [s].
 
-    Returns:
-        The world.
-
     Raises:
         InputError: as for `World`, or the URDF cannot be read; the error names both files.
     """

@@ -65,9 +65,6 @@ class DhRow(FileModel):
 
         Args:
             position: position of the joint [rad or m]; ignored for a fixed row.
-
-        Returns:
-            The transform.
         """
         motion = pin.SE3.Identity()
         if self.type == "revolute":
@@ -126,9 +123,6 @@ def load_dh_table(source: str | Path | YamlDocument) -> DhTable:
 
     Args:
         source: file, or a document that was read already.
-
-    Returns:
-        The validated table.
 
     Raises:
         InputError: the file is invalid; the error names file, line, key and valid values.

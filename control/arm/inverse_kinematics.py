@@ -174,13 +174,10 @@ class PlanarArm:
         return s1 * first, s2 * (second - first), s3 * (a3 - rest3 - second)
 
     def tips_in_plane(self, position_rad: FloatArray) -> FloatArray:
-        """Compute tip coordinates (u, w) of many postures.
+        """Compute tip coordinates (u, w) of many postures, shape (k, 2) [m].
 
         Args:
             position_rad: joint positions, shape (k, 3) [rad].
-
-        Returns:
-            Coordinates, shape (k, 2) [m].
         """
         angles = np.cumsum(position_rad * self.signs, axis=1) + self._rest
         lengths_m = np.array(self.lengths_m)

@@ -89,9 +89,6 @@ class RigidBody:
             robot_file: names the URDF.
             calibrations: calibrations to apply; None for those of the robot file that are valid today.
 
-        Returns:
-            The model.
-
         Raises:
             InputError: as for `from_urdf`, or a calibration is not valid.
         """
@@ -122,9 +119,6 @@ class RigidBody:
             gravity_m_s2: gravity vector in the axes of the root link, shape (3,) [m/s^2].
             rotor_inertia_kg_m2: inertia that rotors add to the joints, shape (n,) or empty for none [kg m^2].
             origin: name of the text in errors.
-
-        Returns:
-            The model.
 
         Raises:
             InputError: the file cannot be read, is too large, is not a URDF, lacks the frame, or has joints
@@ -212,13 +206,10 @@ class RigidBody:
         return placement.translation.copy(), placement.rotation.copy()
 
     def heights_m(self, position_rad: FloatArray) -> FloatArray:
-        """Compute the world heights of all joints and of the tip.
+        """Compute the world heights of all joints and of the tip, shape (n + 1,) [m].
 
         Args:
             position_rad: joint positions, shape (n,) [rad].
-
-        Returns:
-            Heights, shape (n + 1,) [m].
         """
         tip_m, _ = self.tip_pose(position_rad)
         return np.array([*(joint.translation[2] for joint in self._data.oMi[1:]), tip_m[2]])
@@ -241,15 +232,12 @@ class RigidBody:
     def inverse_dynamics(
         self, position_rad: FloatArray, velocity_rad_s: FloatArray, acceleration_rad_s2: FloatArray
     ) -> FloatArray:
-        """Compute the torques for an acceleration in free air, including gravity.
+        """Compute the torques for an acceleration in free air, including gravity, shape (n,) [N m].
 
         Args:
             position_rad: joint positions, shape (n,) [rad].
             velocity_rad_s: joint velocities, shape (n,) [rad/s].
             acceleration_rad_s2: joint accelerations, shape (n,) [rad/s^2].
-
-        Returns:
-            Torques, shape (n,) [N m].
         """
         motion = (position_rad, velocity_rad_s, acceleration_rad_s2)
         return np.asarray(pin.rnea(self._model, self._data, *motion))
@@ -276,9 +264,6 @@ class RigidBody:
 
         Args:
             mass_kg: the mass [kg].
-
-        Returns:
-            The loaded arm.
         """
         model, frame = self._model.copy(), self._model.frames[self._tip]
         load = pin.Inertia(mass_kg, np.zeros(3), np.zeros((3, 3)))
@@ -286,13 +271,10 @@ class RigidBody:
         return RigidBody(model, frame.name)
 
     def mass_matrix(self, position_rad: FloatArray) -> FloatArray:
-        """Compute the mass matrix M(q).
+        """Compute the mass matrix M(q), shape (n, n), symmetric [kg m^2].
 
         Args:
             position_rad: joint positions, shape (n,) [rad].
-
-        Returns:
-            Shape (n, n), symmetric [kg m^2].
         """
         upper = pin.crba(self._model, self._data, position_rad)
         return np.asarray(np.triu(upper) + np.triu(upper, 1).T)
@@ -312,13 +294,10 @@ class RigidBody:
         return 1.0 / mobility_1_kg if mobility_1_kg > 0.0 else 0.0
 
     def gravity(self, position_rad: FloatArray) -> FloatArray:
-        """Compute the torques g(q) that hold the arm still.
+        """Compute the torques g(q) that hold the arm still, shape (n,) [N m].
 
         Args:
             position_rad: joint positions, shape (n,) [rad].
-
-        Returns:
-            Torques, shape (n,) [N m].
         """
         return np.array(pin.computeGeneralizedGravity(self._model, self._data, position_rad))
 

@@ -69,15 +69,12 @@ class Pid:
         self._rate = [0.0] * self._joint_count
 
     def step(self, error_rad: FloatArray, error_rate_rad_s: FloatArray, dt_s: float) -> FloatArray:
-        """Compute the output for one step.
+        """Compute the output for one step, shape (n,).
 
         Args:
             error_rad: reference minus measured position, shape (n,) [rad].
             error_rate_rad_s: rate of the error, shape (n,) [rad/s].
             dt_s: length of the step [s].
-
-        Returns:
-            Output, shape (n,).
         """
         followed = dt_s / (dt_s + self._filter_s)
         output: list[float] = []  # for few joints, a loop is several times faster than arrays

@@ -166,9 +166,6 @@ class HybridController:
             measurement: state of the arm.
             motion: reference of the joints.
             dt_s: time since the last tick [s].
-
-        Returns:
-            Command and state.
         """
         tip = self._body.tip_motion(measurement.joint_position_rad, measurement.joint_velocity_rad_s)
         force_n = measurement.force_n - self.force_bias_n
@@ -183,9 +180,6 @@ class HybridController:
             measurement: state of the arm.
             reference: motion before contact, force in contact.
             dt_s: time since the last tick [s].
-
-        Returns:
-            Command and state.
 
         Raises:
             InputError: no line is set, or the reference left the arm's reach.

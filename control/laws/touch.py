@@ -12,27 +12,21 @@ _NOISE_FACTOR = 6.0  # standard deviations of the free-air force that count as c
 
 
 def touch_force_n(noise_n: float, least_n: float = 0.0) -> float:
-    """Compute the force above the free-air mean from which contact is detected.
+    """Compute the force above the free-air mean from which contact is detected [N].
 
     Args:
         noise_n: standard deviation of the force in free air [N].
         least_n: touch force of a quieter sensor, see `TouchGains` [N].
-
-    Returns:
-        Touch force [N].
     """
     return max(least_n, _NOISE_FACTOR * noise_n)
 
 
 def release_force_n(touch_n: float, gains: "TouchGains") -> float:
-    """Compute the force above the free-air mean below which contact ends.
+    """Compute the force above the free-air mean below which contact ends [N].
 
     Args:
         touch_n: touch force [N].
         gains: gains with the share of the touch force.
-
-    Returns:
-        Release force [N].
     """
     return gains.release_share * touch_n
 

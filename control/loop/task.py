@@ -134,9 +134,6 @@ def blank_output(joint_count: int, phase: Phase, run: int = NO_RUN) -> TaskOutpu
         joint_count: number of joints n.
         phase: phase to record.
         run: number of the probing run, or `NO_RUN`.
-
-    Returns:
-        An output whose arrays hold NaN.
     """
     joints, space = np.full(joint_count, np.nan), np.full(3, np.nan)
     return TaskOutput(

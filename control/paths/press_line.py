@@ -37,24 +37,18 @@ class PressLine:
         self._u, self._w, self._tool_rad = arm.plane_direction(direction_world)
 
     def travel_of(self, tip_position_world_m: FloatArray) -> float:
-        """Compute the travel of the point on the line that is nearest to a position.
+        """Compute the travel of the point on the line that is nearest to a position [m].
 
         Args:
             tip_position_world_m: shape (3,) [m].
-
-        Returns:
-            Travel [m].
         """
         return float((tip_position_world_m - self.start_world_m).dot(self.direction_world))
 
     def point_at(self, travel_m: float) -> FloatArray:
-        """Compute the world position at a travel.
+        """Compute the world position at a travel, shape (3,) [m].
 
         Args:
             travel_m: travel [m].
-
-        Returns:
-            Shape (3,) [m].
         """
         return self.start_world_m + travel_m * self.direction_world
 
@@ -93,9 +87,6 @@ class PressLine:
         Args:
             state: motion along the line.
             near_rad: joint positions that select the turn of each joint, shape (3,) [rad].
-
-        Returns:
-            Motion of the joints.
 
         Raises:
             InputError: out of reach, or singular.

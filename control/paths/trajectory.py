@@ -90,9 +90,6 @@ class JointMove:
 
         Args:
             time_s: time since the start [s]; at rest at the end afterwards.
-
-        Returns:
-            Motion of the joints.
         """
         return _on_way(self._start, self._way, quintic(time_s, self.duration_s))
 
@@ -102,9 +99,6 @@ class JointMove:
         Args:
             time_s: time at which the braking begins [s].
             acceleration_limit_rad_s2: limit of every joint [rad/s^2].
-
-        Returns:
-            The braking motion.
         """
         along = LineState(*quintic(time_s, self.duration_s))
         return JointBrake(self._start, self._way, along, acceleration_limit_rad_s2)
@@ -135,9 +129,6 @@ class JointBrake:
 
         Args:
             time_s: time since the braking began [s]; at rest afterwards.
-
-        Returns:
-            Motion of the joints.
         """
         return _on_way(self._start, self._way, self._blend.at(time_s))
 
@@ -170,9 +161,6 @@ class JointPath:
 
         Args:
             time_s: time since the start [s]; at rest at the end afterwards.
-
-        Returns:
-            Motion of the joints.
         """
         number, since_s = self._move_at(time_s)
         return self._moves[number].at(since_s)
@@ -183,9 +171,6 @@ class JointPath:
         Args:
             time_s: time at which the braking begins [s].
             acceleration_limit_rad_s2: limit of every joint [rad/s^2].
-
-        Returns:
-            The braking motion.
         """
         number, since_s = self._move_at(time_s)
         return self._moves[number].brake_at(since_s, acceleration_limit_rad_s2)
@@ -260,27 +245,21 @@ class SpeedBlend:
 
 
 def blend_distance_m(speed_m_s: float, acceleration_limit_m_s2: float) -> float:
-    """Compute the distance that a `SpeedBlend` needs between rest and a speed.
+    """Compute the distance that a `SpeedBlend` needs between rest and a speed [m].
 
     Args:
         speed_m_s: the speed [m/s].
         acceleration_limit_m_s2: largest acceleration [m/s^2].
-
-    Returns:
-        Distance [m].
     """
     return 0.75 * speed_m_s**2 / acceleration_limit_m_s2
 
 
 def turning_distance_m(speed_m_s: float, acceleration_limit_m_s2: float) -> float:
-    """Compute the forward distance of a `SpeedBlend` to the opposite speed.
+    """Compute the forward distance of a `SpeedBlend` to the opposite speed [m]; 0 for a negative speed.
 
     Args:
         speed_m_s: speed at its start [m/s].
         acceleration_limit_m_s2: largest acceleration [m/s^2].
-
-    Returns:
-        Distance [m]; 0 for a negative speed.
     """
     return 0.9375 * max(speed_m_s, 0.0) ** 2 / acceleration_limit_m_s2
 

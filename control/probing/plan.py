@@ -117,9 +117,6 @@ def load_probing_plan(path: str | Path) -> ProbingPlan:
     Args:
         path: path of the file.
 
-    Returns:
-        The validated plan.
-
     Raises:
         InputError: the file is invalid; the error names file, line, key and valid values.
     """

@@ -50,9 +50,6 @@ class Route(NamedTuple):
 
         Args:
             where: part of the route for messages, such as "to target 2".
-
-        Returns:
-            One sentence.
         """
         return (
             f"on the way {where} the tip would come {1e3 * self.too_low_m:.1f} mm too near to the object and "
@@ -104,9 +101,6 @@ class Routes:
         Args:
             start: start of the route.
             end: end of the route.
-
-        Returns:
-            The route.
         """
         ends = (start, end)
         depths_m = self._depths_m(np.array([start.position_rad, end.position_rad]))

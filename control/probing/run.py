@@ -67,9 +67,6 @@ class ProbingRun:
         Args:
             measurement: state of the arm.
             dt_s: time since the last tick [s].
-
-        Returns:
-            Command and state.
         """
         self._time_s += dt_s
         self.desired_force_n = math.nan

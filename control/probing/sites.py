@@ -46,25 +46,19 @@ class ProbingSite:
         return self.approach_travel_m - self.lifted_travel_m
 
     def joint_position_rad(self, near_rad: FloatArray) -> FloatArray:
-        """Compute the joint positions at the start of the approach.
+        """Compute the joint positions at the start of the approach, shape (3,) [rad].
 
         Args:
             near_rad: joint positions whose nearest turns are taken, shape (3,) [rad].
-
-        Returns:
-            Shape (3,) [rad].
         """
         return self.line.joint_motion(LineState(self.approach_travel_m), near_rad).position_rad
 
     def lifted_rad(self, lift_m: float, near_rad: FloatArray) -> FloatArray:
-        """Compute the joint positions with the tip lifted.
+        """Compute the joint positions with the tip lifted, shape (3,) [rad].
 
         Args:
             lift_m: height above the start of the approach [m]; clipped to the highest possible.
             near_rad: joint positions whose nearest turns are taken, shape (3,) [rad].
-
-        Returns:
-            Shape (3,) [rad].
         """
         travel_m = max(self.approach_travel_m - lift_m, self.lifted_travel_m)
         return self.line.joint_motion(LineState(travel_m), near_rad).position_rad

@@ -108,9 +108,6 @@ class ProbingTask:
             body: model of the arm; None to build it.
             estimated: returns the online estimate for the plan's hold law.
 
-        Returns:
-            The task.
-
         Raises:
             InputError: URDF or gains are invalid, the arm is not planar, or its guard trips on the plan.
         """

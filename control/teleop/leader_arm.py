@@ -44,9 +44,6 @@ def build_operator_device(
         clock: clock of this side.
         document: that the settings come from, for errors with file and line.
 
-    Returns:
-        The device.
-
     Raises:
         UnknownNameError: no device has this name.
         InputError: a setting is invalid.
@@ -61,9 +58,6 @@ def build_operator(operator: str, clock: Clock) -> OperatorDevice:
     Args:
         operator: name of a device, or path of a file that names one and holds its settings.
         clock: clock of this side.
-
-    Returns:
-        The device.
 
     Raises:
         InputError: the device or file does not exist, or a setting is invalid.

@@ -158,9 +158,6 @@ def model_mediated(model: ObjectModel = KELVIN_VOIGT) -> Coupling:
 
     Args:
         model: kind of model.
-
-    Returns:
-        The coupling.
     """
     return Coupling(
         "model-mediated",

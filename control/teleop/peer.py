@@ -129,9 +129,6 @@ class Peer:
 
         Args:
             now_s: own clock [s].
-
-        Returns:
-            True if the peer is silent.
         """
         return not now_s - self._fresh_at_s <= self._limits.silent_s  # true for NaN as well
 
@@ -164,9 +161,6 @@ class Peer:
         Args:
             frame: received frame.
             arrived_s: arrival time, own clock [s].
-
-        Returns:
-            Its class.
         """
         arrival = self._judge(frame, arrived_s)
         self.counts[arrival] += 1

@@ -46,9 +46,6 @@ def kelvin_voigt(stiffness_n_m: float, damping_n_s_m: float) -> ForceLaw:
     Args:
         stiffness_n_m: k [N/m].
         damping_n_s_m: c [N s/m].
-
-    Returns:
-        The force law.
     """
 
     def force_n(depth_m: float, rate_m_s: float, _dt_s: float) -> float:
@@ -64,9 +61,6 @@ def hunt_crossley(stiffness: float, damping: float, exponent: float) -> ForceLaw
         stiffness: k [N/m^n].
         damping: b [N s/m^(n+1)].
         exponent: n.
-
-    Returns:
-        The force law.
     """
 
     def force_n(depth_m: float, rate_m_s: float, _dt_s: float) -> float:

@@ -119,13 +119,10 @@ class FitResult(TableDisplay):
         return self.predict(self._final[1].parameters)
 
     def predict(self, parameters: Mapping[str, float]) -> FloatArray:
-        """Predict the effort with other parameters.
+        """Predict the effort with other parameters, shape (n,), in the channel's unit.
 
         Args:
             parameters: values of all parameters by "effect.parameter".
-
-        Returns:
-            Effort, shape (n,), in the channel's unit.
         """
         return self.model.predict(self.data, parameters)
 

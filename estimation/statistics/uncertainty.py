@@ -71,7 +71,7 @@ def sandwich(
 
 
 def common_error_covariance(jacobian: FloatArray, group: IntArray, std_err: FloatArray) -> FloatArray:
-    """Compute the covariance that errors shared by many samples add to the solution.
+    """Compute the covariance that errors shared by many samples add to the solution, shape (m, m).
 
     The residuals do not show such errors, because the parameters absorb their least-squares fit. A. Pagan,
     Econometric Issues in the Analysis of Regressions with Generated Regressors, International Economic Review
@@ -81,9 +81,6 @@ def common_error_covariance(jacobian: FloatArray, group: IntArray, std_err: Floa
         jacobian: derivatives of the prediction by the parameters, shape (n, m).
         group: index into `std_err` of the error that each sample shares, shape (n,).
         std_err: standard errors of r independent errors, shape (r,) [effort].
-
-    Returns:
-        Added covariance, shape (m, m).
     """
     lengths = np.sqrt(np.einsum("ij,ij->j", jacobian, jacobian))
     lengths[lengths == 0.0] = 1.0

@@ -106,9 +106,6 @@ def document(pair: PairView) -> str:
 
     Args:
         pair: all channels of both files.
-
-    Returns:
-        HTML.
     """
 
     def value(estimate: ParameterEstimate | None) -> str:

@@ -39,9 +39,6 @@ def rendered(template: Path, filters: Mapping[str, Callable[..., Any]], **values
         template: file of the template.
         filters: filters by name.
         values: values that the template needs.
-
-    Returns:
-        HTML.
     """
     environment = Environment(
         loader=FileSystemLoader([template.parent, _HERE]),
@@ -386,9 +383,6 @@ def document(view: StudyView) -> str:
 
     Args:
         view: all channels.
-
-    Returns:
-        HTML.
     """
     draw = {"fall": fall_figure, "map": map_figure, "time": time_figure, "state": state_figure}
 

@@ -315,9 +315,6 @@ def with_interval(view: ParameterView) -> tuple[str, str]:
 
     Args:
         view: view of the parameter.
-
-    Returns:
-        Value and interval.
     """
     if view.at_bound:
         return significant(view.value), AT_BOUND

@@ -84,9 +84,6 @@ class GoalReference:
 
         Args:
             dt_s: length of the step [s].
-
-        Returns:
-            The reference after the step.
         """
         share = dt_s / self._left_s if self._left_s > dt_s else 1.0
         self._way_point = self._way_point + share * (self._goal - self._way_point)

@@ -22,9 +22,6 @@ def set_props(element: AnyElement, **values: str | bool) -> AnyElement:
     Args:
         element: element to change.
         values: property values by key.
-
-    Returns:
-        The element.
     """
     element.props.update({key.replace("_", "-"): value for key, value in values.items()})
     return element

@@ -118,9 +118,6 @@ def waterfall(steps: tuple[tuple[str, float], ...], noise: float, unit: str) -> 
         steps: label and held-out error of each stage.
         noise: noise level [unit].
         unit: unit of the effort.
-
-    Returns:
-        HTML.
     """
     most = max(error for _, error in steps) or 1.0
     rows, before = [], steps[0][1]

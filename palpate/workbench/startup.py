@@ -210,9 +210,6 @@ def raw_curves(file: Path) -> str:
     Args:
         file: session or data file.
 
-    Returns:
-        HTML.
-
     Raises:
         SessionError: the file is a session that cannot be read.
     """

@@ -121,9 +121,6 @@ def implausible(calibration: Calibration, limits: Limits) -> str | None:
     Args:
         calibration: calibration to check.
         limits: limits of the arm.
-
-    Returns:
-        The reason, or None.
     """
     if isinstance(calibration, ForceCalibration):
         values, limit_n = calibration.values, limits.force_n
@@ -163,9 +160,6 @@ def doubtful(calibration: Calibration) -> str | None:
 
     Args:
         calibration: calibration to check.
-
-    Returns:
-        The question, or None.
     """
     if not isinstance(calibration, EncoderCalibration):
         return None
@@ -244,9 +238,6 @@ def load_calibrations(
         leave_out: kinds that are not loaded, such as the one that is being calibrated.
         emulated: whether the devices are emulated; if not, a calibration of emulated devices is rejected.
 
-    Returns:
-        The calibrations.
-
     Raises:
         InputError: a file is invalid, foreign, expired, of emulated devices, or implausible for this arm.
     """
@@ -275,9 +266,6 @@ def parse_calibrations(text: str, origin: str = "calibration") -> Calibrations:
     Args:
         text: YAML.
         origin: name of the text in errors.
-
-    Returns:
-        The calibrations.
 
     Raises:
         InputError: the text is invalid.

@@ -262,9 +262,6 @@ def load_calibration(path: str | Path) -> Calibration:
     Args:
         path: path of the file.
 
-    Returns:
-        The calibration.
-
     Raises:
         InputError: the first problem, with file, line, key and valid values.
     """
@@ -278,9 +275,6 @@ def parse_calibration(text: str, origin: str) -> Calibration:
         text: YAML.
         origin: name of the text in errors.
 
-    Returns:
-        The calibration.
-
     Raises:
         InputError: as for `load_calibration`.
     """
@@ -293,9 +287,6 @@ def calibration_from(document: YamlDocument, kind: str | None = None) -> Calibra
     Args:
         document: YAML.
         kind: key of the calibration; None for the whole document.
-
-    Returns:
-        The calibration.
 
     Raises:
         InputError: as for `load_calibration`.

@@ -139,9 +139,6 @@ def encode_stop(host_id: int, motor_id: int) -> CanFrame:
     Args:
         host_id: CAN id of the sender.
         motor_id: CAN id of the controller.
-
-    Returns:
-        The frame.
     """
     return _frame(host_id, motor_id, _STOP)
 
@@ -152,9 +149,6 @@ def encode_question(host_id: int, motor_id: int) -> CanFrame:
     Args:
         host_id: CAN id of the sender.
         motor_id: CAN id of the controller.
-
-    Returns:
-        The frame.
     """
     return _frame(host_id, motor_id, _ASK)
 
@@ -167,9 +161,6 @@ def encode_torque(host_id: int, motor_id: int, torque_nm: float, watchdog_s: flo
         motor_id: CAN id of the controller.
         torque_nm: torque at the output [N m].
         watchdog_s: time for which the torque holds [s].
-
-    Returns:
-        The frame.
 
     Raises:
         InputError: it is not a number.
@@ -187,9 +178,6 @@ def decode_state(frame: CanFrame) -> MoteusState:
 
     Args:
         frame: received frame.
-
-    Returns:
-        The state.
 
     Raises:
         ProtocolError: the length is wrong, or the frame is not the requested answer.

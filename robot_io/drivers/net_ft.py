@@ -78,9 +78,6 @@ def decode_record(datagram: bytes) -> Record:
     Args:
         datagram: received datagram.
 
-    Returns:
-        The record.
-
     Raises:
         ProtocolError: it has another size.
     """
@@ -116,13 +113,10 @@ class NetFtStream:
         self.rejected = 0
 
     def feed(self, data: bytes) -> list[float]:
-        """Decode the force in one datagram.
+        """Decode the force in one datagram [N]; nothing if it is not new.
 
         Args:
             data: one datagram.
-
-        Returns:
-            The force [N]; nothing if it is not new.
         """
         try:
             record = decode_record(data)
@@ -169,9 +163,6 @@ def parse_configuration(page: bytes) -> Configuration:
     Args:
         page: netftapi2.xml.
 
-    Returns:
-        The configuration.
-
     Raises:
         ProtocolError: a value is missing or invalid.
     """
@@ -207,9 +198,6 @@ def read_configuration(host: str, port: int) -> Configuration:
     Args:
         host: name or address of the sensor.
         port: port of its web server.
-
-    Returns:
-        The configuration.
 
     Raises:
         DeviceError: the sensor does not answer in time, or its answer is not a configuration.

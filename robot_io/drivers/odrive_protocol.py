@@ -129,14 +129,11 @@ WATCHDOG_EXPIRED = {Firmware.V0_5: 0x00000800, Firmware.V0_6: 0x01000000}
 
 
 def axis_error_names(error: int, firmware: Firmware) -> tuple[str, ...]:
-    """Name the bits that are set in an axis error.
+    """Name the bits that are set in an axis error; a number for a bit without a name.
 
     Args:
         error: bits of the axis.
         firmware: firmware generation of the bits.
-
-    Returns:
-        The names; a number for a bit without a name.
     """
     table = AXIS_ERRORS[firmware]
     bits = (1 << place for place in range(32) if error >> place & 1)
@@ -168,9 +165,6 @@ def odrive_id(node_id: int, command: OdriveCommand) -> int:
         node_id: of the axis, 0 to 63.
         command: number of five bits.
 
-    Returns:
-        The arbitration id.
-
     Raises:
         InputError: the node id has more than six bits.
     """
@@ -200,9 +194,6 @@ def decode_heartbeat(frame: CanFrame, firmware: Firmware) -> Heartbeat:
     Args:
         frame: received frame.
         firmware: generation of the axis.
-
-    Returns:
-        The heartbeat.
 
     Raises:
         ProtocolError: wrong length, or a state that does not exist.
@@ -247,9 +238,6 @@ def decode_version(frame: CanFrame) -> tuple[int, int, int]:
     Args:
         frame: received frame.
 
-    Returns:
-        Major, minor and revision.
-
     Raises:
         ProtocolError: wrong length.
     """
@@ -263,9 +251,6 @@ def ask(node_id: int, command: OdriveCommand) -> CanFrame:
     Args:
         node_id: of the axis.
         command: number of the message.
-
-    Returns:
-        The frame.
     """
     return CanFrame(odrive_id(node_id, command), remote=True)
 
@@ -276,9 +261,6 @@ def encode_axis_state(node_id: int, state: AxisState) -> CanFrame:
     Args:
         node_id: of the axis.
         state: to enter.
-
-    Returns:
-        The frame.
     """
     return CanFrame(odrive_id(node_id, OdriveCommand.SET_AXIS_STATE), _WORD.pack(state))
 
@@ -288,9 +270,6 @@ def encode_controller_mode(node_id: int) -> CanFrame:
 
     Args:
         node_id: of the axis.
-
-    Returns:
-        The frame.
     """
     data = _TWO_WORDS.pack(TORQUE_CONTROL, PASSTHROUGH)
     return CanFrame(odrive_id(node_id, OdriveCommand.SET_CONTROLLER_MODE), data)
@@ -302,9 +281,6 @@ def encode_input_torque(node_id: int, torque_nm: float) -> CanFrame:
     Args:
         node_id: of the axis.
         torque_nm: torque of the motor [N m].
-
-    Returns:
-        The frame.
 
     Raises:
         InputError: the torque cannot be represented by a 32 bit float.
@@ -327,9 +303,6 @@ def encode_limits(node_id: int, velocity_rev_s: float, current_a: float) -> CanF
         node_id: of the axis.
         velocity_rev_s: largest speed [rev/s].
         current_a: largest current [A].
-
-    Returns:
-        The frame.
     """
     return CanFrame(odrive_id(node_id, OdriveCommand.SET_LIMITS), _TWO_FLOATS.pack(velocity_rev_s, current_a))
 
@@ -339,8 +312,5 @@ def encode_clear_errors(node_id: int) -> CanFrame:
 
     Args:
         node_id: of the axis.
-
-    Returns:
-        The frame.
     """
     return CanFrame(odrive_id(node_id, OdriveCommand.CLEAR_ERRORS), b"\x00")

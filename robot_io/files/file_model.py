@@ -65,9 +65,6 @@ def load_yaml(path: str | Path, max_bytes: int = MAX_BYTES) -> YamlDocument:
         path: path of the file.
         max_bytes: largest size.
 
-    Returns:
-        The document.
-
     Raises:
         InputError: the file cannot be read, is too large, is not UTF-8, or is not the strict YAML of this
             module.
@@ -88,9 +85,6 @@ def parse_yaml(text: str, origin: str, max_bytes: int = MAX_BYTES) -> YamlDocume
         text: YAML.
         origin: name of the text in errors.
         max_bytes: largest size.
-
-    Returns:
-        The document.
 
     Raises:
         InputError: the text is too large, or not the strict YAML of this module.
@@ -186,9 +180,6 @@ def read_text(path: Path, most_bytes: int = MOST_BYTES) -> str:
         path: path of the file.
         most_bytes: largest size.
 
-    Returns:
-        The text.
-
     Raises:
         OSError: the file cannot be read.
         ValueError: it is a device or a pipe, is too large, or is not UTF-8.
@@ -228,9 +219,6 @@ def matching(pattern: str, words: str) -> AfterValidator:
     Args:
         pattern: regular expression.
         words: description of valid text, after "give ".
-
-    Returns:
-        The validator.
     """
     compiled = re.compile(pattern)
 
@@ -249,9 +237,6 @@ def between(low: float, high: float, unit: str) -> AfterValidator:
         low: lower bound.
         high: upper bound.
         unit: unit of the number.
-
-    Returns:
-        The validator.
     """
 
     def check(value: float) -> float:
@@ -318,9 +303,6 @@ def validate(
         document: YAML that holds the data; None for data made by a program.
         at: path of the data in the document.
 
-    Returns:
-        The model.
-
     Raises:
         InputError: the first problem with file and line, and the number of further ones.
     """
@@ -351,9 +333,6 @@ def member(value: object, registry: Registry[Model], key: str) -> Model:
         value: mapping, or member.
         registry: registry of the members.
         key: that holds the name.
-
-    Returns:
-        The member.
 
     Raises:
         InputError: no such member, no name given, or a parameter is unknown, missing or outside its range.

@@ -28,9 +28,6 @@ def parse_urdf(text: str) -> Element:
     Args:
         text: XML.
 
-    Returns:
-        The root element.
-
     Raises:
         ValueError: it is no such URDF, or larger than any arm needs.
     """
@@ -65,9 +62,6 @@ def parse_xml(text: str, *, comments: bool = False) -> Element:
     Args:
         text: XML.
         comments: keep comments within the root element.
-
-    Returns:
-        The root element.
 
     Raises:
         ValueError: it is no XML, has a document type, or is larger than any arm needs.

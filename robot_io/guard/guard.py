@@ -59,7 +59,7 @@ class SafeStop:
     def torque_nm(
         self, measurement: Measurement, trusted: Sequence[bool], stopping_s: float, dt_s: float
     ) -> list[float]:
-        """Compute the torques of one tick.
+        """Compute the torques of one tick, shape (n,), within the limits [N m].
 
         Args:
             measurement: its joint positions and velocities are used, and must be known.
@@ -67,9 +67,6 @@ class SafeStop:
                 (n,).
             stopping_s: time since the trip [s].
             dt_s: time since the last tick [s].
-
-        Returns:
-            Shape (n,), within the limits [N m].
         """
         velocities = [
             velocity if known else 0.0
@@ -238,9 +235,6 @@ class Guard:
         Args:
             cause: one sentence.
             remedy: what the user can do.
-
-        Returns:
-            The latched trip.
         """
         if self._trip is None:
             suspicion = self._stuck_encoders.suspicion

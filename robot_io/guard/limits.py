@@ -128,9 +128,6 @@ class LimitChecks:
 
         Args:
             measurement: measurement to check.
-
-        Returns:
-            The problem, or None.
         """
         time_s = measurement.time_s
         problem = (
@@ -211,9 +208,6 @@ class LimitChecks:
         Args:
             measurement: measurement to check.
             reference_position_rad: shape (n,) [rad].
-
-        Returns:
-            The problem, or None.
         """
         for (joint, limit), position, reference in zip(
             self._tracking_limits,

@@ -46,9 +46,6 @@ def key_seal(key: bytes) -> Seal:
 
     Args:
         key: the secret.
-
-    Returns:
-        The seal.
     """
     broken = "it was not made with this side's key"
     return Seal(16, lambda frame: hmac.digest(key, frame, "sha256")[:16], broken)
@@ -62,9 +59,6 @@ def load_seal(path: Path, topic: str) -> Seal:
     Args:
         path: file whose bytes are the secret.
         topic: name of the topic.
-
-    Returns:
-        The seal.
 
     Raises:
         InputError: the file cannot be read, other users can read it, or it is too short or too long.
@@ -169,9 +163,6 @@ def encode(  # noqa: PLR0917
         heard: newest frame of the peer.
         message: the content.
         seal: seal of this side.
-
-    Returns:
-        The bytes to send.
     """
     kind = _KINDS[type(message)]
     content = _WIRE[kind].encode(message)
@@ -194,9 +185,6 @@ def decode(data: bytes, seal: Seal = CHECKSUM) -> Frame:
     Args:
         data: received bytes.
         seal: seal of the other side.
-
-    Returns:
-        The frame.
 
     Raises:
         FrameError: the bytes are too many, of another version, damaged, or made without the key.

@@ -82,9 +82,6 @@ class BadNetwork:
 
         Args:
             now_s: time [s].
-
-        Returns:
-            The frames.
         """
         arrived = []
         while self._held and self._held[0][0] <= now_s:
@@ -339,9 +336,6 @@ def cause(error: Exception) -> str:
 
     Args:
         error: error of zenoh.
-
-    Returns:
-        One line.
     """
     text = _PLACE.sub("", " ".join(str(error).split()))
     if match := _MESSAGE.search(text):

@@ -48,9 +48,6 @@ class WireType(Generic[T]):
 
         Args:
             value: value of the class.
-
-        Returns:
-            A protobuf message.
         """
         data: bytes = self._codec.build(value).SerializeToString()
         return data
@@ -60,9 +57,6 @@ class WireType(Generic[T]):
 
         Args:
             data: a protobuf message.
-
-        Returns:
-            The value.
 
         Raises:
             ProtocolError: the bytes are not such a message, or a value is invalid.
@@ -155,9 +149,6 @@ def target_number(leader: int, count: int) -> int:
     Args:
         leader: random number of the leading program, of which 31 bits count.
         count: number of targets that it has given so far.
-
-    Returns:
-        The number.
 
     Raises:
         InputError: there are too many targets.

@@ -61,9 +61,6 @@ class SessionMetadata:
             strings: made by `to_strings`.
             extra: the other texts.
 
-        Returns:
-            The metadata.
-
         Raises:
             SessionError: a value is invalid.
         """
@@ -102,9 +99,6 @@ def unclosed(time_s: float) -> Event:
 
     Args:
         time_s: on the session's clock [s].
-
-    Returns:
-        The event.
     """
     return Event(time_s, _LOG, _UNCLOSED)
 
@@ -114,9 +108,6 @@ def says_unclosed(event: Event) -> bool:
 
     Args:
         event: event of a session.
-
-    Returns:
-        True if it is.
     """
     return (event.kind, event.text) == (_LOG, _UNCLOSED)
 
@@ -144,9 +135,6 @@ def encode_event(event: Event) -> bytes:
 
     Args:
         event: to encode.
-
-    Returns:
-        The message.
     """
     keyed = {str(key): value for key, value in (event.data or {}).items()}
     data_json = "" if event.data is None else json.dumps(keyed, default=_plain)
@@ -173,9 +161,6 @@ def decode_event(data: bytes) -> Event:
 
     Args:
         data: a message.
-
-    Returns:
-        The event.
 
     Raises:
         SessionError: the bytes are no event.

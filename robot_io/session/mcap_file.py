@@ -65,9 +65,6 @@ def scan(file: IO[bytes], formats: Formats | None = None) -> Scan:
         file: the file, which can be read again from its start.
         formats: which topics are decoded on the way, if their messages are in order; None for no topic.
 
-    Returns:
-        The content.
-
     Raises:
         SessionError: it is no MCAP file, or one that was finished and then damaged.
     """

@@ -50,9 +50,6 @@ class Session:
         Args:
             path: path of the file.
 
-        Returns:
-            The session.
-
         Raises:
             SessionError: the file cannot be read, is not a session, or was damaged after it was finished.
         """
@@ -96,9 +93,6 @@ class Session:
 
         Args:
             stream_name: name of the stream.
-
-        Returns:
-            The samples.
 
         Raises:
             InputError: the session has no such stream.

@@ -344,8 +344,5 @@ class Job:
 
         Args:
             pipe: its standard input.
-
-        Returns:
-            The job.
         """
         return cls(**json.loads(pipe.readline()))

@@ -128,9 +128,6 @@ class Stream:
         Args:
             columns: as for `records`.
 
-        Returns:
-            The arrays.
-
         Raises:
             InputError: as for `records`.
         """
@@ -160,9 +157,6 @@ def streams_to_json(streams: tuple[Stream, ...]) -> str:
 
     Args:
         streams: to describe.
-
-    Returns:
-        JSON.
     """
     return json.dumps([asdict(stream) for stream in streams])
 
@@ -172,9 +166,6 @@ def streams_from_json(text: str) -> tuple[Stream, ...]:
 
     Args:
         text: JSON.
-
-    Returns:
-        The streams.
 
     Raises:
         SessionError: the text describes no valid streams.
@@ -204,9 +195,6 @@ class Samples:
         Args:
             stream: stream of the columns.
             columns: arrays of shape (n,) or (n, width).
-
-        Returns:
-            The samples.
         """
         return cls(stream, _read_only(columns))
 
@@ -217,9 +205,6 @@ class Samples:
         Args:
             stream: stream of the records.
             records: shape (n,).
-
-        Returns:
-            The samples.
         """
         return cls.of(stream, {c.name: records[c.name].astype(c.dtype) for c in stream.columns})
 
@@ -252,9 +237,6 @@ class Samples:
 
         Args:
             name: name of the column.
-
-        Returns:
-            The array.
         """
         array = self[name]
         return array[:, np.newaxis] if array.ndim == 1 else array
@@ -265,9 +247,6 @@ class Samples:
         Args:
             chosen: mask of shape (n,), indices, or a slice, which copies nothing.
             names: columns to keep, of those that are there; None for all.
-
-        Returns:
-            The selected samples.
         """
         index = chosen if isinstance(chosen, slice) else np.asarray(chosen)
         kept = [name for name in self.columns if names is None or name in names]

@@ -221,9 +221,6 @@ def file_descriptor_set(message: descriptor_pb2.DescriptorProto) -> bytes:
 
     Args:
         message: type of the message.
-
-    Returns:
-        The serialised set.
     """
     data: bytes = descriptor_pb2.FileDescriptorSet(file=[_file(message)]).SerializeToString()
     return data
@@ -234,9 +231,6 @@ def descriptor_of(message: descriptor_pb2.DescriptorProto) -> Any:  # noqa: ANN4
 
     Args:
         message: type of the message.
-
-    Returns:
-        Its descriptor.
     """
     pool = descriptor_pool.DescriptorPool()
     pool.Add(_file(message))

@@ -28,14 +28,11 @@ class ObjectLaw(FileModel, ABC):
         """
 
     def force_n(self, depth_m: float, rate_m_s: float) -> float:
-        """Compute the force of the object on the tip along the outward surface normal.
+        """Compute the force of the object on the tip along the outward surface normal [N].
 
         Args:
             depth_m: of the tip below the undeformed surface [m]; zero or less is no contact.
             rate_m_s: of the depth, positive while pressing in [m/s].
-
-        Returns:
-            Force [N].
         """
         force_n = self.material_force_n(depth_m, rate_m_s) if depth_m > 0.0 else 0.0
         return force_n if force_n > 0.0 or self.can_pull else 0.0
@@ -54,9 +51,6 @@ def parse_contact_law(value: object) -> ObjectLaw:
 
     Args:
         value: a mapping, or a law.
-
-    Returns:
-        The law.
     """
     return member(value, CONTACT_LAWS, "name")
 
@@ -66,8 +60,5 @@ def describe_contact_law(law: ObjectLaw) -> dict[str, object]:
 
     Args:
         law: the law.
-
-    Returns:
-        Its name and parameters.
     """
     return {"name": law.name, **law.model_dump()}

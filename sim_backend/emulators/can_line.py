@@ -75,9 +75,6 @@ class EmulatedMotor(ABC):
         Args:
             message: for this motor or another.
             now_s: bench's clock [s].
-
-        Returns:
-            The answers.
         """
         return [] if now_s < self._silent_until_s else self._hear(message, now_s)
 
@@ -87,13 +84,10 @@ class EmulatedMotor(ABC):
 
     @abstractmethod
     def tell(self, now_s: float) -> list[can.Message]:
-        """Check the watchdog, and return the frames that the motor sends without a request.
+        """Check the watchdog, and return the frames that the motor sends without a request; none as a rule.
 
         Args:
             now_s: bench's clock [s].
-
-        Returns:
-            The frames; none as a rule.
         """
 
     def strike(self, fault: Fault, now_s: float) -> None:

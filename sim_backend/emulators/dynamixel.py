@@ -111,9 +111,6 @@ def fast_status(parts: Sequence[tuple[int, int, bytes]], asked: int) -> bytes:
     Args:
         parts: id, error and data of each servo that answers.
         asked: number of servos that were asked.
-
-    Returns:
-        The packet.
     """
     each = len(parts[0][2]) + 4
     length = 1 + asked * each

@@ -86,9 +86,6 @@ def items_of(model: EmulatedModel, servo_id: int, firmware: int) -> dict[int, It
         model: model of the servo.
         servo_id: its id.
         firmware: version.
-
-    Returns:
-        The rows.
     """
     rows = [
         Item(0, 2, False, model.number),

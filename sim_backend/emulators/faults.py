@@ -54,9 +54,6 @@ class Fault(FileModel):
 
         Args:
             elapsed_s: time since the start of the emulator [s].
-
-        Returns:
-            Whether it can.
         """
         return 0.0 <= elapsed_s - self.from_s < (inf if self.for_s is None else self.for_s)
 
@@ -95,9 +92,6 @@ class Faults:
             kind: kind of fault.
             device: name or number of the device in its emulator.
             now_s: emulator's clock [s].
-
-        Returns:
-            The fault, or None.
         """
         elapsed_s = now_s - self._start_s
         for place, fault in enumerate(self._planned):
@@ -117,9 +111,6 @@ class Faults:
 
         Args:
             frame: at least one byte.
-
-        Returns:
-            The shorter frame.
         """
         place = int(self.generator.integers(len(frame)))
         return frame[:place] + frame[place + 1 :]
@@ -130,9 +121,6 @@ class Faults:
         Args:
             frame: bytes.
             first: index of the first byte in which a bit may change.
-
-        Returns:
-            The damaged frame.
         """
         changed = bytearray(frame)
         place = int(self.generator.integers(first, len(frame)))

@@ -179,9 +179,6 @@ class EmulatedSts(LineServo):
         Args:
             address: address of the first byte.
             size: bytes.
-
-        Returns:
-            The bytes.
         """
         return bytes(self._memory[address : address + size])
 

@@ -52,9 +52,6 @@ class StreamTimer:
 
         Args:
             now_s: bench's clock [s].
-
-        Returns:
-            Whether one is due.
         """
         if now_s < self._next_s - 1e-9:
             return False
@@ -93,9 +90,6 @@ class SerialSensor(ABC):
 
         Args:
             now_s: bench's clock [s].
-
-        Returns:
-            Whether one is due.
         """
         return now_s >= self._silent_until_s and self._timer.due(now_s)
 

@@ -418,9 +418,6 @@ def newtons_per(unit: str) -> float:
     Args:
         unit: such as "lbf".
 
-    Returns:
-        Newtons.
-
     Raises:
         InputError: no emulated sensor counts in it.
     """

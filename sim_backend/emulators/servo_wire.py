@@ -92,9 +92,6 @@ class LineServo(ABC):
 
         Args:
             now_s: bench's clock [s].
-
-        Returns:
-            Whether it is awake.
         """
         return now_s >= self._awake_s
 
@@ -174,9 +171,6 @@ class Receiver(ABC):
 
         Args:
             data: received bytes.
-
-        Returns:
-            The instructions.
         """
         self._pending += data
         while (instruction := self._next()) is not None:

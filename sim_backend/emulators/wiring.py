@@ -42,9 +42,6 @@ class WireMaker(ABC):
         Args:
             request: the bus to emulate.
 
-        Returns:
-            Wire and settings.
-
         Raises:
             InputError: the settings are not valid.
         """

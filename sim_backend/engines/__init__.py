@@ -33,9 +33,6 @@ def engine_class(name: EngineName) -> type[Engine]:
     Args:
         name: name of the engine.
 
-    Returns:
-        Its class.
-
     Raises:
         InputError: it is not installed.
     """

@@ -178,28 +178,22 @@ class Engine(ABC):
 
     @abstractmethod
     def mass_matrix(self, position_rad: Joints) -> FloatArray:
-        """Compute the joint-space inertia.
+        """Compute the joint-space inertia, shape (n, n) [kg m^2].
 
         Args:
             position_rad: shape (n,) [rad].
-
-        Returns:
-            Shape (n, n) [kg m^2].
         """
 
     @abstractmethod
     def inverse_dynamics(
         self, position_rad: Joints, velocity_rad_s: Joints, acceleration_rad_s2: Joints
     ) -> FloatArray:
-        """Compute the torques of a motion in free air.
+        """Compute the torques of a motion in free air, shape (n,) [N m].
 
         Args:
             position_rad: shape (n,) [rad].
             velocity_rad_s: shape (n,) [rad/s].
             acceleration_rad_s2: shape (n,) [rad/s^2].
-
-        Returns:
-            Shape (n,) [N m].
         """
 
     def set_surface(self, contact: EngineContact | None, height_m: float) -> None:

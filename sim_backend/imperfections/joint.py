@@ -282,15 +282,12 @@ class _Transmission(JointImperfection, ABC):
 
     @abstractmethod
     def _ahead_after_rad(self, before_rad: float, step_s: float, torque_nm: float) -> float:
-        """Compute how far the encoder is ahead of the link after a step.
+        """Compute how far the encoder is ahead of the link after a step [rad].
 
         Args:
             before_rad: how far it was ahead [rad].
             step_s: physics step [s].
             torque_nm: through the transmission, along the joint's axis [N m].
-
-        Returns:
-            How far it is ahead [rad].
         """
 
 
@@ -322,9 +319,6 @@ class _Ahead(JointEffect, SensorHook):
         Args:
             time_s: when the sample was taken [s].
             value: positions, shape (n,) [rad].
-
-        Returns:
-            The changed sample.
         """
         changed = list(value)
         changed[self._index] += self._ahead_rad

@@ -273,9 +273,6 @@ class _Ball(PlantEffect):
             urdf_text: URDF so far.
             tip_frame: link at the contact point.
 
-        Returns:
-            The changed URDF.
-
         Raises:
             InputError: not XML.
         """

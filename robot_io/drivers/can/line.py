@@ -66,9 +66,6 @@ def decode_line(line: bytes) -> "can.Message":
     Args:
         line: received line.
 
-    Returns:
-        The frame.
-
     Raises:
         ValueError: the line is not a frame, or is damaged.
     """
@@ -129,9 +126,6 @@ class SlcanBus:
 
         Args:
             timeout: not used.
-
-        Returns:
-            The frame, or None.
 
         Raises:
             ValueError: the received bytes are not a frame.

@@ -45,13 +45,10 @@ class MotorMounting(FileModel):
         return -self.gear_ratio if self.reversed else self.gear_ratio
 
     def joint_angle_rad(self, shaft_rad: float) -> float:
-        """Convert an angle of the motor's shaft to one of the joint.
+        """Convert an angle of the motor's shaft to one of the joint [rad].
 
         Args:
             shaft_rad: angle of the motor's shaft [rad].
-
-        Returns:
-            Joint angle [rad].
         """
         return self.zero_rad + shaft_rad / self.signed_ratio
 

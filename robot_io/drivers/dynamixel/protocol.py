@@ -163,9 +163,6 @@ class DynamixelDialect(ServoDialect):
             address: address of the first byte.
             size: number of bytes from each servo.
             servo_ids: in the order of their parts.
-
-        Returns:
-            The packet.
         """
         return self.encode_packet(BROADCAST_ID, _FAST_SYNC_READ, self.words(address, size) + bytes(servo_ids))
 

@@ -68,9 +68,6 @@ def decode_feedback(packet: DynamixelStatus) -> DynamixelFeedback:
     Args:
         packet: An answer of at least `FEEDBACK_SIZE` bytes.
 
-    Returns:
-        The servo's state.
-
     Raises:
         ProtocolError: The servo refused to be read.
     """
@@ -91,9 +88,6 @@ def feedback_reader(
         servo_ids: Servos that are asked, in this order.
         indirect_data: Address where the padding starts.
         fast: Whether the servos know the fast sync read.
-
-    Returns:
-        The reader.
     """
     ids = tuple(servo_ids)
     ask = protocol.DIALECT.fast_sync_read if fast else protocol.DIALECT.sync_read
@@ -168,9 +162,6 @@ class DynamixelAccess(RegisterAccess):
 
         Args:
             servo_id: id of the servo.
-
-        Returns:
-            Model number and firmware version.
         """
         data = self.ping(servo_id, protocol.PING_SIZE)
         return data[0] | data[1] << 8, data[2]

@@ -85,9 +85,6 @@ def hardware_error_names(value: int) -> str:
 
     Args:
         value: content of the register, one bit an error.
-
-    Returns:
-        Their names.
     """
     return bit_names(value, _HARDWARE_ERRORS)
 

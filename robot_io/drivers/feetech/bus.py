@@ -76,9 +76,6 @@ def decode_feedback(packet: Packet) -> FeetechFeedback:
 
     Args:
         packet: answer of one servo.
-
-    Returns:
-        The servo's state.
     """
     data = packet.data
     on, acceleration, goal, time, fastest, limit, lock, position, speed, load, volts, celsius, errors = (
@@ -131,9 +128,6 @@ class Plausibility:
 
         Args:
             packet: An answer of at least `FEEDBACK_SIZE` bytes.
-
-        Returns:
-            The servo's state.
 
         Raises:
             ProtocolError: The feedback is implausible.

@@ -47,9 +47,6 @@ class LerobotMotor(FileModel):
 
         Args:
             model: model of the servo, by its maker's name.
-
-        Returns:
-            The line.
         """
         turned = ", reversed: true" if self.drive_mode else ""
         return (

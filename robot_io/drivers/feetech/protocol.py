@@ -41,9 +41,6 @@ def error_names(value: int) -> str:
 
     Args:
         value: error byte of an answer, one bit an error.
-
-    Returns:
-        Their names.
     """
     return bit_names(value, ERROR_NAMES)
 
@@ -137,9 +134,6 @@ class FeetechDialect(ServoDialect):
 
         Args:
             servo_id: id of the servo.
-
-        Returns:
-            The request.
         """
         return self.read(servo_id, _ID_ADDRESS, ID_SIZE)
 

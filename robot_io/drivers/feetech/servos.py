@@ -98,9 +98,6 @@ class FeetechLine(ServoLine):
         Args:
             servo: Its settings in the robot file.
 
-        Returns:
-            Its identity and state.
-
         Raises:
             DeviceError: It is another model, or counts otherwise than is needed here.
         """

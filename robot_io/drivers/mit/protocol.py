@@ -94,9 +94,6 @@ def decode_state(frame: CanFrame, ranges: MitRanges, *, status_beside_id: bool =
         ranges: ranges of the motor's model.
         status_beside_id: whether a status stands above the id.
 
-    Returns:
-        The state.
-
     Raises:
         ProtocolError: wrong length.
     """
@@ -129,9 +126,6 @@ def to_bits(value: float, low: float, high: float, largest: int) -> int:
         high: value of the largest number.
         largest: number.
 
-    Returns:
-        The number.
-
     Raises:
         InputError: it is not a number.
     """
@@ -147,9 +141,6 @@ def from_bits(bits: int, half_range: float, largest: int) -> float:
         bits: the number.
         half_range: end of the range, in the unit of the value.
         largest: number.
-
-    Returns:
-        The value.
     """
     return (2.0 * bits / largest - 1.0) * half_range
 
@@ -204,9 +195,6 @@ class MitFrames:
         Args:
             motor_id: id of the receiver.
             order: the order.
-
-        Returns:
-            The frame.
         """
         return CanFrame(motor_id, self._ORDERS[order])
 
@@ -249,9 +237,6 @@ class MitFrames:
             frame: the received frame.
             ranges: ranges of the motor's model.
 
-        Returns:
-            The motor's state.
-
         Raises:
             ProtocolError: the frame is not a state.
         """
@@ -263,9 +248,6 @@ class MitFrames:
         Args:
             frame: the received frame.
             motor_id: CAN id of its sender.
-
-        Returns:
-            Whether it is.
         """
         return False
 
@@ -283,9 +265,6 @@ class MitFrames:
         Args:
             motor_id: id of the receiver.
             register: register to read.
-
-        Returns:
-            The frame.
         """
         return _registers(motor_id, bytes((READ, register.number, 0, 0, 0, 0)))
 
@@ -296,9 +275,6 @@ class MitFrames:
             motor_id: id of the receiver.
             register: register to write.
             value: value in the register's own unit.
-
-        Returns:
-            The frame.
         """
         number = int(value) if register.format == "<I" else value
         data = bytes((WRITE, register.number)) + struct.pack(register.format, number)

@@ -60,9 +60,6 @@ class MitDialect:
 
         Args:
             error: number in a state.
-
-        Returns:
-            The names.
         """
         parts = [1 << place for place in range(error.bit_length()) if error >> place & 1]
         parts = parts if self.errors_are_bits else [error]

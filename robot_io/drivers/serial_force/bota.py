@@ -42,9 +42,6 @@ def communication_setup(baud_rate: int) -> bytes:
 
     Args:
         baud_rate: of the line [bit/s].
-
-    Returns:
-        The command.
     """
     return f"c,0,1,0,{BAUD_RATE_CODES[baud_rate]}".encode()
 
@@ -99,9 +96,6 @@ def decode_frame(frame: bytes) -> Sample:
 
     Args:
         frame: as it came, with header and CRC.
-
-    Returns:
-        The sample.
 
     Raises:
         ProtocolError: another size or header, a wrong CRC, or a value is not a number.

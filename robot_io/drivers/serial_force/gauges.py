@@ -32,9 +32,6 @@ def compile_pattern(pattern: str) -> re.Pattern[str]:
     Args:
         pattern: regular expression.
 
-    Returns:
-        The pattern.
-
     Raises:
         InputError: the pattern is not a regular expression, lacks `value`, or has a repeated group, which can
             backtrack endlessly.
@@ -62,9 +59,6 @@ def pattern_stream(pattern: str, unit: str | None, scale: float, largest_n: floa
         unit: unit of lines without a unit, or None.
         scale: factor applied to a value.
         largest_n: largest force that is accepted as a reading [N].
-
-    Returns:
-        The stream.
     """
     compiled = compile_pattern(pattern)
     stated = None if unit is None else newtons_per(unit)
@@ -132,9 +126,6 @@ def model_of(answer: str) -> str:
     Args:
         answer: answer to MODEL.
 
-    Returns:
-        The model.
-
     Raises:
         ProtocolError: the model is unknown.
     """
@@ -150,9 +141,6 @@ def unit_of(answer: str) -> float:
     Args:
         answer: answer to UNITS.
 
-    Returns:
-        Newtons in one unit.
-
     Raises:
         ProtocolError: not a unit of force.
     """
@@ -165,9 +153,6 @@ def number_of(text: str) -> float:
 
     Args:
         text: decimal number.
-
-    Returns:
-        The number.
 
     Raises:
         ProtocolError: the text is not a decimal number.
@@ -183,9 +168,6 @@ def loadstar_stream(newtons_per_unit: float, capacity_n: float) -> LineStream:
     Args:
         newtons_per_unit: newtons in one unit of the readings.
         capacity_n: of the load cell [N].
-
-    Returns:
-        The stream.
     """
 
     def parse(line: str) -> tuple[str, float]:
@@ -273,9 +255,6 @@ def reading_of(line: str) -> tuple[str, str]:
     Args:
         line: received line.
 
-    Returns:
-        Number and unit.
-
     Raises:
         ProtocolError: the line is not a reading.
     """
@@ -325,9 +304,6 @@ def error_name(code: int) -> str:
 
     Args:
         code: number after the star.
-
-    Returns:
-        The name.
     """
     return f"*{code} {ERRORS.get(code, 'unknown error')}"
 

@@ -175,9 +175,6 @@ def decode_header_block(parameters: Sequence[int]) -> SensorHeader:
     Args:
         parameters: parameters of the answer to READ_CONFIG.
 
-    Returns:
-        The header.
-
     Raises:
         ProtocolError: wrong block, length or checksum.
     """

@@ -43,9 +43,6 @@ def checked(line: bytes) -> str:
     Args:
         line: received line.
 
-    Returns:
-        The text.
-
     Raises:
         ProtocolError: the CRC is wrong or missing.
     """
@@ -60,9 +57,6 @@ def sample_of(line: bytes) -> tuple[int, int]:
 
     Args:
         line: received line.
-
-    Returns:
-        Counter and counts.
 
     Raises:
         ProtocolError: the line is damaged, or is not a sample.

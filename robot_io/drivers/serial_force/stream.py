@@ -173,9 +173,6 @@ def newtons_per(unit: str) -> float:
     Args:
         unit: unit, such as "lbF".
 
-    Returns:
-        Newtons.
-
     Raises:
         ProtocolError: unknown unit.
     """
@@ -211,9 +208,6 @@ def text_of(line: bytes) -> str:
 
     Args:
         line: received line.
-
-    Returns:
-        The text.
 
     Raises:
         ProtocolError: the line contains characters other than printable ASCII.

@@ -164,24 +164,18 @@ class ServoPairs:
         self._alike_at_s, self._count = [inf] * len(self.joints), [0] * len(self.joints)
 
     def of_servos(self, of_joints: Sequence[float]) -> list[float]:
-        """Repeat a value of each joint (n), such as a limit, for each servo (m).
+        """Repeat a value of each joint (n), such as a limit, for each servo (m), shape (m,).
 
         Args:
             of_joints: shape (n,).
-
-        Returns:
-            Shape (m,).
         """
         return [*of_joints, *(of_joints[joint] for joint in self.joints)]
 
     def shares(self, torque_nm: Sequence[float]) -> list[float]:
-        """Divide torques of joints among servos.
+        """Divide torques of joints among servos, shape (m,) [N m].
 
         Args:
             torque_nm: torque of the joints, shape (n,) [N m].
-
-        Returns:
-            Of the servos, shape (m,) [N m].
         """
         if not self.joints:
             return list(torque_nm)

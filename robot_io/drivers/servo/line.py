@@ -29,9 +29,6 @@ class Register:
 
         Args:
             value: number to write.
-
-        Returns:
-            Its bytes.
         """
         number = value
         if self.sign_bit is not None:
@@ -50,9 +47,6 @@ class Register:
 
         Args:
             data: bytes as they were read.
-
-        Returns:
-            The value.
         """
         if len(data) != self.size:
             raise ProtocolError(f"{self.name} came with {len(data)} bytes instead of {self.size}")
@@ -63,9 +57,6 @@ class Register:
 
         Args:
             number: the raw number.
-
-        Returns:
-            The signed value.
         """
         if self.sign_bit is None:
             return number
@@ -157,9 +148,6 @@ class RegisterAccess:
         Args:
             servo_id: id of the servo.
             register: register of the servo.
-
-        Returns:
-            Its value.
 
         Raises:
             DeviceTimeoutError: No answer.
@@ -405,9 +393,6 @@ def examine_line(
         settings: Settings in the robot file.
         line: The line, whose port stays open.
         examine_servo: Examines one servo that answers, by its id and label.
-
-    Returns:
-        The findings.
 
     Raises:
         DeviceError: The port failed.

@@ -98,9 +98,6 @@ class ServoDialect(ABC):
             address: address of the first byte.
             size: Number of bytes for each servo.
             block: For each servo its id and its bytes.
-
-        Returns:
-            The packet.
         """
 
     @abstractmethod
@@ -109,9 +106,6 @@ class ServoDialect(ABC):
 
         Args:
             request: packet that the servos were sent.
-
-        Returns:
-            The reader.
         """
 
     def encode_packet(self, servo_id: int, instruction: int, parameters: bytes = b"") -> bytes:
@@ -121,9 +115,6 @@ class ServoDialect(ABC):
             servo_id: Servo that is addressed, or `BROADCAST_ID` for all.
             instruction: Code of the instruction.
             parameters: Its parameters, not stuffed.
-
-        Returns:
-            The packet.
 
         Raises:
             ProtocolError: No servo can have this id, or the packet would be too long.
@@ -141,9 +132,6 @@ class ServoDialect(ABC):
 
         Args:
             servo_id: id of the servo.
-
-        Returns:
-            The packet.
         """
         return self.encode_packet(servo_id, _PING)
 
@@ -158,9 +146,6 @@ class ServoDialect(ABC):
             servo_id: id of the servo.
             address: address of the first byte.
             size: number of bytes.
-
-        Returns:
-            The packet.
         """
         return self.encode_packet(servo_id, _READ, self.words(address, size))
 
@@ -171,9 +156,6 @@ class ServoDialect(ABC):
             servo_id: id of the servo.
             address: address of the first byte.
             data: the bytes.
-
-        Returns:
-            The packet.
         """
         return self.encode_packet(servo_id, _WRITE, self.words(address) + data)
 
@@ -184,9 +166,6 @@ class ServoDialect(ABC):
             address: address of the first byte.
             size: number of bytes from each servo.
             servo_ids: ids in the order of the answers.
-
-        Returns:
-            The packet.
         """
         return self.encode_packet(BROADCAST_ID, _SYNC_READ, self.words(address, size) + bytes(servo_ids))
 
@@ -196,9 +175,6 @@ class ServoDialect(ABC):
         Args:
             address: address of the first byte.
             data: Bytes by servo id.
-
-        Returns:
-            The packet.
 
         Raises:
             ProtocolError: The bytes are not of equal number.
@@ -216,9 +192,6 @@ def bit_names(value: int, names: Mapping[int, str]) -> str:
     Args:
         value: Bits of a device's status.
         names: Name of each bit, by its value.
-
-    Returns:
-        The names.
     """
     known = [name for bit, name in names.items() if value & bit]
     unknown = value & ~sum(names)
