@@ -54,6 +54,7 @@ _OF_SPECIMENS = (
 )
 _DEFAULT = ImportOptions()
 _DRIVEN = frozenset({ChannelKind.REVOLUTE, ChannelKind.PRISMATIC})
+_CONTRADICTING = 0.1  # variance that a positive inertia explains, relative to a negative damping's
 _CERTAIN = 0.5  # absolute correlation of effort and velocity above which the effort's sign is certain
 
 
@@ -417,9 +418,10 @@ def _passive_power(
     """Correlate a joint's velocity with the part of its effort that position and inertia do not explain.
 
     A joint dissipates the energy of its drive. The correlation is therefore positive for the effort of the
-    drive, and negative for the reaction to it. It is zero if the sign is uncertain: the fitted damping is
-    negative and the inertia explains more of the effort, as it does if the effort is sampled before the
-    motion.
+    drive, and negative for the reaction to it. In a reaction the inertia is negative as well. The correlation
+    is therefore zero, for an uncertain sign, if the fitted damping is negative beside a positive inertia that
+    explains more than a small share of what the damping explains. The effort is then early or late, or a gap
+    delays it.
 
     Source: J. C. Willems, Arch. Rational Mech. Anal. 45 (1972), dissipative systems.
 
@@ -438,7 +440,7 @@ def _passive_power(
     effort, velocity, acceleration = (signals - columns @ np.linalg.lstsq(columns, signals, rcond=None)[0]).T
     motion = np.column_stack([velocity, acceleration])
     damping, inertia = np.linalg.lstsq(motion, effort, rcond=None)[0] * motion.std(axis=0)
-    if damping < 0.0 and inertia > -damping:
+    if damping < 0.0 < inertia and inertia**2 > _CONTRADICTING * damping**2:
         return 0.0
     beside = effort - inertia / (acceleration.std() or 1.0) * acceleration
     return correlation_coefficient(velocity, beside)

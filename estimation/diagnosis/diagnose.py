@@ -190,11 +190,13 @@ def _find_effects(
             for single in [candidate for candidate in search.screen(end) if candidate.possible][:1]:
                 end, tests = accept_forms(search, kinds(), search.with_candidate(single), checks.measurement)
     # A sensor fault follows its law exactly. If only noise is left but the flexible law of its kind still
-    # adds more than noise, the sensor effect imitates another effect.
-    imitations = [test.effect for test in tests if test.kind in READER_KINDS and test.is_imitation]
+    # adds more than noise and encoder steps cause, the sensor effect imitates another effect.
+    imitations = [test for test in tests if test.kind in READER_KINDS and test.is_imitation]
     if imitations and checks.is_complete(end):
-        reduced = reduce(search.without, imitations, end)
-        end, tests = accept_forms(search, kinds(), reduced, checks.measurement)
+        by_steps = encoder_step_error(end, checks.measurement) ** 2
+        names = [test.effect for test in imitations if test.added > by_steps]
+        reduced = reduce(search.without, names, end)
+        end, tests = accept_forms(search, kinds(), reduced, checks.measurement) if names else (end, tests)
     return end, tests
 
 

@@ -7,10 +7,10 @@ import numpy as np
 from palpate.estimation.channel import ChannelData
 from palpate.estimation.data_quality import usable
 from palpate.estimation.diagnosis.bootstrap import SMALL
-from palpate.estimation.diagnosis.candidates import screen_effects
+from palpate.estimation.diagnosis.candidates import FAR_END, screen_effects
 from palpate.estimation.effect import Effect
 from palpate.estimation.fit.blocks import LOAD, LUMPED
-from palpate.estimation.fit.fit_problem import FitProblem, Solution
+from palpate.estimation.fit.fit_problem import FitProblem, Solution, solve_gains
 from palpate.estimation.fit.fit_result import FitResult, fit_model
 from palpate.estimation.signals.cache_by_array import FitCache
 from palpate.estimation.workers import single_threaded
@@ -25,8 +25,10 @@ def fit_extended(data: ChannelData, parent: FitResult, effect: Effect) -> FitRes
 
     The fit is repeated from several start values if several minima are likely: for pairs such as the position
     of a surface and the curvature of its spring, for effects with many inner parameters, and if the error
-    exceeds that of the model without the effect. The fit with the lowest held-out error is returned; a fit
-    with an unphysical gain must have a clearly lower error than a fit without one.
+    exceeds that of the model without the effect. It is also repeated from other start values of an earlier
+    effect whose inner parameters lie at the end of their range, since that effect may have imitated the
+    added one. The fit with the lowest held-out error is returned; a fit with an unphysical gain must have a
+    clearly lower error than a fit without one.
 
     Args:
         data: the channel, with the runs to fit to.
@@ -50,9 +52,33 @@ def fit_extended(data: ChannelData, parent: FitResult, effect: Effect) -> FitRes
         fits = [fit_model(data, search.best.model, start, good, cache) for start in starts]
         if not several and min(fit.rmse for fit in fits) > parent.rmse:
             fits += [fit_model(data, search.best.model, start, good, cache) for start in further]
+        fits += [
+            _with_restarted(min(fits, key=lambda fit: fit.solution.held_out), name)
+            for name in _at_bounds(parent)
+        ]
         left = [fit.solution.held_out * (1.0 + SMALL * (not fit.solution.is_physical)) ** 2 for fit in fits]
         best = fits[int(np.argmin(left))]
         return replace(best, validation=parent.validation)
+
+
+def _at_bounds(fit: FitResult) -> list[str]:
+    """Return the names of the effects whose inner parameters all lie at the end of their range."""
+    model, values = fit.solution.model, fit.solution.parameters
+
+    def is_at_end(effect: Effect) -> bool:
+        inner = [(parameter, values[f"{effect.name}.{parameter.name}"]) for parameter in effect.inner]
+        return all(p.at_bound(value) or (p.log and value > FAR_END * p.upper) for p, value in inner)
+
+    return [effect.name for effect in model.effects if effect.inner and is_at_end(effect)]
+
+
+def _with_restarted(fit: FitResult, name: str) -> FitResult:
+    """Fit a model again from the start values at which one of its effects fits best beside the others."""
+    problem, model = fit.problem, fit.solution.model
+    without = solve_gains(problem, model.without(name), fit.solution.parameters)
+    beside = FitResult(fit.data, problem, without)
+    best = screen_effects(beside, [model.effect(name)])[0].search.best
+    return fit_model(fit.data, best.model, best.parameters, usable(fit.data), problem.blocked.cache)
 
 
 @dataclass(frozen=True, eq=False)

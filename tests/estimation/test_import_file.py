@@ -441,15 +441,15 @@ def test_rows_without_a_value_are_left_out_and_counted(contact, mark):
     assert "2 of 50 rows left out: no value in 'force_N', the first in line 18" in imported.notes
 
 
-def swung(sign, friction=0.3, delay=0):
-    """A joint that swings in sweeps, with inertia, a spring and friction; the effort may come early."""
+def swung(sign, friction=0.3, early=0, inertia=0.02):
+    """A joint that swings in sweeps, with inertia, a spring and friction; its effort may be read early."""
     t = np.arange(4000) * 0.005
     phase = 2.0 * t + 0.2 * t**2
     q, v = 0.4 * np.sin(phase), 0.4 * np.cos(phase) * (2.0 + 0.4 * t)
     a = -0.4 * np.sin(phase) * (2.0 + 0.4 * t) ** 2 + 0.16 * np.cos(phase)
-    torque = 0.02 * a + 0.5 * q + friction * np.sign(v)
+    torque = inertia * a + 0.5 * q + friction * np.sign(v)
     torque += np.random.default_rng(0).normal(0.0, 0.02, len(t))
-    return {"time_s": t, "position_rad": q, "torque_Nm": sign * np.roll(torque, -delay)}
+    return {"time_s": t, "position_rad": q, "torque_Nm": sign * np.roll(torque, -early)}
 
 
 def read_swing(tmp_path, options=None, **swing):
@@ -467,7 +467,13 @@ def test_a_torque_that_opposes_the_velocity_is_a_reaction(tmp_path):
 
 def test_a_torque_that_is_read_early_is_no_reaction(tmp_path):
     """An inertia's effort before its motion looks like a negative damping."""
-    imported = read_swing(tmp_path, sign=1.0, friction=0.0, delay=8)
+    imported = read_swing(tmp_path, sign=1.0, friction=0.0, early=8)
+    assert not any("opposes" in note for note in imported.notes)
+
+
+def test_a_torque_that_is_read_late_is_no_reaction(tmp_path):
+    """A spring's effort after its motion looks like a negative damping, beside a positive inertia."""
+    imported = read_swing(tmp_path, sign=1.0, friction=0.0, early=-16, inertia=0.002)
     assert not any("opposes" in note for note in imported.notes)
 
 

@@ -9,8 +9,11 @@ from palpate.estimation.effects import EFFECTS
 from palpate.estimation.fit.fit_result import fit_model
 from palpate.estimation.models import MODELS
 from tests.estimation.presses import kelvin_voigt, session
+from tests.estimation.searches import SWING
+from tests.estimation.swings import DAMPING, swings
 
 BASE = MODELS["kelvin_voigt"]().build(ModelContext())
+TRANSITION = "coulomb_friction.transition"
 
 
 def stiffening(t, x, v, run):
@@ -39,3 +42,14 @@ def test_of_fits_from_several_starts_the_one_counts_that_leaves_least_held_out(n
     assert found.solution is min(made, key=lambda fit: fit.solution.held_out).solution
     if name == "relaxation_spectrum":
         assert np.ptp([fit.solution.parameters["relaxation_spectrum.slow_time"] for fit in made]) > 0.0
+
+
+def test_an_earlier_effect_at_the_end_of_its_range_is_fitted_anew_beside_the_added_one():
+    """Alone, Coulomb friction takes most of a quadratic friction by a transition at the end of its range."""
+    data = swings(3, lambda q, v, a: 0.3 * v * np.abs(v) + 0.3 * np.sign(v) - DAMPING * v)
+    coulomb, quadratic = EFFECTS["coulomb_friction"](), EFFECTS["quadratic_friction"]()
+    parent = fit_model(data, SWING.without("viscous_friction").with_effect(coulomb), {TRANSITION: 900.0})
+    assert parent.values[TRANSITION] > 990.0
+    values = extension.fit_extended(data, parent, quadratic).values
+    assert values["coulomb_friction.force"] == pytest.approx(0.3, rel=0.05)
+    assert values["quadratic_friction.d2"] == pytest.approx(0.3, rel=0.05)

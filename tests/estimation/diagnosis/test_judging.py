@@ -16,10 +16,12 @@ from palpate.estimation.diagnosis.diagnose import (
     diagnose,
     diagnose_channel,
 )
+from palpate.estimation.diagnosis.forms import FormTest
 from palpate.estimation.diagnosis.result import Verdict
 from palpate.estimation.diagnosis.verdict import insufficient_diagnosis
 from palpate.estimation.effects import EFFECTS
 from palpate.estimation.fit.measurement_noise import measurement_noise
+from palpate.estimation.kinds import Kind
 from palpate.estimation.model import Model
 from tests.estimation.searches import PRESS, SWING, searched
 from tests.estimation.study.joints import joints
@@ -300,3 +302,21 @@ def test_an_error_is_compared_with_a_constant_on_the_same_means():
     assert measurement_noise(fit).is_bound
     assert np.sqrt(fit.held_out_mean_square) < np.std(effort) < fit.rmse
     assert _Completeness(search).is_complete(fit)
+
+
+@pytest.mark.parametrize(("step", "kept"), [(0.5, True), (0.1, False)])
+def test_a_sensors_fault_keeps_its_name_if_its_law_adds_no_more_than_encoder_steps_cause(
+    step, kept, monkeypatch
+):
+    """The law adds a mean square of 0.04."""
+    test = FormTest("bias", Kind.SENSOR_STATICS, taken=1.0, by_law=1.0, added=0.04, left=0.1, explained=1.0)
+    base, bias = SimpleNamespace(is_exact=False), SimpleNamespace(is_exact=False)
+    search = SimpleNamespace(start=base, data=SimpleNamespace(name="x"), without=lambda fit, name: base)
+    checks = SimpleNamespace(measurement="readings", is_complete=lambda fit: True, objection=lambda fit: None)
+    monkeypatch.setattr(module, "select_effects", lambda *_: bias)
+    monkeypatch.setattr(module, "add_run_variation", lambda search, fit: fit)
+    monkeypatch.setattr(module, "_accept", lambda *_: (bias, [test]))
+    monkeypatch.setattr(module, "accept_forms", lambda search, kinds, fit, measurement: (fit, []))
+    monkeypatch.setattr(module, "encoder_step_error", lambda fit, measurement: step)
+    end, _ = module._find_effects(search, checks, lambda: None, lambda: None)
+    assert end is (bias if kept else base)
