@@ -166,9 +166,6 @@ class ArmMotion:
 def motion_of(ticks: Samples) -> ArmMotion:
     """Extract the part of a session in which the arm followed the path.
 
-    Args:
-        ticks: ticks of the session.
-
     Raises:
         InputError: there is too little motion.
     """

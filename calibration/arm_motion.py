@@ -80,11 +80,7 @@ def paced(speed_rad_s: float, limits: Limits) -> FloatArray:
 
 
 def travel_speed_rad_s(limits: Limits) -> float:
-    """Compute the speed of the fastest joint on the ways to a measurement and back [rad/s].
-
-    Args:
-        limits: limits of the guard.
-    """
+    """Compute the speed of the fastest joint on the ways to a measurement and back [rad/s]."""
     return float(paced(_TRAVEL_RAD_S, limits).min())
 
 

@@ -169,11 +169,7 @@ class StopSettings:
 
     @classmethod
     def within(cls, limits: Limits) -> Self:
-        """Choose settings that stay well below the guard's limits of torque, speed and tracking.
-
-        Args:
-            limits: limits of the guard.
-        """
+        """Choose settings that stay well below the guard's limits of torque, speed and tracking."""
         return cls(
             push_nm=PUSH_SHARE * np.array(limits.torque_nm),
             lead_rad=np.minimum(_LEAD_RAD, SHARE * np.array(limits.tracking_rad)),

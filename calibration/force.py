@@ -212,9 +212,6 @@ def weigh(
 def read_weighing(session: Session) -> Plateaus:
     """Read the plateaus of a session that `weigh` logged.
 
-    Args:
-        session: the session.
-
     Raises:
         InputError: the session holds no reference forces.
     """

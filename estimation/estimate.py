@@ -94,11 +94,7 @@ class DisplayTable(NamedTuple):
 
 
 def interval_text(estimated: ParameterEstimate) -> str:
-    """Format a parameter's 95 % interval, or state that the parameter is at its search bound.
-
-    Args:
-        estimated: the parameter.
-    """
+    """Format a parameter's 95 % interval, or state that the parameter is at its search bound."""
     lower, upper = estimated.interval
     return "at its bound" if estimated.at_bound else f"{lower:.5g} to {upper:.5g}"
 

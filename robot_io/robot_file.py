@@ -115,11 +115,7 @@ class RobotFile(FileModel):
         return self.resolve(self.urdf)
 
     def resolve(self, relative: str) -> Path:
-        """Resolve a path in this file.
-
-        Args:
-            relative: path relative to the robot file.
-        """
+        """Resolve a path in this file."""
         return self.path.parent / relative
 
     @field_validator("sensor_axis_tip")

@@ -134,10 +134,6 @@ def load_dh_table(source: str | Path | YamlDocument) -> DhTable:
 def check_dh_table(robot_file: RobotFile, body: RigidBody) -> None:
     """Compare the tip positions of a robot file's DH table and its URDF; do nothing without a table.
 
-    Args:
-        robot_file: names the table.
-        body: rigid-body model of the URDF.
-
     Raises:
         InputError: the table is invalid, or describes another arm.
     """

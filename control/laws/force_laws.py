@@ -43,9 +43,6 @@ class Compliance(NamedTuple):
 def within_bounds(compliance: Compliance) -> Compliance:
     """Clip a compliance to the range in which the force laws are stable.
 
-    Args:
-        compliance: compliance of the object.
-
     Returns:
         The nearest compliance within the bounds.
     """

@@ -85,9 +85,6 @@ class Gains(FileModel):
 def gains_of(robot_file: RobotFile) -> Gains:
     """Read the gains of a robot file.
 
-    Args:
-        robot_file: robot file with a section `gains`.
-
     Returns:
         Validated gains.
 

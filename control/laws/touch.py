@@ -72,11 +72,7 @@ class RunningMean:
     _squares: float = 0.0
 
     def add(self, value: float) -> None:
-        """Add one sample.
-
-        Args:
-            value: the sample.
-        """
+        """Add one sample."""
         self.count += 1
         before = value - self.mean
         self.mean += before / self.count

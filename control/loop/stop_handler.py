@@ -96,12 +96,7 @@ class StopHandler:
             self.guard.trip(f"stopped: {reason}")
 
     def fail(self, what: str, error: BaseException) -> None:
-        """Trip the guard for an exception, or log it if the guard is tripped already.
-
-        Args:
-            what: what failed, for the message.
-            error: the exception.
-        """
+        """Trip the guard for an exception, or log it if the guard is tripped already."""
         if not isinstance(error, Exception):  # SystemExit and KeyboardInterrupt count as failures
             error = RuntimeError(f"{type(error).__name__} {error}")
         text = f"{what}: {one_line(error)}"
@@ -127,9 +122,6 @@ class StopHandler:
 
 def one_line(error: Exception) -> str:
     """Write an exception on one line, with its type unless the text is meant for users.
-
-    Args:
-        error: the exception.
 
     Returns:
         Its text without line breaks.

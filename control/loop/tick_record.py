@@ -112,9 +112,6 @@ def tick_stream(joint_count: int) -> Stream:
 def tick_record(tick: Tick) -> tuple[object, ...]:
     """Make one record of `tick_stream`.
 
-    Args:
-        tick: data of the tick.
-
     Returns:
         A value for each column, in their order.
     """
@@ -199,11 +196,7 @@ class Journal:
             return NO_ESTIMATE
 
     def log_tick(self, tick: Tick) -> None:
-        """Log a tick's record and its events.
-
-        Args:
-            tick: data of the tick.
-        """
+        """Log a tick's record and its events."""
         time_s, record = tick.measurement.time_s, tick_record(tick)
         try:
             self._log.append(STREAM_NAME, record)

@@ -114,9 +114,6 @@ class ProbingPlan(FileModel):
 def load_probing_plan(path: str | Path) -> ProbingPlan:
     """Read a plan from a YAML file.
 
-    Args:
-        path: path of the file.
-
     Raises:
         InputError: the file is invalid; the error names file, line, key and valid values.
     """

@@ -97,10 +97,6 @@ class Routes:
         """Find the route with the smallest lift that clears the object, or else the highest route.
 
         The clearance refers to the higher of two targets, or else to the lower end of the route.
-
-        Args:
-            start: start of the route.
-            end: end of the route.
         """
         ends = (start, end)
         depths_m = self._depths_m(np.array([start.position_rad, end.position_rad]))

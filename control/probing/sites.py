@@ -122,10 +122,6 @@ def probing_sites(
 def check_against_guard(plan: ProbingPlan, robot_file: RobotFile) -> None:
     """Check that forces and joint speeds of a plan stay below the limits of the robot's guard.
 
-    Args:
-        plan: plan to check.
-        robot_file: with the limits.
-
     Raises:
         InputError: the guard would trip; the error names the largest valid value.
     """

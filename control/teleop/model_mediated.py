@@ -154,11 +154,7 @@ class ModelMediatedFollower(CouplingSide):
 
 
 def model_mediated(model: ObjectModel = KELVIN_VOIGT) -> Coupling:
-    """Make the coupling for a kind of object.
-
-    Args:
-        model: kind of model.
-    """
+    """Make the coupling for a kind of object."""
     return Coupling(
         "model-mediated",
         lambda: ModelMediatedLeader(model),

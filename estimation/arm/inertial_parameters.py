@@ -91,11 +91,7 @@ def inertial_unit(column: int) -> str:
 
 
 def base_parameters(body: "RigidBody") -> BaseParameters:
-    """Compute the base parameters of an arm from random postures, velocities and accelerations.
-
-    Args:
-        body: the arm.
-    """
+    """Compute the base parameters of an arm from random postures, velocities and accelerations."""
     rng = np.random.default_rng(0)
     motions = rng.uniform(-2.0, 2.0, (_POSTURES, 3, body.joint_count))
     regressor = np.array([body.regressor(*motion) for motion in motions])

@@ -174,11 +174,7 @@ def unknown_unit(name: str) -> str:
 
 
 def unit_in_name(name: str) -> str:
-    """Return the normalized unit in a column's name; empty without a known unit.
-
-    Args:
-        name: name of a column.
-    """
+    """Return the normalized unit in a column's name; empty without a known unit."""
     return split_unit(name)[1]
 
 
@@ -306,11 +302,7 @@ def guess_columns(names: Sequence[str], clocks: Collection[str] = ()) -> list[Gu
 
 
 def is_unnamed(name: str) -> bool:
-    """Return whether a column is named only by its position, such as "column 2".
-
-    Args:
-        name: name of the column.
-    """
+    """Return whether a column is named only by its position, such as "column 2"."""
     return _UNNAMED.fullmatch(name) is not None
 
 
@@ -356,11 +348,7 @@ def quantity_in(name: str, *, last: bool = False) -> str:
 
 
 def guess_column(name: str) -> Guess:
-    """Guess the quantity of a column from its name alone.
-
-    Args:
-        name: name of the column in the file.
-    """
+    """Guess the quantity of a column from its name alone."""
     if (match := _NAME.fullmatch(name.strip())) and (role := parse_role(name)):
         rank, joint = OWN_NAME if role.unit else _BY_NAME, int(match[2]) if match[2] else None
         return Guess(name, role.quantity, joint, role.unit, rank, "by its name")

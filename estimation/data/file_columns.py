@@ -30,11 +30,7 @@ class FileColumns:
 
 
 def is_bag(path: Path) -> bool:
-    """Return whether a folder is a ROS 2 recording.
-
-    Args:
-        path: path of the folder.
-    """
+    """Return whether a folder is a ROS 2 recording."""
     return (path / "metadata.yaml").is_file() and any(part.suffix in BAGS for part in path.iterdir())
 
 
@@ -60,11 +56,7 @@ def check_size(path: Path, size: int) -> None:
 
 
 def natural_key(path: Path) -> list[tuple[int, str]]:
-    """Return a sort key by which numbers within file names are ordered numerically.
-
-    Args:
-        path: path whose name is the key.
-    """
+    """Return a sort key by which numbers within file names are ordered numerically."""
     words = "".join(char if char.isdecimal() else f" {char} " for char in path.name.lower()).split()
     return [(int(word), "") if word.isdecimal() else (-1, word) for word in words]
 

@@ -74,11 +74,7 @@ class Imported:
     columns: Mapping[str, tuple[str, str]] = field(default_factory=dict)
 
     def title(self, channel: str) -> str:
-        """Return a channel's name, followed by its columns if they are known.
-
-        Args:
-            channel: name of the channel.
-        """
+        """Return a channel's name, followed by its columns if they are known."""
         columns = " and ".join(f"'{column}'" for column in self.columns.get(channel, ()))
         return f"{channel} of {columns}" if columns else channel
 

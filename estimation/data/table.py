@@ -99,11 +99,7 @@ class Table:
         return self._numbers[name]
 
     def varies(self, name: str) -> bool:
-        """Return whether a column contains numbers that are not all equal.
-
-        Args:
-            name: name of the column.
-        """
+        """Return whether a column contains numbers that are not all equal."""
         try:
             return bool(np.ptp(self.numbers(name)) > 0.0)
         except InputError:
@@ -165,29 +161,17 @@ class Table:
         return replace(self, columns=self.columns.slice(0, rows), rows=self.rows[:rows])
 
     def filled_rows(self, name: str) -> BoolArray:
-        """Return the rows in which a column is not empty, shape (n,).
-
-        Args:
-            name: name of the column.
-        """
+        """Return the rows in which a column is not empty, shape (n,)."""
         return is_filled(self._column(name))
 
     def is_mostly_numeric(self, name: str) -> bool:
-        """Return whether most of a column's first filled cells are numbers.
-
-        Args:
-            name: name of the column.
-        """
+        """Return whether most of a column's first filled cells are numbers."""
         held = np.flatnonzero(self.filled_rows(name))[:_LOOKED_AT]
         cells = _with_decimal_points(self._column(name).take(held), self.decimal).to_pylist()
         return 2 * int(np.isfinite([number_of(str(cell)) for cell in cells]).sum()) > len(held)
 
     def is_numeric(self, name: str) -> bool:
-        """Return whether all of a column's first filled cells are numbers.
-
-        Args:
-            name: name of the column.
-        """
+        """Return whether all of a column's first filled cells are numbers."""
         held = np.flatnonzero(self.filled_rows(name))[:_LOOKED_AT]
         first = replace(self, columns=self.columns.select([name]).take(held), rows=self.rows[held])
         try:

@@ -110,11 +110,7 @@ def is_filled(column: pa.ChunkedArray) -> BoolArray:
 
 
 def is_text(kind: pa.DataType) -> bool:
-    """Return whether a column of this type contains text.
-
-    Args:
-        kind: type of the column.
-    """
+    """Return whether a column of this type contains text."""
     return bool(pa.types.is_string(kind) or pa.types.is_large_string(kind))
 
 

@@ -16,11 +16,7 @@ _TRAVELLED = 3.0  # least path of a single recording of repeated motion, in rang
 
 
 def wrong_size(data: ChannelData) -> str | None:
-    """Report too few samples, or more than can be searched; None otherwise.
-
-    Args:
-        data: the channel.
-    """
+    """Report too few samples, or more than can be searched; None otherwise."""
     if len(data) < LEAST_SAMPLES:
         return f"only {len(data)} samples; record at least {LEAST_SAMPLES}"
     lengths = np.unique(data.run, return_counts=True)[1]
@@ -33,11 +29,7 @@ def wrong_size(data: ChannelData) -> str | None:
 
 
 def no_shared_depth(data: ChannelData) -> str | None:
-    """Report that no two runs of a contact have similar depths, so that none can be held out; else None.
-
-    Args:
-        data: the channel.
-    """
+    """Report that no two runs of a contact have similar depths, so that none can be held out; else None."""
     if data.kind is not ChannelKind.CONTACT or len(data.runs) == 1:
         return None
     depths = [data.position[data.engaged & (data.run == run)] for run in data.runs]
@@ -55,11 +47,7 @@ def no_shared_depth(data: ChannelData) -> str | None:
 
 
 def never_repeated(data: ChannelData) -> str | None:
-    """Report effects that cannot be distinguished because the motion does not return or repeat; else None.
-
-    Args:
-        data: the channel.
-    """
+    """Report effects that cannot be distinguished because the motion does not return or repeat; else None."""
     if len(data.runs) > 1:
         if data.kind is not ChannelKind.CONTACT or not never_returns(data.position, data.run):
             return None
@@ -79,11 +67,7 @@ def never_repeated(data: ChannelData) -> str | None:
 
 
 def single_speed(data: ChannelData) -> str | None:
-    """Report runs that return but have only one speed; None otherwise.
-
-    Args:
-        data: the channel.
-    """
+    """Report runs that return but have only one speed; None otherwise."""
     is_one = data.kind is ChannelKind.CONTACT and is_one_pace(data.velocity[data.engaged])
     if not is_one or never_returns(data.position, data.run):
         return None

@@ -45,11 +45,7 @@ _CLEARLY = 1.5
 
 
 def mistaken_units(data: ChannelData) -> str | None:
-    """Report a unit that is probably wrong; None if all are plausible.
-
-    Args:
-        data: the channel.
-    """
+    """Report a unit that is probably wrong; None if all are plausible."""
     if data.kind is ChannelKind.CONTACT:
         deepest = float(np.abs(data.position).max())
         if deepest > _LONGEST_CONTACT_M:
@@ -118,11 +114,7 @@ def misaligned(data: ChannelData) -> str | None:
 
 
 def no_contact(data: ChannelData) -> str | None:
-    """Report a missing contact or a wrong sign; None if there is a contact.
-
-    Args:
-        data: the channel.
-    """
+    """Report a missing contact or a wrong sign; None if there is a contact."""
     if data.kind is not ChannelKind.CONTACT:
         return None
     pressed, level = data.engaged, 0.0
@@ -184,11 +176,7 @@ def _of_air(data: ChannelData) -> tuple[float, float]:
 
 
 def unrelated(data: ChannelData) -> str | None:
-    """Report a force that hardly depends on the motion, or is a multiple of the depth; None otherwise.
-
-    Args:
-        data: the channel.
-    """
+    """Report a force that hardly depends on the motion, or is a multiple of the depth; None otherwise."""
     if data.kind is not ChannelKind.CONTACT or not data.engaged.any():
         return None
     pressed = data.select(data.engaged)
@@ -208,11 +196,7 @@ def unrelated(data: ChannelData) -> str | None:
 
 
 def at_rest(data: ChannelData) -> str | None:
-    """Report a joint whose position is only noise and unrelated to the effort; None otherwise.
-
-    Args:
-        data: the channel.
-    """
+    """Report a joint whose position is only noise and unrelated to the effort; None otherwise."""
     if data.kind is ChannelKind.CONTACT:
         return None
     _, index = np.unique(data.run, return_inverse=True)

@@ -40,11 +40,7 @@ _STEPS = 2.0
 
 
 def unchanging(data: ChannelData) -> str | None:
-    """Report an effort or a position that never changes; None if both change.
-
-    Args:
-        data: the channel.
-    """
+    """Report an effort or a position that never changes; None if both change."""
     for what, signal in (("effort", data.effort), ("position", data.position)):
         if np.ptp(signal) <= 1e-12 * max(1.0, float(np.max(np.abs(signal)))):
             return f"the {what} never changes; check the sensor and the column"
@@ -52,11 +48,7 @@ def unchanging(data: ChannelData) -> str | None:
 
 
 def too_coarse(data: ChannelData) -> str | None:
-    """Report an effort with too few distinct readings; None otherwise.
-
-    Args:
-        data: the channel.
-    """
+    """Report an effort with too few distinct readings; None otherwise."""
     levels = len(np.unique(data.effort))
     if levels < (_TOO_FEW_LEVELS if data.kind is ChannelKind.CONTACT else _TOO_FEW_OF_A_JOINT):
         return f"only {levels} different readings: the sensor's steps are too coarse for this effort"
@@ -64,11 +56,7 @@ def too_coarse(data: ChannelData) -> str | None:
 
 
 def saturated(data: ChannelData) -> str | None:
-    """Report a sensor that saturates; None if it does not.
-
-    Args:
-        data: the channel.
-    """
+    """Report a sensor that saturates; None if it does not."""
     if len(np.unique(data.effort)) < _FEW_LEVELS:
         return None  # a coarse sensor often reads its extreme value
     size = np.abs(data.effort)
@@ -110,11 +98,7 @@ def at_lower_end(data: ChannelData) -> BoolArray:
 
 
 def stuck_in_air(data: ChannelData) -> str | None:
-    """Report free air below the sensor's lower limit; None if there is none.
-
-    Args:
-        data: the channel.
-    """
+    """Report free air below the sensor's lower limit; None if there is none."""
     stuck = at_lower_end(data)
     if not stuck.any():
         return None
@@ -267,11 +251,7 @@ def folded_in_contact(data: ChannelData) -> BoolArray:
 
 
 def folded(data: ChannelData) -> str | None:
-    """Report rectified readings of a contact near zero; None without them.
-
-    Args:
-        data: the channel.
-    """
+    """Report rectified readings of a contact near zero; None without them."""
     near = folded_in_contact(data)
     if not near.any():
         return None

@@ -63,11 +63,7 @@ def changed_motions(data: ChannelData) -> Iterator[tuple[str, float, ChannelData
 
 
 def extent(data: ChannelData) -> str:
-    """Describe how far and fast a channel moves.
-
-    Args:
-        data: the channel.
-    """
+    """Describe how far and fast a channel moves."""
     if data.kind.is_angle:
         far, fast = f"{np.ptp(data.position):.3g} rad", f"{np.abs(data.velocity).max():.3g} rad/s"
     else:

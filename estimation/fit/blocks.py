@@ -138,11 +138,7 @@ class BlockedData:
 
 
 def block_length(data: ChannelData) -> int:
-    """Return the number of samples in a block, which is halved as long as a joint's effort varies within it.
-
-    Args:
-        data: the channel.
-    """
+    """Return the number of samples in a block, halved as long as a joint's effort varies within it."""
     rate_hz = CONTACT_RATE_HZ if data.kind is ChannelKind.CONTACT else JOINT_RATE_HZ
     block = max(1, int(1.0 / (rate_hz * sample_time(data.time_s, data.run)) + 0.5))
     while block > 1 and data.kind is not ChannelKind.CONTACT and _swings_within(data.effort, block):

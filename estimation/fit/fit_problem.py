@@ -338,12 +338,7 @@ LinearisedParts = Callable[[Inner], Parts | None]
 
 
 def is_linear_on_blocks(data: ChannelData, model: Model) -> bool:
-    """Return whether a model can be fitted to block averages; contact forces are clipped at each sample.
-
-    Args:
-        data: the channel.
-        model: the model.
-    """
+    """Return whether a model can be fitted to block averages; contact forces are clipped at each sample."""
     return model.is_linear_in_gains and data.kind is not ChannelKind.CONTACT
 
 

@@ -94,11 +94,7 @@ def table(title: str, *columns: str, right: Iterable[str] = ()) -> Table:
 
 
 def natural_width(made: Table) -> int:
-    """Return the width of a table in terminal columns if no cell is folded.
-
-    Args:
-        made: the table.
-    """
+    """Return the width of a table in terminal columns if no cell is folded."""
     wide = Console(width=_UNBOUNDED)
     return made.__rich_measure__(wide, wide.options).maximum
 
@@ -139,11 +135,7 @@ def has_display() -> bool:
 
 
 def rerun_step(recording: Path) -> tuple[str, str]:
-    """Return the command that opens a recording of revisions, and its purpose with requirements.
-
-    Args:
-        recording: file for Rerun.
-    """
+    """Return the command that opens a recording of revisions, and its purpose with requirements."""
     where = "" if has_display() else " (needs a display)"
     return f"rerun {typed(recording)}", f"see the model grow, revision by revision{where}"
 
@@ -265,12 +257,7 @@ def safe(text: str) -> str:
 
 
 def count(number: int, noun: str) -> str:
-    """Return a number with its noun, such as "1 run" and "3,000 runs".
-
-    Args:
-        number: the number.
-        noun: the noun in the singular.
-    """
+    """Return a number with its noun, such as "1 run" and "3,000 runs"."""
     return f"{number:,} {noun if number == 1 else noun + 's'}"
 
 
@@ -305,11 +292,7 @@ def typed(path: Path) -> str:
 
 
 def as_shell_word(text: str) -> str:
-    """Quote text as one word of a shell command.
-
-    Args:
-        text: any text.
-    """
+    """Quote text as one word of a shell command."""
     if text.isprintable():
         return shlex.quote(text)
     escaped = text.replace("\\", "\\\\").replace("'", "\\'")

@@ -233,9 +233,6 @@ def speaks_python(made: Class) -> Class:
     """Make errors of a class's public methods one printable line with Python keywords.
 
     On the command line, errors keep its wording and are made printable where they are reported.
-
-    Args:
-        made: a class.
     """
 
     def speaking(method: Callable[..., Any]) -> Callable[..., Any]:

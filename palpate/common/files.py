@@ -189,9 +189,6 @@ def whole_file(path: Path) -> Iterator[Path]:
 def whole_set(texts: Mapping[Path, str]) -> Iterator[None]:
     """Write several text files after the body of the `with`, or none if it fails.
 
-    Args:
-        texts: text of each file, by path.
-
     Raises:
         InputError: one of them cannot be written.
     """

@@ -159,11 +159,7 @@ def flaw(effect_type: type[Effect]) -> str | None:
 
 
 def file_of(effect_type: type) -> str:
-    """Return the path of the file that defines a class; empty if there is none.
-
-    Args:
-        effect_type: a class.
-    """
+    """Return the path of the file that defines a class; empty if there is none."""
     try:
         return inspect.getsourcefile(effect_type) or ""
     except (OSError, TypeError):
@@ -276,10 +272,6 @@ def watched(effect: Effect) -> Effect:
 
 def rehearse(effect: Effect, data: ChannelData) -> bool | None:
     """Call each method of a watched effect on a channel once, before a search uses it.
-
-    Args:
-        effect: a watched effect.
-        data: the channel.
 
     Returns:
         Whether the effect changes the prediction: False if its columns are zero at all starting values of a

@@ -228,12 +228,7 @@ class _Watched:
 
 
 def examine_rates(robot: Robot, robot_file: RobotFile) -> Iterator[Finding]:
-    """Read a configured robot for half a second at its control rate, without power, and check its samples.
-
-    Args:
-        robot: configured robot, without power.
-        robot_file: its robot file.
-    """
+    """Read a configured robot for half a second at its control rate, without power, and check its samples."""
     period_s, limits = 1.0 / robot_file.control_rate_hz, robot_file.limits
     computed = list(_computed(robot, period_s))
     yield from computed

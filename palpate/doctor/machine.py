@@ -189,13 +189,7 @@ def can_interfaces() -> Iterator[Finding]:
 
 
 def can_interface(subject: str, name: str, down: Level) -> Finding:
-    """Check that a CAN interface exists and is up (level `down` if not).
-
-    Args:
-        subject: subject of the finding.
-        name: name of the interface.
-        down: level of the finding if the interface is not up.
-    """
+    """Check that a CAN interface exists and is up (level `down` if not)."""
     interface, bring_up = (
         Path("/sys/class/net") / name,
         f"sudo ip link set {name} up type can bitrate 1000000",

@@ -207,10 +207,6 @@ def rehearse_all(rehearsals: Sequence[Rehearsal], processes: int = 1) -> Iterato
     """Rehearse plans in parallel and in order; None for a plan that the arm cannot do.
 
     Earlier rehearsals are cached. The result does not depend on the number of processes.
-
-    Args:
-        rehearsals: in order.
-        processes: number of processes.
     """
     known = {trial: _known[trial] for trial in rehearsals if trial in _known}
     new = [trial for trial in rehearsals if trial not in known]

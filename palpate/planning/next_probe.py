@@ -377,9 +377,6 @@ def plan_text(experiment: NextExperiment, plan: ProbingPlan) -> str:
 def same_world(session: Session) -> str | None:
     """Return the options of `palpate probe` that recreate the world of a session.
 
-    Args:
-        session: session of a probing.
-
     Returns:
         Options for a shell; None if they cannot be derived from the session.
     """

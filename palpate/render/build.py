@@ -150,12 +150,7 @@ def stage_view(
 
 
 def parameter_view(name: str, fitted: FittedValue) -> ParameterView:
-    """Make the view of one parameter.
-
-    Args:
-        name: "effect.parameter".
-        fitted: value and uncertainty.
-    """
+    """Make the view of one parameter."""
     effect, _, parameter = name.rpartition(".")
     error = SIGMAS_95 * (fitted.std_err if fitted.std_err is not None else float("nan"))
     lower, upper = getattr(fitted, "interval", (fitted.value - error, fitted.value + error))
@@ -163,11 +158,7 @@ def parameter_view(name: str, fitted: FittedValue) -> ParameterView:
 
 
 def axes_of(kind: ChannelKind) -> Axes:
-    """Return units for display: mm for contacts and sliding joints, rad for turning joints.
-
-    Args:
-        kind: kind of the channel.
-    """
+    """Return units for display: mm for contacts and sliding joints, rad for turning joints."""
     unit = kind.effort_unit
     match kind:
         case ChannelKind.CONTACT:
@@ -225,11 +216,7 @@ def run_speeds(data: ChannelData) -> dict[int, str]:
 
 
 def equation_of(model: Model) -> str:
-    """Return the model's equation: one line each for the sum of effects, the motion and the sensor.
-
-    Args:
-        model: model with its effects.
-    """
+    """Return the model's equation: one line each for the sum of effects, the motion and the sensor."""
     terms = [effect for effect in model.effects if isinstance(effect, AdditiveEffect)]
     sides = [effect.equation.partition("=") for effect in terms]
     parts = [_TERM.split(right.strip(), maxsplit=1) for _, _, right in sides]

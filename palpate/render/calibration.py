@@ -121,11 +121,7 @@ def force_figure(fit: ForceFit, reading_unit: str) -> go.Figure:
 
 
 def encoder_figure(fit: EncoderFit) -> go.Figure:
-    """Draw each touch of each stop about its mean, with the uncertainty of the zero.
-
-    Args:
-        fit: fit of the encoders.
-    """
+    """Draw each touch of each stop about its mean, with the uncertainty of the zero."""
     made = make_subplots(1, 1)
     for joint, (shown, std_rad) in enumerate(zip(fit.shown_rad, fit.std_rad, strict=True)):
         place = joint + 1 + 0.12 * (np.arange(len(shown)) - 0.5 * (len(shown) - 1))

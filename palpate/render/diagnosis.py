@@ -26,11 +26,7 @@ def enumerated(names: Sequence[str], last: str = "and") -> str:
 
 
 def diagnosed(diagnosis: ChannelDiagnosis) -> VerdictView:
-    """Make the view of a diagnosis's verdict.
-
-    Args:
-        diagnosis: diagnosis of one channel.
-    """
+    """Make the view of a diagnosis's verdict."""
     names = tuple(entry.effect for entry in diagnosis.accepted)
     has_reason = diagnosis.complete and "; " in diagnosis.reason
     is_explained = diagnosis.verdict is not Verdict.UNEXPLAINED
@@ -168,11 +164,7 @@ _SHOWN = 0.005  # share below which unexplained error is not mentioned
 
 
 def budget_view(diagnosis: ChannelDiagnosis) -> BudgetView | None:
-    """Make the view of a channel's error budget; None if the diagnosis has none.
-
-    Args:
-        diagnosis: diagnosis of one channel.
-    """
+    """Make the view of a channel's error budget; None if the diagnosis has none."""
     if diagnosis.rest is None or diagnosis.baseline is None:
         return None
     kinds = [

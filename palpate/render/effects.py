@@ -44,10 +44,6 @@ class Example:
 
         The model without the effect is a spring and damper, or a mass with viscous friction. If the effect is
         one of these two terms, the model has only the other term.
-
-        Args:
-            effect: effect to show.
-            kind: kind of the channel.
         """
         data, model, values = plain(kind)
         if not effect.applies_to(data):
@@ -79,11 +75,7 @@ class Example:
 
 
 def plain(kind: ChannelKind) -> tuple[ChannelData, Model, dict[str, float]]:
-    """Return a simple motion (two presses or swings), a simple model, and the model's parameters.
-
-    Args:
-        kind: kind of the channel.
-    """
+    """Return a simple motion (two presses or swings), a simple model, and the model's parameters."""
     t = np.arange(0.0, _PLAIN_S, _TIME_S)
     rate = 4.0 * np.pi / _PLAIN_S
     x, v, a = np.sin(rate * t), rate * np.cos(rate * t), -(rate**2) * np.sin(rate * t)
@@ -231,12 +223,7 @@ def as_data(effect: Effect) -> dict[str, Any]:
 
 
 def print_library(console: Console, effects: Sequence[Effect]) -> None:
-    """Print one table per group: each effect's signature and, if there is room, its similar effects.
-
-    Args:
-        console: console to print to.
-        effects: effects to list.
-    """
+    """Print one table per group: each effect's signature and, if there is room, its similar effects."""
     roomy = console.width >= _ROOMY
     for group in GROUPS:
         chosen = [effect for effect in effects if group_of(effect) == group]

@@ -191,11 +191,7 @@ def remarks(estimates: ChannelEstimates, truth: Truth) -> list[str]:
 
 
 def spoilt_by(estimates: ChannelEstimates) -> str | None:
-    """Describe why the data are invalid, so that no estimate is meaningful; None if they are valid.
-
-    Args:
-        estimates: estimates of one channel.
-    """
+    """Describe why the data are invalid, so that no estimate is meaningful; None if they are valid."""
     return contaminated(estimates.channel, estimates.model)
 
 

@@ -58,9 +58,6 @@ class Inspection:
     def plot(self, folder: Path) -> Path:
         """Save a page of plots in an existing folder; return the file.
 
-        Args:
-            folder: that exists.
-
         Raises:
             InputError: nothing was touched, or the file cannot be written.
         """

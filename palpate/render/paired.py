@@ -168,11 +168,7 @@ def _compare_parameters(sides: Sides) -> Iterator[str]:
 
 
 def difference_text(difference: ParameterDifference) -> str:
-    """Format a difference with half of its 95 % interval, if the interval is known.
-
-    Args:
-        difference: difference of one parameter.
-    """
+    """Format a difference with half of its 95 % interval, if the interval is known."""
     if not np.isfinite(difference.value):
         return "–"
     half = f" ± {significant(difference.half, difference.half)}" if np.isfinite(difference.half) else ""
@@ -180,12 +176,7 @@ def difference_text(difference: ParameterDifference) -> str:
 
 
 def print_pair(console: Console, view: PairView) -> None:
-    """Print both names, then each channel's sentences, fits and parameters.
-
-    Args:
-        console: console to print to.
-        view: view of both files.
-    """
+    """Print both names, then each channel's sentences, fits and parameters."""
     for letter, name in zip(LETTERS, view.names, strict=True):
         console.print(f"[bold]{letter}[/bold]  {safe(name)}", soft_wrap=True)
     for channel in view.channels:

@@ -46,11 +46,7 @@ UNKNOWN_PHASE = ("unknown", "#9aa5b1")
 
 
 def rgb(color: str) -> tuple[int, int, int]:
-    """Return red, green and blue (0 to 255) of "#rrggbb".
-
-    Args:
-        color: "#rrggbb".
-    """
+    """Return red, green and blue (0 to 255) of "#rrggbb"."""
     red, green, blue = (int(color[i : i + 2], 16) for i in (1, 3, 5))
     return red, green, blue
 

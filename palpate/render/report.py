@@ -34,11 +34,6 @@ def rendered(template: Path, filters: Mapping[str, Callable[..., Any]], **values
     """Render a template with values; every template also gets `style` and `version`.
 
     A template extends base.html, which requires a `title` and `facts`.
-
-    Args:
-        template: file of the template.
-        filters: filters by name.
-        values: values that the template needs.
     """
     environment = Environment(
         loader=FileSystemLoader([template.parent, _HERE]),
@@ -96,11 +91,7 @@ def figure(channel: ChannelView | StudyView) -> go.Figure:
 
 
 def fall_figure(channel: ChannelView) -> go.Figure:
-    """Draw the held-out error stage by stage, down to the noise level.
-
-    Args:
-        channel: channel with its stages.
-    """
+    """Draw the held-out error stage by stage, down to the noise level."""
     made = make_subplots(1, 1)
     _draw_fall(made, channel)
     return styled(made, 96 + _BAR_PX * (len(channel.fall) + 1))
@@ -134,11 +125,7 @@ def position_figure(channel: ChannelView) -> go.Figure:
 
 
 def state_figure(channel: ChannelView) -> go.Figure:
-    """Draw effort and models over position and velocity; intermediate stages are in the legend.
-
-    Args:
-        channel: channel with its stages.
-    """
+    """Draw effort and models over position and velocity; intermediate stages are in the legend."""
     made = make_subplots(1, 2, shared_yaxes=True, horizontal_spacing=0.03)
     _draw_state(made, channel, (1, 1), channel.position, channel.axes.position)
     _draw_state(made, channel, (1, 2), channel.velocity, channel.axes.velocity, named=False)
@@ -147,11 +134,7 @@ def state_figure(channel: ChannelView) -> go.Figure:
 
 
 def map_figure(channel: ChannelView) -> go.Figure:
-    """Draw mean residuals over position and velocity, of the base model and of the last stage.
-
-    Args:
-        channel: channel with its stages.
-    """
+    """Draw mean residuals over position and velocity, of the base model and of the last stage."""
     stages, axes = channel.shown_stages, channel.axes
     titles = [_escaped(stage.name) for stage in stages]
     made = make_subplots(
@@ -404,11 +387,7 @@ def document(view: StudyView) -> str:
 
 
 def as_html(figure: go.Figure) -> Markup:
-    """Return the HTML of a figure, for a page that includes plotly.js.
-
-    Args:
-        figure: plotly figure.
-    """
+    """Return the HTML of a figure, for a page that includes plotly.js."""
     return Markup(figure.to_html(full_html=False, include_plotlyjs=False, config=PLOT_CONFIG))  # noqa: S704, ours
 
 

@@ -51,12 +51,7 @@ _LOPSIDED = 0.1  # asymmetry, relative to the half-width, above which both ends 
 
 
 def print_diagnosis(console: Console, view: StudyView) -> None:
-    """Print each channel's error budget, verdict, stages, parameters, next steps and evidence.
-
-    Args:
-        console: console to print to.
-        view: all channels.
-    """
+    """Print each channel's error budget, verdict, stages, parameters, next steps and evidence."""
     for number, channel in enumerate(view.channels):
         if number:
             console.print()
@@ -96,13 +91,7 @@ def print_diagnosis(console: Console, view: StudyView) -> None:
 
 
 def print_budget(console: Console, channel: str, budget: BudgetView) -> None:
-    """Print the error budget: one sentence, a bar for each part, and indistinguishable effects.
-
-    Args:
-        console: console to print to.
-        channel: name of the channel.
-        budget: shares of the error.
-    """
+    """Print the error budget: one sentence, a bar for each part, and indistinguishable effects."""
     console.print(Text.from_markup(f"[bold]{safe(channel)}[/bold]  {safe(budget.sentence)}"))
     if len(budget.parts) > 1:
         room = console.width - 2
@@ -137,12 +126,7 @@ def _budget_table(budget: BudgetView, bars: int, *, is_beside: bool) -> Table:
 
 
 def print_comparison(console: Console, view: StudyView) -> None:
-    """Print each channel's error beside the noise level, with tables if a model does not fit.
-
-    Args:
-        console: console to print to.
-        view: all channels.
-    """
+    """Print each channel's error beside the noise level, with tables if a model does not fit."""
     for channel in view.channels:
         _print_verdict(console, channel.verdict)
         if channel.parts and (channel.verdict.word != "fits" or len(view.channels) == 1):
@@ -150,24 +134,14 @@ def print_comparison(console: Console, view: StudyView) -> None:
 
 
 def print_stages(console: Console, channel: ChannelView) -> None:
-    """Print the error of each stage, and the last stage's parameters.
-
-    Args:
-        console: console to print to.
-        channel: channel with its stages.
-    """
+    """Print the error of each stage, and the last stage's parameters."""
     _print_verdict(console, channel.verdict)
     console.print(fall_table(channel, console.width))
     console.print(parameter_table(channel.parameters, console.width))
 
 
 def print_revisions(console: Console, kept: Sequence[Revision]) -> None:
-    """Print all revisions of a session; on a narrow terminal in a shorter form.
-
-    Args:
-        console: console to print to.
-        kept: saved revisions of the session.
-    """
+    """Print all revisions of a session; on a narrow terminal in a shorter form."""
     roomy = console.width >= _ROOMY
     numbers = ("revision", "from") if roomy else ("no.",)
     errors, when = ("held-out\nerror", "× noise"), ("made",) if roomy else ()
@@ -186,12 +160,7 @@ def print_revisions(console: Console, kept: Sequence[Revision]) -> None:
 
 
 def print_files(console: Console, written: Mapping[str, Path]) -> None:
-    """Print the written files, one per line.
-
-    Args:
-        console: console to print to.
-        written: paths by kind of file.
-    """
+    """Print the written files, one per line."""
     for what, path in written.items():
         console.print(f"{what:<10} [bold]{shown(path)}[/bold]", soft_wrap=True)
 
@@ -230,20 +199,12 @@ def emphasised(sentence: str, names: Iterable[str]) -> Text:
 
 
 def safe_text(text: str) -> str:
-    """Return text from a file without escape sequences; its markup is not interpreted.
-
-    Args:
-        text: from a file.
-    """
+    """Return text from a file without escape sequences; its markup is not interpreted."""
     return Text.from_markup(safe(text)).plain
 
 
 def grade(times: float) -> str:
-    """Return an error's color by its ratio to the noise level.
-
-    Args:
-        times: ratio of error to noise.
-    """
+    """Return an error's color by its ratio to the noise level."""
     return "green" if times < NOISE else "yellow" if times < FAR else "red"
 
 
@@ -311,11 +272,7 @@ def parameter_table(
 
 
 def with_interval(view: ParameterView) -> tuple[str, str]:
-    """Format a value and half of its 95 % interval, or both ends of an asymmetric one.
-
-    Args:
-        view: view of the parameter.
-    """
+    """Format a value and half of its 95 % interval, or both ends of an asymmetric one."""
     if view.at_bound:
         return significant(view.value), AT_BOUND
     if not view.half < float("inf"):  # true for NaN as well

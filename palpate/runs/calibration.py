@@ -204,9 +204,6 @@ def run_stops(
 def run_pose(job: CalibrationJob) -> None:
     """Read and log the encoders of an unpowered arm that is held in a known pose.
 
-    Args:
-        job: the calibration run.
-
     Raises:
         InputError: as for `calibration_setup`.
         SafetyTripError: a sample is missing or old.

@@ -272,13 +272,7 @@ class NamedRobot:
 
 
 def say_how_to_use_it(calibration: Calibration, path: Path, whose: NamedRobot) -> None:
-    """Print on stderr the lines to add to the robot file, and the next command.
-
-    Args:
-        calibration: the new calibration.
-        path: absolute path of its file.
-        whose: the calibrated robot.
-    """
+    """Print on stderr the lines to add to the robot file, and the next command."""
     talk, file = console.stderr(), whose.file.path
     unit = getattr(calibration, "reading_unit", "N")
     if unit != "N":

@@ -328,11 +328,7 @@ class FollowingArm:
 
 
 def main(descriptor: int) -> None:
-    """Run the arm of `FollowingArm` at the other end of a pipe, in this process.
-
-    Args:
-        descriptor: file descriptor of this end of the pipe.
-    """
+    """Run the arm of `FollowingArm` at the other end of a pipe, in this process."""
     with Connection(descriptor) as line:
         try:
             run_following(line.recv(), line)

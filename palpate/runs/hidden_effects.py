@@ -67,11 +67,7 @@ def seal_hidden(
 
 
 def was_sealed(session: Session) -> bool:
-    """Return whether a session has hidden effects, or a sealed answer beside it.
-
-    Args:
-        session: the session.
-    """
+    """Return whether a session has hidden effects, or a sealed answer beside it."""
     return SEAL in session.metadata.extra or sealed_path(session.path).exists()
 
 
@@ -146,11 +142,7 @@ def true_parameters(session: Session) -> dict[str, float]:
 
 
 def truth_of(scenario: Scenario) -> dict[str, float]:
-    """Return a simulated world's true values by "effect.parameter".
-
-    Args:
-        scenario: the world.
-    """
+    """Return a simulated world's true values by "effect.parameter"."""
     surface = {SURFACE: -scenario.object.surface_height_m}
     match scenario.object.law:
         case KelvinVoigtLaw() | EngineContact() as law:

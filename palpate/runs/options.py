@@ -272,12 +272,7 @@ def ask_for_power(motion: str, *, yes: bool, pause: Callable[[float], None] = ti
 
 
 def motion_in_words(robot_file: RobotFile, plan: ProbingPlan) -> str:
-    """Describe a probing motion, for the confirmation before a real arm gets power.
-
-    Args:
-        robot_file: robot file of the arm.
-        plan: plan of the probing.
-    """
+    """Describe a probing motion, for the confirmation before a real arm gets power."""
     speeds = ", ".join(f"{1e3 * speed:g}" for speed in plan.speeds_m_s)
     return (
         f"'{robot_file.name}' is going to move: {count(len(list(plan.runs())), 'run')} at {speeds} mm/s, "

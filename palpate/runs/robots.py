@@ -112,11 +112,7 @@ def is_simulated(robot_file: RobotFile) -> bool:
 
 
 def check_can_be_emulated(robot_file: RobotFile) -> None:
-    """Raise `InputError` if the robot's world is simulated without device protocols.
-
-    Args:
-        robot_file: robot file of the robot.
-    """
+    """Raise `InputError` if the robot's world is simulated without device protocols."""
     if is_simulated(robot_file):
         raise InputError(
             f"robot '{robot_file.name}' is simulated without wires: --wire is for robots of hardware "
@@ -165,11 +161,7 @@ def emulate(
 
 
 def wires_in_words(robot_file: RobotFile) -> str:
-    """Describe emulated buses, such as "motors (dynamixel_bus), load_cell (serial_line)".
-
-    Args:
-        robot_file: robot file of the robot.
-    """
+    """Describe emulated buses, such as "motors (dynamixel_bus), load_cell (serial_line)"."""
     check_can_be_emulated(robot_file)
     buses = ", ".join(f"{name} ({bus.driver})" for name, bus in robot_file.buses.items())
     return f"{buses}; no hardware is touched"

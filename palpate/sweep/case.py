@@ -125,12 +125,7 @@ class ResultStore:
             raise InputError(f"results folder {folder}: cannot be made ({error.strerror})") from error
 
     def land(self, address: str, rows: Sequence[Row]) -> None:
-        """Store the rows of one case, at least one; raise `OSError` if they cannot be written.
-
-        Args:
-            address: address of the case.
-            rows: result of the case.
-        """
+        """Store the rows of one case, at least one; raise `OSError` if they cannot be written."""
         _write(
             self.folder / f"{address}{_ENDING}",
             pa.Table.from_pylist([{ADDRESS: address} | row for row in rows]),
@@ -185,11 +180,7 @@ class ResultStore:
         return _joined(parts)
 
     def drop(self, addresses: Iterable[str]) -> None:
-        """Delete the results of these cases; raise `InputError` if a file is damaged.
-
-        Args:
-            addresses: addresses of the cases.
-        """
+        """Delete the results of these cases; raise `InputError` if a file is damaged."""
         dropped = pa.array(list(addresses), pa.string())
         for path in (*self._packs(), *self._landed()):
             part = _read(path)

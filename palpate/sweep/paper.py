@@ -335,11 +335,7 @@ def ransac_section(rows: Sequence[Row]) -> Section:
 
 
 def hunt_crossley_section(rows: Sequence[Row]) -> Section:
-    """Make the section on Hunt-Crossley objects, which the paper leaves to future work.
-
-    Args:
-        rows: rows of all objects.
-    """
+    """Make the section on Hunt-Crossley objects, which the paper leaves to future work."""
     table = error_table("hunt_crossley", "Hunt-Crossley, all objects", rows, best_first=True)
     best = table.rows[0]
     words = (

@@ -115,13 +115,7 @@ class ObjectEstimator:
         return any(worker.busy for worker in self._workers)
 
     def look(self, samples: Samples, target: int, *, last: bool) -> None:
-        """Request an estimate for a target's samples, and after the last run a diagnosis.
-
-        Args:
-            samples: samples of one target.
-            target: number of the target.
-            last: whether the target's last run is over.
-        """
+        """Request an estimate for a target's samples, and after the last run a diagnosis."""
         for worker in self._workers[: 2 if last else 1]:
             worker.take(samples, target)
 

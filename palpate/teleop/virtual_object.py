@@ -174,11 +174,7 @@ class TargetStates:
         self._revisions.clear()
 
     def take(self, estimate: ObjectEstimate) -> bool:
-        """Store an estimate and return whether it is new; raise `InputError` if it cannot be rendered.
-
-        Args:
-            estimate: of one target.
-        """
+        """Store an estimate and return whether it is new; raise `InputError` if it cannot be rendered."""
         known = self._revisions.pop(estimate.target, -1)
         self._revisions[estimate.target] = max(known, estimate.revision)
         if estimate.revision <= known:

@@ -31,11 +31,7 @@ class JudgedFit:
 
     @classmethod
     def of(cls, shown: DisplayedFit) -> "JudgedFit":
-        """Evaluate a fit; this computes its intervals.
-
-        Args:
-            shown: the fit.
-        """
+        """Evaluate a fit; this computes its intervals."""
         return cls(shown, shown.fitted.unphysical, shown.fitted.smooth_law_error)
 
 
@@ -57,11 +53,7 @@ class ErrorCard:
             self._fall = set_props(ui.html("").mark("waterfall"), title=elements.FALL)
 
     def show(self, shown: DisplayedFit) -> None:
-        """Show the error of a fit; `judge` shows whether it is good.
-
-        Args:
-            shown: the fit.
-        """
+        """Show the error of a fit; `judge` shows whether it is good."""
         unit, error = shown.fitted.data.kind.effort_unit, shown.fitted.rmse
         self._number.set_content(_number(error, unit, shown.noise, elements.ROUGH if shown.is_rough else ""))
         self._fall.set_content(waterfall(shown.steps, shown.noise, unit))
@@ -70,11 +62,7 @@ class ErrorCard:
             self.judge(self._judged)
 
     def judge(self, fit: "JudgedFit") -> None:
-        """Show whether a fit with known intervals is good; a small error does not suffice.
-
-        Args:
-            fit: fit with its intervals.
-        """
+        """Show whether a fit with known intervals is good; a small error does not suffice."""
         self._judged, shown = fit, fit.shown
         unit, error, noise = shown.fitted.data.kind.effort_unit, shown.fitted.rmse, shown.noise
         more = error > NOISE * fit.noise
@@ -163,11 +151,7 @@ class Parameters:
             self._list = ui.element("div").classes("parameters")
 
     def show(self, shown: DisplayedFit) -> None:
-        """List the parameters of a fit; unknown intervals follow later.
-
-        Args:
-            shown: the fit.
-        """
+        """List the parameters of a fit; unknown intervals follow later."""
         if self._shown is None or shown.fitted is not self._shown.fitted:
             self._estimates = {}
         self._shown, self._values = shown, shown.values
@@ -199,11 +183,7 @@ class Parameters:
             self._mark_state(name)
 
     def mark_pulled(self, shown: DisplayedFit) -> None:
-        """Show the values of moved sliders.
-
-        Args:
-            shown: the fit with the values of the sliders.
-        """
+        """Show the values of moved sliders."""
         self._shown = shown
         self._values |= shown.choice.pulled
         self._back.set_visibility(True)

@@ -389,11 +389,7 @@ class PlotPanel:
             self._map: Plot | None = None
 
     def show(self, shown: DisplayedFit) -> None:
-        """Draw a fit; with the first fit of a channel, also draw its base model.
-
-        Args:
-            shown: the fit.
-        """
+        """Draw a fit; with the first fit of a channel, also draw its base model."""
         first, self._shown = self._shown is None, shown
         # Predicted effort, and residuals in held-out runs, (n,) each.
         self._drawn = shown.fitted.predict(shown.fitted.values), shown.fitted.residual

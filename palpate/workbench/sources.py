@@ -60,11 +60,7 @@ class ColumnGuess:
 
 
 def guess(table: Table) -> list[ColumnGuess]:
-    """Guess the role of each numeric column from its name, and of the time also from its values.
-
-    Args:
-        table: table of the file.
-    """
+    """Guess the role of each numeric column from its name, and of the time also from its values."""
     guesses = guess_columns(table.names, clocks_of(table.columns))
     guesses = [guessed for guessed in guesses if table.is_numeric(guessed.column)]
     best = {(each.quantity, each.joint): each for each in sorted(guesses, key=lambda each: each.fit)}
@@ -312,11 +308,7 @@ class Feed:
 
 
 def online_residual(ticks: Samples) -> FloatArray:
-    """Return force minus the online estimate's, (n,) [N]; NaN without an estimate.
-
-    Args:
-        ticks: n ticks with the online estimates.
-    """
+    """Return force minus the online estimate's, (n,) [N]; NaN without an estimate."""
     along = np.sum(ticks["tip_position_world_m"] * ticks["press_direction_world"], axis=1)
     speed = np.sum(ticks["tip_velocity_world_m_s"] * ticks["press_direction_world"], axis=1)
     depth = along - ticks["surface_m"]
@@ -332,11 +324,7 @@ _LAST = 30_000  # number of stored ticks
 
 
 def newest_growing(folder: Path) -> Path | None:
-    """Return the newest session of a folder, if it is still being written.
-
-    Args:
-        folder: folder of sessions.
-    """
+    """Return the newest session of a folder, if it is still being written."""
     files = sorted(folder.glob("*.mcap"), key=lambda file: file.stat().st_mtime)
     if not files:
         return None

@@ -50,11 +50,7 @@ class AppState:
         return f'<p class="quiet">{escape(self.reading or "opening")} …</p>{self.raw}'
 
     def serve_report(self, path: Path) -> str:
-        """Serve a report to the browser; return its unguessable address.
-
-        Args:
-            path: path of the report.
-        """
+        """Serve a report to the browser; return its unguessable address."""
         key = token_urlsafe(16)
         self.reports[key] = path
         return f"/report/{key}"
@@ -127,11 +123,7 @@ class EarlyServer(ThreadingTCPServer):
         self._answers = False
 
     def answer_with(self, body: str) -> None:
-        """Answer the first visitor with this HTML.
-
-        Args:
-            body: HTML.
-        """
+        """Answer the first visitor with this HTML."""
         self.page, self._answers = _PAGE.format(body=body, style=STYLE, script=_SCRIPT).encode(), True
         Thread(target=self.serve_forever, args=(_POLL_S,), daemon=True).start()
 

@@ -284,11 +284,7 @@ class WorkbenchState:
         return self.choice, (self.out, self.study.held_out)
 
     def to_channel(self, name: str) -> DisplayedFit:
-        """Select another channel, with the effects that were last added to it.
-
-        Args:
-            name: name of the channel.
-        """
+        """Select another channel, with the effects that were last added to it."""
         return self.choose(self._start_of(name))
 
     def to_revision(self, revision: Revision) -> DisplayedFit:
@@ -453,11 +449,7 @@ def evidence_of(study: Study, channel: StudyChannel, beside: Sequence[str], effe
 
 
 def groups(evidence: Sequence[EffectEvidence]) -> list[list[EffectEvidence]]:
-    """Group effects that are alike on these data, the strongest evidence first.
-
-    Args:
-        evidence: evidence of each effect.
-    """
+    """Group effects that are alike on these data, the strongest evidence first."""
     left = sorted(evidence, key=lambda each: -each.falls)
     made: list[list[EffectEvidence]] = []
     while left:
@@ -482,11 +474,7 @@ def _listed(runs: Sequence[int]) -> str:
 
 
 def describe_kind(kind: ChannelKind) -> str:
-    """Describe a channel's kind, for its button.
-
-    Args:
-        kind: kind of the channel.
-    """
+    """Describe a channel's kind, for its button."""
     return {
         ChannelKind.CONTACT: "contact force",
         ChannelKind.REVOLUTE: "joint torque",

@@ -48,10 +48,6 @@ _PASSING = frozenset(
 def device_identity(robot_file: RobotFile, kind: str) -> dict[str, object]:
     """Describe the device that a calibration belongs to, with its bus; gravity belongs to the drives.
 
-    Args:
-        robot_file: the robot.
-        kind: kind of the calibration.
-
     Returns:
         Driver and settings.
     """
@@ -90,9 +86,6 @@ def first_difference(
 def urdf_sha256(robot_file: RobotFile) -> str:
     """Hash the robot's URDF.
 
-    Args:
-        robot_file: the robot.
-
     Returns:
         Hexadecimal SHA-256.
 
@@ -116,12 +109,7 @@ _LARGE_ZERO_RAD = 0.2
 
 
 def implausible(calibration: Calibration, limits: Limits) -> str | None:
-    """Describe why a calibration cannot belong to this arm.
-
-    Args:
-        calibration: calibration to check.
-        limits: limits of the arm.
-    """
+    """Describe why a calibration cannot belong to this arm."""
     if isinstance(calibration, ForceCalibration):
         values, limit_n = calibration.values, limits.force_n
         scale = values.scale.value
@@ -157,9 +145,6 @@ def doubtful(calibration: Calibration) -> str | None:
 
     Any zero is possible, but a wrong zero sends the arm to unexpected places. A large offset usually means
     that the pose or the stop was a different one.
-
-    Args:
-        calibration: calibration to check.
     """
     if not isinstance(calibration, EncoderCalibration):
         return None

@@ -259,9 +259,6 @@ CALIBRATION_KINDS = tuple(_MODELS)
 def load_calibration(path: str | Path) -> Calibration:
     """Read and check a calibration file.
 
-    Args:
-        path: path of the file.
-
     Raises:
         InputError: the first problem, with file, line, key and valid values.
     """

@@ -113,11 +113,7 @@ class NetFtStream:
         self.rejected = 0
 
     def feed(self, data: bytes) -> list[float]:
-        """Decode the force in one datagram [N]; nothing if it is not new.
-
-        Args:
-            data: one datagram.
-        """
+        """Decode the force in one datagram [N]; nothing if it is not new."""
         try:
             record = decode_record(data)
         except ProtocolError:
@@ -275,11 +271,7 @@ class _Socket:
         return b""
 
     def write(self, data: bytes) -> None:
-        """Send a datagram; a "nobody listens" error refers to an earlier one.
-
-        Args:
-            data: the datagram.
-        """
+        """Send a datagram; a "nobody listens" error refers to an earlier one."""
         with suppress(ConnectionRefusedError):
             self._socket.send(data)
 

@@ -129,12 +129,7 @@ WATCHDOG_EXPIRED = {Firmware.V0_5: 0x00000800, Firmware.V0_6: 0x01000000}
 
 
 def axis_error_names(error: int, firmware: Firmware) -> tuple[str, ...]:
-    """Name the bits that are set in an axis error; a number for a bit without a name.
-
-    Args:
-        error: bits of the axis.
-        firmware: firmware generation of the bits.
-    """
+    """Name the bits that are set in an axis error; a number for a bit without a name."""
     table = AXIS_ERRORS[firmware]
     bits = (1 << place for place in range(32) if error >> place & 1)
     return tuple(table.get(bit, f"unknown bit 0x{bit:08X}") for bit in bits)
@@ -175,9 +170,6 @@ def odrive_id(node_id: int, command: OdriveCommand) -> int:
 
 def split_odrive_id(can_id: int) -> tuple[int, int]:
     """Split an arbitration id.
-
-    Args:
-        can_id: arbitration id.
 
     Returns:
         Node id and command number.
@@ -246,12 +238,7 @@ def decode_version(frame: CanFrame) -> tuple[int, int, int]:
 
 
 def ask(node_id: int, command: OdriveCommand) -> CanFrame:
-    """Request a message from an axis, as a remote frame.
-
-    Args:
-        node_id: of the axis.
-        command: number of the message.
-    """
+    """Request a message from an axis, as a remote frame."""
     return CanFrame(odrive_id(node_id, command), remote=True)
 
 
@@ -308,9 +295,5 @@ def encode_limits(node_id: int, velocity_rev_s: float, current_a: float) -> CanF
 
 
 def encode_clear_errors(node_id: int) -> CanFrame:
-    """Clear an axis's errors (its identify light stays as it is).
-
-    Args:
-        node_id: of the axis.
-    """
+    """Clear an axis's errors (its identify light stays as it is)."""
     return CanFrame(odrive_id(node_id, OdriveCommand.CLEAR_ERRORS), b"\x00")

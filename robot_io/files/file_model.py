@@ -47,9 +47,6 @@ class YamlDocument:
     def line_of(self, key_path: KeyPath) -> int:
         """Find the line of a key, or of the nearest existing part of its path.
 
-        Args:
-            key_path: path of the key.
-
         Returns:
             Line from 1.
         """

@@ -124,11 +124,7 @@ class LimitChecks:
         self._force_age_s = limits.force_age_s
 
     def violation(self, measurement: Measurement) -> Problem | None:
-        """Find the first problem of a measurement.
-
-        Args:
-            measurement: measurement to check.
-        """
+        """Find the first problem of a measurement."""
         time_s = measurement.time_s
         problem = (
             _sample_problem(

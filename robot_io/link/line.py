@@ -332,11 +332,7 @@ def _is_local(endpoint: str) -> bool:
 
 
 def cause(error: Exception) -> str:
-    """Extract the cause of a `zenoh.ZError` for the user.
-
-    Args:
-        error: error of zenoh.
-    """
+    """Extract the cause of a `zenoh.ZError` for the user."""
     text = _PLACE.sub("", " ".join(str(error).split()))
     if match := _MESSAGE.search(text):
         what, line, column = match.groups()

@@ -153,11 +153,7 @@ class Stream:
 
 
 def streams_to_json(streams: tuple[Stream, ...]) -> str:
-    """Describe streams as JSON text, as a session's header keeps them.
-
-    Args:
-        streams: to describe.
-    """
+    """Describe streams as JSON text, as a session's header keeps them."""
     return json.dumps([asdict(stream) for stream in streams])
 
 
@@ -233,11 +229,7 @@ class Samples:
         return {column.name: column.unit for column in self.stream.columns}
 
     def vector(self, name: str) -> NDArray[Any]:
-        """Return a column as shape (n, width), even if the width is 1, as with an arm of one joint.
-
-        Args:
-            name: name of the column.
-        """
+        """Return a column as shape (n, width), even if the width is 1, as with an arm of one joint."""
         array = self[name]
         return array[:, np.newaxis] if array.ndim == 1 else array
 

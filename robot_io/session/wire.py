@@ -217,21 +217,13 @@ class Decoder:
 
 
 def file_descriptor_set(message: descriptor_pb2.DescriptorProto) -> bytes:
-    """Wrap one message type into a serialised proto3 FileDescriptorSet.
-
-    Args:
-        message: type of the message.
-    """
+    """Wrap one message type into a serialised proto3 FileDescriptorSet."""
     data: bytes = descriptor_pb2.FileDescriptorSet(file=[_file(message)]).SerializeToString()
     return data
 
 
 def descriptor_of(message: descriptor_pb2.DescriptorProto) -> Any:  # noqa: ANN401, built at run time
-    """Register one message type in a pool of its own, from which protobuf makes classes.
-
-    Args:
-        message: type of the message.
-    """
+    """Register one message type in a pool of its own, from which protobuf makes classes."""
     pool = descriptor_pool.DescriptorPool()
     pool.Add(_file(message))
     return pool.FindMessageTypeByName(f"{PACKAGE}.{message.name}")

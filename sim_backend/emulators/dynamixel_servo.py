@@ -165,12 +165,7 @@ class Memory:
         return int.from_bytes(data, "little", signed=signed)
 
     def put(self, address: int, value: int) -> None:
-        """Set an item from inside the servo; nothing is checked.
-
-        Args:
-            address: address of the item.
-            value: to set.
-        """
+        """Set an item from inside the servo; nothing is checked."""
         item = self._items[address]
         data = (value % (1 << 8 * item.size)).to_bytes(item.size, "little")
         self._bytes[address : address + item.size] = data

@@ -117,12 +117,7 @@ def plot(
 
 
 def shown_on(*contents: rrb.Container | rrb.View, timeline: str) -> rrb.Blueprint:
-    """Make a blueprint of tabs without Rerun's extra panels; a timeline of revisions starts at the last one.
-
-    Args:
-        contents: tabs.
-        timeline: timeline that is shown first.
-    """
+    """Make a blueprint of tabs without extra panels; a timeline of revisions starts at the last one."""
     # the view stays at the end of the timeline
     play: Literal["following", "paused"] = "following" if timeline == REVISION else "paused"
     panel = rrb.TimePanel(state="collapsed", timeline=timeline, play_state=play)

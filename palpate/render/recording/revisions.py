@@ -118,12 +118,7 @@ def span_of(values: FloatArray, margin: float = 0.06) -> tuple[float, float]:
 
 
 def ticks(low: float, high: float) -> list[float]:
-    """Return about five round values from low to high.
-
-    Args:
-        low: least value.
-        high: largest value.
-    """
+    """Return about five round values from low to high."""
     least = (high - low) / _TICKS
     unit = 10.0 ** np.floor(np.log10(least))
     step = next(factor * unit for factor in _STEPS if factor * unit >= least * (1.0 - 1e-9))
@@ -189,12 +184,7 @@ def _fill(
 
 
 def budget_tab(entity: str, name: str) -> rrb.Horizontal:
-    """Make the tab of an error budget.
-
-    Args:
-        entity: path of the budget.
-        name: name of the tab.
-    """
+    """Make the tab of an error budget."""
     frame = rrb.VisualBounds2D(x_range=[_NAMES - 8.0, _WIDTH + 8.0], y_range=[-8.0, _STACK + 9 * _ROW])
     background = rrb.Background(color=BACKGROUND)
     chart = rrb.Spatial2DView(

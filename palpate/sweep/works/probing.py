@@ -192,11 +192,7 @@ def contact_channel(samples: Samples) -> ChannelData:
 
 
 def estimators_for(model: str) -> list[str]:
-    """Return the names of estimators that suit a contact model.
-
-    Args:
-        model: name of the model.
-    """
+    """Return the names of estimators that suit a contact model."""
     return [*ESTIMATORS, *(name for name, each in CONTACT_ESTIMATORS.items() if each.model == model)]
 
 

@@ -158,11 +158,7 @@ class DynamixelAccess(RegisterAccess):
         super().__init__(protocol.DIALECT, port, clock)
 
     def who(self, servo_id: int) -> tuple[int, int]:
-        """Read model number and firmware version of a servo. DeviceError: as for `ping`.
-
-        Args:
-            servo_id: id of the servo.
-        """
+        """Read model number and firmware version of a servo. DeviceError: as for `ping`."""
         data = self.ping(servo_id, protocol.PING_SIZE)
         return data[0] | data[1] << 8, data[2]
 

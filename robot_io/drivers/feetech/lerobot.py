@@ -70,9 +70,6 @@ class LerobotCalibration(RootModel[Annotated[dict[str, LerobotMotor], Field(min_
 def read_calibration(path: Path) -> dict[str, LerobotMotor]:
     """Read a calibration file of LeRobot's.
 
-    Args:
-        path: path of the file.
-
     Returns:
         The joints, by LeRobot's names.
 

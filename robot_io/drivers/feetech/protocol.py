@@ -130,11 +130,7 @@ class FeetechDialect(ServoDialect):
         return HEADER + content + bytes((~sum(content) & 0xFF,))
 
     def ping(self, servo_id: int) -> bytes:
-        """Read a servo's id; after a voltage error the answer to a true ping looks like its echo.
-
-        Args:
-            servo_id: id of the servo.
-        """
+        """Read a servo's id; after a voltage error the answer to a true ping looks like its echo."""
         return self.read(servo_id, _ID_ADDRESS, ID_SIZE)
 
     def sync_write_block(self, address: int, size: int, block: bytes) -> bytes:

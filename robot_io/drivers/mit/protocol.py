@@ -190,12 +190,7 @@ class MitFrames:
         self.host_id, self._answer_ids = host_id, answer_ids
 
     def order(self, motor_id: int, order: Order) -> CanFrame:
-        """Make the frame of an order; the motor answers with its state.
-
-        Args:
-            motor_id: id of the receiver.
-            order: the order.
-        """
+        """Make the frame of an order; the motor answers with its state."""
         return CanFrame(motor_id, self._ORDERS[order])
 
     def torque(self, motor_id: int, torque_nm: float, ranges: MitRanges) -> tuple[CanFrame, float]:
@@ -212,11 +207,7 @@ class MitFrames:
         return encode_torque(motor_id, torque_nm, ranges)
 
     def motor_asked(self, frame: CanFrame) -> int | None:
-        """Return the id of the motor that answers a frame of the host's with its state; None if none does.
-
-        Args:
-            frame: frame of the host.
-        """
+        """Return the id of the motor that answers a frame of the host's with its state; None if none does."""
         return None if frame.can_id == REGISTERS_ID else frame.can_id
 
     def sender(self, frame: CanFrame) -> int | None:
@@ -260,12 +251,7 @@ class MitFrames:
         return None
 
     def read_register(self, motor_id: int, register: MotorRegister) -> CanFrame:
-        """Request a register's value.
-
-        Args:
-            motor_id: id of the receiver.
-            register: register to read.
-        """
+        """Request a register's value."""
         return _registers(motor_id, bytes((READ, register.number, 0, 0, 0, 0)))
 
     def write_register(self, motor_id: int, register: MotorRegister, value: float) -> CanFrame:

@@ -261,22 +261,14 @@ class MitBusSettings(CanLineSettings):
         return self.dialect.host_id if self.host_id is None else self.host_id
 
     def wire_ranges(self, motor: MitMotor) -> MitRanges:
-        """Return the ranges of the numbers on the wire.
-
-        Args:
-            motor: of this bus.
-        """
+        """Return the ranges of the numbers on the wire."""
         own = motor.ranges
         if own is None:
             return self.dialect.models[motor.model]
         return MitRanges(own.position_rad, own.velocity_rad_s, own.torque_nm)
 
     def answer_ids(self, motor: MitMotor) -> tuple[int, ...]:
-        """Return the arbitration ids under which a motor's answers are taken.
-
-        Args:
-            motor: of this bus.
-        """
+        """Return the arbitration ids under which a motor's answers are taken."""
         if self.dialect.has_answer_ids:
             return (motor.answer_id or motor.motor_id + USUAL_ANSWER_OFFSET,)
         return (self.host, motor.motor_id)

@@ -56,12 +56,7 @@ def filter_setup(rate_hz: int) -> bytes:
 
 
 def code_of(command: bytes, received: bytes | bytearray) -> int | None:
-    """Find the answer code to a command in received bytes; None without an answer, 0 for success.
-
-    Args:
-        command: the sent command.
-        received: all bytes received since.
-    """
+    """Find the answer code to a command in received bytes; None without an answer, 0 for success."""
     match = re.search(rb"r,\d,%c,(\d)" % command[0], received)
     return int(match[1]) if match else None
 

@@ -123,9 +123,6 @@ _PINGS = 4
 def model_of(answer: str) -> str:
     """Return the interface model from the answer to MODEL.
 
-    Args:
-        answer: answer to MODEL.
-
     Raises:
         ProtocolError: the model is unknown.
     """
@@ -138,9 +135,6 @@ def model_of(answer: str) -> str:
 def unit_of(answer: str) -> float:
     """Return the newtons in one unit of the readings.
 
-    Args:
-        answer: answer to UNITS.
-
     Raises:
         ProtocolError: not a unit of force.
     """
@@ -150,9 +144,6 @@ def unit_of(answer: str) -> float:
 
 def number_of(text: str) -> float:
     """Parse a decimal number in the interface's format.
-
-    Args:
-        text: decimal number.
 
     Raises:
         ProtocolError: the text is not a decimal number.

@@ -240,18 +240,10 @@ class Port(Protocol):
         """Return the file descriptor."""
 
     def read(self, size: int, /) -> bytes:
-        """Return received bytes, at most `size` or one datagram.
-
-        Args:
-            size: most bytes.
-        """
+        """Return received bytes, at most `size` or one datagram."""
 
     def write(self, data: bytes, /) -> object:
-        """Send bytes to the sensor.
-
-        Args:
-            data: bytes for the sensor.
-        """
+        """Send bytes to the sensor."""
 
 
 class ForceLine(Bus):
@@ -294,9 +286,6 @@ class ForceLine(Bus):
 
     def write(self, data: bytes) -> None:
         """Send bytes to the sensor.
-
-        Args:
-            data: bytes for the sensor.
 
         Raises:
             DeviceError: the port failed.

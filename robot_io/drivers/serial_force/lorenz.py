@@ -117,9 +117,6 @@ class TelegramReader:
     def feed(self, data: bytes) -> list[Telegram]:
         """Process received bytes, and return the telegrams that are now complete.
 
-        Args:
-            data: received bytes.
-
         Returns:
             The telegrams, oldest first.
         """
@@ -171,9 +168,6 @@ def encode_start_stream(address: int, rate_hz: int) -> bytes:
 
 def decode_header_block(parameters: Sequence[int]) -> SensorHeader:
     """Decode the block "rotor header" from the answer to READ_CONFIG.
-
-    Args:
-        parameters: parameters of the answer to READ_CONFIG.
 
     Raises:
         ProtocolError: wrong block, length or checksum.

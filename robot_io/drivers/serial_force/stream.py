@@ -229,9 +229,6 @@ class ReadingStream(Protocol):
     def feed(self, data: bytes) -> list[float]:
         """Process received bytes, and return the samples that are now complete.
 
-        Args:
-            data: received bytes.
-
         Returns:
             Forces [N] in the sensor's own sign, oldest first.
         """
@@ -251,9 +248,6 @@ class LineSplitter:
 
     def feed(self, data: bytes) -> list[bytes]:
         """Process received bytes, and return the lines that are now complete.
-
-        Args:
-            data: received bytes.
 
         Returns:
             The lines, without their ends.

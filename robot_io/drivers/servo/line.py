@@ -173,14 +173,7 @@ class RegisterAccess:
         self.write_bytes(servo_id, register.address, register.encode(value), f"setting {register.name}")
 
     def write_bytes(self, servo_id: int, address: int, data: bytes, what: str) -> None:
-        """Set bytes from `address` on; `what` is for the error. DeviceError: as for `write`.
-
-        Args:
-            servo_id: id of the servo.
-            address: address of the first byte.
-            data: the bytes.
-            what: description for errors.
-        """
+        """Set bytes from `address` on; `what` is for the error. DeviceError: as for `write`."""
         packet = self._ask(servo_id, self._dialect.write(servo_id, address, data), 0)
         self._check(packet, what)
 
@@ -214,11 +207,7 @@ class RegisterAccess:
         self._confirm(servo_id, register, value)
 
     def why_alert(self, servo_id: int) -> str:
-        """Return the cause of the alert bit in a servo's answers, for the end of a message.
-
-        Args:
-            servo_id: id of the servo.
-        """
+        """Return the cause of the alert bit in a servo's answers, for the end of a message."""
         return ""
 
     def _confirm(self, servo_id: int, register: Register, value: int) -> None:

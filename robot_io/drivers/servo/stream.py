@@ -128,11 +128,7 @@ class ServoDialect(ABC):
         return b"".join(value.to_bytes(self.word, "little") for value in values)
 
     def ping(self, servo_id: int) -> bytes:
-        """Ping one servo.
-
-        Args:
-            servo_id: id of the servo.
-        """
+        """Ping one servo."""
         return self.encode_packet(servo_id, _PING)
 
     def ping_all(self) -> bytes:
@@ -140,33 +136,15 @@ class ServoDialect(ABC):
         return self.encode_packet(BROADCAST_ID, _PING)
 
     def read(self, servo_id: int, address: int, size: int) -> bytes:
-        """Read bytes of one servo.
-
-        Args:
-            servo_id: id of the servo.
-            address: address of the first byte.
-            size: number of bytes.
-        """
+        """Read bytes of one servo."""
         return self.encode_packet(servo_id, _READ, self.words(address, size))
 
     def write(self, servo_id: int, address: int, data: bytes) -> bytes:
-        """Write bytes of one servo, which acknowledges with an empty answer.
-
-        Args:
-            servo_id: id of the servo.
-            address: address of the first byte.
-            data: the bytes.
-        """
+        """Write bytes of one servo, which acknowledges with an empty answer."""
         return self.encode_packet(servo_id, _WRITE, self.words(address) + data)
 
     def sync_read(self, address: int, size: int, servo_ids: Sequence[int]) -> bytes:
-        """Read the same bytes of several servos; each answers with its own packet, in this order.
-
-        Args:
-            address: address of the first byte.
-            size: number of bytes from each servo.
-            servo_ids: ids in the order of the answers.
-        """
+        """Read the same bytes of several servos; each answers with its own packet, in this order."""
         return self.encode_packet(BROADCAST_ID, _SYNC_READ, self.words(address, size) + bytes(servo_ids))
 
     def sync_write(self, address: int, data: Mapping[int, bytes]) -> bytes:
