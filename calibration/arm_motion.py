@@ -392,8 +392,8 @@ class FreeMotion:
         self._touched_ticks = self._touched_ticks + 1 if abs(away_n) > TOUCH_N else 0
         if self._touched_ticks >= _TOUCH_TICKS:
             raise SafetyTripError(
-                f"{away_n:.1f} N on the tool: something is in the way; remove it, or else "
-                "what is attached to the tool, because its weight changes direction with the tool"
+                f"{away_n:.1f} N on the tool: something is in the way; remove it. If nothing is, "
+                "remove what is attached to the tool: its weight changes direction with the tool"
             )
         return self._torque.step(measurement, motion, self._no_contact, dt_s)
 

@@ -89,8 +89,8 @@ def plan_stops(
         lowest, approach = max(candidates, key=lambda candidate: candidate[0], default=(None, None))
         if lowest is None or approach is None:
             raise InputError(
-                f"joint {joint + 1}: no stop of it is stated, or limits.torque_nm hardly carry the arm "
-                f"there: state or raise them; {_INSTEAD}"
+                f"joint {joint + 1}: its stops are not stated, or limits.torque_nm hardly carries the "
+                f"arm there: state the stops, or raise the limit; {_INSTEAD}"
             )
         if lowest < floor_m - MARGIN_M:
             raise InputError(

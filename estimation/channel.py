@@ -203,7 +203,7 @@ class ChannelData:
         for what in sorted(self.recorded):
             if what not in self.context or self.context[what].ndim != 1:
                 raise InputError(
-                    f"channel '{self.name}': recorded signal '{what}' is not one number a sample"
+                    f"channel '{self.name}': recorded signal '{what}' must have one number per sample"
                 )
 
     def __reduce__(self) -> tuple[type["ChannelData"], tuple[object, ...]]:

@@ -308,9 +308,13 @@ class Study(ModelStudy):
         given: dict[str, Revision] = {}
         for revision in map(self.revision, numbers):
             if revision.channel not in joints:
-                raise InputError(f"revision {revision.number} is of {revision.channel}, which is not a joint")
+                raise InputError(
+                    f"revision {revision.number} belongs to {revision.channel}, which is not a joint"
+                )
             if revision.channel in given:
-                raise InputError(f"several revisions for one {revision.channel}: choose one with --revision")
+                raise InputError(
+                    f"several revisions of channel {revision.channel}: choose one with --revision"
+                )
             given[revision.channel] = revision
         chosen |= given
         fitted, failures = list[FittedJoint](), list[str]()
@@ -349,7 +353,7 @@ class Study(ModelStudy):
         names = {contact.name for contact in contacts}
         places = ["contact" if item.channel in names else item.channel for item in chosen]
         if twice := {place for place in places if places.count(place) > 1}:
-            raise InputError(f"several revisions for one {twice.pop()}: choose one with --revision")
+            raise InputError(f"several revisions of channel {twice.pop()}: choose one with --revision")
         if not chosen:
             raise InputError(
                 f"{self._file}: no revision to write; add something first (palpate diagnose --apply)"
@@ -401,7 +405,7 @@ def arm_from_urdf(path: Path, tip_frame: str | None = None) -> Arm:
             robot = parse_urdf(read_text(path))
             if TIP_FRAME not in {link.get("name") for link in robot.findall("link")}:
                 chosen = last_link(robot) or TIP_FRAME
-    note = f"{path}: no link is called '{TIP_FRAME}'; its last one, '{chosen}', is taken: see --tip-frame"
+    note = f"{path}: no link is called '{TIP_FRAME}'; the last link, '{chosen}', is used: see --tip-frame"
     notes = () if tip_frame is not None or chosen == TIP_FRAME else (note,)
     RigidBody.from_urdf(path, chosen)  # checked even if no model needs it
     return Arm(read_text(path), chosen, str(path), notes=notes)

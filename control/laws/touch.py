@@ -50,15 +50,16 @@ def free_air_problem(force_n: float, touch_n: float, force_limit_n: float, gains
     most_n = gains.bias_share * force_limit_n
     if not abs(force_n) <= most_n:
         return (
-            f"{force_n:.3g} N in free air, with {limit} at most {most_n:.3g} N: is the tool touched? "
-            "If not, tare the force sensor, or allow more (gains.touch.bias_share in the robot file)"
+            f"the force in free air is {force_n:.3g} N; with {limit}, at most {most_n:.3g} N is "
+            "allowed: is the tool touched? If not, tare the force sensor, or allow more "
+            "(gains.touch.bias_share in the robot file)"
         )
     most_n = gains.limit_share * force_limit_n
     if not touch_n <= most_n:
         return (
-            f"a touch counts above {touch_n:.3g} N, with {limit} at most {most_n:.3g} N: the sensor is "
-            "too noisy (or gains.touch.touch_force_n of the robot file too high); a force_limit_n of "
-            f"{touch_n / gains.limit_share:.3g} N is enough"
+            f"a touch would count above {touch_n:.3g} N; with {limit}, at most {most_n:.3g} N is "
+            "allowed: the sensor is too noisy (or gains.touch.touch_force_n of the robot file too "
+            f"high); a force_limit_n of {touch_n / gains.limit_share:.3g} N is enough"
         )
     return None
 

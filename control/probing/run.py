@@ -120,7 +120,7 @@ class ProbingRun:
             speed_m_s, set_m_s = output.state.speed_m_s, self.spec.speed_m_s
             surface_m = self._control.surface_travel_m
             place = self._site.line.point_at(surface_m).tolist()
-            travel = f"{1e3 * surface_m:.1f} mm on from the approach line's start"
+            travel = f"{1e3 * surface_m:.1f} mm from the start of the approach line"
             text = f"touch at {1e3 * speed_m_s:.0f} mm/s, {travel}"
             if speed_m_s < 0.98 * set_m_s:
                 text += f"; the set speed {1e3 * set_m_s:.0f} mm/s was not reached yet"
@@ -220,8 +220,8 @@ class ProbingRun:
         if self._lost_s < _LOST_S:
             return False
         self.failure = (
-            f"run {self.spec.run}: contact lost while holding, {output.force_n:.3f} N where "
-            f"{self._plan.force_limit_n:g} N were held: has the object moved?"
+            f"run {self.spec.run}: contact lost while holding: the force is {output.force_n:.3f} N "
+            f"instead of {self._plan.force_limit_n:g} N; has the object moved?"
         )
         self._event("contact_lost", self.failure, force_n=output.force_n)
         return True

@@ -1,28 +1,28 @@
-"""Couplings of a leader and a follower over a link with delay and loss, on one axis.
+"""Couple a leader and a follower on one axis, over a link that delays and loses packets.
 
-Positions are positive into the object. A coupling has two sides, each stepped on its own machine, that send
-each other small packets. Three axes are three couplings. Pure: no clock, no link. In each step a channel
-returns one packet to a side: either the newest received packet, repeated until a newer one arrives, or each
-packet after a constant delay. So lost, late and repeated packets all look like old ones.
+Positions are positive into the object. A coupling has two sides that exchange small packets; each side is
+stepped on its own machine. Three axes need three couplings. The module has no clock and opens no link. In
+each step a channel gives a side one packet: the newest received one, repeated until a newer one arrives, or
+each packet after a constant delay. Lost, late and repeated packets therefore all look like old packets.
 
-- Direct (position-force): the leader's position is tracked, and the measured force is fed back.
+- Direct (position-force): the follower tracks the leader's position, and the measured force is fed back.
 - Four channels: position, velocity and force travel both ways. Lawrence, "Stability and transparency in
   bilateral teleoperation", IEEE T-RA 9(5), 1993.
-- Time-domain passivity: each side observes the energy of the link, and lets out no more than was put in.
-  Hannaford and Ryu, "Time-domain passivity control of haptic interfaces", IEEE T-RA 18(1), 2002. With a
-  delay no side sees both ends at once, so each sends what it has put in, and takes out at most what it knows
-  the other to have put in: Ryu, Artigas and Preusche, "A passive bilateral control scheme for a teleoperator
-  with time-varying communication delay", Mechatronics 20(7), 2010. Each end of the link is a point that a
-  spring joins to the device, and the controllers hold back that point's motion; so the energy of a step is
-  known before it is taken (the leader's spring is our addition). In free air no force comes back, and nothing
-  would be put in for the follower to move with: the leader feels a drag, whose energy goes to the link, as
-  into the tank of Lee and Huang, IEEE T-RO 26(2), 2010.
+- Time-domain passivity: each side observes the energy of the link, and releases no more than was put in.
+  Hannaford and Ryu, "Time-domain passivity control of haptic interfaces", IEEE T-RA 18(1), 2002. Because of
+  the delay, no side knows the energy at both ends. Each side therefore sends the energy that it has put in,
+  and releases at most what the other has reported: Ryu, Artigas and Preusche, "A passive bilateral control
+  scheme for a teleoperator with time-varying communication delay", Mechatronics 20(7), 2010. A spring joins
+  each device to a point at the end of the link, and the controllers limit the motion of this point; so the
+  energy of a step is known before the step (the leader's spring is our addition). In free air no force comes
+  back, so the follower would receive no energy to move with. The leader therefore feels a drag, whose energy
+  goes to the link as into the tank of Lee and Huang, IEEE T-RO 26(2), 2010.
 - Wave variables: velocity and force travel as two waves, and a delayed wave carries no more energy than it
   had, u = (b v + F) / sqrt(2 b), w = (b v - F) / sqrt(2 b), F v = u^2 / 2 - w^2 / 2. Niemeyer and Slotine,
-  "Stable adaptive teleoperation", IEEE J. Oceanic Eng. 16(1), 1991; integrals of the waves against drift:
-  "Telemanipulation with time delays", IJRR 23(9), 2004. Holding a wave because nothing newer has come would
-  produce energy (Berestesky, Chopra and Spong, ICRA 2004): each packet tells how much energy was sent up to
-  it, and no side lets out more.
+  "Stable adaptive teleoperation", IEEE J. Oceanic Eng. 16(1), 1991. Integrals of the waves prevent drift:
+  "Telemanipulation with time delays", IJRR 23(9), 2004. Repeating a wave when nothing newer arrives would
+  produce energy (Berestesky, Chopra and Spong, ICRA 2004). Each packet therefore states the energy sent so
+  far, and no side releases more.
 """
 
 import heapq
@@ -161,7 +161,9 @@ class Tracking:
     def __post_init__(self) -> None:
         for value in (self.stiffness_n_m, self.damping_n_s_m):
             if not 0.0 <= value < math.inf:
-                raise InputError(f"tracking: stiffness and damping are finite and not negative, not {value}")
+                raise InputError(
+                    f"tracking: stiffness and damping must be finite and not negative (are {value})"
+                )
 
     def force_n(self, ahead_m: float, faster_m_s: float) -> float:
         """Compute the tracking force [N].

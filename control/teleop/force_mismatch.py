@@ -31,8 +31,8 @@ class ForceMismatch:
         """Write one line for the operator."""
         way = "softer" if self.share > 0.0 else "stiffer"
         return (
-            f"{1e3 * self.shallow_m:.1f} to {1e3 * self.deep_m:.1f} mm deep the virtual object is "
-            f"{100.0 * abs(self.share):.0f} % {way} than what is measured ({self.rms_n:.2f} N rms)"
+            f"from {1e3 * self.shallow_m:.1f} to {1e3 * self.deep_m:.1f} mm depth, the virtual object "
+            f"is {100.0 * abs(self.share):.0f} % {way} than the measurement ({self.rms_n:.2f} N rms)"
         )
 
 

@@ -62,7 +62,10 @@ def read_npz(path: Path) -> FileColumns:
             try:
                 array = archive[name]
             except ValueError as error:
-                reason = "holds objects, which might be code, and is not read; save it as numbers or text"
+                reason = (
+                    "holds Python objects, which are not read because they may contain code; "
+                    "save it as numbers or text"
+                )
                 raise InputError(f"{path}: column '{name}' {reason}") from error
             if array.ndim == 1 or parse_role(name):  # other arrays, such as a sampling rate, are not columns
                 arrays[name] = array
@@ -90,7 +93,9 @@ def read_mat(path: Path) -> FileColumns:
         check_size(path, size)
         content = loadmat(path, simplify_cells=True)
     except NotImplementedError as error:
-        raise InputError(f"{path}: is of version 7.3; save it in MATLAB with save(..., '-v7')") from error
+        raise InputError(
+            f"{path}: is a MATLAB file of version 7.3, which is not supported; save it with save(..., '-v7')"
+        ) from error
     vectors: dict[str, NDArray[Any]] = {}
     pending = [item for item in content.items() if isinstance(item[0], str) and not item[0].startswith("__")]
     while pending:
@@ -111,7 +116,9 @@ def read_mat(path: Path) -> FileColumns:
                 columns = array.T if array.shape[0] > array.shape[1] else array
                 vectors |= {f"{name} {number}": column for number, column in enumerate(columns, 1)}
     if not vectors:
-        raise InputError(f"{path}: holds no vectors; a measurement needs time and two more")
+        raise InputError(
+            f"{path}: holds no vectors; a measurement needs at least three: time, motion and effort"
+        )
     lengths = [len(vector) for vector in vectors.values()]
     length = max(lengths, key=lambda each: (lengths.count(each), each))
     return FileColumns(arrow_table({n: v for n, v in vectors.items() if len(v) == length}, path))

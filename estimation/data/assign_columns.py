@@ -95,7 +95,7 @@ class Columns:
         """Notes on the columns for the user."""
         notes = [*self.choice_notes, *(source.note for source in self.assigned.values() if source.note)]
         if self.run_candidate:
-            looks = f"column '{self.run_candidate}' looks like the number of a run"
+            looks = f"column '{self.run_candidate}' looks like a run number"
             notes.append(f"{looks}; if it is one, add --column run={shlex.quote(self.run_candidate)}")
         return tuple(notes)
 
@@ -244,18 +244,18 @@ def _displacement_or_axis(units: ColumnUnits, chosen: Chosen) -> Iterator[str]:
         del chosen[POSITION]
         chosen[DISPLACEMENT] = Role(*DISPLACEMENT, role.unit or units.unit_of(role, column)), column
         yield (
-            f"'{column}' and '{chosen[FORCE][1]}' go together as those of a press; if it is a linear axis, "
-            f"add --column position={quoted}"
+            f"'{column}' and '{chosen[FORCE][1]}' change together, as in a press; if it belongs to a "
+            f"linear axis, add --column position={quoted}"
         )
     elif not role.unit:
         raise InputError(
-            f"{table.path}: '{column}' and '{chosen[FORCE][1]}' may be those of a press or of a linear axis; "
-            f"use --column displacement={quoted} or --column position={quoted}"
+            f"{table.path}: '{column}' and '{chosen[FORCE][1]}' may belong to a press or to a linear "
+            f"axis; choose with --column displacement={quoted} or --column position={quoted}"
         )
     else:
         yield (
-            f"'{column}' is taken for a linear axis; if it is that of a press, add "
-            f"--column displacement={quoted}"
+            f"'{column}' is read as the position of a linear axis; if it is the displacement of a "
+            f"press, add --column displacement={quoted}"
         )
 
 
@@ -288,7 +288,7 @@ def _orient_signs(
         are, signs = ("are", "their signs are") if len(turned) > 1 else ("is", "its sign is")
         reason = f"{' and '.join(map(repr, turned.values()))} {are} negative in compression"
         if sides.never_free:  # an element in tension, which is never compressed
-            reason = f"'{force.column}' and '{way.column}' count in opposite directions"
+            reason = f"'{force.column}' and '{way.column}' increase in opposite directions"
             signs = f"the sign of '{force.column}' is"
         notes = [f"{reason}: {signs} reversed; {keep} prevents this"]
     if sides.zero_m and not scaled:
@@ -302,20 +302,20 @@ def _orient_signs(
     if not sides.two_sided or (is_named and not sides.never_free):
         return result, False, "; ".join(notes)
     names, quoted = f"'{way.column}' and '{force.column}' take both signs", shlex.quote(way.column)
-    contact = f"--column displacement={quoted} makes a contact of it"
+    contact = f"--column displacement={quoted} reads it as a contact"
     pulls = sides.springy or is_named or POSITION in assigned
     if not pulls:
         note = f"{names}, but not at the same time, as with a damper: read as a linear axis; {contact}"
         result = {POSITION if key == DISPLACEMENT else key: source for key, source in result.items()}
     elif sides.never_free:
         note = (
-            f"'{force.column}' is steady at no displacement, so there is no free air: read as an element "
-            "that is held at both ends, without a surface"
+            f"'{force.column}' varies at every displacement, so there is no free air: the data are "
+            "read as an element held at both ends, without a surface"
         )
     else:
         note = (
-            f"{names}, with the same sign at the same time: read as an element that pulls as well as "
-            f"pushes, without a surface; {contact}, --column position={quoted} a linear axis"
+            f"{names}, with the same sign at the same time: read as an element that pulls and pushes, "
+            f"without a surface; {contact}, and --column position={quoted} as a linear axis"
         )
     return result, pulls, "; ".join([*notes, note])
 
@@ -393,5 +393,5 @@ def with_one_rate(
         if name != base:
             values = np.interp(times, times[sampled], table.select(filled_by_name[name]).numbers(name))
             columns = columns.set_column(columns.column_names.index(name), name, pa.array(values))
-    way = f"all others are read between their samples at the times of '{base}'"
+    way = f"all other columns are interpolated at the times of '{base}'"
     return replace(table, columns=columns).select(inside), f"{note}: {way}"

@@ -108,18 +108,18 @@ class ColumnUnits:
         if not unit and role.quantity == "time":
             unit = self._likely_unit(role, column)
             note = (
-                f"column '{column}' does not say its unit: its steps are taken for {unit}; else add "
-                f"--unit time={'ms' if unit == 's' else 's'}"
+                f"column '{column}' states no unit: its steps are read as {unit}; if that is wrong, "
+                f"add --unit time={'ms' if unit == 's' else 's'}"
             )
         scale, unit = scaled_unit(unit, named_unit)
         dimension = dimension_of(unit)
         if dimension not in dimensions:
             valid = ", ".join(unit for name in dimensions for unit in SI[name])
-            raise InputError(f"{place}: '{unit}' measures no {role.quantity}. Valid: {valid}")
+            raise InputError(f"{place}: '{unit}' is not a unit of {role.quantity}. Valid: {valid}")
         if not 0.0 < abs(scale) < math.inf:
             raise InputError(f"{place}: unit '{user_unit}' cannot be converted")
         if not user_unit and named_unit and dimension_of(named_unit) not in dimensions:
-            note = f"column '{column}' is taken as {role.quantity} in {unit}, whatever its name says"
+            note = f"column '{column}' is read as {role.quantity} in {unit}, whatever its name says"
         if dimension in STANDS_FOR:
             effort, constant, example = STANDS_FOR[dimension]
             note = (
@@ -149,12 +149,12 @@ class ColumnUnits:
         if missing := self.missing(chosen):
             columns = ", ".join(f"'{column}'" for column, _ in missing)
             unknown = next(filter(None, (unknown_unit(column) for column, _ in missing)), "")
-            known = f" in a way that is known ('{unknown}')" if unknown else ""
+            known = f" that is known ('{unknown}' is not)" if unknown else ""
             options = " ".join(dict.fromkeys(unit for _, unit in missing))
             if len(missing) == 1:
-                problem = f"column {columns} does not say its unit{known}; say it, as in {options}"
+                problem = f"column {columns} states no unit{known}; give it, as in {options}"
             else:
-                problem = f"columns {columns} do not state their units{known}; give them, as in {options}"
+                problem = f"columns {columns} state no units{known}; give them, as in {options}"
             raise InputError(f"{self.table.path}: {problem}")
 
     def check_force_of_angle(self, chosen: Chosen) -> None:

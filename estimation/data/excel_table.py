@@ -71,7 +71,9 @@ def read_excel_table(path: Path, selected: str) -> FileColumns:
             for entry in archive.infolist():  # any entry may be a sheet
                 height, width = _extent(archive.read(entry))
                 if height * width > _MOST_CELLS:
-                    raise InputError(f"{path}: a sheet of {height} rows, {width} columns; split it")
+                    raise InputError(
+                        f"{path}: a sheet has {height} rows and {width} columns, too many to read; split it"
+                    )
     book = CalamineWorkbook.from_path(path)
     sheets = [book.get_sheet_by_name(name) for name in book.sheet_names[:_MOST_SHEETS]]
     loaded = [table for sheet in sheets for table in _tables(sheet)]

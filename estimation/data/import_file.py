@@ -49,8 +49,8 @@ _SPECIMEN = re.compile(
 )
 _FEWEST_SPECIMENS = 2
 _OF_SPECIMENS = (
-    "{1} {0} specimens, whose runs count as runs of one object; --where {2} reads one of them, and "
-    "--fresh-runs says that each run met a fresh one"
+    "{1} {0} specimens, whose runs are read as runs of one object; --where {2} reads one of them, and "
+    "--fresh-runs states that each run pressed a fresh one"
 )
 _DEFAULT = ImportOptions()
 _DRIVEN = frozenset({ChannelKind.REVOLUTE, ChannelKind.PRISMATIC})
@@ -135,8 +135,8 @@ def import_table(table: Table, options: ImportOptions = _DEFAULT) -> Imported:
     notes = [*columns.notes, *(["; ".join(rows.notes)] if rows.notes else [])]
     if any(source.kind is ChannelKind.SERVO for source in sources):
         notes.append(
-            "no column holds an effort; goal minus position [rad] is used instead: the torque divided by "
-            "the servo's position gain (model position_servo)"
+            "no column holds an effort; goal minus position [rad] is used instead, which is the "
+            "torque divided by the servo's position gain (model position_servo)"
         )
     step_s = sample_time(rows.time_s, rows.run)
     if TIME in columns and not _QUICKEST_S <= step_s <= SLOWEST_S:  # the unit of time may be wrong
@@ -461,8 +461,8 @@ def _file_derivative(  # noqa: PLR0917
     of_position, own = columns.assigned[source.position].dimension, columns.assigned[key].dimension
     if not own.startswith(of_position):
         return None, (
-            f"column '{name}' is not used: its unit does not go with that of '{signal_name}', from which the "
-            f"{key[0]} is derived; else correct one with --unit"
+            f"column '{name}' is not used: its unit does not match that of '{signal_name}', from "
+            f"which the {key[0]} is derived; if a unit is wrong, correct it with --unit"
         )
     given = columns.values(key)[rows.order]
     ratio = mistaken_scale(rows.time_s, signal, given, rows.run)
@@ -474,8 +474,8 @@ def _file_derivative(  # noqa: PLR0917
         )
     if is_difference(rows.time_s, signal, given, derived, number_pieces(rows.time_s, rows.run)):
         return None, (
-            f"column '{name}' is a difference of single samples, which multiplies their noise: derived again "
-            "over more samples"
+            f"column '{name}' holds differences of single samples, which amplify noise; it is derived "
+            "again over more samples"
         )
     return given, ""
 

@@ -88,7 +88,7 @@ def import_files(
         for path, part in zip(paths, parts, strict=True):
             channel = next((channel for channel in part.channels if channel.name == first.name), None)
             if channel is None or channel.kind is not first.kind:
-                raise InputError(f"{path}: has no channel '{first.name}' such as {paths[0]} has")
+                raise InputError(f"{path}: has no channel '{first.name}', which {paths[0]} has")
             same_channel.append(channel)
         channels.append(joined_channels(same_channel))
     labels, noted = list[str](), dict[str, str]()

@@ -24,10 +24,10 @@ _CYCLE_RANGE = 0.3  # least share of the position's range that a cycle covers
 _CYCLE_SHARE = 0.8  # least share of the stretches between clock restarts that must be cycles
 _FEWEST = 5  # least number of samples in a run; with fewer the acceleration is meaningless
 _REPEATED = (  # note with the number of rows and the column
-    "repeats its times: {0} rows are spread evenly up to the next one; if it is not the time of each row, "
-    "leave it out with --context {1}"
+    "repeats its times: {0} rows get times spaced evenly up to the next one; if it is not the time of each "
+    "row, leave it out with --context {1}"
 )
-_LATE = "stamps {0} rows late, in bursts behind gaps: they are spread evenly over both"
+_LATE = "stamps {0} rows late, in bursts after gaps: their times are spaced evenly over gap and burst"
 
 
 @dataclass(frozen=True)

@@ -189,12 +189,16 @@ def _joint_states(path: Path) -> list[_MessageGroup]:
             group = next((group for group in groups if group.topic == topic and group.accepts(message)), None)
             group = group or _parse_layout(topic, message)
         except (struct.error, TypeError, IndexError) as error:
-            raise InputError(f"{path}: a message of topic '{topic}' is cut off, or no {_TYPE}") from error
+            raise InputError(
+                f"{path}: a message of topic '{topic}' is cut off or is not a {_TYPE}"
+            ) from error
         if not group.messages:
             groups.append(group)
         group.messages.append(message)
         if len(groups) > _MOST_KINDS:
-            raise InputError(f"{path}: its messages name more than {_MOST_KINDS} sets of joints")
+            raise InputError(
+                f"{path}: its messages use more than {_MOST_KINDS} different sets of joint names"
+            )
     return groups
 
 

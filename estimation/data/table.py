@@ -254,7 +254,7 @@ def table_of(
     if tests := find_tests(names):
         columns, places = stack_tests(columns, tests, titles, decimal)
         rows = rows[places]
-        names, words = columns.column_names, [f"{len(tests)} tests side by side, taken as runs"]
+        names, words = columns.column_names, [f"{len(tests)} tests side by side, read as runs"]
     unique: list[str] = []  # unique names: the second "GPa" becomes "GPa (2)"
     for name in names:
         number = unique.count(name) and 2

@@ -467,7 +467,7 @@ def same_columns(blocks: Sequence[Block], selected: str, place: Path) -> tuple[l
     sizes = (f"'{block.title}' ({block.rows:,} row{'s' * (block.rows != 1)})" for block in omitted[:5])
     listed = ", ".join(sizes) + (" ..." if len(omitted) > 5 else "")
     option = f"--table {shlex.quote(omitted[0].title)}"
-    note = f"not read, since their columns differ: {listed}; {option} selects one"
+    note = f"tables not read because their columns differ: {listed}; {option} selects one"
     # A line of words among the rows, such as a remark with as many cells, looks like column names.
     alike = (block for block in omitted if len(block.names) == len(longest.names))
     doubtful = next((block.title for block in alike if not _is_measurement(block.names)), "")

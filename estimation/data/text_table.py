@@ -102,10 +102,10 @@ def read_text_table(path: Path, selected: str) -> FileColumns:
         return FileColumns(parts[0], dialect.decimal, tuple(words), tests[0][0].titles, lines[0], "line")
     parts = [part.select(matching_places(part.column_names, parts[0].column_names)) for part in parts]
     if _is_one_recording(parts, dialect.decimal):
-        words.append(f"{len(parts)} parts of one recording, whose time goes on")
+        words.append(f"{len(parts)} parts of one recording, whose times continue")
     else:
         parts = [with_run(part, str(number)) for number, part in enumerate(parts, 1)]
-        words.append(f"{len(parts)} tests one after the other, taken as runs")
+        words.append(f"{len(parts)} tests one after the other, read as runs")
     columns = pa.concat_tables(parts)
     return FileColumns(columns, dialect.decimal, tuple(words), (), np.concatenate(lines), "line")
 
@@ -225,26 +225,26 @@ def _repair_rows(
     if len(kept) < len(texts):
         count, first = len(texts) - len(kept), int(np.argmax(words))
         remarks.append(
-            f"{count} line{'s' if count > 1 else ''} of words among the rows left out, the first is line "
-            f"{lines[first]}: {' '.join(texts[first].split())[:_SHOWN]!r}"
+            f"{count} line{'s' if count > 1 else ''} of text among the rows left out; the first is "
+            f"line {lines[first]}: {' '.join(texts[first].split())[:_SHOWN]!r}"
         )
     if len(short):
         remarks.append(
-            f"{len(short)} of {len(kept)} rows end before the last column, the first in line "
-            f"{lines[kept[short[0]]]}: its cells count as empty"
+            f"{len(short)} of {len(kept)} rows lack their last cells, which are read as empty; the "
+            f"first is in line {lines[kept[short[0]]]}"
         )
     filled = (texts[place] + delimiter * max(lack, 0) for place, lack in zip(kept, lacking, strict=True))
     return "\n".join(filled).encode(), lines[kept], remarks
 
 
 def _line_numbers(content: bytes, begin: int, end: int, count: int | None = None) -> IntArray:
-    """Return the line numbers, from 1, of the nonempty lines between two bytes.
+    """Return the numbers of the nonempty lines in a part of a file; the first line of the file is 1.
 
     Args:
         content: content of the file.
         begin: index of the first byte.
         end: index after the last byte.
-        count: number of rows that were read from them; None for one row per line.
+        count: number of rows read from these lines; None if each line is one row.
     """
     mark = b"\n" if b"\n" in content else b"\r"
     first = 1 + _line_ends(content, 0, begin)
@@ -283,7 +283,8 @@ def _raise_no_table(content: bytes, path: Path) -> TextDialect:
     below = (line.decode(errors="replace") for line in rest if line.strip())
     if len(cells) == 1 and not any(math.isnan(number_of(cell)) for cell in below):
         raise InputError(
-            f"{path}: holds one column, {_excerpt(header)}; a measurement needs time and two more"
+            f"{path}: holds only one column, {_excerpt(header)}; a measurement needs at least three: "
+            "time, motion and effort"
         )
     first = next((line.decode(errors="replace") for line in rest if line.strip()), "")
     remedy = "write the names in one line, and numbers below each of them"

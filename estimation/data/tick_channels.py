@@ -72,8 +72,8 @@ def checked_ticks(session: Session) -> Samples:
     late = np.flatnonzero((late_s < 0.0) & (np.maximum.accumulate(run)[:-1] >= to_come[1:]))
     if len(late):
         raise InputError(
-            f"{session.path}: tick {late[0] + 2}, column 'time_s': is {-late_s[late[0]]:.3g} s before the "
-            "tick before it; the program that wrote this file reordered its messages"
+            f"{session.path}: tick {late[0] + 2}, column 'time_s': is {-late_s[late[0]]:.3g} s "
+            "earlier than the previous tick; the program that wrote this file reordered its messages"
         )
     good = {status: ticks[status] == Status.OK for status in _BY_DEVICE}
     for status, names in _BY_DEVICE.items():
@@ -102,7 +102,7 @@ def _check_values(session: Session, ticks: Samples, name: str, rows: BoolArray) 
         number = float(row[invalid_rows(row)[0]])
         raise InputError(
             f"{session.path}: tick {chosen[bad[0]] + 1}, column '{name}': {number:g} is "
-            f"{describe_fault(number, len(bad))}, in a sample that counts as good"
+            f"{describe_fault(number, len(bad))}, in a sample marked as good"
         )
 
 

@@ -209,7 +209,9 @@ def factor_to_si(unit: str, dimension: str, where: str) -> float:
     try:
         return units[normalise(unit)]
     except KeyError:
-        raise InputError(f"{where}: '{unit}' is not a unit of it. Valid: {', '.join(units)}") from None
+        raise InputError(
+            f"{where}: '{unit}' is not a unit of {dimension.replace('_', ' ')}. Valid: {', '.join(units)}"
+        ) from None
 
 
 def is_scaled(unit: str) -> bool:

@@ -207,9 +207,9 @@ def _far_off(data: ChannelData, what: str, rows: BoolArray) -> str:
     signal, unit = data.position, data.kind.position_unit
     if what == "effort":
         signal, unit = data.effort, data.kind.effort_unit
-    count = f"1 reading of the {what} stands" if number == 1 else f"{number} readings of the {what} stand"
+    count = f"1 reading of the {what} is" if number == 1 else f"{number} readings of the {what} are"
     example = f"{signal[first]:.6g} {unit} at {data.time_s[first]:.6g} s"
-    return f"{count} far off {'its' if number == 1 else 'their'} neighbors, such as {example}"
+    return f"{count} far from {'its' if number == 1 else 'their'} neighbors, such as {example}"
 
 
 def _warn_of_outliers(data: ChannelData) -> Iterator[tuple[str, str]]:
@@ -245,7 +245,7 @@ def _check_blocks(data: ChannelData, good: BoolArray) -> str | None:
     if not blocked.can_hold_out:
         if not good.all() and block_average(data).can_hold_out:
             return (
-                f"excluded readings ({np.count_nonzero(~good)}), such as isolated ones far off their "
+                f"excluded readings ({np.count_nonzero(~good)}), such as isolated ones far from their "
                 "neighbors, leave at most one run to fit to; remove such rows, or record more runs"
             )
         return "at most one run has motion, so no run can be held out; record more runs"

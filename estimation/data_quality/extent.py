@@ -9,7 +9,7 @@ from palpate.estimation.fit.blocks import PIECES, block_length
 from palpate.estimation.signals.motion import is_one_pace, is_one_speed, never_returns
 
 LEAST_SAMPLES = 100
-SINGLE_RUN = "a single run"  # start of the reason if only the division into runs is missing
+SINGLE_RUN = "only one run"  # start of the reason if only the division into runs is missing
 _MOST_BLOCKS = 300_000  # 25 minutes of blocks of 5 ms; limits the memory
 _LITTLE_SHARED = 0.1  # share of a run's depths that another run must reach for a prediction
 _TRAVELLED = 3.0  # least path of a single recording of repeated motion, in ranges of position
@@ -22,7 +22,7 @@ def wrong_size(data: ChannelData) -> str | None:
     lengths = np.unique(data.run, return_counts=True)[1]
     count = int(np.sum(lengths // block_length(data)))
     if count > _MOST_BLOCKS:
-        more = f"{count} blocks are more than can be searched, {_MOST_BLOCKS}"
+        more = f"{count} blocks of data are more than the {_MOST_BLOCKS} that can be searched"
         several = f"some of the {len(lengths)} runs with --where run=N,N ..."
         return f"{more}; take {several if len(lengths) > 1 else 'shorter recordings'}"
     return None
@@ -35,7 +35,7 @@ def no_shared_depth(data: ChannelData) -> str | None:
     depths = [data.position[data.engaged & (data.run == run)] for run in data.runs]
     ranges = sorted((float(depth.min()), float(depth.max())) for depth in depths if len(depth))
     if len(ranges) == 1:
-        return f"{SINGLE_RUN} of {len(data.runs)} touches; record at least three that do"
+        return f"{SINGLE_RUN} of {len(data.runs)} touches the object; record at least three that do"
     spans = [_LITTLE_SHARED * (high - low) for low, high in ranges]
     shared = (before[1] - after[0] for before, after in pairwise(ranges))
     if ranges and all(depth <= min(pair) for depth, pair in zip(shared, pairwise(spans), strict=True)):
@@ -61,8 +61,8 @@ def never_repeated(data: ChannelData) -> str | None:
     if travelled >= _TRAVELLED * np.ptp(data.position):
         return None
     return (
-        f"{SINGLE_RUN} that goes through its motion once: changes with time and with position cannot be "
-        "separated; record at least three runs"
+        f"{SINGLE_RUN}, which goes through its motion once: changes with time and with position "
+        "cannot be separated; record at least three runs"
     )
 
 

@@ -62,9 +62,9 @@ def mistaken_units(data: ChannelData) -> str | None:
     fast = float(np.quantile(np.abs(data.velocity), 0.9))
     if data.kind.is_angle and fast > _FASTEST_RAD_S:
         return (
-            f"the joint turns faster than {_FASTEST_RAD_S:g} rad/s, {fast:.3g} rad/s in a tenth of the "
-            "samples; if the angle is in degrees or the time in milliseconds, use --unit position=deg or "
-            "--unit time=ms"
+            f"the joint turns faster than {_FASTEST_RAD_S:g} rad/s: a tenth of the samples exceed "
+            f"{fast:.3g} rad/s; if the angle is in degrees or the time in milliseconds, use --unit "
+            "position=deg or --unit time=ms"
         )
     return None
 
@@ -107,8 +107,8 @@ def misaligned(data: ChannelData) -> str | None:
             if then > _RELATED and now < _UNRELATED:
                 side = "late" if seconds > 0.0 else "early"
                 return (
-                    f"the force is {abs(seconds):.1f} s {side} against the motion (correlation {then:.2f} if "
-                    f"shifted, {now:.2f} as recorded); align their times in the file"
+                    f"the force is {abs(seconds):.1f} s {side} relative to the motion (correlation "
+                    f"{then:.2f} if shifted, {now:.2f} as recorded); align their times in the file"
                 )
     return None
 
@@ -183,14 +183,14 @@ def unrelated(data: ChannelData) -> str | None:
     ratio = float(pressed.effort @ pressed.position) / (float(pressed.position @ pressed.position) or 1.0)
     if np.max(np.abs(pressed.effort - ratio * pressed.position)) < _ROUNDING * float(np.ptp(pressed.effort)):
         return (
-            f"the force is {ratio:.6g} N/m times the displacement, number for number, which no sensor "
-            "reads; was one column taken for both? --column force=COLUMN takes another one"
+            f"the force equals the displacement times {ratio:.6g} N/m in every row, which no sensor "
+            "measures; was one column used for both? Choose another one with --column force=COLUMN"
         )
     share = _share_explained(data)
     if share < _LEAST_EXPLAINED:
         return (
-            f"depth and velocity explain {100.0 * share:.0f} % of the force; is it the right column? "
-            "--column force=COLUMN takes another one"
+            f"depth and velocity explain only {100.0 * share:.0f} % of the force; is it the right "
+            "column? Choose another one with --column force=COLUMN"
         )
     return None
 

@@ -257,7 +257,9 @@ def folded(data: ChannelData) -> str | None:
         return None
     count, noise = _folded(_untared(data), data.run)
     reason = _FOLDED.format(count=count, noise=noise, unit=data.kind.effort_unit)
-    share = f"{100 * np.mean(near):.0f} % of the samples, up to {_CLEAR:.0f} times that, are left out"
+    share = (
+        f"{100 * np.mean(near):.0f} % of the samples, those below {_CLEAR:.0f} times this noise, are left out"
+    )
     return f"{reason}, and {share}; record it with its sign"
 
 

@@ -86,9 +86,9 @@ def time_offset(data: ChannelData, model: Model | None) -> str | None:
         return None
     unit, side = data.kind.effort_unit, "late" if best_s > 0.0 else "early"
     return (
-        f"the effort is {1e3 * abs(best_s):.2g} ms {side} against the motion: the error of {model.name} is "
-        f"{error:.3g} {unit} if shifted, the noise level, and {recorded:.3g} {unit} as recorded; align "
-        "their times in the file"
+        f"the effort is {1e3 * abs(best_s):.2g} ms {side} relative to the motion: the error of "
+        f"{model.name} is {recorded:.3g} {unit} as recorded, and falls to the noise level of "
+        f"{error:.3g} {unit} if shifted; align their times in the file"
     )
 
 
@@ -125,7 +125,7 @@ def lost_rows(data: ChannelData) -> str | None:
         return None
     lost = float(np.sum(ratio[jumps] - 1.0)) / len(ratio)
     return (
-        f"the motion jumps by {np.median(ratio[jumps]):.2g} of its steps at {np.sum(jumps)} places between "
-        f"samples that are evenly spaced: about {100.0 * lost:.1f} % of the rows seem to be lost, and "
-        "effects of the velocity are estimated wrongly; record them, or restore the times"
+        f"the motion jumps by {np.median(ratio[jumps]):.2g} steps at {np.sum(jumps)} places although "
+        f"the times are evenly spaced: about {100.0 * lost:.1f} % of the rows seem to be lost, so "
+        "effects of the velocity are estimated wrongly; record all rows, or restore the true times"
     )

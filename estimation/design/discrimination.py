@@ -189,9 +189,9 @@ class Experiment:
 
     @property
     def separation(self) -> float:
-        """Expected share of pairs of rivals that the experiment separates, averaged over undecided channels.
+        """Return the expected share of pairs of rivals that the experiment separates.
 
-        A lead below `CLEAR` counts in proportion.
+        The share is averaged over the undecided channels. A pair with a lead below `CLEAR` counts in part.
         """
         pairs = [lead[~np.eye(len(lead), dtype=bool)] for lead in self.leads if len(lead) > 1]
         shares = [float(np.mean(np.clip(lead / CLEAR, 0.0, 1.0))) for lead in pairs]
@@ -243,10 +243,10 @@ def choose(offered: Sequence[Experiment]) -> Choice | None:
     most = max(offered[number].separation for number in useful)
     good = [number for number in useful if offered[number].separation >= NEARLY * most]
     index = max(good, key=lambda number: (offered[number].evidence, -offered[number].duration_s))
-    chosen, first = offered[index], "with most evidence" if offered[index].evidence else "shortest"
-    which = "most informative" if len(good) == 1 else f"{first} of {len(good)} nearly as informative"
+    chosen, first = offered[index], "with the most evidence" if offered[index].evidence else "shortest"
+    which = "most informative" if len(good) == 1 else f"{first} of {len(good)} nearly equally informative"
     reason = (
-        f"{chosen.words} ({chosen.duration_s:.0f} s): {which}; expected to separate "
+        f"{chosen.words} ({chosen.duration_s:.0f} s): it is the {which}, and is expected to separate "
         f"{100 * chosen.separation:.0f} % of the remaining explanations"
     )
     return Choice(index, chosen, reason)

@@ -357,7 +357,7 @@ def _too_few_levels(start: FitResult) -> str | None:
     if start.rmse >= step:
         return None
     return (
-        f"only {len(levels)} {FEW_READINGS}, {step:.3g} {unit} apart, and the model is off by "
-        f"{start.rmse:.3g} {unit}, less than one such step: the residual may be rounding; "
+        f"the effort has only {len(levels)} {FEW_READINGS}, {step:.3g} {unit} apart, and the model "
+        f"error of {start.rmse:.3g} {unit} is less than one such step: the residual may be rounding; "
         "use a finer sensor, or a motion that takes more effort"
     )

@@ -220,7 +220,11 @@ class JointElasticity(MotionEffect):
     }
 
     def __init__(self, form: int = 0) -> None:
-        """Create a form; `form` is the number of steps in `HALF_WINDOWS` by which the windows are wider."""
+        """Create the effect with wider differentiation windows.
+
+        Args:
+            form: number of steps in `HALF_WINDOWS` by which the windows are wider.
+        """
         self.form = form
 
     def forms(self) -> tuple["JointElasticity", ...]:
@@ -242,7 +246,7 @@ class JointElasticity(MotionEffect):
 
 
 def _changes(data: ChannelData, wider: int) -> Motion:
-    """Return the first and second derivative of the load."""
+    """Differentiate the load twice, with windows that are `wider` steps wider than usual."""
     return differentiate(data.time_s, data.context["load"], data.run, rounding=0.0, wider=wider)
 
 

@@ -31,7 +31,9 @@ class CoulombFriction(AdditiveEffect):
     inner: ClassVar[tuple[Parameter, ...]] = (TRANSITION,)
     confused_with = {
         "position_dependent_friction": "move over a wide range",
-        "presliding_friction": "stop and creep back and forth: a path, not a speed, counts",
+        "presliding_friction": (
+            "stop and creep back and forth: presliding depends on the path, not on the speed"
+        ),
         "stribeck_friction": "move very slowly: Stribeck friction rises towards zero speed",
         "load_dependent_friction": "repeat with another load: Coulomb friction stays",
         "asymmetric_friction": "let the joint rest: a bias beside Coulomb friction stays",

@@ -38,7 +38,7 @@ class Armature(AdditiveEffect):
 
     name = "armature"
     kind = Kind.INERTIA
-    physics = "The motor's rotor must be accelerated too, by the square of the gear ratio."
+    physics = "The motor's rotor accelerates too; its inertia counts by the square of the gear ratio."
     equation = "effort = Ja a"
     source = "R. Featherstone, Rigid Body Dynamics Algorithms (2008), sec. 9.6"
     signature = "effort follows the joint's own acceleration, in any posture"

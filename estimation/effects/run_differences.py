@@ -197,7 +197,7 @@ class RunGain(RunVariation):
     confused_with = {
         "torque_gain": "record more runs: a wrong constant is the same in all",
         "run_offset": "look where the effort is small: an offset is there too, a gain is not",
-        "recorded_dependence": "record the suspected cause, such as a temperature, beside",
+        "recorded_dependence": "also record the suspected cause, such as a temperature",
     }
 
     def basis(self, data: ChannelData, inner: Inner) -> FloatArray:

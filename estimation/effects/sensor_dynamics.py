@@ -57,7 +57,7 @@ class Lag(SensorEffect):
 
     name = "lag"
     kind = Kind.SENSOR_DYNAMICS
-    physics = "A filter in the sensor smooths and delays."
+    physics = "A filter in the sensor smooths and delays its readings."
     equation = "reading' = (effort - reading)/tau"
     source = "E. O. Doebelin, Measurement Systems (2003), ch. 3: first-order instrument"
     signature = "readings lag and are rounded, more so where the effort changes faster"

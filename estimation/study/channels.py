@@ -166,7 +166,7 @@ def described_by(source: Source, model: str) -> tuple[ChannelData, ...]:
     hint = "." if source.session is None or ChannelKind.CONTACT not in kinds else "; was anything touched?"
     valid = [n for n in MODELS if MODELS[n].channels & {channel.kind for channel in source.channels}]
     raise InputError(
-        f"{source.path or source.name}: model '{model}' describes a {expected}, its channels are: "
+        f"{source.path or source.name}: model '{model}' describes a {expected}, but its channels are: "
         f"{listed}{hint} Choose with --model: {', '.join(valid)}"
     )
 

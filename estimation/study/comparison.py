@@ -177,11 +177,11 @@ def _words(
         if worst.rmse <= (1.0 + SMALL) * least.rmse:  # all errors are equally large: compare their means
             high, low = (pick(parts[by], key=lambda part: part.mean) for pick in (max, min))
             sentences.append(
-                f"By {by}, it has the same size everywhere; measured minus modelled is on average "
+                f"It has the same size at any {by}; measured minus modeled is on average "
                 f"{high.mean:+.3g} {unit} ({high.label}), {low.mean:+.3g} {unit} ({low.label})."
             )
             continue
-        largest = f"By {by}, it is largest for {worst.label}: {worst.rmse:.3g} {unit}"
+        largest = f"By {by}, the error is largest for {worst.label}: {worst.rmse:.3g} {unit}"
         if abs(worst.mean) > _LEAST_MEAN_SHARE * worst.rmse:
             side = "above" if worst.mean > 0.0 else "below"
             largest += f"; the measurement is {abs(worst.mean):.3g} {unit} {side} the model on average"

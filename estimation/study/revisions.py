@@ -178,7 +178,7 @@ def _flaws(revision: Revision, number: int) -> Iterator[str]:
     if revision.number != number:
         yield f"its number is {revision.number}"
     if revision.parent is not None and not 0 <= revision.parent < number:
-        yield f"its parent is {revision.parent}, which is no earlier revision"
+        yield f"its parent is {revision.parent}, which is not an earlier revision"
     if revision.model not in MODELS:
         yield MODELS.unknown(revision.model)
         return

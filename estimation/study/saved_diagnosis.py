@@ -120,7 +120,7 @@ def read_kept(file: Path, model: type[Kept]) -> Kept:
     if checksum is None:
         raise ValueError(f"{_CHECKSUM}: is missing, as in files of earlier versions")
     if checksum != _checksum(content):
-        raise ValueError(f"{_CHECKSUM}: is not that of the content, which was changed after palpate wrote it")
+        raise ValueError(f"{_CHECKSUM}: does not match the content, which was changed after palpate wrote it")
     return kept
 
 

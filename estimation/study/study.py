@@ -198,7 +198,7 @@ class ModelStudy(StudyFits):
         with self._lock:
             noise, names = self.noise(channel).value, [entry.effect for entry in saved.accepted]
             if saved.noise_floor is not None and is_other(saved.noise_floor, noise):
-                why = f"its noise is {saved.noise_floor:.4g}, and this data give {noise:.4g}"
+                why = f"its noise is {saved.noise_floor:.4g}, but this data gives {noise:.4g}"
             else:
                 why = self._other_numbers(channel, [], saved.baseline.rmse, saved.baseline.parameters)
             if not why and saved.final is not None:
@@ -471,7 +471,7 @@ class ModelStudy(StudyFits):
         try:
             self._check_own(newest)
         except InputError as error:
-            left_out = f"{channel.name} is shown without what was added to it: {error}"
+            left_out = f"{channel.name} is shown without its added effects: {error}"
             return self.result(channel, (), diagnosis, left_out)
         return self.result(channel, newest.effects, diagnosis)
 
@@ -502,11 +502,11 @@ class ModelStudy(StudyFits):
             return ""
         fit = self.fit(channel, effects)
         if is_other(rmse, fit.rmse):
-            return f"its error is {rmse:.4g}, and this data give {fit.rmse:.4g}"
+            return f"its error is {rmse:.4g}, but this data gives {fit.rmse:.4g}"
         for name, saved in parameters.items():
             fitted = fit.parameters.get(name)
             if fitted is not None and is_other(saved.value, fitted.value, fitted.std_err):
-                return f"its {name} is {saved.value:.4g}, and this data give {fitted.value:.4g}"
+                return f"its {name} is {saved.value:.4g}, but this data gives {fitted.value:.4g}"
         return ""
 
     def _keep(

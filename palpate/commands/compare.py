@@ -253,8 +253,8 @@ def compare_command(
     def show() -> None:
         print_comparison(console.stdout(), view_of(study, results))
         of_other_data = (
-            f"revision {item.number} was kept with an error of {item.rmse:.3g} {item.effort_unit}: "
-            "from other rows or other import options"
+            f"revision {item.number} was saved with an error of {item.rmse:.3g} {item.effort_unit}: "
+            "it was made from other rows or with other import options"
             for item in kept
             if study.channel_of(item).sha256 != item.data_sha256
         )

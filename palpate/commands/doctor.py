@@ -20,8 +20,8 @@ MARKS = {
     Level.FAIL: "[bold red]fail[/bold red]",
 }
 QUESTION = (
-    "Hands away from the arm. Power it now? Each joint moves by 3 degrees and back; then the torque goes off "
-    "and it sinks."
+    "Hands away from the arm. Power it now? Each joint moves by 3 degrees and back; then the "
+    "torque is switched off and the arm sinks."
 )
 _SUBJECT_WIDTH = 20
 

@@ -261,7 +261,7 @@ def export_scenario(
             name = " + ".join([item.model, *item.effects])
             console.warn(
                 f"{item.channel}: {name} leaves an error of {times:.3g} times the noise",
-                "; a simulation with it differs from the measurement",
+                "; a simulation with this model differs from the measurement",
             )
     export = study.export(path, [item.number for item in kept])
     numbers, own = [str(each.number) for each in kept], own_effects(kept)

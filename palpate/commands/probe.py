@@ -272,7 +272,7 @@ def resolve_command(
 
     study = typed(resolved.folder)
     steps = [
-        (f"palpate diagnose {study} --apply", "add what is missing, with all the evidence"),
+        (f"palpate diagnose {study} --apply", "add the missing effects, with the evidence of all probes"),
         (f"palpate compare {study}", "where the model fails"),
     ]
     if options.hidden is not None:

@@ -196,16 +196,16 @@ def merged_streams(sessions: Sequence[Session]) -> list[Merged]:
         if session.metadata.urdf != first.metadata.urdf:
             if session.metadata.urdf and first.metadata.urdf:
                 raise InputError(
-                    f"{session.path}: was made by another arm than {first.path} (their URDFs differ)"
+                    f"{session.path}: was recorded with another arm than {first.path} (their URDFs differ)"
                 )
             with_arm, without = ("", " not") if first.metadata.urdf else (" not", "")
             raise InputError(
-                f"{session.path}: was{without} made by an arm, and {first.path} was{with_arm}; "
+                f"{session.path}: was{without} recorded with an arm, but {first.path} was{with_arm}; "
                 "merge only sessions of the same kind"
             )
         if set(session.stream_names) != set(first.stream_names):
             names = [", ".join(each.stream_names) or "none" for each in (session, first)]
-            raise InputError(f"{session.path}: has streams {names[0]}, and {first.path} has {names[1]}")
+            raise InputError(f"{session.path}: has streams {names[0]}, but {first.path} has {names[1]}")
         for name in first.stream_names:
             streams = [each.samples(name).stream for each in (session, first)]
             forms = [{(c.name, c.width, c.unit) for c in stream.columns} for stream in streams]

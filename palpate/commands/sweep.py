@@ -149,7 +149,7 @@ def _cases(what: str) -> tuple[Mapping[str, Sequence[Any]], Any, str]:
 def _print(outcome: Mapping[str, Any], page: Path | None, before: int) -> None:
     out = console.stdout()
     done, total = outcome["finished"], outcome["cases"]
-    already = f", {before} were there already" if before else ""
+    already = f", {before} were already done" if before else ""
     out.print(
         f"{done} of {total} cases done: {outcome['finished_now']} in {duration(outcome['wall_s'])}{already}"
     )

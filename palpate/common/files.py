@@ -68,7 +68,7 @@ def open_session(path: Path) -> Session:
         data = typed(path)
         raise InputError(
             f"{error}. If it is a table of measurements, palpate import {data} makes a session of it; "
-            f"palpate compare {data} and other commands read the table as it is"
+            f"palpate compare {data} and other commands also read it directly"
         ) from error
 
 

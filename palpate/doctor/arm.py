@@ -252,10 +252,11 @@ def examine_rates(robot: Robot, robot_file: RobotFile) -> Iterator[Finding]:
     )
     median_s, most_s = np.median(watched.reading_s), np.quantile(watched.reading_s, 0.99)
     value = (
-        f"takes {median_s * _MICRO:.0f} us, and up to {most_s * _MICRO:.0f} us in 99 of 100 ticks, "
-        f"of {'simulated' if isinstance(clock, SimulatedClock) else 'real'} time"
+        f"takes {median_s * _MICRO:.0f} us of "
+        f"{'simulated' if isinstance(clock, SimulatedClock) else 'real'} time; 99 of 100 ticks take "
+        f"at most {most_s * _MICRO:.0f} us"
     )
-    remedy = f"the loop waits {READ_SHARE * period_s * _MICRO:.0f} us: see the rates"
+    remedy = f"the loop waits only {READ_SHARE * period_s * _MICRO:.0f} us: see the rates"
     yield graded("reading the arm", value, (_WARN, most_s > READ_SHARE * period_s, remedy))
     for device in ("encoder", "torque", "force"):
         bus = getattr(robot_file, device).bus
@@ -269,10 +270,10 @@ def examine_rates(robot: Robot, robot_file: RobotFile) -> Iterator[Finding]:
             yield graded(f"joint {number}", value, (_FAIL, not low < angle < high, remedy))
         away_rad = position_rad - robot_file.home_rad
         joint = int(np.argmax(np.abs(away_rad)))
-        value = f"joint {joint + 1} is {away_rad[joint]:+.2f} rad from home_rad, no joint is farther"
+        value = f"joint {joint + 1} is farthest from home_rad, by {away_rad[joint]:+.2f} rad"
         remedy = (
-            "nothing drives it home: bring it there by hand; a run starts where the arm stands, and returns "
-            "there"
+            "no command moves the arm home: bring it there by hand; a run starts and ends where the "
+            "arm stands"
         )
         yield graded("home", value, (_WARN, abs(away_rad[joint]) > _FAR_RAD, remedy))
     if np.isfinite([m.force_n for m in watched.measurements]).all():
@@ -294,8 +295,8 @@ def _computed(robot: Robot, period_s: float) -> Iterator[Finding]:
             continue
         most_hz = _FULL_SHARE / wire_s
         value = (
-            f"{wire_s * _MICRO:.0f} us of each {period_s * _MICRO:.0f} us on the wire, by its bytes: "
-            f"good for {most_hz:.0f} Hz"
+            f"its bytes take {wire_s * _MICRO:.0f} us of each {period_s * _MICRO:.0f} us on the wire, "
+            f"enough for {most_hz:.0f} Hz"
         )
         remedy = f"raise the bit rate, lower control_rate_hz to {most_hz:.0f}, or send less in each tick"
         too_much, nearly = wire_s > period_s, wire_s > _FULL_SHARE * period_s
@@ -313,7 +314,8 @@ def _device(watched: _Watched, device: str, bus: str | None, limit_s: float) -> 
     new_s = np.unique(at_s)
     rate_hz = (len(new_s) - 1) / max(float(new_s[-1] - new_s[0]), 1e-9)
     value = (
-        f"{rate_hz:.0f} a second, the oldest {ages_s.max() * _MILLI:.1f} ms old (limit {limit_s * _MILLI:g})"
+        f"{rate_hz:.0f} samples per second, the oldest {ages_s.max() * _MILLI:.1f} ms old (limit "
+        f"{limit_s * _MILLI:g} ms)"
     )
     if not all(np.isfinite(getattr(m, name)).all() for m in watched.measurements for name in _VALUES[device]):
         return fail(subject, f"some are not a number{because}", "check its wiring and its driver")

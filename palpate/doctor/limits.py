@@ -38,7 +38,7 @@ def examine_limits(robot_file: RobotFile, body: RigidBody) -> Iterator[Finding]:
     poses_rad = np.vstack([robot_file.home_rad, random_poses_rad(limits)])
     weight_nm = np.abs([body.gravity(pose) for pose in poses_rad])
     limit_nm, worst_nm, home_nm = np.array(limits.torque_nm), weight_nm.max(axis=0), weight_nm[0]
-    value = f"{_listed(limit_nm)} N m allowed, the weight needs up to {_listed(worst_nm)} N m"
+    value = f"{_listed(limit_nm)} N m allowed; the weight needs up to {_listed(worst_nm)} N m"
     if (home_nm >= limit_nm).any():
         remedy = "raise torque_nm, or correct the URDF's masses"
         yield fail("torque limits", f"{value}, and {_listed(home_nm)} N m at home", remedy)
@@ -60,7 +60,7 @@ def examine_limits(robot_file: RobotFile, body: RigidBody) -> Iterator[Finding]:
             long = f"the drive holds its last torque for that long: {_LONG_WATCHDOG_S:g} s is enough"
             yield graded(
                 f"watchdog of {name}",
-                f"{1e3 * watchdog_s:g} ms from the last command until the drives let go, by the robot file",
+                f"by the robot file, the drives let go {1e3 * watchdog_s:g} ms after the last command",
                 (_WARN, watchdog_s < 5 * tick_s, "a late tick drops the arm: allow 5 ticks or more"),
                 (_WARN, watchdog_s > _LONG_WATCHDOG_S, long),
             )
@@ -69,7 +69,7 @@ def examine_limits(robot_file: RobotFile, body: RigidBody) -> Iterator[Finding]:
     yield _position(limits, body)
     limit_rad_s, urdf_rad_s = np.array(limits.velocity_rad_s), body.velocity_limits_rad_s
     beyond = _beyond(limit_rad_s, _SPEEDS * urdf_rad_s)
-    value = f"{_listed(limit_rad_s)} rad/s, the URDF's are {_listed(urdf_rad_s)} rad/s"
+    value = f"{_listed(limit_rad_s)} rad/s; the URDF states {_listed(urdf_rad_s)} rad/s"
     remedy = "the guard would stop nothing: lower velocity_rad_s"
     yield graded("velocity limits", value, (_FAIL, beyond, remedy))
     widest_rad = max(limits.tracking_rad)
@@ -101,7 +101,7 @@ def _brake(robot_file: RobotFile, body: RigidBody, poses_rad: FloatArray) -> Fin
     damping = np.array(robot_file.safe_state.damping_nms_rad)
     return graded(
         "braking",
-        f"damping {_listed(damping)} N m s/rad, steady up to {_listed(most)}",
+        f"damping {_listed(damping)} N m s/rad, stable up to {_listed(most)}",
         (_WARN, (damping > most).any(), "lower safe_state.damping_nms_rad, or the brake shakes the arm"),
         (_WARN, (damping == 0).any(), "a joint without damping is not braked in a stop: give it some"),
     )
@@ -122,7 +122,7 @@ def _force(robot_file: RobotFile) -> Finding:
 
 def _torque(limits: Limits, body: RigidBody, heaviest_nm: float) -> Finding:
     limit_nm, effort_nm = np.array(limits.torque_nm), body.torque_limits_nm
-    value = f"{_listed(limit_nm)} N m, the URDF's effort is {_listed(effort_nm)} N m"
+    value = f"{_listed(limit_nm)} N m; the URDF's effort is {_listed(effort_nm)} N m"
     beyond = _beyond(limit_nm, effort_nm)
     loose = 0.1 < _WEIGHTS * heaviest_nm < limit_nm.max()
     if loose and not beyond:

@@ -208,8 +208,8 @@ def _remarks_on_fits(estimates: ChannelEstimates) -> Iterator[str]:
         deeper_m = surface.position_m + offset.value - surface.deepest_m
         if deeper_m > NOTABLE * offset.std_err:
             yield (
-                f"the force of {estimates.model.name} begins {MILLI * deeper_m:.2g} mm below the touch: an "
-                "attraction that the model lacks, or an object that begins softly"
+                f"the force of {estimates.model.name} begins {MILLI * deeper_m:.2g} mm below the "
+                "touch: the model lacks an attraction, or the object begins softly"
             )
     yield from (f"{name}: {problem}" for name, problem in estimates.failures.items())
     roomy = len(shown_parameters(estimates.estimates[0])) <= _MOST_ABREAST

@@ -135,15 +135,16 @@ def motion_in_words(kind: str, limits: Limits) -> str:
         motion = MOTIONS[kind]
         fastest_rad_s = max(float(paced(motion.speed_rad_s, limits).max()), travel_rad_s)
         return (
-            f"all joints at once in free air, up to {fastest_rad_s:.3g} rad/s, for "
-            f"{motion.duration_s:g} s and the ways there and back"
+            f"all joints move at once in free air, at up to {fastest_rad_s:.3g} rad/s, for "
+            f"{motion.duration_s:g} s plus the way there and back"
         )
     settings = StopSettings.within(limits)
     trips_rad_s = max(_slowed(limits, STOP_SPEED_RAD_S).velocity_rad_s)
     return (
-        f"all joints at up to {settings.travel_rad_s:.3g} rad/s to where there is room, then each at "
-        f"{settings.speed_rad_s:.2g} rad/s against its hard stops, pushing with {100 * PUSH_SHARE:g} % of "
-        f"its torque limit; its guard stops it beyond {trips_rad_s:.3g} rad/s"
+        f"all joints move at up to {settings.travel_rad_s:.3g} rad/s to where there is room; then "
+        f"each moves at {settings.speed_rad_s:.2g} rad/s against its hard stops and pushes with "
+        f"{100 * PUSH_SHARE:g} % of its torque limit; its guard stops it beyond {trips_rad_s:.3g} "
+        "rad/s"
     )
 
 

@@ -280,8 +280,8 @@ def _check_arm(body: RigidBody, recorded: Session) -> None:
     off_m = float(np.nanmax(np.linalg.norm(here_m - there_m, axis=1)))
     if off_m > _FARTHEST_M:
         raise InputError(
-            f"{recorded.path}: was made by another arm: in its postures this one's tip is up to "
-            f"{1e3 * off_m:.0f} mm elsewhere. Name the arm with --robot"
+            f"{recorded.path}: was recorded with another arm: in the same postures, the tip of this "
+            f"arm is up to {1e3 * off_m:.0f} mm away. Name the right arm with --robot"
         )
 
 

@@ -105,8 +105,8 @@ def is_simulated(robot_file: RobotFile) -> bool:
     if worlds and others:
         raise InputError(
             f"{robot_file.path}: bus '{worlds[0]}' is simulated ({SimulatedBus.name}) and bus '{others[0]}' "
-            f"({robot_file.buses[others[0]].driver}) is not: simulated time runs as fast as possible, which "
-            "no device can follow; simulate all buses, or none"
+            f"({robot_file.buses[others[0]].driver}) is not. Simulated time runs faster than any "
+            "device can follow; simulate all buses, or none"
         )
     return bool(worlds)
 

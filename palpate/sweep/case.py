@@ -95,7 +95,7 @@ def _folder_of(module: str) -> Path:
     if spec is not None and spec.submodule_search_locations:  # a package, with or without an __init__.py
         return Path(next(iter(spec.submodule_search_locations)))
     if spec is None or spec.origin is None:
-        raise InputError(f"work '{module}': Python finds no such module")
+        raise InputError(f"work module '{module}': Python does not find it")
     return Path(spec.origin).parent
 
 

@@ -71,11 +71,12 @@ class TeleopDemo:
         if not len(self.felt.real_n):
             return "there was no touch after the first estimate: the felt force cannot be compared"
         settled, stalled = self.felt.settled(), int(self.felt.stalled.sum())
-        late = f", nor {count(stalled, 'sample')} of touches at which the machine missed ticks"
+        late = f", and {count(stalled, 'sample')} of touches at which the machine missed ticks"
         return (
-            f"felt force: {100.0 * settled.share:.2g} % rms from the real one, after the first estimate "
-            f"({100.0 * self.felt.share:.2g} % with all: not counted are the first {1e3 * TOUCH_S:g} ms of "
-            f"every touch, where passivity withholds a part of the damper's jump{late if stalled else ''})"
+            f"felt force: it differs from the real force by {100.0 * settled.share:.2g} % rms after "
+            f"the first estimate, without the first {1e3 * TOUCH_S:g} ms of every touch, where "
+            f"passivity withholds part of the damper's jump{late if stalled else ''}; with all "
+            f"samples it differs by {100.0 * self.felt.share:.2g} %"
         )
 
 

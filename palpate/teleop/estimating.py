@@ -94,7 +94,7 @@ def second_look(samples: Samples, target: int) -> ObjectEstimate:
         (revision,) = study.to_export()
         made = _estimate(contact, target, revision)
     except InputError as error:
-        words = f"not all of it can be felt ({error}); {words}"
+        words = f"part of the model cannot be rendered ({error}); {words}"
     return replace(made, verdict=verdict, words=words[:MOST_TEXT])
 
 

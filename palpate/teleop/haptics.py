@@ -102,7 +102,7 @@ def haptic_stream(joint_count: int) -> Stream:
             Column("reached", "1", 1, "whether the virtual arm reaches the hand", "bool"),
             Column("depth_m", "m", 1, "of the tip below the virtual surface; negative above it"),
             Column("force_n", "N", 1, "rendered, along the surface's normal"),
-            Column("felt_n", "N", 1, "what of it the device can exert"),
+            Column("felt_n", "N", 1, "part of it that the device can exert"),
             Column("withheld_n", "N", 1, "less than the model's own force, for passivity and continuity"),
             Column("energy_j", "J", 1, "put in by the hand since touch"),
             Column("revision", "1", 1, "of the estimate that is felt; -1: the scene's guess", "int32"),

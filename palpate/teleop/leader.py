@@ -185,8 +185,8 @@ class _Leader:
         if not self._ending:
             self._ending_s = self._clock.now_s()
         if not self._messaging.linked:
-            return "ending: no follower is there to finish what is queued"
-        return "ending: the follower finishes what is queued; Ctrl-C again leaves it alone"
+            return "ending: no follower is connected to finish the queued targets"
+        return "ending: the follower finishes the queued targets; Ctrl-C again ends without waiting"
 
     @property
     def _ending(self) -> bool:

@@ -117,9 +117,9 @@ class MergedSessions:
         which = "ahead of" if self.offset_s >= 0.0 else "behind"
         moved_ms = 1e3 * np.ptp(self.exchanges[:, 1])
         return (
-            f"the follower's clock is {which} the leader's by {abs(self.offset_s):.6f} s "
-            f"(shortest round trip {1e3 * self.round_trip_s:.2g} ms; "
-            f"over the session it moved by {significant(moved_ms, moved_ms)} ms)"
+            f"the follower's clock is {which} the leader's by {abs(self.offset_s):.6f} s (shortest "
+            f"round trip {1e3 * self.round_trip_s:.2g} ms; drift over the session "
+            f"{significant(moved_ms, moved_ms)} ms)"
         )
 
     @property

@@ -147,22 +147,20 @@ ERROR = (
     "each run is predicted from the others."
 )
 NOISE_LEVEL = (
-    "The error that would be left if nothing were missing, estimated by a flexible regression; noise alone."
+    "The error that noise alone would leave if no effect were missing, estimated by a flexible regression."
 )
 ROUGH = "first look, refining …"
 FALL = "Error in held-out runs, one bar for each effect added; the green line is the noise level."
-CURVES = (
-    "Blue is measured, grey the base model, orange the model that is chosen; below, measured minus model."
+CURVES = "Blue: measured; grey: base model; orange: chosen model. Below: measured minus model."
+STATE = (
+    "The same curves over position and over velocity: loops show damping or friction, bends show stiffness."
 )
-STATE = "The same curves over position and over velocity: loops are damping or friction, bends are stiffness."
 MAP = "Mean of measured minus model over position and velocity: red above, blue below; a good model is pale."
 BUDGET = (
     "Shares of the base model's squared error in held-out runs, by kind of effect. Ranges: from the share "
     "that only this kind explains to the share that it explains alone."
 )
-EVIDENCE = (
-    "Share of the held-out error that this effect removes, or removed, beside the other ticked effects."
-)
+EVIDENCE = "Share of the held-out error that this effect removes beside the other ticked effects."
 ALIKE = (
     "The changes that these effects make have a cosine above 0.95; a diagnosis says whether this data "
     "can tell them apart."
@@ -171,28 +169,28 @@ INTERVAL = (
     "95 % interval: an experiment like this one gives values within it 19 times of 20, if the model is right."
 )
 SLIDER = (
-    "Drag to see the curves at another value; the other parameters stay as they are, and nothing is fitted."
+    "Drag to see the curves at another value; the other parameters keep their values, and nothing is fitted."
 )
-SAME = "The command line and Python give this fit, number for number; copy these lines."
+SAME = "Copy these lines to get exactly this fit on the command line or in Python."
 STOP = "End the diagnosis; nothing is changed."
-BACK = "Put the sliders back to the fitted values."
+BACK = "Reset the sliders to the fitted values."
 HOLD = "Keep this parameter at this value, and fit the others again."
 BOUND = "Fit again; if the parameter would leave the bounds, it is held at the nearer one."
 RUNS = (
     "Which runs are drawn. All are fitted, and each is predicted without itself: that is its held-out error."
 )
-LEFT_OUT = "Runs that are taken out: they are neither fitted nor judged, until they are put back."
+LEFT_OUT = "Runs left out: they are neither fitted nor scored until they are put back."
 HELD_OUT = (
-    "Runs that no model is fitted to: the error is measured in these alone. Without any, each run is "
-    "predicted from the others."
+    "Runs excluded from fitting: the error is measured only in these. If there are none, each "
+    "run is predicted from the others."
 )
 CURSORS = "Click into the curves to set cursor A or B, or type a time: values and differences are read there."
 KEEP = "Keep the chosen effects as a revision, as palpate add does; go back to it at any time."
 REVISIONS = "Models that were kept, here or by the command line; choose one to go back to it."
 GATES = "Checked before fitting: a fit of unsuitable data only looks like an answer."
 DIAGNOSE = (
-    "Say what kinds of effects the error is made of and which effects are missing; takes a while, and can be "
-    "stopped."
+    "Show which kinds of effects make up the error and which effects are missing; takes a while, "
+    "and can be stopped."
 )
 VERDICTS = {
     "adequate": "This data shows no missing effect.",
@@ -208,8 +206,8 @@ GATE = {
     "readings": "readings: steps are fine enough, and nothing is rectified",
     "saturation": "the sensor is not saturated",
 }
-EFFECTS = "Physical causes that the base model lacks; tick one to add it, and again to take it away."
-PICTURE = "What it looks like: grey without, orange with it. Click for live sliders."
+EFFECTS = "Physical causes that the base model lacks; tick one to add it, untick it to remove it."
+PICTURE = "What the effect looks like: grey without it, orange with it. Click for live sliders."
 RESOLVE = (
     "Probes, diagnoses, and repeats with the experiment that best separates the remaining explanations; see "
     "palpate resolve."

@@ -263,7 +263,9 @@ class Feed:
                 name="palpate", host=host, port=port, message_backlog_size=_MOST_WAITING
             )
         except (OSError, RuntimeError) as error:
-            message = f"--foxglove {port}: in use, or not permitted; another, or 0 for any free one"
+            message = (
+                f"--foxglove {port}: in use, or not permitted; choose another port, or 0 for any free one"
+            )
             raise InputError(message) from error
         self._channel = foxglove.Channel(TOPIC, schema=_SCHEMA)
         self.port = int(self._server.port)

@@ -240,5 +240,5 @@ def early_server(port: int) -> EarlyServer:
     try:
         return EarlyServer(LOOPBACK, port)
     except OSError as error:
-        message = f"--port {port}: {error.strerror or error}; another, or 0 for any free one"
+        message = f"--port {port}: {error.strerror or error}; choose another port, or 0 for any free one"
         raise InputError(message) from error

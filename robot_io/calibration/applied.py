@@ -116,7 +116,7 @@ def implausible(calibration: Calibration, limits: Limits) -> str | None:
         zero_n, most_n = abs(values.zero.value) * scale, _ZERO_SHARE * limit_n
         under = f"under a force limit of {limit_n:g} N"
         if zero_n > most_n:
-            return f"has a zero of {zero_n:.3g} N; {under} at most {most_n:.3g} N"
+            return f"has a zero of {zero_n:.3g} N; {under}, at most {most_n:.3g} N is allowed"
         # At this reading even the flattest curve that is allowed is beyond the limit; if it bends back, then
         # only beyond three times as much.
         furthest = 2.0 * limit_n / (scale * (1.0 + _SLOPE_SHARE))
@@ -124,8 +124,8 @@ def implausible(calibration: Calibration, limits: Limits) -> str | None:
         most = (1.0 - _SLOPE_SHARE) * scale / (2.0 * furthest)
         if abs(curvature) > most:
             return (
-                f"has a curvature of {curvature:.3g} N/N^2, which hides forces from the guard; "
-                f"{under} at most {most:.3g} N/N^2"
+                f"has a curvature of {curvature:.3g} N/N^2, which hides forces from the guard; {under}, "
+                f"at most {most:.3g} N/N^2 is allowed"
             )
     elif isinstance(calibration, TorqueCalibration):
         for name in ("offset", "command_offset"):
@@ -134,8 +134,8 @@ def implausible(calibration: Calibration, limits: Limits) -> str | None:
                 most_nm = _OFFSET_SHARE * limit_nm
                 if abs(offset_nm) > most_nm:
                     return (
-                        f"has a {name} of {offset_nm:.3g} N m for joint {joint}; under a torque limit of "
-                        f"{limit_nm:g} N m at most {most_nm:.3g} N m"
+                        f"has a {name} of {offset_nm:.3g} N m for joint {joint}; under a torque limit "
+                        f"of {limit_nm:g} N m, at most {most_nm:.3g} N m is allowed"
                     )
     return None
 
@@ -155,8 +155,8 @@ def doubtful(calibration: Calibration) -> str | None:
     if not far:
         return None
     return (
-        f"the zero of {', '.join(far)}: that is far. Was the arm really where it was said to be? "
-        "With a wrong zero it moves to other places than its limits say"
+        f"it shifts the zero of {', '.join(far)}, which is far. Was the arm really in the stated "
+        "pose? With a wrong zero, the arm can move beyond its limits"
     )
 
 

@@ -133,7 +133,7 @@ class NetFtStream:
         self.own_time.goes_on(steps * self._period_s)
         counts, problem = record.counts[self._axis], status_problem(record.status)
         if not problem and abs(counts) >= _LARGEST_COUNTS:
-            problem = "counts at their end"
+            problem = "counts at the end of their range"
         self._last, self.complaint = record, f"the sensor says '{problem}'" if problem else ""
         return [] if problem else [counts * self._scale]
 

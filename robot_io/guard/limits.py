@@ -95,7 +95,7 @@ class Problem(NamedTuple):
 
 _EXAMINE = "check its cable and its supply; palpate doctor examines it"
 _LATE = "check cable and supply; palpate doctor shows what rates the buses can carry"
-_END_OF_RANGE = "palpate doctor shows the ranges; does the robot file say what the device is?"
+_END_OF_RANGE = "palpate doctor shows the ranges; check that the robot file describes this device"
 _LAGS = "is it blocked, too heavily loaded, or weaker than the robot file says? See palpate doctor --move"
 _OUTSIDE = "bring it back by hand; if it may go there, widen limits.position_min_rad and position_max_rad"
 _TOO_FAST = "plan slower moves; if it may go as fast, raise limits.velocity_rad_s"

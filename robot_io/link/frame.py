@@ -37,7 +37,7 @@ class Seal(NamedTuple):
 CHECKSUM = Seal(
     4,
     lambda frame: zlib.crc32(frame).to_bytes(4, "little"),
-    "its checksum does not fit: it was damaged, or made with a key",
+    "its checksum does not match: it was damaged, or made with a key",
 )
 
 

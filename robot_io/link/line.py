@@ -219,13 +219,13 @@ class Line:
     @property
     def advice(self) -> str:
         """Return suggestions if nothing is received from the other side."""
-        same = "--port" if self._settings.config is None else "a --link that meets this one"
+        same = "--port" if self._settings.config is None else "a --link that reaches this side"
         words = f"does a {_OTHER[self.role]} run with the same --name and --key, and {same}?"
         if not self._over_udp:
             return words
         return (
-            f"{words} Over UDP each packet that is lost on connecting costs a try of 10 s "
-            "(transport.unicast.open_timeout): tcp and tls repeat it"
+            f"{words} Over UDP, each packet lost while connecting costs 10 s "
+            "(transport.unicast.open_timeout); tcp and tls send it again"
         )
 
     def heard(self, frame: Frame, at_s: float) -> None:

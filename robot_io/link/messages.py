@@ -154,7 +154,7 @@ def target_number(leader: int, count: int) -> int:
         InputError: there are too many targets.
     """
     if not 0 <= count < _NUMBERS:
-        raise InputError(f"target {count}: a leader may choose at most {_NUMBERS}")
+        raise InputError(f"target {count}: a leader may choose at most {_NUMBERS} targets")
     return leader % _LEADERS * _NUMBERS + count
 
 
@@ -241,7 +241,9 @@ class Report:
         _need_few("target states", self.targets, MOST_TARGETS)
         _need_text("remark", self.remark)
         if len(self.states) != len(self.targets) or not _STATES.issuperset(self.states):
-            raise InputError(f"target states {self.states}: not one known state for each of {self.targets}")
+            raise InputError(
+                f"target states {self.states}: each of the targets {self.targets} needs one known state"
+            )
 
 
 @dataclass(frozen=True, slots=True)

@@ -33,7 +33,7 @@ _AT_ONCE = 16_384  # records, to bound memory
 _MANY = 500_000  # records of a stream, beyond which a message holds several: one a message takes 6 us
 _BATCH = 100  # records in such a message, if they fit
 STALL_LIMIT_S = 30.0  # at close, without a single record reaching the disk
-_STALLED = f"the disk took nothing for {STALL_LIMIT_S:.0f} s"
+_STALLED = f"the disk accepted no data for {STALL_LIMIT_S:.0f} s"
 _KILL_LIMIT_S = 2.0
 _POLL_S = 0.002
 

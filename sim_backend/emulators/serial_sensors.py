@@ -422,7 +422,7 @@ def newtons_per(unit: str) -> float:
         InputError: no emulated sensor counts in it.
     """
     if unit not in _NEWTONS:
-        raise InputError(f"no emulated sensor counts in '{unit}'. Valid: {', '.join(_NEWTONS)}")
+        raise InputError(f"no emulated sensor reads in '{unit}'. Valid: {', '.join(_NEWTONS)}")
     return _NEWTONS[unit]
 
 

@@ -231,7 +231,7 @@ def test_lines_that_are_left_out_are_said_and_the_rows_keep_their_numbers(tmp_pa
     with pytest.raises(InputError, match=r"line 403, column 'Load .N.': 'oops'"):
         import_file(path)
     path.write_text(UNEVEN["a line of words"])
-    assert "1 line of words among the rows left out, the first is line 302" in import_file(path).read
+    assert "1 line of text among the rows left out; the first is line 302" in import_file(path).read
 
 
 def test_times_out_of_order_name_the_column_that_orders_them(tmp_path):
@@ -286,7 +286,9 @@ def test_a_force_to_both_sides_deep_inside_is_that_of_an_axis(tmp_path):
     path.write_text("Time [s],Extension [mm],Load [N]\n" + lines(TIME_S, 1e3 * np.abs(WAY_M), force))
     imported = import_file(path)
     assert imported.channels[0].name == "joint_1"
-    assert any("--column displacement='Extension [mm]' makes a contact" in note for note in imported.notes)
+    assert any(
+        "--column displacement='Extension [mm]' reads it as a contact" in note for note in imported.notes
+    )
     path.write_text("Time [s],Extension [mm],Load [N]\n" + lines(TIME_S, 1e3 * np.abs(WAY_M), FORCE_N))
     assert import_file(path).channels[0].name == "contact"
 
@@ -307,7 +309,7 @@ def test_a_time_without_a_unit_is_no_shorter_than_a_press_lasts(tmp_path, step, 
     path = tmp_path / "slow.csv"
     time, way = step * np.arange(count), np.linspace(0.0, 1.0, count)
     path.write_text("Time,Travel [mm],Load [N]\n" + lines(time, way, 3.0 * way + 0.1 * way**2))
-    assert f"its steps are taken for {unit};" in import_file(path).notes[0]
+    assert f"its steps are read as {unit};" in import_file(path).notes[0]
 
 
 @pytest.mark.parametrize("runs", [1, 2])
@@ -453,7 +455,7 @@ def test_of_names_without_units_the_last_word_says_the_quantity(tmp_path):
     path = tmp_path / "zwick.txt"
     header = "Test time, Standard travel, Tool separation, Standard force\n"
     path.write_text(header + lines(TIME_S, 1e3 * WAY_M, 25.0 - 1e3 * WAY_M, FORCE_N))
-    with pytest.raises(InputError, match="'Standard travel', 'Standard force' do not state their units"):
+    with pytest.raises(InputError, match="'Standard travel', 'Standard force' state no units"):
         import_file(path)
     (channel,) = by_the_advice(path).channels
     np.testing.assert_allclose(channel.position, WAY_M, atol=1e-9)

@@ -128,7 +128,7 @@ def test_lines_above_the_names_say_units(tmp_path, above):
 
 def test_a_unit_above_the_names_is_no_unit_of_another_column(tmp_path):
     path = write(tmp_path, ["Load unit,kN", "Stiffness unit,N", "Time,Displacement,Force"])
-    with pytest.raises(InputError, match="'Displacement', 'Force' do not state their units"):
+    with pytest.raises(InputError, match="'Displacement', 'Force' state no units"):
         import_file(path)
 
 

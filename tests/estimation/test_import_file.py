@@ -113,7 +113,7 @@ def test_a_unit_of_something_else_is_taken_as_it_stands_and_said(tmp_path):
     path = write_csv(tmp_path / "cell.csv", {"time_s": T, "weight_N": F, "force_N": F})
     imported = import_file(path, ImportOptions(columns={"displacement_m": "weight_N"}))
     np.testing.assert_allclose(only(imported).position, F)
-    assert "'weight_N' is taken as displacement in m" in imported.notes[0]
+    assert "'weight_N' is read as displacement in m" in imported.notes[0]
 
 
 def test_numbered_runs_keep_their_numbers_and_are_put_together(contact):
@@ -183,7 +183,7 @@ def test_a_velocity_that_is_a_difference_of_the_positions_is_derived_again(tmp_p
     else:
         error = joint.velocity - 3.0 * np.cos(3.0 * time_s)
         assert np.std(error) < 0.2 * np.std(velocity - 3.0 * np.cos(3.0 * time_s))
-        assert "column 'velocity_rad_s' is a difference" in found.notes[0]
+        assert "column 'velocity_rad_s' holds differences" in found.notes[0]
 
 
 def test_where_chooses_rows_and_context_keeps_signals(contact):
@@ -370,13 +370,13 @@ TEMPERATURES = {"temp (C)": 20 + T, "temp [C]": 25 + T}
         ({}, {"columns": {"force_N": "load"}}, "has only time_s, displacement_m, force_N"),
         ({}, {"where": {"specimn": "P1"}}, "no column 'specimn'"),
         ({"specimen": ["P1"] * 50}, {"where": {"specimen": "P2"}}, "no such row. There are: P1"),
-        ({"force_N": None, "force": F}, {}, "'force' does not say its unit; say it, as in --unit force=N"),
+        ({"force_N": None, "force": F}, {}, "'force' states no unit; give it, as in --unit force=N"),
         (
             {"displacement_m": None, "force_N": None, "force": F, "depth": X},
             {},
-            "do not state their units; give them, as in --unit force=N --unit displacement=m",
+            "state no units; give them, as in --unit force=N --unit displacement=m",
         ),
-        ({}, {"units": {"displacement": "N"}}, "measures no displacement"),
+        ({}, {"units": {"displacement": "N"}}, "is not a unit of displacement"),
         ({}, {"units": {"force": "-0N"}}, "unit '-0N' cannot be converted"),
         ({}, {"units": {"force": "1e999N"}}, "unit '1e999N' cannot be converted"),
         ({}, {"units": {"displacement": "furlong"}}, "Valid: "),
@@ -527,7 +527,7 @@ def test_a_simulated_run_that_repeats_another_exactly_is_a_run(contact):
         ),
         (SWING | {"velocity_rad_s": -0.1 * RATE}, "column 'velocity_rad_s' is -0.0999 times"),
         (SWING | {"velocity_rad_s": -RATE}, "wrong sign"),
-        (SWING | {"velocity_m_s": X}, "its unit does not go with that of 'position_rad'"),
+        (SWING | {"velocity_m_s": X}, "its unit does not match that of 'position_rad'"),
         (
             {"velocity_m_s": RATE, "acceleration_m_s2": -8.1 * np.sin(9 * T)},
             "column 'acceleration_m_s2' is 99.9 times",
@@ -563,7 +563,11 @@ HEADER = b"time_s,displacement_m,force_N\n"
     [
         ("absent.csv", None, "no such file"),
         ("empty.csv", b"", "no rows of data; the file is empty"),
-        ("one.csv", b"force\n1\n2\n3\n", "holds one column, 'force'; a measurement needs time and two more"),
+        (
+            "one.csv",
+            b"force\n1\n2\n3\n",
+            "holds only one column, 'force'; a measurement needs at least three",
+        ),
         ("header.csv", HEADER, "no rows of data"),
         ("page.csv", "<html>404</html>", "no rows of data"),
         ("numbers.csv", b"0,1,2\n1,2,3\n", "it names none; the first row is 0, 1, 2"),
@@ -605,7 +609,7 @@ def test_arrays_that_make_no_table_are_named(tmp_path):
     pa.parquet.write_table(pa.table({"time_s": T, "displacement_m": X, "force_N": force}), holes)
     assert "no value in 'force_N', the first in row 11" in import_file(holes).notes[0]
     np.savez(objects, time_s=np.array([{"a": 1}], dtype=object))  # and it is not unpickled
-    assert "column 'time_s' holds objects" in refusal(objects)
+    assert "column 'time_s' holds Python objects" in refusal(objects)
     np.savez(uneven, time_s=T, displacement_m=X[:-1], force_N=F)
     assert "different lengths" in refusal(uneven)
 

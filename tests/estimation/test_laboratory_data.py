@@ -143,7 +143,7 @@ def test_as_many_presses_as_may_be_runs_are_runs(count, each):
         ),
         (
             {WAY: None, "Position [mm]": 1e3 * presses()[1]},
-            "go together as those of a press; if it is",
+            "change together, as in a press; if it bel",
         ),
         *(
             ({TIME: scale * presses()[0]}, f"samples are {step} s apart; .* --unit time={unit}$")
@@ -155,7 +155,7 @@ def test_as_many_presses_as_may_be_runs_are_runs(count, each):
         ),
         (
             {WAY: some(1e3 * presses()[1], 2), LOAD: some(presses()[2], 2, 1)},
-            "all others are read between their samples at the times of 'Load",
+            "all other columns are interpolated at the times of 'Load",
         ),
         ({"Cycle": np.repeat([1, 2], len(presses()[0]) // 2)}, ""),
     ],
@@ -186,20 +186,20 @@ RATE = {WAY: None, LOAD: None, "Angle [deg]": np.sin(T)}
         (
             {WAY: None, "Travel": 1e3 * presses()[1]},
             {},
-            "'Travel' does not say its unit; say it, as in --unit displ",
+            "'Travel' states no unit; give it, as in --unit displ",
         ),
         ({WAY: None, "Travel": 1e3 * presses()[1]}, {}, "--unit displacement=mm"),
         (
             {LOAD: None, "Load [furlong]": T},
             {},
-            "its unit in a way that is known ('furlong'); say it, as in --",
+            "states no unit that is known ('furlong' is not); give it, as in --",
         ),
         ({TIME: None, "Time (ticks)": T}, {}, "'ticks' is not a known unit of time; use --unit time=s"),
         ({LOAD: None, "Load setpoint [N]": T}, {}, "no channel can be made of"),
         ({LOAD: None, "Stress [MPa]": T}, {}, "no channel can be made of"),
         ({"run": np.zeros(len(T), int)}, {"runs": 2}, "--runs 2: column 'run' already gives the runs"),
         ({"Current [mA]": T} | RATE, {"runs": 2}, "--runs 2: there is no contact"),
-        ({}, {"units": {"force": "3 parsec"}}, "measures no force"),
+        ({}, {"units": {"force": "3 parsec"}}, "is not a unit of force"),
     ],
 )
 def test_what_cannot_be_told_is_asked_in_one_line(press, changed, options, words):
@@ -232,7 +232,7 @@ def test_a_torque_is_preferred_to_a_current_and_a_column_is_not_used_twice(press
 def test_columns_without_units_are_asked_about_only_where_nothing_else_makes_a_channel(press):
     joint = {"q": np.sin(T), "tau": T}
     assert contact_of(press(**joint)).name == "contact"
-    with pytest.raises(InputError, match="'q', 'tau' do not state their units"):
+    with pytest.raises(InputError, match="'q', 'tau' state no units"):
         import_file(press(**joint, **{WAY: None}))
     said = ImportOptions(units={"position": "rad", "torque": "Nm"})
     assert [one.name for one in import_file(press(**joint), said).channels] == ["contact", "joint_1"]
@@ -292,7 +292,7 @@ def test_sheets_whose_columns_stand_in_another_order_are_runs_and_others_are_nam
     table = read_table(tmp_path / "order.xlsx")
     np.testing.assert_array_equal(table.numbers("Load (N)"), 3.0 * table.numbers("Time (s)"))
     assert len(table) == 60
-    assert "not read, since their columns differ: 'C' (30 rows); --table C selects one" in table.words
+    assert "tables not read because their columns differ: 'C' (30 rows); --table C selects one" in table.words
 
 
 @pytest.mark.parametrize("other", ["Cycle time [s]", "Clock"])
@@ -317,7 +317,9 @@ def test_a_workbook_that_would_fill_the_memory_is_refused(tmp_path, monkeypatch)
     book = openpyxl.Workbook()
     book.active["A1"], book.active["XFD1048576"] = 1, 2
     book.save(path)
-    with pytest.raises(InputError, match="a sheet of 1048576 rows, 16384 columns; split it"):
+    with pytest.raises(
+        InputError, match="a sheet has 1048576 rows and 16384 columns, too many to read; split it"
+    ):
         read_table(path)
     monkeypatch.setattr(file_columns, "MOST_BYTES", 100)
     with pytest.raises(InputError, match="holds more than 0 MiB; split it"):
@@ -466,7 +468,7 @@ def test_a_cell_that_is_no_time_is_named_among_times(press):
 def test_a_time_without_a_unit_is_told_by_its_steps(press, scale, unit):
     imported = import_file(press(**{TIME: None, "__time": 1.7e9 * (scale == 1.0) + scale * presses()[0]}))
     assert np.ptp(imported.channels[0].time_s) == pytest.approx(np.ptp(presses()[0]), rel=1e-6)
-    assert f"'__time' does not say its unit: its steps are taken for {unit}" in imported.notes[0]
+    assert f"'__time' states no unit: its steps are read as {unit}" in imported.notes[0]
 
 
 GOOD = "Time [s],Way [mm],Load [N]\n" + "".join(f"{i},{i},{i}\n" for i in range(9))

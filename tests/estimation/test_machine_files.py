@@ -166,7 +166,7 @@ def test_other_tables_are_named_with_the_option_that_selects_them(tmp_path):
     )
     line = str(4 + len(TIME_S))
     assert (
-        f"not read, since their columns differ: '{line}' (2 rows); --table {line} selects one; "
+        f"tables not read because their columns differ: '{line}' (2 rows); --table {line} selects one; "
         f"if line {line} names no columns, remove it"
     ) in import_file(path).read
     columns = {"displacement_mm": "Heat [K]"}

@@ -52,7 +52,7 @@ def test_a_spring_that_pulls_is_held_at_both_ends():
         "'displacement_m' and 'force_N' take both signs, with the same sign at the same time"
         in found.notes[0]
     )
-    assert "--column displacement=displacement_m makes a contact of it" in found.notes[0]
+    assert "--column displacement=displacement_m reads it as a contact" in found.notes[0]
     assert reject_reason(channel) is None
     assert quality_warnings(channel) == []
     model = MODELS["kelvin_voigt"]().build(ModelContext())
@@ -67,7 +67,7 @@ def test_a_damper_is_a_linear_axis_whichever_way_its_force_counts(force, sign):
     found = element(sign * force)
     (channel,) = found.channels
     assert channel.kind is ChannelKind.PRISMATIC
-    assert "read as a linear axis; --column displacement=displacement_m makes" in found.notes[-1]
+    assert "read as a linear axis; --column displacement=displacement_m reads" in found.notes[-1]
     assert np.corrcoef(channel.velocity, channel.effort)[0, 1] > 0.8
     assert reject_reason(channel) is None
 
@@ -80,7 +80,7 @@ def test_spring_and_damper_describe_a_linear_axis_too():
     estimate = estimate_channel(axis, model, ESTIMATORS["lsq"](), rng=np.random.default_rng(0))
     assert estimate["damping.c"].value == pytest.approx(60.0, rel=0.01)
     turning = open_source({"time_s": T, "position_rad": X, "torque_Nm": DAMPER, "run": RUN})
-    with pytest.raises(InputError, match="describes a contact, its channels are: joint_1"):
+    with pytest.raises(InputError, match="describes a contact, but its channels are: joint_1"):
         described_by(turning, "kelvin_voigt")
 
 
@@ -189,7 +189,7 @@ def test_a_position_that_may_be_either_is_asked_about():
     options = ImportOptions(units={"position": "mm"})
     weight = np.full(len(PRESS_X), 9.0) + 0.01 * PRESS_V
     with pytest.raises(
-        InputError, match=r"of a press or of a linear axis; use --column displacement=position"
+        InputError, match=r"to a press or to a linear axis; choose with --column displacement=position"
     ):
         imported(options, time_s=PRESS_T, run=PRESS_RUN, force_N=weight, position=PRESS_X)
 
@@ -277,7 +277,7 @@ def test_a_stretched_fibre_that_relaxes_is_held_at_both_ends(sign):
     )
     (channel,) = found.channels
     assert channel.engaged.all()
-    assert "'force_N' is steady at no displacement" in found.notes[0]
+    assert "'force_N' varies at every displacement" in found.notes[0]
     assert "compression" not in found.notes[0]  # nothing is compressed
     assert ("the sign of 'force_N' is reversed; --unit force=1N" in found.notes[0]) == (sign < 0.0)
     assert reject_reason(channel) is None

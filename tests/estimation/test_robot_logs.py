@@ -132,7 +132,7 @@ def episode(tmp_path):
 
 
 def test_an_episode_s_arrays_are_joints(episode):
-    with pytest.raises(InputError, match=r"do not state their units.*--unit position=deg --unit torque=Nm"):
+    with pytest.raises(InputError, match=r"state no units.*--unit position=deg --unit torque=Nm"):
         import_file(episode)
     imported = import_file(episode, ImportOptions(units={"position": "deg", "torque": "Nm"}))
     assert imported.run_labels == {4: "4", 5: "5"}
@@ -210,7 +210,7 @@ def test_a_message_that_is_none_is_named_with_its_topic(tmp_path, data):
     path = tmp_path / "broken.db3"
     store(path, [(1, 0, data)])
     with pytest.raises(
-        InputError, match="a message of topic '/js' is cut off, or no sensor_msgs/msg/JointState"
+        InputError, match="a message of topic '/js' is cut off or is not a sensor_msgs/msg/JointState"
     ):
         import_file(path)
 

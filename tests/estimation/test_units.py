@@ -134,7 +134,7 @@ def test_a_unit_that_is_not_understood_is_asked_for():
     with pytest.raises(InputError, match=r"'cycles' is not a known unit of time; use --unit time=s"):
         imported(**{"Time (cycles)": T, "Travel (mm)": 1e3 * X, "Load (N)": FORCE})
     with pytest.raises(
-        InputError, match=r"in a way that is known \('MM'\); say it, as in --unit displacement"
+        InputError, match=r"that is known \('MM' is not\); give it, as in --unit displacement"
     ):
         imported(**{"Time (s)": T, "Travel (MM)": 1e3 * X, "Load (N)": FORCE})
 

@@ -66,7 +66,7 @@ def test_bad_options_are_refused(hardening, options, words):
 def test_a_single_press_is_judged_by_its_parts_and_a_warning_says_so(tmp_path):
     press = write_presses(tmp_path / "press.csv", speeds_m_s=(0.02,), cubic=0.0)
     result = done("compare", press, "--json")
-    assert "a single run that goes through its motion once" in " ".join(result.stderr.split())
+    assert "only one run, which goes through its motion once" in " ".join(result.stderr.split())
     (channel,) = json.loads(result.stdout)["channels"]
     assert channel["rmse"] == pytest.approx(NOISE_N, rel=0.1)
 
@@ -92,7 +92,7 @@ def test_what_was_added_can_be_put_beside_the_measurement_too(hardening, grown):
 def test_a_revision_of_other_rows_is_said_to_be_one(grown, tmp_path):
     other = write_presses(tmp_path / "other.csv", seed=5)
     told = run("compare", other, "--revision", 1, "--folder", grown[0]).stdout
-    assert "revision 1 was kept with an error of" in " ".join(told.split())
+    assert "revision 1 was saved with an error of" in " ".join(told.split())
 
 
 def test_the_floor_is_one_number_whatever_was_kept_before(hardening, tmp_path):

@@ -58,7 +58,9 @@ def test_ticks_in_another_order_than_time_are_told(reader, tmp_path):
     columns, data = columns_and_data()
     middle = len(data["run"]) // 2
     halves = {name: np.roll(values, middle, axis=0) for name, values in data.items()}
-    with pytest.raises(InputError, match=r"tick \d+, column 'time_s': is .* s before the tick before it"):
+    with pytest.raises(
+        InputError, match=r"tick \d+, column 'time_s': is .* s earlier than the previous tick"
+    ):
         reader(session_of(tmp_path / "x.mcap", columns, halves))
 
 

@@ -44,10 +44,10 @@ def test_a_channel_with_an_effect_of_ones_own_is_not_silently_told_without_it(tm
     assert run("add", data, "mine", "--effect", place, "--out", folder).exit_code == 0
     (silent,), (whole,) = (Study(data, folder=folder, effects=given).results() for given in ((), [place]))
     assert (whole.added, whole.reason, silent.added) == (["mine"], "", [])
-    for words in ("contact is shown without what was added", f"add --effect {place}"):
+    for words in ("contact is shown without its added effects", f"add --effect {place}"):
         assert words in silent.reason
     page = Study(data, folder=folder).report(tmp_path / "silent.html")
-    assert "contact is shown without what was added" in words_of(page)
+    assert "contact is shown without its added effects" in words_of(page)
 
 
 def test_without_a_diagnosis_the_report_tells_how_the_last_stage_fits(tmp_path):

@@ -94,7 +94,7 @@ def test_the_last_link_is_the_tip_where_none_is_called_so(tmp_path, monkeypatch)
     urdf.write_text(text)
     arm = arm_from_urdf(urdf)
     assert arm.tip_frame == "finger"
-    assert "its last one, 'finger', is taken" in arm.notes[0]
+    assert "the last link, 'finger', is used" in arm.notes[0]
     assert arm_from_urdf(FOLLOWER).notes == ()
     assert arm_from_urdf(urdf, "hand").notes == ()
     with pytest.raises(InputError, match="no frame is called 'tip'"):

@@ -47,7 +47,7 @@ ONE, TWO = accepted("bias", 0.5, 0.2), accepted("lag", 0.2, 0.1, "delay", "dampi
             ("shows no missing effect", "runs is 0.102 N (noise 0.1 N, from free air)"),
             (),
         ),
-        (diagnosis("insufficient", reason="a single run"), ("cannot say: a single run.",), ("error",)),
+        (diagnosis("insufficient", reason="only one run"), ("cannot say: only one run.",), ("error",)),
         (diagnosis("insufficient", reason="which?"), ("cannot say: which?",), ("?.",)),
         (
             diagnosis("missing", ONE, TWO),

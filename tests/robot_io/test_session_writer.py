@@ -62,7 +62,7 @@ def test_a_disk_that_hangs_holds_no_program_for_ever(tmp_path, monkeypatch):
     log = SessionWriter(tmp_path / "s.mcap", [TICK], METADATA, ring_slots=4, wait_for_room=True)
     stop(log)
     append(log, range(4))
-    with pytest.raises(SessionError, match="the disk took nothing"):
+    with pytest.raises(SessionError, match="the disk accepted no data"):
         log.append("tick", tick(4))
     log.append("tick", tick(5))
     assert log.dropped == 1
@@ -296,7 +296,7 @@ def test_a_disk_that_hangs_at_the_end_does_not_hang_the_program(tmp_path, monkey
     log = SessionWriter(tmp_path / "s.mcap", [TICK], METADATA)
     log.append("tick", tick(0))
     stop(log)
-    with pytest.raises(SessionError, match="the disk took nothing"):
+    with pytest.raises(SessionError, match="the disk accepted no data"):
         log.close()
     assert log._process.returncode == -signal.SIGKILL
 

@@ -65,7 +65,7 @@ def put(address, value):
         (
             put(table.SECONDARY_ID, 252),
             Level.FAIL,
-            "secondary id 252: it obeys what that",
+            "secondary id 252: it also obeys commands",
             "servo 2: sec.*252",
         ),
         (put(table.SECONDARY_ID, 253), Level.OK, "firmware", ""),
@@ -106,10 +106,10 @@ def test_a_dynamixel_that_is_not_well_is_named(spoil, level, said, refused):
             ),
             "servo 2 is a XM430-W350, but the robot file states XM540-W270",
         ),
-        ({2: {"id": 9}}, "other servos", Level.WARN, "id 9 on the line too", "no answer from servo 2"),
+        ({2: {"id": 9}}, "other servos", Level.WARN, "id 9 also on the line", "no answer from servo 2"),
         (
             {1: {"id": 7}, 2: {"id": 8}, 3: {"id": 9}},
-            *("servos", Level.FAIL, "ids 1, 2, 3 silent, on the line are ids 7, 8, 9", "no answer"),
+            *("servos", Level.FAIL, "ids 1, 2, 3 silent; found on the line: ids 7, 8, 9", "no answer"),
         ),
     ],
 )

@@ -66,7 +66,9 @@ def test_a_sensor_whose_lines_are_no_readings_is_told_from_a_silent_one(bench):
     )
     arm = bench(ODRIVE, (("{driver: loadstar, bus: load_cell, capacity_n: 100.0}", as_other),))
     arm.robot.configure()
-    with pytest.raises(DeviceTimeoutError, match=r"\d+ lines or telegrams and no reading yet: .* pattern"):
+    with pytest.raises(
+        DeviceTimeoutError, match=r"\d+ lines or telegrams came, but no reading yet: .* pattern"
+    ):
         begin(arm)
 
 

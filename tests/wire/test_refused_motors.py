@@ -56,7 +56,7 @@ AT_CONFIGURING = [  # robot file, its changes, the second motor or servo 3, what
     # States end at four turns of the output.
     (
         *(ROBSTRIDE, [("motor_id: 2,", "motor_id: 2, zero_rad: 8.0,")], has()),
-        r"joint 2 .*: its mechPos is .* rad at the joint, its states say",
+        r"joint 2 .*: its mechPos is .* rad at the joint, but its states report",
     ),
     (MOTEUS, (), has(home=0), "joint 2 .motor 2.: has no reference for its position"),
     (MOTEUS, (), has(known=False), "joint 2 .motor 2.: does not know its position: no fault"),
@@ -85,7 +85,7 @@ AT_ACTIVATING = [
         (CUBEMARS, has(timeout_s=one), "still exerts torque .*set its timeout to 0.1 s")
         for one in (None, 2.0)
     ),
-    (CUBEMARS, has(_drive=lambda: None), "shows no torque"),
+    (CUBEMARS, has(_drive=lambda: None), "reports no torque"),
     (DAMIAO, stubborn("registers", TIMEOUT), "CAN timeout is 0 after it was set to 2000"),
     (DAMIAO, stubborn("registers", MODE, but={MODE: 2}), "control mode is 2"),
     (ROBSTRIDE, stubborn("parameters"), "its canTimeout is 0 after"),

@@ -182,7 +182,7 @@ SILENT = {"hear": lambda data, now_s: b""}
     [
         (ODRIVE, [MARK10], {"unit": "LBIN"}, "unit 'lbFin' is not a known unit of force"),
         (ODRIVE, [MARK10], {"unknown": ("FULL",)}, r"says '\*10 illegal command' when asked for its model"),
-        (ODRIVE, [MARK10], SILENT, "no gauge says an answer; check port and baud rate"),
+        (ODRIVE, [MARK10], SILENT, "no gauge gives an answer; check port and baud rate"),
         (ODRIVE, [], {"_unit": "psi"}, "unit 'psi' is not a known unit"),
         (ODRIVE, [], SILENT, "no DI-100 or DI-1000 answers"),
         (CUBEMARS, [], {"hear": lambda data, now_s: STRANGER}, "no answer to HELLO"),  # from another sensor
@@ -209,7 +209,7 @@ def test_a_gauge_that_is_switched_to_another_unit_is_named(bench):
     arm.ticks(10, None)
     arm.arm.wires["load_cell"]._sensor.unit = "N"
     arm.ticks(20, None)
-    assert "the gauge reads in N, and read in lbF when it was configured" in arm.problem
+    assert "the gauge reads in N, but it read in lbF when it was configured" in arm.problem
 
 
 def test_a_lost_answer_is_asked_for_again_at_once(bench):

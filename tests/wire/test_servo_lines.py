@@ -56,7 +56,7 @@ def test_a_line_without_power_is_told_from_another_baud_rate(bench):
     arm.strike("motors", FaultKind.DROP)
     with pytest.raises(DeviceError, match="no answer from servo 2, 3, 4, 1, 5"):
         arm.robot.buses["motors"].configure()
-    assert examined(arm)["servos"].text == "nobody answers at any baud rate"
+    assert examined(arm)["servos"].text == "no servo answers at any baud rate"
 
 
 def test_feetech_servos_that_the_robot_file_does_not_have_are_found(bench):

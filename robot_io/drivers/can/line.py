@@ -221,7 +221,7 @@ class CanLineSettings(FileModel):
     @model_validator(mode="after")
     def _can_be_carried(self) -> Self:
         if self.fd and self.interface == SLCAN:
-            raise ValueError("interface: slcan carries no CAN FD frames, give an adapter of python-can's")
+            raise ValueError("interface: slcan carries no CAN FD frames; use another interface of python-can")
         return self
 
     def arguments(self) -> dict[str, Any]:

@@ -150,7 +150,7 @@ class MotorBus(JointBus, Examinable):
             value = f"{count} frames from ids that are not in the robot file: {self._foreign_listed}"
             findings.append(warn(self.line.label, value, self._foreign_remedy))
         if damaged := sum(self.line.counts[kind] for kind in ("error frame", "not valid", "damaged")):
-            value = f"{damaged} error frames, damaged ones or such of a wrong length"
+            value = f"{damaged} error frames, damaged frames or frames of a wrong length"
             remedy = "check bit rate, both terminators (120 ohm each) and ground"
             findings.append(fail(self.line.label, value, remedy))
         return tuple(findings)
@@ -163,7 +163,7 @@ class MotorBus(JointBus, Examinable):
     @property
     def _foreign_remedy(self) -> str:
         """Return a remedy for foreign frames."""
-        return "correct the ids, or take the others off"
+        return "correct the ids, or remove the other devices"
 
     def _frame_s(self, byte_count: int, *, extended: bool = False) -> float:
         """Return the least time of a frame on the wire [s]; bit stuffing adds up to a fifth."""

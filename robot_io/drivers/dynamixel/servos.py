@@ -179,7 +179,10 @@ class DynamixelAccess(RegisterAccess):
             yield f"drive mode: {mode}", "set its drive mode to 0"
         secondary = self.read(servo.id, tables.SECONDARY_ID)
         if secondary < tables.NO_SECONDARY_ID:
-            yield f"secondary id {secondary}: it obeys what that servo is told", "set its secondary id to 255"
+            yield (
+                f"secondary id {secondary}: it also obeys commands to that servo",
+                "set its secondary id to 255",
+            )
         moved = servo.homing_trouble(self.read(servo.id, tables.HOMING_OFFSET))
         if moved:
             yield moved, "calibrate its zero again, and state the new offset"

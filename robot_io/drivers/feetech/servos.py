@@ -191,7 +191,7 @@ def examine_servo(line: FeetechLine, servo: FeetechServo, label: str) -> Finding
         value += f"; {trouble}"
     elif not is_hot:
         if line.torque_limits[servo.id] == LARGEST_LIMIT:
-            value += "; its torque limit is at stall, so that the guard alone holds it to 'limits'"
+            value += "; its own torque limit is its stall torque, so only the guard enforces 'limits'"
         value += "; no watchdog: it holds its last goal when the program dies"
     return graded(
         label,

@@ -64,7 +64,7 @@ LARGEST_LIMIT: Final = 999  # that is set
 # Bits of the phase, required value, and effect of the other value.
 _PHASE_BITS = (
     (2, 1, "shows speeds in steps of 50 counts/s"),
-    (3, 1, "stands still at a goal speed of 0, which is to mean any speed"),
+    (3, 1, "stands still at a goal speed of 0, which should mean no limit"),
     (4, 0, "counts over several turns"),
 )
 

@@ -133,7 +133,9 @@ class MitBus(AskedMotorBus[MitState]):
                 reported_rad = self._motors[joint].joint_angle_rad(self._register(joint, register))
                 stated_rad = self._position_rad[joint]
                 if not abs(reported_rad - stated_rad) <= _SAME_POSITION_RAD:
-                    problem = f"its {register.name} is {reported_rad:.3f} rad at the joint, its states say"
+                    problem = (
+                        f"its {register.name} is {reported_rad:.3f} rad at the joint, but its states report"
+                    )
                     remedy = "turn it back, or state its 'ranges'"
                     raise self._about(joint, f"{problem} {stated_rad:.3f}: {remedy}")
 
@@ -228,7 +230,7 @@ class MitBus(AskedMotorBus[MitState]):
             exerting = self._exerting(trial, trial_nm)
             if not all(exerting):
                 idle = self.motor_label(exerting.index(False))
-                raise DeviceError(f"{self.line.label}: {idle} shows no torque when told to exert some")
+                raise DeviceError(f"{self.line.label}: {idle} reports no torque although one was commanded")
         self._outlast_watchdogs()
         if says_mode:
             self._answered(self._zero_torque())

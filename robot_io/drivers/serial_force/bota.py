@@ -164,7 +164,7 @@ class BotaStream:
         if self._time_us is not None:
             by_us = (time_us - self._time_us) % _TIMES
             if by_us >= _TIMES // 2:
-                self._restarted = "the sensor has restarted, with the settings that it keeps"
+                self._restarted = "the sensor has restarted, with its stored settings"
             self.own_time.goes_on(1e-6 * by_us)
         self._time_us, self._odd_us = time_us, None
         return True
@@ -204,7 +204,7 @@ class Bota(SerialForceSensor, Examinable):
             needed = own.rate_hz * FRAME_SIZE * _BITS
             valid = ", ".join(str(rate) for rate in BAUD_RATE_CODES if rate >= needed)
             raise self._error(
-                f"{own.rate_hz} samples/s do not go over a line of {baud_rate} bit/s. Valid: {valid}"
+                f"a line of {baud_rate} bit/s cannot carry {own.rate_hz} samples/s. Valid: {valid}"
             )
         for command in (
             CONFIGURE,

@@ -284,7 +284,9 @@ class Mark10Stream(LineStream):
             self._new_unit_count = self._new_unit_count + 1 if unit == self._new_unit else 1
             self._new_unit = unit
             if self._new_unit_count >= _TWICE:  # not just a damaged letter
-                self.complaint = f"the gauge reads in {unit}, and read in {self._unit} when it was configured"
+                self.complaint = (
+                    f"the gauge reads in {unit}, but it read in {self._unit} when it was configured"
+                )
             raise ProtocolError(f"in {unit} in place of {self._unit}")
         self._new_unit_count, self.complaint = 0, ""
         return number, self._newtons
@@ -337,7 +339,7 @@ class Mark10(SerialForceSensor, Examinable):
 
         answer = self._ask_line(commands, take, _GAUGE_ANSWER_S)
         if answer is None:
-            raise self._error(f"no gauge says {what}; check port and baud rate")
+            raise self._error(f"no gauge gives {what}; check port and baud rate")
         if error := _ERROR.fullmatch(answer):
             said = error_name(int(error[1]))
             raise self._error(f"the gauge says '{said}' when asked for {what}")

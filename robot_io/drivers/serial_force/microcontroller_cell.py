@@ -174,7 +174,7 @@ class MicrocontrollerCell(SerialForceSensor, Examinable):
         if version != VERSION:
             raise self._error(f"uses protocol version {version}, but this driver supports version {VERSION}")
         if not rate.isdecimal():
-            raise self._error(f"says '{rate}' samples a second, which is not a number")
+            raise self._error(f"states a rate of '{rate}' samples per second, which is not a number")
         rate_hz = int(rate)
         if rate_hz != own.rate_hz:
             raise self._error(

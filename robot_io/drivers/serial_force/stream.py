@@ -320,7 +320,7 @@ class LineStream:
             self._decimals, self._same = decimals, 0
         else:
             self._same //= 2  # adapts to a lasting change of the format
-            raise ProtocolError(f"{decimals} decimals, where all lines had {self._decimals}")
+            raise ProtocolError(f"{decimals} decimals, but all earlier lines had {self._decimals}")
         if not abs(force_n) <= self._largest_n:  # true for NaN as well
             raise ProtocolError(f"{force_n:g} N is beyond {self._largest_n:g} N")
         return force_n

@@ -285,8 +285,8 @@ class ServoPairs:
             self._count[k] += 1
             if self._count[k] >= _SAMPLES and time_s - self._alike_at_s[k] >= self._time_s - 1e-9:
                 return (
-                    f"{self._labels[k]} exert {first_nm:.2f} and {second_nm:.2f} N m where each was sent the "
-                    "same: one has lost its torque, or works against the other"
+                    f"{self._labels[k]} exert {first_nm:.2f} and {second_nm:.2f} N m, although both "
+                    "were sent the same torque: one has lost its torque, or works against the other"
                 )
         return None
 

@@ -413,7 +413,7 @@ def examine_line(
                 findings.append(fail(label, str(error), remedy))
     if strangers:
         remedy = "take it off the line, or correct the ids"
-        findings.append(warn("other servos", f"{_ids(strangers)} on the line too", remedy))
+        findings.append(warn("other servos", f"{_ids(strangers)} also on the line", remedy))
     return findings
 
 
@@ -433,14 +433,14 @@ def _ping_all(line: ServoLine, port: SerialPort) -> Survey:
 def _silence_finding(settings: ServoBusSettings[Any], line: ServoLine, answers: Counter[int]) -> Finding:
     """Describe that no servo answers, and look for other ids and other baud rates."""
     if answers:
-        value = f"{_ids(line.ids)} silent, on the line are {_ids(sorted(answers))}"
+        value = f"{_ids(line.ids)} silent; found on the line: {_ids(sorted(answers))}"
         return fail("servos", value, "correct the ids in the robot file or in the servos")
     for baud_rate in get_args(type(settings).model_fields["baud_rate"].annotation):
         there = _ids_answering_at(line, baud_rate) if baud_rate != settings.baud_rate else []
         if there:
             value = f"silent at {settings.baud_rate} bit/s; at {baud_rate} bit/s: {_ids(there)}"
             return fail("servos", value, f"set baud_rate: {baud_rate}, or change it in the servos")
-    return fail("servos", "nobody answers at any baud rate", "check power supply, cable and adapter")
+    return fail("servos", "no servo answers at any baud rate", "check power supply, cable and adapter")
 
 
 def _ids_answering_at(line: ServoLine, baud_rate: int) -> list[int]:

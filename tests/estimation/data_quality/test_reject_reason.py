@@ -94,7 +94,7 @@ REJECTED = {
     "none can be predicted from the others": lambda: replace(
         DATA, position=DATA.position + 0.95 * DATA.run * np.ptp(DATA.position)
     ),
-    "of 6 touches; record at least three that do": lambda: replace(
+    "of 6 touches the object; record at least three that do": lambda: replace(
         DATA, position=np.where(DATA.run == 0, X, X - 1.0), effort=np.where(DATA.run == 0, F, 0.0)
     ),
     "no contact: the displacement": lambda: replace(DATA, position=X - 1.0),
@@ -113,13 +113,13 @@ REJECTED = {
     "runs last": lambda: replace(DATA, run=COUNT // 8),
     "at most one run has motion": lambda: moving_in_one_run(phase=1),
     "excluded readings (200)": glitch_in_each_block,
-    f"{-(-len(DATA) // 60)} readings of the effort stand far off their neighbors, such as -9999 N": lambda: (
+    f"{-(-len(DATA) // 60)} readings of the effort are far from their neighbors, such as -9999 N": lambda: (
         replace(DATA, effort=np.where(COUNT % 60 == 0, -9999.0, F))
     ),
-    "1 reading of the effort stands far off its neighbors, such as 1e+12 N": lambda: replace(
+    "1 reading of the effort is far from its neighbors, such as 1e+12 N": lambda: replace(
         DATA, effort=np.where(COUNT == 900, 1e12, F)
     ),
-    "1 reading of the position stands far off its neighbors, such as -0.999 m": lambda: replace(
+    "1 reading of the position is far from its neighbors, such as -0.999 m": lambda: replace(
         DATA, position=np.where(COUNT == 900, -0.999, X)
     ),
 }
@@ -157,7 +157,7 @@ IMPLAUSIBLE = {  # what is said of it, and how often
     f"force over depth is {1e7 * np.ptp(F) / X.max():.3g} N/m, outside 0.01 to 1e+07 N/m": lambda: replace(
         DATA, effort=1e7 * F
     ),
-    "faster than 300 rad/s, 551 rad/s in a tenth": lambda: replace(
+    "faster than 300 rad/s: a tenth of the samples exceed 551 rad/s": lambda: replace(
         swinging(), position=200.0 * swinging().position, velocity=200.0 * swinging().velocity
     ),
     "90 % of the loaded samples show 3 N: the sensor is saturated": lambda: replace(
@@ -167,19 +167,19 @@ IMPLAUSIBLE = {  # what is said of it, and how often
         swinging(), effort=np.maximum(swinging().effort, -0.9)
     ),
     "of free air shows exactly 1 N, and no sample less": lambda: replace(DATA, effort=np.maximum(F, 1.0)),
-    "the force is 0.5 s late against the motion (correlation 0.99 if shifted": lambda: replace(
+    "the force is 0.5 s late relative to the motion (correlation 0.99 if shifted": lambda: replace(
         DATA, effort=np.roll(F, 250)
     ),
     "the signal was rectified, and": lambda: replace(DATA, effort=np.abs(F)),
-    "was one column taken for both?": lambda: replace(DATA, effort=0.5 * DATA.position),
-    "explain 0 % of the force; is it the right column?": lambda: replace(DATA, effort=shuffled_in_contact()),
-    "a single run that goes through its motion once: changes": lambda: DATA.of_runs(DATA.runs[:1]),
+    "was one column used for both?": lambda: replace(DATA, effort=0.5 * DATA.position),
+    "explain only 0 % of the force; is it the right column?": lambda: replace(DATA, effort=shuffled_in_contact()),
+    "only one run, which goes through its motion once: changes": lambda: DATA.of_runs(DATA.runs[:1]),
     "cannot be separated; record at least three runs": lambda: one_recording(lambda t: t),
     "run 1 is a copy of run 0 (and 2 more): 100 % of its noise": copies,
-    "1 reading of the effort stands far off its neighbors, such as 500 N at 0.2 s; diagnosis": lambda: (
+    "1 reading of the effort is far from its neighbors, such as 500 N at 0.2 s; diagnosis": lambda: (
         replace(DATA, effort=np.where(COUNT == 100, 500.0, F))
     ),
-    "readings of the effort stand far off their neighbors, such as 0 N at": lambda: replace(
+    "readings of the effort are far from their neighbors, such as 0 N at": lambda: replace(
         DATA, effort=np.where((COUNT % 30 == 7) & DATA.engaged, 0.0, F)
     ),
     "run 6 is a copy of run 0: 100 % of its noise": lambda: joined(DATA, DATA.of_runs(DATA.runs[:1])),
@@ -202,8 +202,8 @@ def test_what_is_implausible_is_reported_with_its_figure_and_judged(words):
 def test_codes_for_a_missing_value_are_no_unit_and_no_saturated_sensor():
     data = replace(DATA, position=np.where(COUNT % 60 == 0, -0.999, X))
     assert quality_warnings(data) == []
-    assert "stand far off" in checklist(data)["readings"]
-    assert "stand far off" in contaminated(data, model("kelvin_voigt"))
+    assert "are far from" in checklist(data)["readings"]
+    assert "are far from" in contaminated(data, model("kelvin_voigt"))
 
 
 def test_what_is_plausible_gives_no_warning():

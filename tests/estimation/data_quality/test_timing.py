@@ -40,7 +40,7 @@ def delayed(data, what, delay_s):
 def test_a_delay_is_told_with_its_size_and_its_side(what, side, delay_ms):
     data = delayed(session(3), what, 1e-3 * delay_ms)
     told = time_offset(data, MODEL)
-    assert f"{side} against the motion: the error of kelvin_voigt is 0.0" in told
+    assert f"{side} relative to the motion: the error of kelvin_voigt is 0." in told
     assert float(told.split()[3]) == pytest.approx(delay_ms, abs=0.5)
     assert told in quality_warnings(data, MODEL)
     assert checklist(data, MODEL)["sync"] == told

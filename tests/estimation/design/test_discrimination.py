@@ -86,7 +86,7 @@ def test_the_shortest_of_those_that_tell_most_is_chosen():
         Experiment(w, s, lead(v)) for w, s, v in (("l", 60, 0.9), ("s", 5, 0.2), ("w", 1, 0.1))
     )
     assert choose([long, short, weak]).experiment is short
-    assert "shortest of 2 nearly as informative" in choose([long, short, weak]).reason
+    assert "shortest of 2 nearly equally informative" in choose([long, short, weak]).reason
     assert "most informative" in choose([short, weak]).reason
     assert choose([weak, Experiment("weaker", 1, lead(0.06))]).experiment is weak
     assert choose([Experiment("nothing", 1, lead(0.02))]) is None

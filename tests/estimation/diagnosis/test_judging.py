@@ -38,7 +38,7 @@ module = import_module(
         (
             np.arange(4) * 0.5,
             0.3,
-            "only 4 different readings, 0.5 N m apart, and the model is off by 0.3 N m",
+            "the effort has only 4 different readings, 0.5 N m apart, and the model error of 0.3 N m is",
         ),
         (np.arange(4) * 0.5, 0.5, None),  # a step or more
         (np.arange(12) * 0.5, 0.3, "only 12 different readings"),

@@ -253,7 +253,7 @@ def test_what_shows_more_of_an_error_is_another_value_of_what_it_depends_on(sign
         ("revolute", "only 60 samples; record at least 100", "record at least 100"),
         ("revolute", "the torque is noise", "move over a wider range, slowly and fast"),
         ("revolute", "only 4 different readings, 0.1 N m apart; use more", "use a finer sensor"),
-        ("revolute", "a single run", "repeat the motion at least three times"),
+        ("revolute", "only one run", "repeat the motion at least three times"),
     ],
 )
 def test_what_makes_up_for_data_that_cannot_say(kind, reason, words):
@@ -261,8 +261,8 @@ def test_what_makes_up_for_data_that_cannot_say(kind, reason, words):
 
 
 def test_of_data_that_cannot_say_nothing_is_said_but_why():
-    found = insufficient_diagnosis(session(3), "a single run")
-    assert (found.verdict, found.reason, found.channel) == (Verdict.INSUFFICIENT, "a single run", "contact")
+    found = insufficient_diagnosis(session(3), "only one run")
+    assert (found.verdict, found.reason, found.channel) == (Verdict.INSUFFICIENT, "only one run", "contact")
     assert (found.complete, found.accepted, found.baseline, found.effort_unit) == (None, [], None, "N")
     assert found.next_experiment.instruction.startswith("repeat the motion")
 

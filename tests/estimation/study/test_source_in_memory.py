@@ -84,7 +84,7 @@ def test_options_of_another_type_are_refused_by_name(options):
         ({"time_s": T / 1e4}, "samples are 1e-06 s apart; .* --unit time=s"),
         (
             {"weekday": np.repeat([3, 1], N // 2)},
-            "'weekday' looks like the number of a run; .* --column run=weekday",
+            "'weekday' looks like a run number; .* --column run=weekday",
         ),
         ({"trial": np.repeat([3, 1], N // 2)}, ""),  # which it says by its name
         ({"count": np.arange(N)}, ""),

@@ -71,7 +71,7 @@ def test_a_worker_with_other_code_gives_no_result(tmp_path):
 
 
 def test_work_that_is_not_there_is_refused():
-    with pytest.raises(InputError, match="no such module"):
+    with pytest.raises(InputError, match="Python does not find it"):
         _ = Case("no_such_work:at_all", {}).address
 
 

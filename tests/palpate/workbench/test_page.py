@@ -375,7 +375,7 @@ def test_a_dropped_file_is_shown_corrected_and_judged(opened, tmp_path, press):
     page.wait_for_selector("text=is this right?")
     assert "depth" in page.inner_text(".dropped")
     page.click("text=Use these columns")
-    page.wait_for_selector("text=column 'depth' does not say its unit")
+    page.wait_for_selector("text=column 'depth' states no unit")
     choose_unit(page, "depth", "m")
     page.click("text=Use these columns")
     assert tab.error() > 0.0

@@ -264,7 +264,7 @@ def test_a_unit_that_the_file_does_not_state_is_asked_for(press, tmp_path):
     plain = tmp_path / "plain.csv"
     plain.write_text("clock,z,load,run\n" + press.read_text().partition("\n")[2])
     options = options_of(guess(read_table(plain)))
-    with pytest.raises(InputError, match="do not state their units; give them"):
+    with pytest.raises(InputError, match="state no units; give them"):
         Study(plain, columns=options.columns, units=options.units, keep=False)
 
 
@@ -391,7 +391,7 @@ def test_what_the_diagnosis_named_is_not_said_to_be_like_itself():
     lag = frozenset({"lag"})
     alone = RiddleScore(lag, lag, lag, lag)
     assert alone.in_words().endswith("The diagnosis said lag: right.")
-    assert "cannot tell that from delay." in replace(alone, alike=lag | {"delay"}).in_words()
+    assert "cannot tell this from delay." in replace(alone, alike=lag | {"delay"}).in_words()
 
 
 @pytest.mark.parametrize(

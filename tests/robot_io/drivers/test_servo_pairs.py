@@ -100,7 +100,7 @@ def test_a_dynamixel_that_pulls_otherwise_is_named_while_positions_stay_sound(ma
     arm.ticks_until(lambda _: arm.problem, 20, torque_nm)
     assert 0.008 < arm.clock.now_s() - began_s < 0.013  # deaf_drive_s is 10 ms
     assert "servos 1 and 4 (joint 1) exert " in arm.problem
-    assert "each was sent the same" in arm.problem
+    assert "both were sent the same" in arm.problem
     measurement = arm.tick(torque_nm)
     assert (measurement.encoder_status, measurement.torque_status) == (Status.OK, Status.FAULT)
 

@@ -152,7 +152,7 @@ def test_a_sensor_that_still_starts_is_waited_for(arm, starts_s, said):
 
 def test_a_line_that_is_too_slow_is_refused(bench):
     slow = (*BOTA[:1], ("baud_rate: 230400", "baud_rate: 115200"))
-    with pytest.raises(DeviceError, match="do not go over a line of 115200 bit/s"):
+    with pytest.raises(DeviceError, match="a line of 115200 bit/s cannot carry"):
         bench(ODRIVE, slow).robot.configure()
 
 

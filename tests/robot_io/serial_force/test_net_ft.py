@@ -97,7 +97,7 @@ def test_a_status_is_an_error_or_nothing(status, said, forces):
 def test_counts_at_their_end_are_no_force(counts):
     stream, found = fed((1, 7, 0, [0, 0, counts, 0, 0, 0]))
     assert not found
-    assert stream.complaint == "the sensor says 'counts at their end'"
+    assert stream.complaint == "the sensor says 'counts at the end of their range'"
 
 
 def test_a_sensor_that_counts_anew_is_named():

@@ -166,7 +166,7 @@ def test_another_unit_is_no_reading_and_named_once_it_is_no_damage():
     assert stream.feed(b"1.00 N\r\n1.00 n\r\n1.00 M\r\n") == [1.0]
     assert (stream.rejected, stream.complaint) == (2, "")
     assert stream.feed(b"0.22 lbF\r\n0.22 lbF\r\n") == []
-    assert stream.complaint == "the gauge reads in lbF, and read in N when it was configured"
+    assert stream.complaint == "the gauge reads in lbF, but it read in N when it was configured"
     assert stream.feed(b"1.00 N\r\n") == [1.0]
     assert not stream.complaint
     stream.feed(b"*22\r\n")
