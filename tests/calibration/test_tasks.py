@@ -219,5 +219,5 @@ def test_an_arm_that_stands_too_high_for_its_stops_is_told_what_to_do_instead():
     with pytest.raises(InputError, match=r"joint 1: .* m closer to the ground .* higher; or .*--pose home"):
         plan_stops(BODY, upright, FOLLOWER.limits, stops, reach_rad=0.15)
     nowhere = (np.full(3, np.nan), np.full(3, np.nan))
-    with pytest.raises(InputError, match=r"joint 1: no stop of it is stated.*--pose home"):
+    with pytest.raises(InputError, match=r"joint 1: its stops are not stated.*--pose home"):
         plan_stops(BODY, HOME_RAD, FOLLOWER.limits, nowhere, reach_rad=0.15)

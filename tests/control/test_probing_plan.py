@@ -164,13 +164,13 @@ def test_the_force_limit_that_the_refusal_names_is_enough():
 def test_a_force_before_the_arm_moves_is_not_tared_away(force_n):
     plant = plant_above(force_bias_n=force_n)
     task = probing_task(ProbingPlan())
-    with pytest.raises(InputError, match=rf"{force_n:g} N in free air.* at most 5 N: is the tool touched"):
+    with pytest.raises(InputError, match=rf"force in free air is {force_n:g} N.* at most 5 N is allowed: is the tool touched"):
         task.start(plant.measure())
 
 
 def test_a_touch_force_above_the_plan_s_share_is_refused_before_the_arm_moves():
     task = probing_task(ProbingPlan(force_limit_n=10.0), Gains(touch=TouchGains(touch_force_n=4.0)))
-    with pytest.raises(InputError, match=r"counts above 4 N.* at most 3.5 N.*touch_force_n"):
+    with pytest.raises(InputError, match=r"would count above 4 N.* at most 3.5 N is allowed.*touch_force_n"):
         task.start(plant_above().measure())
 
 
@@ -181,7 +181,7 @@ def test_an_object_that_came_under_the_tool_is_not_tared_away_either():
     push(plant, lambda: 2.0 if plant.time_s > 0.1 else 0.0)
     record = run_probing(plant, task)
     assert record.kinds() == ["free_air", "free_air_refused", "probing_done"]
-    assert "6 N in free air" in task.failures[0]
+    assert "the force in free air is 6 N" in task.failures[0]
     assert record.force_n.max() == 0.0
 
 

@@ -172,12 +172,14 @@ IMPLAUSIBLE = {  # what is said of it, and how often
     ),
     "the signal was rectified, and": lambda: replace(DATA, effort=np.abs(F)),
     "was one column used for both?": lambda: replace(DATA, effort=0.5 * DATA.position),
-    "explain only 0 % of the force; is it the right column?": lambda: replace(DATA, effort=shuffled_in_contact()),
+    "explain only 0 % of the force; is it the right column?": lambda: replace(
+        DATA, effort=shuffled_in_contact()
+    ),
     "only one run, which goes through its motion once: changes": lambda: DATA.of_runs(DATA.runs[:1]),
     "cannot be separated; record at least three runs": lambda: one_recording(lambda t: t),
     "run 1 is a copy of run 0 (and 2 more): 100 % of its noise": copies,
-    "1 reading of the effort is far from its neighbors, such as 500 N at 0.2 s; diagnosis": lambda: (
-        replace(DATA, effort=np.where(COUNT == 100, 500.0, F))
+    "1 reading of the effort is far from its neighbors, such as 500 N at 0.2 s; diagnosis": lambda: replace(
+        DATA, effort=np.where(COUNT == 100, 500.0, F)
     ),
     "readings of the effort are far from their neighbors, such as 0 N at": lambda: replace(
         DATA, effort=np.where((COUNT % 30 == 7) & DATA.engaged, 0.0, F)

@@ -248,7 +248,7 @@ def test_each_servo_has_the_torque_limit_of_what_it_drives(bench):
     """Torque, and what its speed takes beside it; those that hold stand still."""
     arm = bench(SO101, [("velocity_rad_s: [3.0, 3.0, 3.0]", "velocity_rad_s: [3.0, 1.0, 0.5]")])
     arm.robot.configure()
-    at_stall = ["at stall" in finding.text for finding in arm.robot.buses["motors"].examine()]
+    at_stall = ["stall torque" in finding.text for finding in arm.robot.buses["motors"].examine()]
     assert at_stall == [True, *4 * [False]]
     duty = {2: 1.0, 3: 2.0 / STALL_NM + 1.0 / NO_LOAD_RAD_S, 4: 1.2 / STALL_NM + 0.5 / NO_LOAD_RAD_S}
     for servo_id, share in (duty | dict.fromkeys((1, 5), 2.0 / STALL_NM)).items():
