@@ -124,11 +124,7 @@ class SimulatedBus(JointBus):
         self.force = _reading(world.force_sensor.read(now_s), 1)
 
     def stage(self, torque_nm: FloatArray) -> FloatArray:
-        """See `JointBus.stage`; rounded to the drives' steps, then clipped to the URDF's effort limits.
-
-        Raises:
-            LifecycleError: the torque is off.
-        """
+        """See `JointBus.stage`; rounded to the drives' steps, then clipped to the URDF's effort limits."""
         if not self._powered:
             raise LifecycleError("the drives are off: activate them before the first command")
         step_nm, limits_nm = self.scenario.sensors.torque.command_resolution_nm, self.world.torque_limit_nm

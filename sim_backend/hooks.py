@@ -240,9 +240,6 @@ class AddedTorque(JointEffect):
         Args:
             state: motion of the joints.
             torque_nm: torques so far, along the joint axes, shape (n,) [N m].
-
-        Returns:
-            Shape (n,) [N m].
         """
         i, changed = self._index, list(torque_nm)
         changed[i] += self._torque_nm(state.position_rad[i], state.drive_torque_nm[i])
@@ -268,9 +265,6 @@ class JointFriction(FrictionEffect):
         Args:
             state: motion of the joints.
             limit_nm: sum so far, shape (n,) [N m].
-
-        Returns:
-            Shape (n,), 0 or more [N m].
         """
         i, changed = self._index, list(limit_nm)
         velocity_rad_s, drive_nm = state.velocity_rad_s[i], state.drive_torque_nm[i]

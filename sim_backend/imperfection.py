@@ -146,11 +146,7 @@ class JointImperfection(Imperfection, ABC):
         return {"joint": joint_of(channel)}
 
     def effects(self, joint_count: int) -> HiddenEffects:
-        """See `Imperfection.effects`.
-
-        Raises:
-            InputError: the arm has no such joint.
-        """
+        """See `Imperfection.effects`."""
         if self.joint > joint_count:
             raise InputError(
                 f"hidden effect '{self.name}': joint {self.joint} does not exist; the arm has "
@@ -199,11 +195,7 @@ class SensorImperfection(Imperfection, ABC):
         return {name: (value, text.replace(CHANNEL_UNIT, unit)) for name, (value, text) in values}
 
     def effects(self, joint_count: int) -> HiddenEffects:
-        """See `Imperfection.effects`; it acts on one value of one kind of sensor.
-
-        Raises:
-            InputError: the arm has no such joint.
-        """
+        """See `Imperfection.effects`; it acts on one value of one kind of sensor."""
         slot, _, number = self.channel.partition("_")
         index = int(number or 1) - 1
         if number and index >= joint_count:

@@ -125,7 +125,7 @@ class ProbingRun:
             if speed_m_s < 0.98 * set_m_s:
                 text += f"; the set speed {1e3 * set_m_s:.0f} mm/s was not reached yet"
             self._event("touch", text, surface_travel_m=surface_m, surface_world_m=place, tip_m_s=speed_m_s)
-            self._site.start_above(surface_m, self._plan.retract_m)
+            self._site.approach_travel_m = max(surface_m - self._plan.retract_m, self._site.highest_travel_m)
             self._enter(Phase.LOADING, self._loading)
         elif output.state.travel_m >= self._site.search_travel_m or self._must_turn(output):
             line, from_m = self._site.line, self._site.approach_travel_m

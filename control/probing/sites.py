@@ -31,15 +31,6 @@ class ProbingSite:
     lifted_travel_m: float  # smallest travel of the tip, not above `highest_travel_m`
     approach_travel_m: float = 0.0  # travel at which the next approach starts; 0 until the surface is known
 
-    def start_above(self, surface_travel_m: float, clearance_m: float) -> None:
-        """Set the start of the next approach.
-
-        Args:
-            surface_travel_m: travel of the surface [m].
-            clearance_m: distance before it [m].
-        """
-        self.approach_travel_m = max(surface_travel_m - clearance_m, self.highest_travel_m)
-
     @property
     def lift_room_m(self) -> float:
         """Possible lift of the tip from the start of the next approach [m]."""

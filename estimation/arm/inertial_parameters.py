@@ -63,14 +63,6 @@ class BaseParameters:
         """SI units in the order of `columns`."""
         return tuple(inertial_unit(int(i)) for i in self.columns)
 
-    def felt_columns(self, joint: int) -> IntArray:
-        """Return the members of `columns` on which the torque of a joint depends.
-
-        Args:
-            joint: index of the joint, from 0.
-        """
-        return np.asarray(self.columns[self.felt[joint]])
-
 
 def inertial_name(column: int) -> str:
     """Return the name of the parameter of a regressor column, such as "link2_Izz".

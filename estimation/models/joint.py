@@ -95,7 +95,7 @@ class RigidBodyFittedModel(BaseModel):
     def build(self, context: ModelContext) -> Model:
         body, joint = arm_of(context, self.name)
         arm = base_parameters(body)
-        felt = tuple(arm.felt_columns(joint).tolist())
+        felt = tuple(arm.columns[arm.felt[joint]].tolist())
         return Model(self.name, (RigidBodyFitted(felt, arm, body.parameters), ViscousFriction()))
 
     def prepare(self, data: ChannelData, context: ModelContext) -> ChannelData:

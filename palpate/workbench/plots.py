@@ -235,17 +235,6 @@ def _stacked(height: int) -> Figure:
     }
 
 
-def state_update(motion: DrawnMotion, predicted: FloatArray) -> Restyle:
-    """Return the model's curves over the state.
-
-    Args:
-        motion: motion to draw, n samples.
-        predicted: effort of the model (n,).
-    """
-    rows = _state_rows(motion)
-    return {"y": [picked(predicted, rows)] * 2}, [1, 3]
-
-
 def map_figure(motion: DrawnMotion, before: FloatArray, now: FloatArray) -> Figure:
     """Draw residuals of base model and model over the state, on one color scale.
 
@@ -401,7 +390,8 @@ class PlotPanel:
     def show_state(self) -> None:
         """Draw the fit over the state, after the curves over time."""
         if self._drawn is not None:
-            self._state_plot.restyle(state_update(self._motion, self._drawn[0]))
+            curve = picked(self._drawn[0], _state_rows(self._motion))
+            self._state_plot.restyle(({"y": [curve] * 2}, [1, 3]))
 
     def show_map(self) -> None:
         """Draw the residual map, last because it is the slowest."""

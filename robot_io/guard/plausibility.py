@@ -405,15 +405,6 @@ class _Drive:
         missing_nm += 0.0 if usually_nm > 0.0 else usually_nm
         return missing_nm > may_be_nm and least_nm >= _SMALLER * self.clear_nm[sign]
 
-    def get_used_to(self, share: float) -> None:
-        """Include the present deviation of the reading in its usual deviation.
-
-        Args:
-            share: share of the difference, 0 to 1.
-        """
-        off_nm = self.measured_nm - clip(self.measured_nm, self.low_nm, self.high_nm)
-        self.usually_off_nm += (off_nm - self.usually_off_nm) * share
-
 
 class UnresponsiveDrives:
     """Tracks each drive's commands, and how long its readings have contradicted them.
@@ -472,7 +463,8 @@ class UnresponsiveDrives:
             drive.shows(measured_nm)
             if not (is_judged and drive.is_missing()):
                 drive.count, drive.obeyed_at_s = 0, sampled_at_s
-                drive.get_used_to(share)
+                off_nm = drive.measured_nm - clip(drive.measured_nm, drive.low_nm, drive.high_nm)
+                drive.usually_off_nm += (off_nm - drive.usually_off_nm) * share
                 continue
             drive.count += 1
             if drive.count >= _DISOBEYED_SAMPLES and sampled_at_s - drive.obeyed_at_s >= self._time_s - 1e-9:

@@ -49,14 +49,6 @@ class Fault(FileModel):
     probability: Annotated[Number, Field(gt=0, le=1)] = 1.0
     delay_s: NotNegative = 0.0  # delay, or duration of absence, for the kinds that need it [s]
 
-    def lasts_at(self, elapsed_s: float) -> bool:
-        """Check whether the fault can occur at a time.
-
-        Args:
-            elapsed_s: time since the start of the emulator [s].
-        """
-        return 0.0 <= elapsed_s - self.from_s < (inf if self.for_s is None else self.for_s)
-
 
 class Faults:
     """Decides at each opportunity whether a fault occurs; equal seeds give equal faults.
@@ -95,7 +87,10 @@ class Faults:
         """
         elapsed_s = now_s - self._start_s
         for place, fault in enumerate(self._planned):
-            if fault.kind is not kind or fault.device not in (None, device) or not fault.lasts_at(elapsed_s):
+            lasts_s = inf if fault.for_s is None else fault.for_s
+            if fault.kind is not kind or fault.device not in (None, device):
+                continue
+            if not 0.0 <= elapsed_s - fault.from_s < lasts_s:
                 continue
             struck = self._struck.get(place, 0)
             if fault.times is not None and struck >= fault.times:

@@ -213,9 +213,6 @@ class _Bond(_Memory[bool]):
         Args:
             state: motion of the tip.
             force_n: force so far [N].
-
-        Returns:
-            Force on the tip along the surface normal [N].
         """
         left = 1.0 + state.depth_m / self._surface.neck_m
         self.tried = state.depth_m > 0.0 or (self.kept and left > 0.0)
@@ -258,9 +255,6 @@ class _Bristles(_Memory[tuple[float, float]], MaterialEffect):
         Args:
             state: motion of the tip.
             force_n: force so far [N].
-
-        Returns:
-            Force on the tip along the surface normal [N].
         """
         before_m, before_n = self.kept
         depth_m = max(state.depth_m, 0.0)
@@ -321,9 +315,6 @@ class _MaxwellBranch(_Memory[tuple[float, float]], MaterialEffect):
         Args:
             state: motion of the tip.
             force_n: force so far [N].
-
-        Returns:
-            Force on the tip along the surface normal [N].
         """
         before_m, before_n = self.kept
         depth_m = max(state.depth_m, 0.0)

@@ -306,9 +306,6 @@ class _Ahead(JointEffect, SensorHook):
         Args:
             state: motion of the joints.
             torque_nm: torques so far, along the joint axes, shape (n,) [N m].
-
-        Returns:
-            Shape (n,) [N m].
         """
         self._ahead_rad = self._after_rad(self._ahead_rad, state.step_s, torque_nm[self._index])
         return torque_nm
@@ -429,9 +426,6 @@ class Rotors(JointEffect):
         Args:
             state: motion of the joints.
             torque_nm: torques so far, along the joint axes, shape (n,) [N m].
-
-        Returns:
-            Shape (n,) [N m].
         """
         speed_rad_s, changed_nm = np.array(state.velocity_rad_s), np.array(torque_nm)
         if state.time_s >= self._refresh_s:
