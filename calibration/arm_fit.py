@@ -1,4 +1,4 @@
-"""The arm as a whole: a motion that excites it, and what its torques say of drives, friction and tilt.
+"""Fit drives, friction and tilt of the whole arm to its torques in an exciting motion.
 
     torque_j = I_j(q, v, a) + G_j(q) g
 

@@ -89,7 +89,7 @@ def overloaded_joint(body: RigidBody, motions: Iterable[JointMotion], limits: Li
 
     Args:
         body: model of the arm.
-        motions: of all joints.
+        motions: motions of all joints.
         limits: limits of the guard.
 
     Returns:
@@ -190,8 +190,8 @@ class FourierPath:
         centre_rad: shape (n,) [rad].
         amplitude_rad: shape (n, harmonics) [rad].
         phase_rad: shape (n, harmonics) [rad].
-        period_s: of the first harmonic [s].
-        duration_s: of the whole path [s].
+        period_s: period of the first harmonic [s].
+        duration_s: duration of the whole path [s].
     """
 
     def __init__(
@@ -328,7 +328,7 @@ def _shrinking(
     bounds: tuple[FloatArray, FloatArray],
     speed: FloatArray,
 ) -> Iterator[FourierPath]:
-    """One path, smaller and smaller; each inside the limits of position and speed."""
+    """Yield one path at decreasing sizes, each within the limits of position and speed."""
     (low, high), (amplitude, phase) = bounds, shape
     period_s = settings.period_s
     times = np.linspace(0.0, settings.duration_s, 10 * _POSTURES)
@@ -349,7 +349,7 @@ _SETTLE_S = 0.3
 
 
 class FreeMotion:
-    """What all motions without contact share: tracking, monitoring of the force, and the output.
+    """Base class of motions without contact: tracking, monitoring of the force, and the output.
 
     Args:
         body: model of the arm.
@@ -405,7 +405,7 @@ class FreeMotion:
             waited_s: time since its motion should have ended [s].
 
         Raises:
-            SafetyTripError: it still moves after `_REST_WAIT_S`.
+            SafetyTripError: the arm still moves after `_REST_WAIT_S`.
         """
         stands = float(np.abs(measurement.joint_velocity_rad_s).max()) < _REST_RAD_S
         if not stands and waited_s > _REST_WAIT_S:
@@ -451,7 +451,7 @@ class PathTask:
     Args:
         body: model of the arm.
         gains: gains of the tracking.
-        path: to follow.
+        path: path to follow.
         travel_rad_s: speed of the fastest joint on the moves to the path and back [rad/s].
     """
 

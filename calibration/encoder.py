@@ -351,7 +351,7 @@ def fit_stops(session: Session, joint_count: int, stop_std_rad: float) -> Encode
     """Fit zeros to touches of hard stops, as `StopTask` logs them.
 
     Args:
-        session: with the touches.
+        session: session with the touches.
         joint_count: number of joints n.
         stop_std_rad: standard uncertainty of the stops' positions [rad].
 

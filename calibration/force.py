@@ -189,7 +189,7 @@ def weigh(
 
     Args:
         still: the robot, without power.
-        forces_n: to put on, positive in compression [N].
+        forces_n: forces to apply, positive in compression [N].
         place: called with index and force [N]; returns when the force is there.
         settle_s: time before each measurement [s].
         measure_s: length of each measurement [s].
@@ -331,9 +331,9 @@ def _levels(reference_n: Sequence[float] | FloatArray) -> int:
 
 
 def _shape_errors(plateaus: Plateaus, used: BoolArray, values: FloatArray) -> FloatArray:
-    """What the next power of the reading would change of the values in the file, shape (5,).
+    """Return the change of the values in the file by the next power of the reading, shape (5,).
 
-    The mean slope is the mean slope whatever the shape is; everything else is said of one point, the zero.
+    The mean slope does not depend on the shape; all other values refer to one point, the zero.
     """
     richer, curved = used.copy(), bool(used[_CURVATURE])
     richer[_CUBIC if curved else _CURVATURE] = True

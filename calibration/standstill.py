@@ -55,7 +55,7 @@ class StillRobot:
         """Read and log for a while.
 
         Args:
-            duration_s: how long [s].
+            duration_s: duration [s].
             run: number of the records' run.
 
         Raises:
@@ -86,7 +86,7 @@ class StillRobot:
         """Read for a while without logging or checking.
 
         Args:
-            duration_s: how long [s].
+            duration_s: duration [s].
 
         Raises:
             KeyboardInterrupt: Ctrl-C, or the program was asked to end.

@@ -50,7 +50,7 @@ def describe_error(error: BaseException, own_file: str = "") -> str:
     """Write kind, message and place, such as "ZeroDivisionError: division by zero (my.py, line 2)".
 
     Args:
-        error: as it was caught; the interpreter's own frames are left out.
+        error: the exception; the interpreter's own frames are left out.
         own_file: file whose last line is named if the error passed through it, even if a library raised it.
     """
     text = f"{type(error).__name__}: {error}"

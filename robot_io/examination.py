@@ -46,7 +46,7 @@ def ok(subject: str, text: str) -> Finding:
     """Make a finding without complaint.
 
     Args:
-        subject: what was checked.
+        subject: checked item.
         text: result, with units.
     """
     return Finding(subject, Level.OK, text)
@@ -56,7 +56,7 @@ def warn(subject: str, text: str, remedy: str) -> Finding:
     """Make a warning: usable, but worth fixing.
 
     Args:
-        subject: what was checked.
+        subject: checked item.
         text: result, with units.
         remedy: what to do.
     """
@@ -67,7 +67,7 @@ def fail(subject: str, text: str, remedy: str) -> Finding:
     """Make a failure that must be fixed first.
 
     Args:
-        subject: what was checked.
+        subject: checked item.
         text: result, with units.
         remedy: what to do.
     """
@@ -78,7 +78,7 @@ def graded(subject: str, text: str, *complaints: tuple[Level, object, str]) -> F
     """Make a finding with the first complaint that holds; ok if no complaint holds.
 
     Args:
-        subject: what was checked.
+        subject: checked item.
         text: result, with units.
         complaints: level, whether it holds, and remedy of each, the worst first.
     """

@@ -25,7 +25,7 @@ def missing_package(module: str | None) -> str | None:
     """Say in one line how to install what a module is in, or None where no extra has it.
 
     Args:
-        module: that was not found, as Python imports it.
+        module: name of the missing module, as Python imports it.
     """
     package, extra = EXTRAS.get((module or "").partition(".")[0], ("", ""))
     return f"the package {package} is not installed: pip install 'palpate[{extra}]'" if extra else None
@@ -35,10 +35,10 @@ class LazyModule(ModuleType):
     """A module that is imported when something in it is used for the first time.
 
     Args:
-        name: as Python imports it.
+        name: name of the module, as Python imports it.
 
     Raises:
-        ModuleNotFoundError: at first use, with the command that installs it.
+        ModuleNotFoundError: at first use; the message states the command that installs the module.
     """
 
     def __getattr__(self, name: str) -> Any:  # noqa: ANN401

@@ -49,10 +49,10 @@ class Robot(Opened):
     always explicit. Each bus is polled and flushed once per tick.
 
     Args:
-        encoder: of all joints.
+        encoder: encoder of all joints.
         torque: drives of all joints.
         force: force sensor at the tool.
-        buses: by name.
+        buses: buses by name.
         clock: clock of the robot.
         name: name of the robot, for errors.
 
@@ -106,7 +106,7 @@ class Robot(Opened):
 
         Raises:
             DeviceError: a device is absent or not the expected model.
-            LifecycleError: it is configured already, or closed.
+            LifecycleError: the robot is configured already, or closed.
         """
         self._expect("configure", RobotState.NEW)
         start_all(self._components, "configure", undo="close")
@@ -117,7 +117,7 @@ class Robot(Opened):
 
         Raises:
             DeviceError: a device refused.
-            LifecycleError: it is not configured, or active already.
+            LifecycleError: the robot is not configured, or is active already.
         """
         self._expect("activate", RobotState.CONFIGURED)
         start_all(self._components, "activate", undo="deactivate")
@@ -155,7 +155,7 @@ class Robot(Opened):
         wrong. One from after the start of the tick is valid, because polling takes time.
 
         Args:
-            deadline_s: on the robot's clock, when waiting ends [s].
+            deadline_s: end of the wait, robot's clock [s].
 
         Raises:
             LifecycleError: the robot is not configured.
@@ -191,7 +191,7 @@ class Robot(Opened):
 
         Args:
             command: shape (n,) [N m].
-            deadline_s: on the robot's clock, when sending ends [s].
+            deadline_s: end of sending, robot's clock [s].
 
         Returns:
             What was sent, after resolution and range of the drives.

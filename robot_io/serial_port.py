@@ -152,7 +152,7 @@ class SerialPort:
         """Wait for bytes.
 
         Args:
-            deadline_s: on the robot's clock [s].
+            deadline_s: end of the wait, robot's clock [s].
 
         Returns:
             Received bytes; empty at the deadline.

@@ -65,7 +65,7 @@ def frozen_array(
 
     Args:
         values: few numbers.
-        shape: that the array must have; None for any.
+        shape: required shape; None for any.
         what: name of the array in errors.
 
     Raises:

@@ -146,7 +146,7 @@ class SensorHook(ABC):
         """Compute the changed sample; called once per sample, before resolution and range are applied.
 
         Args:
-            time_s: when the sample was taken [s].
+            time_s: time of the sample [s].
             value: force (1,) [N], torques (n,) [N m] or positions (n,) [rad].
         """
 
@@ -214,7 +214,7 @@ class ChannelEffect(SensorHook):
         """Pass one value through the transducer; see `SensorHook.measure`.
 
         Args:
-            time_s: when the sample was taken [s].
+            time_s: time of the sample [s].
             value: force (1,) [N], torques (n,) [N m] or positions (n,) [rad].
         """
         changed = list(value)

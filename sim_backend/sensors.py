@@ -1,4 +1,4 @@
-"""Simulated sensors: they sample, quantise, saturate, add noise and are late."""
+"""Simulated sensors with sampling, quantization, saturation, noise and delay."""
 
 from abc import ABC, abstractmethod
 from collections import deque
@@ -116,9 +116,9 @@ class SampledSensor(ABC):
     rate, every step is a sample.
 
     Args:
-        rate_hz: of sampling [Hz].
-        delay_s: from the sampling instant until a sample can be read [s].
-        start_s: when the first sampling period begins; a sample is taken then [s].
+        rate_hz: sampling rate [Hz].
+        delay_s: delay from the sampling instant until a sample can be read [s].
+        start_s: start of the first sampling period; a sample is taken then [s].
         phase: place of the sampling instants in the period, 0 to 1.
         low_pass: analogue filter ahead of the sampling.
 
@@ -152,7 +152,7 @@ class SampledSensor(ABC):
         """Show the true signal at a physics step; it is sampled if an instant has come.
 
         Args:
-            time_s: of the step [s].
+            time_s: time of the step [s].
             signal: true signal.
         """
         if self._low_pass:
@@ -238,7 +238,7 @@ class SimulatedEncoder(SampledSensor):
     Args:
         settings: settings of the encoders.
         generator: for noise.
-        start_s: when the first sampling period begins [s].
+        start_s: start of the first sampling period [s].
         step_s: length of a physics step [s].
         effects: hidden in the positions.
     """
@@ -278,7 +278,7 @@ class SimulatedEncoder(SampledSensor):
 
 
 class _Amplifier:
-    """Hidden effects ahead of the noise, the noise, effects behind it, and the converter's steps."""
+    """Signal chain: hidden effects before the noise, noise, effects after it, converter's steps."""
 
     def __init__(self, noise: GaussianNoise, effects: Sequence[SensorHook], resolution: float) -> None:
         self._noise, self._resolution = noise, resolution
@@ -289,7 +289,7 @@ class _Amplifier:
         """Compute the sample that the converter makes of a signal.
 
         Args:
-            time_s: when the sample is taken [s].
+            time_s: time of the sample [s].
             signal: clean signal, in the unit of the sensor.
 
         Returns:

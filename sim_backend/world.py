@@ -63,7 +63,7 @@ class World:
         object: the compliance object; its law and height may be changed at any time.
         sensor_load_n: additional force on the force sensor, such as a weight put on it by hand [N]; the arm
             stands on its rest meanwhile and does not feel it.
-        held: while True the arm stands still, whatever pulls at it; time and sensors go on.
+        held: while True the arm stands still under any load; time and sensors continue.
 
     Raises:
         InputError: the physics engine is not installed or cannot load the robot, or robot and hidden effects
@@ -194,7 +194,7 @@ class World:
         """Integrate up to the last whole step that is not after a time; an earlier time changes nothing.
 
         Args:
-            time_s: on the robot's clock [s].
+            time_s: time on the robot's clock [s].
         """
         last_step = floor((time_s - self._start_s) / self._step_s + 1e-6)
         while self._steps < last_step:

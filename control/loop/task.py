@@ -141,7 +141,7 @@ def checked_output(output: object, joints: tuple[int]) -> TaskOutput:
     """Check types and shapes of a task's output; the guard checks values.
 
     Args:
-        output: what `Task.step` returned.
+        output: return value of `Task.step`.
         joints: shape of the joints' arrays, (n,).
 
     Returns:

@@ -102,7 +102,7 @@ class LoopTiming:
         """Count one tick.
 
         Args:
-            durations: of its sections [s].
+            durations: durations of the tick's sections [s].
         """
         self._recent.append(durations)
         if len(self._recent) == _BATCH:
@@ -145,7 +145,7 @@ class TickGrid:
         """Advance to the next tick.
 
         Args:
-            now_s: when the current tick ended, on the loop's clock [s].
+            now_s: end of the current tick, loop's clock [s].
 
         Returns:
             Number of periods to the next tick: 1, or more after an overrun.

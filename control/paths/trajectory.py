@@ -273,7 +273,7 @@ class LineReturn:
         start: state of motion.
         end_travel_m: travel of the rest position [m].
         speed_m_s: cruising speed, positive [m/s].
-        acceleration_limit_m_s2: as for `SpeedBlend` [m/s^2].
+        acceleration_limit_m_s2: largest acceleration, as for `SpeedBlend` [m/s^2].
 
     Raises:
         InputError: the speed is not positive.

@@ -143,7 +143,7 @@ def check_tip_speeds(
 
     Args:
         sites: sites of the plan.
-        plan: with the tip speeds.
+        plan: plan with the tip speeds.
         near_rad: present joint positions, shape (n,) [rad].
         velocity_limits_rad_s: the guard's limits, shape (n,) [rad/s].
 

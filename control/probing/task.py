@@ -47,7 +47,7 @@ class ProbingTask:
         body: model of the arm.
         sensor_axis_tip: direction in which the tool pushes, tip frame, shape (3,).
         gains: gains of all laws.
-        plan: what to probe.
+        plan: plan of the probing.
         position_limits_rad: lowest and highest joint positions, shape (n,) each [rad]; None for the URDF's.
         velocity_limits_rad_s: the guard's velocity limits, shape (n,) [rad/s]; None for no check.
         torque_limits_nm: largest torques, shape (n,) [N m]; None for no check.
@@ -103,8 +103,8 @@ class ProbingTask:
 
         Args:
             robot_file: arm, gains and limits.
-            plan: what to probe.
-            calibrations: as for `RigidBody.of_robot`.
+            plan: plan of the probing.
+            calibrations: calibrations, as for `RigidBody.of_robot`.
             body: model of the arm; None to build it.
             estimated: returns the online estimate for the plan's hold law.
 

@@ -242,7 +242,7 @@ class Account:
 
         Args:
             taking_j: energy to be taken out [J].
-            other_put_in_j: by the other end, as known here [J].
+            other_put_in_j: energy put in by the other end, as known here [J].
         """
         left_j = max(0.0, RESERVE_J + other_put_in_j - self._taken_j)
         return 1.0 if taking_j <= left_j else left_j / taking_j

@@ -152,7 +152,7 @@ class FollowerTask:
         body: model of the arm.
         sensor_axis_tip: direction in which the tool pushes, tip frame, shape (3,).
         gains: gains of all laws.
-        queue: of targets.
+        queue: queue of targets.
         probing: makes the probing task of a target.
         settled: returns whether the arm need not wait for anything but the queue, such as an estimate.
         on_silence: treatment of the current target when the leader falls silent.

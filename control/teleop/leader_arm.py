@@ -42,7 +42,7 @@ def build_operator_device(
         name: name of the device.
         settings: settings for its `Settings` class.
         clock: clock of this side.
-        document: that the settings come from, for errors with file and line.
+        document: document with the settings, for errors with file and line.
 
     Raises:
         UnknownNameError: no device has this name.

@@ -134,7 +134,7 @@ class Messaging:
         """Make one record of `LINK_STREAM`.
 
         Args:
-            now_s: this side's clock [s].
+            now_s: time on this side's clock [s].
 
         Returns:
             A value for each column.

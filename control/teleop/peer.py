@@ -50,7 +50,7 @@ class ClockOffset:
 
         Args:
             t0_s: own time stamp that the peer answers, own clock [s].
-            t1_s: its arrival at the peer, peer's clock [s].
+            t1_s: arrival of that message at the peer, peer's clock [s].
             t2_s: stamp of the answer, peer's clock [s].
             t3_s: arrival of the answer, own clock [s].
         """

@@ -249,10 +249,10 @@ def _accounts_for_error(
 
 
 def _least_in_place(partial: PartiallyLinear, entry: BudgetEntry) -> Iterator[float]:
-    """Yield the mean square that an effect must explain in the place of each kind that its kind can replace.
+    """Yield, for each kind that the effect's kind can replace, the mean square that the effect must explain.
 
-    It is the mean square that the replaced law explains, or most of it if the effect's kind is more plausible
-    (an object is more plausible than a sensor).
+    This is the mean square explained by the replaced kind's law, or most of it if the effect's kind is
+    likelier (an object is likelier than a sensor).
 
     Args:
         partial: flexible laws of the kinds that account for the error.
@@ -499,7 +499,7 @@ def _rivals(
 
 
 def _is_same_curve(rival: FitResult, fit: FitResult, without: FitResult) -> bool:
-    """Return whether two models predict the same, relative to the contribution of the effect."""
+    """Return whether two models predict the same, except for a small share of the effect's contribution."""
     residuals = [result.solution.residual for result in (rival, fit, without)]
     if len(set(map(len, residuals))) > 1:  # the models use different samples in contact
         return False

@@ -117,7 +117,7 @@ class PartiallyLinear:
         return next((kind for kind in self.budget.kinds if kind in own), effect.kind)
 
     def stand_ins(self, entry: BudgetEntry) -> Kinds:
-        """Return the kinds that explain as much in the place of a kind, together with the other kinds.
+        """Return the kinds that can replace a kind: together with the other kinds they explain as much.
 
         Args:
             entry: budget entry of the kind.

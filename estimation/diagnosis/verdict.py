@@ -129,7 +129,7 @@ def effect_without_gain(evidence: Evidence) -> str | None:
     be reached from the simpler model.
 
     Args:
-        evidence: where the search ended.
+        evidence: result of the search, with the tests of the final model.
     """
     if len(evidence.stages) < 2 or evidence.stages[-1].rmse < evidence.stages[-2].rmse:
         return None

@@ -277,7 +277,7 @@ def ask_for_weight(gravity_m_s2: float) -> runs.Place:
     """Return a function that asks a person to put a weight on, and waits for it.
 
     Args:
-        gravity_m_s2: what makes a mass a weight [m/s^2].
+        gravity_m_s2: gravitational acceleration, which converts masses to weights [m/s^2].
     """
 
     def ask(_setup: runs.CalibrationSetup, number: int, force_n: float) -> None:

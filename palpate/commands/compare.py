@@ -36,13 +36,13 @@ PAIR_FILES = (RESULT, REPORT, RECORDING)  # files that `write_pair` writes
 
 
 class ComparedPair:
-    """Compare two studies channel by channel.
+    """Comparison of two studies, channel by channel.
 
     Args:
         data: the first, and how both are read.
         path: file of the second; None for the same.
         models: base models of both; None for what suits.
-        channel: only this one; None for all that both have.
+        channel: name of the only channel to compare; None for all that both have.
         revisions: of both, whose models are compared instead; without one of the second, the models of the
             first are fitted to it as well.
         folder: where the revisions of the first, and of another model of it, are kept if not as usual.
@@ -84,7 +84,7 @@ class ComparedPair:
         """Build the view that terminal, report and recording share.
 
         Args:
-            commands: that show the same again.
+            commands: commands that show the same comparison again.
         """
         first, second = self._studies
         channels = [
@@ -116,7 +116,7 @@ def chosen_revisions(study: Study, numbers: Sequence[int]) -> list[Revision]:
 
     Args:
         study: the measurement and its revisions.
-        numbers: of the revisions.
+        numbers: numbers of the revisions.
 
     Returns:
         each revision once, in the order of the numbers.
@@ -144,9 +144,9 @@ def write_pair(folder: Path, pair: ComparedPair, view: PairView) -> dict[str, Pa
     """Write result, report and recording, all or none; return their paths by kind.
 
     Args:
-        folder: made if needed.
+        folder: folder of the files, created if needed.
         pair: the comparison.
-        view: its view.
+        view: view of the comparison.
 
     Raises:
         InputError: a file cannot be written.
@@ -310,7 +310,7 @@ def comparison_data(comparison: Comparison) -> dict[str, Any]:
     """The comparison as plain data; the keys are stable.
 
     Args:
-        comparison: of one channel.
+        comparison: comparison of one channel.
     """
     return {
         "channel": comparison.channel,

@@ -206,7 +206,7 @@ def export_table(data: DataArguments, name: str, out: Path | None, *, force: boo
 
     Args:
         data: session or data file.
-        name: of the stream or channel.
+        name: name of the stream or channel.
         out: file to write; None for one in the folder of results.
         force: whether an existing file is replaced.
 
@@ -241,10 +241,10 @@ def export_scenario(
 
     Args:
         data: the measurement.
-        study: of this measurement.
+        study: study of this measurement.
         path: file to write.
         revisions: numbers of the revisions to export; none for the newest of each channel.
-        folder: where revisions are kept, as typed.
+        folder: folder of the revisions, as typed.
         force: whether an existing file is replaced.
 
     Raises:
@@ -292,10 +292,10 @@ def export_joints(  # noqa: PLR0917, what was typed
 
     Args:
         data: the measurement.
-        study: of this measurement.
+        study: study of this measurement.
         path: file to write; a feedforward's functions in Python and C are written beside it.
         revisions: numbers of the revisions to export; none for the newest of each channel.
-        form: what is written.
+        form: format of the file.
         patch: file to copy and complete; None for the form's own.
         force: whether existing files are replaced.
 

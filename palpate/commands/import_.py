@@ -128,7 +128,7 @@ def look_as_data(path: Path, options: ImportOptions) -> dict[str, Any]:
 
     Args:
         path: the file.
-        options: how to read it.
+        options: options for reading the file.
     """
     table = read_table(path, options.table)
     imported = import_table(table, options)
@@ -166,8 +166,8 @@ def look_at(path: Path, options: ImportOptions, like: Mapping[str, str] | None =
 
     Args:
         path: the file.
-        options: how to read it.
-        like: what the columns of the file before held: where they are the same they are not shown again.
+        options: options for reading the file.
+        like: roles of the columns in the previous file; if they are equal, they are not printed again.
 
     Raises:
         InputError: it cannot be read; its columns are shown before where they could be.

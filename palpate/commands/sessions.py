@@ -186,7 +186,7 @@ def merged_streams(sessions: Sequence[Session]) -> list[Merged]:
     over.
 
     Args:
-        sessions: in order.
+        sessions: the sessions, in order.
 
     Raises:
         InputError: they are not of one arm, or not of the same streams.
@@ -228,9 +228,9 @@ def merged_metadata(sessions: Sequence[Session], command_line: str, software_ver
     """Return the first session's metadata without what differs between the sessions.
 
     Args:
-        sessions: in order.
-        command_line: how the program was started.
-        software_version: of palpate.
+        sessions: the sessions, in order.
+        command_line: command line of this program.
+        software_version: version of palpate.
     """
     first, files = sessions[0].metadata, ", ".join(session.path.name for session in sessions)
     every = [session.metadata for session in sessions]
@@ -253,7 +253,7 @@ def not_whole(sessions: Sequence[Session]) -> list[str]:
     """Name incomplete sessions, one sentence each: the merged session does not show it.
 
     Args:
-        sessions: that are merged.
+        sessions: the merged sessions.
     """
     return [
         f"{session.path.name}: is incomplete (palpate info says why); the part that exists was merged"
@@ -278,7 +278,7 @@ def surfaces_apart(sessions: Sequence[Session]) -> list[str]:
     A merged session is judged as presses onto one surface: nothing is shifted.
 
     Args:
-        sessions: that are merged, in order.
+        sessions: the merged sessions, in order.
     """
     try:
         first, *others = (
@@ -360,7 +360,7 @@ def describe_answer(session: Path, answer: SealedAnswer) -> dict[str, Any]:
 
     Args:
         session: file of the session.
-        answer: what was sealed beside it.
+        answer: sealed answer beside the session.
     """
     return {
         "session": str(session),

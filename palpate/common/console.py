@@ -171,7 +171,7 @@ def present(
     Args:
         content: the result as plain data.
         show: function that prints the result as text.
-        steps: see `next_steps`; not computed for JSON.
+        steps: commands to try next, see `next_steps`; not computed for JSON.
         as_json: whether to print JSON.
     """
     if as_json:
@@ -186,7 +186,7 @@ def say(text: str) -> None:
     """Print a line of results, which only the terminal wraps.
 
     Args:
-        text: with markup.
+        text: line to print, with markup.
     """
     stdout().print(text, soft_wrap=True)
 

@@ -107,7 +107,7 @@ def report(text: str, code: int, *, as_json: bool = False) -> int:
     JSON. Nothing is added after a JSON result, which states its own outcome.
 
     Args:
-        text: what went wrong.
+        text: error message.
         code: exit code.
         as_json: whether to print JSON.
     """

@@ -203,7 +203,7 @@ def write_text(path: Path, text: str) -> None:
 
     Args:
         path: path of the file.
-        text: its content.
+        text: content of the file.
     """
     with whole_set({path: text}):
         pass

@@ -44,7 +44,7 @@ def foreign_code(where: str, limit_s: float | None = None, own_file: str = "") -
     Output of the code goes to stderr, because stdout is for results that a program may read.
 
     Args:
-        where: what is run, for the error message.
+        where: name of the code that runs, for the error message.
         limit_s: time limit, in the main thread only [s]; None for no limit.
         own_file: the user's file, whose line the error names.
 

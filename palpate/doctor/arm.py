@@ -160,7 +160,7 @@ def examine_devices(robot: Robot, robot_file: RobotFile, closed: Set[str]) -> It
 
     Args:
         robot: new robot, not configured.
-        robot_file: its robot file.
+        robot_file: robot file of this robot.
         closed: buses whose port cannot be opened, which has been reported already.
     """
     parts: list[tuple[str, Component, str | None]] = [

@@ -325,7 +325,7 @@ def examine_powered(robot: Robot, robot_file: RobotFile, body: RigidBody) -> Ite
 
     Args:
         robot: configured robot.
-        robot_file: its robot file.
+        robot_file: robot file of this robot.
         body: rigid-body model of the arm.
 
     Raises:

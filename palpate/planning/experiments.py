@@ -56,8 +56,8 @@ def candidates(before: ProbingPlan, robot_file: RobotFile, place_world_m: FloatA
 
     Args:
         before: the plan that was run first; its targets and all unchanged settings stay.
-        robot_file: whose guard limits the force.
-        place_world_m: where the surface was touched, shape (3,) [m].
+        robot_file: robot file whose guard limits the force.
+        place_world_m: touched point of the surface, shape (3,) [m].
     """
     plans = []
     for words, settings in (*_changes(before, robot_file), *_other_places(before, place_world_m)):
@@ -184,7 +184,7 @@ class KnownObject:
 
         Args:
             along_m: place along the normal [m].
-            speed_m_s: along the normal, positive into the object [m/s].
+            speed_m_s: speed along the normal, positive into the object [m/s].
         """
         depth_m = along_m - self.surface_m
         return max(self.stiffness_n_m * depth_m + self.damping_n_s_m * speed_m_s, 0.0) if depth_m > 0 else 0.0

@@ -315,7 +315,7 @@ class _Ground:
 
         Args:
             study: study with all measurements so far.
-            session: its first session.
+            session: first session of the study.
         """
         contact = next((channel for channel in study.channels if channel.kind is ChannelKind.CONTACT), None)
         if contact is None or contact.data.surface is None or not session.metadata.robot_file:

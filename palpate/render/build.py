@@ -126,11 +126,11 @@ def stage_view(
 
     Args:
         model: base model with the effects of the stage.
-        parameters: by "effect.parameter".
+        parameters: parameter estimates by "effect.parameter".
         predicted: effort (n,).
         residual: measured less predicted in held-out runs (n,).
         rmse: held-out error, in the effort's unit.
-        label: what the stage adds.
+        label: short description of the added effects.
         name: name of the whole model.
         number: number of the revision; None where it is not kept.
         unphysical: descriptions of parameters outside their physical bounds.
@@ -259,7 +259,7 @@ def view_of(
     """Make the view of a study.
 
     Args:
-        study: what was measured.
+        study: study of the measurement.
         results: channels to show; None for all.
         commands: commands that repeat the results.
     """
@@ -352,7 +352,7 @@ def write_outcome(
     All files appear together, or none of them.
 
     Args:
-        folder: where to; it must exist.
+        folder: existing folder for the files.
         study: study with its measurements.
         results: results of its channels.
         commands: commands that repeat the results.

@@ -19,7 +19,7 @@ def enumerated(names: Sequence[str], last: str = "and") -> str:
     """Join names with commas, and with a word before the last.
 
     Args:
-        names: in order.
+        names: names, in order.
         last: word before the last name.
     """
     return "".join(names) if len(names) < 2 else f"{', '.join(names[:-1])} {last} {names[-1]}"

@@ -97,8 +97,8 @@ def sized(data: ChannelData, model: Model, base: Mapping[str, float], effect: Ef
 
     Args:
         data: the motion and its effort without the effect.
-        model: without the effect.
-        base: its parameters by "effect.parameter".
+        model: model without the effect.
+        base: parameters of that model by "effect.parameter".
         effect: effect that is added.
 
     Returns:
@@ -137,8 +137,8 @@ def drawing(first: Curve, second: Curve, width: int, height: int) -> list[Text]:
     Args:
         first: reference curve, which can be told apart without colors too.
         second: curve to show.
-        width: in characters.
-        height: in lines.
+        width: width of the drawing [characters].
+        height: height of the drawing [lines].
     """
     frame = []
     for axis in (0, 1):

@@ -320,7 +320,7 @@ def shown_parameters(estimate: Estimate) -> list[ParameterEstimate]:
     """Return all parameters except the surface, which has its own sentence.
 
     Args:
-        estimate: of one estimator.
+        estimate: estimate by one estimator.
     """
     return [parameter for parameter in estimate.parameters if parameter.name != OFFSET]
 

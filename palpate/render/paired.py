@@ -96,7 +96,7 @@ def sides_view(sides: Sides, views: tuple[ChannelView, ChannelView]) -> PairedVi
 
     Args:
         sides: both sides of one channel, compared.
-        views: of both sides.
+        views: views of both sides.
     """
     return PairedView(sides.channel, views, sides, tuple(_words(sides)))
 

@@ -175,7 +175,7 @@ def headline(verdict: VerdictView) -> Text:
     """Return the verdict as a coloured word, and its sentence with the effects in bold.
 
     Args:
-        verdict: of one channel.
+        verdict: verdict on one channel.
     """
     color = f"bold {COLORS.get(verdict.word, '')}"
     text = emphasised(verdict.sentence, (*verdict.names, verdict.sentence.partition(":")[0]))

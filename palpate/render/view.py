@@ -166,7 +166,7 @@ class ChannelView:
         """Return an error divided by the noise level.
 
         Args:
-            error: in the effort's unit.
+            error: error in the effort's unit.
         """
         return error / self.noise_level if self.noise_level > 0.0 else float("inf")
 

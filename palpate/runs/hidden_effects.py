@@ -53,7 +53,7 @@ def seal_hidden(
 
     Args:
         session: file of the session.
-        scenario: its world.
+        scenario: simulated world of the session.
         what: the user's choice of effects, as for `hide`; None if the scenario contains them.
         metadata: metadata of the session, with the mark that binds the answer to it.
 

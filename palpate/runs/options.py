@@ -166,7 +166,7 @@ def stops_of(
 
     Args:
         lower: angles as typed; None if not stated.
-        upper: likewise for the upper stops.
+        upper: upper stops as typed; None if not stated.
         robot_file: robot file of the arm.
 
     Raises:

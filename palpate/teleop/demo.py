@@ -115,7 +115,7 @@ def write_worlds(folder: Path, real: Scenario) -> None:
     """Write the follower's world as real.yaml, and the leader's as guess.yaml, softer and higher.
 
     Args:
-        folder: that exists.
+        folder: existing folder.
         real: the follower's world.
 
     Raises:

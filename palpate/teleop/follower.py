@@ -125,7 +125,7 @@ class FollowerMessaging(threading.Thread):
         Args:
             stream: columns of the records.
             records: samples of one target.
-            target: its number.
+            target: number of the target.
             last: whether its last run is over.
         """
         self._work.append((stream, records, target, last))

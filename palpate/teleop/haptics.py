@@ -170,7 +170,7 @@ class _Haptics:
         """Run all ticks until the end.
 
         Args:
-            clock: gives the time.
+            clock: clock of the leader.
             lateness: collects how late ticks began.
         """
         grid = TickGrid(clock.now_s() + _PERIOD_S, _PERIOD_S)

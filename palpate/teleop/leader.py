@@ -69,7 +69,7 @@ def leader_metadata(robot_file: RobotFile, scene: Scenario, command_line: str) -
     Args:
         robot_file: robot file of the virtual arm.
         scene: virtual object before the first estimate.
-        command_line: as it was typed.
+        command_line: command line as it was typed.
     """
     return SessionMetadata(
         robot_file=robot_file.text,

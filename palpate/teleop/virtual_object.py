@@ -206,7 +206,7 @@ class TargetStates:
         """Compare the follower's force with the virtual object's at the same place.
 
         Args:
-            report: of the follower.
+            report: report of the follower.
             sent_s: time of sending, on the follower's clock [s].
 
         Returns:

@@ -104,7 +104,7 @@ def is_data(file: Path) -> bool:
     """Return whether to offer a file of a folder.
 
     Args:
-        file: in the folder of sessions.
+        file: file in the folder of sessions.
     """
     is_table = file.name.lower().removesuffix(".gz").endswith((".csv", ".tsv", ".xlsx", ".parquet", ".npz"))
     return file.is_file() and (is_table or is_session(file))

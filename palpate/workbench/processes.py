@@ -40,7 +40,7 @@ class DiagnosisProcess:
         """Store the progress.
 
         Args:
-            what: what is being done.
+            what: current step.
             share: share of the work that is done, 0 to 1.
         """
         self.now = what, share
@@ -60,7 +60,7 @@ class DiagnosisProcess:
         """See `fitting.diagnose`.
 
         Raises:
-            StoppedError: it was stopped.
+            StoppedError: the user stopped the diagnosis.
             PalpateError: the process failed.
         """
         process, receiver = start_worker(_diagnose, list(data), list(models), list(effects), file)

@@ -112,7 +112,7 @@ def serve(home: AppState, listening: socket) -> None:
     """Serve at an open socket until interrupted.
 
     Args:
-        home: what the server shows.
+        home: state of the server.
         listening: open socket.
     """
 

@@ -60,7 +60,7 @@ class AppState:
 
         Args:
             make: reads the data.
-            what: what is read, in words.
+            what: description of the data.
         """
 
         def run() -> None:

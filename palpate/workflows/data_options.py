@@ -145,7 +145,7 @@ class DataArguments(ReadOptions):
 
         Args:
             model: base model; None for what suits each channel.
-            folder: where revisions are kept; None for the usual place.
+            folder: folder of the revisions; None for the usual one.
             like: study of another file, whose notes were said and are not said again.
 
         Raises:

@@ -71,11 +71,11 @@ def probe_demo(
 
     Args:
         session: the new session file.
-        scenario: what is simulated.
-        seed: of all noise, or None for the scenario's.
+        scenario: the simulated world.
+        seed: seed of all noise; None for the scenario's seed.
         watcher: receives the progress.
         plan: speeds and repeats.
-        command_line: what makes the same session again.
+        command_line: command line that makes the same session again.
 
     Raises:
         KeyboardInterrupt: the user stopped it.

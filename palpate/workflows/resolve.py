@@ -28,7 +28,7 @@ Work = Callable[[Sequence[str]], AbstractContextManager[Progress]]
 
 
 class StopReason(StrEnum):
-    """Why no further probe is run."""
+    """Reason why no further probe is run."""
 
     SEPARATED = "separated"  # one explanation is left in each channel
     SIMPLEST = "simplest"  # the remaining explanations cannot be separated, and all contain the simplest one
@@ -90,10 +90,10 @@ class Decision:
         """Describe the result of a probe.
 
         Args:
-            number: of the probe, from 1.
-            session: its file.
-            seconds: that it took on the robot's clock.
-            diagnoses: of all probes so far, one for each channel.
+            number: number of the probe, from 1.
+            session: session file of the probe.
+            seconds: duration of the probe on the robot's clock [s].
+            diagnoses: diagnoses of all probes so far, one for each channel.
             end: why it was the last; None if another follows.
             following: the next probe; None after the last.
         """

@@ -155,7 +155,7 @@ class RequestQueue:
         self._asked_s.append(now_s)
 
     def answer(self, arrived_s: float) -> bool:
-        """Take the request off that an answer belongs to; `answered_s` is its time.
+        """Remove the request to which an answer belongs; `answered_s` becomes its time.
 
         Args:
             arrived_s: When the answer arrived [s].
@@ -178,7 +178,7 @@ class RequestQueue:
         return True
 
     def settle(self, now_s: float) -> float | None:
-        """Give a request up if an answer stays out.
+        """Give up a request if its answer is missing.
 
         Args:
             now_s: Now, after all answers that have arrived were taken [s].

@@ -79,7 +79,7 @@ def decode_record(datagram: bytes) -> Record:
         datagram: received datagram.
 
     Raises:
-        ProtocolError: it has another size.
+        ProtocolError: the datagram has another size.
     """
     if len(datagram) != RECORD_SIZE:
         raise ProtocolError(f"a record must have {RECORD_SIZE} bytes, but this one has {len(datagram)}")

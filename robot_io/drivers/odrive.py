@@ -218,7 +218,7 @@ class OdriveBus(MotorBus):
 
     @property
     def _rate_commands(self) -> tuple[str, ...]:
-        """What makes an axis send heartbeats, encoder estimates and torques as often as is needed."""
+        """Return the settings that make an axis send heartbeats, estimates and torques often enough."""
         heartbeat_ms = round(1e3 * self._own.heartbeat_s)
         names = odrive.CYCLIC_RATES[self._own.firmware]
         return tuple(f"{name} = {ms}" for name, ms in zip(names, (heartbeat_ms, 1, 1), strict=True))
@@ -245,7 +245,7 @@ class OdriveBus(MotorBus):
         return self._limits.velocity_rad_s[joint] * self._axes[joint].gear_ratio / tau
 
     def _check_rate(self, joint: int, at_s: list[float], oldest_s: float, what: str) -> None:
-        """That something comes before it is too old, once in three times: the machine may be busy."""
+        """Check that a message arrives in time in one of three attempts; the machine may be busy."""
         for _ in range(3):
             at_s[joint] = -inf
             self._wait_for(lambda: at_s[joint] > -inf, self._heartbeat_timeout_s)

@@ -157,7 +157,7 @@ def odrive_id(node_id: int, command: OdriveCommand) -> int:
     """Return the arbitration id of a command to, or a message from, an axis.
 
     Args:
-        node_id: of the axis, 0 to 63.
+        node_id: node id of the axis, 0 to 63.
         command: number of five bits.
 
     Raises:
@@ -266,7 +266,7 @@ def encode_input_torque(node_id: int, torque_nm: float) -> CanFrame:
     """Command a motor torque [N m]; it feeds the axis's watchdog.
 
     Args:
-        node_id: of the axis.
+        node_id: node id of the axis.
         torque_nm: torque of the motor [N m].
 
     Raises:
@@ -287,7 +287,7 @@ def encode_limits(node_id: int, velocity_rev_s: float, current_a: float) -> CanF
     The axis loses both at its next start; CANSimple cannot read them.
 
     Args:
-        node_id: of the axis.
+        node_id: node id of the axis.
         velocity_rev_s: largest speed [rev/s].
         current_a: largest current [A].
     """

@@ -179,7 +179,7 @@ def read_text(path: Path, most_bytes: int = MOST_BYTES) -> str:
 
     Raises:
         OSError: the file cannot be read.
-        ValueError: it is a device or a pipe, is too large, or is not UTF-8.
+        ValueError: the file is a device or a pipe, is too large, or is not UTF-8.
     """
     if "\0" in str(path):
         raise OSError(errno.EINVAL, "no file has such a name")
@@ -329,7 +329,7 @@ def member(value: object, registry: Registry[Model], key: str) -> Model:
     Args:
         value: mapping, or member.
         registry: registry of the members.
-        key: that holds the name.
+        key: key of the member's name.
 
     Raises:
         InputError: no such member, no name given, or a parameter is unknown, missing or outside its range.

@@ -29,7 +29,7 @@ def parse_urdf(text: str) -> Element:
         text: XML.
 
     Raises:
-        ValueError: it is no such URDF, or larger than any arm needs.
+        ValueError: the text is not such a URDF, or is larger than any arm needs.
     """
     robot = parse_xml(text)
     if robot.tag != "robot":
@@ -64,7 +64,7 @@ def parse_xml(text: str, *, comments: bool = False) -> Element:
         comments: keep comments within the root element.
 
     Raises:
-        ValueError: it is no XML, has a document type, or is larger than any arm needs.
+        ValueError: the text is not XML, has a document type, or is larger than any arm needs.
     """
     if len(text) > MOST_BYTES:
         raise ValueError(f"larger than {MOST_BYTES} characters")

@@ -25,7 +25,7 @@ def as_utf8(text: str) -> str:
     """Replace bytes of a file's name that UTF-8 cannot hold by question marks.
 
     Args:
-        text: from a file's name.
+        text: text from a file's name.
 
     Returns:
         Text that can be encoded.

@@ -62,7 +62,7 @@ class SafeStop:
         """Compute the torques of one tick, shape (n,), within the limits [N m].
 
         Args:
-            measurement: its joint positions and velocities are used, and must be known.
+            measurement: measurement with valid joint positions and velocities.
             trusted: for each joint whether its velocity can be braked against; else it counts as zero, shape
                 (n,).
             stopping_s: time since the trip [s].
@@ -132,7 +132,7 @@ class Guard:
 
     Args:
         limits: limits of the arm.
-        safe_state: how a tripped arm comes to rest.
+        safe_state: settings of the safe stop.
         joint_count: number of joints n.
         gravity_nm: gives the torques that hold the arm still at joint positions, both shape (n,); called
             while stopping only.

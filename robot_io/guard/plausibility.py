@@ -82,9 +82,9 @@ class _Joint:
         """Store a changed or first reading.
 
         Args:
-            time_s: of the sample, robot's clock [s].
+            time_s: time of the sample, robot's clock [s].
             position_rad: positions of the encoder [rad].
-            reference_rad: of the controller [rad].
+            reference_rad: reference position of the controller [rad].
             torque_nm: measured by its drive [N m].
             force_n: force of the force sensor [N].
         """
@@ -357,7 +357,7 @@ class _Drive:
         """Include a command in the range, in this interval or as the first of the next one.
 
         Args:
-            torque_nm: that was commanded [N m].
+            torque_nm: commanded torque [N m].
             is_next: whether a new interval begins with this command.
         """
         if is_next:
@@ -374,7 +374,7 @@ class _Drive:
         """Store the newest reading, and update the mean jump.
 
         Args:
-            measured_nm: of the drive [N m].
+            measured_nm: measured torque of the drive [N m].
         """
         jump_nm = abs(measured_nm - self.measured_nm)
         self.measured_nm = measured_nm

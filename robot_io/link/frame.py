@@ -83,7 +83,7 @@ def check_secret(path: Path, what: str) -> None:
 
     Args:
         path: the file.
-        what: its name in the error.
+        what: name of the file in the error.
 
     Raises:
         InputError: other users can read it, or it does not exist.
@@ -159,7 +159,7 @@ def encode(  # noqa: PLR0917
     Args:
         sender: random number of this program.
         sequence: number of the frame.
-        sent_s: this side's clock [s].
+        sent_s: time of sending on this side's clock [s].
         heard: newest frame of the peer.
         message: the content.
         seal: seal of this side.

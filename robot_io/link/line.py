@@ -126,12 +126,12 @@ class Line:
     """One end of the line; sends and receives frames.
 
     Args:
-        role: of this side.
+        role: role of this side.
         settings: name, port, configuration and key.
         clock: clock of this side.
 
     Attributes:
-        role: of this side.
+        role: role of this side.
         sender: random number in every frame of this end.
         malformed: number of received frames that were invalid, or of another version or key.
         refused: why the newest of these was refused; empty before the first.

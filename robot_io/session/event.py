@@ -58,7 +58,7 @@ class SessionMetadata:
         """Convert the header's text back.
 
         Args:
-            strings: made by `to_strings`.
+            strings: texts made by `to_strings`.
             extra: the other texts.
 
         Raises:

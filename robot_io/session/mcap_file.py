@@ -66,7 +66,7 @@ def scan(file: IO[bytes], formats: Formats | None = None) -> Scan:
         formats: which topics are decoded on the way, if their messages are in order; None for no topic.
 
     Raises:
-        SessionError: it is no MCAP file, or one that was finished and then damaged.
+        SessionError: the file is not an MCAP file, or was damaged after it was finished.
     """
     file.seek(0)
     if file.read(len(MCAP0_MAGIC)) != MCAP0_MAGIC:

@@ -77,7 +77,7 @@ class RingBuffer:
 
     Args:
         memory: shared, of `size_bytes(dtype, slots)`, zero at first.
-        dtype: of a record.
+        dtype: data type of a record.
         slots: number of records.
     """
 
@@ -97,7 +97,7 @@ class RingBuffer:
         """Compute the memory that a ring needs.
 
         Args:
-            dtype: of a record.
+            dtype: data type of a record.
             slots: number of records.
 
         Returns:
@@ -285,7 +285,7 @@ def check_streams(streams: Sequence[Stream]) -> None:
     """Check that streams can be in one session.
 
     Args:
-        streams: to check.
+        streams: streams to check.
 
     Raises:
         InputError: a name appears twice, or is that of the events.

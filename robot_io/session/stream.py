@@ -126,7 +126,7 @@ class Stream:
         """Convert columns to arrays that fit the stream.
 
         Args:
-            columns: as for `records`.
+            columns: columns as for `records`.
 
         Raises:
             InputError: as for `records`.

@@ -115,7 +115,7 @@ class WireFormat:
         """Decode messages one after the other.
 
         Args:
-            messages: made by `encode`.
+            messages: messages made by `encode`.
 
         Returns:
             Columns of shape (n,) or (n, width).
@@ -185,7 +185,7 @@ class Decoder:
         """Take the next message.
 
         Args:
-            message: made by `WireFormat.encode`.
+            message: message made by `WireFormat.encode`.
         """
         self._waiting += message
         if len(self._waiting) >= _DECODED_BYTES:

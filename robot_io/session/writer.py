@@ -44,7 +44,7 @@ class SessionWriter:
     Args:
         path: the new session file; folders above it are made.
         streams: the streams that will come.
-        metadata: where the session comes from.
+        metadata: origin of the session.
         ring_slots: records that each stream's ring holds while the disk is slow.
         wait_for_room: let `append` wait when the ring is full instead of dropping. For simulated time, which
             stands still meanwhile; never for a real robot.
@@ -135,7 +135,7 @@ class SessionWriter:
         With its data an event is at most 4000 bytes, else cut. InputError: the session is closed.
 
         Args:
-            time_s: on the session's clock [s].
+            time_s: time of the event, session's clock [s].
             kind: short word.
             text: one line for people.
             data: values for programs.
@@ -244,9 +244,9 @@ def write_session(
     Args:
         path: the new session file.
         streams: each with its columns.
-        metadata: where the session comes from.
-        events: in the order of their times.
-        progress: is told the share that is written, 0 to 1.
+        metadata: origin of the session.
+        events: events in the order of their times.
+        progress: called with the share that is written, 0 to 1.
 
     Raises:
         InputError: the arrays do not fit their streams.

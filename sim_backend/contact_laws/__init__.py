@@ -20,8 +20,8 @@ class ObjectLaw(FileModel, ABC):
         """Compute the force of the material below the surface.
 
         Args:
-            depth_m: of the tip below the undeformed surface, positive [m].
-            rate_m_s: of the depth, positive while pressing in [m/s].
+            depth_m: depth of the tip below the undeformed surface, positive [m].
+            rate_m_s: rate of the depth, positive while pressing in [m/s].
 
         Returns:
             Force [N]; negative where the material would have to pull.

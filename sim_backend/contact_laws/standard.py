@@ -10,7 +10,7 @@ class EngineContact(ObjectLaw):
     """PyBullet's contactStiffness and contactDamping on a box, touched by a sphere at the tip.
 
     The engine turns both into a softened velocity constraint and integrates it implicitly, so that the force
-    follows k x + c dx/dt closely at rest and only roughly while moving. The touching sphere rolls: with a
+    follows k x + c dx/dt closely at rest, but only roughly in motion. The touching sphere rolls: with a
     tilted tool, the deepest point is no longer the tip frame.
     """
 
@@ -23,8 +23,8 @@ class EngineContact(ObjectLaw):
         """Compute the force that the engine aims at; it does not pull.
 
         Args:
-            depth_m: of the tip below the surface [m].
-            rate_m_s: of the depth [m/s].
+            depth_m: depth of the tip below the surface [m].
+            rate_m_s: rate of the depth [m/s].
 
         Returns:
             Force [N].
@@ -35,7 +35,7 @@ class EngineContact(ObjectLaw):
 class HuntCrossleyLaw(ObjectLaw):
     """F = (k + b dx/dt) x^n, x the depth (Hunt and Crossley, J. Appl. Mech. 42, 1975, eq. 2).
 
-    The force starts at zero whatever the speed, unlike Kelvin-Voigt's, and is cut at zero on fast retraction.
+    Unlike Kelvin-Voigt's, the force starts at zero at any speed. On fast retraction it is limited to zero.
     """
 
     name = "hunt_crossley"

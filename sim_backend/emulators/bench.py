@@ -244,7 +244,7 @@ def heard_at(master: int, baud_rate: int | None) -> bool:
 
     Args:
         master: file descriptor of the device's end.
-        baud_rate: of the device [bit/s]; None for any.
+        baud_rate: baud rate of the device [bit/s]; None for any.
 
     Returns:
         Whether the rates agree; always for None.

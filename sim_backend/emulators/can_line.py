@@ -94,7 +94,7 @@ class EmulatedMotor(ABC):
         """Apply a fault of the motor itself: alert, reboot, or an encoder that is stuck from now on.
 
         Args:
-            fault: to suffer.
+            fault: fault to apply.
             now_s: bench's clock [s].
         """
         if fault.kind is FaultKind.ALERT:

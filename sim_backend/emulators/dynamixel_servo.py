@@ -1,4 +1,4 @@
-"""The control table of an X-series servo: which bytes mean what, what may be written, and its memory.
+"""The control table of an X-series servo: meaning of the bytes, write permissions, and memory.
 
 From the ROBOTIS e-manual, "Control Table" of the models below.
 """
@@ -84,7 +84,7 @@ def items_of(model: EmulatedModel, servo_id: int, firmware: int) -> dict[int, It
 
     Args:
         model: model of the servo.
-        servo_id: its id.
+        servo_id: id of the servo.
         firmware: version.
     """
     rows = [
@@ -145,7 +145,7 @@ class Memory:
             self.put(item.address, item.initial)
 
     def lose_power(self) -> None:
-        """Everything above the EEPROM is as at the start."""
+        """Reset everything above the EEPROM to its initial state."""
         for item in self._items.values():
             if item.address >= EEPROM_END:
                 self.put(item.address, item.initial)
@@ -216,7 +216,7 @@ class Memory:
         return Error.NONE
 
     def _meant(self, place: int) -> int:
-        """Return the byte that indirect data stands for; others stand for themselves."""
+        """Return the address to which an indirect address refers; other addresses are unchanged."""
         if place not in self._indirect:
             return place
         at = INDIRECT_ADDRESS + 2 * (place - self._indirect.start)

@@ -26,7 +26,7 @@ from palpate.sim_backend.emulators.wiring import WireMaker, WireRequest
 
 
 class FeetechReceiver(Receiver):
-    """Picks instructions out of what comes over the wire; damaged ones get no answer."""
+    """Parses instructions from received bytes; damaged instructions get no answer."""
 
     def _next(self) -> Instruction | None:
         pending = self._pending
@@ -121,7 +121,7 @@ class EmulatedSts(LineServo):
     """A servo that turns one joint of a plant, or only holds its position.
 
     Attributes:
-        error: its error bits.
+        error: error bits of the servo.
         stall_nm: torque of its motor at full duty [N m]; differs from servo to servo.
         no_load_rad_s: speed without a load [rad/s].
         duty_per_rad: duty cycle for a position error and a P coefficient of 1 [1/rad].
@@ -160,7 +160,7 @@ class EmulatedSts(LineServo):
 
         Args:
             address: address of the first byte.
-            value: without a sign.
+            value: value without a sign.
             size: bytes.
         """
         self._memory[address : address + size] = value.to_bytes(size, "little")
@@ -183,7 +183,7 @@ class EmulatedSts(LineServo):
         return bytes(self._memory[address : address + size])
 
     def write(self, address: int, data: bytes) -> None:
-        """Take a write; what cannot be written stays as it is.
+        """Execute a write; registers that cannot be written are unchanged.
 
         Args:
             address: address of the first byte.

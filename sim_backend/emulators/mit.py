@@ -4,9 +4,9 @@ CubeMars answers the frames to its id. Written from the "AK Series Actuator Driv
 5.3, and its float and integer conversions (which cut off where another would round). The CAN timeout lets the
 motor go when no frame comes.
 
-Out of motor mode, the firmware that the protocol comes from (bgkatz/motorcontrol) answers commands as ever,
-and does not say that it exerts nothing. The manual says that the mode comes first and that the state is asked
-for by the frame that enters it: so a motor may as well be deaf to commands until then.
+Outside motor mode, the protocol's original firmware (bgkatz/motorcontrol) still answers commands, but exerts
+no torque. By the manual, the mode comes first, and the frame that enters it requests the state. A motor may
+therefore ignore commands until then.
 
 Damiao: MIT frames, a status in its answers, and registers. Written from Damiao's "DM-J4310-2EC user manual":
 the status stands above the id's four bits (0 off, 1 on, 8 and more errors), the last two bytes are
@@ -42,7 +42,7 @@ def to_uint(value: float, limit: float, bits: int) -> int:
     Args:
         value: value in the unit of its limit; cut at it.
         limit: end of the range.
-        bits: of the integer.
+        bits: number of bits of the integer.
 
     Returns:
         From 0 to 2^bits - 1.

@@ -1,9 +1,9 @@
 """A moteus controller as its documentation describes it: registers, written and read in CAN FD frames.
 
-Written from mjbots' docs/protocol/can.md and registers.md: subframes of four number types, numbers that are
-scaled where they are integers and no value where they are the most negative one; position mode, faults that
-stay until a stop, and a watchdog that comes with each command and ends in mode 11. As the robot file wants
-it, `servo.timeout_mode` is 0: it lets go then.
+Written from mjbots' docs/protocol/can.md and registers.md: subframes of four number types, integers are
+scaled, and the most negative one means no value; position mode; faults that persist until a stop; and a
+watchdog that each command sets and that ends in mode 11. As the robot file requires, `servo.timeout_mode` is
+0: the torque is then off.
 """
 
 import math

@@ -1,7 +1,7 @@
 """An ODrive axis as its manual describes it: cyclic messages, state machine, watchdog, errors.
 
 Written from ODrive's documentation "CAN Protocol" (0.5.6 and 0.6.10) and the behavior of fw-v0.5.6: any
-frame to the axis feeds its watchdog, an expired watchdog disarms it, an axis with errors does not arm.
+frame to the axis feeds its watchdog; an expired watchdog disarms the axis; an axis with errors does not arm.
 """
 
 import math
@@ -31,7 +31,7 @@ class EmulatedOdrive(EmulatedMotor):
 
     Attributes:
         velocity_limit_rev_s: beyond 1.2 times this an axis fails [rev/s]; as delivered 2.
-        current_limit_a: as it was last set over CAN [A].
+        current_limit_a: current limit that was last set over CAN [A].
         velocity_limiter: limit [rev/s] and gain [N m s/rev] of what cuts torques in torque mode, as delivered
             2 and 1/6; None: switched off.
     """

@@ -98,7 +98,7 @@ class SerialSensor(ABC):
         """Encode one reading of the stream.
 
         Args:
-            force_n: with the sensor's own sign [N]; NaN where there is none.
+            force_n: force with the sensor's own sign [N]; NaN if there is none.
 
         Returns:
             The bytes that the sensor sends.
@@ -109,7 +109,7 @@ class SerialSensor(ABC):
 
         Args:
             now_s: bench's clock [s].
-            silent_s: how long it says nothing [s].
+            silent_s: duration of the silence [s].
         """
         self._silent_until_s = now_s + silent_s
         self._power_up(now_s)

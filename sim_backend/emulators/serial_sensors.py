@@ -276,7 +276,7 @@ def cell_line(text: str) -> bytes:
     """Make a line of the firmware.
 
     Args:
-        text: without checksum and end.
+        text: text without checksum and line end.
 
     Returns:
         The line, with checksum and end.
@@ -339,7 +339,7 @@ def bota_frame(status: int, values: list[float], time_us: int, temperature_c: fl
         status: bits.
         values: three forces [N], three torques [N m].
         time_us: sensor's clock [us].
-        temperature_c: of the sensor [deg C].
+        temperature_c: temperature of the sensor [deg C].
 
     Returns:
         The frame, with its checksum.
@@ -435,7 +435,7 @@ class SensorSettings(FileModel, extra="ignore"):
         """Give a sensor the sign with which it is mounted.
 
         Args:
-            sensor: to be mounted.
+            sensor: sensor to mount.
 
         Returns:
             The same sensor.

@@ -55,7 +55,7 @@ def on_shafts(mountings: Sequence[MountingType], plant: Plant) -> list[tuple[Mou
     """List all servos of an arm, one or two per joint, from base to tip.
 
     Args:
-        mountings: of the joints, from base to tip.
+        mountings: mountings of the joints, from base to tip.
         plant: the arm.
 
     Returns:
@@ -142,7 +142,7 @@ class LineServo(ABC):
 
         Args:
             now_s: bench's clock [s].
-            away_s: how long it has no power [s].
+            away_s: duration without power [s].
         """
 
 

@@ -76,7 +76,7 @@ def wire_up(
         robot_file: robot file of the real arm.
         scenario: the simulated world.
         clock: simulated, or a real one.
-        faults: by bus name.
+        faults: faults by bus name.
         effects: hidden in plant and sensors.
 
     Returns:

@@ -25,8 +25,8 @@ class _Material(ContactImperfection, ABC):
         """Compute the added force.
 
         Args:
-            depth_m: of the tip below the surface, above 0 [m].
-            rate_m_s: of the depth, positive while pressing in [m/s].
+            depth_m: depth of the tip below the surface, above 0 [m].
+            rate_m_s: rate of the depth, positive while pressing in [m/s].
 
         Returns:
             Force on the tip along the outward surface normal [N].
@@ -69,7 +69,7 @@ class HiddenCubicStiffness(_Material):
 
 
 class HiddenLayeredStiffness(_Material):
-    """F += k2 (x - d) from depth d on: a second spring is reached there, as bone under tissue.
+    """F += k2 (x - d) beyond depth d, where a second spring begins, like bone under tissue.
 
     Piecewise linear stiffness; Shaw and Holmes, J. Sound Vib. 90 (1983).
     """
@@ -93,7 +93,7 @@ class HiddenLayeredStiffness(_Material):
 
 
 class HiddenHuntCrossley(_Material):
-    """F += (k + b dx/dt) x^n at depth x: nothing at touch, more and more on the way in.
+    """F += (k + b dx/dt) x^n at depth x: zero at touch, and growing with depth.
 
     Hunt and Crossley, J. Appl. Mech. 42 (1975), eq. 2; on top of the object's own law.
     """
@@ -113,7 +113,7 @@ class HiddenHuntCrossley(_Material):
 
 
 class HiddenQuadraticDamping(_Material):
-    """F += c2 v |v| below the surface, v the rate of depth: a fluid that is pushed out through pores.
+    """F += c2 v |v| below the surface, with the rate v of depth: fluid pressed out of pores.
 
     Turbulent drag; Forchheimer's term in Bear, "Dynamics of Fluids in Porous Media", 1972, sec. 5.11.
     """
@@ -130,9 +130,9 @@ class HiddenQuadraticDamping(_Material):
 
 
 class HiddenContactOffset(ContactImperfection):
-    """The object feels x + d: its surface is higher than the scenario says by d.
+    """The object feels x + d: its surface is higher by d than the scenario states.
 
-    Seen only by those who take the surface as given; a probing run that finds it by touch does not.
+    The effect is visible only if the surface is assumed to be known. A probing run finds it by touch.
     """
 
     name = "contact_offset"
@@ -170,7 +170,7 @@ T = TypeVar("T")
 
 
 class _Memory(ContactEffect, Generic[T]):
-    """Keeps what the last step that held left behind (`kept`), and what the last call would (`tried`)."""
+    """Memory after the last completed step (`kept`), and after the last call (`tried`)."""
 
     def __init__(self, at_first: T) -> None:
         self.kept = self.tried = at_first
@@ -180,10 +180,10 @@ class _Memory(ContactEffect, Generic[T]):
 
 
 class HiddenAdhesion(ContactImperfection):
-    """F -= A from touch on, also above the surface, where the neck of the bond thins out until it tears.
+    """F -= A after touch, also above the surface until the neck of the bond tears.
 
-    Above the surface the pull falls linearly from A to nothing at the neck's length. On approach nothing
-    pulls before touch. A is the pull-off force of Derjaguin, Muller and Toporov, J. Colloid Interface Sci. 53
+    Above the surface the pull falls linearly from A to zero at the neck's length. Before touch there is
+    no pull. A is the pull-off force of Derjaguin, Muller and Toporov, J. Colloid Interface Sci. 53
     (1975): a constant attraction on top of the elastic contact.
     """
 
@@ -220,7 +220,7 @@ class _Bond(_Memory[bool]):
 
 
 class HiddenDryFriction(ContactImperfection):
-    """F += z, dz/abs(dx) = (f sign(dx) - z) / s: against the motion, full after a way of a few s.
+    """F += z, dz/abs(dx) = (f sign(dx) - z) / s: opposes the motion, and saturates after a path of a few s.
 
     Dahl's model, "Solid friction damping of mechanical vibrations", AIAA J. 14 (1976): rate-independent
     hysteresis. It is integrated exactly over each step, so that no stiffness f / s can make it unstable.
@@ -266,10 +266,10 @@ class _Bristles(_Memory[tuple[float, float]], MaterialEffect):
 
 
 class HiddenStressRelaxation(ContactImperfection):
-    """F += sum of F_i, dF_i/dt = k_i dx/dt - F_i / tau_i: one or two Maxwell branches beside the spring.
+    """F += sum of F_i, dF_i/dt = k_i dx/dt - F_i / tau_i: one or two Maxwell branches parallel to the spring.
 
-    The generalized Maxwell (Wiechert) solid; Ferry, "Viscoelastic Properties of Polymers", 1980, ch. 1. The
-    object's own spring is what is left in the end. The branches go on relaxing when the tip has left.
+    The generalized Maxwell (Wiechert) solid; Ferry, "Viscoelastic Properties of Polymers", 1980, ch. 1. Only
+    the object's own spring remains in the end. The branches continue to relax after the tip has left.
     """
 
     name = "stress_relaxation"
@@ -326,11 +326,11 @@ class _MaxwellBranch(_Memory[tuple[float, float]], MaterialEffect):
 
 
 class HiddenPlasticSet(ContactImperfection):
-    """The surface sinks with the deepest indentation: its dent is s max(x), and the object feels x - dent.
+    """The surface sinks with the deepest indentation: the dent is s max(x), and the object feels x - dent.
 
     Loading for the first time is softer by 1 - s than unloading and loading again, which begin at the dent.
-    As unloading after plastic contact in Johnson, "Contact Mechanics", 1985, sec. 6.4. A foam
-    recovers; with a recovery time the dent fades while nothing presses.
+    Source: unloading after plastic contact, Johnson, "Contact Mechanics", 1985, sec. 6.4. With a
+    recovery time, as for a foam, the dent fades while nothing presses.
     """
 
     name = "plastic_set"
@@ -381,7 +381,7 @@ _RIGID_M_N = 1e-12
 
 
 class HiddenToolCompliance(ContactImperfection):
-    """A spring in series: the tool is compressed by u = C F, and the object feels x - u at the rate of x - u.
+    """A spring in series: the tool is compressed by u = C F, and the object feels the depth x - u.
 
     Both springs carry the same force, which is solved for at each physics step.
     """
@@ -422,7 +422,7 @@ class _SeriesSpring(ToolEffect):
 
         Args:
             state: motion of the tip.
-            surface_n: gives the object's force [N] for a motion; the last call is for the solution.
+            surface_n: returns the object's force [N] for a motion; the last call is for the solution.
 
         Returns:
             Force on the tip along the surface normal [N].

@@ -22,7 +22,7 @@ from palpate.sim_backend.noise_scale import CONTACT, LOADED, NoiseScale, channel
 
 
 class _Friction(JointImperfection, ABC):
-    """A resistance against the motion of one joint; at rest it holds until more than that pulls."""
+    """A resistance against the motion of one joint; at rest it balances any smaller torque."""
 
     def _effects(self, index: int, joint_count: int) -> HiddenEffects:
         return HiddenEffects(friction=(JointFriction(index, self._resistance_nm),))
@@ -32,7 +32,7 @@ class _Friction(JointImperfection, ABC):
         """Compute the largest resistance, see `JointFriction`.
 
         Args:
-            speed_rad_s: without sign [rad/s].
+            speed_rad_s: absolute speed of the joint [rad/s].
             along_nm: drive's torque along the motion, negative where it holds back [N m].
 
         Returns:
@@ -41,7 +41,7 @@ class _Friction(JointImperfection, ABC):
 
 
 class HiddenViscousFriction(_Friction):
-    """tau = b |dq/dt| against the motion: grease (Armstrong-Helouvry, Automatica 30 (1994), sec. 2)."""
+    """tau = b |dq/dt| against the motion, as by grease (Armstrong-Helouvry, Automatica 30 (1994), sec. 2)."""
 
     name = "viscous_friction"
     viscous_nms_rad: NotNegative = parameter("N m s/rad", 0.02, 5.0, le=100.0)  # b [N m s/rad]
@@ -56,7 +56,7 @@ class HiddenViscousFriction(_Friction):
 
 
 class HiddenQuadraticFriction(_Friction):
-    """tau = b2 (dq/dt)^2 against the motion: churned oil, air.
+    """tau = b2 (dq/dt)^2 against the motion, as by churned oil or air.
 
     Drag at large Reynolds numbers; Batchelor, "An Introduction to Fluid Dynamics", 1967, sec. 5.11.
     """
@@ -74,7 +74,7 @@ class HiddenQuadraticFriction(_Friction):
 
 
 class HiddenCoulombFriction(_Friction):
-    """tau = f against the motion; a joint at rest stays there until more than f pulls at it.
+    """tau = f against the motion; a joint at rest moves only if the torque on it exceeds f.
 
     Coulomb 1785; Armstrong-Helouvry et al., Automatica 30 (1994), sec. 2.
     """
@@ -93,9 +93,9 @@ class HiddenCoulombFriction(_Friction):
 
 
 class HiddenAsymmetricFriction(_Friction):
-    """tau = f+ against positive and f- against negative motion: a seal, a cable, a worm gear.
+    """tau = f+ against positive and f- against negative motion, as by a seal, a cable or a worm gear.
 
-    The same as Coulomb friction of (f+ + f-)/2 beside a constant torque of -(f+ - f-)/2, at rest too.
+    It equals Coulomb friction of (f+ + f-)/2 plus a constant torque of -(f+ - f-)/2, also at rest.
     Armstrong-Helouvry, "Control of Machines with Friction", 1991, sec. 2.
     """
 
@@ -148,11 +148,11 @@ class HiddenStribeckFriction(_Friction):
 
 
 class HiddenLoadDependentFriction(_Friction):
-    """tau = mu |tau_load| against the motion: teeth that are pressed together.
+    """tau = mu |tau_load| against the motion, as by teeth that are pressed together.
 
     A gear's load-dependent loss; Hamon, Gautier and Garrec, IEEE/RSJ IROS 2010, "Dynamic identification of
-    robots with a dry friction model depending on load and velocity". The load is what the gear passes on to
-    the link, for its dynamics and for external forces: the drive's torque less the friction.
+    robots with a dry friction model depending on load and velocity". The load is the torque that the gear
+    transmits to the link: the drive's torque minus the friction.
     """
 
     name = "load_dependent_friction"
@@ -160,7 +160,7 @@ class HiddenLoadDependentFriction(_Friction):
     load_share: Number = parameter("-", 0.005, 0.3, ge=0, le=0.9)  # mu [-]
 
     def _resistance_nm(self, speed_rad_s: float, along_nm: float) -> float:
-        """Compute the friction: a drive that pushes bears it too, and it helps a drive that holds back.
+        """Compute the friction, which loads a drive that pushes and relieves a drive that brakes.
 
         Args:
             speed_rad_s: speed of the joint without its sign [rad/s]; it does not matter here.
@@ -179,7 +179,7 @@ class HiddenLoadDependentFriction(_Friction):
 
 
 class _LinkTorque(JointImperfection, ABC):
-    """A torque that comes on top of one drive's."""
+    """A torque added to that of one drive."""
 
     def _effects(self, index: int, joint_count: int) -> HiddenEffects:
         return HiddenEffects(joint=(AddedTorque(index, self._torque_nm),))
@@ -198,7 +198,7 @@ class _LinkTorque(JointImperfection, ABC):
 
 
 class HiddenJointSpring(_LinkTorque):
-    """tau += -k (q - q0) on the link: a cable or hose that bends, a balancing spring (Hooke)."""
+    """tau += -k (q - q0) on the link, as by a bent cable or hose or a balancing spring (Hooke)."""
 
     name = "joint_spring"
     stiffness_nm_rad: NotNegative = parameter("N m/rad", 0.05, 20.0, le=500.0)  # k [N m/rad]
@@ -219,7 +219,7 @@ class HiddenJointSpring(_LinkTorque):
 
 
 class HiddenTorqueRipple(_LinkTorque):
-    """tau += A sin(N q + phi) on the link: cogging of the motor's magnets, teeth of the gear.
+    """tau += A sin(N q + phi) on the link, as by the motor's magnets (cogging) or the gear's teeth.
 
     Jahns and Soong, IEEE Trans. Industrial Electronics 43 (1996), "Pulsating torque minimization techniques".
     """
@@ -245,9 +245,9 @@ class HiddenTorqueRipple(_LinkTorque):
 
 
 class HiddenTorqueGain(_LinkTorque):
-    """tau_link = g tau_drive: the drive sets and measures current, and takes a wrong constant.
+    """tau_link = g tau_drive: the drive sets and measures current with a wrong torque constant.
 
-    The measured torque follows the command; what reaches the link does not.
+    The measured torque follows the command, but the torque on the link does not.
     """
 
     name = "torque_gain"
@@ -268,7 +268,7 @@ class HiddenTorqueGain(_LinkTorque):
 class _Transmission(JointImperfection, ABC):
     """The encoder is ahead of the link by u; the whole torque passes through.
 
-    The drive has no inertia of its own here: the rotor's is part of the link's, as in the URDF.
+    The drive has no separate inertia: the rotor's inertia is part of the link's, as in the URDF.
     """
 
     @property
@@ -285,7 +285,7 @@ class _Transmission(JointImperfection, ABC):
         """Compute how far the encoder is ahead of the link after a step [rad].
 
         Args:
-            before_rad: how far it was ahead [rad].
+            before_rad: angle of the encoder ahead of the link before the step [rad].
             step_s: physics step [s].
             torque_nm: through the transmission, along the joint's axis [N m].
         """
@@ -314,7 +314,7 @@ class _Ahead(JointEffect, SensorHook):
         """Add to one position how far its encoder is ahead of the link.
 
         Args:
-            time_s: when the sample was taken [s].
+            time_s: time of the sample [s].
             value: positions, shape (n,) [rad].
         """
         changed = list(value)
@@ -325,7 +325,7 @@ class _Ahead(JointEffect, SensorHook):
 class HiddenBacklash(_Transmission):
     """The encoder, on the drive's side, is ahead of the link by u within +- gap/2, on the side that pushes.
 
-    The drive crosses the gap when the torque changes sign, du/dt = tau / d, held up by the grease: the
+    The drive crosses the gap when the torque changes sign, du/dt = tau / d, slowed by the grease: the
     physical model of Nordin and Gutman, Automatica 38 (2002), with a shaft that only damps.
     """
 
@@ -377,10 +377,10 @@ _REFRESH_S = 4e-3  # the arm's inertia changes by 1 % in it
 
 
 class HiddenArmature(JointImperfection):
-    """tau = J d^2q/dt^2 is what the rotor takes of the drive's torque; the link gets the rest.
+    """The rotor takes tau = J d^2q/dt^2 of the drive's torque; the link gets the rest.
 
-    J is the rotor's own inertia times the square of the gear ratio. With a high ratio the rotor turns so much
-    faster than the links that it feels the own joint's acceleration only: J stands on the diagonal of the
+    J is the rotor's own inertia times the square of the gear ratio. With a high ratio the rotor turns much
+    faster than the links, so only its own joint's acceleration matters: J is on the diagonal of the
     joint-space inertia, as in Featherstone, "Rigid Body Dynamics Algorithms", 2008, ch. 9.
     """
 
@@ -406,10 +406,10 @@ class HiddenArmature(JointImperfection):
 class Rotors(JointEffect):
     """Solves (M + J) a = tau + r for the step, J diagonal, where the engine solves M a = tau - J a + r.
 
-    What the arm's weight, contact and friction do, r, is what the last step's motion leaves of the equation;
+    The torque r of weight, contact and friction follows from the equation at the last step's motion;
     the acceleration without the rotors is a0 = a_last + M^-1 (tau - tau_last), and with them it is
-    a = (1 + M^-1 J)^-1 a0. Taking J a_last instead, the obvious way, diverges as soon as a rotor is heavier
-    than what its joint feels of the arm. The inertia is that of all joints, shape (n,) [kg m^2].
+    a = (1 + M^-1 J)^-1 a0. Using J a_last instead would diverge as soon as a rotor's inertia exceeds
+    the arm's inertia at its joint. The inertia is that of all joints, shape (n,) [kg m^2].
     """
 
     def __init__(self, inertia_kg_m2: Sequence[float]) -> None:
@@ -421,7 +421,7 @@ class Rotors(JointEffect):
         self._refresh_s = -inf
 
     def joint_torque_nm(self, state: JointStepState, torque_nm: Sequence[float]) -> Sequence[float]:
-        """Subtract J a, what the rotors take of the drives' torques, with a as in the class.
+        """Subtract J a, the torques that accelerate the rotors, with a as in the class.
 
         Args:
             state: motion of the joints.

@@ -37,9 +37,9 @@ class HiddenBias(SensorImperfection):
 
 
 class HiddenSensorGain(SensorImperfection):
-    """y = g u (1 + c u): wrong sensitivity and a bent characteristic (VIM 4.12, 4.27).
+    """y = g u (1 + c u): wrong sensitivity and a curved characteristic (VIM 4.12, 4.27).
 
-    Seen only by those who know what was measured; a probing run takes it for a stiffer or softer object.
+    It is visible only if the true force is known; to a probing run the object seems stiffer or softer.
     """
 
     name = "sensor_gain"
@@ -61,10 +61,9 @@ class HiddenSensorGain(SensorImperfection):
 
 
 class HiddenSaturation(SensorImperfection):
-    """y = u within +- L and +- L beyond: an amplifier at its supply, with no mark on the samples.
+    """y = u within +- L and +- L beyond: an amplifier at its supply voltage; samples are not marked.
 
-    An arm that loads by a force sensor of this kind goes on pressing to its depth limit once L is below the
-    force that is asked for.
+    If L is below the desired force, an arm that controls the force presses on to its depth limit.
     """
 
     name = "saturation"
@@ -84,7 +83,7 @@ class HiddenSaturation(SensorImperfection):
 
 
 class HiddenDeadband(SensorImperfection):
-    """y = 0 within +- w, and u - w or u + w beyond: lost motion ahead of the sensing element (VIM 4.17)."""
+    """y = 0 within +- w, and u - w or u + w beyond: lost motion before the sensing element (VIM 4.17)."""
 
     name = "deadband"
     # The last joint has next to no torque to be wrong about.
@@ -115,7 +114,7 @@ class HiddenQuantisation(SensorImperfection):
 
     @classmethod
     def _sized(cls, strength: float, channel: str, scale: NoiseScale, generator: Generator) -> Values:
-        """See `Imperfection._sized`; a step is the square root of 12 times its rounding's rms."""
+        """See `Imperfection._sized`; a step is sqrt(12) times the rms of its rounding error."""
         return {"step": 3.46 * strength * scale.noise(channel)}
 
 
@@ -142,14 +141,14 @@ class HiddenDrift(SensorImperfection):
 
 
 class _Mechanical(SensorImperfection):
-    """A sensor that follows; the last joint has next to no torque to be wrong about."""
+    """A sensor with a lag; effects in the last joint's torque are hardly visible."""
 
     shows_in = (CONTACT, *LOADED)
     ahead_of_noise = True
 
 
 class HiddenHysteresis(_Mechanical):
-    """y follows u with a play of +- w: up to w less while u rises, up to w more while it falls.
+    """y follows u with a play of +- w: lower by up to w while u rises, higher by up to w while it falls.
 
     The play operator, of which Prandtl and Ishlinskii build all hysteresis; Brokate and Sprekels, "Hysteresis
     and Phase Transitions", 1996.
@@ -175,7 +174,7 @@ class HiddenHysteresis(_Mechanical):
 
 
 class HiddenLag(_Mechanical):
-    """T dy/dt = u - y: a filter in the amplifier, a soft cell (first-order low-pass).
+    """T dy/dt = u - y: a filter in the amplifier or a soft cell (first-order low-pass).
 
     Exact for a signal that changes at a constant rate between two samples.
     """
@@ -205,9 +204,9 @@ class HiddenLag(_Mechanical):
 
 
 class HiddenDelay(_Mechanical):
-    """y(t) = u(t - d), under the time stamp t: a converter or bus that hides its own delay.
+    """y(t) = u(t - d) with time stamp t: a converter or bus whose delay is not in the stamp.
 
-    Between two samples the signal is taken as straight.
+    The signal is interpolated linearly between two samples.
     """
 
     name = "delay"
@@ -237,7 +236,7 @@ _RADIUS_M = 0.01
 
 
 class HiddenPayload(JointImperfection):
-    """A small ball of mass m at the far end of a link: where the next joint begins, or at the tip.
+    """A small ball of mass m at the far end of a link: at the next joint, or at the tip.
 
     It has weight and inertia, and shows in the joint that moves the link and in those before it.
     """
@@ -313,7 +312,7 @@ def _far_end(robot: ET.Element, tip_frame: str, index: int) -> tuple[str, str]:
 
 
 class HiddenGravityTilt(Imperfection):
-    """Gravity is turned against the arm's base, g = R^T (0, 0, -9.81): the table is not level.
+    """Gravity is rotated relative to the arm's base, g = R^T (0, 0, -9.81): the table is not level.
 
     R turns the base by `pitch_rad` about its y axis, x dipping, after `roll_rad` about its x axis. The object
     is tilted with it. An arm that moves in the x-z plane feels pitch alone.
@@ -326,7 +325,7 @@ class HiddenGravityTilt(Imperfection):
 
     @property
     def channels(self) -> tuple[str, ...]:
-        """See `Imperfection.channels`; the base's joint carries most of the arm, and those after it less."""
+        """See `Imperfection.channels`; the base's joint carries most of the arm, later joints less."""
         return tuple(channel_of(joint) for joint in (1, 2, 3))
 
     def effects(self, joint_count: int) -> HiddenEffects:

@@ -44,7 +44,7 @@ def recording_file(name: str, path: Path, blueprint: rrb.Blueprint) -> Iterator[
     Args:
         name: name of the recording.
         path: the file; replaced if it exists.
-        blueprint: how it is shown.
+        blueprint: layout of the recording.
 
     Raises:
         InputError: the file cannot be written.

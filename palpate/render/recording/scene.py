@@ -292,7 +292,7 @@ def log_moving_arm(
 
     Args:
         recording: destination.
-        session: that it is in, for errors.
+        session: session that contains the URDF, for error messages.
         urdf: text of the arm's URDF; nothing is logged if it is empty.
         time_s: times, shape (n,) [s].
         position_rad: joint positions, shape (n, joints) [rad].

@@ -101,7 +101,7 @@ class MotorBus(JointBus, Examinable):
         """Store the state of a joint from a frame; return False if it is from another sender.
 
         Raises:
-            ProtocolError: it comes from one of our motors but violates the protocol.
+            ProtocolError: the frame comes from one of our motors but violates the protocol.
         """
 
     @abstractmethod

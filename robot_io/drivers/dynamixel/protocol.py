@@ -174,7 +174,7 @@ class DynamixelDialect(ServoDialect):
 
     @lru_cache  # noqa: B019 -- there is one dialect
     def _sync_write_head(self, address: int, size: int, count: int) -> tuple[bytes, int]:
-        """What comes before `count` bytes of a sync write that need no stuffing, and its checksum."""
+        """Return the bytes before `count` bytes of a sync write that need no stuffing, and their checksum."""
         packet = self.encode_packet(BROADCAST_ID, SYNC_WRITE, self.words(address, size) + bytes(count))
         head = packet[: len(packet) - count - _CRC]
         return head, crc16(head)

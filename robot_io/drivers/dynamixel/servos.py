@@ -246,7 +246,7 @@ class DynamixelLine(ServoLine):
         return firmware
 
     def feedback_reader(self) -> FeedbackReader[DynamixelFeedback]:
-        """What reads the servos in each tick, by the fastest way that all of them know."""
+        """Make the reader of all servos for each tick, by the fastest method that all of them support."""
         indirect_data = self._settings.servos[0].servo_model.indirect_data
         return feedback_reader(self.port, self.clock, self.ids, indirect_data, fast=self._fast)
 

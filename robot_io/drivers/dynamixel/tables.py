@@ -131,7 +131,7 @@ def model_name(number: int) -> str:
     """Return the name of a model number, for messages.
 
     Args:
-        number: in the answer of the servo.
+        number: model number in the answer of the servo.
     """
     return next((model.name for model in MODELS.values() if model.number == number), f"model number {number}")
 

@@ -118,7 +118,7 @@ class Plausibility:
         """Remember goals that are on their way, by servo id.
 
         Args:
-            goals: by servo id [counts].
+            goals: goals by servo id [counts].
         """
         for servo_id, goal in goals.items():
             self._goals[servo_id].appendleft(goal)

@@ -139,7 +139,7 @@ class FeetechDialect(ServoDialect):
 
     @lru_cache  # noqa: B019 -- there is one dialect
     def _sync_write_head(self, address: int, size: int, count: int) -> tuple[bytes, int]:
-        """What comes before `count` bytes of a sync write, and the sum that its checksum is made of."""
+        """Return the bytes before `count` bytes of a sync write, and their sum for the checksum."""
         packet = self.encode_packet(BROADCAST_ID, SYNC_WRITE, self.words(address, size) + bytes(count))
         head = packet[: -count - 1]
         return head, sum(head[len(HEADER) :])

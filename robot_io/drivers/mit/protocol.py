@@ -278,7 +278,7 @@ class MitFrames:
             The value in the register's own unit.
 
         Raises:
-            ProtocolError: it belongs to another register, or the register does not exist.
+            ProtocolError: the value belongs to another register, or the register does not exist.
         """
         data = frame.data
         if not _is_about_register(frame, motor_id) or data[2] != READ:

@@ -90,7 +90,7 @@ def decode_frame(frame: bytes) -> Sample:
     """Decode a frame.
 
     Args:
-        frame: as it came, with header and CRC.
+        frame: received frame, with header and CRC.
 
     Raises:
         ProtocolError: another size or header, a wrong CRC, or a value is not a number.

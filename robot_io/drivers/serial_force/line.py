@@ -367,7 +367,7 @@ class ForceLine(Bus):
 
         Raises:
             DeviceError: the port failed, or the sensor says that it has.
-            DeviceTimeoutError: it is silent, or has sent data but no valid reading yet.
+            DeviceTimeoutError: the sensor is silent, or has sent data but no valid reading yet.
         """
         reader = self._reader
         if reader is None:

@@ -112,7 +112,7 @@ class FeedbackReader(Generic[FeedbackType]):
         return newest
 
     def _ask(self, now_s: float) -> float:
-        """Send the next request whose length no unanswered one has; when it was sent, or minus infinity."""
+        """Send a request whose length differs from all unanswered ones; return its time or minus infinity."""
         for request in self._in_turn:
             if now_s - request.asked_at_s > _LATEST_S:
                 request.asked_at_s = now_s
