@@ -7,7 +7,6 @@ from xml.etree import ElementTree
 from xml.etree.ElementTree import Element, SubElement
 
 import numpy as np
-from scipy.spatial.transform import Rotation
 
 from palpate.export.target_terms import TargetArm, TargetJoint, Value, as_comment
 from palpate.robot_io.errors import InputError
@@ -61,6 +60,8 @@ def patch_mjcf(text: str, place: str, arm: TargetArm, mounting: Mounting, *, by_
     for joint in arm.joints:
         model.set_joint(model.joint(joint, by_name=by_name), joint)
     if (tilt := arm.arm.get("tilt_rad")) is not None:
+        from scipy.spatial.transform import Rotation  # noqa: PLC0415, slow to import
+
         turn = Rotation.from_rotvec(-tilt.number * mounting.tilt_axis)
         gravity = turn.apply(mounting.gravity_m_s2)
         option = root.find("option")

@@ -139,6 +139,12 @@ def test_importing_palpate_imports_no_library():
     assert run_process(code=code).stdout == "\n"
 
 
+def test_importing_the_study_imports_no_library_that_only_its_methods_need():
+    slow = ("pyarrow", "scipy.linalg", "scipy.spatial", "plotly", "jinja2", "pinocchio", "mujoco", "rerun")
+    code = f"import sys, palpate; palpate.Study; print({set(slow)} & set(sys.modules) or '')"
+    assert run_process(code=code).stdout == "\n"
+
+
 def test_the_list_of_commands_imports_no_library_but_that_of_the_command_line():
     code = (
         "import sys, palpate.commands; print({'numpy', 'pydantic', 'yaml', 'mcap'} & set(sys.modules) or '')"
