@@ -20,14 +20,9 @@ from palpate.common.console import AT_REST, command_group, shown
 from palpate.common.files import different_files, existing_file, output_file, output_session, whole_set
 from palpate.common.options import takes
 from palpate.estimation.data.import_options import parse_pairs
-from palpate.render.calibration import (
-    arm_figure,
-    encoder_figure,
-    figure_page,
-    force_figure,
-    print_calibration,
-)
+from palpate.render.calibration import arm_figure, encoder_figure, force_figure, print_calibration
 from palpate.render.progress import motion_progress, weighing_progress
+from palpate.render.report import PLOT_CONFIG
 from palpate.robot_io.calibration.file import Calibration
 from palpate.robot_io.errors import InputError, PalpateError
 from palpate.runs import calibration as runs
@@ -252,7 +247,8 @@ def _calibrate(
             record(job)
         fit = work_out(raw)
         calibration = fit.calibration(fits.Stamp.of(robot_file, raw, options.valid_days))
-        with whole_set({plot: figure_page(fit.draw()), path: calibration.to_yaml()}):
+        page = fit.draw().to_html(include_plotlyjs=True, config=PLOT_CONFIG)  # needs no network
+        with whole_set({plot: page, path: calibration.to_yaml()}):
             pass
     except (PalpateError, KeyboardInterrupt) as error:
         if job is not None:

@@ -14,7 +14,7 @@ from palpate.calibration.encoder import EncoderFit
 from palpate.calibration.force import ForceFit
 from palpate.common.console import safe, significant, table
 from palpate.render import palette
-from palpate.render.report import PLOT_CONFIG, styled
+from palpate.render.report import styled
 from palpate.robot_io.calibration.applied import doubtful
 from palpate.robot_io.calibration.file import Calibration, Quantities, Quantity
 
@@ -62,15 +62,6 @@ def _rows(name: str, quantity: Quantity | Quantities) -> Iterator[tuple[str, str
         parts = [(f"{what}, {part}", value, error) for part, value, error in every]
     for label, value, error in parts:
         yield label, significant(value, error or None), f"{error:.2g}" if error else "", unit
-
-
-def figure_page(figure: go.Figure) -> str:
-    """Make an HTML page of a figure that needs no network.
-
-    Args:
-        figure: figure to show.
-    """
-    return str(figure.to_html(include_plotlyjs=True, config=PLOT_CONFIG))
 
 
 def force_figure(fit: ForceFit, reading_unit: str) -> go.Figure:

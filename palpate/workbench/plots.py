@@ -148,21 +148,6 @@ def time_update(
     return update, list(range(len(ys)))
 
 
-def model_update(
-    motion: DrawnMotion, predicted: FloatArray, left: FloatArray, span_s: tuple[float, float] | None
-) -> Restyle:
-    """Return the model's curves alone.
-
-    Args:
-        motion: motion to draw, n samples.
-        predicted: effort of the model (n,).
-        left: residual of the model (n,).
-        span_s: first and last time to draw [s]; None for all.
-    """
-    rows = motion.rows(motion.data.effort, MOST_POINTS, span_s)
-    return {"y": [picked(predicted, rows), picked(left, rows)]}, [MODEL, LEFT]
-
-
 def _state_rows(motion: DrawnMotion) -> IntArray:
     """Select samples of a few runs, evenly in time, because curves over the state have no peaks to keep."""
     all_runs = motion.data.runs
@@ -273,18 +258,6 @@ def map_figure(motion: DrawnMotion, before: FloatArray, now: FloatArray) -> Figu
         uirevision=motion.data.name,
     )
     return {"data": traces, "layout": layout, "narrow": _stacked(480)}
-
-
-def map_update(motion: DrawnMotion, residual: FloatArray) -> Restyle:
-    """Return the model's residual map.
-
-    Args:
-        motion: motion to draw, n samples.
-        residual: residual of the chosen model (n,).
-    """
-    grid = motion.map(residual)
-    x, y, z = (part.astype(np.float32) for part in (grid.position, grid.velocity, grid.mean))
-    return {"x": [x], "y": [y], "z": [z]}, [1]
 
 
 def cursor_shapes(times_s: Mapping[str, float]) -> dict[str, Any]:
@@ -401,7 +374,9 @@ class PlotPanel:
             with self._map_card:
                 self._map = Plot(map_figure(self._motion, self._shown.base.residual, self._drawn[1]))
         else:
-            self._map.restyle(map_update(self._motion, self._drawn[1]))
+            grid = self._motion.map(self._drawn[1])
+            x, y, z = (part.astype(np.float32) for part in (grid.position, grid.velocity, grid.mean))
+            self._map.restyle(({"x": [x], "y": [y], "z": [z]}, [1]))
 
     def preview(self, effort: FloatArray) -> None:
         """Draw another prediction than the fit's while a slider moves.
@@ -414,7 +389,8 @@ class PlotPanel:
             self._model(*self._drawn)
 
     def _model(self, effort: FloatArray, left: FloatArray) -> None:
-        self._time.restyle(model_update(self._motion, effort, left, self._span_s))
+        rows = self._motion.rows(self._motion.data.effort, MOST_POINTS, self._span_s)
+        self._time.restyle(({"y": [picked(effort, rows), picked(left, rows)]}, [MODEL, LEFT]))
         self._read_cursors()
 
     def _redraw(self) -> None:

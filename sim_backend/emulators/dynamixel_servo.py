@@ -342,7 +342,7 @@ class EmulatedServo(LineServo):
         """See `LineServo.reboot`: RAM, turns and errors are forgotten."""
         self.memory.lose_power()
         self._turn_counts = None
-        self._awake_s = now_s + away_s
+        self.awake_s = now_s + away_s
         self._exert()
 
     def _exert(self) -> None:

@@ -224,7 +224,7 @@ class EmulatedSts(LineServo):
             self.put(address, value, size)
         self.put(48, self.get(16))
         self.error = 0
-        self._awake_s = now_s + away_s
+        self.awake_s = now_s + away_s
         self._sample_position()
         self._drive()
 

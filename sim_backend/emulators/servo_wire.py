@@ -83,17 +83,9 @@ class LineServo(ABC):
     def __init__(self, mounting: EmulatedMounting, shaft: Shaft | None, now_s: float) -> None:
         self.id, self.shaft = mounting.id, shaft
         self._zero_rad, self._direction = mounting.zero_rad, -1 if mounting.reversed else 1
-        self._awake_s = self._heard_s = now_s
+        self.awake_s = self._heard_s = now_s
         self.stuck = self.deaf = False
         self._frozen: JointState | None = None
-
-    def is_awake(self, now_s: float) -> bool:
-        """Check whether the servo has power and has started.
-
-        Args:
-            now_s: bench's clock [s].
-        """
-        return now_s >= self._awake_s
 
     def _shown(self) -> JointState | None:
         """What its own sensors show of its horn, with the joint's torque; None before the plant's first."""
@@ -264,7 +256,7 @@ class ServoWire(EmulatedWire, Generic[ServoType]):
         if self.echoes and data:
             self._outgoing.append(ServoFrame(0, data, now_s))
         for instruction in self._receiver.take(data):
-            awake = {servo_id: servo for servo_id, servo in self.servos.items() if servo.is_awake(now_s)}
+            awake = {servo_id: servo for servo_id, servo in self.servos.items() if now_s >= servo.awake_s}
             for servo in awake.values():
                 servo.hear(now_s)
             self._quiet_s = now_s + self._byte_s * instruction.wire_bytes

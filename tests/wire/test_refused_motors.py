@@ -76,7 +76,7 @@ AT_CONFIGURING = [  # robot file, its changes, the second motor or servo 3, what
         r"servo 3 stands still at a goal speed of 0.*: set bit 3",
     ),
     (SO101, (), has(supply_v=7.4), r"servo 3: is supplied with 7.4 V, .* needs 12 V"),
-    (SO101, (), has(is_awake=lambda now_s: False), r"no answer from servo 3 .*answering: 2, 4, 1, 5\)"),
+    (SO101, (), has(awake_s=float("inf")), r"no answer from servo 3 .*answering: 2, 4, 1, 5\)"),
 ]
 AT_ACTIVATING = [
     *((ODRIVE, has(watchdog_s=one), r"watchdog of joint 2 \(node 1\) did not expire") for one in (None, 5.0)),

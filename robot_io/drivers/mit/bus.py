@@ -69,7 +69,9 @@ class MitBus(AskedMotorBus[MitState]):
         self._keep_motion(joint, state.position_rad, state.velocity_rad_s, asked_s)
         self._keep_torque(joint, state.torque_nm, asked_s)
         self._at_range_end[joint] = state.at_range_end
-        self._motion_is_wrong[joint] = self._dialect.is_encoder_fault(state.error)
+        fault, error = self._dialect.encoder_fault, state.error
+        is_fault = error & fault if fault and self._dialect.errors_are_bits else error == fault
+        self._motion_is_wrong[joint] = bool(is_fault)
 
     def _encode_shaft(self, joint: int, torque_nm: float) -> tuple[CanFrame, float]:
         return self._frames.torque(self._motor_ids[joint], torque_nm, self._ranges[joint])

@@ -65,18 +65,6 @@ class MitDialect:
         parts = parts if self.errors_are_bits else [error]
         return ", ".join(dict.fromkeys(self.errors.get(part, f"unknown error {part}") for part in parts))
 
-    def is_encoder_fault(self, error: int) -> bool:
-        """Check whether an error makes the motor's position meaningless.
-
-        Args:
-            error: number in a state.
-
-        Returns:
-            Whether it does.
-        """
-        fault = self.encoder_fault
-        return fault is not None and bool(error & fault if self.errors_are_bits else error == fault)
-
 
 _FOUR_TURNS = 4.0 * pi
 _ROBSTRIDE_STATE = ("under voltage", "over current", "over temperature", "encoder fault", "overload, stalled")
