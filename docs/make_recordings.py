@@ -1,11 +1,11 @@
-"""Writes docs/reference/recordings.md: what `palpate diagnose` says of public recordings.
+"""Write docs/reference/recordings.md: the diagnoses of public recordings.
 
     python docs/make_recordings.py DATA_DIR [DATA_DIR ...] --answers FOLDER
 
 A DATA_DIR holds recordings by name: `NAME/import.csv.gz` or `NAME/raw`, as benchmarks/measured/convert.py
-writes them by a recipe, or the folder of a set that benchmarks/measured/recordings.py reads. What is not
-there is left out. Diagnoses are kept in the folder of answers, one JSON file a recording; one that is there
-already is not made again. Pictures are drawn from the answers.
+writes them by a recipe, or the folder of a set that benchmarks/measured/recordings.py reads. Missing
+recordings are left out. The folder of answers keeps one JSON file per recording; an existing diagnosis is
+reused. Pictures are drawn from the answers.
 """
 
 import json
@@ -36,12 +36,13 @@ WIDTH = 900  # of a picture [px]
 INK = "#768390"  # reads on light and on dark
 INTRODUCTION = """# Recordings
 
-What `palpate diagnose` says of measurements that others made and published. A picture shows the error
-budget: how the squared error of a simple base model in held-out runs divides among kinds of effects, noise
-and what nothing explains ([diagnosis](../explanation/diagnosis.md)). The dot is a kind's share; its range
-goes from what only this kind explains to what it explains alone. What was expected comes from the
-publication or from a plain least-squares ladder. Held out means that nothing was developed on the recording
-before it ran for the first time. The data are no part of this project.
+This page shows what `palpate diagnose` says of measurements that others made and published. A picture shows
+the error budget ([diagnosis](../explanation/diagnosis.md)): the squared error of a simple base model in
+held-out runs, divided among kinds of effects, noise and an unexplained part. The dot is the share of a kind.
+Its range goes from the share that only this kind explains to the share that it explains alone. The expected
+kinds come from the publication or from plain least-squares fits; the recipe of a recording,
+`benchmarks/measured/recipes/NAME.yaml`, states the reasons. *Held out* means that nothing was developed on
+the recording before its first diagnosis. The data are not part of this project.
 """
 ORIGINS = {  # of the sets: repository, licence, what was measured
     "emps": ("forgi86/sysid-neural-continuous", "Apache-2.0", "prismatic drive, two runs at 1 kHz"),
@@ -133,7 +134,7 @@ def _entry_of_recipe(recipe: dict[str, Any], content: dict[str, Any]) -> Entry:
         name=name,
         measured=recipe["measured"],
         origin=f"{place} at {origin['commit'][:7]}, {origin['licence']}; {command}",
-        expected=[f"{kinds}. {expected['why']}"],
+        expected=[kinds],
         split=split_of(recipe).replace("_", " ").replace("develop", "developed on"),
         channels=[ChannelDiagnosis.model_validate(one) for one in content.get("channels", [])],
         refused=_PLACE.sub("", content.get("refused", content.get("stopped", ""))),
@@ -195,12 +196,12 @@ def _summary(entries: list[Entry]) -> Iterator[str]:
 
 
 def _section(entry: Entry) -> str:
-    """One recording: what it is, what was expected, what was said, where the data are."""
+    """Write the section of one recording: description, expected kinds, diagnosis and origin of the data."""
     lines = [f"## {entry.name}", "", f"{entry.measured} ({entry.split})", ""]
     expected = [text.rstrip(".") for text in dict.fromkeys(entry.expected)]
-    lines += [f"**Expected**: {'; '.join(expected)}.", ""]
+    lines += [f"**Expected kinds**: {'; '.join(expected)}.", ""]
     if entry.refused:
-        lines += [f"**Said**: refused. {entry.refused}", ""]
+        lines += [f"**Diagnosis**: refused. {entry.refused}", ""]
     for channel in entry.channels:
         budget, verdict = budget_view(channel), diagnosed(channel)
         if budget is not None:
@@ -208,7 +209,7 @@ def _section(entry: Entry) -> str:
             (PICTURES / name).write_text(budget_picture(budget, WIDTH, INK) + "\n", encoding="utf-8")
             lines += [budget.sentence, "", f"![error budget](../pictures/recordings/{name})", ""]
             lines += [line for confusion in budget.confusions for line in (confusion, "")]
-        lines += [f"**Said**: *{verdict.word}*. {verdict.sentence}", ""]
+        lines += [f"**Diagnosis**: *{verdict.word}*. {verdict.sentence}", ""]
     return "\n".join([*lines, f"**Data**: {entry.origin}.", ""])
 
 

@@ -63,12 +63,12 @@ def _sentence(diagnosis: ChannelDiagnosis) -> str:
     if diagnosis.complete is not False or diagnosis.remaining is None:
         return missing
     signals = diagnosis.remaining.depends_on
-    on = f", depends on {enumerated(signals)}" if signals else ""
+    on = f" and depends on {enumerated(signals)}" if signals else ""
     times = diagnosis.remaining.times_floor
-    size = f": {times:.2g} times the noise" if times >= NOISE else ""
+    size = f" of {times:.2g} times the noise" if times >= NOISE else ""
     kinds = _kinds_without_form(diagnosis)
     unknown = f" The form of {enumerated(kinds)} is not known." if kinds else ""
-    return f"{missing} An unexplained error remains{size}{on}.{unknown}"
+    return f"{missing} An unexplained error{size} remains{on}.{unknown}"
 
 
 def _kinds_without_form(diagnosis: ChannelDiagnosis) -> list[str]:

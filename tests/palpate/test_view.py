@@ -80,7 +80,7 @@ def test_a_verdict_is_one_sentence_that_says_what_to_know(found, words, absent):
     ("complete", "words"),
     [
         (True, "(noise 0.1 N, from free air)."),
-        (False, "An unexplained error remains: 1.8 times the noise, depends on a."),
+        (False, "An unexplained error of 1.8 times the noise remains and depends on a."),
     ],
 )
 def test_an_established_effect_is_named_whether_the_model_is_complete_or_not(complete, words):
