@@ -393,7 +393,7 @@ def fit_pose(session: Session, pose_rad: FloatArray, pose_std_rad: float) -> Enc
     """
     position = _fresh(session.samples("tick")).vector("joint_position_rad")
     if not len(position):
-        raise InputError(f"{session.path}: no fresh encoder samples in it")
+        raise InputError(f"{session.path}: holds no fresh encoder samples")
     resolution = _resolution(session.samples("tick"))
     moved = np.ptp(position, axis=0)
     if np.any(moved > max(10 * resolution, 2e-3)):

@@ -53,8 +53,10 @@ UNSEEN_IN_ONE_PASS = frozenset(
 _SEPARATING = {
     frozenset({Kind.RATE_DEPENDENCE, Kind.SENSOR_DYNAMICS}): "move at two speeds that differ by a factor of "
     "five: the force of a damper grows with the speed, the delay of a reading does not change",
-    frozenset({Kind.RATE_DEPENDENCE, Kind.TIME_MEMORY}): "hold the position for several times the longest "
-    "move: what relaxes goes on falling, a damper's force ends with the motion",
+    frozenset(
+        {Kind.RATE_DEPENDENCE, Kind.TIME_MEMORY}
+    ): "hold the position for several times the longest move: relaxation continues, but a damper's "
+    "force ends with the motion",
     frozenset({Kind.RATE_DEPENDENCE, Kind.FRICTION}): "move at a tenth of the speed: dry friction stays, "
     "viscous forces fall to a tenth",
     frozenset({Kind.ELASTIC_SHAPE, Kind.SENSOR_STATICS}): "check the force sensor with known weights",
@@ -67,13 +69,13 @@ _SEPARATING = {
     ): "move over a wider range: a ripple repeats, a spring does not",
     frozenset(
         {Kind.FRICTION, Kind.TIME_MEMORY}
-    ): "stop half way and hold: what relaxes changes at rest, friction does not",
+    ): "stop half way and hold: relaxation continues at rest, friction does not change",
     frozenset(
         {Kind.FRICTION, Kind.CONTACT_GEOMETRY}
-    ): "press twice on the same spot: a set moves the second touch",
-    frozenset(
-        {Kind.DRIFT, Kind.TIME_MEMORY}
-    ): "record the unloaded sensor for as long as a run: drift goes on, relaxation needs a load",
+    ): "press twice on the same spot: a permanent set moves the second touch",
+    frozenset({Kind.DRIFT, Kind.TIME_MEMORY}): (
+        "record the unloaded sensor for as long as a run: drift continues without a load, relaxation does not"
+    ),
     frozenset({Kind.DRIFT, Kind.RUN_DIFFERENCES}): "repeat the first run at the end",
     frozenset(
         {Kind.CONTACT_GEOMETRY, Kind.TIME_MEMORY}

@@ -22,7 +22,7 @@ EXTRAS = {  # what Python imports: the package that has it, and the extra that i
 
 
 def missing_package(module: str | None) -> str | None:
-    """Say in one line how to install what a module is in, or None where no extra has it.
+    """Return one line with the command that installs a module; None if no extra contains it.
 
     Args:
         module: name of the missing module, as Python imports it.

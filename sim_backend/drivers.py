@@ -1,4 +1,4 @@
-"""Drivers of the simulated robot; the robot file names them like any others."""
+"""Drivers of the simulated robot, which a robot file names like other drivers."""
 
 from collections.abc import Mapping
 

@@ -103,9 +103,7 @@ def first_measurement(robot: Robot, guard: Guard, clock: Clock, period_s: float)
             return measurement
         if clock.now_s() >= give_up_s:
             silent = "; ".join([*problems, *robot.bus_errors.values(), *robot.bus_delays.values()])
-            raise DeviceTimeoutError(
-                f"{robot.name}: no samples to begin with after {FIRST_SAMPLE_S:g} s: {silent}"
-            )
+            raise DeviceTimeoutError(f"{robot.name}: no first samples within {FIRST_SAMPLE_S:g} s: {silent}")
         clock.sleep_until(clock.now_s() + period_s)
 
 

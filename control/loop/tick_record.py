@@ -46,7 +46,7 @@ _COLUMNS = (
     ),
     (
         *("output.command.joint_torque_nm", "torque_commanded_nm", "N m", _PER_JOINT),
-        *("wanted by the controller; 0 in STOPPED", "float64"),
+        *("commanded by the controller; 0 in STOPPED", "float64"),
     ),
     ("sent_torque_nm", "torque_sent_nm", "N m", _PER_JOINT, "really sent; NaN if sending failed", "float64"),
     ("measurement.force_n", "force_n", "N", 1, "contact force, positive in compression", "float64"),

@@ -274,7 +274,7 @@ class ProbingTask:
             # Return without the remaining runs; if already returning, trip the guard.
             what = f"{output.force_n:.1f} N on the way"
             if not self._specs:
-                raise SafetyTripError(f"{what} back to where the task started: something is in the way")
+                raise SafetyTripError(f"{what} back to the start of the task: something is in the way")
             text = f"{what} to a target: something is in the way"
             self._fail("obstacle", text)
             self._specs.clear()

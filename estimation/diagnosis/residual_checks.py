@@ -142,7 +142,8 @@ def _oscillation(end: FitResult) -> ResidualFinding | None:
     if end.rmse <= min(in_air, _EXCESS * remainder):
         return None
     return ResidualFinding(
-        f"the error oscillates at {line[0]:.3g} Hz with {size:.3g} {unit}, and no signal of the data does",
+        f"the error oscillates at {line[0]:.3g} Hz with {size:.3g} {unit}, but no signal of the data "
+        "oscillates at this frequency",
         "time",
     )
 

@@ -262,7 +262,7 @@ class ToolCompliance(MotionEffect):
     name = "tool_compliance"
     kind = Kind.ELASTIC_SHAPE
     also = frozenset({Kind.TIME_MEMORY})  # a spring in series with a damper relaxes
-    physics = "Tool, sensor and links bend, so that the object sees less than the encoders report."
+    physics = "Tool, sensor and links bend, so the true depth is less than the encoders report."
     equation = "x_true = x - c F, v_true = v - c dF/dt"
     source = "two springs in series; A. Albu-Schäffer et al., Int. J. Robotics Research 26 (2007)"
     signature = "the object seems softer the harder it is pressed, and less damped than it is"

@@ -163,7 +163,7 @@ class RunOffset(RunVariation):
 
     name = "run_offset"
     kind = Kind.RUN_DIFFERENCES
-    physics = "The sensor was tared, mounted or charged anew before each run, with small differences."
+    physics = "The sensor was tared, mounted or charged again before each run, with small differences."
     equation = "reading = effort + b_r, b_r ~ N(0, spread^2)"
     source = "C. R. Henderson, Biometrics 31 (1975): best linear unbiased prediction in mixed models"
     signature = "each run has its own constant offset"

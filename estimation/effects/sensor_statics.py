@@ -113,7 +113,7 @@ class Deadband(SensorEffect):
     physics = "Friction or a threshold in the sensor hides the first part of any effort."
     equation = "reading = effort - clip(effort, -width, width)"
     source = "E. O. Doebelin, Measurement Systems (2003), ch. 2: threshold"
-    signature = "readings are zero near zero, and too small by a constant elsewhere"
+    signature = "readings are zero for small efforts, and too small by a constant for others"
     signals = ("effort",)
     channels = frozenset(ChannelKind)
     inner = (Parameter("width", "{effort}", 1e-09, 10000.0, (0.001, 1.0), log=True),)

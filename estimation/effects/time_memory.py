@@ -99,7 +99,7 @@ class RelaxationSpectrum(MemoryEffect):
     physics = "Parts of the elastic force relax, some fast and some slowly, as in tissue and rubber."
     equation = "F = (1 - fast - slow) E + fast Z_fast + slow Z_slow, Z_i' = E' - Z_i/tau_i, E elastic"
     source = "Y. C. Fung, Biomechanics (1993), ch. 7.6: quasi-linear viscoelasticity; Prony series"
-    signature = "force falls during a hold, fast at first and then slowly, by one share at any depth"
+    signature = "force falls during a hold, fast at first and then slowly, by the same share at any depth"
     signals = ("past motion",)
     channels = frozenset({ChannelKind.CONTACT})
     inner = (

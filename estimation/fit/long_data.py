@@ -206,8 +206,8 @@ def _average_further(data: ChannelData, held: IntArray) -> tuple[ChannelData, st
         return data, "", {}
     rate_hz = 1.0 / (sample_time(data.time_s, data.run) * times)
     note = (
-        f"; that is more than can be searched: averaged further by {times} to {rate_hz:.4g} Hz, which loses "
-        "faster changes; choose a part with --where to keep them"
+        f"; this is too much for a search, so it is averaged further by {times} to {rate_hz:.4g} Hz, "
+        "which loses faster changes; choose a part with --where to keep them"
     )
     return _means(data, times), note, {}
 

@@ -132,7 +132,7 @@ class StudyFits(TableDisplay):
         """
         data = next((channel for channel in self.source.channels if channel.name == name), None)
         if data is None:
-            raise InputError(f"channel '{name}' is not there. There are: {_listed(self.source.channels)}")
+            raise InputError(f"no channel '{name}'. There are: {_listed(self.source.channels)}")
         return self._channel(data, model)
 
     def refusal(self, channel: StudyChannel) -> str:

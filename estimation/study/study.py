@@ -205,8 +205,8 @@ class ModelStudy(StudyFits):
                 why = self._other_numbers(channel, names, saved.final.rmse, saved.final.parameters)
         if why:
             raise InputError(
-                f"{self.folder}/{RESULT}: channel {channel.name}: {why}: it was changed, or made by another "
-                "version; delete it, or run palpate diagnose again"
+                f"{self.folder}/{RESULT}: channel {channel.name}: {why}: the file was changed, or "
+                "another version made it; delete it, or run palpate diagnose again"
             )
         return saved
 

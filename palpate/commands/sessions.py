@@ -293,8 +293,9 @@ def surfaces_apart(sessions: Sequence[Session]) -> list[str]:
         return []
     return [
         f"{session.path.name}: {name} begins about {_MILLI * abs(deeper_m):.2g} mm "
-        f"{'deeper' if deeper_m > 0.0 else 'higher'} than in {sessions[0].path.name}, but a merged session "
-        "has one surface: measure displacements from the surface, or compare the two (palpate compare A B)"
+        f"{'deeper' if deeper_m > 0.0 else 'higher'} than in {sessions[0].path.name}, but a merged "
+        "session has only one surface. Measure displacements from the surface, or compare the two "
+        "sessions (palpate compare A B)"
         for session, contacts in zip(sessions[1:], others, strict=True)
         for name in sorted(first.keys() & contacts.keys())
         if (deeper_m := _depth_difference(first[name], contacts[name]))

@@ -57,7 +57,7 @@ def examine_limits(robot_file: RobotFile, body: RigidBody) -> Iterator[Finding]:
     for name, bus in robot_file.buses.items():
         watchdog_s = bus.settings.get("watchdog_s")
         if isinstance(watchdog_s, int | float):
-            long = f"the drive holds its last torque for that long: {_LONG_WATCHDOG_S:g} s is enough"
+            long = f"the drive holds its last torque for this time: {_LONG_WATCHDOG_S:g} s is enough"
             yield graded(
                 f"watchdog of {name}",
                 f"by the robot file, the drives let go {1e3 * watchdog_s:g} ms after the last command",

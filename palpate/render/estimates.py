@@ -185,7 +185,8 @@ def remarks(estimates: ChannelEstimates, truth: Truth) -> list[str]:
     if FEWEST_STEPS <= steps_spanned(channel, estimates.rows) < FEW_STEPS:
         steps = in_steps(channel, estimates.rows)
         remarks.append(
-            f"{steps}: the intervals allow for this, but a damping from so few steps is estimated too low"
+            f"{steps}: the intervals include this error, but from so few steps the damping is "
+            "estimated too low"
         )
     return [*remarks, *_remarks_on_fits(estimates)]
 

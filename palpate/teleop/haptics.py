@@ -105,7 +105,7 @@ def haptic_stream(joint_count: int) -> Stream:
             Column("felt_n", "N", 1, "part of it that the device can exert"),
             Column("withheld_n", "N", 1, "less than the model's own force, for passivity and continuity"),
             Column("energy_j", "J", 1, "put in by the hand since touch"),
-            Column("revision", "1", 1, "of the estimate that is felt; -1: the scene's guess", "int32"),
+            Column("revision", "1", 1, "revision of the rendered estimate; -1: the scene's guess", "int32"),
         ),
     )
 

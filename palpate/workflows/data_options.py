@@ -129,7 +129,7 @@ class DataArguments(ReadOptions):
     held_out: Annotated[
         str | None,
         typer.Option(
-            help="Runs excluded from fitting, which alone score models in compare and add; "
+            help="Runs excluded from fitting; compare and add score models on these runs only; "
             "default: each run is predicted from the others.",
             metavar="RUNS",
         ),

@@ -163,9 +163,9 @@ class ForceCalibration(Calibration):
         if unit == "N" and not _SCALES[0] <= self.values.scale.value <= _SCALES[1]:
             raise problem_at(
                 "values.scale.value",
-                f"must be within {_SCALES[0]:g} and {_SCALES[1]:g} (is "
-                f"{self.values.scale.value:.3g}); if it is farther off, correct the driver's setting, "
-                "such as capacity_n, and check that the weights are the stated ones",
+                f"must be within {_SCALES[0]:g} and {_SCALES[1]:g} (is {self.values.scale.value:.3g}); "
+                "if the true scale is outside, correct the driver's setting, such as capacity_n, and "
+                "check the stated weights",
             )
         return self
 

@@ -126,7 +126,7 @@ class NetFtStream:
             self._old += 1
             is_beginning = record.sequence <= _BEGINNING and last.sequence > 2 * _BEGINNING
             if self._old >= (_OLD_BEGINNING if is_beginning else _OLD_RECORDS):
-                what = "has begun to count anew, or measures nothing new: has it restarted?"
+                what = "restarted its counter, or measures nothing new: has it restarted?"
                 self.complaint = f"the sensor {what}"
             return []
         self._old = 0

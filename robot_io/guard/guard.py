@@ -151,7 +151,7 @@ class Guard:
     ) -> None:
         if limits.joint_count != joint_count or len(safe_state.damping_nms_rad) != joint_count:
             raise InputError(
-                f"the arm has {joint_count} joints, its limits {limits.joint_count} "
+                f"the arm has {joint_count} joints, but its limits have {limits.joint_count} "
                 f"and its safe state {len(safe_state.damping_nms_rad)}"
             )
         self._checks = LimitChecks(limits)

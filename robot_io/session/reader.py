@@ -103,7 +103,7 @@ class Session:
         return self._samples[stream_name]
 
     def without_columns(self, stream_name: str, names: Collection[str]) -> "Session":
-        """Return the session without some columns of a stream, whose memory is then free.
+        """Return the session without some columns of a stream, which frees their memory.
 
         Args:
             stream_name: name of the stream; a session without it is returned as it is.

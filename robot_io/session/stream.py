@@ -186,7 +186,7 @@ class Samples:
 
     @classmethod
     def of(cls, stream: Stream, columns: dict[str, NDArray[Any]]) -> "Samples":
-        """Make samples of columns that no other code changes.
+        """Make samples from columns, which no other code may change.
 
         Args:
             stream: stream of the columns.

@@ -20,7 +20,7 @@ class EngineContact(ObjectLaw):
     damping_n_s_m: Number = Field(ge=0, le=1e4)  # contactDamping [N s/m]
 
     def material_force_n(self, depth_m: float, rate_m_s: float) -> float:
-        """Compute the force that the engine aims at; it does not pull.
+        """Compute the nominal force of the engine's contact, which never pulls.
 
         Args:
             depth_m: depth of the tip below the surface [m].

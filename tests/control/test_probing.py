@@ -213,7 +213,7 @@ def test_something_in_the_way_back_ends_with_the_guard():
         return 6.0 * began[-1]
 
     push(plant, force_n)
-    with pytest.raises(SafetyTripError, match=r"6.0 N on the way back to where the task started"):
+    with pytest.raises(SafetyTripError, match=r"6.0 N on the way back to the start of the task"):
         run_probing(plant, task)
     assert sum(began) == 3
 

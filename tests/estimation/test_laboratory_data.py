@@ -322,7 +322,7 @@ def test_a_workbook_that_would_fill_the_memory_is_refused(tmp_path, monkeypatch)
     ):
         read_table(path)
     monkeypatch.setattr(file_columns, "MOST_BYTES", 100)
-    with pytest.raises(InputError, match="holds more than 0 MiB; split it"):
+    with pytest.raises(InputError, match="holds more than 0 MiB, the limit; split it"):
         read_table(path)
 
 

@@ -202,7 +202,7 @@ class FeetechBus(ServoBus):
     def _examine_servo(self, servo_id: int, label: str) -> list[Finding]:
         if servo_id in self._servos:
             return [examine_servo(self._line, self._servos[servo_id], label)]
-        return [ok(label, "answers, and holds where it stands while the torque is on")]
+        return [ok(label, "answers, and holds its position while the torque is on")]
 
     def _prepare_feedback(self) -> FeedbackReader[FeetechFeedback]:
         self._line.identify()
@@ -245,7 +245,7 @@ class FeetechBus(ServoBus):
                 return f"{label}: has switched its torque off (error: {why})"
             if abs(servo.speed) > self._fastest_counts_s:
                 shown, fastest = (c * POSITION_STEP_RAD for c in (servo.speed, self._fastest_counts_s))
-                return f"{label}: shows {shown:.3g} rad/s, more than it can do ({fastest:.3g} rad/s)"
+                return f"{label}: reports {shown:.3g} rad/s, more than its maximum ({fastest:.3g} rad/s)"
         return None
 
     def _goals(self, torque_nm: list[float]) -> tuple[list[int], FloatArray]:

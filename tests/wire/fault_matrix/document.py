@@ -18,7 +18,7 @@ Hz with the Feetech arm).
   their torque goes off; if positions are unknown, the torque goes off at once. `palpate probe` also supports
   and lowers the arm's weight in this time. *continues* means that the fault does no harm.
 - **limit**: how long the fault may last, from the section `limits` of the robot file. Usually this is the
-  age of the device's samples. A check that compares samples has its own limit, whose name is given. No limit
+  age of the device's samples. A check that compares samples has its own limit, which is named. No limit
   is given if a device or the program reports the fault at once.
 - **ticks**: largest number of ticks from the fault to the safe state. It is the limit plus two ticks, unless
   a reason is given below.
