@@ -2,8 +2,9 @@
 
 Each case hides one effect in a two-joint arm by MuJoCo's own means, records motions of it, lets palpate
 diagnose four of them, writes what was found into the nominal MJCF, and predicts the torques of a fifth motion
-by MuJoCo's inverse dynamics. The error there should be the one that the fit promised. Nothing of palpate's
-simulator takes part.
+by MuJoCo's inverse dynamics. The error there should be the one that the fit promised. Then the nominal and the
+patched arm move under the commands of the fifth motion (desired positions and velocities, for the same feedback),
+and their positions are compared with those recorded. Nothing of palpate's simulator takes part.
 
     python benchmarks/simulator_round_trip.py            # all ten, with a diagnosis each
     python benchmarks/simulator_round_trip.py payload    # one of them
@@ -104,12 +105,14 @@ CASES: Mapping[str, ExportCase] = {
 
 @dataclass(frozen=True)
 class RoundTrip:
-    """What came of one case; errors are root mean squares over both joints [N m]."""
+    """What came of one case; errors are root mean squares over both joints: of torques [N m], of motion [rad]."""
 
     found: Mapping[str, Sequence[str]]  # effects that the exported models have, by channel
     nominal: float  # of the nominal MJCF on the last run
     promised: float  # held-out error of the fit
     replayed: float  # of the patched MJCF on the last run
+    nominal_motion: float  # of the nominal MJCF under the commands of the last run
+    motion: float  # of the patched MJCF under the commands of the last run
 
     @property
     def kept(self) -> bool:
@@ -131,6 +134,8 @@ def nominal_spec() -> mujoco.MjSpec:
 
 def record(model: mujoco.MjModel, seed: int) -> FloatArray:
     """Follow three sines a joint by feedback.
+
+    The commands (desired positions and velocities) depend on the seed alone, so that two arms can be given the same.
 
     Args:
         model: the arm.
@@ -207,7 +212,9 @@ def round_trip(case: ExportCase, folder: Path, *, diagnose: bool) -> RoundTrip:
     better = mujoco.MjModel.from_xml_path(str(folder / "better.xml"))
     rms = [float(np.sqrt(np.mean(replay(each, runs[-1]) ** 2))) for each in (plain, better)]
     promised = float(np.sqrt(np.mean([fit.rmse**2 for fit in fits])))
-    return RoundTrip({key: value for key, value in found.items() if value}, rms[0], promised, rms[1])
+    moved = [record(each, RUNS - 1)[:, 1:3] - runs[-1][:, 1:3] for each in (plain, better)]
+    motion = [float(np.sqrt(np.mean(error**2))) for error in moved]
+    return RoundTrip({key: value for key, value in found.items() if value}, rms[0], promised, rms[1], *motion)
 
 
 def _write_csv(path: Path, runs: Sequence[FloatArray]) -> Path:
@@ -234,7 +241,10 @@ def main() -> None:
         found = "; ".join(f"{key} {', '.join(value)}" for key, value in trip.found.items()) or "nothing"
         errors = f"{trip.nominal:7.4f} -> promised {trip.promised:7.4f}, replayed {trip.replayed:7.4f} N m"
         verdict = "kept" if trip.kept else "BROKEN"
-        print(f"{name:20} {errors} {verdict}  ({found}; {time.monotonic() - began:.0f} s)", flush=True)
+        motion = f"motion {trip.nominal_motion:.2e} -> {trip.motion:.2e} rad"
+        print(
+            f"{name:20} {errors} {verdict}; {motion}  ({found}; {time.monotonic() - began:.0f} s)", flush=True
+        )
     if arguments.out:
         arguments.out.write_text(json.dumps(results, indent=1))
 

@@ -85,6 +85,7 @@ def test_a_number_of_the_file_that_is_none_is_refused_with_its_place(old, new, s
 def test_an_exported_joint_predicts_an_unseen_motion_as_well_as_the_fit_promised(name, tmp_path):
     trip = round_trip(CASES[name], tmp_path, diagnose=False)
     assert trip.replayed < 1.05 * trip.promised < 1.2 * NOISE_NM < 0.2 * trip.nominal
+    assert trip.motion < 0.01 * trip.nominal_motion  # under the same commands
 
 
 def test_springs_dampers_and_rotor_act_as_their_equations_say():
