@@ -6,7 +6,9 @@ VENV   ?= .venv
 BIN    := $(VENV)/bin
 READY  := $(VENV)/.ready
 SIM    := $(VENV)/.sim
-PIP    := $(BIN)/python -m pip install --quiet --disable-pip-version-check --only-binary=:all: -c constraints.txt
+PIP    := $(BIN)/python -m pip install --quiet --disable-pip-version-check --only-binary=:all: --no-compile -c constraints.txt
+# Python compiles what it imports, once; pip would compile every file of every package.
+unexport PYTHONDONTWRITEBYTECODE
 
 .PHONY: demo test test-all test-page quick lint docs env clean
 

@@ -130,6 +130,20 @@ def test_help_of_every_command_needs_no_extra(tmp_path):
         assert code == 0, said
 
 
+def test_make_compiles_only_what_is_imported():
+    show = 'show:; @echo "[$$PYTHONDONTWRITEBYTECODE] $(PIP)"'
+    done = subprocess.run(
+        ["make", "--no-print-directory", "--eval", show, "show"],
+        cwd=ROOT,
+        env=os.environ | {"PYTHONDONTWRITEBYTECODE": "1"},
+        capture_output=True,
+        text=True,
+        check=True,
+    )
+    assert done.stdout.startswith("[] ")
+    assert " --no-compile " in done.stdout
+
+
 def test_the_citation_names_the_version():
     assert f"version: {PROJECT['version']}\n" in (ROOT / "CITATION.cff").read_text()
 
