@@ -2,9 +2,9 @@
 
 Each case hides one effect in a two-joint arm by MuJoCo's own means, records motions of it, lets palpate
 diagnose four of them, writes what was found into the nominal MJCF, and predicts the torques of a fifth motion
-by MuJoCo's inverse dynamics. The error there should be the one that the fit promised. Then the nominal and the
-patched arm move under the commands of the fifth motion (desired positions and velocities, for the same feedback),
-and their positions are compared with those recorded. Nothing of palpate's simulator takes part.
+by MuJoCo's inverse dynamics. The error there should be the one that the fit promised. Then the nominal and
+the patched arm move under the commands of the fifth motion (desired positions and velocities, for the same
+feedback), and their positions are compared with those recorded. Nothing of palpate's simulator takes part.
 
     python benchmarks/simulator_round_trip.py            # all ten, with a diagnosis each
     python benchmarks/simulator_round_trip.py payload    # one of them
@@ -105,7 +105,7 @@ CASES: Mapping[str, ExportCase] = {
 
 @dataclass(frozen=True)
 class RoundTrip:
-    """What came of one case; errors are root mean squares over both joints: of torques [N m], of motion [rad]."""
+    """What came of one case; errors are root mean squares over both joints [N m], of motion [rad]."""
 
     found: Mapping[str, Sequence[str]]  # effects that the exported models have, by channel
     nominal: float  # of the nominal MJCF on the last run
@@ -135,7 +135,7 @@ def nominal_spec() -> mujoco.MjSpec:
 def record(model: mujoco.MjModel, seed: int) -> FloatArray:
     """Follow three sines a joint by feedback.
 
-    The commands (desired positions and velocities) depend on the seed alone, so that two arms can be given the same.
+    The commands (desired positions and velocities) depend on the seed alone: two arms can be given the same.
 
     Args:
         model: the arm.
