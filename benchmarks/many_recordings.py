@@ -1,0 +1,388 @@
+"""What do many recordings cost, and what do they find together? The recordings are made by plain numpy.
+
+python benchmarks/many_recordings.py --part speed --recordings 40  # also workers; 5,000 samples each
+python benchmarks/many_recordings.py --part kills --kills 5         # of workers, client and scheduler
+python benchmarks/many_recordings.py --part memory --rows 100000    # the most that the client takes
+python benchmarks/many_recordings.py --part pooled --repeats 5      # half the noise in 40 recordings
+python benchmarks/many_recordings.py --part trend --repeats 20 --years 4
+"""
+
+import os
+import resource
+import signal
+import socket
+import subprocess
+import sys
+import time
+from collections.abc import Sequence
+from dataclasses import asdict
+from datetime import date, timedelta
+from pathlib import Path
+from tempfile import TemporaryDirectory
+
+import numpy as np
+import psutil
+from command_line import arguments
+from threadpoolctl import threadpool_limits
+
+import palpate
+from palpate.batches import run as batch_run
+from palpate.batches.trend import Series, find_changes
+from palpate.batches.works.measuring import measure
+from palpate.estimation.study.source import NO_OPTIONS
+from palpate.sweep import Case, Cluster, ResultStore
+from palpate.sweep.runner import Progress, SweepReport
+
+NOISE_N = 0.02
+WAIT_S = 300.0
+
+
+def write_press(path: Path, seed: int, samples: int, hidden: float = 0.0) -> None:
+    """Write five presses of a damped spring; a cubic part has `hidden` times the noise beside the best line.
+
+    Args:
+        path: of the CSV file.
+        seed: of stiffness and noise.
+        samples: of all presses.
+        hidden: RMS of what spring and damper cannot mimic, over the noise.
+    """
+    rng = np.random.default_rng(seed)
+    count = samples // 5
+    t = np.arange(count) / 500.0
+    stiffness = 400.0 * (1.0 + 0.03 * rng.standard_normal())
+    depths, rates = [], []
+    for cycles in (2, 3, 4, 3, 2):
+        angle = 2.0 * np.pi * cycles * t / t[-1]
+        depths.append(0.0045 - 0.0055 * np.cos(angle))
+        rates.append(0.0055 * 2.0 * np.pi * cycles / t[-1] * np.sin(angle))
+    x, v = np.concatenate(depths), np.concatenate(rates)
+    inside = x > 0.0
+    law = np.column_stack([x, v])[inside]
+    cubic = x[inside] ** 3
+    rest = cubic - law @ np.linalg.lstsq(law, cubic, rcond=None)[0]
+    force = np.where(inside, np.maximum(stiffness * x + 4.0 * v, 0.0), 0.0)
+    force[inside] += hidden * NOISE_N * cubic / np.sqrt(np.mean(rest**2))
+    columns = [np.tile(t, 5), x, force + rng.normal(0.0, NOISE_N, len(x)), np.repeat(np.arange(5), count)]
+    write(path, "time_s,displacement_m,force_N,run", columns)
+
+
+def write_log(path: Path, seed: int, coulomb: float) -> None:
+    """Write a night's log of one axis with dry friction: three runs of 5 s; the friction scatters by 4 %.
+
+    Args:
+        path: of the CSV file.
+        seed: of friction and noise.
+        coulomb: mean friction [N m].
+    """
+    rng = np.random.default_rng(seed)
+    t = np.arange(0.0, 5.0, 0.01)
+    friction = coulomb * (1.0 + 0.04 * rng.standard_normal())
+    rows = []
+    for run, w in enumerate((2.0, 3.0, 4.0)):
+        q, v, a = 0.8 * np.sin(w * t), 0.8 * w * np.cos(w * t), -0.8 * w**2 * np.sin(w * t)
+        effort = 0.05 * a + 0.1 * v + friction * np.tanh(v / 0.005) + rng.normal(0.0, 0.02, len(t))
+        rows.append(np.column_stack([t, q, v, a, effort, np.full(len(t), run)]))
+    names = "time_s,position_rad,velocity_rad_s,acceleration_rad_s2,torque_Nm,run"
+    write(path, names, list(np.vstack(rows).T))
+
+
+def write(path: Path, names: str, columns: Sequence[np.ndarray]) -> None:
+    """Write columns as CSV.
+
+    Args:
+        path: of the file.
+        names: header.
+        columns: one a name, each (n,).
+    """
+    np.savetxt(path, np.column_stack(columns), delimiter=",", header=names, comments="", fmt="%.8g")
+
+
+def presses(folder: Path, number: int, samples: int = 5000, hidden: float = 0.0, seed: int = 0) -> Path:
+    """Write a folder of recordings with different seeds.
+
+    Args:
+        folder: made here.
+        number: of recordings.
+        samples: of each.
+        hidden: see `write_press`.
+        seed: of the folder.
+    """
+    folder.mkdir()
+    for item in range(number):
+        write_press(folder / f"r{item}.csv", 100_000 * seed + item, samples, hidden)
+    return folder
+
+
+def command(data: Path, out: Path, *options: str) -> list[str]:
+    """The command line of a batch.
+
+    Args:
+        data: folder of recordings.
+        out: output folder.
+        options: further ones.
+    """
+    return [sys.executable, "-m", "palpate.main", "batch", str(data), "--out", str(out), *options]
+
+
+def timed(data: Path, out: Path, *options: str) -> tuple[float, float]:
+    """Wall and processor time [s] of the command, with the processes that it starts.
+
+    Args:
+        data: folder of recordings.
+        out: output folder.
+        options: of the command.
+    """
+    begun_s, before = time.perf_counter(), resource.getrusage(resource.RUSAGE_CHILDREN)
+    subprocess.run(command(data, out, *options), check=True, capture_output=True)
+    after = resource.getrusage(resource.RUSAGE_CHILDREN)
+    used_s = after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime
+    return time.perf_counter() - begun_s, used_s
+
+
+def speed(folder: Path, number: int) -> None:
+    """Compare a batch of one worker with the same work in this process, and state the time of two workers."""
+    data = presses(folder / "data", number)
+    for name, diagnose in (("estimate and compare", False), ("with diagnosis", True)):
+        plain = {
+            "model": None,
+            "diagnose": diagnose,
+            "add": [],
+            "urdf": None,
+            "tip_frame": None,
+            "effects": [],
+        }
+        asked = {"where": {}, "options": plain | {"read": asdict(NO_OPTIONS)}}
+        with threadpool_limits(1):
+            measure([data / "r0.csv"], asked)  # loads the libraries
+            begun_s = time.process_time()
+            for file in data.iterdir():
+                measure([file], asked)
+            alone_s = time.process_time() - begun_s
+        options = ["--diagnose"] if diagnose else []
+        _, empty_s = timed(presses(folder / f"one{diagnose}", 1), folder / f"start{diagnose}", *options)
+        _, used_s = timed(data, folder / f"alone{diagnose}", "--workers", "1", *options)
+        wall_s, _ = timed(data, folder / f"two{diagnose}", "--workers", "2", *options)
+        beside = (used_s - empty_s) / (alone_s * (number - 1) / number) - 1.0
+        print(
+            f"{name}: {number} recordings by two workers {wall_s:.1f} s "
+            f"({1000 * wall_s / number / 60:.1f} min per 1,000); processor time over that of the work alone "
+            f"({alone_s / number:.2f} s each) {beside:+.1%}, beside {empty_s:.1f} s for a batch of one"
+        )
+
+
+def workers(folder: Path, number: int) -> None:
+    """Compare two workers with one."""
+    data = presses(folder / "data", number)
+    one_s, two_s = (timed(data, folder / f"by{n}", "--workers", str(n))[0] for n in (1, 2))
+    print(f"one worker {one_s:.1f} s, two workers {two_s:.1f} s: {one_s / two_s:.2f} times")
+
+
+def start_dask() -> tuple[str, list[subprocess.Popen[bytes]]]:
+    """Start a scheduler and two times two workers, as on two machines; give its address and all processes."""
+    with socket.socket() as free:
+        free.bind(("127.0.0.1", 0))
+        address = f"tcp://127.0.0.1:{free.getsockname()[1]}"
+    options = ["--no-dashboard", "--host", "127.0.0.1"]
+    dask = [sys.executable, "-m", "dask"]
+    started = [[*dask, "scheduler", *options, "--port", address.rpartition(":")[2]]]
+    each = ["--nworkers", "2", "--nthreads", "1", "--death-timeout", "20"]
+    started += [[*dask, "worker", address, *options, *each]] * 2
+    quiet = subprocess.DEVNULL
+    return address, [subprocess.Popen(line, stdout=quiet, stderr=quiet) for line in started]
+
+
+def end(processes: Sequence[subprocess.Popen[bytes]]) -> None:
+    """Kill processes and the processes that they started.
+
+    Args:
+        processes: started here.
+    """
+    for process in processes:
+        if process.poll() is None:
+            for child in psutil.Process(process.pid).children(recursive=True):
+                child.kill()
+        process.kill()
+        process.wait()
+
+
+def kills(folder: Path, number: int, each: int) -> None:
+    """Kill workers, clients and schedulers at random times; count lost, double and repeated results."""
+    data, rng = presses(folder / "data", number, samples=1000), np.random.default_rng()
+    lost = double = repeated = 0
+    for what in ("worker", "client", "scheduler"):
+        for kill in range(each):
+            out, dask = folder / f"{what}{kill}", list[subprocess.Popen[bytes]]()
+            options = ["--workers", "2"]
+            if what == "scheduler":
+                address, dask = start_dask()
+                options = ["--scheduler", address]
+            client = subprocess.Popen(
+                command(data, out, *options), stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL
+            )
+            least, begun_s = int(rng.integers(1, number - 4)), time.monotonic()
+            while client.poll() is None and time.monotonic() < begun_s + WAIT_S:
+                if (out / "results").is_dir() and len(list((out / "results").glob("[!.]*"))) >= least:
+                    break
+                time.sleep(0.01)
+            before = spent(out)  # processor time: differs if a result is computed again
+            if what == "worker":
+                children = psutil.Process(client.pid).children() if client.poll() is None else []
+                for child in children[-1:]:
+                    child.send_signal(signal.SIGKILL)
+            elif what == "client":
+                client.kill()
+            else:
+                dask[0].kill()
+            client.wait(WAIT_S)
+            end(dask)
+            timed(data, out, "--workers", "2")
+            rows = palpate.batch(data, out=out).table["measurement"].to_pylist()
+            after = spent(out)
+            lost, double = lost + number - len(set(rows)), double + len(rows) - len(set(rows))
+            repeated += sum(after.get(address) != seconds for address, seconds in before.items())
+        print(
+            f"{each} kills of a {what}: so far {lost} lost, {double} double, {repeated} repeated", flush=True
+        )
+
+
+def spent(out: Path) -> dict[str, float]:
+    """Processor time of each result that is stored.
+
+    Args:
+        out: folder of a batch.
+    """
+    store = ResultStore(out / "results")
+    table = store.table(store.finished())
+    return (
+        dict(zip(table["address"].to_pylist(), table["seconds"].to_pylist(), strict=True))
+        if len(table)
+        else {}
+    )
+
+
+def memory(folder: Path, rows: int) -> None:
+    """Largest memory of a client whose workers land rows with ten parameters."""
+    (data := folder / "data").mkdir()
+    for number in range(rows):
+        (data / f"r{number}.csv").write_text(f"a\n{number}\n")
+    rng = np.random.default_rng(1)
+
+    def land(cases: Sequence[Case], store: ResultStore, _cluster: Cluster, progress: Progress) -> SweepReport:
+        for number, case in enumerate(cases, 1):
+            row = {
+                "channel": "contact",
+                "model": "kelvin_voigt",
+                "verdict": "",
+                "warnings": "",
+                "times_noise": 1.0,
+            }
+            for item in range(10):
+                ends = ("", " low", " high", " std_err")
+                row |= {f"effect.p{item}{end} [N]": float(rng.normal(5.0, 0.1)) for end in ends}
+            store.land(case.address, [row | {"seconds": 0.1, "error": "", "seed": 0, "first": True}])
+            if number % 500 == 0:
+                store.pack()
+                progress(number, len(cases))
+        store.pack()
+        return SweepReport(0, len(cases), (), 0.0)
+
+    batch_run.run_cases = land
+    begun_s = time.perf_counter()
+    result = palpate.batch(data, out=folder / "out")
+    most = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024
+    print(
+        f"{len(result.table):,} rows: {most:.0f} MB, {time.perf_counter() - begun_s:.0f} s without the work"
+    )
+
+
+def pooled(folder: Path, repeats: int, seed: int) -> None:
+    """Count batches of 40 short recordings in which pooling names a hidden, or an absent effect."""
+    named = {0.5: 0, 0.0: 0}
+    for repeat in range(repeats):
+        for hidden in named:
+            place = folder / f"{repeat}_{hidden}"
+            data = presses(place, 40, samples=750, hidden=hidden, seed=2 * (seed + repeat) + (hidden > 0))
+            found = palpate.batch(data, out=f"{place}_out", pool=True, workers=2).common_effects
+            names = {name for effect in found for name in (effect.effect, *effect.confused_with)}
+            named[hidden] += "cubic_stiffness" in names if hidden else bool(found)
+        counts = f"found {named[0.5]}, false {named[0.0]} of {repeat + 1}"
+        print(f"effect of half the noise in 40 recordings: {counts}", flush=True)
+
+
+def trend(folder: Path, repeats: int, years: int, seed: int) -> None:
+    """Date a step of friction in nightly logs; count alarms of a nightly job over years without a change."""
+    dated = 0
+    for repeat in range(repeats):
+        (logs := folder / f"logs{repeat}").mkdir()
+        step = 15 + (7 * repeat) % 30
+        for night in range(60):
+            day = (date(2026, 1, 1) + timedelta(night)).isoformat()
+            write_log(logs / f"{day}.csv", 1000 * (seed + repeat) + night, 0.33 if night >= step else 0.3)
+        batched = palpate.batch(
+            logs, out=folder / f"out{repeat}", pattern="{date}.csv", model="inertia",
+            add=["coulomb_friction"], workers=2,
+        )  # fmt: skip
+        name = "coulomb_friction.force [N m]"
+        table = batched.table.sort_by("measurement")
+        values, errors = (
+            np.array(table[head].to_pylist()) for head in (name, name.replace(" [", " std_err ["))
+        )
+        changes = find_changes(series(values, errors), 0.01 / 4)
+        dated += any(each.kind == "step" and abs(each.first - step) <= 3 for each in changes)
+        print(f"step of 10 % in 60 logs: dated within 3 nights in {dated} of {repeat + 1}", flush=True)
+    rng, alarms, alarmed = np.random.default_rng(seed), 0, 0
+    for _ in range(years):
+        before = alarms
+        quiet = rng.standard_normal((4, 365))  # four series of a table that grows for a year
+        known: set[tuple[int, str, int]] = set()
+        for night in range(10, 366):
+            for item, values in enumerate(quiet):
+                for change in find_changes(
+                    series(1.0 + 0.04 * values[:night], np.full(night, 0.005)), 0.01 / 4
+                ):
+                    key = (item, change.kind, change.first)
+                    alarms += not any(k[:2] == key[:2] and abs(k[2] - key[2]) <= 5 for k in known)
+                    known.add(key)
+        alarmed += alarms > before
+    print(f"{years} quiet years of four series, tested nightly: {alarms} alarms, in {alarmed} years")
+
+
+def series(values: np.ndarray, errors: np.ndarray) -> Series:
+    """A series of one value a night.
+
+    Args:
+        values: shape (n,).
+        errors: standard errors (n,).
+    """
+    nights = np.arange(len(values))
+    return Series("all", "axis", "p", "N m", nights, nights.astype(float), values, errors)
+
+
+def main() -> None:
+    """Measure one part."""
+    parser = arguments(__doc__)
+    parts = ("speed", "workers", "kills", "memory", "pooled", "trend")
+    parser.add_argument("--part", choices=parts, required=True)
+    parser.add_argument("--recordings", type=int, default=30)
+    parser.add_argument("--kills", type=int, default=2, help="of each kind")
+    parser.add_argument("--rows", type=int, default=20_000)
+    parser.add_argument("--repeats", type=int, default=3, help="batches of pooled and trend")
+    parser.add_argument("--years", type=int, default=1)
+    parser.add_argument("--seed", type=int, default=0, help="of pooled and trend")
+    asked = parser.parse_args()
+    with TemporaryDirectory() as name:
+        folder = Path(name)
+        measures = {
+            "speed": lambda: speed(folder, asked.recordings),
+            "workers": lambda: workers(folder, asked.recordings),
+            "kills": lambda: kills(folder, asked.recordings, asked.kills),
+            "memory": lambda: memory(folder, asked.rows),
+            "pooled": lambda: pooled(folder, asked.repeats, asked.seed),
+            "trend": lambda: trend(folder, asked.repeats, asked.years, asked.seed),
+        }
+        measures[asked.part]()
+    print("load", *(f"{load:.1f}" for load in os.getloadavg()))
+
+
+if __name__ == "__main__":
+    main()
