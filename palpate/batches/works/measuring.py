@@ -77,13 +77,15 @@ def _row(
     comparison = None
     try:
         comparison = study.comparison(channel)
-        if add:
-            comparison = study.comparison(channel, add)
-    except InputError as error:
-        if comparison is None:  # the data cannot be judged
-            row |= {"verdict": Verdict.INSUFFICIENT.value, "reason": str(error)}
-        else:  # such as an effect of joints on a contact
-            warnings.append(f"without {', '.join(add)}: {error}")
+    except InputError as error:  # the data cannot be judged
+        row |= {"verdict": Verdict.INSUFFICIENT.value, "reason": str(error)}
+    added = list[str]()
+    for name in add if comparison is not None else ():
+        try:
+            comparison = study.comparison(channel, [*added, name])
+            added.append(name)
+        except InputError as error:  # such as an effect of joints on a contact
+            warnings.append(f"without {name}: {error}")
     if comparison is not None:
         row |= {
             "model": comparison.model,

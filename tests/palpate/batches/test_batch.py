@@ -129,6 +129,18 @@ def test_the_same_batch_repeats_nothing_wherever_the_files_lie_and_a_changed_fil
     assert (result.measurements, result.finished, len(result.table)) == (2, 2, 2)
 
 
+def test_of_several_added_effects_only_one_that_does_not_apply_is_left_out(specimens, tmp_path):
+    """Backlash is an effect of joints."""
+    press = specimens / "s0_soft.csv"
+    palpate.batch(press, out=tmp_path, add=["backlash", "dry_friction"], workers=1)
+    (row,) = rows(tmp_path)
+    study = Study(press, keep=False)
+    alone = study.comparison(study.channels[0], ["dry_friction"])
+    assert float(row["dry_friction.force [N]"]) == alone.parameters["dry_friction.force"].value
+    assert "without backlash" in row["warnings"]
+    assert "dry_friction" not in row["warnings"]
+
+
 def test_a_file_that_cannot_be_read_is_a_row_with_its_reason_and_may_be_tried_again(specimens, tmp_path):
     out = tmp_path / "out"
     nameless = tmp_path / "nameless.csv"
