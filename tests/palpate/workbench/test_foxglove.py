@@ -151,5 +151,5 @@ def test_the_feed_ends_with_the_page(feed):
 
 
 def test_a_port_that_somebody_has_is_named(feed):
-    with pytest.raises(InputError, match=f"--foxglove {feed.port}: in use, or not permitted; another"):
+    with pytest.raises(InputError, match=f"--foxglove {feed.port}: in use, or not permitted; choose another"):
         Feed("127.0.0.1", feed.port)
