@@ -53,15 +53,15 @@ def fit_extended(data: ChannelData, parent: FitResult, effect: Effect) -> FitRes
         if not several and min(fit.rmse for fit in fits) > parent.rmse:
             fits += [fit_model(data, search.best.model, start, good, cache) for start in further]
         fits += [
-            _with_restarted(min(fits, key=lambda fit: fit.solution.held_out), name)
-            for name in _at_bounds(parent)
+            _with_restarted(min(fits, key=lambda fit: fit.solution.held_out), name, good)
+            for name in _at_ends(parent)
         ]
         left = [fit.solution.held_out * (1.0 + SMALL * (not fit.solution.is_physical)) ** 2 for fit in fits]
         best = fits[int(np.argmin(left))]
         return replace(best, validation=parent.validation)
 
 
-def _at_bounds(fit: FitResult) -> list[str]:
+def _at_ends(fit: FitResult) -> list[str]:
     """Return the names of the effects whose inner parameters all lie at the end of their range."""
     model, values = fit.solution.model, fit.solution.parameters
 
@@ -72,13 +72,13 @@ def _at_bounds(fit: FitResult) -> list[str]:
     return [effect.name for effect in model.effects if effect.inner and is_at_end(effect)]
 
 
-def _with_restarted(fit: FitResult, name: str) -> FitResult:
+def _with_restarted(fit: FitResult, name: str, good: BoolArray) -> FitResult:
     """Fit a model again from the start values at which one of its effects fits best beside the others."""
     problem, model = fit.problem, fit.solution.model
     without = solve_gains(problem, model.without(name), fit.solution.parameters)
     beside = FitResult(fit.data, problem, without)
     best = screen_effects(beside, [model.effect(name)])[0].search.best
-    return fit_model(fit.data, best.model, best.parameters, usable(fit.data), problem.blocked.cache)
+    return fit_model(fit.data, best.model, best.parameters, good, problem.blocked.cache)
 
 
 @dataclass(frozen=True, eq=False)

@@ -93,9 +93,9 @@ class HiddenLayeredStiffness(_Material):
 
 
 class HiddenHuntCrossley(_Material):
-    """F += (k + b dx/dt) x^n at depth x: zero at touch, and growing with depth.
+    """F += (k + b dx/dt) x^n at depth x; the force is zero at first touch and grows with depth.
 
-    Hunt and Crossley, J. Appl. Mech. 42 (1975), eq. 2; on top of the object's own law.
+    Hunt and Crossley, J. Appl. Mech. 42 (1975), eq. 2. It adds to the object's own law.
     """
 
     name = "hunt_crossley"

@@ -79,14 +79,15 @@ def _row(
         comparison = study.comparison(channel)
     except InputError as error:  # the data cannot be judged
         row |= {"verdict": Verdict.INSUFFICIENT.value, "reason": str(error)}
-    added = list[str]()
-    for name in add if comparison is not None else ():
-        try:
-            comparison = study.comparison(channel, [*added, name])
-            added.append(name)
-        except InputError as error:  # such as an effect of joints on a contact
-            warnings.append(f"without {name}: {error}")
     if comparison is not None:
+        added = list[str]()
+        for name in add:
+            try:
+                study.fit(channel, [*added, name])
+                added.append(name)
+            except InputError as error:  # such as an effect of joints on a contact
+                warnings.append(f"without {name}: {error}")
+        comparison = study.comparison(channel, added)
         row |= {
             "model": comparison.model,
             "rmse": comparison.rmse,
