@@ -5,13 +5,13 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
+from urllib.parse import quote
 
 import numpy as np
 import plotly.graph_objects as go
 import pyarrow as pa
 from markupsafe import Markup
 from plotly.offline import get_plotlyjs
-from plotly.subplots import make_subplots
 
 from palpate.batches.pooling import BatchResult
 from palpate.batches.table import BUDGET, floats, parameter_columns, texts
@@ -34,7 +34,7 @@ _COLORS = {kind.word: palette.KINDS[kind] for kind in Kind} | {
     "noise": palette.NOISE,
     "unexplained": palette.UNEXPLAINED,
 }
-_ALREADY = ("measurement", "files", "group", "channel", "model", "verdict", "effects", "times_noise", "error")
+_ALREADY = ("measurement", "group", "channel", "model", "verdict", "effects", "times_noise")
 
 
 @dataclass(frozen=True)
@@ -68,7 +68,7 @@ def write_page(batch: BatchResult) -> None:
             entry.parameter,
             f"{significant(entry.value)} {entry.unit}",
             f"{entry.z:+.1f}",
-            f"palpate report {' '.join(map(as_shell_word, files[entry.row].split('; ')))}",
+            _link_to_report(batch.reports.get(names[entry.row]), files[entry.row]),
         )
         for entry in sorted(batch.outliers, key=lambda entry: -abs(entry.z))[:_MOST_ROWS]
     ]
@@ -89,6 +89,13 @@ def write_page(batch: BatchResult) -> None:
         _rows(batch),
     ]
     _write(batch.page, f"Batch {batch.folder.name}", facts, sections)
+
+
+def _link_to_report(report: str | None, files: str) -> str:
+    """Link to a report that was written, or else the command that writes it."""
+    if report:
+        return Markup('<a href="{}">report</a>').format(quote(report))
+    return f"palpate report {' '.join(map(as_shell_word, files.split('; ')))}"
 
 
 def write_trend(path: Path, tested: Sequence[tuple[Series, Sequence[TrendChange]]], what: str) -> None:
@@ -203,58 +210,50 @@ def _distributions(batch: BatchResult) -> PageSection:
         return PageSection("Parameters")
     groups, names = texts(batch.table, "group"), texts(batch.table, "measurement")
     order = list(dict.fromkeys(groups))
-    titles = [f"{column.channel} {column.head}" for column in shown]
-    height = (len(shown) + 1) // 2
-    figure = make_subplots(height, 2, subplot_titles=titles, vertical_spacing=0.3 / max(height, 2))
     means = {
         (entry.channel, entry.parameter, entry.unit, entry.group): entry.effects for entry in batch.pooled
     }
-    for number, column in enumerate(shown):
+    figures = []
+    for column in shown:
+        title = {"text": f"{column.channel} {column.head}", "font": {"size": 13}, "x": 0.02}
+        figure = go.Figure(layout={"title": title})
         for index, group in enumerate(order):
             own = np.flatnonzero([groups[row] == group for row in column.rows])
             effects = means.get((column.channel, column.name, column.unit, group))
             if not len(own) or effects is None:
                 continue
-            look = {
-                "mode": "markers",
-                "name": group,
-                "legendgroup": group,
-                "row": number // 2 + 1,
-                "col": number % 2 + 1,
-            }
             color = palette.JOINTS[index % len(palette.JOINTS)]
             some = own[np.unique(np.linspace(0, len(own) - 1, _MOST_POINTS).astype(int))]
             figure.add_scatter(
                 x=index + np.linspace(-0.35, 0.25, len(some)) * min(1.0, len(some) / 8),
                 y=column.values[some],
                 error_y={"array": SIGMAS_95 * column.std_errs[some], "width": 0, "thickness": 1},
+                mode="markers",
+                name=group,
                 text=[names[column.rows[item]] for item in some],
                 marker={"size": 5, "color": color},
-                showlegend=number == 0,
-                **look,
             )
             half = effects.interval[1] - effects.mean
             figure.add_scatter(
                 x=[index + 0.38],
                 y=[effects.mean],
                 error_y={"array": [half if np.isfinite(half) else 0.0], "width": 6},
+                mode="markers",
+                name=group,
                 hovertext=f"mean of {count(effects.count, 'measurement')}",
                 marker={"size": 10, "symbol": "diamond", "color": color},
-                showlegend=False,
-                **look,
             )
-        place = {"row": number // 2 + 1, "col": number % 2 + 1}
-        figure.update_xaxes(
-            tickvals=list(range(len(order))), ticktext=order, range=[-0.6, len(order) - 0.4], **place
-        )
+        figure.update_layout(showlegend=False)
+        figure.update_xaxes(tickvals=list(range(len(order))), ticktext=order, range=[-0.6, len(order) - 0.4])
+        figures.append(as_html(styled(figure, 320).update_layout(modebar_orientation="v")))
     words = [
         "Dots: measurements with 95 % intervals (1.96 standard errors). Diamonds: mean of the group with its "
         "95 % interval."
     ]
     if len(columns) > len(shown):
         words.append(f"{len(columns) - len(shown)} further parameters are in the tables only.")
-    made = styled(figure, 60 + 300 * height)
-    return PageSection("Parameters", figure=as_html(made), words=tuple(words))
+    tiles = Markup('<div class="tiled">{}</div>').format(Markup().join(figures))
+    return PageSection("Parameters", figure=tiles, words=tuple(words))
 
 
 @dataclass(frozen=True)
@@ -354,9 +353,7 @@ def _rows(batch: BatchResult) -> PageSection:
     places = sorted({*range(min(len(batch.table), _MOST_ROWS)), *sorted(outlying)[:_MOST_ROWS]})
     shown = batch.table.take(places)
     heads = [column.head for column in parameter_columns(batch.table)]
-    columns = [
-        name for name in (*_ALREADY, *dict.fromkeys(heads)) if name in shown.column_names and name != "files"
-    ]
+    columns = [name for name in (*_ALREADY, *dict.fromkeys(heads)) if name in shown.column_names]
     cells = {name: texts(shown, name) for name in columns}
     for name in columns:
         if pa.types.is_floating(shown.schema.field(name).type):

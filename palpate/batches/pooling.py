@@ -1,8 +1,8 @@
 """Pool many measurements: random effects, differences between groups, and outliers."""
 
 from collections import Counter
-from collections.abc import Sequence
-from dataclasses import asdict, dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict, dataclass, field
 from functools import cached_property
 from itertools import combinations
 from pathlib import Path
@@ -94,6 +94,7 @@ class BatchResult:
     outliers: tuple[Outlier, ...]  # measurements with a parameter far from the others
     common_effects: tuple[CommonEffect, ...] = ()  # missing in all measurements together, if requested
     shared: tuple[SharedParameter, ...] = ()  # by all channels of a group, if requested
+    reports: Mapping[str, str] = field(default_factory=dict)  # by measurement, relative to the folder
 
     @property
     def page(self) -> Path:
@@ -123,6 +124,7 @@ class BatchResult:
                 {"measurement": self.table["measurement"][entry.row].as_py()} | asdict(entry)
                 for entry in self.outliers
             ],
+            "reports": dict(self.reports),
         }
 
 

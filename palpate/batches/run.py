@@ -1,9 +1,11 @@
 """Many recordings at once: each is estimated, compared and diagnosed; all give one table and one page."""
 
 import json
+import re
 from collections import Counter
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict
+from contextlib import suppress
+from dataclasses import asdict, replace
 from pathlib import Path
 from typing import Any
 
@@ -30,6 +32,7 @@ from palpate.batches.pooling import (
     shared_parameters,
 )
 from palpate.batches.table import head, make_table, parameter_columns, texts, write_table
+from palpate.batches.works.measuring import write_measurement_report
 from palpate.common.console import plain
 from palpate.common.files import existing_file, output_folder, write_text
 from palpate.common.user_effects import load_user_effects
@@ -42,8 +45,9 @@ from palpate.sweep import Cluster, ResultStore, run_cases
 from palpate.sweep.case import ADDRESS
 from palpate.sweep.runner import Progress
 
-RESULTS, SUMMARY = "results", "summary.json"
+RESULTS, REPORTS, SUMMARY = "results", "reports", "summary.json"
 SUGGEST = "suggest"  # in place of a base model
+MOST_REPORTS = 3
 _SAMPLE = 7  # measurements that suggest a base model
 
 
@@ -68,6 +72,7 @@ def batch(
     workers: int | None = None,
     scheduler: str | None = None,
     retry: bool = False,
+    reports: int = MOST_REPORTS,
     progress: Progress = lambda _done, _total: None,
 ) -> BatchResult:
     """Judge many measurements; results that the output folder already holds are reused.
@@ -92,6 +97,7 @@ def batch(
         workers: processes on this machine; None for one a core.
         scheduler: address of a dask scheduler; None for this machine.
         retry: judge measurements again that could not be judged.
+        reports: most outliers whose own report is written, to which the page links.
         progress: called with the measurements that are done, and all of them.
 
     Raises:
@@ -165,7 +171,8 @@ def batch(
     except (KeyboardInterrupt, SystemExit, PalpateError):
         result()
         raise
-    return result(share)
+    made = result(share)
+    return _with_reports(made, measurements, options, reports) if reports else made
 
 
 def _run(
@@ -227,6 +234,36 @@ def _write(
     made = BatchResult(
         folder, table, measurements, finished, tuple(pooled), differences, tuple(outlying), common, shared
     )
-    write_text(folder / SUMMARY, json.dumps(plain(made.as_data()), indent=1, ensure_ascii=False) + "\n")
+    _write_views(made)
+    return made
+
+
+def _write_views(made: BatchResult) -> None:
+    """Write summary and page."""
+    text = json.dumps(plain(made.as_data()), indent=1, ensure_ascii=False)
+    write_text(made.folder / SUMMARY, f"{text}\n")
     write_page(made)
+
+
+def _with_reports(
+    made: BatchResult, measurements: Sequence[BatchMeasurement], options: Mapping[str, Any], most: int
+) -> BatchResult:
+    """Write reports of the measurements that are farthest from their group, and link them in the page."""
+    names = texts(made.table, "measurement")
+    far = sorted(made.outliers, key=lambda entry: -abs(entry.z))
+    chosen = list(dict.fromkeys(names[entry.row] for entry in far))[:most]
+    by_name = {each.name: each for each in measurements if each.name in chosen}
+    reports = {}
+    for name in chosen:
+        with suppress(OSError, PalpateError):  # the page then shows the command, which gives the reason
+            case = case_of(by_name[name], options)
+            stem = re.sub(r"[^\w.-]+", "_", name)
+            file = f"{REPORTS}/{stem}-{case.address[:8]}.html"
+            if not (made.folder / file).is_file():
+                output_folder(made.folder / REPORTS)
+                write_measurement_report(by_name[name].files, case.parameters, made.folder / file)
+            reports[name] = file
+    if reports:
+        made = replace(made, reports=reports)
+        _write_views(made)
     return made

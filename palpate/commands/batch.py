@@ -109,6 +109,9 @@ def batch_command(
     retry: Annotated[
         bool, typer.Option("--retry", help="Retry measurements that could not be judged.")
     ] = False,
+    reports: Annotated[
+        int, typer.Option(help="Outliers whose own report is written; the page links to it.", min=0)
+    ] = 3,
     as_json: JsonOption = False,
 ) -> None:
     """Estimate and compare many measurements, with --diagnose find missing effects; write a table and a page.
@@ -155,6 +158,7 @@ def batch_command(
                 workers=workers,
                 scheduler=scheduler,
                 retry=retry,
+                reports=reports,
                 progress=count_done,
             )
     except (KeyboardInterrupt, SystemExit):
@@ -240,10 +244,8 @@ def _mean(entry: "PooledParameter") -> str:
     if effects.count < 2:
         return f"{name}: {significant(effects.mean, effects.std_err)} {entry.unit}, of one measurement"
     spread = significant(effects.spread, effects.interval[1] - effects.mean)
-    return (
-        f"{name}: mean {_with_interval(effects.mean, effects.interval, entry.unit)}, "
-        f"spread between measurements {spread} {entry.unit}"
-    )
+    differ = f"spread between measurements {spread} {entry.unit}" if effects.spread else "no spread resolved"
+    return f"{name}: mean {_with_interval(effects.mean, effects.interval, entry.unit)}, {differ}"
 
 
 def _with_interval(value: float, interval: tuple[float, float], unit: str) -> str:

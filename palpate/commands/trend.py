@@ -8,7 +8,7 @@ import typer
 
 from palpate.common import console
 from palpate.common.console import count, safe, shown, significant
-from palpate.common.options import model_names
+from palpate.common.options import effect_names, model_names
 from palpate.robot_io.errors import InputError
 from palpate.workflows.data_options import JsonOption
 
@@ -43,6 +43,17 @@ def trend_command(
     pattern: Annotated[
         str | None, typer.Option(help="Fields in names of recordings, such as '{arm}_{date}.csv'.")
     ] = None,
+    group: Annotated[
+        str | None, typer.Option(help="Field of recordings that are followed separately.", metavar="FIELD")
+    ] = None,
+    add: Annotated[
+        list[str] | None,
+        typer.Option(
+            help="Effect that is fitted to every recording; may be repeated.",
+            metavar="EFFECT",
+            autocompletion=effect_names,
+        ),
+    ] = None,
     follow: Annotated[
         bool, typer.Option("--follow", help="Keep running, and test again whenever there are new data.")
     ] = False,
@@ -61,16 +72,17 @@ def trend_command(
 
     palpate trend nightly --exit-code
 
-    palpate trend logs --out nightly --pattern '{date}.csv' --follow
+    palpate trend logs --out nightly --pattern '{date}.csv' --add coulomb_friction --follow
     """
-    if out is None and (given := [name for name, value in (("model", model), ("pattern", pattern)) if value]):
+    options = {"model": model, "pattern": pattern, "group": group, "add": add or []}
+    if out is None and (given := [name for name, value in options.items() if value]):
         raise InputError(f"--{given[0]}: applies to recordings, together with --out FOLDER")
     seen: object = None
     while True:
         state = _state(data)
         if state != seen:
             seen = state
-            changed = _update(data, date, parameter or [], out, model, pattern, as_json)
+            changed = _update(data, date, parameter or [], out, options, as_json)
         if not follow:
             break
         time.sleep(every_s)
@@ -90,8 +102,7 @@ def _update(  # noqa: PLR0917, what was typed
     date: str | None,
     names: list[str],
     out: Path | None,
-    model: str | None,
-    pattern: str | None,
+    options: dict[str, Any],
     as_json: bool,
 ) -> bool:
     """Test all series once, print and write the changes; return whether there is any."""
@@ -104,7 +115,7 @@ def _update(  # noqa: PLR0917, what was typed
         from palpate.render.progress import sweep_progress  # noqa: PLC0415, as above
 
         with sweep_progress() as progress:
-            table = batch(data, out=out, model=model, pattern=pattern, progress=progress).table
+            table = batch(data, out=out, **options, progress=progress).table
     elif data.is_dir() and not (data / f"{TABLE}.parquet").is_file():
         raise InputError(
             f"{data}: contains no table from palpate batch; to analyse recordings in it, add --out FOLDER"

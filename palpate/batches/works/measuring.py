@@ -1,6 +1,7 @@
 """Work function of a batch: all rows of the table for one measurement."""
 
 from collections.abc import Mapping, Sequence
+from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
@@ -33,15 +34,7 @@ def measure(files: Sequence[Path], parameters: Mapping[str, Any]) -> list[Row]:
     Raises:
         InputError: the files cannot be read, or the model does not describe them.
     """
-    options = parameters["options"]
-    study = Study(
-        files[0] if len(files) == 1 else list(files),
-        options["model"],
-        arm=arm_from_urdf(Path(options["urdf"]), options["tip_frame"]) if options["urdf"] else None,
-        effects=options["effects"],
-        keep=False,
-        **options["read"] | {"where": options["read"]["where"] | parameters["where"]},
-    )
+    options, study = parameters["options"], _study_of(files, parameters)
     if options.get("suggest"):
         return [_suggestion(study, channel) for channel in study.channels]
     if "screen" in options:
@@ -57,6 +50,39 @@ def measure(files: Sequence[Path], parameters: Mapping[str, Any]) -> list[Row]:
         _row(study, channel, estimates.get(channel.name), diagnosed.get(channel.name), options["add"])
         for channel in study.channels
     ]
+
+
+def write_measurement_report(files: Sequence[Path], parameters: Mapping[str, Any], path: Path) -> None:
+    """Write the report of one measurement, with the diagnosis and the effects that the batch has.
+
+    Args:
+        files: of the measurement.
+        parameters: see `measure`.
+        path: of the HTML page.
+
+    Raises:
+        InputError: the files cannot be read, or the page cannot be written.
+    """
+    options, study = parameters["options"], _study_of(files, parameters)
+    if options["diagnose"]:
+        study.diagnose(plan=False)
+    for channel in study.channels:
+        for name in options["add"]:
+            with suppress(InputError):  # does not apply to this channel; the table has a warning
+                study.add(name, channel=channel.name)
+    study.report(path)
+
+
+def _study_of(files: Sequence[Path], parameters: Mapping[str, Any]) -> Study:
+    options = parameters["options"]
+    return Study(
+        files[0] if len(files) == 1 else list(files),
+        options["model"],
+        arm=arm_from_urdf(Path(options["urdf"]), options["tip_frame"]) if options["urdf"] else None,
+        effects=options["effects"],
+        keep=False,
+        **options["read"] | {"where": options["read"]["where"] | parameters["where"]},
+    )
 
 
 def _row(

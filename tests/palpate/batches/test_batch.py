@@ -203,6 +203,28 @@ def test_a_diagnosis_names_what_is_missing_and_an_added_effect_has_a_size_in_eve
     assert abs(sizes["plain.csv"]) < 2e5
 
 
+def test_the_page_links_outliers_to_their_own_reports_which_are_written_once(tmp_path):
+    folder = tmp_path / "recordings"
+    folder.mkdir()
+    for number, k in enumerate((398.0, 400.0, 401.0, 399.0, 402.0, 800.0)):
+        law = lambda x, v, k=k: k * x + 6.0 * v  # noqa: E731
+        write_presses(folder / f"r {number}.csv", speeds_m_s=SPEEDS, force_of=law, seed=number)
+    said = as_json("batch", folder, "--out", tmp_path / "out", "--workers", 1, "--reports", 1)
+    ((name, report),) = said["reports"].items()
+    assert name == "r 5.csv"
+    page = (tmp_path / "out" / "index.html").read_text()
+    assert f'<a href="{report}">report</a>' in page
+    text = (tmp_path / "out" / report).read_text()
+    assert "r 5.csv" in text
+    (tmp_path / "out" / report).write_text(f"marked {text}")
+    assert palpate.batch(folder, out=tmp_path / "out", workers=1, reports=1).reports == said["reports"]
+    assert (tmp_path / "out" / report).read_text().startswith("marked ")
+    done("batch", folder, "--out", tmp_path / "out", "--workers", 1, "--reports", 0)
+    page = (tmp_path / "out" / "index.html").read_text()
+    assert report not in page
+    assert "palpate report" in page
+
+
 def test_the_terminal_says_how_many_measurements_the_model_misses(hardening, tmp_path):
     plain = write_presses(tmp_path / "plain.csv", cubic=0.0)
     said = " ".join(done("batch", hardening, plain, "--out", tmp_path / "out").stdout.split())

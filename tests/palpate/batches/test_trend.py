@@ -191,7 +191,7 @@ def test_a_folder_of_recordings_is_followed(tmp_path):
     for number in range(8):
         record(number)
     command = [sys.executable, "-u", "-m", "palpate.main", "trend", str(logs), "--out", str(out)]
-    command += ["--pattern", "{date}.csv", "--follow", "--every-s", "1", "--json"]
+    command += ["--pattern", "{date}.csv", "--add", "dry_friction", "--follow", "--every-s", "1", "--json"]
     following = subprocess.Popen(command, cwd=ROOT, stdout=subprocess.PIPE, text=True)
     try:
         first = read_json(following.stdout)
@@ -205,6 +205,9 @@ def test_a_folder_of_recordings_is_followed(tmp_path):
         following.communicate()
     (change,) = (change for change in said["changes"] if change["series"] == "stiffness.k")
     assert (change["kind"], change["first"]) == ("step", DAYS[8].isoformat())
+    assert "dry_friction.force [N]" in (out / "table.csv").read_text().splitlines()[0]
+    refused = run("trend", out, "--add", "dry_friction")
+    assert_refused(refused, "--add: applies to recordings, together with --out")
 
 
 def read_json(stream):
