@@ -147,7 +147,10 @@ def read_workbook(content: bytes, options: Mapping[str, Any]) -> list[Columns]:
 
 
 def read_matlab(content: bytes, options: Mapping[str, Any]) -> list[Columns]:
-    """Read vectors and columns of matrices of a MATLAB file (up to version 7.2): `x`, `x.0`, `x.1` ..."""
+    """Read vectors and columns of matrices of a MATLAB file (up to version 7.2): `x`, `x.0`, `x.1` ...
+
+    A field of a structure is named after both, `s.x`.
+    """
     del options
     return [_columns_of(loadmat(io.BytesIO(content)))]
 
@@ -160,11 +163,13 @@ def read_numpy(content: bytes, options: Mapping[str, Any]) -> list[Columns]:
 
 
 def _columns_of(arrays: Mapping[str, Any]) -> Columns:
-    """Columns of all matrices of numbers, each turned upright."""
+    """Columns of all matrices of numbers, each turned upright; those of a structure by their field."""
     columns: dict[str, NDArray[np.float64]] = {}
     for name, content in arrays.items():
         is_cell = isinstance(content, np.ndarray) and content.dtype == object and content.size == 1
         value = content.item() if is_cell else content
+        if isinstance(value, np.ndarray) and value.dtype.names and value.size == 1:
+            columns |= _columns_of({f"{name}.{key}": value[key].item() for key in value.dtype.names})
         if isinstance(value, np.ndarray) and value.ndim == 2 and value.dtype.kind in "fiu" and value.size > 1:
             matrix = np.asarray(value if value.shape[0] >= value.shape[1] else value.T, dtype=np.float64)
             columns |= {name: matrix[:, 0]} | {f"{name}.{i}": matrix[:, i] for i in range(matrix.shape[1])}

@@ -186,6 +186,17 @@ def test_joined_matlab_files_are_chained_and_cut_to_a_range(tmp_path: Path) -> N
     assert [row["time_s"] for row in table] == [0.1, 0.2, 0.5, 0.6]
 
 
+def test_fields_of_a_matlab_structure_are_columns_by_their_names(tmp_path: Path) -> None:
+    run = {"t": np.arange(3.0), "q": np.array([1.0, 2.0, 4.0])}
+    savemat(tmp_path / "a.mat", {"foot": {"soft": run, "stiff": {**run, "q": 2.0 * run["q"]}, "name": "x"}})
+    read = {"format": "matlab", "files": ["a.mat"], "each": ["soft", "stiff"]}
+    columns = {"time_s": {"sum": {"foot.{}.t": 1.0}}, "position_rad": {"sum": {"foot.{}.q": 1.0}}}
+    convert({"read": read, "columns": columns}, Origin(tmp_path, ""), tmp_path / "out")
+    table = rows_of(tmp_path / "out")
+    assert [row["run"] for row in table] == [0, 0, 0, 1, 1, 1]
+    assert [row["position_rad"] for row in table] == [1, 2, 4, 2, 4, 8]
+
+
 def test_sheets_that_match_are_runs(tmp_path: Path) -> None:
     book = openpyxl.Workbook()
     for number, title in enumerate(["Results", "Test 1", "Test 2"]):
