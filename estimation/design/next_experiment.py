@@ -27,6 +27,7 @@ _CHANGES = (  # factor on the speed, factor on the range, and instruction
     (1.0, 1.5, "move over one and a half times the range"),
     (1.0, 0.5, "move over half the range"),
 )
+_REVERSED = (1.0, -1.0, "repeat the motion in the other direction")
 
 
 def changed_motions(data: ChannelData) -> Iterator[tuple[str, float, ChannelData]]:
@@ -41,7 +42,8 @@ def changed_motions(data: ChannelData) -> Iterator[tuple[str, float, ChannelData
     if set(data.context) - set(_OF_THE_ARM) - data.recorded:
         return
     lasted_s = sum(float(np.ptp(data.time_s[data.run == run])) for run in data.runs)
-    for speed, reach, words in _CHANGES:
+    is_one_way = data.kind is not ChannelKind.CONTACT and np.ptp(np.sign(data.velocity)) < 2.0
+    for speed, reach, words in (*_CHANGES, _REVERSED) if is_one_way else _CHANGES:
         start_s = data.time_s[0]
         scales = (reach, reach * speed, reach * speed**2)
         middle = 0.0 if data.kind is ChannelKind.CONTACT else float(np.mean(data.position))

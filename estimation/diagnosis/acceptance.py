@@ -15,7 +15,12 @@ import numpy as np
 from palpate.estimation.budget import BudgetEntry
 from palpate.estimation.data.derivatives import grid_step
 from palpate.estimation.diagnosis.bootstrap import SMALL, encoder_step_error, improvement_test
-from palpate.estimation.diagnosis.candidates import Candidate, held_out_of_all, parameter_count
+from palpate.estimation.diagnosis.candidates import (
+    Candidate,
+    determined_count,
+    held_out_of_all,
+    parameter_count,
+)
 from palpate.estimation.diagnosis.forms import AS_MUCH, MOST_OF_LAW, FormTest, PartiallyLinear, form_tests
 from palpate.estimation.diagnosis.search import LEVEL, NEAR, Search, backward_step
 from palpate.estimation.effect import Effect
@@ -398,6 +403,34 @@ def similar_forms(search: Search, fit: FitResult, name: str) -> dict[str, FitRes
     }
 
 
+def same_curves(search: Search, fit: FitResult, name: str) -> dict[str, FitResult]:
+    """Fit models in which an effect of another kind, with no more parameters, describes the same curve.
+
+    No law of a kind can tell such effects apart: a joint that never reverses has the same friction and bias.
+
+    Args:
+        search: the search of the channel.
+        fit: the accepted model.
+        name: the effect that is replaced.
+
+    Returns:
+        Fitted models by the name of the replacing effect.
+    """
+    effect, without = fit.solution.model.effect(name), search.without(fit, name)
+    most = determined_count(effect, fit.solution, fit.problem)
+    limit, alternatives = _alternatives(search, fit, name, most)
+    models = {
+        candidate.effect.name: search.with_candidate(candidate)
+        for candidate in alternatives
+        if candidate.effect.kind is not effect.kind and candidate.held_out <= limit
+    }
+    return {
+        other: model
+        for other, model in models.items()
+        if search.is_sensible(model) and _is_same_curve(model, fit, without)
+    }
+
+
 def _physical_alternatives(search: Search, fit: FitResult, name: str) -> Iterator[FitResult]:
     """Fit models in which an effect of the object or the drive replaces a sensor effect.
 
@@ -414,15 +447,28 @@ def _physical_alternatives(search: Search, fit: FitResult, name: str) -> Iterato
                 yield alternative
 
 
-def _alternatives(search: Search, fit: FitResult, name: str) -> tuple[float, list[Candidate]]:
-    """Return the alternatives with no more parameters, and the squared error of an equivalent one."""
+def _alternatives(
+    search: Search, fit: FitResult, name: str, most: int | None = None
+) -> tuple[float, list[Candidate]]:
+    """Return the alternatives with at most `most` parameters, and the squared error of an equivalent one.
+
+    By default, `most` is the number of the effect's parameters.
+    """
     without = search.without(fit, name).solution.held_out
-    most = parameter_count(fit.solution.model.effect(name))
+    most = parameter_count(fit.solution.model.effect(name)) if most is None else most
     return without - AS_MUCH * (without - fit.solution.held_out), [
         candidate
         for candidate in search.alternatives(fit, name)
-        if candidate.effect.name != name and parameter_count(candidate.effect) <= most
+        if candidate.effect.name != name and _has_at_most(most, candidate, fit)
     ]
+
+
+def _has_at_most(most: float, candidate: Candidate, fit: FitResult) -> bool:
+    """Return whether the data determine at most `most` parameters of a candidate."""
+    fewest = len(candidate.effect.gains)
+    if parameter_count(candidate.effect) <= most or fewest > most:
+        return fewest <= most
+    return determined_count(candidate.effect, candidate.search.best, fit.problem) <= most
 
 
 def most_parsimonious(
@@ -484,7 +530,7 @@ def _rivals(
         candidate for candidate in search.alternatives(fit, name) if candidate.effect.name != name
     ]
     for candidate in alternatives[:_MOST_RIVALS]:
-        if parameter_count(candidate.effect) > most or candidate.followed(fit.problem) > NEAR * half:
+        if candidate.followed(fit.problem) > NEAR * half or not _has_at_most(most, candidate, fit):
             continue
         rival = search.with_candidate(candidate)
         if not search.is_sensible(rival):

@@ -103,6 +103,27 @@ def parameter_count(effect: Effect) -> int:
     return len(effect.inner) + len(effect.gains)
 
 
+def determined_count(effect: Effect, solution: Solution, problem: FitProblem) -> int:
+    """Return the number of an effect's parameters that the data determine.
+
+    An inner parameter is undetermined if its standard error, with all other parameters known, exceeds its
+    value: in a motion that never reverses, the transition of dry friction changes nothing.
+
+    Args:
+        effect: an effect of the model.
+        solution: the fitted model.
+        problem: the problem to which it was fitted.
+    """
+    if not effect.inner:
+        return parameter_count(effect)
+    solution = solve_gains(problem, solution.model, solution.parameters)  # restores the arrays on blocks
+    sigma = np.sqrt(np.mean(problem.whiten(solution.residual) ** 2))
+    slopes = dict(zip(solution.model.inner, inner_slopes(problem, solution), strict=True))
+    names = [f"{effect.name}.{parameter.name}" for parameter in effect.inner]
+    changes = [np.linalg.norm(problem.whiten(slopes[name] * solution.parameters[name])) for name in names]
+    return len(effect.gains) + sum(bool(change > sigma) for change in changes)
+
+
 def applicable_effects(data: ChannelData, model: Model, effects: Iterable[Effect]) -> tuple[Effect, ...]:
     """Select the effects of a library that can extend the model of a channel.
 

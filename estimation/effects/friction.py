@@ -30,6 +30,7 @@ class CoulombFriction(AdditiveEffect):
     gains: ClassVar[tuple[Parameter, ...]] = (Parameter("force", "{effort}", 0.0, 1e12, (0.001, 50.0)),)
     inner: ClassVar[tuple[Parameter, ...]] = (TRANSITION,)
     confused_with = {
+        "bias": "reverse the motion: friction then acts the other way, a bias does not",
         "position_dependent_friction": "move over a wide range",
         "presliding_friction": (
             "stop and creep back and forth: presliding depends on the path, not on the speed"

@@ -35,6 +35,7 @@ class Bias(AdditiveEffect):
         "payload": "fit all joints together: a payload is in all of them; or change the posture",
         "drift": "wait: a bias stays",
         "asymmetric_friction": "let the joint rest: a bias stays",
+        "coulomb_friction": "reverse the motion: friction then acts the other way, a bias does not",
     }
 
     def applies_to(self, data: ChannelData) -> bool:
