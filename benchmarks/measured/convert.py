@@ -82,10 +82,13 @@ class Origin:
         return listing.decode("utf-8", "surrogateescape").rstrip("\0").split("\0")
 
     def read(self, path: str) -> bytes:
-        """Content of one file."""
-        if self._git is None:
-            return (self._folder / path).read_bytes()
-        return self._run("show", f"{self._commit}:{path}")
+        """Content of one file; what is packed by gzip is unpacked."""
+        content = (
+            (self._folder / path).read_bytes()
+            if self._git is None
+            else self._run("show", f"{self._commit}:{path}")
+        )
+        return gzip.decompress(content) if path.endswith(".gz") else content
 
 
 def _number(cell: str, decimal: str) -> float:

@@ -135,6 +135,13 @@ def test_trials_side_by_side_have_the_columns_that_the_recipe_names(tmp_path: Pa
     assert [row["x_m"] for row in table] == [2, 4, 6, 20, 40]
 
 
+def test_conversion_unpacks_a_text_that_is_packed(tmp_path: Path) -> None:
+    write_trials(tmp_path)
+    plain = (tmp_path / "trial1.txt").read_bytes()
+    (tmp_path / "packed.txt.gz").write_bytes(gzip.compress(plain))
+    assert Origin(tmp_path, "").read("packed.txt.gz") == plain
+
+
 def test_conversion_reads_vectors_and_columns_of_a_numpy_archive(tmp_path: Path) -> None:
     time, q = np.arange(4.0), np.arange(12.0).reshape(4, 3)
     np.savez(tmp_path / "a.npz", time=time, q=q, name="x")
