@@ -37,7 +37,7 @@ class BatchArguments(ReadOptions):
     ]
     effect: EffectOption = None
     urdf: Annotated[
-        Path | None, typer.Option(help="The arm's URDF, for models that need it.", metavar="FILE")
+        Path | None, typer.Option(help="URDF of the arm, for models that need one.", metavar="FILE")
     ] = None
     tip_frame: Annotated[
         str | None, typer.Option(help="The tip's frame in that URDF.", show_default="tip, or its last link")
@@ -71,30 +71,38 @@ def batch_command(
     add: Annotated[
         list[str] | None,
         typer.Option(
-            help="Effect that is fitted to every measurement; may be repeated.",
+            help="Effect to fit to every measurement; may be repeated.",
             metavar="EFFECT",
             autocompletion=effect_names,
         ),
     ] = None,
     pattern: Annotated[
-        str | None, typer.Option(help="Fields in the file names, such as '{specimen}_{day}.csv'.")
+        str | None,
+        typer.Option(
+            help="Pattern of the file names, whose parts become fields, such as '{specimen}_{day}.csv'."
+        ),
     ] = None,
     metadata: Annotated[
         Path | None,
         typer.Option(
-            help="CSV file with further fields, by a column 'file' or by shared fields.", metavar="FILE"
+            help="CSV file with further fields; its rows are matched by a column 'file' or by shared fields.",
+            metavar="FILE",
         ),
     ] = None,
     join: Annotated[
         str | None,
-        typer.Option(help="Files with the same text in this field are one measurement.", metavar="FIELD"),
+        typer.Option(
+            help="Treat files with the same text in this field as one measurement.", metavar="FIELD"
+        ),
     ] = None,
     split: Annotated[
         str | None,
-        typer.Option(help="Rows with the same text in this column are one measurement.", metavar="COLUMN"),
+        typer.Option(
+            help="Treat rows with the same text in this column as one measurement.", metavar="COLUMN"
+        ),
     ] = None,
     group: Annotated[
-        str | None, typer.Option(help="Field whose groups of measurements are compared.", metavar="FIELD")
+        str | None, typer.Option(help="Compare groups of measurements by this field.", metavar="FIELD")
     ] = None,
     share: Annotated[
         list[str] | None,
@@ -107,18 +115,18 @@ def batch_command(
     workers: WorkersOption = None,
     scheduler: SchedulerOption = None,
     retry: Annotated[
-        bool, typer.Option("--retry", help="Retry measurements that could not be judged.")
+        bool, typer.Option("--retry", help="Retry measurements that could not be evaluated.")
     ] = False,
     reports: Annotated[
-        int, typer.Option(help="Outliers whose own report is written; the page links to it.", min=0)
+        int, typer.Option(help="Number of outliers for which to write a report; the page links to it.", min=0)
     ] = 3,
     as_json: JsonOption = False,
 ) -> None:
-    """Estimate and compare many measurements, with --diagnose find missing effects; write a table and a page.
+    """Estimate and compare many measurements, and write a table and a web page.
 
-    Each file is a measurement; --join combines several files into one, --split divides a file into several. A
-    file that cannot be read becomes a row with the reason; exit code 2 if no file can be read. After an
-    interruption, the same command continues.
+    Each file is a measurement; --join combines several files into one, --split divides a file into
+    several. With --diagnose, finds missing effects too. A file that cannot be read becomes a row with the
+    reason; exit code 2 if no file can be read. After an interruption, the same command continues.
 
     palpate batch recordings --out result
 

@@ -87,9 +87,10 @@ def force(
 ) -> None:
     """Calibrate scale, zero and curvature of the force sensor, from weights or a file; report hysteresis.
 
-    On the robot: without power and with the sensor's axis upright, you put on and remove known weights.
+    On the robot, put known weights on and take them off; the arm has no power, and the sensor's axis is
+    vertical.
 
-    From a file (CSV, Parquet, NPZ): one row per sample, with columns for the reading and for the reference.
+    From a file (CSV, Parquet, NPZ) with one row per sample and columns for the reading and for the reference.
     """
 
     def record(job: runs.CalibrationJob) -> None:

@@ -206,14 +206,15 @@ def compare_command(
     folder: FolderOption = None,
     as_json: JsonOption = False,
     out: Annotated[
-        Path | None, typer.Option(help="Write comparison.json and an HTML report here.", metavar="FOLDER")
+        Path | None,
+        typer.Option(help="Write comparison.json and an HTML report to this folder.", metavar="FOLDER"),
     ] = None,
     force: ForceOption = False,
 ) -> None:
-    """Compare a model with the measurement: how far off it is, and where it fails most.
+    """Compare a model with the measurement: how large its error is, and where it is largest.
 
-    Compares the base model; use --revision N for a later one. All errors are on runs that were not used for
-    the fit; the noise level is the error that a complete model would leave.
+    Compares the base model; use --revision N for a later one. Errors are computed on runs that were not
+    used for the fit. The noise level is the error that a complete model would leave.
 
     With OTHER, compares two measurements: how well each model describes the other measurement (fit in %), how
     parameters differ, and the residuals of each model.

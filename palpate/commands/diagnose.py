@@ -41,7 +41,7 @@ def diagnose_command(
         str | None, typer.Option(help=f"Only this channel, such as joint_2; default: {ALL_CHANNELS}.")
     ] = None,
     apply: Annotated[
-        bool, typer.Option("--apply", help="Add the missing effects, and keep each step as a revision.")
+        bool, typer.Option("--apply", help="Add the missing effects, and save each step as a revision.")
     ] = False,
     exit_code: Annotated[
         bool,
@@ -52,15 +52,15 @@ def diagnose_command(
     ] = False,
     as_json: JsonOption = False,
     out: Annotated[
-        Path | None, typer.Option(help=f"Write {RESULT}, report and more here.", metavar="FOLDER")
+        Path | None, typer.Option(help=f"Write {RESULT}, report and more to this folder.", metavar="FOLDER")
     ] = None,
     force: ForceOption = False,
 ) -> None:
-    """Diagnose whether a model lacks a physical effect, which one, and how certain that is.
+    """Diagnose whether a model lacks a physical effect, which effect, and how certain the answer is.
 
-    Verdicts: adequate, missing, unexplained (structure that no known effect explains), or insufficient (the
-    data do not allow a verdict). All errors are on runs that were not used for the fit. Overwrites earlier
-    results in the session's folder.
+    Verdicts: adequate, missing, unexplained (something is missing, and no known effect explains it), or
+    insufficient (the data do not allow a verdict). Errors are computed on runs that were not used for the
+    fit. Overwrites earlier results in the session's folder.
     """
     from palpate.render.progress import diagnosis_progress  # noqa: PLC0415, loads what moves an arm
 
@@ -183,7 +183,7 @@ def estimate_command(
     estimator: Annotated[
         str | None,
         typer.Option(
-            help=f"Some of {', '.join(ESTIMATORS)}, with commas. [default: {','.join(USUAL)}]",
+            help=f"Some of {', '.join(ESTIMATORS)}, separated by commas. [default: {','.join(USUAL)}]",
             autocompletion=estimator_names,
         ),
     ] = None,

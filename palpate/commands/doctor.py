@@ -30,12 +30,14 @@ def doctor_command(  # noqa: PLR0917, one parameter an option
     robot: Annotated[
         str | None,
         typer.Option(
-            help="Robot file of the arm to examine, before it gets power.",
+            help="Robot file of the arm to check before it gets power.",
             metavar="FILE",
             autocompletion=robot_names,
         ),
     ] = None,
-    wire: Annotated[bool, typer.Option("--wire", help="Emulate its devices, without any hardware.")] = False,
+    wire: Annotated[
+        bool, typer.Option("--wire", help="Emulate the arm's devices, without any hardware.")
+    ] = False,
     as_built: Annotated[
         str | None,
         typer.Option(help="With --wire: emulate the devices that this robot file describes.", metavar="FILE"),
@@ -55,7 +57,7 @@ def doctor_command(  # noqa: PLR0917, one parameter an option
     ] = False,
     as_json: Annotated[bool, typer.Option("--json", help="Print the findings as JSON.")] = False,
 ) -> None:
-    """Examine this machine, or with --robot an arm: limits, ports, devices, rates, and signs with --move.
+    """Check this machine; with --robot, also an arm: limits, ports, devices, rates, and with --move signs.
 
     The exit code is 0 if no check fails, else 1. The arm gets no power without --move and a confirmation.
     """

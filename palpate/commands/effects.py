@@ -32,7 +32,7 @@ def effects_command(
     ] = None,
     as_json: JsonOption = False,
 ) -> None:
-    """List the effects that a model may lack, or show one with its equation and a drawing.
+    """List the effects that a model may lack, or show one effect with its equation and a drawing.
 
     Examples: palpate effects; palpate effects backlash; palpate effects cubic_stiffness --on press.csv
     """

@@ -87,8 +87,8 @@ def export_command(
         Format,
         typer.Option(
             "--format",
-            help="A simulated world; joint torques as a table and as functions in Python and C; or joints "
-            "for MuJoCo, a URDF, Isaac Lab or BAM.",
+            help="Output format: a simulated world; joint torques as a table and as functions in Python and "
+            "C; or joints for MuJoCo, a URDF, Isaac Lab or BAM.",
         ),
     ] = Format.SCENARIO,
     patch: Annotated[
@@ -124,9 +124,9 @@ def export_command(
     force: Annotated[bool, typer.Option("--force", help="Replace a file that already exists.")] = False,
     as_json: JsonOption = False,
 ) -> None:
-    """Write the fitted models of object and joints as a scenario that can be probed in simulation.
+    """Export the fitted models of object and joints as a scenario that can be probed in simulation.
 
-    Effects that the simulator cannot represent are reported and left out.
+    Effects that the simulator cannot represent are reported and omitted.
 
     With --format feedforward, writes gravity, inertia and friction of each joint as a table, and as a Python
     and a C function of the desired motion.
@@ -344,7 +344,7 @@ def report_command(
     ] = False,
     as_json: JsonOption = False,
 ) -> None:
-    """Write measurement, models and diagnosis as one self-contained HTML page.
+    """Write measurement, models and diagnosis to one self-contained HTML page.
 
     palpate report press.csv -o press.html
     """

@@ -47,10 +47,12 @@ def import_command(
         ),
     ],
     out: Annotated[Path | None, typer.Option("--out", "-o", help="Session file to write.")] = None,
-    look: Annotated[bool, typer.Option("--look", help="Show what would be read; store nothing.")] = False,
+    look: Annotated[
+        bool, typer.Option("--look", help="Show what would be read, without storing it.")
+    ] = False,
     as_json: Annotated[bool, typer.Option("--json", help="Print the outcome as JSON.")] = False,
 ) -> None:
-    """Convert measurement files to a session; a table has one row per sample and named columns.
+    """Convert measurement files to a session; a table must have named columns and one row per sample.
 
     A contact needs time, displacement (positive into the object) and force (positive in compression); a joint
     needs time, position and torque. Common column names and units are recognized and reported.

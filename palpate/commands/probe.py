@@ -58,7 +58,7 @@ def probe_command(
     ] = "rls",
     yes: YesOption = False,
 ) -> None:
-    """Probe an object: approach at several speeds, touch, load to a force, hold, retract.
+    """Probe an object: approach at several speeds, touch it, load to a force, hold, retract.
 
     Without a robot file, this runs in simulation. The session file holds every tick.
 
@@ -148,14 +148,14 @@ def _print(outcome: ProbingOutcome, planned: int) -> None:
 def replay_command(
     options: RunOptions,
     *,
-    session: Annotated[Path, typer.Argument(help="Session of a probing (.mcap), whose motion is repeated.")],
+    session: Annotated[Path, typer.Argument(help="Probing session (.mcap) whose motion is repeated.")],
     out: Annotated[Path | None, typer.Option("--out", "-o", help="Session file to write.")] = None,
     yes: YesOption = False,
 ) -> None:
-    """Repeat the joint motion of a session: in a simulated world, or with a real arm.
+    """Repeat the joint motion of a session, in a simulated world or with a real arm.
 
-    The simulated world is that of --scenario; default: that of the session, without its hidden effects.
-    A real arm gets power only after a confirmation (or --yes) and a countdown. Its guard stops it at its
+    --scenario sets the simulated world; default: that of the session, without its hidden effects. A real
+    arm gets power only after a confirmation (or --yes) and a countdown. The guard stops the arm at its
     limits; the force is not controlled.
 
     Example: palpate export real.mcap -o twin.yaml; palpate replay real.mcap --scenario twin.yaml
@@ -207,7 +207,7 @@ def resolve_command(
     seconds: Annotated[
         float,
         typer.Option(
-            help="Maximum time of probing; the first probe is always run.", metavar="S", min=1.0, max=36000.0
+            help="Maximum probing time; the first probe always runs.", metavar="S", min=1.0, max=36000.0
         ),
     ] = 300.0,
     channel: Annotated[str | None, typer.Option(help="Explain only this channel, such as joint_2.")] = None,
@@ -218,9 +218,10 @@ def resolve_command(
 ) -> None:
     """Probe, diagnose and run the most informative experiment, until one explanation is left.
 
-    Each further experiment is the feasible plan that is expected to separate the explanations best. Decisions
-    are printed and logged beside the sessions. Every command reads the folder as one measurement.
-    A real arm gets power only after a confirmation of each probe (or --yes). Ctrl-C keeps what was recorded.
+    After the first probe, each experiment is the feasible plan that is expected to separate the
+    explanations best. Decisions are printed and logged beside the sessions. Every command reads the
+    folder as one measurement. A real arm gets power only after a confirmation of each probe (or --yes).
+    Ctrl-C keeps the recorded data.
 
     Examples:
       palpate resolve --hidden random --seed 7

@@ -39,16 +39,18 @@ def add_command(
     ] = None,
     fresh: Annotated[bool, typer.Option("--fresh", help="Start again from the base model.")] = False,
     model: ModelOption = None,
-    channel: Annotated[str | None, typer.Option(help="Channel to add them to, such as joint_2.")] = None,
+    channel: Annotated[
+        str | None, typer.Option(help="Channel to add the effects to, such as joint_2.")
+    ] = None,
     as_json: JsonOption = False,
     out: Annotated[
-        Path | None, typer.Option(help="Keep revisions and pictures here.", metavar="FOLDER")
+        Path | None, typer.Option(help="Write revisions and pictures to this folder.", metavar="FOLDER")
     ] = None,
     force: ForceOption = False,
 ) -> None:
-    """Refit with more effects, show how the held-out error falls, and keep each step as a revision.
+    """Add effects, refit, show how the held-out error falls, and save each step as a revision.
 
-    Continues from the newest revision; --from goes back to another one. Updates report and recording in the
+    Continues from the newest revision, or from the one given by --from. Updates report and recording in the
     revisions folder.
     """
     folder = output_folder(folder_to_fill(data.file, out, NAMES, force=force))
@@ -102,7 +104,7 @@ def remove_command(
     folder: FolderOption = None,
     as_json: JsonOption = False,
 ) -> None:
-    """Refit the newest model without one of its added effects, and keep the result as a revision.
+    """Remove an added effect from the newest model, refit, and save the result as a revision.
 
     palpate remove press.csv bias
     """
@@ -121,7 +123,7 @@ def remove_command(
 def revisions_command(data: DataArguments, as_json: JsonOption = False, folder: FolderOption = None) -> None:
     """List the revisions of a measurement's models, with their effects and held-out errors.
 
-    Accepts the options of the other commands for reading a data file; they change nothing here.
+    Accepts the options of other commands for reading a data file, but ignores them.
     """
     existing_data(data.file)
     revisions = Revisions(folder_to_read(data.file, folder)).all()

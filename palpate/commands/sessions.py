@@ -35,7 +35,7 @@ def info_command(
     session: Annotated[Path, typer.Argument(help="Session file (.mcap).")],
     as_json: Annotated[bool, typer.Option("--json", help="Print everything as JSON.")] = False,
 ) -> None:
-    """Show the content of a session: time and origin, streams, events, and whether it is complete."""
+    """Show the content of a session: time, origin, streams, events, and whether it is complete."""
     opened = open_session(session)
     data = describe_session(opened)
     if as_json:
@@ -139,7 +139,7 @@ def merge_command(
     out: Annotated[Path, typer.Option("--out", "-o", help="Session file to write.")],
     as_json: JsonOption = False,
 ) -> None:
-    """Merge several sessions into one; runs are renumbered, and a diagnosis treats them as one measurement.
+    """Merge several sessions into one measurement; runs are renumbered.
 
     Example: palpate merge monday.mcap tuesday.mcap -o both.mcap
     """
@@ -326,7 +326,7 @@ def reveal_command(
     session: Annotated[Path, typer.Argument(help="Session file (.mcap) that was probed with --hidden.")],
     as_json: Annotated[bool, typer.Option("--json", help="Print the answer as JSON.")] = False,
 ) -> None:
-    """Open the sealed answer beside a session: which effects were hidden, where, and how strong."""
+    """Reveal which effects were hidden in a session, where, and how strong they are."""
     sealed = open_session(session)
     answer = (
         open_answer(sealed) if was_sealed(sealed) else SealedAnswer((), None, sealed.metadata.created_utc)

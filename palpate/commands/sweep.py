@@ -36,12 +36,15 @@ def sweep_command(
         bool,
         typer.Option(
             "--plan",
-            help=("Show the remaining cases and the time they take; runs a few cases if none is done."),
+            help=(
+                "Show the number of remaining cases and the time they need; if none is done, run a few "
+                "to measure it."
+            ),
         ),
     ] = False,
     as_json: Annotated[bool, typer.Option("--json", help="Print the outcome as JSON.")] = False,
 ) -> None:
-    """Probe many simulated objects, estimate with every method, and write figures, tables and a page.
+    """Probe many simulated objects, estimate with every method, and write figures, tables and a web page.
 
     After an interruption, the same command continues; no finished case is repeated.
 

@@ -92,11 +92,11 @@ def follower(
     out: Annotated[Path | None, typer.Option("--out", "-o", help="Session file to write.")] = None,
     yes: YesOption = False,
 ) -> None:
-    """Probe the places that a leader chooses, and send back a model of the object there.
+    """Probe the places that a leader chooses, and send back a model of the object.
 
-    The arm holds still until messages of a leader arrive, and while they are missing. The follower's own plan
-    sets speed and force, and its guard stops the arm whatever the messages say. A real arm gets power only
-    after a confirmation (or --yes) and a countdown.
+    The arm holds still unless messages of a leader arrive. The follower's own plan sets speed and force;
+    its guard stops the arm at the limits, whatever the messages say. A real arm gets power only after a
+    confirmation (or --yes) and a countdown.
 
       palpate teleop follower --scenario stiff -o follower.mcap
       palpate teleop follower --robot my_arm.yaml --experiment gentle.yaml --link router.json5
@@ -158,7 +158,7 @@ def leader(  # noqa: PLR0917, one parameter an option
         str,
         typer.Option(
             "--operator",
-            help=f"{', '.join(OPERATOR_DEVICES)}, or a YAML file that sets one up.",
+            help=f"{', '.join(OPERATOR_DEVICES)}, or a YAML file with the settings of one of these.",
             metavar="DEVICE|FILE",
         ),
     ] = "keyboard",
@@ -193,9 +193,9 @@ def leader(  # noqa: PLR0917, one parameter an option
 ) -> None:
     """Move a virtual arm, feel a virtual object, and choose places for the follower to probe.
 
-    The device's button chooses the place below the tip; pressed there again, it cancels that target. Every
-    estimate that arrives updates the virtual object, and states its uncertainty. An arm used as device
-    (leader_arm) gets power only after a confirmation (or --yes) and a countdown.
+    The device's button chooses the place below the tip; pressing it there again cancels that target.
+    Every estimate from the follower updates the virtual object, and its uncertainty is shown. An arm used
+    as device (leader_arm) gets power only after a confirmation (or --yes) and a countdown.
 
       palpate teleop leader --operator gamepad -o leader.mcap
       palpate teleop leader --operator touch.yaml --link router.json5
@@ -251,7 +251,7 @@ def leader(  # noqa: PLR0917, one parameter an option
 
 @group.command()
 def demo(
-    out: Annotated[Path, typer.Option("--out", "-o", help="Folder for everything.", metavar="DIR")],
+    out: Annotated[Path, typer.Option("--out", "-o", help="Output folder.", metavar="DIR")],
     scenario: Annotated[
         str,
         typer.Option(
@@ -265,9 +265,9 @@ def demo(
 ) -> None:
     """Run both sides as two processes on this machine, with a scripted operator; takes less than a minute.
 
-    The operator chooses two places and presses on a virtual object that starts as a guess. The last line
-    states the difference between the felt and the real force; another line follows if the machine was too
-    slow.
+    The operator chooses two places and presses on a virtual object that is a guess at first. The last
+    line states the difference between the felt and the real force. Another line follows if the machine
+    was too slow.
 
       palpate teleop demo --out teleop-demo
       palpate teleop demo --out far --scenario hunt_crossley --bad-network 500,20,10

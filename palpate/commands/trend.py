@@ -31,25 +31,33 @@ def trend_command(
     ] = None,
     parameter: Annotated[
         list[str] | None,
-        typer.Option(help="Only this one, such as coulomb_friction.torque; may be repeated.", metavar="NAME"),
+        typer.Option(
+            help="Only this parameter, such as coulomb_friction.torque; may be repeated.", metavar="NAME"
+        ),
     ] = None,
     out: Annotated[
         Path | None,
-        typer.Option("--out", "-o", help=("First process the recordings and write the results here.")),
+        typer.Option(
+            "--out", "-o", help=("First process the recordings, and write the results to this folder.")
+        ),
     ] = None,
     model: Annotated[
-        str | None, typer.Option(help="Base model of recordings.", autocompletion=model_names)
+        str | None, typer.Option(help="Base model of the recordings.", autocompletion=model_names)
     ] = None,
     pattern: Annotated[
-        str | None, typer.Option(help="Fields in names of recordings, such as '{arm}_{date}.csv'.")
+        str | None,
+        typer.Option(
+            help="Pattern of the recordings' names, whose parts become fields, such as '{arm}_{date}.csv'."
+        ),
     ] = None,
     group: Annotated[
-        str | None, typer.Option(help="Field of recordings that are followed separately.", metavar="FIELD")
+        str | None,
+        typer.Option(help="Follow groups with the same value of this field separately.", metavar="FIELD"),
     ] = None,
     add: Annotated[
         list[str] | None,
         typer.Option(
-            help="Effect that is fitted to every recording; may be repeated.",
+            help="Effect to fit to every recording; may be repeated.",
             metavar="EFFECT",
             autocompletion=effect_names,
         ),
@@ -65,8 +73,9 @@ def trend_command(
 ) -> None:
     """Find parameters that step or drift by more than their scatter, and report when and by how much.
 
-    Tests each parameter, the error over noise, and each kind's share of the error, in each group. If nothing
-    changes, the probability of a false alarm in a whole table is 1 %. Writes trend.html beside the table.
+    Tests, in each group, every parameter, the ratio of error to noise, and the share of each kind of
+    effect in the error. If nothing changes, the probability of a false alarm in a whole table is 1 %.
+    Writes trend.html beside the table.
 
     palpate batch logs --pattern '{arm}_{date}.csv' --group arm --out nightly
 

@@ -41,10 +41,10 @@ def workbench_command(
         bool, typer.Option("--riddle", help="Hide an effect in a simulated object that you then diagnose.")
     ] = False,
 ) -> None:
-    """Serve a local page on which you tick effects and see how error, curves and parameters change.
+    """Serve a local web page on which you tick effects and see how error, curves and parameters change.
 
-    FILE may also be a folder of sessions. Without FILE, drop a file onto the page, or probe there. No data
-    leave this machine. Ctrl-C ends the server.
+    FILE may also be a folder of sessions. Without FILE, drop a file on the page, or probe from the page.
+    No data leave this machine. Ctrl-C ends the server.
 
     Examples: palpate workbench press.csv; palpate workbench sessions --no-browser; palpate workbench --riddle
     """

@@ -47,7 +47,7 @@ ENGINE = "Physics engine of the simulated world; default: the scenario's, otherw
 _HIDDEN = (
     "Hide effects in the simulated world: random, the name of an effect, or a YAML file that lists effects."
 )
-_WIRE = "Run the real drivers on emulated devices, without any hardware."
+_WIRE = "Run the real drivers with emulated devices, without any hardware."
 _DRIVERS = "Python package with your own drivers."
 YesOption = Annotated[bool, typer.Option("--yes", help="Do not ask before a real arm gets power.")]
 
@@ -62,14 +62,14 @@ class RunOptions:
     seed: Annotated[
         int | None,
         typer.Option(
-            help="Seed of all simulated noise; default: that of the scenario.", min=0, max=MOST_SEED
+            help="Seed of the simulated noise; default: that of the scenario.", min=0, max=MOST_SEED
         ),
     ] = None
     hidden: Annotated[str | None, typer.Option(help=_HIDDEN, metavar="WHAT", autocompletion=hidden_names)] = (
         None
     )
     wire: Annotated[bool, typer.Option("--wire", help=_WIRE)] = False
-    realtime: Annotated[bool, typer.Option("--realtime", help="Simulate at most at real-time speed.")] = False
+    realtime: Annotated[bool, typer.Option("--realtime", help="Simulate no faster than real time.")] = False
     drivers: Annotated[list[str] | None, typer.Option(help=_DRIVERS, metavar="PACKAGE")] = None
     as_json: Annotated[bool, typer.Option("--json", help="Print the outcome as JSON.")] = False
 

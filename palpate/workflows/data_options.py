@@ -34,7 +34,7 @@ ModelOption = Annotated[
 EffectOption = Annotated[
     list[str] | None,
     typer.Option(
-        help="Your own effect, as a further candidate; its file is executed.", metavar="FILE.py:CLASS"
+        help="Add your own effect to the candidates; the file is executed.", metavar="FILE.py:CLASS"
     ),
 ]
 JsonOption = Annotated[bool, typer.Option("--json", help="Print the result as JSON.")]
@@ -58,17 +58,18 @@ class ReadOptions:
     where: Annotated[
         list[str] | None,
         typer.Option(
-            help="Only rows with this text in a column, such as specimen=P002; of a session, run=0,2.",
+            help="Use only rows with this text in a column, such as specimen=P002; for a session, run=0,2.",
             metavar="COLUMN=TEXT",
         ),
     ] = None
     context: Annotated[
-        list[str] | None, typer.Option(help="Further numeric column to use as a signal.", metavar="COLUMN")
+        list[str] | None, typer.Option(help="Another numeric column to use as a signal.", metavar="COLUMN")
     ] = None
     fresh_runs: Annotated[
         bool,
         typer.Option(
-            "--fresh-runs", help=("Each run pressed a fresh specimen or spot, so no run affects another.")
+            "--fresh-runs",
+            help=("State that each run pressed a fresh specimen or spot, so no run affects another."),
         ),
     ] = False
     runs: Annotated[
@@ -79,7 +80,7 @@ class ReadOptions:
     table: Annotated[
         str | None,
         typer.Option(
-            help="Sheet, or line of the header, of another table in the file; default: the longest.",
+            help="Table to read, by its sheet or by the line of its header; default: the longest.",
             metavar="TABLE",
         ),
     ] = None
@@ -124,7 +125,7 @@ class DataArguments(ReadOptions):
     effect: EffectOption = None
     urdf: Annotated[
         Path | None,
-        typer.Option(help="The arm's URDF, for models that need it and data files.", metavar="FILE"),
+        typer.Option(help="URDF of the arm, for models that need one and for data files.", metavar="FILE"),
     ] = None
     held_out: Annotated[
         str | None,

@@ -14,19 +14,19 @@ _HEAD = """\
 fault below into the real drivers, on emulated devices in simulated time, during a probing run at 1 kHz (250
 Hz with the Feetech arm).
 
-- **arm**: *stops* means that the guard commands its safe state. The joints are braked for 300 ms, and then
-  their torque goes off; if positions are unknown, the torque goes off at once. `palpate probe` also supports
-  and lowers the arm's weight in this time. *continues* means that the fault does no harm.
+- **arm**: *stops* means that the guard commands its safe state. It brakes the joints for 300 ms and then
+  switches their torque off; if positions are unknown, it switches the torque off at once. `palpate probe`
+  also compensates the arm's weight and lowers the arm. *continues* means that the fault does no harm.
 - **limit**: how long the fault may last, from the section `limits` of the robot file. Usually this is the
-  age of the device's samples. A check that compares samples has its own limit, which is named. No limit
-  is given if a device or the program reports the fault at once.
-- **ticks**: largest number of ticks from the fault to the safe state. It is the limit plus two ticks, unless
-  a reason is given below.
+  age limit of the device's samples. If a check compares samples, the table names its own limit. The cell is
+  empty if a device or the program reports the fault at once.
+- **ticks**: largest number of ticks from the fault to the safe state. This is the limit plus two ticks, unless
+  a number in brackets refers to a reason below.
 - **off**: longest time from the fault until no drive exerts torque.
-- **message**: part of the line that the user reads, which is also among the session's events. In every row,
+- **message**: part of the line that the user sees and that the session records as an event. In every row,
   the session can be read at least up to the fault.
 
-The load of the machine does not affect simulated ticks.
+The load of the test machine does not affect these figures, because time is simulated.
 """
 _REASONS = """
 ## Reasons for more than the limit plus two ticks
@@ -35,18 +35,17 @@ _REASONS = """
 _TAIL = """
 ## Not in the table
 
-- The arm with two Feetech servos on its shoulder continues if one of them exerts nothing: these servos
-  report a duty cycle instead of a torque, the other servo carries the joint, and the force comes from the
-  load cell.
-- A serial force sensor has no id, so it cannot have a wrong one, and no alert.
+- An arm with two Feetech servos on its shoulder continues if one of them exerts no torque. These servos
+  report a duty cycle instead of a torque, and the other servo carries the joint.
+- A serial force sensor has no id and no alert, so neither can be wrong.
 - A force sensor that freezes while the arm is at rest, or whose steps are as coarse as its noise, cannot be
-  distinguished from a working sensor. `stuck_force_s` counts only after the arm has moved. Joint torques
-  contradict such a sensor later, at a few newtons.
-- No viewer is connected to the loop: recordings are made from the session afterwards. *viewer gone* stands
-  for a failure of the online estimator, which observes the arm while it moves.
-- Samples have time stamps of the machine's monotonic clock, which nobody can set. If this clock went back,
-  the loop would wait until it has caught up. CAN motors would get no requests in this time, and the arm
-  would stop because their samples are too old. If the clock jumps forward, the program counts as held up.
+  distinguished from a working sensor. `stuck_force_s` counts only after the arm has moved. The joint torques
+  contradict such a sensor later, once the force is a few newtons.
+- No viewer is connected to the loop; recordings for viewers are made from the session afterwards. *viewer
+  gone* stands for a failure of the online estimator, which observes the arm while it moves.
+- Time stamps come from the machine's monotonic clock, which nobody can set. If this clock went back, the loop
+  would wait until the clock has caught up. CAN motors would get no requests during this time, and the arm
+  would stop because their samples are too old. A jump forward counts as *program held up*.
 - If the program is killed, its session is complete up to the last tick, because another process writes it.
 """
 
