@@ -20,8 +20,8 @@ Hz with the Feetech arm).
 - **limit**: how long the fault may last, from the section `limits` of the robot file. Usually this is the
   age limit of the device's samples. If a check compares samples, the table names its own limit. The cell is
   empty if a device or the program reports the fault at once.
-- **ticks**: largest number of ticks from the fault to the safe state. This is the limit plus two ticks, unless
-  a number in brackets refers to a reason below.
+- **ticks**: largest number of ticks from the fault to the safe state. This is the limit plus two ticks,
+  unless a number in brackets refers to a reason below.
 - **off**: longest time from the fault until no drive exerts torque.
 - **message**: part of the line that the user sees and that the session records as an event. In every row,
   the session can be read at least up to the fault.
