@@ -136,7 +136,7 @@ class DataArguments(ReadOptions):
         ),
     ] = None
     tip_frame: Annotated[
-        str | None, typer.Option(help="The tip's frame in that URDF.", show_default="tip, or its last link")
+        str | None, typer.Option(help="Tip frame in this URDF.", show_default="tip, or its last link")
     ] = None
 
     def study(
