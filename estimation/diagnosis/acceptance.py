@@ -403,10 +403,11 @@ def similar_forms(search: Search, fit: FitResult, name: str) -> dict[str, FitRes
     }
 
 
-def same_curves(search: Search, fit: FitResult, name: str) -> dict[str, FitResult]:
-    """Fit models in which an effect of another kind, with no more parameters, describes the same curve.
+def as_good_effects(search: Search, fit: FitResult, name: str) -> dict[str, FitResult]:
+    """Fit models with an effect of another kind that explains about as much with no more parameters.
 
-    No law of a kind can tell such effects apart: a joint that never reverses has the same friction and bias.
+    A joint that never reverses has the same friction and bias; over a short way a weight is nearly a spring.
+    Models with squared errors within `AS_GOOD` do not outperform each other.
 
     Args:
         search: the search of the channel.
@@ -416,19 +417,16 @@ def same_curves(search: Search, fit: FitResult, name: str) -> dict[str, FitResul
     Returns:
         Fitted models by the name of the replacing effect.
     """
-    effect, without = fit.solution.model.effect(name), search.without(fit, name)
+    effect = fit.solution.model.effect(name)
     most = determined_count(effect, fit.solution, fit.problem)
-    limit, alternatives = _alternatives(search, fit, name, most)
+    as_much, alternatives = _alternatives(search, fit, name, most)
+    limit = min(as_much, fit.solution.held_out / AS_GOOD)
     models = {
         candidate.effect.name: search.with_candidate(candidate)
         for candidate in alternatives
         if candidate.effect.kind is not effect.kind and candidate.held_out <= limit
     }
-    return {
-        other: model
-        for other, model in models.items()
-        if search.is_sensible(model) and _is_same_curve(model, fit, without)
-    }
+    return {other: model for other, model in models.items() if search.is_sensible(model)}
 
 
 def _physical_alternatives(search: Search, fit: FitResult, name: str) -> Iterator[FitResult]:

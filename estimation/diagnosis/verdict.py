@@ -12,9 +12,9 @@ from palpate.estimation.channel import ChannelData
 from palpate.estimation.design.next_experiment import exploring, separating, sufficient
 from palpate.estimation.diagnosis.acceptance import (
     AS_GOOD,
+    as_good_effects,
     indistinguishable_models,
     models_by_importance,
-    same_curves,
     similar_forms,
 )
 from palpate.estimation.diagnosis.bootstrap import SMALL, encoder_step_error
@@ -168,7 +168,9 @@ def decide_verdict(evidence: Evidence) -> ChannelDiagnosis:
     if evidence.complete:
         others = {name: indistinguishable_models(search, end, name, evidence.measurement) for name in names}
     else:
-        others = {name: similar_forms(search, end, name) | same_curves(search, end, name) for name in names}
+        others = {
+            name: similar_forms(search, end, name) | as_good_effects(search, end, name) for name in names
+        }
     accepted = _accepted(evidence, others)
     verdict = Verdict.MISSING if accepted else Verdict.ADEQUATE if evidence.complete else Verdict.UNEXPLAINED
     budget, rest = _budget(evidence)

@@ -239,3 +239,22 @@ def test_in_a_motion_that_never_reverses_friction_and_bias_are_one_curve_and_bot
     ((name, others),) = ((entry.effect, entry.confused_with) for entry in told.accepted)
     assert (name, others) == ("coulomb_friction", ["bias"])
     assert told.next_experiment.instruction.startswith("repeat the motion in the other direction")
+
+
+def test_over_a_short_way_a_weight_is_a_spring_and_both_are_stated_if_something_is_left():
+    """Beside the weight acts a torque whose law the library lacks."""
+    wide = swings(3)
+    q, v, a = 0.7 * wide.position, 0.7 * wide.velocity, 0.7 * wide.acceleration
+    noise = np.random.default_rng(5).normal(0.0, 0.02, len(q))
+    torque = 0.05 * a + 0.15 * v + 2.0 * np.sin(q) + 2.0 * strange(q, v, a) + noise
+    data = replace(wide, position=q, velocity=v, acceleration=a, effort=torque)
+    told = decide(
+        data,
+        Model("inertia", (EFFECTS["inertia"](), EFFECTS["viscous_friction"]())),
+        "joint_spring",
+        "weight",
+        "bias",
+    )
+    (entry,) = told.accepted
+    assert {entry.effect, *entry.confused_with} == {"joint_spring", "weight"}
+    assert set(told.next_experiment.separates) == {"joint_spring", "weight"}
