@@ -130,7 +130,7 @@ class DataArguments(ReadOptions):
     held_out: Annotated[
         str | None,
         typer.Option(
-            help="Runs excluded from fitting; compare and add score models on these runs only; "
+            help="Runs to exclude from fitting, and to score models on in palpate compare and palpate add; "
             "default: each run is predicted from the others.",
             metavar="RUNS",
         ),
