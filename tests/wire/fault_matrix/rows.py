@@ -129,18 +129,18 @@ class Row:
 
 K = FaultKind
 _NO_CHECKSUM = (
-    "a line has no checksum, so a corrupted digit still gives a number. The first line that is not a number "
-    "makes all of them invalid (slowest of sixteen random sequences)"
+    "a line has no checksum, so a corrupted digit still gives a number. All readings are invalid from the "
+    "first line on that is not a number (slowest of sixteen random sequences)"
 )
 _CONFIRMED = (
     "a reading that jumps by more than 1 % of the capacity counts only once the next one confirms it, "
     "here 2 ms later, because a lost byte must not look like a force"
 )
 _RARE = "a sample comes every 3.1 ms"
-_ELEVEN = f"{_RARE}, and eleven must be equal"
+_ELEVEN = f"{_RARE}, and eleven consecutive samples must be equal"
 _CONTRADICTED = (
-    "a negative force may be right. Joint torques contradict the sensor once they show a push and the sensor "
-    "a pull of more than 2 N each"
+    "a negative force may be right. The sensor is found faulty once it shows a pull of more than 2 N while "
+    "the joint torques show a push of more than 2 N"
 )
 _HEARTBEAT = "an axis reports its state with its next heartbeat, at most 10 ms later"
 _CUT_OFF = "nothing reaches the drives, so their watchdogs switch the torque off"
