@@ -69,7 +69,7 @@ class ReadOptions:
         bool,
         typer.Option(
             "--fresh-runs",
-            help=("State that each run pressed a fresh specimen or spot, so no run affects another."),
+            help=("Each run pressed a fresh specimen or spot, so no run affects another."),
         ),
     ] = False
     runs: Annotated[
@@ -125,12 +125,12 @@ class DataArguments(ReadOptions):
     effect: EffectOption = None
     urdf: Annotated[
         Path | None,
-        typer.Option(help="URDF of the arm, for models that need one and for data files.", metavar="FILE"),
+        typer.Option(help="URDF of the arm, for models that need one.", metavar="FILE"),
     ] = None
     held_out: Annotated[
         str | None,
         typer.Option(
-            help="Runs to exclude from fitting, and to score models on in palpate compare and palpate add; "
+            help="Runs to exclude from fitting; the commands compare and add score models on them; "
             "default: each run is predicted from the others.",
             metavar="RUNS",
         ),
