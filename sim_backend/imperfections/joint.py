@@ -121,7 +121,7 @@ class HiddenAsymmetricFriction(_Friction):
 
 
 class HiddenStribeckFriction(_Friction):
-    """tau = f + s exp(-(|dq/dt| / v_s)^2) against the motion: the film of grease carries from v_s on.
+    """tau = f + s exp(-(|dq/dt| / v_s)^2) against the motion; it falls as grease forms a film.
 
     Bo and Pavelescu, Wear 82 (1982), with the exponent 2; Armstrong-Helouvry et al., Automatica 30 (1994).
     """
