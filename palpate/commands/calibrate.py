@@ -90,7 +90,7 @@ def force(
     On the robot, put known weights on and take them off; the arm has no power, and the sensor's axis is
     vertical.
 
-    From a file (CSV, Parquet, NPZ) with one row per sample and columns for the reading and for the reference.
+    With --from, reads a table (CSV, Parquet, NPZ) with one row per sample and columns reading and reference.
     """
 
     def record(job: runs.CalibrationJob) -> None:
