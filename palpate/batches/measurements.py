@@ -33,7 +33,7 @@ class BatchMeasurement:
     """Files that are one measurement."""
 
     name: str  # name in the table
-    files: tuple[Path, ...]  # sessions, data files, or folders of them; at least one
+    files: tuple[str, ...]  # sessions, data files, or folders of them; at least one; a Path takes more memory
     fields: Mapping[str, str] = field(default_factory=dict)  # such as specimen, day, arm, treatment
     where: Mapping[str, str] = field(default_factory=dict)  # rows of the file, by column
 
@@ -182,7 +182,7 @@ def case_of(measurement: BatchMeasurement, options: Mapping[str, Any]) -> Measur
         measurement: its files.
         options: how to read and judge it; what JSON can hold.
     """
-    content = [content_hash(file) for file in measurement.files]
+    content = [content_hash(Path(file)) for file in measurement.files]
     parameters = {"content": content, "where": measurement.where, "options": options}
     return MeasurementCase(WORK, parameters, files=tuple(map(os.path.abspath, measurement.files)))
 
@@ -277,7 +277,7 @@ def _joined(listed: Mapping[Path, dict[str, str]], join: str) -> list[BatchMeasu
     return [
         BatchMeasurement(
             name,
-            tuple(files),
+            tuple(map(str, files)),
             {
                 key: text
                 for key, text in listed[files[0]].items()
@@ -292,7 +292,7 @@ def _parts(
     name: str, file: Path, fields: Mapping[str, str], split: str | None, *, by_run: bool
 ) -> list[BatchMeasurement]:
     """One measurement for each text in a column of a file; the file alone if it is whole or unreadable."""
-    whole = [BatchMeasurement(name, (file,), fields)]
+    whole = [BatchMeasurement(name, (str(file),), fields)]
     if split is None and not by_run:
         return whole
     column = split or "run"
@@ -306,7 +306,7 @@ def _parts(
     if texts is None:
         raise InputError(f"--split {split}: {file} has no such column. There are: {table.listed_names}")
     return [
-        BatchMeasurement(f"{name} {column}={text}", (file,), {**fields, column: text}, {column: text})
+        BatchMeasurement(f"{name} {column}={text}", (str(file),), {**fields, column: text}, {column: text})
         for text in texts
     ]
 

@@ -261,7 +261,8 @@ def _with_reports(
             file = f"{REPORTS}/{stem}-{case.address[:8]}.html"
             if not (made.folder / file).is_file():
                 output_folder(made.folder / REPORTS)
-                write_measurement_report(by_name[name].files, case.parameters, made.folder / file)
+                files = [Path(text) for text in by_name[name].files]
+                write_measurement_report(files, case.parameters, made.folder / file)
             reports[name] = file
     if reports:
         made = replace(made, reports=reports)

@@ -96,7 +96,7 @@ def make_table(
     table = results.drop_columns(empty).take(pa.array([row for _, row in places], pa.int64()))
     known: dict[str, list[str | None]] = {
         "measurement": [each.name for each in chosen],
-        "files": ["; ".join(map(str, each.files)) for each in chosen],
+        "files": ["; ".join(each.files) for each in chosen],
         "group": [each.fields.get(group, "") if group else EVERYTHING for each in chosen],
         **{name: [each.fields.get(name) for each in chosen] for name in fields},
     }
