@@ -20,7 +20,7 @@ from palpate.robot_io.types import FloatArray
 
 LEVEL = 0.01  # chance of naming an effect where none is missing, for each channel and step
 _LEAST_SHARE = 0.01  # of the squared error, that an effect takes to be named
-_LEAST_COUNT = 5  # measurements
+LEAST = 5  # measurements
 _LIKE = 0.05  # p value of a difference from the best candidate, above which a candidate is as good
 _MOST_STEPS = 4
 
@@ -82,7 +82,7 @@ def best_effect(channel: str, results: pa.Table) -> CommonEffect | None:
         if candidate and np.isfinite(gain):
             by_candidate.setdefault(candidate, {})[address] = float(gain)
     most = max(map(len, by_candidate.values()), default=0)
-    tried = {name: own for name, own in by_candidate.items() if len(own) >= max(_LEAST_COUNT, most / 2)}
+    tried = {name: own for name, own in by_candidate.items() if len(own) >= max(LEAST, most / 2)}
     if not tried:
         return None
     p_values = holm([_chance_of_no_gain(list(own.values())) for own in tried.values()])

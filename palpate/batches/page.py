@@ -68,7 +68,7 @@ def write_page(batch: BatchResult) -> None:
             entry.parameter,
             f"{significant(entry.value)} {entry.unit}",
             f"{entry.z:+.1f}",
-            _link_to_report(batch.reports.get(names[entry.row]), files[entry.row]),
+            _link_to_report(batch, names[entry.row], files[entry.row]),
         )
         for entry in sorted(batch.outliers, key=lambda entry: -abs(entry.z))[:_MOST_ROWS]
     ]
@@ -91,11 +91,12 @@ def write_page(batch: BatchResult) -> None:
     _write(batch.page, f"Batch {batch.folder.name}", facts, sections)
 
 
-def _link_to_report(report: str | None, files: str) -> str:
+def _link_to_report(batch: BatchResult, name: str, files: str) -> str:
     """Link to a report that was written, or else the command that writes it."""
-    if report:
-        return Markup('<a href="{}">report</a>').format(quote(report))
-    return f"palpate report {' '.join(map(as_shell_word, files.split('; ')))}"
+    if name in batch.reports:
+        return Markup('<a href="{}">report</a>').format(quote(batch.reports[name]))
+    where = [f"--where {as_shell_word(f'{key}={text}')}" for key, text in batch.where.get(name, {}).items()]
+    return " ".join(["palpate report", *map(as_shell_word, files.split("; ")), *where])
 
 
 def write_trend(path: Path, tested: Sequence[tuple[Series, Sequence[TrendChange]]], what: str) -> None:
@@ -351,7 +352,7 @@ def _rows(batch: BatchResult) -> PageSection:
     """Show the first rows of the table and the rows of outliers, in few columns."""
     outlying = {entry.row for entry in batch.outliers}
     places = sorted({*range(min(len(batch.table), _MOST_ROWS)), *sorted(outlying)[:_MOST_ROWS]})
-    shown = batch.table.take(places)
+    shown = batch.table.take(pa.array(places, pa.int64()))
     heads = [column.head for column in parameter_columns(batch.table)]
     columns = [name for name in (*_ALREADY, *dict.fromkeys(heads)) if name in shown.column_names]
     cells = {name: texts(shown, name) for name in columns}

@@ -94,6 +94,7 @@ class BatchResult:
     outliers: tuple[Outlier, ...]  # measurements with a parameter far from the others
     common_effects: tuple[CommonEffect, ...] = ()  # missing in all measurements together, if requested
     shared: tuple[SharedParameter, ...] = ()  # by all channels of a group, if requested
+    where: Mapping[str, Mapping[str, str]] = field(default_factory=dict)  # of measurements that share files
     reports: Mapping[str, str] = field(default_factory=dict)  # by measurement, relative to the folder
 
     @property

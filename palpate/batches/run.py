@@ -13,7 +13,7 @@ import numpy as np
 import pyarrow as pa
 import pyarrow.compute as pc
 
-from palpate.batches.common_effects import CommonEffect, find_common_effects
+from palpate.batches.common_effects import LEAST, CommonEffect, find_common_effects
 from palpate.batches.measurements import (
     BatchMeasurement,
     MeasurementCase,
@@ -31,7 +31,7 @@ from palpate.batches.pooling import (
     pool,
     shared_parameters,
 )
-from palpate.batches.table import head, make_table, parameter_columns, texts, write_table
+from palpate.batches.table import field_names, head, make_table, parameter_columns, texts, write_table
 from palpate.batches.works.measuring import write_measurement_report
 from palpate.common.console import plain
 from palpate.common.files import existing_file, output_folder, write_text
@@ -105,19 +105,14 @@ def batch(
         PalpateError: the scheduler was lost; the same call continues from there.
     """
     places = [data] if isinstance(data, str | Path) else list(data)
-    known = {
-        **dict.fromkeys(EFFECTS),
-        **{effect.name: None for effect in load_user_effects(effects).values()},
-    }
-    for name in add:
-        if name not in known:
-            EFFECTS[name]  # which says what there is
-    if model not in {None, SUGGEST}:
-        MODELS[str(model)]
+    _check_names(model, [*add, *share], effects)
     folder = Path(out)
     if folder.is_dir() and any(folder.iterdir()) and not (folder / RESULTS).is_dir():
         raise InputError(f"output folder {folder}: holds other files; choose another")
     measurements = find_measurements(places, pattern=pattern, metadata=metadata, join=join, split=split)
+    field_names(measurements, group)
+    if pool and len(measurements) < LEAST:
+        raise InputError(f"--pool: {len(measurements)} measurements are too few; give at least {LEAST}")
     sources = [existing_file(Path(path), "URDF") for path in ([urdf] if urdf else [])]
     sources += [Path(text.rpartition(":")[0]) for text in effects]
     options = {
@@ -161,7 +156,8 @@ def batch(
     def result(share: Sequence[str] = ()) -> BatchResult:
         table = make_table(measurements, addresses, store.table(filter(None, addresses)), failures, group)
         finished = len(set(texts(table, "measurement")))
-        return _write(folder, table, len(measurements), finished, common=common, share=share)
+        where = {each.name: each.where for each in measurements if each.where}
+        return _write(folder, table, len(measurements), finished, common=common, share=share, where=where)
 
     try:
         failures |= _run(cases, store, cluster, progress)
@@ -169,10 +165,27 @@ def batch(
         if pool:
             common = find_common_effects(lambda asked: ask(measurements, {"screen": asked}, progress))
     except (KeyboardInterrupt, SystemExit, PalpateError):
-        result()
+        if failures or store.finished():
+            result()
         raise
     made = result(share)
     return _with_reports(made, measurements, options, reports) if reports else made
+
+
+def _check_names(model: str | None, names: Sequence[str], own: Sequence[str]) -> None:
+    """Raise `InputError` if there is no such base model or effect.
+
+    Args:
+        model: of the batch.
+        names: of effects of the library or the user.
+        own: the user's effects, such as "my_effects.py:MyEffect".
+    """
+    known = {effect.name for effect in load_user_effects(own).values()}
+    for name in names:
+        if name not in known:
+            EFFECTS[name]  # which says what there is
+    if model not in {None, SUGGEST}:
+        MODELS[str(model)]
 
 
 def _run(
@@ -211,6 +224,7 @@ def _write(
     *,
     common: tuple[CommonEffect, ...],
     share: Sequence[str],
+    where: Mapping[str, Mapping[str, str]],
 ) -> BatchResult:
     """Pool all parameters, and write table, page and summary."""
     groups = texts(table, "group")
@@ -232,7 +246,16 @@ def _write(
     differences = tuple(group_differences(pooled))
     shared = tuple(shared_parameters(columns, groups, share))
     made = BatchResult(
-        folder, table, measurements, finished, tuple(pooled), differences, tuple(outlying), common, shared
+        folder,
+        table,
+        measurements,
+        finished,
+        tuple(pooled),
+        differences,
+        tuple(outlying),
+        common,
+        shared,
+        where,
     )
     _write_views(made)
     return made

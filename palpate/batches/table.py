@@ -57,6 +57,24 @@ def head(name: str, unit: str, end: str = "") -> str:
     return f"{name} {end} [{unit}]" if end else f"{name} [{unit}]"
 
 
+def field_names(measurements: Sequence[BatchMeasurement], group: str | None) -> list[str]:
+    """Return the names of all fields of the measurements.
+
+    Args:
+        measurements: of the batch.
+        group: field that tells groups apart; None for one group.
+
+    Raises:
+        InputError: a field is called as a column of the table, or no measurement has the group's field.
+    """
+    fields = list(dict.fromkeys(name for each in measurements for name in each.fields))
+    if taken := set(fields).intersection((*FIRST, *NUMBERS, *LAST)):
+        raise InputError(f"field '{min(taken)}': the table has a column of this name; rename the field")
+    if group is not None and group not in fields:
+        raise InputError(f"--group {group}: no such field. There are: {', '.join(fields) or 'none'}")
+    return fields
+
+
 def make_table(
     measurements: Sequence[BatchMeasurement],
     addresses: Sequence[str | None],
@@ -74,13 +92,9 @@ def make_table(
         group: field that tells groups apart; None for one group.
 
     Raises:
-        InputError: a field is called as a column of the table, or no measurement has the group's field.
+        InputError: see `field_names`.
     """
-    fields = list(dict.fromkeys(name for each in measurements for name in each.fields))
-    if taken := set(fields).intersection((*FIRST, *NUMBERS, *LAST)):
-        raise InputError(f"field '{min(taken)}': the table has a column of this name; rename the field")
-    if group is not None and group not in fields:
-        raise InputError(f"--group {group}: no such field. There are: {', '.join(fields) or 'none'}")
+    fields = field_names(measurements, group)
     rows: dict[str, list[int]] = {}
     for row, address in enumerate(texts(results, ADDRESS)):
         rows.setdefault(address, []).append(row)
@@ -92,7 +106,7 @@ def make_table(
         elif measurement.name in failures:
             places.append((number, None))
     chosen = [measurements[number] for number, _ in places]
-    empty = [name for name in results.column_names if pa.types.is_null(results.schema.field(name).type)]
+    empty = [name for name in results.column_names if results[name].null_count == len(results)]
     table = results.drop_columns(empty).take(pa.array([row for _, row in places], pa.int64()))
     known: dict[str, list[str | None]] = {
         "measurement": [each.name for each in chosen],

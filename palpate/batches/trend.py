@@ -21,7 +21,7 @@ _MOST_VALUES = 5_000_000  # in all of these
 _MOST_LARGER = 20  # permutations with as large a change that end the test (Besag and Clifford, 1991)
 _MOST_CHANGES = 6  # of one series
 _SECONDS_A_DAY = 86_400.0
-_DATES = ("date", "day", "night", "time", "datetime", "timestamp")  # fields that are taken for a time
+DATES = ("date", "day", "night", "time", "datetime", "timestamp")  # fields that are taken for a time
 
 
 @dataclass(frozen=True, eq=False)
@@ -64,18 +64,25 @@ def time_axis(table: pa.Table, field: str | None = None) -> tuple[FloatArray, li
     Raises:
         InputError: there is no such column, or a cell in it is neither date nor number.
     """
-    names = [field] if field else [name for name in table.column_names if name.lower() in _DATES]
+    names = [field] if field else [name for name in table.column_names if name.lower() in DATES]
     for name in names:
         if name not in table.column_names:
             raise InputError(f"--date {name}: no such column. There are: {', '.join(table.column_names)}")
         labels = texts(table, name)
         for read, what in ((_days, "date"), (_number, name)):
-            try:
-                return np.array([read(label) for label in labels], dtype=np.float64), labels, what
-            except ValueError as error:
-                problem = str(error)
+            times = [read(label) for label in labels]
+            known = [time for time in times if time is not None]
+            if len(known) == len(labels):
+                return np.array(known), labels, what
+            if known:
+                row = times.index(None)
+                kind = "date" if what == "date" else "number"
+                raise InputError(
+                    f"column {name}, row {row + 1}: {labels[row]!r} is no {kind}, unlike other rows; "
+                    "give dates such as 2026-11-23, or numbers"
+                )
         if field:
-            raise InputError(f"--date {field}: give dates such as 2026-11-23, or numbers ({problem})")
+            raise InputError(f"--date {field}: give dates such as 2026-11-23, or numbers (not {labels[0]!r})")
     measurement = texts(table, "measurement")
     number = {name: float(place) for place, name in enumerate(dict.fromkeys(measurement), 1)}
     return np.array([number[name] for name in measurement]), measurement, "count"
@@ -207,17 +214,22 @@ def _statistics(scaled: FloatArray, times: FloatArray) -> FloatArray:
     return np.asarray(np.column_stack([steps, drift]) / variance)
 
 
-def _days(text: str) -> float:
-    """Days since 1970 of a date or time. ValueError: it is none."""
-    moment = datetime.fromisoformat(text)
+def _days(text: str) -> float | None:
+    """Days since 1970 of a date or time; None if it is none."""
+    try:
+        moment = datetime.fromisoformat(text)
+    except ValueError:
+        return None
     return (moment if moment.tzinfo else moment.replace(tzinfo=UTC)).timestamp() / _SECONDS_A_DAY
 
 
-def _number(text: str) -> float:
-    """A finite number. ValueError: it is none."""
-    if not np.isfinite(value := float(text)):
-        raise ValueError(f"{text!r} is not finite")
-    return value
+def _number(text: str) -> float | None:
+    """A finite number; None if it is none."""
+    try:
+        value = float(text)
+    except ValueError:
+        return None
+    return value if np.isfinite(value) else None
 
 
 def changes_of(

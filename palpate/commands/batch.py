@@ -19,7 +19,7 @@ from palpate.workflows.data_options import EffectOption, JsonOption, ReadOptions
 if TYPE_CHECKING:
     import pyarrow as pa
 
-    from palpate.batches.pooling import PooledParameter
+    from palpate.batches.pooling import BatchResult, PooledParameter
 
 _MOST_SHOWN = 8  # errors, outliers and parameters in the terminal; the page has all
 
@@ -187,11 +187,10 @@ def batch_command(
 
     def show() -> None:
         to, table = console.stdout(), result.table
-        to.print(f"[bold]{count(result.measurements, 'measurement')}[/bold], {len(result.errors)} unreadable")
+        to.print(f"{_heading(result)}, {len(result.errors)} unreadable")
         for verdict, number in Counter(filter(None, texts(table, "verdict"))).most_common():
             to.print(f"  {verdict}: {number}")
-        effects = Counter(name for text in texts(table, "effects") for name in text.split(", ") if name)
-        if effects:
+        if effects := Counter(name for text in texts(table, "effects") for name in text.split(", ") if name):
             named = ", ".join(f"{name} {number}" for name, number in effects.most_common(_MOST_SHOWN))
             to.print(f"  effects named: {named}")
         for words in _misfits(table):
@@ -199,8 +198,8 @@ def batch_command(
         for effect in result.common_effects:
             like = f" (or {', '.join(effect.confused_with)})" if effect.confused_with else ""
             share = f"{100 * effect.share:.2g} % of the squared error"
-            words = f"{effect.channel}: {effect.effect}{like} is missing over all measurements, {share}"
-            to.print(f"  [bold]{safe(words)}[/bold]")
+            words = safe(f"{effect.channel}: {effect.effect}{like} is missing over all measurements, {share}")
+            to.print(f"  [bold]{words}[/bold]")
         for entry in result.pooled[:_MOST_SHOWN]:
             to.print(f"  {safe(_mean(entry))}")
         for shared in result.shared:
@@ -223,6 +222,15 @@ def batch_command(
         to.print(f"page  [bold]{shown(result.page)}[/bold]")
 
     console.present(result.as_data(), show, as_json=as_json)
+
+
+def _heading(result: "BatchResult") -> str:
+    """State the number of measurements and the base models."""
+    from palpate.batches.table import texts  # noqa: PLC0415, its libraries take a second
+
+    models = dict.fromkeys(filter(None, texts(result.table, "model")))
+    many = f"[bold]{count(result.measurements, 'measurement')}[/bold]"
+    return f"{many} with base model {safe(' and '.join(models))}" if models else many
 
 
 def _misfits(table: "pa.Table") -> Iterator[str]:

@@ -32,7 +32,7 @@ def trend_command(
     parameter: Annotated[
         list[str] | None,
         typer.Option(
-            help="Only this parameter, such as coulomb_friction.torque; may be repeated.", metavar="NAME"
+            help="Only this parameter, such as coulomb_friction.force; may be repeated.", metavar="NAME"
         ),
     ] = None,
     out: Annotated[
@@ -117,7 +117,7 @@ def _update(  # noqa: PLR0917, what was typed
     """Test all series once, print and write the changes; return whether there is any."""
     from palpate.batches.page import write_trend  # noqa: PLC0415, its libraries take a second
     from palpate.batches.table import TABLE, read_table  # noqa: PLC0415, as above
-    from palpate.batches.trend import LEAST, LEVEL, changes_of, time_axis  # noqa: PLC0415, as above
+    from palpate.batches.trend import DATES, LEAST, LEVEL, changes_of, time_axis  # noqa: PLC0415, as above
 
     if out is not None:
         from palpate.batches.run import batch  # noqa: PLC0415, as above
@@ -132,9 +132,15 @@ def _update(  # noqa: PLR0917, what was typed
     else:
         table = read_table(data)
     times, labels, what = time_axis(table, date)
+    if what == "count" and (unread := [name for name in table.column_names if name.lower() in DATES]):
+        console.warn(f"column {unread[0]} has no dates such as 2026-11-23: the order of the table counts")
     tested = changes_of(table, times, names)
-    if names and (unknown := set(names) - {series.name for series, _ in tested}):
-        raise InputError(f"--parameter {min(unknown)}: no such series of at least {LEAST} measurements")
+    available = list(dict.fromkeys(series.name for series, _ in tested or changes_of(table, times)))
+    if unknown := set(names) - set(available):
+        raise InputError(
+            f"--parameter {min(unknown)}: no such series of at least {LEAST} measurements. "
+            f"There are: {', '.join(available) or 'none'}"
+        )
     page = (out or (data if data.is_dir() else data.parent)) / PAGE
     write_trend(page, tested, what)
     changes: list[dict[str, Any]] = [

@@ -13,15 +13,10 @@ from palpate.estimation.diagnosis.result import ParameterValue
 from palpate.estimation.estimate import ParameterEstimate
 from palpate.estimation.fit.intervals import SIGMAS_95
 from palpate.estimation.study import StudyChannel
-from palpate.estimation.study.estimates import BEST, USUAL, ChannelEstimates
 from palpate.estimation.study.model_suggestions import far_better_model
 from palpate.robot_io.errors import InputError
 from palpate.study import Study, arm_from_urdf
 from palpate.sweep.case import Row
-
-ESTIMATORS = tuple(
-    name for name in USUAL if name in BEST
-)  # of the usual ones, those whose result may be shown
 
 
 def measure(files: Sequence[Path], parameters: Mapping[str, Any]) -> list[Row]:
@@ -39,17 +34,10 @@ def measure(files: Sequence[Path], parameters: Mapping[str, Any]) -> list[Row]:
         return [_suggestion(study, channel) for channel in study.channels]
     if "screen" in options:
         return _gains(study, options["screen"])
-    try:
-        estimates = {each.channel.name: each for each in study.estimate(list(ESTIMATORS))}
-    except InputError:  # such as too few samples; the comparison gives the reason
-        estimates = {}
     diagnosed: dict[str, ChannelDiagnosis] = {}
     if options["diagnose"]:
         diagnosed = {entry.channel: entry for entry in study.diagnose(plan=False).channels}
-    return [
-        _row(study, channel, estimates.get(channel.name), diagnosed.get(channel.name), options["add"])
-        for channel in study.channels
-    ]
+    return [_row(study, channel, diagnosed.get(channel.name), options["add"]) for channel in study.channels]
 
 
 def write_measurement_report(files: Sequence[Path], parameters: Mapping[str, Any], path: Path) -> None:
@@ -88,7 +76,6 @@ def _study_of(files: Sequence[Path], parameters: Mapping[str, Any]) -> Study:
 def _row(
     study: Study,
     channel: StudyChannel,
-    estimates: ChannelEstimates | None,
     diagnosis: ChannelDiagnosis | None,
     add: Sequence[str],
 ) -> Row:
@@ -125,10 +112,8 @@ def _row(
     final = diagnosis.final if diagnosis is not None and diagnosis.accepted and not add else None
     if final is not None:  # use one model: a missing effect changes the other parameters
         row |= _all_columns(final.parameters)
-    elif comparison is not None and (estimates is None or comparison.model != channel.model.name):
+    elif comparison is not None:
         row |= _all_columns(comparison.parameters)
-    elif estimates is not None:
-        row |= _all_columns({parameter.name: parameter for parameter in estimates.best.parameters})
     if diagnosis is None:
         return row | {"warnings": "; ".join(warnings)}
     row |= {

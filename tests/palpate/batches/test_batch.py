@@ -80,8 +80,8 @@ def rows(folder):
 def test_numbers_are_those_of_the_single_commands(specimens, out):
     row = next(row for row in rows(out) if row["measurement"] == "s1_soft.csv")
     study = Study(specimens / "s1_soft.csv", keep=False)
-    stiffness = study.estimate()[0].best["stiffness.k"]
     comparison = study.compare()["contact"]
+    stiffness = comparison.parameters["stiffness.k"]
     assert float(row["stiffness.k [N/m]"]) == stiffness.value
     assert float(row["stiffness.k low [N/m]"]) == stiffness.interval[0]
     assert float(row["rmse"]) == comparison.rmse
@@ -324,8 +324,11 @@ def test_a_law_is_shared_where_the_recordings_agree_and_refused_where_they_do_no
     said = done("batch", unlike, *options, "--out", tmp_path / "no").stdout
     assert "coulomb_friction.force in 3 estimates is not shared" in " ".join(said.split())
     assert "contradicted" in (tmp_path / "no" / "index.html").read_text()
-    refused = run("batch", unlike, *options, "--share", "relaxation", "--out", tmp_path / "no")
-    assert_refused(refused, "--share relaxation", "There are:", "coulomb_friction")
+    refused = run("batch", unlike, *options, "--share", "backlash", "--out", tmp_path / "no")
+    assert_refused(refused, "--share backlash", "There are:", "coulomb_friction")
+    refused = run("batch", unlike, *options, "--share", "relaxation", "--out", tmp_path / "new")
+    assert_refused(refused, "relaxation", "stress_relaxation")
+    assert not (tmp_path / "new").exists()
 
 
 def test_names_tell_files_of_one_name_apart_and_a_file_of_any_bytes_is_no_list(tmp_path):
@@ -350,9 +353,25 @@ def test_sessions_and_a_damaged_one_are_measurements_as_well(probed, tmp_path):
     whole = [row for row in result.table.to_pylist() if row["measurement"] == "whole.mcap"]
     assert {"contact", "joint_1"} <= {row["channel"] for row in whole}
     contact = next(row for row in whole if row["channel"] == "contact")
-    stiffness = Study(probed[0], keep=False).estimate()[0].best["stiffness.k"]
+    stiffness = Study(probed[0], keep=False).compare()["contact"].parameters["stiffness.k"]
     assert contact["stiffness.k [N/m]"] == stiffness.value
     assert "damaged.mcap" in result.errors["damaged.mcap"]
+
+
+def test_a_batch_that_is_stopped_before_the_first_result_continues(specimens, tmp_path):
+    press, out = specimens / "s0_soft.csv", tmp_path / "out"
+    lost = run("batch", press, "--out", out, "--scheduler", "tcp://127.0.0.1:9")
+    assert_refused(lost, "tcp://127.0.0.1:9")
+    assert not list(out.rglob("*.csv"))
+    done("batch", press, "--out", out, "--workers", 1)
+    assert len(rows(out)) == 1
+
+
+def test_what_a_late_step_would_refuse_is_refused_before_the_first_measurement(specimens, tmp_path):
+    press, out = specimens / "s0_soft.csv", tmp_path / "out"
+    assert_refused(run("batch", press, "--out", out, "--group", "animal"), "--group animal: no such field")
+    assert_refused(run("batch", press, "--out", out, "--pool"), "1 measurements are too few; give at least 5")
+    assert not out.exists()
 
 
 @pytest.mark.parametrize(

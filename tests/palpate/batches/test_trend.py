@@ -125,6 +125,18 @@ def test_what_is_no_table_no_date_or_too_short_is_said(tmp_path):
     assert_refused(run("trend", tmp_path / "table.csv"), "lacks the columns")
 
 
+def test_a_cell_that_is_no_date_is_refused_among_dates_and_warned_of_if_none_is(tmp_path):
+    for name, labels in (("one", ["2026-01-01"] * 11 + ["03.10.2026"]), ("all", ["03.10.2026"] * 12)):
+        table = pa.table(
+            {"measurement": [f"n{n}" for n in range(12)], "channel": ["axis"] * 12, "date": labels}
+        )
+        pq.write_table(table, tmp_path / f"{name}.parquet")
+    assert_refused(run("trend", tmp_path / "one.parquet"), "column date, row 12: '03.10.2026' is no date")
+    asked = run("trend", tmp_path / "all.parquet")
+    assert asked.exit_code == 0
+    assert "column date has no dates" in " ".join(asked.stderr.split())
+
+
 @pytest.mark.parametrize(
     ("change", "why"),
     [
