@@ -45,6 +45,7 @@ _MOST_RANKED = 3  # most candidates that are added alone to the base model
 # If the share of a kind without an accepted effect exceeds this multiple of the error left by the accepted
 # effects, the kind's law imitates these effects.
 _IMITATION = 2.0
+_SLOW = 1.5  # ratio of the error to the noise above which what is left is slower than noise of the readings
 _PEAKED = 0.8  # share of the squared error in its largest 5 %; normal noise has 0.28
 _Rivals = Mapping[str, Mapping[str, FitResult]]  # fits by replaced effect and replacing effect
 
@@ -331,7 +332,10 @@ def _reason(
         left = evidence.objection.reason
     if verdict is Verdict.MISSING:
         decrease = error_decrease(accepted, evidence.stages[0].rmse, last, unit)
-        nothing = f"only noise is left{_steps(evidence)}{_hum(end)}{_peaks(end)}"
+        nothing = "only noise is left"
+        if not evidence.noise.is_bound and last > _SLOW * noise > 0.0:
+            nothing = f"what is left, {last / noise:.2g} times the noise, depends on no recorded signal"
+        nothing += f"{_steps(evidence)}{_hum(end)}{_peaks(end)}"
         return f"{decrease}, and {nothing}" if evidence.complete else f"{decrease}; {left}"
     reason = f"the error is {last:.3g} {unit}; {left}"
     if not ranking or ranking[0].score < SMALL:

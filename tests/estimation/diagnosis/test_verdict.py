@@ -24,6 +24,7 @@ from palpate.estimation.effects import EFFECTS
 from palpate.estimation.fit.fit_result import final_solution, fit_model
 from palpate.estimation.fit.intervals import estimate_parameters
 from palpate.estimation.fit.measurement_model import identify_measurement_model
+from palpate.estimation.fit.measurement_noise import MeasurementNoise, NoiseSource
 from palpate.estimation.kinds import Kind
 from palpate.estimation.model import Model
 from tests.estimation.contact_data import channel
@@ -100,6 +101,21 @@ def test_where_nothing_is_left_nothing_is_to_be_recorded(swung):
     assert (found.floor.free_air, found.floor.share_left) == (None, end.explainable_share())
     assert found.reason.endswith("with joint_spring and coulomb_friction, and only noise is left")
     assert found.effort_unit == "N m"
+
+
+@pytest.mark.parametrize(
+    ("ratio", "effort_nm", "left"),
+    [
+        (1.2, 0.02, "only noise is left"),
+        (4.0, 0.02, "what is left, 4 times the noise, depends on no recorded signal"),
+        (4.0, None, "only noise is left"),  # an upper bound of the noise
+    ],
+)
+def test_what_is_left_far_above_the_noise_is_not_called_noise(swung, ratio, effort_nm, left):
+    search, end, measurement = swung
+    evidence = Evidence(search, measurement, end, True, None)
+    vars(evidence)["noise"] = MeasurementNoise(end.rmse / ratio, NoiseSource.NEIGHBORS, effort_nm, 0.0)
+    assert decide_verdict(evidence).reason.endswith(left)
 
 
 @pytest.mark.parametrize("hum_n", [0.3, 0.0])
