@@ -193,7 +193,7 @@ def batch_command(
         if effects := Counter(name for text in texts(table, "effects") for name in text.split(", ") if name):
             named = ", ".join(f"{name} {number}" for name, number in effects.most_common(_MOST_SHOWN))
             to.print(f"  effects named: {named}")
-        for words in _misfits(table):
+        for words in _cautions(table):
             to.print(f"  [yellow]{safe(words)}[/yellow]")
         for effect in result.common_effects:
             like = f" (or {', '.join(effect.confused_with)})" if effect.confused_with else ""
@@ -233,10 +233,19 @@ def _heading(result: "BatchResult") -> str:
     return f"{many} with base model {safe(' and '.join(models))}" if models else many
 
 
-def _misfits(table: "pa.Table") -> Iterator[str]:
-    """Report, by channel and model, in how many measurements without a verdict the model does not fit."""
+def _cautions(table: "pa.Table") -> Iterator[str]:
+    """Say how many measurements are copies, and by channel how many without a verdict the model misses."""
     from palpate.batches.table import floats, texts  # noqa: PLC0415, its libraries take a second
 
+    same: dict[str, set[str]] = {}
+    for address, name in zip(texts(table, "address"), texts(table, "measurement"), strict=True):
+        same.setdefault(address, set()).add(name)
+    if copies := [sorted(each) for address, each in same.items() if address and len(each) > 1]:
+        number = sum(map(len, copies)) - len(copies)
+        yield (
+            f"{count(number, 'measurement')} with the same content as another, such as {copies[0][0]} and "
+            f"{copies[0][1]}, counted as independent"
+        )
     names = (texts(table, name) for name in ("channel", "model", "verdict"))
     times_noise: dict[tuple[str, str], list[float]] = {}
     for channel, model, verdict, times in zip(*names, floats(table, "times_noise"), strict=True):

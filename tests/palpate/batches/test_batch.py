@@ -358,6 +358,14 @@ def test_sessions_and_a_damaged_one_are_measurements_as_well(probed, tmp_path):
     assert "damaged.mcap" in result.errors["damaged.mcap"]
 
 
+def test_copies_of_a_measurement_are_mentioned(specimens, tmp_path):
+    copies = [tmp_path / "a.csv", tmp_path / "b.csv"]
+    for copy in copies:
+        copy.write_bytes((specimens / "s0_soft.csv").read_bytes())
+    said = " ".join(done("batch", *copies, "--out", tmp_path / "out", "--workers", 1).stdout.split())
+    assert "1 measurement with the same content as another, such as a.csv and b.csv" in said
+
+
 def test_a_batch_that_is_stopped_before_the_first_result_continues(specimens, tmp_path):
     press, out = specimens / "s0_soft.csv", tmp_path / "out"
     lost = run("batch", press, "--out", out, "--scheduler", "tcp://127.0.0.1:9")
