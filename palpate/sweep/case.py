@@ -104,6 +104,7 @@ _PACK = "pack-"
 _ENDING = ".parquet"
 _SECONDS = "seconds"  # column of a case's processor time
 _MOST_ROWS = 10_000_000
+_TOGETHER = 50  # single files that are in memory at once; a table of one row takes more than 100 kB
 _ROUNDING = 1e-6  # relative difference that is tolerated between machines
 
 
@@ -195,7 +196,10 @@ class ResultStore:
         landed = self._landed()
         if len(landed) < 2:
             return
-        table = _joined({path: _read(path) for path in landed})
+        groups = [landed[first : first + _TOGETHER] for first in range(0, len(landed), _TOGETHER)]
+        table = _joined(
+            {each[0]: _joined({path: _read(path) for path in each}).combine_chunks() for each in groups}
+        )
         _write(self.folder / f"{_PACK}{uuid4().hex}{_ENDING}", table)
         for path in landed:
             path.unlink(missing_ok=True)
