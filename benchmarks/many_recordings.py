@@ -291,8 +291,8 @@ def memory(folder: Path, rows: int) -> None:
         with ProcessPoolExecutor(2, multiprocessing.get_context("spawn")) as pool:
             for first in range(0, len(cases), 1000):
                 addresses = [case.address for case in cases[first : first + 1000]]
-                halves = (addresses[::2], addresses[1::2])
-                list(pool.map(land_rows, [store.folder] * 2, halves))
+                halves = [half for half in (addresses[::2], addresses[1::2]) if half]
+                list(pool.map(land_rows, [store.folder] * len(halves), halves))
                 store.pack()
                 progress(first + len(addresses), len(cases))
         return SweepReport(0, len(cases), (), 0.0)

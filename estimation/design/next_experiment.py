@@ -27,6 +27,7 @@ _CHANGES = (  # factor on the speed, factor on the range, and instruction
     (1.0, 1.5, "move over one and a half times the range"),
     (1.0, 0.5, "move over half the range"),
 )
+_SLOW = 0.02  # share of the largest speed below which a motion the other way is noise
 _REVERSED = (1.0, -1.0, "repeat the motion in the other direction")
 
 
@@ -42,7 +43,10 @@ def changed_motions(data: ChannelData) -> Iterator[tuple[str, float, ChannelData
     if set(data.context) - set(_OF_THE_ARM) - data.recorded:
         return
     lasted_s = sum(float(np.ptp(data.time_s[data.run == run])) for run in data.runs)
-    is_one_way = data.kind is not ChannelKind.CONTACT and np.ptp(np.sign(data.velocity)) < 2.0
+    slow = _SLOW * np.abs(data.velocity).max()  # noise of the velocity at rest
+    is_one_way = data.kind is not ChannelKind.CONTACT and (
+        data.velocity.min() > -slow or data.velocity.max() < slow
+    )
     for speed, reach, words in (*_CHANGES, _REVERSED) if is_one_way else _CHANGES:
         start_s = data.time_s[0]
         scales = (reach, reach * speed, reach * speed**2)

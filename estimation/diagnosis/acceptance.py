@@ -404,10 +404,11 @@ def similar_forms(search: Search, fit: FitResult, name: str) -> dict[str, FitRes
 
 
 def as_good_effects(search: Search, fit: FitResult, name: str) -> dict[str, FitResult]:
-    """Fit models with an effect of another kind that explains about as much with no more parameters.
+    """Fit models with an effect of another kind that explains about as much.
 
-    A joint that never reverses has the same friction and bias; over a short way a weight is nearly a spring.
-    Models with squared errors within `AS_GOOD` do not outperform each other.
+    It has no more parameters that the data determine. A joint that never reverses has the same friction and
+    bias; over a short way a weight is nearly a spring. A replacement is as good if its squared error is at
+    most 1 / `AS_GOOD` times the model's.
 
     Args:
         search: the search of the channel.
@@ -448,7 +449,7 @@ def _physical_alternatives(search: Search, fit: FitResult, name: str) -> Iterato
 def _alternatives(
     search: Search, fit: FitResult, name: str, most: int | None = None
 ) -> tuple[float, list[Candidate]]:
-    """Return the alternatives with at most `most` parameters, and the squared error of an equivalent one.
+    """Return alternatives with at most `most` determined parameters, and the squared error of an equal one.
 
     By default, `most` is the number of the effect's parameters.
     """
@@ -463,9 +464,10 @@ def _alternatives(
 
 def _has_at_most(most: float, candidate: Candidate, fit: FitResult) -> bool:
     """Return whether the data determine at most `most` parameters of a candidate."""
-    fewest = len(candidate.effect.gains)
-    if parameter_count(candidate.effect) <= most or fewest > most:
-        return fewest <= most
+    if parameter_count(candidate.effect) <= most:
+        return True
+    if len(candidate.effect.gains) > most:
+        return False
     return determined_count(candidate.effect, candidate.search.best, fit.problem) <= most
 
 

@@ -33,7 +33,7 @@ from palpate.batches.pooling import (
 )
 from palpate.batches.table import field_names, head, make_table, parameter_columns, texts, write_table
 from palpate.batches.works.measuring import write_measurement_report
-from palpate.common.console import plain
+from palpate.common.console import count, plain
 from palpate.common.files import existing_file, output_folder, write_text
 from palpate.common.user_effects import load_user_effects
 from palpate.estimation.data.import_options import ImportOptions
@@ -112,7 +112,9 @@ def batch(
     measurements = find_measurements(places, pattern=pattern, metadata=metadata, join=join, split=split)
     field_names(measurements, group)
     if pool and len(measurements) < LEAST:
-        raise InputError(f"--pool: {len(measurements)} measurements are too few; give at least {LEAST}")
+        raise InputError(
+            f"--pool: {count(len(measurements), 'measurement')} given; at least {LEAST} are needed"
+        )
     sources = [existing_file(Path(path), "URDF") for path in ([urdf] if urdf else [])]
     sources += [Path(text.rpartition(":")[0]) for text in effects]
     options = {
@@ -148,8 +150,8 @@ def batch(
     addresses = [cases[each.name].address if each.name in cases else None for each in measurements]
     if retry:
         results = store.table(filter(None, addresses))
-        failed = set(results.filter(pc.not_equal(results["error"], ""))[ADDRESS].to_pylist())
-        store.drop(failed)
+        if "error" in results.column_names:
+            store.drop(results.filter(pc.not_equal(results["error"], ""))[ADDRESS].to_pylist())
 
     common: tuple[CommonEffect, ...] = ()
 
@@ -165,7 +167,7 @@ def batch(
         if pool:
             common = find_common_effects(lambda asked: ask(measurements, {"screen": asked}, progress))
     except (KeyboardInterrupt, SystemExit, PalpateError):
-        if failures or store.finished():
+        if failures or store.finished().intersection(filter(None, addresses)):
             result()
         raise
     made = result(share)

@@ -106,7 +106,9 @@ def make_table(
         elif measurement.name in failures:
             places.append((number, None))
     chosen = [measurements[number] for number, _ in places]
-    empty = [name for name in results.column_names if results[name].null_count == len(results)]
+    empty = [
+        name for name in results.column_names if name != ADDRESS and results[name].null_count == len(results)
+    ]
     table = results.drop_columns(empty).take(pa.array([row for _, row in places], pa.int64()))
     known: dict[str, list[str | None]] = {
         "measurement": [each.name for each in chosen],

@@ -69,18 +69,19 @@ def time_axis(table: pa.Table, field: str | None = None) -> tuple[FloatArray, li
         if name not in table.column_names:
             raise InputError(f"--date {name}: no such column. There are: {', '.join(table.column_names)}")
         labels = texts(table, name)
+        unread = [len(labels)]  # first row that each reader cannot read
         for read, what in ((_days, "date"), (_number, name)):
             times = [read(label) for label in labels]
             known = [time for time in times if time is not None]
             if len(known) == len(labels):
                 return np.array(known), labels, what
             if known:
-                row = times.index(None)
-                kind = "date" if what == "date" else "number"
-                raise InputError(
-                    f"column {name}, row {row + 1}: {labels[row]!r} is no {kind}, unlike other rows; "
-                    "give dates such as 2026-11-23, or numbers"
-                )
+                unread.append(times.index(None))
+        if (row := min(unread)) < len(labels):
+            raise InputError(
+                f"column {name}, row {row + 1}: {labels[row]!r} is neither date nor number, or unlike other "
+                "rows; give dates such as 2026-11-23, or numbers"
+            )
         if field:
             raise InputError(f"--date {field}: give dates such as 2026-11-23, or numbers (not {labels[0]!r})")
     measurement = texts(table, "measurement")

@@ -225,16 +225,16 @@ def batch_command(
 
 
 def _heading(result: "BatchResult") -> str:
-    """State the number of measurements and the base models."""
+    """State the number of measurements and the models."""
     from palpate.batches.table import texts  # noqa: PLC0415, its libraries take a second
 
     models = dict.fromkeys(filter(None, texts(result.table, "model")))
     many = f"[bold]{count(result.measurements, 'measurement')}[/bold]"
-    return f"{many} with base model {safe(' and '.join(models))}" if models else many
+    return f"{many} with model {safe(', '.join(models))}" if models else many
 
 
 def _cautions(table: "pa.Table") -> Iterator[str]:
-    """Say how many measurements are copies, and by channel how many without a verdict the model misses."""
+    """Warn of copies, and of models that do not fit measurements without a verdict."""
     from palpate.batches.table import floats, texts  # noqa: PLC0415, its libraries take a second
 
     same: dict[str, set[str]] = {}
@@ -242,9 +242,10 @@ def _cautions(table: "pa.Table") -> Iterator[str]:
         same.setdefault(address, set()).add(name)
     if copies := [sorted(each) for address, each in same.items() if address and len(each) > 1]:
         number = sum(map(len, copies)) - len(copies)
+        has = "has" if number == 1 else "have"
         yield (
-            f"{count(number, 'measurement')} with the same content as another, such as {copies[0][0]} and "
-            f"{copies[0][1]}, counted as independent"
+            f"{count(number, 'measurement')} {has} the same content as another ({', '.join(copies[0][:2])}); "
+            "means and tests count both"
         )
     names = (texts(table, name) for name in ("channel", "model", "verdict"))
     times_noise: dict[tuple[str, str], list[float]] = {}
@@ -269,7 +270,11 @@ def _mean(entry: "PooledParameter") -> str:
     if effects.count < 2:
         return f"{name}: {significant(effects.mean, effects.std_err)} {entry.unit}, of one measurement"
     spread = significant(effects.spread, effects.interval[1] - effects.mean)
-    differ = f"spread between measurements {spread} {entry.unit}" if effects.spread else "no spread resolved"
+    differ = (
+        f"spread between measurements {spread} {entry.unit}"
+        if effects.spread
+        else "no spread between measurements detected"
+    )
     return f"{name}: mean {_with_interval(effects.mean, effects.interval, entry.unit)}, {differ}"
 
 

@@ -117,14 +117,14 @@ def _update(  # noqa: PLR0917, what was typed
     """Test all series once, print and write the changes; return whether there is any."""
     from palpate.batches.page import write_trend  # noqa: PLC0415, its libraries take a second
     from palpate.batches.table import TABLE, read_table  # noqa: PLC0415, as above
-    from palpate.batches.trend import DATES, LEAST, LEVEL, changes_of, time_axis  # noqa: PLC0415, as above
+    from palpate.batches.trend import DATES, LEAST, LEVEL, all_series, changes_of, time_axis  # noqa: PLC0415, as above
 
     if out is not None:
         from palpate.batches.run import batch  # noqa: PLC0415, as above
         from palpate.render.progress import sweep_progress  # noqa: PLC0415, as above
 
         with sweep_progress() as progress:
-            table = batch(data, out=out, **options, progress=progress).table
+            table = batch(data, out=out, **options, reports=0, progress=progress).table
     elif data.is_dir() and not (data / f"{TABLE}.parquet").is_file():
         raise InputError(
             f"{data}: contains no table from palpate batch; to analyse recordings in it, add --out FOLDER"
@@ -134,13 +134,13 @@ def _update(  # noqa: PLR0917, what was typed
     times, labels, what = time_axis(table, date)
     if what == "count" and (unread := [name for name in table.column_names if name.lower() in DATES]):
         console.warn(f"column {unread[0]} has no dates such as 2026-11-23: the order of the table counts")
-    tested = changes_of(table, times, names)
-    available = list(dict.fromkeys(series.name for series, _ in tested or changes_of(table, times)))
+    available = list(dict.fromkeys(series.name for series in all_series(table, times)))
     if unknown := set(names) - set(available):
         raise InputError(
             f"--parameter {min(unknown)}: no such series of at least {LEAST} measurements. "
             f"There are: {', '.join(available) or 'none'}"
         )
+    tested = changes_of(table, times, names)
     page = (out or (data if data.is_dir() else data.parent)) / PAGE
     write_trend(page, tested, what)
     changes: list[dict[str, Any]] = [

@@ -14,7 +14,8 @@ import pyarrow.parquet as pq
 import pytest
 
 import palpate
-from palpate.batches.measurements import find_measurements
+from palpate.batches.measurements import BatchMeasurement, find_measurements
+from palpate.batches.table import make_table
 from palpate.robot_io.errors import InputError, describe_error
 from palpate.study import Study
 from palpate.sweep import ResultStore, runner
@@ -363,7 +364,7 @@ def test_copies_of_a_measurement_are_mentioned(specimens, tmp_path):
     for copy in copies:
         copy.write_bytes((specimens / "s0_soft.csv").read_bytes())
     said = " ".join(done("batch", *copies, "--out", tmp_path / "out", "--workers", 1).stdout.split())
-    assert "1 measurement with the same content as another, such as a.csv and b.csv" in said
+    assert "1 measurement has the same content as another (a.csv, b.csv); means and tests count both" in said
 
 
 def test_a_batch_that_is_stopped_before_the_first_result_continues(specimens, tmp_path):
@@ -371,14 +372,28 @@ def test_a_batch_that_is_stopped_before_the_first_result_continues(specimens, tm
     lost = run("batch", press, "--out", out, "--scheduler", "tcp://127.0.0.1:9")
     assert_refused(lost, "tcp://127.0.0.1:9")
     assert not list(out.rglob("*.csv"))
-    done("batch", press, "--out", out, "--workers", 1)
-    assert len(rows(out)) == 1
+    done("batch", press, "--out", out, "--workers", 1, "--retry")
+    (before,) = rows(out)
+    lost = run("batch", press, "--out", out, "--scheduler", "tcp://127.0.0.1:9", "--model", "hunt_crossley")
+    assert_refused(lost, "tcp://127.0.0.1:9")
+    assert rows(out) == [before]  # not replaced by an empty table
+
+
+def test_a_table_of_failures_alone_has_their_rows(tmp_path):
+    missing = BatchMeasurement("gone.csv", (str(tmp_path / "gone.csv"),))
+    empty = ResultStore(tmp_path).table([])
+    table = make_table([missing], [None], empty, {"gone.csv": "no such file"}, None)
+    assert table.select(["measurement", "error"]).to_pylist() == [
+        {"measurement": "gone.csv", "error": "no such file"}
+    ]
 
 
 def test_what_a_late_step_would_refuse_is_refused_before_the_first_measurement(specimens, tmp_path):
     press, out = specimens / "s0_soft.csv", tmp_path / "out"
     assert_refused(run("batch", press, "--out", out, "--group", "animal"), "--group animal: no such field")
-    assert_refused(run("batch", press, "--out", out, "--pool"), "1 measurements are too few; give at least 5")
+    assert_refused(
+        run("batch", press, "--out", out, "--pool"), "--pool: 1 measurement given; at least 5 are needed"
+    )
     assert not out.exists()
 
 

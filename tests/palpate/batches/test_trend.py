@@ -120,7 +120,9 @@ def test_what_is_no_table_no_date_or_too_short_is_said(tmp_path):
     assert_refused(run("trend", tmp_path), "contains no table from palpate batch")
     assert_refused(run("trend", tmp_path / "few", "--date", "channel"), "--date channel: give dates")
     assert_refused(run("trend", tmp_path / "few", "--date", "night"), "no such column")
-    assert_refused(run("trend", tmp_path / "few", "--parameter", "mass"), "--parameter mass")
+    assert_refused(
+        run("trend", tmp_path / "few", "--parameter", "mass"), "--parameter mass", "There are: none"
+    )
     (tmp_path / "table.csv").write_text("a,b\n1,2\n")
     assert_refused(run("trend", tmp_path / "table.csv"), "lacks the columns")
 
@@ -131,7 +133,9 @@ def test_a_cell_that_is_no_date_is_refused_among_dates_and_warned_of_if_none_is(
             {"measurement": [f"n{n}" for n in range(12)], "channel": ["axis"] * 12, "date": labels}
         )
         pq.write_table(table, tmp_path / f"{name}.parquet")
-    assert_refused(run("trend", tmp_path / "one.parquet"), "column date, row 12: '03.10.2026' is no date")
+    assert_refused(
+        run("trend", tmp_path / "one.parquet"), "column date, row 12: '03.10.2026' is neither date nor number"
+    )
     asked = run("trend", tmp_path / "all.parquet")
     assert asked.exit_code == 0
     assert "column date has no dates" in " ".join(asked.stderr.split())
