@@ -50,7 +50,7 @@ def test_positions_need_room_between_them():
 
 
 def test_an_arm_is_lowered_as_documented():
-    (lower_time_s,) = re.findall(r"lowered for `lower_time_s` \((\d+) s", PAGE.read_text(encoding="utf-8"))
+    (lower_time_s,) = re.findall(r"`lower_time_s` \((\d+) s by default\)", PAGE.read_text(encoding="utf-8"))
     safe_state = SafeState(**SAFE_STATE)
     assert safe_state.lower_time_s == float(lower_time_s)
     assert safe_state.lower_time_s * safe_state.lower_speed_rad_s < 1.0  # it is let down, not far
