@@ -351,16 +351,18 @@ def indistinguishable_models(
 
     Returns:
         Fitted models by the name of the replacing effect: first single alternatives, the best first, then
-        composite effects that also replace other effects of the model.
+        composite effects that also replace other effects of the model. A composite may combine an alternative
+        with the model's other effects: friction that differs by direction is Coulomb friction and a bias.
     """
     models = {
         candidate.effect.name: search.with_candidate(candidate)
         for candidate in _rivals(search, fit, name, measurement)
     }
-    for composite in _composites(search, fit, name):
-        replaced = _with_composite(search, fit, composite)
-        if not improvement_test(replaced, fit, measurement, search.rng).is_significant:
-            models[composite.name] = replaced
+    for part, model in [(name, fit), *models.items()]:
+        for composite in _composites(search, model, part):
+            replaced = _with_composite(search, model, composite)
+            if not improvement_test(replaced, fit, measurement, search.rng).is_significant:
+                models[composite.name] = replaced
     return models
 
 
@@ -530,7 +532,7 @@ def _rivals(
         candidate for candidate in search.alternatives(fit, name) if candidate.effect.name != name
     ]
     for candidate in alternatives[:_MOST_RIVALS]:
-        if candidate.followed(fit.problem) > NEAR * half or not _has_at_most(most, candidate, fit):
+        if not _has_at_most(most, candidate, fit) or candidate.followed(fit.problem) > NEAR * half:
             continue
         rival = search.with_candidate(candidate)
         if not search.is_sensible(rival):

@@ -244,6 +244,22 @@ def test_a_fault_of_the_reader_needs_a_size_even_if_it_removes_most_of_the_error
     assert module._has_zero_size(large, end, BIAS)
 
 
+def test_a_whole_is_stated_also_if_a_rival_of_its_part_is_in_the_model():
+    """In a small swing a tilt of gravity is a bias, and that with friction is friction by direction."""
+    wide = swings(2)
+    q, v, a = 0.1 * wide.position, 0.1 * wide.velocity, 0.1 * wide.acceleration
+    rubbed = np.where(v > 0.0, 0.1, -0.5)
+    torque = (
+        0.05 * a + 2.0 * np.sin(q) + 0.15 * v + rubbed + np.random.default_rng(1).normal(0.0, 0.02, len(q))
+    )
+    small = replace(wide, position=q, velocity=v, acceleration=a, effort=torque)
+    search = searched(small, "coulomb_friction", "gravity_tilt", "bias", "asymmetric_friction")
+    fit = reached(search, "coulomb_friction", "gravity_tilt")
+    assert {"bias", "asymmetric_friction"} <= set(
+        indistinguishable_models(search, fit, "gravity_tilt", measured(search))
+    )
+
+
 def test_parts_that_are_fewer_than_their_whole_are_held_against_it():
     """Friction and a bias, where one effect has both; a whole of which a part is missing is no rival."""
     data = swings(1, lambda q, v, a: 0.3 * np.tanh(v / 0.01) + 0.1)
