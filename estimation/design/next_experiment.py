@@ -15,6 +15,7 @@ from palpate.estimation.data_quality import SINGLE_RUN
 from palpate.estimation.design import Experiment, Rivals, choose
 from palpate.estimation.effect import Effect
 from palpate.estimation.fit.fit_result import FitResult
+from palpate.estimation.signals.motion import never_returns
 
 if TYPE_CHECKING:
     from palpate.control.probing.plan import ProbingPlan
@@ -27,7 +28,6 @@ _CHANGES = (  # factor on the speed, factor on the range, and instruction
     (1.0, 1.5, "move over one and a half times the range"),
     (1.0, 0.5, "move over half the range"),
 )
-_SLOW = 0.02  # share of the largest speed below which a motion the other way is noise
 _REVERSED = (1.0, -1.0, "repeat the motion in the other direction")
 
 
@@ -43,10 +43,7 @@ def changed_motions(data: ChannelData) -> Iterator[tuple[str, float, ChannelData
     if set(data.context) - set(_OF_THE_ARM) - data.recorded:
         return
     lasted_s = sum(float(np.ptp(data.time_s[data.run == run])) for run in data.runs)
-    slow = _SLOW * np.abs(data.velocity).max()  # noise of the velocity at rest
-    is_one_way = data.kind is not ChannelKind.CONTACT and (
-        data.velocity.min() > -slow or data.velocity.max() < slow
-    )
+    is_one_way = data.kind is not ChannelKind.CONTACT and never_returns(data.position, data.run)
     for speed, reach, words in (*_CHANGES, _REVERSED) if is_one_way else _CHANGES:
         start_s = data.time_s[0]
         scales = (reach, reach * speed, reach * speed**2)

@@ -11,7 +11,15 @@ import typer
 
 from palpate.common import console
 from palpate.common.console import count, safe, shown, significant
-from palpate.common.options import SchedulerOption, WorkersOption, effect_names, model_names, takes
+from palpate.common.options import (
+    AddOption,
+    PatternOption,
+    SchedulerOption,
+    WorkersOption,
+    effect_names,
+    model_names,
+    takes,
+)
 from palpate.render.view import NOISE
 from palpate.robot_io.errors import InputError
 from palpate.workflows.data_options import EffectOption, JsonOption, ReadOptions
@@ -68,20 +76,8 @@ def batch_command(
             help="Combine the evidence of all measurements, to detect effects too small for one of them.",
         ),
     ] = False,
-    add: Annotated[
-        list[str] | None,
-        typer.Option(
-            help="Effect to fit to every measurement; may be repeated.",
-            metavar="EFFECT",
-            autocompletion=effect_names,
-        ),
-    ] = None,
-    pattern: Annotated[
-        str | None,
-        typer.Option(
-            help="Pattern of the file names, whose parts become fields, such as '{specimen}_{day}.csv'."
-        ),
-    ] = None,
+    add: AddOption = None,
+    pattern: PatternOption = None,
     metadata: Annotated[
         Path | None,
         typer.Option(

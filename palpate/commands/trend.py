@@ -8,7 +8,7 @@ import typer
 
 from palpate.common import console
 from palpate.common.console import count, safe, shown, significant
-from palpate.common.options import effect_names, model_names
+from palpate.common.options import AddOption, PatternOption, model_names
 from palpate.robot_io.errors import InputError
 from palpate.workflows.data_options import JsonOption
 
@@ -44,24 +44,12 @@ def trend_command(
     model: Annotated[
         str | None, typer.Option(help="Base model of the recordings.", autocompletion=model_names)
     ] = None,
-    pattern: Annotated[
-        str | None,
-        typer.Option(
-            help="Pattern of the recordings' names, whose parts become fields, such as '{arm}_{date}.csv'."
-        ),
-    ] = None,
+    pattern: PatternOption = None,
     group: Annotated[
         str | None,
         typer.Option(help="Follow groups with the same value of this field separately.", metavar="FIELD"),
     ] = None,
-    add: Annotated[
-        list[str] | None,
-        typer.Option(
-            help="Effect to fit to every recording; may be repeated.",
-            metavar="EFFECT",
-            autocompletion=effect_names,
-        ),
-    ] = None,
+    add: AddOption = None,
     follow: Annotated[
         bool, typer.Option("--follow", help="Keep running, and test again whenever there are new data.")
     ] = False,

@@ -13,6 +13,28 @@ from typing import Annotated, Any, get_type_hints
 
 import typer
 
+
+def effect_names() -> list[str]:
+    """Return the names of all effects of the library."""
+    from palpate.estimation.effects import EFFECTS  # noqa: PLC0415
+
+    return list(EFFECTS)
+
+
+AddOption = Annotated[
+    list[str] | None,
+    typer.Option(
+        help="Effect to fit to every measurement; may be repeated.",
+        metavar="EFFECT",
+        autocompletion=effect_names,
+    ),
+]
+PatternOption = Annotated[
+    str | None,
+    typer.Option(
+        help="Pattern of the file names, whose parts become fields, such as '{specimen}_{day}.csv'."
+    ),
+]
 WorkersOption = Annotated[
     int | None,
     typer.Option(help="Number of processes on this machine; default: one per core.", min=1, max=1000),
@@ -63,13 +85,6 @@ def takes(
 
 
 _YAML = ("*.yaml", "*.yml")
-
-
-def effect_names() -> list[str]:
-    """Return the names of all effects of the library."""
-    from palpate.estimation.effects import EFFECTS  # noqa: PLC0415
-
-    return list(EFFECTS)
 
 
 def estimator_names() -> list[str]:

@@ -31,6 +31,17 @@ def swings(seed, extra=no_torque, *, sensor=lambda torque, run: torque, runs=4, 
     return ChannelData("joint_1", ChannelKind.REVOLUTE, time_s, q, v, a, torque, run, np.full(len(q), -1))
 
 
+def one_way_turns(extra):
+    """A joint that never reverses, with a hidden torque `extra(q, v)`: four runs at different speeds."""
+    t = np.arange(0.0, 4.0, 0.01)
+    run, w, time_s = np.repeat(np.arange(4), len(t)), np.repeat([1.0, 2.0, 3.0, 1.5], len(t)), np.tile(t, 4)
+    q, v = 5.0 * w * time_s - 2.0 / w * np.cos(w * time_s), 5.0 * w + 2.0 * np.sin(w * time_s)
+    a = 2.0 * w * np.cos(w * time_s)
+    noise = np.random.default_rng(1).normal(0.0, NOISE_NM, len(q))
+    torque, phase = INERTIA * a + 0.1 * v + extra(q, v) + noise, np.full(len(q), -1)
+    return ChannelData("axis", ChannelKind.REVOLUTE, time_s + 10.0 * run, q, v, a, torque, run, phase)
+
+
 long_swings = partial(swings, runs=5)  # where what is tested goes by the number of runs
 
 

@@ -9,6 +9,7 @@ import pytest
 from palpate.estimation.channel import ChannelKind
 from palpate.estimation.diagnosis.candidates import (
     applicable_effects,
+    determined_count,
     effect_library,
     extended_models,
     held_out_of_all,
@@ -24,7 +25,7 @@ from palpate.estimation.fit.fit_result import fit_model
 from palpate.estimation.model import Model
 from tests.estimation.presses import kelvin_voigt, maxwell, session
 from tests.estimation.searches import PRESS
-from tests.estimation.swings import swings
+from tests.estimation.swings import one_way_turns, swings
 
 BASE = ("pendulum", "viscous_friction")
 
@@ -35,6 +36,18 @@ def model(*names):
 
 SWUNG = swings(1, lambda q, v, a: 0.3 * np.tanh(v / 0.02) + 6.0 * q)
 STOOD = fit_model(SWUNG, model(*BASE), {})
+
+
+@pytest.mark.parametrize(
+    ("data", "determined"),
+    [(swings(1, lambda q, v, a: 0.3 * np.tanh(v / 0.3)), 2), (one_way_turns(lambda q, v: 0.3 + 0.0 * q), 1)],
+    ids=["reverses", "never reverses"],
+)
+def test_the_transition_of_friction_is_a_parameter_only_where_the_motion_reverses(data, determined):
+    fit = fit_model(data, model(*BASE, "coulomb_friction"), {"coulomb_friction.transition": 0.1})
+    friction = EFFECTS["coulomb_friction"]()
+    assert parameter_count(friction) == 2
+    assert determined_count(friction, fit.solution.without_blocks(), fit.problem) == determined
 
 
 class Made(AdditiveEffect):

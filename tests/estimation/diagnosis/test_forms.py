@@ -5,7 +5,6 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from palpate.estimation.channel import ChannelData, ChannelKind
 from palpate.estimation.diagnosis import Verdict, diagnose
 from palpate.estimation.diagnosis.acceptance import accept_forms, most_parsimonious, similar_forms
 from palpate.estimation.diagnosis.forms import (
@@ -23,7 +22,7 @@ from palpate.estimation.model import Model
 from tests.estimation.contact_data import channel
 from tests.estimation.presses import kelvin_voigt, maxwell, session
 from tests.estimation.searches import PRESS, SWING, measured, reached, searched
-from tests.estimation.swings import swings
+from tests.estimation.swings import one_way_turns, swings
 
 RUB, RIPPLE, DRAG, SPRING = "coulomb_friction", "torque_ripple", "quadratic_friction", "joint_spring"
 
@@ -225,14 +224,7 @@ def test_in_a_complete_model_too_the_object_s_effect_bears_the_name_of_what_both
 
 @pytest.mark.parametrize("rest", [0.0, 0.4])  # of another kind, so that the model stays incomplete
 def test_in_a_motion_that_never_reverses_friction_and_bias_are_one_curve_and_both_are_stated(rest):
-    rng, t = np.random.default_rng(1), np.arange(0.0, 4.0, 0.01)
-    run, w = np.repeat(np.arange(4), len(t)), np.repeat([1.0, 2.0, 3.0, 1.5], len(t))
-    time_s = np.tile(t, 4)
-    v, a = 5.0 * w + 2.0 * np.sin(w * time_s), 2.0 * w * np.cos(w * time_s)
-    q = 5.0 * w * time_s - 2.0 / w * np.cos(w * time_s)
-    torque = 0.05 * a + 0.1 * v + 0.8 + rest * np.sin(3.0 * q + v) + rng.normal(0.0, 0.02, len(t) * 4)
-    phase = np.full(len(q), -1)
-    data = ChannelData("axis", ChannelKind.REVOLUTE, time_s + 10.0 * run, q, v, a, torque, run, phase)
+    data = one_way_turns(lambda q, v: 0.8 + rest * np.sin(3.0 * q + v))
     base = Model("inertia", (EFFECTS["inertia"](), EFFECTS["viscous_friction"]()))
     told = decide(data, base, "bias", "coulomb_friction", "joint_spring")
     assert told.verdict is Verdict.MISSING

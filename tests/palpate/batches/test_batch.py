@@ -1,12 +1,14 @@
 """`palpate batch`: many files to one table and one page; grouped, resumed, interrupted, refused."""
 
 import csv
+import html
 import os
 import re
 import signal
 import subprocess
 import sys
 import time
+from dataclasses import asdict
 
 import numpy as np
 import pyarrow as pa
@@ -16,6 +18,8 @@ import pytest
 import palpate
 from palpate.batches.measurements import BatchMeasurement, find_measurements
 from palpate.batches.table import make_table
+from palpate.batches.works.measuring import write_measurement_report
+from palpate.estimation.study.source import NO_OPTIONS
 from palpate.robot_io.errors import InputError, describe_error
 from palpate.study import Study
 from palpate.sweep import ResultStore, runner
@@ -224,6 +228,33 @@ def test_the_page_links_outliers_to_their_own_reports_which_are_written_once(tmp
     page = (tmp_path / "out" / "index.html").read_text()
     assert report not in page
     assert "palpate report" in page
+
+
+def test_the_report_of_a_part_of_a_file_is_a_command_that_selects_it(tmp_path):
+    tables = []
+    for number, k in enumerate((398.0, 400.0, 401.0, 399.0, 402.0, 800.0)):
+        law = lambda x, v, k=k: k * x + 6.0 * v  # noqa: E731
+        press = write_presses(tmp_path / "one.csv", speeds_m_s=SPEEDS, force_of=law, seed=number)
+        with press.open() as file:
+            tables += [{**row, "specimen": f"no {number}"} for row in csv.DictReader(file)]
+        press.unlink()
+    with (tmp_path / "all.csv").open("w") as file:
+        writer = csv.DictWriter(file, tables[0])
+        writer.writeheader()
+        writer.writerows(tables)
+    options = ("--split", "specimen", "--out", tmp_path / "out", "--workers", 1, "--reports", 0)
+    done("batch", tmp_path / "all.csv", *options)
+    page = html.unescape((tmp_path / "out" / "index.html").read_text())
+    assert f"palpate report {tmp_path}/all.csv --where 'specimen=no 5'" in page
+
+
+def test_a_report_has_the_diagnosis_and_the_added_effects_of_its_batch(hardening, tmp_path):
+    options = {"model": None, "diagnose": True, "add": ["dry_friction", "backlash"], "urdf": None}
+    options |= {"tip_frame": None, "effects": [], "read": asdict(NO_OPTIONS)}
+    write_measurement_report([hardening], {"where": {}, "options": options}, tmp_path / "report.html")
+    page = " ".join(re.sub(r"<[^>]*>", " ", (tmp_path / "report.html").read_text()).split())
+    assert re.search("cubic_stiffness .{0,80}is missing from the model", page)
+    assert "Added since: contact with dry_friction" in page
 
 
 def test_the_terminal_says_how_many_measurements_the_model_misses(hardening, tmp_path):
