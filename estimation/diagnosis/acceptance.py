@@ -406,11 +406,11 @@ def similar_forms(search: Search, fit: FitResult, name: str) -> dict[str, FitRes
 
 
 def as_good_effects(search: Search, fit: FitResult, name: str) -> dict[str, FitResult]:
-    """Fit models with an effect of another kind that explains about as much.
+    """Fit models with an effect of another kind that explains about as much with no more parameters.
 
-    It has no more parameters that the data determine. A joint that never reverses has the same friction and
-    bias; over a short way a weight is nearly a spring. A replacement is as good if its squared error is at
-    most 1 / `AS_GOOD` times the model's.
+    Only parameters that the data determine count. If a joint never reverses, its friction looks like a bias;
+    over a short range, a weight looks like a spring. A replacement is as good if its squared error is at most
+    1 / `AS_GOOD` times the model's.
 
     Args:
         search: the search of the channel.
@@ -451,9 +451,9 @@ def _physical_alternatives(search: Search, fit: FitResult, name: str) -> Iterato
 def _alternatives(
     search: Search, fit: FitResult, name: str, most: int | None = None
 ) -> tuple[float, list[Candidate]]:
-    """Return alternatives with at most `most` determined parameters, and the squared error of an equal one.
+    """Return alternatives with at most `most` determined parameters, and the error of an equivalent one.
 
-    By default, `most` is the number of the effect's parameters.
+    By default, `most` is the number of the effect's parameters. The error is squared, in held-out runs.
     """
     without = search.without(fit, name).solution.held_out
     most = parameter_count(fit.solution.model.effect(name)) if most is None else most

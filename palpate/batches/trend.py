@@ -79,8 +79,8 @@ def time_axis(table: pa.Table, field: str | None = None) -> tuple[FloatArray, li
                 unread.append(times.index(None))
         if (row := min(unread)) < len(labels):
             raise InputError(
-                f"column {name}, row {row + 1}: {labels[row]!r} is neither date nor number, or unlike other "
-                "rows; give dates such as 2026-11-23, or numbers"
+                f"column {name}, row {row + 1}: {labels[row]!r} is not a date or number like the others; "
+                "give dates such as 2026-11-23, or numbers"
             )
         if field:
             raise InputError(f"--date {field}: give dates such as 2026-11-23, or numbers (not {labels[0]!r})")

@@ -230,7 +230,7 @@ def _heading(result: "BatchResult") -> str:
 
 
 def _cautions(table: "pa.Table") -> Iterator[str]:
-    """Warn of copies, and of models that do not fit measurements without a verdict."""
+    """Warn of copies of a measurement, and of a model that does not fit where no diagnosis says so."""
     from palpate.batches.table import floats, texts  # noqa: PLC0415, its libraries take a second
 
     same: dict[str, set[str]] = {}

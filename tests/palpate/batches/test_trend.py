@@ -134,7 +134,8 @@ def test_a_cell_that_is_no_date_is_refused_among_dates_and_warned_of_if_none_is(
         )
         pq.write_table(table, tmp_path / f"{name}.parquet")
     assert_refused(
-        run("trend", tmp_path / "one.parquet"), "column date, row 12: '03.10.2026' is neither date nor number"
+        run("trend", tmp_path / "one.parquet"),
+        "column date, row 12: '03.10.2026' is not a date or number like the others",
     )
     asked = run("trend", tmp_path / "all.parquet")
     assert asked.exit_code == 0
