@@ -1,10 +1,11 @@
-"""What do many recordings cost, and what do they find together? The recordings are made by plain numpy.
+"""What do many recordings cost, and what do they find together? Plain numpy makes all but the sessions.
 
 python benchmarks/many_recordings.py --part speed --recordings 40  # also workers; 5,000 samples each
 python benchmarks/many_recordings.py --part kills --kills 5         # of workers, client and scheduler
 python benchmarks/many_recordings.py --part memory --rows 100000    # the most that the client takes
 python benchmarks/many_recordings.py --part pooled --repeats 5      # half the noise in 40 recordings
 python benchmarks/many_recordings.py --part trend --repeats 20 --years 4
+python benchmarks/many_recordings.py --part sessions --recordings 1000  # of the simulated arm
 """
 
 import multiprocessing
@@ -15,6 +16,7 @@ import socket
 import subprocess
 import sys
 import time
+from collections import Counter
 from collections.abc import Sequence
 from concurrent.futures import ProcessPoolExecutor
 from dataclasses import asdict
@@ -25,6 +27,7 @@ from typing import Any
 
 import numpy as np
 import psutil
+import pyarrow.parquet as parquet
 from command_line import arguments
 from threadpoolctl import threadpool_limits
 
@@ -32,7 +35,11 @@ import palpate
 from palpate.batches import run as batch_run
 from palpate.batches.trend import Series, find_changes
 from palpate.batches.works.measuring import measure
+from palpate.control.probing.plan import ProbingPlan
 from palpate.estimation.study.source import NO_OPTIONS
+from palpate.runs.probing import ProbingJob, run_probing
+from palpate.runs.robots import find_robot
+from palpate.sim_backend.scenario import load_scenario
 from palpate.sweep import Case, Cluster, ResultStore
 from palpate.sweep.runner import Progress, SweepReport
 
@@ -358,6 +365,58 @@ def trend(folder: Path, repeats: int, years: int, seed: int) -> None:
     print(f"{years} quiet years of four series, tested nightly: {alarms} alarms, in {alarmed} years")
 
 
+def write_session(path: Path, seed: int) -> dict[str, Any]:
+    """Probe one simulated object at three speeds; give what is true of it.
+
+    Args:
+        path: session file to write.
+        seed: of the object and of all noise; every third object also relaxes, every third also stiffens.
+    """
+    rng, kind = np.random.default_rng(seed), ("plain", "relaxing", "stiffening")[seed % 3]
+    stiffness_n_m = float(400.0 * (1.0 + 0.1 * rng.standard_normal()))
+    hidden = {
+        "plain": [],
+        "relaxing": [{"effect": "stress_relaxation", "stiffness_n_m": 150.0, "time_s": 0.15}],
+        "stiffening": [{"effect": "cubic_stiffness", "cubic_n_m3": 4e5}],
+    }[kind]
+    law = {"name": "kelvin_voigt", "stiffness_n_m": stiffness_n_m, "damping_n_s_m": 20.0}
+    world = load_scenario({"seed": seed, "object": {"law": law}, "hidden": hidden})
+    run_probing(ProbingJob(find_robot("follower"), path, ProbingPlan(), scenario=world)).raise_for_failure()
+    return {"file": path.name, "kind": kind, "stiffness_n_m": stiffness_n_m}
+
+
+def sessions(folder: Path, number: int, seed: int) -> None:
+    """Probe simulated objects of three kinds; count what a batch of the sessions finds of them."""
+    (data := folder / "data").mkdir()
+    begun_s = time.perf_counter()
+    with ProcessPoolExecutor(2, multiprocessing.get_context("spawn")) as pool:
+        seeds = range(3000 * seed, 3000 * seed + number)
+        truths = list(pool.map(write_session, [data / f"s{item}.mcap" for item in seeds], seeds))
+    print(f"{number} sessions simulated in {time.perf_counter() - begun_s:.0f} s", flush=True)
+    about = folder / "about.csv"
+    about.write_text("file,kind\n" + "".join(f"{t['file']},{t['kind']}\n" for t in truths))
+    asked = ("--metadata", str(about), "--group", "kind")
+    for options in ((), ("--diagnose",)):
+        out = folder / "-".join(("out", *options))
+        wall_s, used_s = timed(data, out, *asked, *options)
+        table = parquet.read_table(out / "table.parquet").to_pylist()
+        print(f"batch {' '.join(options)}: {wall_s:.0f} s, {used_s:.0f} s of processor time")
+        for kind in sorted({truth["kind"] for truth in truths}):
+            rows = [row for row in table if row["group"] == kind and row["channel"] == "contact"]
+            said = Counter(f"{row['verdict']} {row['effects']}".strip() or "compared" for row in rows)
+            print(
+                f"  {kind}, {len(rows)} rows:", ", ".join(f"{said[text]} {text}" for text in said), flush=True
+            )
+        name = "kelvin_voigt.stiffness"
+        inside = [
+            abs(row[f"{name} [N/m]"] - truth["stiffness_n_m"]) < 1.96 * row[f"{name} std_err [N/m]"]
+            for truth in truths
+            for row in table
+            if row["channel"] == "contact" and truth["file"] in row["files"] and truth["kind"] == "plain"
+        ]
+        print(f"  intervals of the stiffness that hold the true value, plain: {sum(inside)} of {len(inside)}")
+
+
 def series(values: np.ndarray, errors: np.ndarray) -> Series:
     """A series of one value a night.
 
@@ -372,14 +431,14 @@ def series(values: np.ndarray, errors: np.ndarray) -> Series:
 def main() -> None:
     """Measure one part."""
     parser = arguments(__doc__)
-    parts = ("speed", "workers", "kills", "memory", "pooled", "trend")
+    parts = ("speed", "workers", "kills", "memory", "pooled", "trend", "sessions")
     parser.add_argument("--part", choices=parts, required=True)
     parser.add_argument("--recordings", type=int, default=30)
     parser.add_argument("--kills", type=int, default=2, help="of each kind")
     parser.add_argument("--rows", type=int, default=20_000)
     parser.add_argument("--repeats", type=int, default=3, help="batches of pooled and trend")
     parser.add_argument("--years", type=int, default=1)
-    parser.add_argument("--seed", type=int, default=0, help="of pooled and trend")
+    parser.add_argument("--seed", type=int, default=0, help="of pooled, trend and sessions")
     asked = parser.parse_args()
     with TemporaryDirectory() as name:
         folder = Path(name)
@@ -390,6 +449,7 @@ def main() -> None:
             "memory": lambda: memory(folder, asked.rows),
             "pooled": lambda: pooled(folder, asked.repeats, asked.seed),
             "trend": lambda: trend(folder, asked.repeats, asked.years, asked.seed),
+            "sessions": lambda: sessions(folder, asked.recordings, asked.seed),
         }
         measures[asked.part]()
     print("load", *(f"{load:.1f}" for load in os.getloadavg()))

@@ -18,7 +18,12 @@ from palpate.estimation.fit.blocks import BlockedData, is_moving
 from palpate.estimation.fit.fit_problem import held_out_residual, rmse
 from palpate.estimation.fit.fit_result import FitResult
 from palpate.estimation.fit.measurement_model import MeasurementModel
-from palpate.estimation.fit.measurement_noise import fast_noise, free_air_noise, size_of_differences
+from palpate.estimation.fit.measurement_noise import (
+    fast_noise,
+    free_air_noise,
+    rows_before_contact,
+    size_of_differences,
+)
 from palpate.estimation.fit.run_heterogeneity import RunHeterogeneity, run_heterogeneity
 from palpate.estimation.signals.blocks import rows_of_runs
 from palpate.estimation.signals.periodicity import strongest_frequency
@@ -26,9 +31,10 @@ from palpate.estimation.signals.runwise import sample_time
 from palpate.robot_io.types import BoolArray, FloatArray, IntArray
 
 _CLEARLY = 0.5  # largest error of separately fitted runs, relative to the noise level, for incomplete models
-_EXCESS = (
-    3.0  # least ratio of a residual to bootstrap samples, or of an error to its part without an oscillation
-)
+# Least ratio of a residual to bootstrap samples with noise measured in free air or at rest, and with the
+# white noise of neighboring readings, since other noise is larger.
+_EXCESS, _EXCESS_OF_WHITE = 2.5, 3.0
+_EXCESS_OF_LINE = 3.0  # least ratio of an error to its part without an oscillation
 _LEAST_SHARED = 0.5  # least share of the residual's variance that neighboring blocks have in common
 _SAMPLES = 4  # number of bootstrap samples; the largest one is compared
 _SMOOTH_GROWTH = (
@@ -40,6 +46,7 @@ _PROMINENT = 40.0  # height of a spectral line relative to the median around it;
 _MOST_RUNS = 30  # largest number of runs that are fitted with separate waves
 _GAIN_OF_WAVES = 0.7  # largest error with waves fitted to each run, relative to the model's error
 _PEAK = 0.2  # least share of the variance at a reported frequency
+_AFTER = "after contact"
 
 
 @dataclass(frozen=True)
@@ -139,7 +146,7 @@ def _oscillation(end: FitResult) -> ResidualFinding | None:
         return None
     size, remainder = np.sqrt(line[1]) * end.rmse, np.sqrt(1.0 - line[1]) * end.rmse
     in_air = (1.0 + SMALL) * (free_air_noise(end.data) or 0.0)
-    if end.rmse <= min(in_air, _EXCESS * remainder):
+    if end.rmse <= min(in_air, _EXCESS_OF_LINE * remainder):
         return None
     return ResidualFinding(
         f"the error oscillates at {line[0]:.3g} Hz with {size:.3g} {unit}, but no signal of the data "
@@ -180,10 +187,11 @@ def exceeds_noise(
 ) -> ExcessVariance | None:
     """Compare the residual in contact with the noise in free air; None if it does not exceed the noise.
 
-    For a joint, the residual in motion is compared with the noise at rest. Without free air or rest, white
-    noise is estimated from differences of neighboring readings. Noise may grow with the effort, so only the
-    part of the residual that neighboring blocks share is compared. Bootstrap samples include errors of the
-    measured motion, such as encoder steps.
+    The residual after a contact, about its mean in each run, is compared with the noise before the contact,
+    since the object may still pull the tool. For a joint, the residual in motion is compared with the noise
+    at rest. Without free air or rest, white noise is estimated from differences of neighboring readings.
+    Noise may grow with the effort, so only the part of the residual that neighboring blocks share is
+    compared. Bootstrap samples include errors of the measured motion, such as encoder steps.
 
     Args:
         fit: the model.
@@ -194,34 +202,45 @@ def exceeds_noise(
     residual = blocked.reduce(held_out_residual(blocked, fit.solution))
     usable = blocked.trusted & np.isfinite(residual)
     if blocked.data.kind is ChannelKind.CONTACT:
-        pressed, where, reference = blocked.data.engaged[blocked.rows], "in contact", "in free air"
-        acting, still = usable & pressed.all(axis=1), usable & ~pressed.any(axis=1)
+        engaged, reference = blocked.data.engaged[blocked.rows], "in free air"
+        before = np.zeros(len(blocked.data), dtype=np.bool_)
+        before[np.concatenate([np.empty(0, dtype=np.int64), *rows_before_contact(blocked.data)])] = True
+        early, free = before[blocked.rows].all(axis=1), ~engaged.any(axis=1)
+        parts = {"in contact": (engaged.all(axis=1), free), _AFTER: (free & ~early, early)}
     else:
-        moving, where, reference = is_moving(blocked.data, blocked.rows), "in motion", "at rest"
-        acting, still = usable & moving, usable & ~moving
-    if acting.sum() < _LEAST_BLOCKS:
-        return None
-    slow = _shared_by_neighbors(residual, blocked.run, acting)
-    if slow**2 < _LEAST_SHARED * rmse(residual[acting]) ** 2:
-        return None
-    if still.sum() >= _LEAST_BLOCKS:
-        noise = _about_run_means(residual, blocked.run, still)
-    elif white := _white_noise(fit, np.where(usable, residual, np.nan)):
-        noise, reference = rng.normal(0.0, white, len(blocked)), "of neighboring readings"
-    else:
-        return None
-    effort_noise = np.resize(noise, len(blocked))
-    samples = islice(bootstrap_samples(fit, measurement, rng, effort_noise), _SAMPLES)
-    simulated = [
-        rmse(problem.blocked.reduce(held_out_residual(problem.blocked, solution))[acting])
-        for problem, solution in samples
-    ]
-    if slow < _EXCESS * max(simulated):
-        return None
-    line = _strongest_line(blocked, np.where(acting, residual, np.nan))
-    frequency_hz = line[0] if line and line[1] > _PEAK else None
-    size = rmse(residual[acting])
-    return ExcessVariance(size, float(np.median(simulated)), frequency_hz, where, reference)
+        moving, reference = is_moving(blocked.data, blocked.rows), "at rest"
+        parts = {"in motion": (moving, ~moving)}
+    for where, (loaded, unloaded) in parts.items():
+        acting, still, left = usable & loaded, usable & unloaded, residual.copy()
+        if acting.sum() < _LEAST_BLOCKS:
+            continue
+        if where == _AFTER:  # the zero of a sensor may drift during a contact
+            left[acting] = _about_run_means(residual, blocked.run, acting)
+        slow = _shared_by_neighbors(left, blocked.run, acting)
+        if slow**2 < _LEAST_SHARED * rmse(left[acting]) ** 2:
+            continue
+        least = _EXCESS
+        if still.sum() >= _LEAST_BLOCKS:
+            noise = _about_run_means(residual, blocked.run, still)
+        elif air := free_air_noise(fit.data):  # of single readings: block means have at most this noise
+            noise = rng.normal(0.0, air, len(blocked))
+        elif white := _white_noise(fit, np.where(usable, residual, np.nan)):
+            noise, reference = rng.normal(0.0, white, len(blocked)), "of neighboring readings"
+            least = _EXCESS_OF_WHITE
+        else:
+            continue
+        samples = islice(bootstrap_samples(fit, measurement, rng, np.resize(noise, len(blocked))), _SAMPLES)
+        simulated = [
+            rmse(problem.blocked.reduce(held_out_residual(problem.blocked, solution))[acting])
+            for problem, solution in samples
+        ]
+        if slow < least * max(simulated):
+            continue
+        line = _strongest_line(blocked, np.where(acting, left, np.nan))
+        frequency_hz = line[0] if line and line[1] > _PEAK else None
+        size = rmse(left[acting])
+        return ExcessVariance(size, float(np.median(simulated)), frequency_hz, where, reference)
+    return None
 
 
 def _white_noise(fit: FitResult, residual: FloatArray) -> float | None:

@@ -138,10 +138,11 @@ class BlockedData:
 
 
 def block_length(data: ChannelData) -> int:
-    """Return the number of samples in a block, halved as long as a joint's effort varies within it."""
+    """Return the number of samples in a block, halved as long as the effort varies within it."""
     rate_hz = CONTACT_RATE_HZ if data.kind is ChannelKind.CONTACT else JOINT_RATE_HZ
     block = max(1, int(1.0 / (rate_hz * sample_time(data.time_s, data.run)) + 0.5))
-    while block > 1 and data.kind is not ChannelKind.CONTACT and _swings_within(data.effort, block):
+    effort = data.effort[data.engaged] if data.kind is ChannelKind.CONTACT else data.effort
+    while block > 1 and _swings_within(effort, block):
         block //= 2
     return block
 
@@ -149,6 +150,8 @@ def block_length(data: ChannelData) -> int:
 def _swings_within(effort: FloatArray, block: int) -> bool:
     """Return whether averaging over blocks removes a part of an effort (n,) that is not noise."""
     blocks = effort[: len(effort) // block * block].reshape(-1, block)
+    if not len(blocks):
+        return False
     within = blocks - blocks.mean(axis=1, keepdims=True)
     if np.mean(within**2) < _WITHIN * np.var(effort):
         return False

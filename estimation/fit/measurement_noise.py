@@ -18,7 +18,7 @@ from palpate.estimation.fit.fit_result import FitResult
 from palpate.estimation.fit.measurement_model import identify_measurement_model
 from palpate.estimation.fit.run_heterogeneity import run_heterogeneity
 from palpate.estimation.signals.blocks import rows_of_runs
-from palpate.robot_io.types import FloatArray
+from palpate.robot_io.types import FloatArray, IntArray
 
 _FREE_AIR_SHARE = 0.9  # share of the samples before a contact that is used; the last ones may be in contact
 _FEWEST_SAMPLES = 50  # samples needed for an estimate
@@ -106,9 +106,9 @@ def measurement_noise(base: FitResult) -> MeasurementNoise:
     motion_noise = rmse(np.where(base.judged, read - smooth, np.nan))
     air, fast = free_air_noise(data), fast_noise(data)
     if air and air <= bound:  # a sensor that reads zero in free air does not show its noise
-        return MeasurementNoise(
-            min(float(np.hypot(air, motion_noise)), bound), NoiseSource.FREE_AIR, air, motion_noise
-        )
+        effort = min(max(air, fast or 0.0), bound)  # noise may grow with the effort
+        value = min(float(np.hypot(effort, motion_noise)), bound)
+        return MeasurementNoise(value, NoiseSource.FREE_AIR, effort, motion_noise)
     is_slower = (
         source is NoiseSource.REPEATS and fast and bound > _SLOW_NOISE_RATIO * np.hypot(fast, motion_noise)
     )
@@ -116,6 +116,22 @@ def measurement_noise(base: FitResult) -> MeasurementNoise:
         value = min(float(np.hypot(fast, motion_noise)), bound)
         return MeasurementNoise(value, NoiseSource.NEIGHBORS, fast, motion_noise)
     return MeasurementNoise(bound, source, None, motion_noise)
+
+
+def rows_before_contact(data: ChannelData) -> list[IntArray]:
+    """Return the samples of each run that are clearly before its first contact, if there are enough.
+
+    Args:
+        data: the channel.
+    """
+    parts = []
+    for rows in rows_of_runs(data.run):
+        pressed = data.engaged[rows]
+        before = rows[: int(np.argmax(pressed)) if pressed.any() else len(rows)]
+        before = before[: int(_FREE_AIR_SHARE * len(before))]
+        if len(before) >= _FEWEST_SAMPLES:
+            parts.append(before)
+    return parts
 
 
 def free_air_noise(data: ChannelData) -> float | None:
@@ -126,13 +142,7 @@ def free_air_noise(data: ChannelData) -> float | None:
     """
     if data.kind is not ChannelKind.CONTACT:
         return None
-    parts = []
-    for rows in rows_of_runs(data.run):
-        pressed = data.engaged[rows]
-        before = rows[: int(np.argmax(pressed)) if pressed.any() else len(rows)]
-        before = before[: int(_FREE_AIR_SHARE * len(before))]
-        if len(before) >= _FEWEST_SAMPLES:
-            parts.append(data.effort[before] - data.effort[before].mean())
+    parts = [data.effort[rows] - data.effort[rows].mean() for rows in rows_before_contact(data)]
     return rmse(np.concatenate(parts)) if parts else None
 
 

@@ -238,6 +238,33 @@ def test_what_is_left_in_contact_is_held_against_free_air():
     )
 
 
+@pytest.mark.parametrize(("pull_n", "is_noise"), [(0.0, True), (0.4, False)])
+def test_a_pull_after_contact_is_held_against_the_air_before_it(pull_n, is_noise):
+    def adhesive(t, x, v, run):
+        pulls = (x < 0.0) & (x > -3e-3) & (v < 0.0)  # a neck that breaks on the way out
+        return kelvin_voigt(x, v) - pull_n * pulls
+
+    data = session(2, adhesive)
+    found = exceeds_noise(
+        fit_model(data, MODEL, {}), identify_measurement_model(data), np.random.default_rng(0)
+    )
+    assert (found is None) is is_noise
+    assert is_noise or found.where == "after contact"
+
+
+def test_blocks_at_run_starts_do_not_hide_the_noise_in_free_air():
+    """Blocks in which a sensor may settle are not used; the noise of their readings is known all the same."""
+    hum = session(2, lambda t, x, v, run: kelvin_voigt(x, v, 0.4 * np.sin(2 * np.pi * 7.3 * t)))
+    fit = fit_model(hum, MODEL, {})
+    blocked = fit.problem.blocked
+    pressed = hum.engaged[blocked.rows].any(axis=1)
+    only = replace(blocked, trusted=blocked.trusted & pressed)
+    fit = replace(fit, problem=replace(fit.problem, blocked=only))
+    found = exceeds_noise(fit, identify_measurement_model(hum), np.random.default_rng(0))
+    assert found.reference == "in free air"
+    assert found.expected == pytest.approx(NOISE_N, rel=0.3)
+
+
 @pytest.mark.parametrize(("share", "is_noise"), [(0.7, False), (1.5, True)])
 def test_a_hum_below_noise_that_is_louder_in_contact_is_not_held_against_the_model(share, is_noise):
     """The noise on blocks is so many times the hum; draws know that of free air alone."""

@@ -53,6 +53,11 @@ def test_a_joint_s_effort_does_not_swing_within_a_block(frequency_hz, block):
     assert block_length(data) == block
 
 
+@pytest.mark.parametrize(("seconds", "block"), [(4.0, 10), (0.03, 5)])
+def test_a_contact_that_lasts_a_few_blocks_has_shorter_ones(seconds, block):
+    assert block_length(press(seconds, rate_hz=2000.0)) == block
+
+
 @pytest.mark.parametrize(("rate_hz", "block"), [(100.0, 1), (200.0, 2), (300.0, 3)])
 def test_a_signal_on_blocks_is_its_mean_over_each(rate_hz, block):
     data = swings(1, runs=1, rate_hz=rate_hz)

@@ -32,6 +32,17 @@ def test_free_air_tells_the_noise_whatever_the_object_does(law):
     assert not found.is_bound
 
 
+def test_noise_that_grows_with_the_force_is_that_in_contact():
+    quiet = session(4)
+    growing = 0.1 * np.abs(quiet.effort) * np.random.default_rng(3).normal(size=len(quiet))
+    data = replace(quiet, effort=quiet.effort + growing)
+    found = noise_of(data)
+    everywhere = np.sqrt(NOISE_N**2 + np.mean(growing**2))
+    assert found.source is NoiseSource.FREE_AIR
+    assert everywhere > 1.5 * NOISE_N
+    assert found.value == pytest.approx(everywhere, rel=0.2)
+
+
 def test_differences_of_readings_tell_the_noise_of_a_joint_whatever_is_missing():
     found = noise_of(swings(2, lambda q, v, a: 0.1 * np.tanh(v / 0.02) + 6.0 * q), SWING)
     assert found.source is NoiseSource.NEIGHBORS
