@@ -274,7 +274,9 @@ class ModelStudy(StudyFits):
                 parent = self._revisions.get(start)
                 given = {"--fresh": fresh, "--model": self.model, "--channel": channel}
                 if extra := [option for option, value in given.items() if value]:
-                    raise InputError(f"--from {start} sets channel and model: leave out {extra[0]}")
+                    raise InputError(
+                        f"leave out {extra[0]}: revision {start} (--from) states the channel and the model"
+                    )
                 base = self.channel_of(parent)
                 self.check(parent)
             before = [] if parent is None else parent.effects

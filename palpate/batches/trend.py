@@ -10,8 +10,9 @@ import pyarrow as pa
 
 from palpate.batches.table import BUDGET, floats, parameter_columns, texts
 from palpate.estimation.fit.intervals import SIGMAS_95
+from palpate.estimation.statistics.noise import MAD_TO_SIGMA
 from palpate.robot_io.errors import InputError
-from palpate.robot_io.types import FloatArray
+from palpate.robot_io.types import BoolArray, FloatArray
 
 LEVEL = 0.01  # chance of a change in a whole table where nothing changes
 LEAST = 10  # measurements of a series that is tested
@@ -20,6 +21,8 @@ _PERMUTATIONS = 1_000  # at a time
 _MOST_VALUES = 5_000_000  # in all of these
 _MOST_LARGER = 20  # permutations with as large a change that end the test (Besag and Clifford, 1991)
 _MOST_CHANGES = 6  # of one series
+_BESIDE = 2  # neighbors on each side with which a value is compared
+_ISOLATED = 8.0  # robust standard deviations from the means on both sides at which a value is left out
 _SECONDS_A_DAY = 86_400.0
 DATES = ("date", "day", "night", "time", "datetime", "timestamp")  # fields that are taken for a time
 
@@ -36,6 +39,7 @@ class Series:
     times: FloatArray  # days or counts, shape (n,)
     values: FloatArray  # shape (n,), in the unit
     std_errs: FloatArray  # shape (n,), in the unit; zero where unknown
+    left_out: tuple[int, ...] = ()  # rows of the table with isolated values
 
 
 @dataclass(frozen=True)
@@ -74,6 +78,8 @@ def time_axis(table: pa.Table, field: str | None = None) -> tuple[FloatArray, li
             times = [read(label) for label in labels]
             known = [time for time in times if time is not None]
             if len(known) == len(labels):
+                if len(labels) > 1 and len(set(known)) == 1:
+                    raise InputError(f"column {name}: every row has {labels[0]}; a trend needs several times")
                 return np.array(known), labels, what
             if known:
                 unread.append(times.index(None))
@@ -97,7 +103,7 @@ def all_series(table: pa.Table, times: FloatArray) -> Iterator[Series]:
         times: of its rows (n,).
 
     Yields:
-        Those with at least `LEAST` values.
+        Those with at least `LEAST` values; isolated values are left out, since one of them would hide a step.
     """
     group, channel = np.array(texts(table, "group")), np.array(texts(table, "channel"))
     columns = [
@@ -115,9 +121,29 @@ def all_series(table: pa.Table, times: FloatArray) -> Iterator[Series]:
         for part in dict.fromkeys(group[rows].tolist()):
             own = np.flatnonzero(group[rows] == part)
             own = own[np.argsort(times[rows[own]], kind="stable")]
+            alone = is_isolated(values[own])
+            left_out, own = tuple(rows[own[alone]].tolist()), own[~alone]
             if len(own) >= LEAST and np.ptp(values[own]) > 0.0:
                 at = rows[own]
-                yield Series(part, item, name, unit, at, times[at], values[own], std_errs[own])
+                yield Series(part, item, name, unit, at, times[at], values[own], std_errs[own], left_out)
+
+
+def is_isolated(values: FloatArray) -> BoolArray:
+    """Return which values are far from those before and those after, as in a failed measurement, shape (n,).
+
+    The values beside a step are close to those on their side of it.
+
+    Args:
+        values: series in the order of time, shape (n,).
+    """
+    if len(values) < LEAST:
+        return np.zeros(len(values), dtype=np.bool_)
+    padded = np.pad(values, _BESIDE, mode="reflect")
+    around = np.lib.stride_tricks.sliding_window_view(padded, 2 * _BESIDE + 1)
+    sides = around[:, :_BESIDE].mean(axis=1), around[:, _BESIDE + 1 :].mean(axis=1)
+    away = np.min([np.abs(values - side) for side in sides], axis=0)
+    scale = MAD_TO_SIGMA * float(np.median(away))
+    return np.asarray(away > _ISOLATED * scale) & (scale > 0.0)
 
 
 def find_changes(series: Series, level: float) -> list[TrendChange]:

@@ -148,6 +148,11 @@ def _update(  # noqa: PLR0917, what was typed
         for series, own in tested
         for change in own
     ]
+    left_out: list[dict[str, str]] = [
+        {"group": series.group, "channel": series.channel, "series": series.name, "at": labels[row]}
+        for series, _ in tested
+        for row in series.left_out
+    ]
     content = {
         "table": str(out or data),
         "time": what,
@@ -155,6 +160,7 @@ def _update(  # noqa: PLR0917, what was typed
         "tested": len(tested),
         "level": LEVEL,
         "changes": changes,
+        "left_out": left_out,
     }
 
     def show() -> None:
@@ -166,6 +172,9 @@ def _update(  # noqa: PLR0917, what was typed
             to.print(f"  nothing is tested: a series needs at least {LEAST} measurements")
         elif not changes:
             to.print("  nothing changes by more than its scatter")
+        if left_out:
+            first = " ".join(filter(None, left_out[0].values()))
+            to.print(f"  [dim]{count(len(left_out), 'isolated value')} left out, such as {safe(first)}[/dim]")
         to.print(f"page  [bold]{shown(page)}[/bold]")
 
     console.present(content, show, as_json=as_json)

@@ -228,7 +228,7 @@ class MitBusSettings(CanLineSettings):
         answer_ids = [self.answer_ids(motor)[0] for motor in self.motors] if has_own else [self.host]
         twice = [number for number in answer_ids if number in ids or answer_ids.count(number) > 1]
         if twice:
-            raise ValueError(f"answer id {twice[0]} is a motor's id, or that of two motors' answers")
+            raise ValueError(f"answer id {twice[0]}: is also the id or answer id of another motor")
         models = self.dialect.models
         unknown = [motor.model for motor in self.motors if motor.ranges is None and motor.model not in models]
         if unknown:

@@ -13,7 +13,7 @@ import pyarrow.parquet as pq
 import pytest
 
 from palpate.batches.table import head
-from palpate.batches.trend import LEVEL, Series, find_changes, time_axis
+from palpate.batches.trend import LEVEL, Series, find_changes, is_isolated, time_axis
 from palpate.robot_io.errors import InputError
 from tests.palpate.cli import ROOT, as_json, assert_refused, run
 from tests.palpate.presses import write_presses
@@ -73,6 +73,14 @@ def test_a_change_within_the_standard_errors_is_none():
     assert not find_changes(series(values, np.full(40, 0.1)), 0.001)
 
 
+@pytest.mark.parametrize("place", [0, 7, 24, 25, 39])
+def test_one_far_value_is_isolated_and_those_after_a_step_are_not(place):
+    values = 1.0 + 0.2 * (np.arange(40) >= 25) + 0.01 * np.random.default_rng(5).standard_normal(40)
+    assert not is_isolated(values).any()
+    values[place] = 40.0
+    assert np.flatnonzero(is_isolated(values)).tolist() == [place]
+
+
 def write_table(folder, values, days, std_err=0.01):
     folder.mkdir(exist_ok=True)
     count = len(values)
@@ -112,6 +120,22 @@ def test_the_command_says_what_changes_when_and_by_how_much_and_ends_with_its_co
     quiet = run("trend", tmp_path / "nightly", "--exit-code", "--parameter", "times_noise")
     assert quiet.exit_code == 0
     assert "nothing changes" in quiet.stdout
+
+
+def test_a_failed_night_does_not_hide_a_step_and_is_stated(tmp_path):
+    values = 0.2 + 0.04 * (np.arange(40) >= 25) + 0.003 * np.random.default_rng(6).standard_normal(40)
+    values[10] = 19.0
+    write_table(tmp_path / "nightly", values, DAYS, 0.001)
+    said = as_json("trend", tmp_path / "nightly")
+    assert [(change["kind"], change["first"]) for change in said["changes"]] == [("step", "2026-01-26")]
+    (entry,) = said["left_out"]
+    assert (entry["series"], entry["at"]) == ("coulomb_friction.torque", "2026-01-11")
+    assert "1 isolated value left out" in run("trend", tmp_path / "nightly").stdout
+
+
+def test_a_table_of_a_single_date_is_refused(tmp_path):
+    write_table(tmp_path / "nightly", 0.2 + 0.001 * np.arange(40), [DAYS[0]] * 40)
+    assert_refused(run("trend", tmp_path / "nightly"), "every row has 2026-01-01")
 
 
 def test_what_is_no_table_no_date_or_too_short_is_said(tmp_path):
