@@ -366,7 +366,7 @@ def trend(folder: Path, repeats: int, years: int, seed: int) -> None:
 
 
 def write_session(path: Path, seed: int) -> dict[str, Any]:
-    """Probe one simulated object at three speeds; give what is true of it.
+    """Probe one simulated object at three speeds; return the true values of the object.
 
     Args:
         path: session file to write.
@@ -396,12 +396,17 @@ def sessions(folder: Path, number: int, seed: int) -> None:
         truths = list(pool.map(write_session, [data / f"s{item}.mcap" for item in seeds], seeds))
     print(f"{number} sessions simulated in {time.perf_counter() - begun_s:.0f} s", flush=True)
     tables = {}
-    for what, some, options in (("all", truths, ()), ("tenth", truths[: number // 10], ("--diagnose",))):
+    for what, some, options in (
+        ("all", truths, ()),
+        ("tenth", truths[: max(1, number // 10)], ("--diagnose",)),
+    ):
         chosen, out = folder / f"{what}.csv", folder / what
         chosen.write_text("file,kind\n" + "".join(f"data/{t['file']},{t['kind']}\n" for t in some))
         wall_s, _ = timed(chosen, out, "--group", "kind", "--reports", "0", *options)
         print(f"batch of {len(some)} {' '.join(options)}: {wall_s:.0f} s", flush=True)
-        tables[what] = parquet.read_table(out / "table.parquet").to_pylist()
+        rows = parquet.read_table(out / "table.parquet").to_pylist()
+        tables[what] = [row for row in rows if not row.get("error")]
+        print(f"  {len(rows) - len(tables[what])} of {len(rows)} rows failed")
     for kind, channel in sorted({(row["group"], row["channel"]) for row in tables["tenth"]}):
         rows = [row for row in tables["tenth"] if (row["group"], row["channel"]) == (kind, channel)]
         said = Counter(" ".join(filter(None, (row["verdict"], row["effects"]))) for row in rows)
@@ -410,7 +415,7 @@ def sessions(folder: Path, number: int, seed: int) -> None:
     scores = [
         (row[f"{name} [N/m]"] - truth[Path(row["files"]).name]) / row[f"{name} std_err [N/m]"]
         for row in tables["all"]
-        if (row["channel"], row["group"]) == ("contact", "plain")
+        if (row["channel"], row["group"]) == ("contact", "plain") and row[f"{name} std_err [N/m]"]
     ]
     inside = np.abs(scores) < 1.96
     print(

@@ -25,14 +25,14 @@ from palpate.estimation.fit.measurement_noise import (
     size_of_differences,
 )
 from palpate.estimation.fit.run_heterogeneity import RunHeterogeneity, run_heterogeneity
-from palpate.estimation.signals.blocks import rows_of_runs
+from palpate.estimation.signals.blocks import block_index, number_stretches, rows_of_runs
 from palpate.estimation.signals.periodicity import strongest_frequency
 from palpate.estimation.signals.runwise import sample_time
 from palpate.robot_io.types import BoolArray, FloatArray, IntArray
 
 _CLEARLY = 0.5  # largest error of separately fitted runs, relative to the noise level, for incomplete models
-# Least ratio of a residual to bootstrap samples with noise measured in free air or at rest, and with the
-# white noise of neighboring readings, since other noise is larger.
+# Least ratio of a residual to bootstrap samples. The second applies if only white noise could be estimated,
+# because slower noise is then missing from the samples.
 _EXCESS, _EXCESS_OF_WHITE = 2.5, 3.0
 _EXCESS_OF_LINE = 3.0  # least ratio of an error to its part without an oscillation
 _LEAST_SHARED = 0.5  # least share of the residual's variance that neighboring blocks have in common
@@ -46,7 +46,6 @@ _PROMINENT = 40.0  # height of a spectral line relative to the median around it;
 _MOST_RUNS = 30  # largest number of runs that are fitted with separate waves
 _GAIN_OF_WAVES = 0.7  # largest error with waves fitted to each run, relative to the model's error
 _PEAK = 0.2  # least share of the variance at a reported frequency
-_AFTER = "after contact"
 
 
 @dataclass(frozen=True)
@@ -173,13 +172,32 @@ def _is_heterogeneous(
 
 @dataclass(frozen=True)
 class ExcessVariance:
-    """Residual variance in contact, or while a joint moves, that exceeds the noise."""
+    """Residual variance in contact, after it, or while a joint moves, that exceeds the noise."""
 
-    acting: float  # root mean square residual in contact or motion, on blocks [effort]
+    acting: float  # root mean square residual in this condition, on blocks [effort]
     expected: float  # the same for bootstrap samples with the reference noise [effort]
     frequency_hz: float | None  # frequency of an oscillation; None if there is none
-    where: str  # "in contact" or "in motion"
+    where: str  # "in contact", "after contact" or "in motion"
     reference: str  # condition in which the noise was measured, such as "in free air"
+
+
+@dataclass(frozen=True)
+class _Condition:
+    """Blocks whose residual is compared with the noise, and blocks that show the noise alone."""
+
+    where: str  # as in `ExcessVariance`
+    acting: BoolArray  # shape (m,)
+    still: BoolArray  # shape (m,)
+    reference: str  # as in `ExcessVariance`
+    stretch: IntArray | None = None  # stretch of each block (m,) whose mean is subtracted; None for no mean
+
+    def residual(self, values: FloatArray) -> FloatArray:
+        """Return the values (m,), with those of the acting blocks about the mean of their stretch."""
+        if self.stretch is None:
+            return values
+        left = values.copy()
+        left[self.acting] = _about_means(values, self.stretch, self.acting)
+        return left
 
 
 def exceeds_noise(
@@ -187,11 +205,11 @@ def exceeds_noise(
 ) -> ExcessVariance | None:
     """Compare the residual in contact with the noise in free air; None if it does not exceed the noise.
 
-    The residual after a contact, about its mean in each run, is compared with the noise before the contact,
-    since the object may still pull the tool. For a joint, the residual in motion is compared with the noise
-    at rest. Without free air or rest, white noise is estimated from differences of neighboring readings.
-    Noise may grow with the effort, so only the part of the residual that neighboring blocks share is
-    compared. Bootstrap samples include errors of the measured motion, such as encoder steps.
+    The residual just after a contact is compared with the noise before it, since the object may still pull
+    the tool. For a joint, the residual in motion is compared with the noise at rest. Without free air or
+    rest, white noise is estimated from differences of neighboring readings. Noise may grow with the effort,
+    so only the part of the residual that neighboring blocks share is compared. Bootstrap samples include
+    errors of the measured motion, such as encoder steps.
 
     Args:
         fit: the model.
@@ -201,46 +219,87 @@ def exceeds_noise(
     blocked = fit.problem.blocked
     residual = blocked.reduce(held_out_residual(blocked, fit.solution))
     usable = blocked.trusted & np.isfinite(residual)
-    if blocked.data.kind is ChannelKind.CONTACT:
-        engaged, reference = blocked.data.engaged[blocked.rows], "in free air"
-        before = np.zeros(len(blocked.data), dtype=np.bool_)
-        before[np.concatenate([np.empty(0, dtype=np.int64), *rows_before_contact(blocked.data)])] = True
-        early, free = before[blocked.rows].all(axis=1), ~engaged.any(axis=1)
-        parts = {"in contact": (engaged.all(axis=1), free), _AFTER: (free & ~early, early)}
+    excesses = (
+        _excess(fit, measurement, rng, np.where(usable, residual, np.nan), condition)
+        for condition in _conditions(blocked, usable)
+    )
+    return next((excess for excess in excesses if excess), None)
+
+
+def _conditions(blocked: BlockedData, usable: BoolArray) -> list[_Condition]:
+    if blocked.data.kind is not ChannelKind.CONTACT:
+        moving = is_moving(blocked.data, blocked.rows)
+        return [_Condition("in motion", usable & moving, usable & ~moving, "at rest")]
+    engaged = blocked.data.engaged[blocked.rows]
+    touched = np.asarray(engaged.any(axis=1))
+    free = ~touched
+    contact = _Condition("in contact", usable & engaged.all(axis=1), usable & free, "in free air")
+    early = np.zeros(len(blocked.data), dtype=np.bool_)
+    early[np.concatenate([np.empty(0, dtype=np.int64), *rows_before_contact(blocked.data)])] = True
+    before = usable & early[blocked.rows].all(axis=1)
+    if before.sum() < _LEAST_BLOCKS:
+        return [contact]
+    # Compare stretches of equal length about their means: slow noise grows with the length of a stretch, and
+    # the zero of a sensor may drift during a contact.
+    after = np.zeros_like(touched)
+    for rows in rows_of_runs(blocked.run):
+        after[rows] = free[rows] & np.logical_or.accumulate(touched[rows])
+    stretch = number_stretches(after, blocked.run)
+    first, number = block_index(stretch)
+    run = np.unique(blocked.run, return_inverse=True)[1]
+    near = np.arange(len(blocked)) - first[number] < np.bincount(run, weights=before)[run]
+    return [contact, _Condition("after contact", usable & after & near, before, "in free air", stretch)]
+
+
+def _excess(
+    fit: FitResult,
+    measurement: MeasurementModel,
+    rng: np.random.Generator,
+    residual: FloatArray,
+    condition: _Condition,
+) -> ExcessVariance | None:
+    """Compare the residual (m,), which is NaN on unused blocks, with the noise under one condition."""
+    blocked, acting = fit.problem.blocked, condition.acting
+    if acting.sum() < _LEAST_BLOCKS:
+        return None
+    left = condition.residual(residual)
+    slow = _shared_by_neighbors(left, blocked.run, acting)
+    if slow**2 < _LEAST_SHARED * rmse(left[acting]) ** 2:
+        return None
+    reference, least = condition.reference, _EXCESS
+    if condition.still.sum() >= _LEAST_BLOCKS:
+        noise = _about_means(residual, blocked.run, condition.still)
+    elif len(air := _free_air_on_blocks(blocked)):
+        noise = air
+    elif white := _white_noise(fit, residual):
+        noise, reference = rng.normal(0.0, white, len(blocked)), "of neighboring readings"
+        least = _EXCESS_OF_WHITE
     else:
-        moving, reference = is_moving(blocked.data, blocked.rows), "at rest"
-        parts = {"in motion": (moving, ~moving)}
-    for where, (loaded, unloaded) in parts.items():
-        acting, still, left = usable & loaded, usable & unloaded, residual.copy()
-        if acting.sum() < _LEAST_BLOCKS:
-            continue
-        if where == _AFTER:  # the zero of a sensor may drift during a contact
-            left[acting] = _about_run_means(residual, blocked.run, acting)
-        slow = _shared_by_neighbors(left, blocked.run, acting)
-        if slow**2 < _LEAST_SHARED * rmse(left[acting]) ** 2:
-            continue
-        least = _EXCESS
-        if still.sum() >= _LEAST_BLOCKS:
-            noise = _about_run_means(residual, blocked.run, still)
-        elif air := free_air_noise(fit.data):  # of single readings: block means have at most this noise
-            noise = rng.normal(0.0, air, len(blocked))
-        elif white := _white_noise(fit, np.where(usable, residual, np.nan)):
-            noise, reference = rng.normal(0.0, white, len(blocked)), "of neighboring readings"
-            least = _EXCESS_OF_WHITE
-        else:
-            continue
-        samples = islice(bootstrap_samples(fit, measurement, rng, np.resize(noise, len(blocked))), _SAMPLES)
-        simulated = [
-            rmse(problem.blocked.reduce(held_out_residual(problem.blocked, solution))[acting])
-            for problem, solution in samples
-        ]
-        if slow < least * max(simulated):
-            continue
-        line = _strongest_line(blocked, np.where(acting, left, np.nan))
-        frequency_hz = line[0] if line and line[1] > _PEAK else None
-        size = rmse(left[acting])
-        return ExcessVariance(size, float(np.median(simulated)), frequency_hz, where, reference)
-    return None
+        return None
+    simulated = []
+    samples = bootstrap_samples(fit, measurement, rng, np.resize(noise, len(blocked)))
+    for problem, solution in islice(samples, _SAMPLES):
+        sample = problem.blocked.reduce(held_out_residual(problem.blocked, solution))
+        simulated.append(rmse(condition.residual(sample)[acting]))
+    if slow < least * max(simulated):
+        return None
+    line = _strongest_line(blocked, np.where(acting, left, np.nan))
+    frequency_hz = line[0] if line and line[1] > _PEAK else None
+    size = rmse(left[acting])
+    return ExcessVariance(size, float(np.median(simulated)), frequency_hz, condition.where, reference)
+
+
+def _free_air_on_blocks(blocked: BlockedData) -> FloatArray:
+    """Return block averages of the effort before contact about the mean of each run, shape (k,).
+
+    They include blocks that are not used, such as those in which a sensor may still settle.
+    """
+    data, block, means = blocked.data, blocked.rows.shape[1], [np.empty(0)]
+    if data.kind is ChannelKind.CONTACT:
+        for rows in rows_before_contact(data):
+            of_run = data.effort[rows[: len(rows) // block * block]].reshape(-1, block).mean(axis=1)
+            means.append(of_run - of_run.mean())
+    return np.concatenate(means)
 
 
 def _white_noise(fit: FitResult, residual: FloatArray) -> float | None:
@@ -272,8 +331,8 @@ def _white_noise(fit: FitResult, residual: FloatArray) -> float | None:
     return sizes[grows.index(True)][1] if 3 * reach >= _LEAST_REACH * longest else None
 
 
-def _about_run_means(residual: FloatArray, run: IntArray, chosen: BoolArray) -> FloatArray:
-    """Subtract each run's mean from the residual on chosen blocks, shape (k,), in order of runs."""
+def _about_means(residual: FloatArray, run: IntArray, chosen: BoolArray) -> FloatArray:
+    """Subtract the mean of each run or stretch from the residual on chosen blocks, (k,), in their order."""
     parts = [residual[chosen & (run == number)] for number in np.unique(run[chosen])]
     return np.concatenate([part - part.mean() for part in parts])
 

@@ -142,7 +142,7 @@ def block_length(data: ChannelData) -> int:
     rate_hz = CONTACT_RATE_HZ if data.kind is ChannelKind.CONTACT else JOINT_RATE_HZ
     block = max(1, int(1.0 / (rate_hz * sample_time(data.time_s, data.run)) + 0.5))
     effort = data.effort[data.engaged] if data.kind is ChannelKind.CONTACT else data.effort
-    while block > 1 and _swings_within(effort, block):
+    while block > 1 and (0 < len(effort) < block or _swings_within(effort, block)):
         block //= 2
     return block
 

@@ -1,8 +1,8 @@
 """Noise of a channel: the residual of a complete model.
 
-Noise of the effort is estimated from free air, or from frequencies above those of the motion. Reading errors
-of the motion add noise through the model. Both are estimated with the base model, so they do not depend on
-added effects.
+Noise of the effort is estimated from free air, or from frequencies above those of the motion if there is no
+free air or the noise grows with the effort. Reading errors of the motion add noise through the model. Both
+are estimated with the base model, so they do not depend on added effects.
 """
 
 from collections.abc import Sequence
@@ -22,6 +22,7 @@ from palpate.robot_io.types import FloatArray, IntArray
 
 _FREE_AIR_SHARE = 0.9  # share of the samples before a contact that is used; the last ones may be in contact
 _FEWEST_SAMPLES = 50  # samples needed for an estimate
+_GROWTH = 1.2  # ratio of the noise of all readings to that in free air above which it grows with the effort
 _DIFFERENCES = (1.0, -3.0, 3.0, -1.0)  # third difference of neighboring readings, which removes smooth motion
 # Quantile up to which differences are used, and the RMS of normal noise up to it in standard deviations.
 _QUANTILE, _RMS_BELOW_QUANTILE = 0.99, 0.9616
@@ -106,9 +107,11 @@ def measurement_noise(base: FitResult) -> MeasurementNoise:
     motion_noise = rmse(np.where(base.judged, read - smooth, np.nan))
     air, fast = free_air_noise(data), fast_noise(data)
     if air and air <= bound:  # a sensor that reads zero in free air does not show its noise
-        effort = min(max(air, fast or 0.0), bound)  # noise may grow with the effort
+        effort, known = air, NoiseSource.FREE_AIR
+        if fast and fast > _GROWTH * air:
+            effort, known = min(fast, bound), NoiseSource.NEIGHBORS
         value = min(float(np.hypot(effort, motion_noise)), bound)
-        return MeasurementNoise(value, NoiseSource.FREE_AIR, effort, motion_noise)
+        return MeasurementNoise(value, known, effort, motion_noise)
     is_slower = (
         source is NoiseSource.REPEATS and fast and bound > _SLOW_NOISE_RATIO * np.hypot(fast, motion_noise)
     )

@@ -272,7 +272,9 @@ class ModelStudy(StudyFits):
                 parent = None if fresh else self.latest(base)
             else:
                 parent = self._revisions.get(start)
-                given = {"--fresh": fresh, "--model": self.model, "--channel": channel}
+                if fresh:
+                    raise InputError(f"leave out --fresh or --from {start}: give one start, not two")
+                given = {"--model": self.model, "--channel": channel}
                 if extra := [option for option, value in given.items() if value]:
                     raise InputError(
                         f"leave out {extra[0]}: revision {start} (--from) states the channel and the model"

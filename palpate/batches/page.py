@@ -128,6 +128,9 @@ def write_trend(path: Path, tested: Sequence[tuple[Series, Sequence[TrendChange]
         figure.update_layout(showlegend=False, xaxis_title=what, yaxis_title=series.unit)
         title = " ".join([series.group, series.channel, series.name])
         words = tuple(f"{change.kind}, p = {change.p_value:.2g}" for change in changes)
+        if series.left_out:
+            far = ", ".join(f"{value:.3g}" for _, value in series.left_out)
+            words += (f"left out, far from their neighbors: {far}",)
         sections.append(PageSection(title, figure=as_html(styled(figure, 260)), words=words))
     changing = sum(bool(changes) for _, changes in tested)
     facts = {"series": str(len(tested)), "that change": str(changing)}

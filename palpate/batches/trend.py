@@ -22,7 +22,8 @@ _MOST_VALUES = 5_000_000  # in all of these
 _MOST_LARGER = 20  # permutations with as large a change that end the test (Besag and Clifford, 1991)
 _MOST_CHANGES = 6  # of one series
 _BESIDE = 2  # neighbors on each side with which a value is compared
-_ISOLATED = 8.0  # robust standard deviations from the means on both sides at which a value is left out
+_ISOLATED = 8.0  # robust standard deviations from the nearest neighbor beyond which a value is left out
+_MOST_ISOLATED = 0.1  # largest share of such values
 _SECONDS_A_DAY = 86_400.0
 DATES = ("date", "day", "night", "time", "datetime", "timestamp")  # fields that are taken for a time
 
@@ -39,7 +40,7 @@ class Series:
     times: FloatArray  # days or counts, shape (n,)
     values: FloatArray  # shape (n,), in the unit
     std_errs: FloatArray  # shape (n,), in the unit; zero where unknown
-    left_out: tuple[int, ...] = ()  # rows of the table with isolated values
+    left_out: tuple[tuple[int, float], ...] = ()  # rows of the table with isolated values, and these values
 
 
 @dataclass(frozen=True)
@@ -66,9 +67,11 @@ def time_axis(table: pa.Table, field: str | None = None) -> tuple[FloatArray, li
         Times (n,), in days where they are dates; labels; "date", "count", or the name of a column of numbers.
 
     Raises:
-        InputError: there is no such column, or a cell in it is neither date nor number.
+        InputError: there is no such column, a cell in it is neither date nor number, or all measurements have
+            the same time.
     """
     names = [field] if field else [name for name in table.column_names if name.lower() in DATES]
+    measurement, constant = texts(table, "measurement"), ""
     for name in names:
         if name not in table.column_names:
             raise InputError(f"--date {name}: no such column. There are: {', '.join(table.column_names)}")
@@ -77,20 +80,21 @@ def time_axis(table: pa.Table, field: str | None = None) -> tuple[FloatArray, li
         for read, what in ((_days, "date"), (_number, name)):
             times = [read(label) for label in labels]
             known = [time for time in times if time is not None]
-            if len(known) == len(labels):
-                if len(labels) > 1 and len(set(known)) == 1:
-                    raise InputError(f"column {name}: every row has {labels[0]}; a trend needs several times")
+            if len(known) == len(labels) and (len(set(known)) > 1 or len(set(measurement)) < LEAST):
                 return np.array(known), labels, what
-            if known:
+            if len(known) == len(labels):
+                constant = f"column {name}: all {len(set(measurement))} measurements have {labels[0]}"
+            elif known:
                 unread.append(times.index(None))
-        if (row := min(unread)) < len(labels):
+        if not constant and (row := min(unread)) < len(labels):
             raise InputError(
                 f"column {name}, row {row + 1}: {labels[row]!r} is not a date or number like the others; "
                 "give dates such as 2026-11-23, or numbers"
             )
-        if field:
+        if field and not constant:
             raise InputError(f"--date {field}: give dates such as 2026-11-23, or numbers (not {labels[0]!r})")
-    measurement = texts(table, "measurement")
+    if constant:
+        raise InputError(f"{constant}, which gives no order in time; choose another column with --date")
     number = {name: float(place) for place, name in enumerate(dict.fromkeys(measurement), 1)}
     return np.array([number[name] for name in measurement]), measurement, "count"
 
@@ -103,7 +107,8 @@ def all_series(table: pa.Table, times: FloatArray) -> Iterator[Series]:
         times: of its rows (n,).
 
     Yields:
-        Those with at least `LEAST` values; isolated values are left out, since one of them would hide a step.
+        Those with at least `LEAST` values. Isolated values of a parameter are left out, since one of them
+        would inflate the scatter and hide a step.
     """
     group, channel = np.array(texts(table, "group")), np.array(texts(table, "channel"))
     columns = [
@@ -121,29 +126,36 @@ def all_series(table: pa.Table, times: FloatArray) -> Iterator[Series]:
         for part in dict.fromkeys(group[rows].tolist()):
             own = np.flatnonzero(group[rows] == part)
             own = own[np.argsort(times[rows[own]], kind="stable")]
-            alone = is_isolated(values[own])
-            left_out, own = tuple(rows[own[alone]].tolist()), own[~alone]
-            if len(own) >= LEAST and np.ptp(values[own]) > 0.0:
-                at = rows[own]
-                yield Series(part, item, name, unit, at, times[at], values[own], std_errs[own], left_out)
+            if len(own) < LEAST or np.ptp(values[own]) == 0.0:
+                continue
+            left_out: tuple[tuple[int, float], ...] = ()
+            if np.any(std_errs[own]):  # the ratio to the noise and shares have none; their scatter is skewed
+                alone = own[is_isolated(values[own])]
+                left_out = tuple(zip(rows[alone].tolist(), values[alone].tolist(), strict=True))
+                own = np.setdiff1d(own, alone, assume_unique=True)
+                own = own[np.argsort(times[rows[own]], kind="stable")]
+            at = rows[own]
+            yield Series(part, item, name, unit, at, times[at], values[own], std_errs[own], left_out)
 
 
 def is_isolated(values: FloatArray) -> BoolArray:
-    """Return which values are far from those before and those after, as in a failed measurement, shape (n,).
+    """Return which values are far from each of their neighbors, as after a failed measurement, shape (n,).
 
-    The values beside a step are close to those on their side of it.
+    Values after a step or in an excursion have a close neighbor. If more than a tenth of the values has none,
+    the series scatters in this way, and none is isolated.
 
     Args:
         values: series in the order of time, shape (n,).
     """
-    if len(values) < LEAST:
-        return np.zeros(len(values), dtype=np.bool_)
-    padded = np.pad(values, _BESIDE, mode="reflect")
-    around = np.lib.stride_tricks.sliding_window_view(padded, 2 * _BESIDE + 1)
-    sides = around[:, :_BESIDE].mean(axis=1), around[:, _BESIDE + 1 :].mean(axis=1)
-    away = np.min([np.abs(values - side) for side in sides], axis=0)
-    scale = MAD_TO_SIGMA * float(np.median(away))
-    return np.asarray(away > _ISOLATED * scale) & (scale > 0.0)
+    count, none = len(values), np.zeros(len(values), dtype=np.bool_)
+    if count < LEAST:
+        return none
+    places = np.arange(count)[:, None] + np.delete(np.arange(-_BESIDE, _BESIDE + 1), _BESIDE)
+    away = np.abs(values[:, None] - values[places.clip(0, count - 1)])
+    away[(places < 0) | (places >= count)] = np.inf
+    scale = MAD_TO_SIGMA * float(np.median(np.abs(np.diff(values)))) / np.sqrt(2.0)
+    alone = (away.min(axis=1) > _ISOLATED * scale) & (scale > 0.0)
+    return alone if np.count_nonzero(alone) <= _MOST_ISOLATED * count else none
 
 
 def find_changes(series: Series, level: float) -> list[TrendChange]:

@@ -148,10 +148,16 @@ def _update(  # noqa: PLR0917, what was typed
         for series, own in tested
         for change in own
     ]
-    left_out: list[dict[str, str]] = [
-        {"group": series.group, "channel": series.channel, "series": series.name, "at": labels[row]}
+    left_out: list[dict[str, Any]] = [
+        {
+            "group": series.group,
+            "channel": series.channel,
+            "series": series.name,
+            "at": labels[row],
+            "value": value,
+        }
         for series, _ in tested
-        for row in series.left_out
+        for row, value in series.left_out
     ]
     content = {
         "table": str(out or data),
@@ -173,8 +179,11 @@ def _update(  # noqa: PLR0917, what was typed
         elif not changes:
             to.print("  nothing changes by more than its scatter")
         if left_out:
-            first = " ".join(filter(None, left_out[0].values()))
-            to.print(f"  [dim]{count(len(left_out), 'isolated value')} left out, such as {safe(first)}[/dim]")
+            place = " ".join(filter(None, (left_out[0][key] for key in ("group", "channel", "series"))))
+            example = f"{place} at {left_out[0]['at']} ({left_out[0]['value']:.3g})"
+            to.print(
+                f"  [dim]{count(len(left_out), 'isolated value')} left out, such as {safe(example)}[/dim]"
+            )
         to.print(f"page  [bold]{shown(page)}[/bold]")
 
     console.present(content, show, as_json=as_json)

@@ -228,7 +228,8 @@ class MitBusSettings(CanLineSettings):
         answer_ids = [self.answer_ids(motor)[0] for motor in self.motors] if has_own else [self.host]
         twice = [number for number in answer_ids if number in ids or answer_ids.count(number) > 1]
         if twice:
-            raise ValueError(f"answer id {twice[0]}: is also the id or answer id of another motor")
+            name = "answer_id" if has_own else "host_id"
+            raise ValueError(f"{name} {twice[0]} is also a motor's id, or of two motors: choose a free one")
         models = self.dialect.models
         unknown = [motor.model for motor in self.motors if motor.ranges is None and motor.model not in models]
         if unknown:

@@ -216,7 +216,7 @@ def test_blocks_of_two_runs_or_across_a_gap_are_no_neighbours():
 
 def test_noise_is_that_about_the_mean_of_each_run():
     residual, run = np.array([1.0, 3.0, 99.0, 10.0, 14.0]), np.array([0, 0, 0, 1, 1])
-    found = residual_checks._about_run_means(residual, run, residual < 50.0)
+    found = residual_checks._about_means(residual, run, residual < 50.0)
     assert found.tolist() == [-1.0, 1.0, -2.0, 2.0]
 
 
@@ -262,7 +262,53 @@ def test_blocks_at_run_starts_do_not_hide_the_noise_in_free_air():
     fit = replace(fit, problem=replace(fit.problem, blocked=only))
     found = exceeds_noise(fit, identify_measurement_model(hum), np.random.default_rng(0))
     assert found.reference == "in free air"
-    assert found.expected == pytest.approx(NOISE_N, rel=0.3)
+    assert found.expected == pytest.approx(NOISE_N / np.sqrt(blocked.rows.shape[1]), rel=0.3)
+
+
+def presses_with_long_air(added, pulls=lambda x, v: 0.0 * x, before_s=0.5, after_s=3.0):
+    """Presses with little air before them and much after; `added(time in the run, run)` is noise."""
+    dt, parts = 1.0 / 500.0, []
+    for number in range(4):
+        t = np.arange(0.0, before_s + 1.0 + after_s, dt)
+        pressing = np.clip(t - before_s, 0.0, 1.0)
+        x = gaussian_filter1d(0.014 * np.sin(np.pi * pressing) - 0.004, 8.0)
+        v = np.gradient(x, dt)
+        parts.append((t + 10.0 * number, x, v, kelvin_voigt(x, v) + pulls(x, v) + added(t, number)))
+    t, x, v, force = (np.concatenate(column) for column in zip(*parts, strict=True))
+    return press_channel(force, t, x, v, np.repeat(np.arange(4), len(parts[0][0])))
+
+
+def white(t, number):
+    return np.random.default_rng(number).normal(0.0, NOISE_N, len(t))
+
+
+@pytest.mark.parametrize(
+    ("added", "pulls", "is_noise"),
+    [
+        (lambda t, n: white(t, n) + np.cumsum(0.2 * white(t, n + 9)), lambda x, v: 0.0 * x, True),
+        (lambda t, n: white(t, n) + 0.1 * t, lambda x, v: 0.0 * x, True),
+        (lambda t, n: white(t, n) + 0.5 * (t > 1.0), lambda x, v: 0.0 * x, True),
+        (white, lambda x, v: -0.8 * ((x < 0.0) & (x > -0.003) & (v > 0.0)), True),
+        (white, lambda x, v: -0.8 * ((x < 0.0) & (x > -0.003) & (v < 0.0)), False),
+    ],
+    ids=["random walk", "drift", "zero moved by a contact", "pull on the approach", "pull on the return"],
+)
+def test_only_a_pull_just_after_contact_is_found_there(added, pulls, is_noise):
+    data = presses_with_long_air(added, pulls)
+    fit = fit_model(data, MODEL, {})
+    found = exceeds_noise(fit, identify_measurement_model(data), np.random.default_rng(0))
+    assert (found is None or found.where != "after contact") is is_noise
+
+
+@pytest.mark.parametrize(("times", "is_noise"), [(2.2, True), (2.8, False)])
+def test_an_excess_is_two_and_a_half_times_the_noise(times, is_noise):
+    block_noise = NOISE_N / np.sqrt(2.0)  # blocks of two samples
+    hum_n = times * block_noise * np.sqrt(2.0)
+    hum = session(2, lambda t, x, v, run: kelvin_voigt(x, v, hum_n * np.sin(2 * np.pi * 7.3 * t)))
+    found = exceeds_noise(
+        fit_model(hum, MODEL, {}), identify_measurement_model(hum), np.random.default_rng(0)
+    )
+    assert (found is None) is is_noise
 
 
 @pytest.mark.parametrize(("share", "is_noise"), [(0.7, False), (1.5, True)])

@@ -32,13 +32,13 @@ def test_free_air_tells_the_noise_whatever_the_object_does(law):
     assert not found.is_bound
 
 
-def test_noise_that_grows_with_the_force_is_that_in_contact():
+def test_noise_that_grows_with_the_force_is_estimated_from_the_whole_recording():
     quiet = session(4)
     growing = 0.1 * np.abs(quiet.effort) * np.random.default_rng(3).normal(size=len(quiet))
     data = replace(quiet, effort=quiet.effort + growing)
     found = noise_of(data)
     everywhere = np.sqrt(NOISE_N**2 + np.mean(growing**2))
-    assert found.source is NoiseSource.FREE_AIR
+    assert found.source is NoiseSource.NEIGHBORS
     assert everywhere > 1.5 * NOISE_N
     assert found.value == pytest.approx(everywhere, rel=0.2)
 

@@ -73,12 +73,26 @@ def test_a_change_within_the_standard_errors_is_none():
     assert not find_changes(series(values, np.full(40, 0.1)), 0.001)
 
 
-@pytest.mark.parametrize("place", [0, 7, 24, 25, 39])
-def test_one_far_value_is_isolated_and_those_after_a_step_are_not(place):
-    values = 1.0 + 0.2 * (np.arange(40) >= 25) + 0.01 * np.random.default_rng(5).standard_normal(40)
-    assert not is_isolated(values).any()
-    values[place] = 40.0
+def stepping(seed=5):
+    return 1.0 + 0.2 * (np.arange(40) >= 25) + 0.01 * np.random.default_rng(seed).standard_normal(40)
+
+
+@pytest.mark.parametrize("place", [0, 1, 7, 24, 25, 38, 39])
+@pytest.mark.parametrize("away", [0.35, 39.0, -0.35])
+def test_one_far_value_is_isolated(place, away):
+    values = stepping()
+    values[place] += away
     assert np.flatnonzero(is_isolated(values)).tolist() == [place]
+
+
+def test_steps_excursions_and_recurring_faults_are_not_isolated():
+    quiet, nights = 0.01 * np.random.default_rng(5).standard_normal(40), np.arange(40)
+    assert not is_isolated(stepping()).any()
+    assert not is_isolated(quiet + (nights >= 38)).any()  # a step two nights ago
+    assert not is_isolated(quiet + ((nights >= 20) & (nights < 22))).any()
+    assert not is_isolated(quiet + ((nights >= 21) & (nights % 3 == 0))).any()
+    assert not is_isolated(np.zeros(40)).any()
+    assert not is_isolated(np.ones(1)).any()
 
 
 def write_table(folder, values, days, std_err=0.01):
@@ -129,13 +143,30 @@ def test_a_failed_night_does_not_hide_a_step_and_is_stated(tmp_path):
     said = as_json("trend", tmp_path / "nightly")
     assert [(change["kind"], change["first"]) for change in said["changes"]] == [("step", "2026-01-26")]
     (entry,) = said["left_out"]
-    assert (entry["series"], entry["at"]) == ("coulomb_friction.torque", "2026-01-11")
+    assert (entry["series"], entry["at"], entry["value"]) == ("coulomb_friction.torque", "2026-01-11", 19.0)
     assert "1 isolated value left out" in run("trend", tmp_path / "nightly").stdout
 
 
-def test_a_table_of_a_single_date_is_refused(tmp_path):
+def test_ten_measurements_of_which_one_is_isolated_are_a_series(tmp_path):
+    values = 0.2 + 0.003 * np.random.default_rng(6).standard_normal(10)
+    values[4] = 19.0
+    write_table(tmp_path / "nightly", values, DAYS[:10], 0.001)
+    said = as_json("trend", tmp_path / "nightly", "--parameter", "coulomb_friction.torque")
+    assert (said["tested"], len(said["left_out"])) == (1, 1)
+
+
+def test_a_table_of_a_single_date_is_refused_once_it_is_long_enough_for_a_series(tmp_path):
     write_table(tmp_path / "nightly", 0.2 + 0.001 * np.arange(40), [DAYS[0]] * 40)
-    assert_refused(run("trend", tmp_path / "nightly"), "every row has 2026-01-01")
+    assert_refused(run("trend", tmp_path / "nightly"), "all 40 measurements have 2026-01-01")
+    write_table(tmp_path / "first", np.array([0.2]), [DAYS[0]])
+    assert as_json("trend", tmp_path / "first")["tested"] == 0
+
+
+def test_a_constant_column_is_skipped_for_one_that_varies(tmp_path):
+    write_table(tmp_path / "nightly", 0.2 + 0.001 * np.arange(40), [DAYS[0]] * 40)
+    table = pq.read_table(tmp_path / "nightly" / "table.parquet")
+    table = table.append_column("timestamp", pa.array([float(number) for number in range(40)]))
+    assert time_axis(table)[2] == "timestamp"
 
 
 def test_what_is_no_table_no_date_or_too_short_is_said(tmp_path):
