@@ -195,7 +195,12 @@ def bootstrap_samples(
     """
     blocked, model, known = fit.problem.blocked, fit.solution.model, fit.solution.parameters
     expected = model.predict(_with_derived(measurement.smoothed_motion, fit.data), known)
-    noise = _estimate_noise(fit, measurement, expected, rng) if effort_noise is None else effort_noise
+    motion = _with_derived(measurement.simulate(rng), fit.data)
+    by_motion = blocked.reduce(model.predict(motion, known) - expected)
+    variances = [float(np.var(signal[blocked.trusted])) for signal in (by_motion, fit.solution.residual)]
+    # Errors of the motion cannot cause more than the residual; larger ones contain real motion.
+    share = min(1.0, float(np.sqrt(variances[1] / max(variances[0], 1e-300))))
+    noise = _estimate_noise(fit, share**2 * variances[0]) if effort_noise is None else effort_noise
     noise = _fill_untrusted(noise, blocked.trusted)
     # The residual already contains the effort's quantization error; given noise does not.
     step = 0.0 if effort_noise is None else grid_step(np.sort(fit.data.effort))
@@ -203,7 +208,7 @@ def bootstrap_samples(
         effort = expected.copy()
         effort[blocked.rows] += shuffle_noise(noise, blocked.run, rng)[:, None]
         effort = np.round(effort / step) * step if step > 0.0 else effort
-        data = replace(_with_derived(measurement.simulate(rng), fit.data), effort=effort)
+        data = replace(_with_derived(measurement.simulate(rng, share), fit.data), effort=effort)
         problem = FitProblem(
             replace(blocked, data=data, cache=FitCache(), load_cache=FitCache()), fit.problem.noise_model
         )
@@ -219,15 +224,11 @@ def _forms(model: Model, effect: Effect) -> list[tuple[Model, Effect]]:
     return [(without.with_effect(form), form) for form in forms]
 
 
-def _estimate_noise(
-    fit: FitResult, measurement: MeasurementModel, expected: FloatArray, rng: np.random.Generator
-) -> FloatArray:
-    """Scale the flexible regression's residual (m,) to its variance without errors of the motion."""
-    blocked, residual = fit.problem.blocked, fit.flexible.residual
-    motion = _with_derived(measurement.simulate(rng), fit.data)
-    by_motion = blocked.reduce(fit.solution.model.predict(motion, fit.solution.parameters) - expected)
-    variances = [float(np.var(signal[blocked.trusted])) for signal in (by_motion, residual)]
-    noise: FloatArray = np.sqrt(max(1.0 - variances[0] / max(variances[1], 1e-300), _LEAST_NOISE)) * residual
+def _estimate_noise(fit: FitResult, by_motion: float) -> FloatArray:
+    """Scale the flexible regression's residual (m,) to its variance without that of errors of the motion."""
+    residual = fit.flexible.residual
+    variance = float(np.var(residual[fit.problem.blocked.trusted]))
+    noise: FloatArray = np.sqrt(max(1.0 - by_motion / max(variance, 1e-300), _LEAST_NOISE)) * residual
     return noise
 
 

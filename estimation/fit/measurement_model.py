@@ -59,18 +59,19 @@ class MeasurementModel:
         data = self.data
         return shifted_motion(data, -self.error, velocity - data.velocity, acceleration - data.acceleration)
 
-    def simulate(self, rng: np.random.Generator) -> ChannelData:
+    def simulate(self, rng: np.random.Generator, share: float = 1.0) -> ChannelData:
         """Simulate a measurement of the smoothed motion: new position errors, derived by the same filters.
 
         Args:
             rng: random generator.
+            share: factor on all errors.
         """
-        error, data = self._simulate_error(rng), self.data
+        error, data = share * self._simulate_error(rng), self.data
         if self.filters[0] is not None:
             noise = channel_derivative(data, error, self.filters[0], 1)
         else:
             slow = low_frequency_noise(self.velocity_error, self._pieces, self.halves[1], rng)
-            noise = shuffle_noise(self.velocity_error, data.run, rng) + slow
+            noise = share * (shuffle_noise(self.velocity_error, data.run, rng) + slow)
         velocity, acceleration = self.bent[0] + noise, self.bent[1]
         if self.filters[1] is not None:
             of, order = (noise, 1) if self.is_of_velocity else (error, 2)

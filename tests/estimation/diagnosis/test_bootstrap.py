@@ -268,16 +268,25 @@ def test_draws_with_a_noise_that_is_known_have_it_and_the_reader_s_steps(step):
 @pytest.mark.parametrize(("made", "share"), [(0.0, 1.0), (0.6, 0.64), (1.0, 0.05), (3.0, 0.05)])
 def test_of_what_is_left_a_twentieth_is_the_effort_s_own_however_much_the_readings_may_make(made, share):
     noise, trusted = np.tile([1.0, -1.0, 5.0], 10), np.tile([True, True, False], 10)
-    wave = np.tile([1.0, -1.0, 9.0], 10)
     fit = SimpleNamespace(
-        data=SimpleNamespace(context={}),
-        problem=SimpleNamespace(blocked=SimpleNamespace(trusted=trusted, reduce=lambda signal: signal)),
+        problem=SimpleNamespace(blocked=SimpleNamespace(trusted=trusted)),
         flexible=SimpleNamespace(residual=noise),
-        solution=SimpleNamespace(model=SimpleNamespace(predict=lambda *_: made * wave), parameters={}),
     )
-    measurement = SimpleNamespace(simulate=lambda rng: swings(1, runs=1))
-    own = bootstrap._estimate_noise(fit, measurement, np.zeros(30), None)
-    assert own == pytest.approx(np.sqrt(share) * noise)
+    assert bootstrap._estimate_noise(fit, made**2) == pytest.approx(np.sqrt(share) * noise)
+
+
+def test_motion_that_passes_for_reading_errors_makes_no_larger_error_than_the_data_have():
+    """A vibration that the force follows is no error of the readings, but too fast for the smooth motion."""
+    quiet, rng = session(2), np.random.default_rng(1)
+    x = quiet.position + rng.normal(0.0, 4e-4, len(quiet))
+    force = kelvin_voigt(x, quiet.velocity) + rng.normal(0.0, 0.05, len(x))
+    data = replace(quiet, position=x, effort=force)
+    fit, measurement = fit_model(data, PRESS, {}), identify_measurement_model(data)
+    taken_for_error = fit.solution.parameters["stiffness.k"] * np.std(measurement.error)
+    assert taken_for_error > 4.0 * fit.rmse
+    made = islice(bootstrap_samples(fit, measurement, np.random.default_rng(0)), 6)
+    energies = [solution.held_out for _, solution in made]
+    assert 0.3 * fit.solution.held_out < np.mean(energies) < 1.5 * fit.solution.held_out
 
 
 def test_where_the_error_is_more_than_noise_that_of_other_blocks_stands():
