@@ -55,11 +55,13 @@ def write_page(batch: BatchResult) -> None:
     Args:
         batch: its table, pooled parameters, differences and outliers.
     """
-    seconds = np.nansum(floats(batch.table, "seconds")) if batch.finished else 0.0
+    spent: dict[str, float] = {}  # the channels of a measurement state the same time
+    if batch.finished:
+        spent = dict(zip(texts(batch.table, "measurement"), floats(batch.table, "seconds"), strict=True))
     facts = {
         "measurements": f"{batch.finished:,} of {batch.measurements:,} done",
         "unreadable": f"{len(batch.errors):,}",
-        "processor time": f"{duration(float(seconds))}",
+        "processor time": duration(float(np.nansum(list(spent.values())))),
     }
     names, files = texts(batch.table, "measurement"), texts(batch.table, "files")
     outliers = [

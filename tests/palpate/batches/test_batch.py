@@ -17,6 +17,8 @@ import pytest
 
 import palpate
 from palpate.batches.measurements import BatchMeasurement, find_measurements
+from palpate.batches.page import write_page
+from palpate.batches.pooling import BatchResult
 from palpate.batches.table import make_table
 from palpate.batches.works.measuring import write_measurement_report
 from palpate.estimation.study.source import NO_OPTIONS
@@ -388,6 +390,18 @@ def test_sessions_and_a_damaged_one_are_measurements_as_well(probed, tmp_path):
     stiffness = Study(probed[0], keep=False).compare()["contact"].parameters["stiffness.k"]
     assert contact["stiffness.k [N/m]"] == stiffness.value
     assert "damaged.mcap" in result.errors["damaged.mcap"]
+
+
+def test_the_time_of_a_measurement_counts_once_whatever_its_channels(tmp_path):
+    cells = {
+        "measurement": ["a", "a", "b"],
+        "channel": ["joint_1", "joint_2", ""],
+        "seconds": [2.0, 2.0, 1.0],
+    }
+    empty = {name: [""] * 3 for name in ("files", "group", "model", "verdict", "effects", "error")}
+    table = pa.table(cells | empty | {"times_noise": [1.0, 1.0, None]})
+    write_page(BatchResult(tmp_path, table, 2, 2, (), (), ()))
+    assert "processor time</b> 3.0 s" in " ".join((tmp_path / "index.html").read_text().split())
 
 
 def test_copies_of_a_measurement_are_mentioned(specimens, tmp_path):
