@@ -412,7 +412,8 @@ def test_copies_of_a_measurement_are_mentioned(specimens, tmp_path):
     assert "1 measurement has the same content as another (a.csv, b.csv); means and tests count both" in said
 
 
-def test_a_batch_that_is_stopped_before_the_first_result_continues(specimens, tmp_path):
+def test_a_batch_that_is_stopped_before_the_first_result_continues(specimens, tmp_path, monkeypatch):
+    monkeypatch.setattr(runner, "_JOIN_S", 1.0)
     press, out = specimens / "s0_soft.csv", tmp_path / "out"
     lost = run("batch", press, "--out", out, "--scheduler", "tcp://127.0.0.1:9")
     assert_refused(lost, "tcp://127.0.0.1:9")
