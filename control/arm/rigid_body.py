@@ -29,7 +29,6 @@ if TYPE_CHECKING:
 else:
     pin = LazyModule("pinocchio")
 
-PARAMETERS_PER_LINK = 10
 LEVEL = (0.0, 0.0, -9.81)
 
 

@@ -227,6 +227,7 @@ def exceeds_noise(
 
 
 def _conditions(blocked: BlockedData, usable: BoolArray) -> list[_Condition]:
+    """List the conditions that are compared with the noise; `usable` is the mask (m,) of scored blocks."""
     if blocked.data.kind is not ChannelKind.CONTACT:
         moving = is_moving(blocked.data, blocked.rows)
         return [_Condition("in motion", usable & moving, usable & ~moving, "at rest")]

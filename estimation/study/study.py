@@ -273,7 +273,7 @@ class ModelStudy(StudyFits):
             else:
                 parent = self._revisions.get(start)
                 if fresh:
-                    raise InputError(f"leave out --fresh or --from {start}: give one start, not two")
+                    raise InputError(f"leave out --fresh or --from {start}: they are two different starts")
                 given = {"--model": self.model, "--channel": channel}
                 if extra := [option for option, value in given.items() if value]:
                     raise InputError(

@@ -17,6 +17,7 @@ from palpate.batches.common_effects import CommonEffect
 from palpate.batches.statistics import RandomEffects, holm, random_effects, shrunk
 from palpate.batches.table import ParameterColumn, texts
 from palpate.estimation.fit.intervals import SIGMAS_95
+from palpate.estimation.statistics.noise import MAD_TO_SIGMA
 from palpate.robot_io.errors import InputError
 from palpate.robot_io.types import FloatArray
 
@@ -24,7 +25,6 @@ PAGE = "index.html"
 OUTLYING = (
     3.5  # modified z value of an outlier (Iglewicz and Hoaglin, How to Detect and Handle Outliers, 1993)
 )
-_MAD_SIGMAS = 1.4826  # standard deviation of a normal distribution over its median absolute deviation
 _LEAST_FOR_OUTLIERS = 5
 _CONTRADICTED = 0.01  # chance of refusing to share parameters that are the same
 
@@ -233,7 +233,7 @@ def outliers(column: ParameterColumn, groups: Sequence[str]) -> list[Outlier]:
             continue
         values = column.values[places]
         away = values - np.median(values)
-        scale = np.hypot(_MAD_SIGMAS * np.median(np.abs(away)), column.std_errs[places])
+        scale = np.hypot(MAD_TO_SIGMA * np.median(np.abs(away)), column.std_errs[places])
         z = np.divide(away, scale, out=np.zeros_like(away), where=scale > 0.0)
         outlying += [
             Outlier(int(column.rows[place]), column.name, column.unit, float(value), float(score))

@@ -70,8 +70,9 @@ def time_axis(table: pa.Table, field: str | None = None) -> tuple[FloatArray, li
         InputError: there is no such column, a cell in it is neither date nor number, or all measurements have
             the same time.
     """
-    names = [field] if field else [name for name in table.column_names if name.lower() in DATES]
-    measurement, constant = texts(table, "measurement"), ""
+    usual = [name for name in table.column_names if name.lower() in DATES]
+    names = [field] if field else sorted(usual, key=lambda name: len(set(texts(table, name))) == 1)
+    measurement = texts(table, "measurement")
     for name in names:
         if name not in table.column_names:
             raise InputError(f"--date {name}: no such column. There are: {', '.join(table.column_names)}")
@@ -80,21 +81,22 @@ def time_axis(table: pa.Table, field: str | None = None) -> tuple[FloatArray, li
         for read, what in ((_days, "date"), (_number, name)):
             times = [read(label) for label in labels]
             known = [time for time in times if time is not None]
-            if len(known) == len(labels) and (len(set(known)) > 1 or len(set(measurement)) < LEAST):
-                return np.array(known), labels, what
             if len(known) == len(labels):
-                constant = f"column {name}: all {len(set(measurement))} measurements have {labels[0]}"
-            elif known:
+                if len(set(known)) == 1 and (several := len(set(measurement))) >= LEAST:
+                    raise InputError(
+                        f"column {name}: all {several} measurements have {labels[0]}, which gives no order "
+                        "in time; choose another column with --date"
+                    )
+                return np.array(known), labels, what
+            if known:
                 unread.append(times.index(None))
-        if not constant and (row := min(unread)) < len(labels):
+        if (row := min(unread)) < len(labels):
             raise InputError(
                 f"column {name}, row {row + 1}: {labels[row]!r} is not a date or number like the others; "
                 "give dates such as 2026-11-23, or numbers"
             )
-        if field and not constant:
+        if field:
             raise InputError(f"--date {field}: give dates such as 2026-11-23, or numbers (not {labels[0]!r})")
-    if constant:
-        raise InputError(f"{constant}, which gives no order in time; choose another column with --date")
     number = {name: float(place) for place, name in enumerate(dict.fromkeys(measurement), 1)}
     return np.array([number[name] for name in measurement]), measurement, "count"
 
@@ -130,10 +132,9 @@ def all_series(table: pa.Table, times: FloatArray) -> Iterator[Series]:
                 continue
             left_out: tuple[tuple[int, float], ...] = ()
             if np.any(std_errs[own]):  # the ratio to the noise and shares have none; their scatter is skewed
-                alone = own[is_isolated(values[own])]
+                isolated = is_isolated(values[own])
+                alone, own = own[isolated], own[~isolated]
                 left_out = tuple(zip(rows[alone].tolist(), values[alone].tolist(), strict=True))
-                own = np.setdiff1d(own, alone, assume_unique=True)
-                own = own[np.argsort(times[rows[own]], kind="stable")]
             at = rows[own]
             yield Series(part, item, name, unit, at, times[at], values[own], std_errs[own], left_out)
 

@@ -180,10 +180,10 @@ def _update(  # noqa: PLR0917, what was typed
             to.print("  nothing changes by more than its scatter")
         if left_out:
             place = " ".join(filter(None, (left_out[0][key] for key in ("group", "channel", "series"))))
-            example = f"{place} at {left_out[0]['at']} ({left_out[0]['value']:.3g})"
-            to.print(
-                f"  [dim]{count(len(left_out), 'isolated value')} left out, such as {safe(example)}[/dim]"
-            )
+            which = f"{place} at {left_out[0]['at']} ({left_out[0]['value']:.3g})"
+            others = " and others" if len(left_out) > 1 else ""
+            words = f"{count(len(left_out), 'isolated value')} left out: {safe(which)}{others}"
+            to.print(f"  [dim]{words}[/dim]")
         to.print(f"page  [bold]{shown(page)}[/bold]")
 
     console.present(content, show, as_json=as_json)

@@ -189,9 +189,6 @@ class Calibrations:
         return gravity_base_m_s2(pitch, roll)
 
 
-NO_CALIBRATIONS = Calibrations()
-
-
 def gravity_base_m_s2(pitch_rad: float, roll_rad: float) -> tuple[float, float, float]:
     """Compute the gravity vector in the axes of a tilted base; see `GravityValues`.
 

@@ -229,7 +229,10 @@ class MitBusSettings(CanLineSettings):
         twice = [number for number in answer_ids if number in ids or answer_ids.count(number) > 1]
         if twice:
             name = "answer_id" if has_own else "host_id"
-            raise ValueError(f"{name} {twice[0]} is also a motor's id, or of two motors: choose a free one")
+            raise ValueError(
+                f"{name} {twice[0]} is already in use, as a motor's id or for answers of two motors: "
+                "choose a free one"
+            )
         models = self.dialect.models
         unknown = [motor.model for motor in self.motors if motor.ranges is None and motor.model not in models]
         if unknown:
