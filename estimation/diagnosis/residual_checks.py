@@ -28,12 +28,14 @@ from palpate.estimation.fit.run_heterogeneity import RunHeterogeneity, run_heter
 from palpate.estimation.signals.blocks import block_index, number_stretches, rows_of_runs
 from palpate.estimation.signals.periodicity import strongest_frequency
 from palpate.estimation.signals.runwise import sample_time
+from palpate.estimation.statistics.noise import robust_sigma
 from palpate.robot_io.types import BoolArray, FloatArray, IntArray
 
 _CLEARLY = 0.5  # largest error of separately fitted runs, relative to the noise level, for incomplete models
 # Least ratio of a residual to bootstrap samples. The second applies if only white noise could be estimated,
 # because slower noise is then missing from the samples.
 _EXCESS, _EXCESS_OF_WHITE = 2.5, 3.0
+_OUTLYING = 4.0  # greatest deviation that counts as noise, in robust standard deviations
 _EXCESS_OF_LINE = 3.0  # least ratio of an error to its part without an oscillation
 _LEAST_SHARED = 0.5  # least share of the residual's variance that neighboring blocks have in common
 _SAMPLES = 4  # number of bootstrap samples; the largest one is compared
@@ -269,7 +271,7 @@ def _excess(
         return None
     reference, least = condition.reference, _EXCESS
     if condition.still.sum() >= _LEAST_BLOCKS:
-        noise = _about_means(residual, blocked.run, condition.still)
+        noise = _without_outliers(residual, blocked.run, condition.still)
     elif len(air := _free_air_on_blocks(blocked)):
         noise = air
     elif white := _white_noise(fit, residual):
@@ -336,6 +338,17 @@ def _about_means(residual: FloatArray, run: IntArray, chosen: BoolArray) -> Floa
     """Subtract the mean of each run or stretch from the residual on chosen blocks, (k,), in their order."""
     parts = [residual[chosen & (run == number)] for number in np.unique(run[chosen])]
     return np.concatenate([part - part.mean() for part in parts])
+
+
+def _without_outliers(residual: FloatArray, run: IntArray, chosen: BoolArray) -> FloatArray:
+    """Return the residual (m,) on chosen blocks about the median of each run, (k,), with limited outliers.
+
+    A late or sticky effort just after a contact is not noise.
+    """
+    parts = [residual[chosen & (run == number)] for number in np.unique(run[chosen])]
+    noise = np.concatenate([part - np.median(part) for part in parts])
+    most = _OUTLYING * robust_sigma(noise)
+    return np.asarray(np.clip(noise, -most, most))
 
 
 def _shared_by_neighbors(residual: FloatArray, run: IntArray, chosen: BoolArray) -> float:

@@ -1,6 +1,6 @@
 """Search the inner parameters of one effect over a grid, and optimize all inner parameters jointly."""
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -26,6 +26,7 @@ _EVALUATIONS = 40
 _SSE_TOLERANCE = 1e-5
 _STEP_TOLERANCE = 1e-4  # smallest step, relative to the distance from the start
 _CONVERGED_RATIO = 1.0001  # largest ratio to the predicted squared error at which a step has converged
+_AROUND = (-0.3, -0.1, 0.1, 0.3)  # changes of inner parameters that are tried, relative to their values
 _STEP = 2e-3  # step of a finite difference
 
 
@@ -230,7 +231,9 @@ def optimize_inner(
     """Optimize all inner parameters of a solution jointly; gains follow by variable projection.
 
     If the error falls considerably, the search is repeated from the new parameters, since the gains may not
-    have converged.
+    have converged. The error often depends on the square of a gain, as that of a damping whose phase a delay
+    can replace. It then has a saddle where the gain is zero, on which a search can end; if a gain ends at its
+    bound or within its standard error of it, points around the end are tried too.
 
     Args:
         problem: data, noise weights and folds of the fit.
@@ -242,7 +245,26 @@ def optimize_inner(
         before, solution = solution, _optimize_once(problem, solution, settled, step)
         if solution.sse > _REPEAT_RATIO * before.sse:
             break
+    lower = next((near for near in _around(problem, solution) if near.sse < solution.sse), None)
+    if lower is not None:
+        solution = _optimize_once(problem, lower, settled, step)
     return replace(solution, parameters=solution.model.in_order(solution.parameters))
+
+
+def _around(problem: FitProblem, solution: Solution) -> Iterator[Solution]:
+    """Yield solutions with one inner parameter changed, if a gain is not clearly away from a bound."""
+    model, now = solution.model, solution.parameters
+    errors = solution.standard_errors
+    if all(
+        min(abs(now[name] - end) for end in ends) > errors[name] for name, ends in model.gain_bounds.items()
+    ):
+        return
+    for name, inner in model.inner.items():
+        if name in model.held:
+            continue
+        for share in _AROUND:
+            value = float(np.clip(now[name] + share * abs(now[name]), inner.lower, inner.upper))
+            yield solve_gains(problem, model, {**now, name: value}, arrived=_CONVERGED_RATIO)
 
 
 def _optimize_once(problem: FitProblem, solution: Solution, settled: float, step: float) -> Solution:

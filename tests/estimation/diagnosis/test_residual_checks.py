@@ -300,6 +300,18 @@ def test_only_a_pull_just_after_contact_is_found_there(added, pulls, is_noise):
     assert (found is None or found.where != "after contact") is is_noise
 
 
+def test_a_late_force_is_no_reference_for_the_noise():
+    def late_and_humming(t, number):
+        late = 10.0 * ((t > 1.41) & (t < 1.43))  # the contact has just ended
+        return white(t, number) + 0.2 * np.sin(2 * np.pi * 7.3 * t) * ((t > 0.6) & (t < 1.4)) + late
+
+    data = presses_with_long_air(late_and_humming, after_s=0.5)
+    fit = fit_model(data, MODEL, {})
+    found = exceeds_noise(fit, identify_measurement_model(data), np.random.default_rng(0))
+    assert found.where == "in contact"
+    assert found.expected == pytest.approx(NOISE_N / np.sqrt(fit.problem.blocked.rows.shape[1]), rel=0.3)
+
+
 @pytest.mark.parametrize(("times", "is_noise"), [(2.2, True), (2.8, False)])
 def test_an_excess_is_two_and_a_half_times_the_noise(times, is_noise):
     block_noise = NOISE_N / np.sqrt(2.0)  # blocks of two samples

@@ -8,7 +8,7 @@ from scipy.optimize import least_squares
 from scipy.signal import lfilter
 
 from palpate.estimation.base_model import ModelContext
-from palpate.estimation.channel import Information
+from palpate.estimation.channel import ChannelData, ChannelKind, Information
 from palpate.estimation.effects import EFFECTS
 from palpate.estimation.fit.blocks import block_average, with_load
 from palpate.estimation.fit.fit_problem import held_out_residual, linearise_along, solve_gains
@@ -404,3 +404,25 @@ def test_where_a_surface_lies_is_found_beside_a_spring_that_stiffens(names, offs
 def test_an_error_far_beyond_all_that_is_met_determines_nothing(value, widest):
     (k,) = EFFECTS["stiffness"].gains
     assert _widest(k, value) == widest
+
+
+@pytest.mark.parametrize("start_s", [0.02, 0.0475, 0.06])
+def test_a_damping_is_told_from_the_delay_that_replaces_its_phase(start_s):
+    """A delay that is shorter by c/k, without a damping, is a saddle of the error."""
+    rng, stiffness, damping, delay_s = np.random.default_rng(0), 1100.0, 19.5, 0.065
+    t = np.arange(0.0, 12.0, 0.004)
+
+    def depth(time_s):
+        return 0.006 + 0.005 * np.sin(2 * np.pi * (0.3 * time_s + 0.12 * time_s**2))
+
+    x, earlier = depth(t), depth(t - delay_s)
+    speed_then = (depth(t - delay_s + 1e-5) - depth(t - delay_s - 1e-5)) / 2e-5
+    force = stiffness * earlier + damping * speed_then + rng.normal(0.0, 0.01, len(t))
+    v = np.gradient(x, t)
+    data = ChannelData(
+        *("contact", ChannelKind.CONTACT, t, x, v, np.gradient(v, t), force),
+        *(np.arange(len(t)) // 1000, np.full(len(t), -1)),
+    )
+    found = fit_model(data, with_effects(PRESS, "delay"), {"delay.time": start_s}).solution.parameters
+    assert found["delay.time"] == pytest.approx(delay_s, rel=0.01)
+    assert found["damping.c"] == pytest.approx(damping, rel=0.03)
