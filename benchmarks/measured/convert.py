@@ -112,7 +112,8 @@ def read_text(content: bytes, options: Mapping[str, Any]) -> list[Columns]:
     Args:
         content: bytes of the file.
         options: `delimiter` (default: blanks), `skip` lines ahead of the numbers (the last of them holds the
-            names), `decimal` mark, `encoding`, `key`: number of the column that must hold a number.
+            names), `decimal` mark, `encoding`, `key`: number of the column that must hold a number, `width`:
+            numbers of a row where each has a line of its own.
 
     Returns:
         One table. Rows with fewer cells than the first, or with no number in the key column, are left out.
@@ -121,6 +122,8 @@ def read_text(content: bytes, options: Mapping[str, Any]) -> list[Columns]:
     skip, delimiter = options.get("skip", 0), options.get("delimiter")
     names = lines[skip - 1].split(delimiter) if skip else []
     cells = [line.split(delimiter) for line in lines[skip:] if line.strip()]
+    if width := options.get("width"):
+        cells = [list(itertools.chain(*cells[i : i + width])) for i in range(0, len(cells), width)]
     width = len(cells[0])
     decimal = options.get("decimal", ".")
     rows = [[_number(cell, decimal) for cell in row[:width]] for row in cells if len(row) >= width]
@@ -152,7 +155,7 @@ def read_workbook(content: bytes, options: Mapping[str, Any]) -> list[Columns]:
 def read_matlab(content: bytes, options: Mapping[str, Any]) -> list[Columns]:
     """Read vectors and columns of matrices of a MATLAB file (up to version 7.2): `x`, `x.0`, `x.1` ...
 
-    A field of a structure is named after both, `s.x`.
+    A field of a structure is named after both, `s.x`; in an array of structures, `s.0.x`, `s.1.x` ...
     """
     del options
     return [_columns_of(loadmat(io.BytesIO(content)))]
@@ -173,6 +176,9 @@ def _columns_of(arrays: Mapping[str, Any]) -> Columns:
         value = content.item() if is_cell else content
         if isinstance(value, np.ndarray) and value.dtype.names and value.size == 1:
             columns |= _columns_of({f"{name}.{key}": value[key].item() for key in value.dtype.names})
+        elif isinstance(value, np.ndarray) and value.dtype.names:
+            for i, item in enumerate(value.ravel()):
+                columns |= _columns_of({f"{name}.{i}.{key}": item[key] for key in value.dtype.names})
         if isinstance(value, np.ndarray) and value.ndim == 2 and value.dtype.kind in "fiu" and value.size > 1:
             matrix = np.asarray(value if value.shape[0] >= value.shape[1] else value.T, dtype=np.float64)
             columns |= {name: matrix[:, 0]} | {f"{name}.{i}": matrix[:, i] for i in range(matrix.shape[1])}

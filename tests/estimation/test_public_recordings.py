@@ -204,6 +204,33 @@ def test_fields_of_a_matlab_structure_are_columns_by_their_names(tmp_path: Path)
     assert [row["position_rad"] for row in table] == [1, 2, 4, 2, 4, 8]
 
 
+def test_items_of_an_array_of_structures_are_named_by_their_number(tmp_path: Path) -> None:
+    signals = np.zeros((1, 2), dtype=[("values", object), ("label", object)])
+    for i, values in enumerate(
+        (np.array([[1.0, 10.0], [2.0, 20.0], [3.0, 30.0]]), np.array([[5.0], [6.0], [7.0]]))
+    ):
+        signals[0, i] = (values, "x")
+    savemat(tmp_path / "a.mat", {"scope": {"time": np.arange(3.0), "signals": signals}})
+    columns = {
+        "time_s": {"sum": {"scope.time": 1.0}},
+        "position_rad": {"sum": {"scope.signals.0.values.1": 1.0}},
+        "torque_Nm": {"sum": {"scope.signals.1.values": 1.0}},
+    }
+    recipe = {"read": {"format": "matlab", "files": ["a.mat"]}, "columns": columns}
+    convert(recipe, Origin(tmp_path, ""), tmp_path / "out")
+    table = rows_of(tmp_path / "out")
+    assert [row["position_rad"] for row in table] == [10, 20, 30]
+    assert [row["torque_Nm"] for row in table] == [5, 6, 7]
+
+
+def test_numbers_on_lines_of_their_own_make_rows_of_the_stated_width(tmp_path: Path) -> None:
+    (tmp_path / "a.txt").write_text("\n\n".join(str(number) for number in range(6)) + "\n")
+    columns = {"time_s": {"sum": {"0": 1.0}}, "torque_Nm": {"sum": {"2": 1.0}}}
+    recipe = {"read": {"format": "text", "files": ["a.txt"], "width": 3}, "columns": columns}
+    convert(recipe, Origin(tmp_path, ""), tmp_path / "out")
+    assert [(row["time_s"], row["torque_Nm"]) for row in rows_of(tmp_path / "out")] == [(0, 2), (3, 5)]
+
+
 def test_sheets_that_match_are_runs(tmp_path: Path) -> None:
     book = openpyxl.Workbook()
     for number, title in enumerate(["Results", "Test 1", "Test 2"]):
