@@ -181,7 +181,7 @@ class SampledSensor(ABC):
         else:
             return None
         if sample.sampled_at_s == self._shown_at_s:
-            return sample._replace(status=Status.STALE)
+            return SensorSample(sample.value, sample.sampled_at_s, Status.STALE)
         self._shown_at_s = sample.sampled_at_s
         return sample
 

@@ -3,6 +3,9 @@
 import pytest
 
 from tests.contract.backends import BACKENDS
+from tests.wire.conftest import few_ids
+
+__all__ = ["few_ids"]
 
 CONTRACT_OF = {
     "test_torque_contract": "drives",

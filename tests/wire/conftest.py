@@ -4,8 +4,19 @@ from contextlib import suppress
 
 import pytest
 
+from palpate.robot_io.drivers.dynamixel.servos import DynamixelLine
+from palpate.robot_io.drivers.feetech.servos import FeetechLine
 from palpate.robot_io.errors import DeviceError
 from tests.wire.parts import WireBench
+
+
+@pytest.fixture(autouse=True, scope="session")
+def few_ids():
+    """Let a search for servos end after ids below 12, which the emulated ones have, instead of after 252."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(FeetechLine, "ping_all_s", 0.05)
+        patch.setattr(DynamixelLine, "ping_all_s", 0.05)
+        yield
 
 
 @pytest.fixture

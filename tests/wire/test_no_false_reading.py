@@ -13,11 +13,8 @@ from tests.wire.fault_matrix.rows import FAMILIES
 from tests.wire.parts import READ_SHARE
 
 DAMAGED = 25 if settings.default.max_examples >= 100 else 15  # as many in `make test-all`
-SHARE, FIRST_TICK, TICKS, AFTER = 0.04, 60, 2600, 60  # ticks after the last that is damaged
-TOLERANCES = {
-    "motors": 0.02,
-    "load_cell": 2.0,
-}  # [rad], [N]: 1 % of the capacity is believed, and what it moves
+SHARE, FIRST_TICK, TICKS, AFTER = 0.08, 40, 1300, 40  # ticks after the last that is damaged
+TOLERANCES = {"motors": 0.02, "load_cell": 2.0}  # [rad], [N]: 1 % of the capacity, and what it moves
 CAN = ("odrive", "mit", "damiao", "robstride", "moteus")  # CORRUPT cuts: a frame that lost a byte is none
 PLAIN = (("fast_sync_read: true", "fast_sync_read: false"),)
 CASES = [
@@ -64,11 +61,10 @@ def move(arm, bus, tick):
         world.object.move_surface(world.truth().tip_position_world_m[2] + depth_m)
 
 
-@pytest.mark.parametrize("kind", [FaultKind.LOSE, FaultKind.CORRUPT])
-def test_lines_that_nothing_pads_are_no_exception(bench, kind, monkeypatch):
+def test_lines_that_nothing_pads_are_no_exception(bench, monkeypatch):
     """What is left of one that was cut is a number, and as long as others."""
     monkeypatch.setattr(EmulatedLoadstar, "width", 0)
-    test_no_wrong_number_is_served_as_ok(bench, "loadstar", (), kind)
+    test_no_wrong_number_is_served_as_ok(bench, "loadstar", (), FaultKind.LOSE)
 
 
 @pytest.mark.parametrize(
@@ -99,4 +95,4 @@ def test_no_wrong_number_is_served_as_ok(bench, family, changes, kind):
             trusted += 1
             assert course.off_by(measurement) < TOLERANCES[bus], tick
     assert sum(faults._struck.values()) == DAMAGED
-    assert trusted > FIRST_TICK // 2  # what is damaged so often is rightly doubted for long
+    assert trusted > 30  # what is damaged so often is rightly doubted for long

@@ -19,11 +19,7 @@ def examined(arm):
     ("kind", "refused", "examined_as"),
     [
         (FaultKind.DUPLICATE, "servo 3 answers twice: two servos have this id", "answers twice"),
-        (
-            FaultKind.CORRUPT,
-            "damaged answers from servo 3: do two servos have this id",
-            "its answers are damaged",
-        ),
+        (FaultKind.CORRUPT, "damaged answers from servo 3: do two servos have", "its answers are damaged"),
     ],
 )
 def test_two_servos_with_one_id_are_hinted_at(bench, path, kind, refused, examined_as):
@@ -85,9 +81,10 @@ def test_a_servo_that_is_hotter_than_its_own_limit_is_a_warning(bench, path, cel
         servo.memory.put(146, celsius)
     else:
         servo.put(63, celsius, 1)
-    findings = [
-        found for found in arm.robot.buses["motors"].examine() if found.subject.startswith("servo 3 ")
+    (finding,) = [
+        found
+        for found in arm.robot.buses["motors"].examine()
+        if found.subject.startswith("servo 3 ") and f"{celsius} °C" in found.text
     ]
-    (finding,) = [found for found in findings if f"{celsius} °C" in found.text]
     assert finding.level is level
     assert ("cool down" in finding.remedy) == (level is Level.WARN)
