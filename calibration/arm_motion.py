@@ -141,7 +141,7 @@ def check_way_up(body: RigidBody, start_rad: FloatArray, up_rad: FloatArray, lim
     """
     floor_m = float(body.heights_m(start_rad)[1:].min())
     if not is_clear(body, straight_way(start_rad, up_rad), floor_m):
-        raise InputError("the path up from the arm's present pose would first go lower: raise the arm first")
+        raise InputError("the way up from the present pose leads below this pose: raise the arm by hand")
     move = JointMove(start_rad, up_rad, travel_speed_rad_s(limits), ACCELERATION_RAD_S2)
     motions = (move.at(time_s) for time_s in np.linspace(0.0, move.duration_s, _WAY_POSTURES))
     joint = overloaded_joint(body, motions, limits)

@@ -185,7 +185,7 @@ class HybridController:
             InputError: no line is set, or the reference left the arm's reach.
         """
         if self._line is None:
-            raise InputError("hybrid controller: set_line comes before step")
+            raise InputError("hybrid controller: call set_line before step")
         tip = self._body.tip_motion(measurement.joint_position_rad, measurement.joint_velocity_rad_s)
         force_n = measurement.force_n - self.force_bias_n
         speed_m_s = float(tip.velocity_world_m_s.dot(self._line.direction_world))

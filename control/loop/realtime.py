@@ -144,7 +144,7 @@ def _frozen_garbage() -> Iterator[None]:
 
 def _require_linux() -> None:
     if sys.platform != "linux":
-        raise OSError(0, f"not offered on {sys.platform}")
+        raise OSError(0, f"not available on {sys.platform}")
 
 
 def _check(result: int) -> None:

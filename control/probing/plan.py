@@ -89,7 +89,7 @@ class ProbingPlan(FileModel):
             if getattr(self, name) < run_up_m:
                 raise ValueError(
                     f"{name} {getattr(self, name)} m is too short to reach {max(self.speeds_m_s)} m/s at "
-                    f"acceleration_m_s2 {self.acceleration_m_s2}: at least {run_up_m:.4f} m"
+                    f"acceleration_m_s2 {self.acceleration_m_s2}; give at least {run_up_m:.4f} m"
                 )
         return self
 

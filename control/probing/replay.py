@@ -39,7 +39,7 @@ class References:
             if not np.isfinite(getattr(self, name)).all():
                 raise InputError(f"references: {name} has a value that is not finite")
         if not np.isin(self.phase, [int(phase) for phase in Phase]).all():
-            raise InputError("references: a phase is unknown")
+            raise InputError("references: they contain an unknown phase")
 
     @property
     def duration_s(self) -> float:

@@ -160,7 +160,7 @@ def preamble_words(lines: int) -> tuple[str, ...]:
     Args:
         lines: number of lines.
     """
-    return (f"a preamble of {lines} line{'s' if lines > 1 else ''}",) if lines else ()
+    return (f"{lines} line{'s' if lines > 1 else ''} above the header",) if lines else ()
 
 
 def is_number(cell: str, decimal: str) -> bool:
@@ -260,7 +260,7 @@ class TextDialect:
     def words(self) -> tuple[str, ...]:
         """Differences from a plain CSV file, in words."""
         names = {";": "semicolons", "\t": "tabs", "|": "bars", BLANKS: "blanks"}
-        parts = [f"cells between {names[self.delimiter]}"] if self.delimiter in names else []
+        parts = [f"cells separated by {names[self.delimiter]}"] if self.delimiter in names else []
         parts += [NAMELESS] if all(map(is_unnamed, self.tables[0].names)) else []
         return (*parts, *(["decimal commas"] if self.decimal == "," else []))
 

@@ -244,9 +244,10 @@ def choose(offered: Sequence[Experiment]) -> Choice | None:
     good = [number for number in useful if offered[number].separation >= NEARLY * most]
     index = max(good, key=lambda number: (offered[number].evidence, -offered[number].duration_s))
     chosen, first = offered[index], "with the most evidence" if offered[index].evidence else "shortest"
-    which = "most informative" if len(good) == 1 else f"{first} of {len(good)} nearly equally informative"
+    alike = f"{first} of {len(good)} nearly equally informative experiments"
+    which = "most informative experiment" if len(good) == 1 else alike
     reason = (
-        f"{chosen.words} ({chosen.duration_s:.0f} s): it is the {which}, and is expected to separate "
+        f"{chosen.words} ({chosen.duration_s:.0f} s). This is the {which}, expected to separate "
         f"{100 * chosen.separation:.0f} % of the remaining explanations"
     )
     return Choice(index, chosen, reason)

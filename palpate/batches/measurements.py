@@ -141,7 +141,7 @@ def find_measurements(
         listed |= files
         episodes.update(files if _is_data_set(Path(place)) else ())
     if not listed:
-        raise InputError(f"{', '.join(map(str, places)) or 'no file'}: there is nothing to measure")
+        raise InputError(f"{', '.join(map(str, places)) or 'no file'}: no measurement found")
     if pattern is not None:
         names = _FIELD.findall(pattern)
         if not names or len(set(names)) < len(names) or not all(name.isidentifier() for name in names):
@@ -159,7 +159,7 @@ def find_measurements(
         for file in listed:
             listed[file] |= table.fields_of(file, listed[file])
     if join is not None and split is not None:
-        raise InputError(f"--join {join} and --split {split}: give one of them")
+        raise InputError(f"--join {join} and --split {split}: give only one of them")
     if join is not None:
         return _joined(listed, join)
     # Name each file with as many of its folders as make all names different.

@@ -62,7 +62,8 @@ def batch_command(
     model: Annotated[
         str | None,
         typer.Option(
-            help="Base model, or 'suggest' for the one that fits a sample best; default: by channel.",
+            help="Base model, or 'suggest' for the one that fits a sample best; default: the usual one of "
+            "each channel.",
             autocompletion=model_names,
         ),
     ] = None,
@@ -124,7 +125,7 @@ def batch_command(
     several. With --diagnose, finds missing effects too. A file that cannot be read becomes a row with the
     reason; exit code 2 if no file can be read. After an interruption, the same command continues.
 
-    palpate batch recordings --out result
+    Examples: palpate batch recordings --out result
 
     palpate batch 'data/*.csv' --pattern '{specimen}_{day}.csv' --group day --diagnose --out result
 
@@ -252,9 +253,9 @@ def _cautions(table: "pa.Table") -> Iterator[str]:
         missed = [times for times in every if times >= NOISE]
         if missed:
             yield (
-                f"{model} misses {channel} in {len(missed)} of {count(len(every), 'measurement')}, by up to "
-                f"{max(missed):.3g} times the noise: its parameters may be biased; --diagnose says which "
-                "effect is missing"
+                f"{model} does not fit {channel} in {len(missed)} of {count(len(every), 'measurement')}: "
+                f"errors reach {max(missed):.3g} times the noise, and its parameters may be biased; "
+                "--diagnose says which effect is missing"
             )
 
 

@@ -195,7 +195,7 @@ def estimate_command(
     Reads a session or a data file. For a simulated session, the true values and the errors are shown too.
     """
     if every and estimator is not None:
-        raise InputError(f"--all and --estimator {estimator}: give one of them")
+        raise InputError(f"--all and --estimator {estimator}: give only one of them")
     study = data.study(model)
     data.say_left_out()
     estimates = study.estimate(ALL if every else USUAL if estimator is None else estimator)
@@ -217,7 +217,7 @@ def estimate_command(
         "cut_off": cut_off,
         "channels": [as_data(each, study.truth_of(each.channel)) for each in estimates],
     }
-    steps = [(f"palpate compare {data.typed(model=model)}", "how far off the model is, and where it fails")]
+    steps = [(f"palpate compare {data.typed(model=model)}", "how well the model fits, and where it fails")]
     if all(study.refusal(study.channel(each.channel.name)) for each in estimates):
         steps = [(f"palpate diagnose {data.typed(model=model)}", "why this data cannot judge a model")]
     if session is not None:

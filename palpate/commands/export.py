@@ -346,7 +346,7 @@ def report_command(
 ) -> None:
     """Write measurement, models and diagnosis to one self-contained HTML page.
 
-    palpate report press.csv -o press.html
+    Example: palpate report press.csv -o press.html
     """
     path = output_file(out, force=force or is_own_page(out), keep=[data.file], endings=(".html", ".htm"))
     study = data.study(model, folder_to_read(data.file, folder))

@@ -112,7 +112,7 @@ def import_command(
     content = {"session": str(session), "channels": facts(imported), "notes": list(notes)}
     steps = (
         (f"palpate estimate {typed(session)}", "parameters of a model with their intervals"),
-        (f"palpate compare {typed(session)}", "how far off a simple model is, and where it fails"),
+        (f"palpate compare {typed(session)}", "how well a simple model fits, and where it fails"),
         (f"palpate diagnose {typed(session)}", "which physical effect is missing"),
         (f"palpate info {typed(session)}", "what is in the file"),
     )

@@ -118,9 +118,8 @@ def _print(outcome: ProbingOutcome, planned: int) -> None:
         done = f"planned, [red]{loop.outcome}[/red]: {safe(loop.cause)}"
     if outcome.failures:
         done += f", [yellow]{count(len(outcome.failures), 'failure')}[/yellow]"
-    out.print(
-        f"{count(planned, 'run')} {done}: {duration(loop.duration_s)} in {duration(loop.wall_s)}{faster}"
-    )
+    took = f"{duration(loop.duration_s)} of motion in {duration(loop.wall_s)}{faster}"
+    out.print(f"{count(planned, 'run')} {done}: {took}")
     for failure in outcome.failures:
         out.print(f"  [yellow]{safe(failure)}[/yellow]")
     if not loop.is_clean:
@@ -138,7 +137,7 @@ def _print(outcome: ProbingOutcome, planned: int) -> None:
     estimate = (f"palpate estimate {session}", "stiffness and damping with their intervals")
     inspect = (f"palpate inspect {session}", "see it in Rerun")
     info = (f"palpate info {session}", "what is in the file")
-    compare = (f"palpate compare {session}", "how far off a spring and damper are, and where they fail")
+    compare = (f"palpate compare {session}", "how well a spring and damper fit, and where they fail")
     diagnose = (f"palpate diagnose {session}", "which physical effect is missing")
     steps = [estimate, compare, diagnose] if outcome.touched else []
     console.next_steps(*steps, *[inspect] * (not stuck), info)

@@ -48,7 +48,7 @@ def sweep_command(
 
     After an interruption, the same command continues; no finished case is repeated.
 
-    palpate sweep paper --out paper
+    Examples: palpate sweep paper --out paper
 
     palpate sweep mine.yaml --workers 2
 

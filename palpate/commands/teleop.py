@@ -231,8 +231,8 @@ def leader(  # noqa: PLR0917, one parameter an option
     if outcome.lateness is not None:
         late = outcome.lateness
         out_.print(
-            f"haptic loop: {late.count} ticks, late p99 {1e6 * late.p99_s:.0f} us, "
-            f"p99.9 {1e6 * late.p999_s:.0f} us"
+            f"haptic loop: {late.count} ticks; 99 % are at most {1e6 * late.p99_s:.0f} us late, "
+            f"99.9 % at most {1e6 * late.p999_s:.0f} us"
         )
     console.say(f"written: [bold]{shown(session)}[/bold]")
     if outcome.heard:

@@ -24,8 +24,8 @@ def trend_command(
     date: Annotated[
         str | None,
         typer.Option(
-            help="Field with dates (ISO 8601) or numbers; default: date, day, night or time, otherwise "
-            "the order.",
+            help="Field with dates (ISO 8601) or numbers; default: date, day, night, time, datetime or "
+            "timestamp, otherwise the order.",
             metavar="FIELD",
         ),
     ] = None,
@@ -65,7 +65,7 @@ def trend_command(
     effect in the error. If nothing changes, the probability of a false alarm in a whole table is 1 %.
     Writes trend.html beside the table.
 
-    palpate batch logs --pattern '{arm}_{date}.csv' --group arm --out nightly
+    Examples: palpate batch logs --pattern '{arm}_{date}.csv' --group arm --out nightly
 
     palpate trend nightly --exit-code
 

@@ -168,8 +168,8 @@ def examine_signs(robot: Robot, body: RigidBody, hand: Hand) -> Iterator[Finding
         yield ok("hands away", f"the force is back at {rest_n:+.2f} N")
         return
     force_n = _force_n(_read_for(robot, 0.1))
-    value = f"{force_n:+.2f} N are left of the press; it was {rest_n:+.2f} N before"
-    yield fail("hands away", value, "take every hand off the arm; if it stays, the sensor sticks")
+    value = f"{force_n:+.2f} N remain after the press; before it, the force was {rest_n:+.2f} N"
+    yield fail("hands away", value, "take all hands off the arm; if the force stays, the sensor is stuck")
 
 
 def count_down(robot: Robot, hand: Hand) -> Iterator[Finding]:
@@ -282,7 +282,11 @@ def _joint_finding(joint: int, moved_rad: FloatArray) -> Finding:
 def _force_finding(pressed_n: float) -> Finding:
     subject, value = "sign of the force", f"{pressed_n:+.2f} N when pressed"
     if not abs(pressed_n) >= _PRESSED_N:  # true for NaN as well
-        return fail(subject, f"{value}: too small to judge", "press harder; if it stays, check the sensor")
+        return fail(
+            subject,
+            f"{value}: too small to judge",
+            "press harder; if the value stays small, check the sensor",
+        )
     remedy = "change 'reversed' of the force sensor in the robot file"
     return graded(subject, value, (_FAIL, pressed_n < 0, remedy))
 

@@ -69,7 +69,7 @@ def write_simulator(
         }
     elif target is SimulatorFormat.ISAACLAB:
         if patch is not None:
-            raise InputError(f"--patch {patch}: Isaac Lab's actuators are written to a separate file")
+            raise InputError(f"--patch {patch}: Isaac Lab's actuators go to a separate file; omit --patch")
         texts = {path: isaaclab_text(arm)}
     else:
         tip, axis = np.zeros(3), np.array([0.0, 1.0, 0.0])

@@ -128,7 +128,7 @@ def next_probe(
     separated = [design for design, lead in zip(open_questions, leads, strict=True) if (lead > SMALL).any()]
     names = list(dict.fromkeys(name for design in separated for name in design.names))
     proposal = NextExperiment(
-        purpose=f"tell apart {', '.join(names)}",
+        purpose=f"distinguish {', '.join(names)}",
         separates=names,
         instruction=candidate.words,
         probe=candidate.settings,

@@ -36,7 +36,7 @@ def diagnosed(diagnosis: ChannelDiagnosis) -> VerdictView:
 
 def _sentence(diagnosis: ChannelDiagnosis) -> str:
     if diagnosis.verdict is Verdict.INSUFFICIENT:
-        return f"{diagnosis.channel}: this data cannot say: {_ended(diagnosis.reason)}"
+        return f"{diagnosis.channel}: no verdict is possible: {_ended(diagnosis.reason)}"
     if diagnosis.verdict is Verdict.ADEQUATE:
         return f"{diagnosis.channel}: this data shows no missing effect. {_error(diagnosis)}"
     if not diagnosis.accepted and (kinds := _kinds_without_form(diagnosis)):
@@ -124,7 +124,8 @@ def compared(
     word = "fits" if times < NOISE and possible else "misses"
     errors = f"{error} in held-out runs, noise {noise}"
     far = "" if times < NOISE else f"; the error is {times:.1f} times the noise"
-    return VerdictView(word, f"{model} {word} {channel}: {errors}{far}.", (), (channel, model))
+    text = f"{model} {'fits' if word == 'fits' else 'does not fit'} {channel}: {errors}{far}."
+    return VerdictView(word, text, (), (channel, model))
 
 
 def impossible(unphysical: Sequence[str]) -> tuple[str, ...]:

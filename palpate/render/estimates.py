@@ -210,7 +210,7 @@ def _remarks_on_fits(estimates: ChannelEstimates) -> Iterator[str]:
         if deeper_m > NOTABLE * offset.std_err:
             yield (
                 f"the force of {estimates.model.name} begins {MILLI * deeper_m:.2g} mm below the "
-                "touch: the model lacks an attraction, or the object begins softly"
+                "touch: the model lacks an attraction, or the object is softer near its surface"
             )
     yield from (f"{name}: {problem}" for name, problem in estimates.failures.items())
     roomy = len(shown_parameters(estimates.estimates[0])) <= _MOST_ABREAST

@@ -264,8 +264,8 @@ def _run_on_dask(client: Any, todo: dict[str, Case], folder: Path) -> Iterator[s
         problem = future.exception() if future.status == "error" else None
         if future.status in ("cancelled", "lost") or isinstance(problem, CancelledError):
             raise PalpateError(
-                f"the scheduler {client.scheduler.addr if client.scheduler else ''} is gone; what is "
-                "finished is kept, and the same command continues from there"
+                f"the scheduler {client.scheduler.addr if client.scheduler else ''} was lost; "
+                "finished cases are kept, and the same command continues"
             )
         address = future.key.split("-")[1]
         yield f"{todo[address].label}: {problem}" if problem else ""

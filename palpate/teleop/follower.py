@@ -103,7 +103,7 @@ class FollowerMessaging(threading.Thread):
         def drop_targets() -> None:
             self._seen = ()
             self.queue.clear()
-            say("another leader has begun: the targets of the last one are dropped")
+            say("another leader has started: the targets of the previous leader are dropped")
 
         self._messaging = Messaging(line, clock, take=take, on_new_peer=drop_targets)
 
@@ -356,7 +356,7 @@ def run_follower(job: FollowerJob, say: Say) -> FollowerOutcome:
         observer = Observer(messaging, arm.log, robot_file.joint_count, len(list(job.plan.runs())))
         messaging.start()
         if line.is_open_here:
-            say("no --key: any program on this machine can command the arm; only 127.0.0.1 is served")
+            say("no --key: any program on this machine can command the arm; other machines cannot connect")
         say("waiting for a leader; Ctrl-C brings the arm to rest")
         result = arm.run(task, guard, rate_hz, observer.observe)
         messaging.farewell(result.cause)

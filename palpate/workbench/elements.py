@@ -196,7 +196,7 @@ VERDICTS = {
     "adequate": "This data shows no missing effect.",
     "missing": "These effects are missing; the form of each is exact, or marked as approximate.",
     "unexplained": "Something is missing; no effect in the library has its form.",
-    "insufficient": "This data cannot say; the reason says what to record.",
+    "insufficient": "No verdict is possible with these data; the reason says what to record.",
 }
 GATE = {
     "enough": "enough data: samples, runs, and something to hold out",

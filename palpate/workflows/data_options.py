@@ -27,7 +27,8 @@ ForceOption = Annotated[
 ModelOption = Annotated[
     str | None,
     typer.Option(
-        help="Base model, such as kelvin_voigt (an unknown name prints the list); default: by channel.",
+        help="Base model, such as kelvin_voigt (an unknown name prints the list); default: the usual one "
+        "of each channel.",
         autocompletion=model_names,
     ),
 ]

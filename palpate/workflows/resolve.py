@@ -41,7 +41,7 @@ class StopReason(StrEnum):
     )
     PROBES = "probes"  # the budget of probes is used up
     SECONDS = "seconds"  # every separating experiment takes longer than the remaining time
-    INSUFFICIENT = "insufficient"  # the data cannot say
+    INSUFFICIENT = "insufficient"  # the data allow no verdict
 
 
 _ENDS = {
@@ -60,7 +60,7 @@ _ENDS = {
     StopReason.INSEPARABLE: "no experiment of this arm is expected to separate the remaining explanations",
     StopReason.PROBES: "the budget of probes is used up",
     StopReason.SECONDS: "the experiment that would separate them takes longer than the remaining time",
-    StopReason.INSUFFICIENT: "the data cannot say more",
+    StopReason.INSUFFICIENT: "the data allow no verdict",
 }
 
 

@@ -185,7 +185,7 @@ def decode_state(frame: CanFrame) -> MoteusState:
     expect_length(frame, "moteus state", _ANSWER.size)
     head, mode, floats, turns, speed, torque, rest, home, volts, celsius, fault = _ANSWER.unpack(frame.data)
     if (head, floats, rest) != _HEADS:
-        raise ProtocolError(f"not what was asked for: {frame.data.hex(' ')}")
+        raise ProtocolError(f"unexpected answer: {frame.data.hex(' ')}")
     return MoteusState(mode, turns, speed, torque, home, _VOLT * volts, celsius, fault)
 
 
@@ -246,7 +246,7 @@ class MoteusBus(AskedMotorBus[MoteusState]):
         value += _KNOWN_BY.get(state.home, "nothing")
         if state.error:
             names = self._error_names(state.error)
-            return warn(label, f"{names}; {value}", "it is cleared at activation; see what caused it")
+            return warn(label, f"{names}; {value}", "activation clears it; find its cause first")
         return ok(label, value)
 
     def tick_wire_s(self) -> float | None:

@@ -159,7 +159,7 @@ class OdriveBus(MotorBus):
         if supply_v is not None and supply_v < odrive.UNDERVOLTAGE_V:
             return fail(label, value, "switch its power supply on")
         if beat.axis_error or beat.component_errors:
-            return warn(label, value, "errors are cleared at activation; see what caused them")
+            return warn(label, value, "activation clears errors; find their cause first")
         return ok(label, value)
 
     def tick_wire_s(self) -> float | None:

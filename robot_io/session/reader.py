@@ -171,7 +171,7 @@ def _open(path: Path) -> IO[bytes]:
     if not path.is_file():
         raise SessionError("not a session: it is not a file")
     if size > MAX_FILE_BYTES:
-        raise SessionError(f"{size} bytes; at most {MAX_FILE_BYTES}")
+        raise SessionError(f"the file has {size} bytes, more than the limit of {MAX_FILE_BYTES}")
     return path.open("rb")
 
 

@@ -99,7 +99,7 @@ def test_on_another_system_it_says_so(monkeypatch):
     monkeypatch.setattr(sys, "platform", "darwin")
     with realtime() as report:
         pass
-    refused = [line.split(" (")[0] for line in report.refused if "not offered on darwin" in line]
+    refused = [line.split(" (")[0] for line in report.refused if "not available on darwin" in line]
     assert refused == ["no fine timer", "no SCHED_FIFO", "no memory lock"]
     assert set(report.granted) <= {"awake processor", "frozen garbage"}
 

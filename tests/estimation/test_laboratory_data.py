@@ -393,7 +393,7 @@ def test_how_a_file_is_written_is_said(tmp_path):
         "displacement 'Standardweg [mm]'",
         "semicolons",
         "decimal commas",
-        "preamble of 3 lines",
+        "3 lines above the header",
         "cp1252",
     ):
         assert words in read

@@ -51,9 +51,9 @@ def test_presliding_that_no_sample_resolves_is_marked_wherever_it_is_shown(capsy
 @pytest.mark.parametrize(
     ("command", "said"),
     [
-        (("compare",), "kelvin_voigt misses contact: "),
+        (("compare",), "kelvin_voigt does not fit contact: "),
         (("compare", "--json"), "damping.c would be below"),
-        (("add", "bias"), "kelvin_voigt + bias misses contact: "),
+        (("add", "bias"), "kelvin_voigt + bias does not fit contact: "),
         (("diagnose",), "delay is missing from the model"),
         (("estimate",), "outside the physical bounds"),
     ],

@@ -33,8 +33,8 @@ def test_a_hardening_object_is_missed_most_where_it_is_deep(hardening):
 def test_the_first_line_says_how_far_off_the_model_is(hardening):
     result = done("compare", hardening)
     first, second = result.stdout.splitlines()[:2]
-    assert "kelvin_voigt misses contact" in first
-    assert "times the noise" in first
+    assert "kelvin_voigt does not fit contact" in first
+    assert "times the noise" in f"{first} {second}"
     assert "largest for" in second
     assert "palpate diagnose" in result.stderr
 
@@ -85,7 +85,7 @@ def test_what_was_added_can_be_put_beside_the_measurement_too(hardening, grown):
     assert channel["lack_of_fit"] < 1.1
     assert channel["parameters"]["cubic_stiffness.k3"] == pytest.approx(2e6, rel=0.05)
     shown = run("compare", hardening, "--folder", folder)
-    assert "kelvin_voigt misses contact" in shown.stdout
+    assert "kelvin_voigt does not fit contact" in shown.stdout
     assert next_commands(shown)[0][-4:] == ["--revision", "1", "--folder", str(folder)]
 
 

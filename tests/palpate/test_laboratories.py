@@ -49,7 +49,7 @@ def test_a_look_shows_columns_runs_and_phases_and_stores_nothing(tmp_path, monke
     monkeypatch.chdir(tmp_path)
     path = zwick(tmp_path)
     result = run("import", path, "--look", "--runs", "2")
-    for words in ("a preamble of 3 lines", "displacement in mm", "-1,00000", "contact: 2 runs", "hold"):
+    for words in ("3 lines above the header", "displacement in mm", "-1,00000", "contact: 2 runs", "hold"):
         assert words in result.stdout
     assert [*tmp_path.iterdir()] == [path]
     (words,) = next_commands(result)

@@ -47,7 +47,7 @@ def test_a_notebook_from_the_frame_to_the_report(few_effects, frame, tmp_path, m
     assert any("cubic_stiffness" in str(trace) for trace in figure.data)
     page = study.report("out.html").read_text()
     assert "cubic_stiffness" in page
-    assert "are excluded from scoring: the border of a contact" in page
+    assert "are excluded from scoring: contact boundaries" in page
     assert study.export("world.yaml").left_out == ()
     world = load_scenario(tmp_path / "world.yaml")
     assert world.hidden[0].cubic_n_m3 == pytest.approx(CUBIC, rel=0.02)

@@ -47,8 +47,12 @@ ONE, TWO = accepted("bias", 0.5, 0.2), accepted("lag", 0.2, 0.1, "delay", "dampi
             ("shows no missing effect", "runs is 0.102 N (noise 0.1 N, from free air)"),
             (),
         ),
-        (diagnosis("insufficient", reason="only one run"), ("cannot say: only one run.",), ("error",)),
-        (diagnosis("insufficient", reason="which?"), ("cannot say: which?",), ("?.",)),
+        (
+            diagnosis("insufficient", reason="only one run"),
+            ("possible: only one run.",),
+            ("error",),
+        ),
+        (diagnosis("insufficient", reason="which?"), ("possible: which?",), ("?.",)),
         (
             diagnosis("missing", ONE, TWO),
             ("bias and lag (or delay or damping) are missing", "With them", "falls from 0.5 to 0.1 N"),

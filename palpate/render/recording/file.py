@@ -181,7 +181,7 @@ def take_picture(
             viewer.save_screenshot(str(taken))
         except (OSError, RuntimeError, ValueError) as error:
             reason = str(error).partition("\n")[0] or type(error).__name__
-            raise PalpateError(f"the viewer did not give a picture: {reason} ({_DRIVER})") from error
+            raise PalpateError(f"the viewer returned no picture: {reason} ({_DRIVER})") from error
         if not taken.is_file():
             raise PalpateError(f"the viewer did not write {picture}")
         unfinished.write_bytes(taken.read_bytes())

@@ -237,8 +237,8 @@ class DynamixelLine(ServoLine):
             )
         if firmware < WATCHDOG_FIRMWARE:
             raise DeviceError(
-                f"servo {servo.id} has firmware {firmware}: update it, there is no bus watchdog before "
-                f"{WATCHDOG_FIRMWARE}"
+                f"servo {servo.id} has firmware {firmware} without a bus watchdog: update it to "
+                f"{WATCHDOG_FIRMWARE} or newer"
             )
         self.registers.settle_unanswered(servo.id, tables.STATUS_RETURN_LEVEL, tables.ANSWER_EVERYTHING)
         for trouble, remedy in self.registers.setup_troubles(servo):

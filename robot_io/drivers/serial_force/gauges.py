@@ -70,7 +70,7 @@ def pattern_stream(pattern: str, unit: str | None, scale: float, largest_n: floa
         groups = match.groupdict()
         newtons = newtons_per(groups["unit"]) if groups.get("unit") else stated
         if newtons is None:
-            raise ProtocolError(f"names no unit, and none is stated: '{line[:60]}'")
+            raise ProtocolError(f"reading without a unit, and the robot file states none: '{line[:60]}'")
         return groups["value"] or "", newtons * scale
 
     return LineStream(parse, largest_n)
