@@ -212,7 +212,7 @@ def read_table(path: str | os.PathLike[str], selected: str = "") -> Table:
     if read is None:
         known = ", ".join((*ENDINGS, *_JSON))
         raise InputError(
-            f"{place}: unknown kind of file. Valid: {known}; a text file may be packed, as .csv.gz"
+            f"{place}: unknown kind of file. Valid: {known}; a text file may be compressed, such as .csv.gz"
         )
     several = read in {read_text_table, _read_excel}
     if selected and not several:

@@ -31,7 +31,7 @@ class Stiffness(AdditiveEffect):
     physics = "A spring pushes back in proportion to how far it is displaced."
     equation = "F = k x"
     source = "R. Hooke, De Potentia Restitutiva (1678); the elastic half of the Kelvin-Voigt body"
-    signature = "effort grows in proportion to displacement, at any speed and on the way in as on the way out"
+    signature = "effort grows in proportion to displacement, at any speed, equally on the way in and out"
     signals = ("position",)
     channels = frozenset(ChannelKind)
     gains = (Parameter("k", "{effort}/{position}", 0.0, 1e12, (10.0, 2e4)),)
@@ -307,7 +307,7 @@ class ExponentialStiffness(AdditiveEffect):
     physics = "Fibers straighten one after the other, so stiffness grows with the force."
     equation = "F = a (exp(b |x|) - 1 - b |x|) sign(x)"
     source = "Y. C. Fung, Am. J. Physiology 213 (1967): elasticity of soft tissues in simple elongation"
-    signature = "the slope of effort over position is a straight line over the effort, at any speed"
+    signature = "the slope of effort over position is a linear function of the effort, at any speed"
     signals = ("position",)
     channels = frozenset(ChannelKind)
     gains = (Parameter("a", "{effort}", 0.0, 1e12, (1e-4, 10.0)),)

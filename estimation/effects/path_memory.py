@@ -225,7 +225,7 @@ class Backlash(MotionEffect):
     name = "backlash"
     kind = Kind.FRICTION
     physics = "Teeth, couplings and keys have a gap that must be crossed at each reversal."
-    equation = "q_true = play(q, gap/2); it rests inside the gap, the motor's inertia and friction do not"
+    equation = "q_true = play(q, gap/2); it rests inside the gap; inertia and friction of the motor follow q"
     source = "M. Nordin, P.-O. Gutman, Controlling mechanical systems with backlash, Automatica 38 (2002)"
     signature = (
         "just after a reversal the load's share of the effort is missing until the gap is crossed; "

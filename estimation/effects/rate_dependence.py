@@ -64,7 +64,7 @@ class QuadraticDamping(AdditiveEffect):
     physics = "Displaced fluid resists with the square of speed."
     equation = "F = c2 v |v|"
     source = "L. Prandtl, O. Tietjens, Applied Hydro- and Aeromechanics (1934): drag at high Reynolds number"
-    signature = "the difference between in and out grows faster than the speed"
+    signature = "the difference between loading and unloading grows faster than the speed"
     signals = ("velocity",)
     channels = frozenset({ChannelKind.CONTACT})
     gains = (Parameter("c2", "{effort} s^2/{position}^2", 0.0, 1e12, (1.0, 10000.0)),)
@@ -110,7 +110,7 @@ class HuntCrossley(AdditiveEffect):
         "K. H. Hunt, F. R. E. Crossley, Coefficient of Restitution Interpreted as Damping in Vibroimpact, "
         "J. Appl. Mech. 42 (1975)"
     )
-    signature = "effort curves upwards with depth, and the difference between in and out grows with depth too"
+    signature = "effort curves upwards with depth, and loading and unloading differ more at larger depth"
     signals = ("position", "velocity")
     channels = frozenset({ChannelKind.CONTACT})
     gains = (

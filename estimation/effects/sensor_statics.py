@@ -89,7 +89,7 @@ class ForceSensorError(AdditiveEffect):
     name = "force_sensor_error"
     kind = Kind.SENSOR_STATICS
     physics = "The force sensor is wrong; all joints carry the true force."
-    equation = "effort = share J^T p e, e by the other joints"
+    equation = "effort = share J^T p e, e estimated from the other joints"
     source = "J. J. Craig, Introduction to Robotics (2005), ch. 5.10: forces at the tip and torques of joints"
     signature = "in contact, the errors of all joints match one force at the tip"
     signals = ("load",)

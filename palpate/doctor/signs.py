@@ -190,7 +190,7 @@ def count_down(robot: Robot, hand: Hand) -> Iterator[Finding]:
         touched = max(abs(_force_n(now) - _force_n(before)), spread_n) > _TOUCHED_N
         if touched or not is_still(now) or not is_still([*before, *now]):
             value = "somebody touches the arm, or it moves: it is not powered"
-            yield fail("hands away", value, "let it rest by itself, everybody clear of it, and start again")
+            yield fail("hands away", value, "let the arm rest without anyone touching it, and start again")
             return
 
 

@@ -360,7 +360,7 @@ class WorkbenchState:
             return whole
         source = whole.study.source.without(out)
         if not all(map(len, source.channels)):
-            raise InputError("leave at least one run of each channel in")
+            raise InputError("keep at least one run of each channel")
         state = self._with(source, held_out)
         state.source, state.whole, state.out = self.source, whole, out
         return state

@@ -41,7 +41,7 @@ class _Friction(JointImperfection, ABC):
 
 
 class HiddenViscousFriction(_Friction):
-    """tau = b |dq/dt| against the motion, as by grease (Armstrong-Helouvry, Automatica 30 (1994), sec. 2)."""
+    """tau = b |dq/dt| against the motion, as in grease (Armstrong-Helouvry, Automatica 30 (1994), sec. 2)."""
 
     name = "viscous_friction"
     viscous_nms_rad: NotNegative = parameter("N m s/rad", 0.02, 5.0, le=100.0)  # b [N m s/rad]
@@ -56,7 +56,7 @@ class HiddenViscousFriction(_Friction):
 
 
 class HiddenQuadraticFriction(_Friction):
-    """tau = b2 (dq/dt)^2 against the motion, as by churned oil or air.
+    """tau = b2 (dq/dt)^2 against the motion, as caused by churned oil or air.
 
     Drag at large Reynolds numbers; Batchelor, "An Introduction to Fluid Dynamics", 1967, sec. 5.11.
     """
@@ -93,7 +93,7 @@ class HiddenCoulombFriction(_Friction):
 
 
 class HiddenAsymmetricFriction(_Friction):
-    """tau = f+ against positive and f- against negative motion, as by a seal, a cable or a worm gear.
+    """tau = f+ against positive and f- against negative motion, as caused by a seal, a cable or a worm gear.
 
     It equals Coulomb friction of (f+ + f-)/2 plus a constant torque of -(f+ - f-)/2, also at rest.
     Armstrong-Helouvry, "Control of Machines with Friction", 1991, sec. 2.
@@ -148,7 +148,7 @@ class HiddenStribeckFriction(_Friction):
 
 
 class HiddenLoadDependentFriction(_Friction):
-    """tau = mu |tau_load| against the motion, as by teeth that are pressed together.
+    """tau = mu |tau_load| against the motion, as caused by teeth that are pressed together.
 
     A gear's load-dependent loss; Hamon, Gautier and Garrec, IEEE/RSJ IROS 2010, "Dynamic identification of
     robots with a dry friction model depending on load and velocity". The load is the torque that the gear
@@ -198,7 +198,7 @@ class _LinkTorque(JointImperfection, ABC):
 
 
 class HiddenJointSpring(_LinkTorque):
-    """tau += -k (q - q0) on the link, as by a bent cable or hose or a balancing spring (Hooke)."""
+    """tau += -k (q - q0) on the link, as caused by a bent cable or hose or a balancing spring (Hooke)."""
 
     name = "joint_spring"
     stiffness_nm_rad: NotNegative = parameter("N m/rad", 0.05, 20.0, le=500.0)  # k [N m/rad]
@@ -219,7 +219,7 @@ class HiddenJointSpring(_LinkTorque):
 
 
 class HiddenTorqueRipple(_LinkTorque):
-    """tau += A sin(N q + phi) on the link, as by the motor's magnets (cogging) or the gear's teeth.
+    """tau += A sin(N q + phi) on the link, as caused by the motor's magnets (cogging) or the gear's teeth.
 
     Jahns and Soong, IEEE Trans. Industrial Electronics 43 (1996), "Pulsating torque minimization techniques".
     """

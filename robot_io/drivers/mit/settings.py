@@ -211,7 +211,7 @@ class MitBusSettings(CanLineSettings):
             )
         if self.maker is Maker.ROBSTRIDE and self.host > LARGEST_ROBSTRIDE_HOST:
             raise ValueError(
-                f"host_id {self.host}: is at most {LARGEST_ROBSTRIDE_HOST} for Robstride's motors"
+                f"host_id {self.host}: must be at most {LARGEST_ROBSTRIDE_HOST} for Robstride's motors"
             )
         if self.ask_with == "enter" and self.dialect.set_up:
             raise ValueError(

@@ -287,7 +287,7 @@ class Mark10Stream(LineStream):
                 self.complaint = (
                     f"the gauge reads in {unit}, but it read in {self._unit} when it was configured"
                 )
-            raise ProtocolError(f"in {unit} in place of {self._unit}")
+            raise ProtocolError(f"reading in {unit} instead of {self._unit}")
         self._new_unit_count, self.complaint = 0, ""
         return number, self._newtons
 

@@ -271,15 +271,15 @@ _MOTOR_ROWS = {
 }
 # One of the two servos of joint 1, beside what is the same with one: device, name, kind, when, ends.
 _APART, _PULL, _TOLERANCE = "(joint 1) stand 0.1", "(joint 1) exert", "0.035 rad"
-_TURNS = "the joint must turn by the tolerance before its two encoders differ by it"
+_TURNS = "the joint must turn by the permitted difference before its two encoders differ by as much"
 _DUTY = (
     "these servos report a duty cycle instead of a torque. A motor that exerts the opposite is detected only "
     "because the arm does not follow its reference"
 )
 _OLD_GOAL = (
-    "an answer may repeat any of the last 32 goals. A goal is sent for up to 10 ticks, because it moves "
-    "by one count in 5 ticks and may go back by one. After that the samples exceed their age limit "
-    "within 4 ticks"
+    "palpate accepts an answer that repeats any of the last 32 goals, and sends the last of them for up "
+    "to 10 ticks, because a goal moves by one count in 5 ticks and may go back by one. After that, the samples "
+    "exceed their age limit within 4 ticks"
 )
 _PAIR_ROWS = {
     "dynamixel_pair": (
@@ -470,7 +470,7 @@ def _mit_rows() -> Iterator[Row]:
     idle = (1680, BRAKED + 1680, "joint 3 is 0.1", _IDLE, _DEAF)
     yield _wire_row("mit", f"{name}; without a load", K.REBOOT, MOVING_S, idle, back_at_once)
     mute = (OLD, BRAKED, "joint 3 (motor 3): nothing valid for")
-    row = _wire_row("mit", f"{name}; mute until told the mode", K.REBOOT, MOVING_S, mute, back_at_once)
+    row = _wire_row("mit", f"{name}; silent until it enters the mode", K.REBOOT, MOVING_S, mute, back_at_once)
     yield replace(row, changes=(("driver: mit_bus", "driver: mit_bus\n    ask_with: enter"),))
 
 
