@@ -1,7 +1,9 @@
 """Session files for tests."""
 
+import numpy as np
+
 from palpate.control.loop.tick_record import tick_stream
-from palpate.robot_io.session import Event, SessionMetadata, write_session
+from palpate.robot_io.session import Event, Session, SessionMetadata, write_session
 from tests.palpate import synthetic
 
 EVENTS = (
@@ -23,3 +25,11 @@ def synthetic_session(path, **metadata):
         "command_line": "palpate probe",
     }
     return write_session(path, [(stream, known)], SessionMetadata(**(defaults | metadata)), EVENTS)
+
+
+def cut(recorded, path, share):
+    """The first part of a session, as if its program had been killed."""
+    whole = Session.open(recorded)
+    ticks = whole.samples("tick")
+    part = ticks.select(np.arange(int(share * len(ticks))))
+    return write_session(path, [(part.stream, {name: part[name] for name in part})], whole.metadata)

@@ -54,14 +54,18 @@ def arm_near(goal, arm):
     raise AssertionError(f"never at {goal}: {measurement}")
 
 
-def test_an_arm_follows_goals_and_returns_to_where_it_was(tmp_path):
+def test_an_arm_follows_goals_up_to_its_limits_and_returns_to_where_it_was(tmp_path):
     arm = FollowingArm(job(tmp_path))
     with pytest.raises(LifecycleError, match="not running"):
         arm.measure()
     home = arm.start().joint_position_rad
     with pytest.raises(LifecycleError, match="running already"):
         arm.start()
-    arm_near(home + 0.1, arm)
+    beyond, limits = home + 0.1, find_robot("follower").limits
+    beyond[2] = limits.position_max_rad[2] + 1.0
+    goal = beyond.clip(arm.low_rad, arm.high_rad)
+    assert goal[2] < limits.position_max_rad[2]  # a goal ends before the guard's limit
+    arm_near(goal, arm)
     with pytest.raises(InputError, match="not finite"):
         arm.follow(np.array([0.0, np.nan, 0.0]))
     assert arm.measure().joint_torque_nm[0] > 1.0
@@ -71,18 +75,6 @@ def test_an_arm_follows_goals_and_returns_to_where_it_was(tmp_path):
     assert np.abs(samples["joint_position_rad"][-1] - home).max() < 2e-3
     assert np.abs(samples["joint_position_rad"] - home).max() > 0.09
     assert not samples["guard_tripped"].any()
-
-
-def test_goals_end_before_the_limits_of_the_guard(tmp_path):
-    arm = FollowingArm(job(tmp_path))
-    limits = find_robot("follower").limits
-    home = arm.start().joint_position_rad
-    beyond = home.copy()
-    beyond[2] = limits.position_max_rad[2] + 1.0
-    goal = beyond.clip(arm.low_rad, arm.high_rad)
-    assert goal[2] < limits.position_max_rad[2]
-    arm_near(goal, arm)
-    arm.stop()
 
 
 def test_a_stop_of_the_guard_is_raised_and_stays(tmp_path):

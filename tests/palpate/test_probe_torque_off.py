@@ -9,18 +9,18 @@ from palpate.control.loop.result import LoopResult, Outcome
 from palpate.control.probing.plan import ProbingPlan
 from palpate.control.probing.task import ProbingTask
 from palpate.robot_io.errors import DeviceError, SafetyTripError
-from palpate.robot_io.session import SessionWriter
 from palpate.runs.probing import ProbingJob, ProbingOutcome, run_probing
 from palpate.runs.robots import find_robot
 from palpate.sim_backend.drivers import SimTorque
+from tests.log_in_process import LogInProcess
 from tests.palpate.cli import run
 
 
 @pytest.fixture
-def refusals(monkeypatch):
+def refusals(log_in_process, monkeypatch):
     """What happened to drives and log; the drives refuse to be switched off as often as the list says."""
     happened, left = [], []
-    deactivate, close = SimTorque.deactivate, SessionWriter.close
+    deactivate, close = SimTorque.deactivate, LogInProcess.close
 
     def refuse(self):
         happened.append("torque off")
@@ -33,7 +33,7 @@ def refusals(monkeypatch):
         close(self)
 
     monkeypatch.setattr(SimTorque, "deactivate", refuse)
-    monkeypatch.setattr(SessionWriter, "close", note_close)
+    monkeypatch.setattr(LogInProcess, "close", note_close)
     return happened, left
 
 
@@ -62,7 +62,9 @@ def test_if_it_stays_on_the_user_is_told_to_cut_the_power(tmp_path, refusals):
         outcome.raise_for_failure()
 
 
-def test_a_device_that_cannot_be_released_does_not_hide_why_the_arm_was_stopped(tmp_path, monkeypatch):
+def test_a_device_that_cannot_be_released_does_not_hide_why_the_arm_was_stopped(
+    tmp_path, log_in_process, monkeypatch
+):
     close = SimTorque.close
 
     def fail(self):

@@ -11,24 +11,31 @@ from palpate.control.loop.task import Phase
 from palpate.control.probing.replay import References, ReplayTask
 from palpate.estimation.study.paired_comparison import side_by_side
 from palpate.robot_io.errors import InputError
-from palpate.robot_io.session import Session, write_session
-from palpate.runs import probing
+from palpate.robot_io.session import Session
+from palpate.runs import probing, session
 from palpate.runs.robots import find_robot
 from palpate.study import Study
+from tests.log_in_process import LogInProcess
 from tests.palpate.cli import assert_refused, done, next_commands, run
+from tests.palpate.sessions import cut
 
 pytestmark = pytest.mark.usefixtures("log_in_process")
 
 
 @pytest.fixture(scope="module")
-def recorded(probed):
+def recorded(tmp_path_factory):
+    """A probing session of two quick runs."""
+    path = tmp_path_factory.mktemp("recorded") / "default.mcap"
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(session, "SessionWriter", LogInProcess)
+        done("probe", "-o", path, "--seed", 5, "--speed-mm-s", "150,100", "--hold-s", 0.1, "--online", "none")
+    return path
+
+
+@pytest.fixture(scope="module")
+def study(recorded):
     """A study of the probing, which fits once what several replays are held against."""
-    return Study(probed[0], keep=False)
-
-
-def replayed(recorded, path, *options):
-    result = done("replay", recorded, "-o", path, *options)
-    return result, Study(path, keep=False)
+    return Study(recorded, keep=False)
 
 
 def contact_of(first, second):
@@ -37,39 +44,40 @@ def contact_of(first, second):
     return found
 
 
-def test_in_the_same_world_the_motion_and_the_force_come_again(probed, recorded, tmp_path):
-    result, twin = replayed(probed[0], tmp_path / "twin.mcap", "--seed", 6)
-    assert ["compare", str(probed[0]), str(tmp_path / "twin.mcap")] in next_commands(result)
-    found = contact_of(recorded, twin)
+def test_in_the_same_world_the_motion_and_the_force_come_again(recorded, study, tmp_path):
+    twin = tmp_path / "twin.mcap"
+    result = done("replay", recorded, "-o", twin, "--seed", 6)
+    assert ["compare", str(recorded), str(twin)] in next_commands(result)
+    found = contact_of(study, Study(twin, keep=False))
     assert found.followed > 95.0
     assert not any(one.differs for one in found.differences if one.name.startswith("stiffness"))
-    ticks = [Session.open(path).samples("tick") for path in (probed[0], tmp_path / "twin.mcap")]
-    last = [one["tip_position_world_m"][one["run"] == 2] for one in ticks]
+    ticks = [Session.open(path).samples("tick") for path in (recorded, twin)]
+    last = [one["tip_position_world_m"][one["run"] == 1] for one in ticks]
     np.testing.assert_allclose(last[1][0], last[0][0], atol=1e-3)
     np.testing.assert_allclose(last[1].min(axis=0), last[0].min(axis=0), atol=1e-3)
-    assert "default.mcap" in Session.open(tmp_path / "twin.mcap").metadata.extra["replay_of"]
+    assert "default.mcap" in Session.open(twin).metadata.extra["replay_of"]
 
 
-def test_in_another_world_the_other_object_shows_and_json_names_the_session(probed, recorded, tmp_path):
-    world = tmp_path / "softer.yaml"
+def test_in_another_world_the_other_object_shows_and_json_names_the_session(recorded, study, tmp_path):
+    world, twin = tmp_path / "softer.yaml", tmp_path / "twin.mcap"
     world.write_text("object: {law: {name: kelvin_voigt, stiffness_n_m: 300, damping_n_s_m: 20}}\n")
-    told, twin = replayed(probed[0], tmp_path / "twin.mcap", "--scenario", world, "--json")
+    told = done("replay", recorded, "-o", twin, "--scenario", world, "--json")
     assert json.loads(told.stdout) == {
-        "session": str(tmp_path / "twin.mcap"),
-        "replay_of": str(probed[0]),
+        "session": str(twin),
+        "replay_of": str(recorded),
         "outcome": "finished",
         "cause": "",
         "sealed": None,
     }
-    found = {one.name: one for one in contact_of(recorded, twin).differences}
+    found = {one.name: one for one in contact_of(study, Study(twin, keep=False)).differences}
     assert found["stiffness.k"].second.value == pytest.approx(300.0, rel=0.01)
     assert found["stiffness.k"].value == pytest.approx(-200.0, rel=0.02)
     assert found["stiffness.k"].differs
 
 
-def test_a_real_arm_gets_no_power_without_a_question(probed, tmp_path, monkeypatch):
+def test_a_real_arm_gets_no_power_without_a_question(recorded, tmp_path, monkeypatch):
     monkeypatch.setattr(probing, "_check_arm", lambda *_: None)  # as if this arm had made the session
-    result = run("replay", probed[0], "--robot", "robots/dynamixel_3dof.yaml", "-o", tmp_path / "t.mcap")
+    result = run("replay", recorded, "--robot", "robots/dynamixel_3dof.yaml", "-o", tmp_path / "t.mcap")
     assert_refused(result, "a real arm would get power", "--yes")
     assert list(tmp_path.iterdir()) == []
 
@@ -82,10 +90,10 @@ def test_a_real_arm_gets_no_power_without_a_question(probed, tmp_path, monkeypat
         (("--scenario", "none.yaml"), ("none.yaml",)),
     ],
 )
-def test_what_cannot_be_repeated_is_refused(probed, tmp_path, options, words):
-    given = [probed[0] if one == "SESSION" else one for one in options]
+def test_what_cannot_be_repeated_is_refused(recorded, tmp_path, options, words):
+    given = [recorded if one == "SESSION" else one for one in options]
     out = [] if "-o" in options else ["-o", tmp_path / "t.mcap"]
-    assert_refused(run("replay", probed[0], *given, *out), *words)
+    assert_refused(run("replay", recorded, *given, *out), *words)
     assert list(tmp_path.iterdir()) == []
 
 
@@ -96,17 +104,9 @@ def test_an_imported_session_has_no_motion_of_an_arm(hardening, tmp_path):
     )
 
 
-def cut(recorded, path, share):
-    """The first part of a session, as if its program had been killed."""
-    session = Session.open(recorded)
-    ticks = session.samples("tick")
-    part = ticks.select(np.arange(int(share * len(ticks))))
-    return write_session(path, [(part.stream, {name: part[name] for name in part})], session.metadata)
-
-
-def test_a_session_that_was_cut_off_is_repeated_to_where_the_arm_last_stood(probed, tmp_path):
-    whole = probing.references_of(Session.open(probed[0]))
-    part = probing.references_of(Session.open(cut(probed[0], tmp_path / "part.mcap", 0.7)))
+def test_a_session_that_was_cut_off_is_repeated_to_where_the_arm_last_stood(recorded, tmp_path):
+    whole = probing.references_of(Session.open(recorded))
+    part = probing.references_of(Session.open(cut(recorded, tmp_path / "part.mcap", 0.7)))
     for one in (whole, part):
         assert one.run[-1] == -1
         assert np.abs(one.velocity_rad_s[-1]).max() < 1e-3
@@ -114,8 +114,8 @@ def test_a_session_that_was_cut_off_is_repeated_to_where_the_arm_last_stood(prob
     assert 0 in part.run
 
 
-def test_without_a_whole_run_nothing_is_repeated(probed, tmp_path):
-    short = cut(probed[0], tmp_path / "short.mcap", 0.1)
+def test_without_a_whole_run_nothing_is_repeated(recorded, tmp_path):
+    short = cut(recorded, tmp_path / "short.mcap", 0.1)
     assert_refused(run("replay", short, "-o", tmp_path / "t.mcap"), "no complete run")
 
 

@@ -18,7 +18,7 @@ from palpate.sim_backend.hidden import sealed_path
 from tests.palpate.cli import ROOT, assert_refused, done, run
 
 pytestmark = pytest.mark.usefixtures("log_in_process")
-SHORT = ("--speed-mm-s", 150, "--hold-s", 0.1, "--online", "none")
+SHORT = ("--speed-mm-s", 150, "--hold-s", 0.05, "--online", "none")
 SHARES = {  # of stiffness and damping: what each arm's steps at the tip leave uncertain
     "odrive_3dof": (0.002, 0.005),
     "cubemars_3dof": (0.003, 0.005),
@@ -72,19 +72,6 @@ def test_an_arm_without_torque_mode_tells_a_stiffness(tmp_path):
         found = {parameter.name: parameter.value for parameter in estimate.parameters}
         assert found["stiffness.k"] == pytest.approx(200.0, rel=0.015)
         assert found["damping.c"] == pytest.approx(10.0, rel=0.06)
-
-
-def test_effects_can_be_hidden_behind_the_wire(tmp_path):
-    path = tmp_path / "secret.mcap"
-    robot = ROOT / "robots/odrive_3dof.yaml"
-    quick = ("--speed-mm-s", 150, "--hold-s", 0.1)
-    wired = ("probe", "--robot", robot, "--wire", "-o", path, "--seed", 4)
-    result = done(*wired, "--hidden", "cubic_stiffness", "--json", *quick)
-    said, metadata = json.loads(result.stdout), Session.open(path).metadata
-    assert said["sealed"] == str(sealed_path(path))
-    assert "cubic" not in metadata.scenario + metadata.command_line
-    (effect,) = open_answer(Session.open(path)).hidden
-    assert effect.name == "cubic_stiffness"
 
 
 def test_a_robot_without_wires_is_refused(tmp_path):
@@ -165,10 +152,16 @@ def test_the_arm_itself_refuses_it(arm, command, tmp_path):
     assert_refused(result, "calibration.encoder", "'e.yaml'", "emulated devices", "palpate calibrate encoder")
 
 
-def test_the_emulated_devices_take_it(arm, tmp_path):
-    short = ("--speed-mm-s", 150, "--hold-s", 0.05, "--online", "none")
-    done("probe", "--robot", arm, "--wire", "-o", tmp_path / "x.mcap", *short)
-    assert "encoder" in run("info", tmp_path / "x.mcap", "--json").stdout
+def test_the_emulated_devices_take_it_and_effects_can_be_hidden_behind_them(arm, tmp_path):
+    path = tmp_path / "secret.mcap"
+    wired = ("probe", "--robot", arm, "--wire", "-o", path, "--seed", 4, *SHORT)
+    said = json.loads(done(*wired, "--hidden", "cubic_stiffness", "--json").stdout)
+    assert "encoder" in run("info", path, "--json").stdout
+    session = Session.open(path)
+    assert said["sealed"] == str(sealed_path(path))
+    assert "cubic" not in session.metadata.scenario + session.metadata.command_line
+    (effect,) = open_answer(session).hidden
+    assert effect.name == "cubic_stiffness"
 
 
 def test_so_does_the_doctor(arm):

@@ -58,7 +58,7 @@ def fallen(_engine, name, strength):
     return fall(at_strength(name, strength) if name else None)
 
 
-def fall(entry, duration_s=0.15):
+def fall(entry, duration_s=0.1):
     """What the sensors of a falling arm show, its tip on the object at first, and the truth at the end."""
     world = World(shipped_arm("follower"), Scenario().with_hidden([entry] if entry else []))
     world.object.move_surface(world.truth().tip_position_world_m[2] + 0.004)
