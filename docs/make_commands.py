@@ -10,9 +10,9 @@ from palpate.commands import COMMANDS, load_command
 DOCUMENT = Path(__file__).parent / "reference" / "commands.md"
 INTRODUCTION = """# Commands
 
-`palpate COMMAND --help` prints the same in a terminal; `docs/make_commands.py` writes this page from there.
+`docs/make_commands.py` generates this page from the output of `palpate COMMAND --help`.
 
-A program ends with exit code 0 (done), 1 (failed), 2 (bad input), 3 (disk full) or 130 (Ctrl-C).
+A command ends with exit code 0 (done), 1 (failed), 2 (bad input), 3 (disk full) or 130 (Ctrl-C).
 `palpate diagnose --exit-code` ends with 10, 11 or 12 for *missing*, *unexplained* or *insufficient*. With
 `--json` a command prints its result, or `{"error", "exit_code"}`, as JSON ([JSON](json.md)).
 `palpate --install-completion` installs completion for your shell.

@@ -137,7 +137,7 @@ def has_display() -> bool:
 def rerun_step(recording: Path) -> tuple[str, str]:
     """Return the command that opens a recording of revisions, and its purpose with requirements."""
     where = "" if has_display() else " (needs a display)"
-    return f"rerun {typed(recording)}", f"see the model grow, revision by revision{where}"
+    return f"rerun {typed(recording)}", f"see each revision in Rerun{where}"
 
 
 def export_steps(kept: str, kinds: Iterable[ChannelKind]) -> list[tuple[str, str]]:

@@ -106,7 +106,7 @@ def force_figure(fit: ForceFit, reading_unit: str) -> go.Figure:
     made.update_yaxes(title_text="reference − calibrated [mN]", row=1, col=2)
     remark = (
         f"residual rms {_MILLI * fit.rms_n:.2g} mN, hysteresis {_MILLI * fit.hysteresis_n.value:.2g} mN; "
-        "the grey band is ±2 standard uncertainties of zero and scale"
+        "the gray band is ±2 standard uncertainties of zero and scale"
     )
     return _titled(made, 460, "Force sensor against its reference", remark)
 

@@ -149,9 +149,9 @@ ERROR = (
 NOISE_LEVEL = (
     "The error that noise alone would leave if no effect were missing, estimated by a flexible regression."
 )
-ROUGH = "first look, refining …"
+ROUGH = "preview, refining …"
 FALL = "Error in held-out runs, one bar for each effect added; the green line is the noise level."
-CURVES = "Blue: measured; grey: base model; orange: chosen model. Below: measured minus model."
+CURVES = "Blue: measured; gray: base model; orange: chosen model. Below: measured minus model."
 STATE = (
     "The same curves over position and over velocity: loops show damping or friction, bends show stiffness."
 )
@@ -207,7 +207,7 @@ GATE = {
     "saturation": "the sensor is not saturated",
 }
 EFFECTS = "Physical causes that the base model lacks; tick one to add it, untick it to remove it."
-PICTURE = "What the effect looks like: grey without it, orange with it. Click for live sliders."
+PICTURE = "What the effect looks like: gray without it, orange with it. Click for live sliders."
 RESOLVE = (
     "Probes, diagnoses, and repeats with the experiment that best separates the remaining explanations; see "
     "palpate resolve."

@@ -1,4 +1,4 @@
-// A load cell that speaks palpate's three lines (see robot_io/drivers/serial_force/microcontroller_cell.py).
+// A load cell that sends palpate's three kinds of lines (see robot_io/drivers/serial_force/microcontroller_cell.py).
 // For any Arduino-like board with USB serial, and an HX711 or a NAU7802 (SparkFun, Adafruit ...). No library is needed.
 // Choose the converter, upload, and open the port at any baud rate if the board has USB of its own, else at 115200.
 
@@ -119,7 +119,7 @@ void loop() {
     snprintf(text, sizeof text, "%u %ld", (unsigned)++counter, counts);
     send_line(text);
     last_ms = millis();
-  } else if (millis() - last_ms > 100) {  // ten times in a second, until somebody looks
+  } else if (millis() - last_ms > 100) {  // ten times per second, until the host reads
     send_line(found < 0 ? "fault converter" : "fault silent");
     last_ms = millis();
     started = started && found == 0 ? true : start_converter();

@@ -310,10 +310,10 @@ def _log_curves(recording: rr.RecordingStream, channel: ChannelView) -> None:
 def _growth_tab(channel: ChannelView) -> rrb.Horizontal:
     name = channel.name
     curves = rrb.Vertical(
-        _view(f"{name}/effort", "Measured (blue), revision 0 (grey), this revision (orange)", _WIDE),
+        _view(f"{name}/effort", "Measured (blue), revision 0 (gray), this revision (orange)", _WIDE),
         rrb.Horizontal(
             _view(f"{name}/loop", "Over the state"),
-            _view(f"{name}/residual", "Residual: revision 0 (grey), this revision (orange)"),
+            _view(f"{name}/residual", "Residual: revision 0 (gray), this revision (orange)"),
         ),
     )
     words = rrb.TextDocumentView(origin=f"{name}/words", name="This revision")
