@@ -139,7 +139,7 @@ def load_scenario(source: object, base_dir: str | Path = ".") -> Scenario:
     path = SHIPPED_DIR / f"{source}.yaml" if is_shipped else Path(base_dir) / source
     if not path.is_file():
         shipped = ", ".join(shipped_scenarios())
-        raise InputError(f"no scenario '{source}': no such file ({path}), and those shipped are {shipped}")
+        raise InputError(f"no scenario '{source}': no such file ({path}). Shipped scenarios: {shipped}")
     document = load_yaml(path)
     return validate(Scenario, document.data, document)
 

@@ -138,7 +138,7 @@ def arrow_table(arrays: Mapping[str, NDArray[Any]], place: Path) -> pa.Table:
     """
     for name, array in arrays.items():
         if array.ndim != 1:
-            raise InputError(f"{place}: column '{name}' has shape {array.shape}, expected one value a row")
+            raise InputError(f"{place}: column '{name}' has shape {array.shape}, expected one value per row")
         if array.dtype.kind == "c":
             raise InputError(f"{place}: column '{name}' holds complex numbers, expected real ones")
     lengths = {name: len(array) for name, array in arrays.items()}

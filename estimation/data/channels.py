@@ -124,7 +124,7 @@ def _check(name: str, samples: Samples, columns: tuple[str, ...]) -> None:
             raise SessionError(f"stream '{name}': no column '{column}'")
         values = samples[column]
         if values.ndim != 1 or values.dtype.kind not in "iuf":
-            raise SessionError(f"stream '{name}', column '{column}': expected one number a row")
+            raise SessionError(f"stream '{name}', column '{column}': expected one number per row")
         bad = invalid_rows(values)
         if len(bad):
             number = float(values[bad[0]])

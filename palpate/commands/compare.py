@@ -72,7 +72,7 @@ class ComparedPair:
         self.sides = [pair for pair in sides if channel in {None, ALL_CHANNELS, pair.channel}]
         if not self.sides:
             shared = ", ".join(pair.channel for pair in sides)
-            raise InputError(f"--channel {channel}: not in both. Both have: {shared}")
+            raise InputError(f"--channel {channel}: not in both measurements. Both have: {shared}")
         if all(side.is_same_data and side.first.model == side.second.model for side in self.sides):
             raise InputError(
                 f"{files[1]}: is the same measurement as {files[0]}, with the same model: name another file, "

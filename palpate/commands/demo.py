@@ -95,7 +95,7 @@ def demo_command(
         world = hide_one(world, np.random.default_rng(seed))
         with probing_progress(HIDDEN_PLAN, live=True) as watcher:
             probe_demo(second, world, seed, watcher, HIDDEN_PLAN, command_line=again)
-        talk.print(f"probed again; what is hidden is sealed in {shown(sealed_path(second))}")
+        talk.print(f"probed again; the hidden effect is stored in {shown(sealed_path(second))}")
         with diagnosis_progress(["contact"]) as progress:
             hidden = solve(second, progress)
     if as_json:

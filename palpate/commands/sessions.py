@@ -341,7 +341,7 @@ def reveal_command(
     def show() -> None:
         if not answer.hidden:
             remark = "nothing was hidden with palpate probe --hidden"
-            console.say(f"nothing is sealed beside {shown(session)}: {remark}")
+            console.say(f"no hidden effects are stored with {shown(session)}: {remark}")
             return
         table = console.table(f"Hidden in {shown(session)}", "effect", "shows in", "parameters", "physics")
         for entry in answer.hidden:

@@ -115,13 +115,13 @@ def _update(  # noqa: PLR0917, what was typed
             table = batch(data, out=out, **options, reports=0, progress=progress).table
     elif data.is_dir() and not (data / f"{TABLE}.parquet").is_file():
         raise InputError(
-            f"{data}: contains no table from palpate batch; to analyse recordings in it, add --out FOLDER"
+            f"{data}: contains no table from palpate batch; to analyze recordings in it, add --out FOLDER"
         )
     else:
         table = read_table(data)
     times, labels, what = time_axis(table, date)
     if what == "count" and (unread := [name for name in table.column_names if name.lower() in DATES]):
-        console.warn(f"column {unread[0]} has no dates such as 2026-11-23: the order of the table counts")
+        console.warn(f"column {unread[0]} has no dates such as 2026-11-23: the order of rows is used")
     available = list(dict.fromkeys(series.name for series in all_series(table, times)))
     if unknown := set(names) - set(available):
         raise InputError(

@@ -318,7 +318,7 @@ def _device(watched: _Watched, device: str, bus: str | None, limit_s: float) -> 
         f"{limit_s * _MILLI:g} ms)"
     )
     if not all(np.isfinite(getattr(m, name)).all() for m in watched.measurements for name in _VALUES[device]):
-        return fail(subject, f"some are not a number{because}", "check its wiring and its driver")
+        return fail(subject, f"some values are not numbers{because}", "check its wiring and its driver")
     ticks = zip(watched.measurements, watched.failed, strict=True)
     statuses = {getattr(m, f"{device}_status") for m, failed in ticks if not failed or bus in failed}
     if ages_s.max() > limit_s or Status.FAULT in statuses:

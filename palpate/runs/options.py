@@ -135,7 +135,7 @@ def numbers(option: str, text: str, example: str = "") -> list[float]:
     try:
         values = [float(part) for part in text.split(",")]
     except ValueError:
-        raise InputError(f"{option} {text!r}: give numbers with commas between them{example}") from None
+        raise InputError(f"{option} {text!r}: give numbers separated by commas{example}") from None
     if not all(abs(number) < 1e6 for number in values):  # true for NaN as well
         raise InputError(f"{option} {text!r}: give finite numbers between -1000000 and 1000000")
     return values
@@ -226,7 +226,7 @@ def forces_of(
     if weights_kg is not None:
         masses_kg = numbers("--weights-kg", weights_kg)
         if min(masses_kg) < 0:
-            raise InputError(f"--weights-kg {weights_kg!r}: no mass is below 0 kg")
+            raise InputError(f"--weights-kg {weights_kg!r}: masses must not be negative")
         return [mass_kg * gravity_m_s2 for mass_kg in masses_kg]
     if not simulated:
         raise InputError(

@@ -49,7 +49,7 @@ def find_robot(robot: str) -> RobotFile:
     path = Path(robot)
     if not path.is_file():
         names = ", ".join(shipped)
-        raise InputError(f"robot '{robot}': no such robot file, and those shipped are {names}")
+        raise InputError(f"robot '{robot}': no such robot file. Shipped robots: {names}")
     return load_robot_file(path)
 
 
@@ -70,7 +70,7 @@ def importable(packages: list[str]) -> tuple[str, ...]:
         with foreign_code(f"--drivers {package}"):
             own = _number_of_drivers(DriverCatalogue(package)) - _number_of_drivers(DriverCatalogue())
         if not own:
-            raise InputError(f"--drivers {package}: holds no driver (docs/how-to/driver.md says what one is)")
+            raise InputError(f"--drivers {package}: holds no driver (docs/how-to/driver.md explains drivers)")
     return tuple(packages)
 
 

@@ -88,7 +88,7 @@ def options_of(columns: Sequence[ColumnGuess]) -> ImportOptions:
     used = [column for column in columns if column.quantity]
     names = [column.quantity for column in used]
     if twice := sorted({name for name in names if names.count(name) > 1}):
-        raise InputError(f"several columns are taken for {twice[0]}; choose one")
+        raise InputError(f"several columns are chosen as {twice[0]}; choose one")
     units = {column.name: column.unit for column in used if column.unit and column.quantity != RUN}
     return ImportOptions(columns={column.quantity: column.name for column in used}, units=units)
 
@@ -171,7 +171,7 @@ class FileDrop:
                 if path.is_file() and path.read_bytes() == content:
                     return path, False
             except (OSError, ValueError) as error:
-                raise InputError(f"{name[:80]!r}: cannot be kept in {folder} ({error})") from error
+                raise InputError(f"{name[:80]!r}: cannot be saved in {folder} ({error})") from error
         raise InputError(f"{folder}: too many files are called {name}")
 
     def _ask(self, path: Path, columns: list[ColumnGuess]) -> None:

@@ -212,7 +212,7 @@ def _run_numbers(text: str | None) -> list[int]:
     try:
         return [int(part) for part in text.split(",")] if text else []
     except ValueError:
-        raise InputError(f"--held-out {text}: give run numbers with commas between them, as 2,5") from None
+        raise InputError(f"--held-out {text}: give run numbers separated by commas, such as 2,5") from None
 
 
 takes_data = takes(DataArguments, "file")

@@ -228,7 +228,7 @@ def resolve(  # noqa: PLR0917 (what to do, and who is told of it)
 def new_folder(folder: Path) -> Path:
     """Return the folder, made if needed; `InputError` if it holds sessions already."""
     if any(folder.glob("*.mcap")):
-        raise InputError(f"{folder}: holds sessions already; name another folder, which is made")
+        raise InputError(f"{folder}: holds sessions already; name a new folder, which palpate creates")
     return output_folder(folder)
 
 

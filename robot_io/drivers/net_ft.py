@@ -177,7 +177,7 @@ def parse_configuration(page: bytes) -> Configuration:
     if not (configuration.counts_per_force > 0.0 and isfinite(configuration.counts_per_force)):
         raise ProtocolError(f"{configuration.counts_per_force:g} counts per {configuration.unit}")
     if configuration.rate_hz < 1:
-        raise ProtocolError(f"{configuration.rate_hz} records a second")
+        raise ProtocolError(f"{configuration.rate_hz} records per second")
     return configuration
 
 

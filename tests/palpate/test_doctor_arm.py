@@ -294,7 +294,7 @@ def test_samples_that_are_not_a_number_are_a_failure(device):
     robot.buses["world"].faults.not_a_number = {device}
     with robot:
         (failure,) = failures(arm_check.examine_rates(robot, mock_robot_file()))
-    assert (failure.subject, failure.text) == (f"{device} samples", "some are not a number")
+    assert (failure.subject, failure.text) == (f"{device} samples", "some values are not numbers")
 
 
 def test_a_press_or_turn_that_is_not_a_number_is_a_failure():

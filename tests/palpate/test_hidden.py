@@ -121,7 +121,7 @@ def test_a_session_with_nothing_hidden_has_no_sealed_answer(probed):
     assert not sealed_path(probed[0]).exists()
     assert probed[1]["sealed"] is None
     told = done("reveal", probed[0])
-    assert "nothing is sealed beside" in told.stdout
+    assert "no hidden effects are stored with" in told.stdout
     assert ["probe", "--hidden", "random", "-o", "secret.mcap"] in next_commands(told)
     assert as_json("reveal", probed[0])["hidden"] == []
 

@@ -101,7 +101,9 @@ def main(arguments: list[str]) -> int:
         return 2
     for name, motor in motors.items():
         print(f"      - {motor.robot_file_entry('STS3215-12V')}   # {name}")
-    print("Next: take the lines of the joints that move into 'servos' of your robot file, base first.")
+    print(
+        "Next: copy the lines of the moving joints into 'servos' of your robot file, in order from the base."
+    )
     return 0
 
 

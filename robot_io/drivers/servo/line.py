@@ -407,7 +407,7 @@ def examine_line(
                 findings += list(examine_servo(servo_id, label))
             except DeviceTimeoutError as error:
                 remedy = "check plugs, cable and ground"
-                findings.append(fail(label, f"answers now and then: {error}", remedy))
+                findings.append(fail(label, f"answers only sometimes: {error}", remedy))
             except DeviceError as error:
                 remedy = "correct the model or the id, or set the servo up"
                 findings.append(fail(label, str(error), remedy))

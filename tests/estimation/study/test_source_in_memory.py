@@ -25,8 +25,8 @@ N = len(T)
 @pytest.mark.parametrize(
     ("force", "said"),
     [
-        (np.ones((N, 2)), r"column 'force_N' has shape \(200, 2\), expected one value a row"),
-        (3.0, r"column 'force_N' has shape \(\), expected one value a row"),
+        (np.ones((N, 2)), r"column 'force_N' has shape \(200, 2\), expected one value per row"),
+        (3.0, r"column 'force_N' has shape \(\), expected one value per row"),
         (np.ones(N - 1), "different lengths: time_s 200, displacement_m 200, force_N 199"),
         (np.ones(N) * 1j, "column 'force_N' holds complex numbers"),
         ([object()] * N, "column 'force_N' holds values of type object"),

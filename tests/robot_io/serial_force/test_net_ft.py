@@ -138,7 +138,7 @@ def test_a_page_is_read():
         (b">1000000<", b">inf<", "inf counts per N"),
         (b">1000000<", b">nan<", "nan counts per N"),
         (b">1000<", b">1e3<", "not a number"),
-        (b">1000<", b">0<", "0 records a second"),
+        (b">1000<", b">0<", "0 records per second"),
         (b">N<", b">psi<", "'psi' is not a known unit"),
         (PAGE, b"<html>login</html>", "is missing"),
         (PAGE, b"\xff" * 100_000, "is missing"),
