@@ -301,7 +301,7 @@ def _remedy(columns: Columns) -> str:
     if not has_effort and NAMELESS not in table.words:
         return (
             f"by names and units, no column seems to hold a force or torque; {needed}; if a column holds "
-            "one, say --column force_N=COLUMN or --column torque_Nm=COLUMN"
+            "one, add --column force_N=COLUMN or --column torque_Nm=COLUMN"
         )
     numbers = [name for name in table.names if table.varies(name)]
     free = [name for name in numbers if name not in columns.used and quantity_by_name[name] not in _NO_EFFORT]

@@ -155,7 +155,7 @@ def _detect_runs(columns: Columns, time_s: FloatArray, count: int | None) -> tup
         cycle, clock = _cycles(columns)
         if clock:
             return cycle, (
-                f"'{clock}' begins anew: cut into {cycle[-1] + 1} runs, one for each cycle; if that is "
+                f"'{clock}' restarts: cut into {cycle[-1] + 1} runs, one for each cycle; if that is "
                 f"wrong, add --column {RUN}=COLUMN" + (" or --runs N" if contact else "")
             )
     if not contact and count is not None:
@@ -169,7 +169,7 @@ def _detect_runs(columns: Columns, time_s: FloatArray, count: int | None) -> tup
     number = int(run[-1]) + 1
     if number == 1:
         return run, ""
-    anew = "the clock begins anew: " if piece[-1] else ""
+    anew = "the clock restarts: " if piece[-1] else ""
     which = f"one for {'each press' if presses == 1 else f'{presses} presses'}; " if contact else ""
     return run, f"{anew}cut into {number} runs, {which}if that is wrong, " + (
         "add --runs N" if contact else "name the column that numbers them, --column run=COLUMN"

@@ -349,9 +349,9 @@ _OTHERS = (  # first bytes of other file types, and the remedy
     (b"\x89PNG", "is a picture; save the measurements themselves"),
     (b"\xff\xd8\xff", "is a picture; save the measurements themselves"),
     (b"%PDF", "is a PDF; save the measurements themselves"),
-    (b"PK\x03\x04", "is a packed archive, perhaps a workbook: let its name end in .xlsx or .npz"),
-    (b"\x1f\x8b", "is packed: let its name end in .gz"),
-    (b"PAR1", "is a Parquet file: let its name end in .parquet"),
+    (b"PK\x03\x04", "is a packed archive, perhaps a workbook: rename it to end in .xlsx or .npz"),
+    (b"\x1f\x8b", "is compressed: rename it to end in .gz"),
+    (b"PAR1", "is a Parquet file: rename it to end in .parquet"),
 )
 
 

@@ -51,7 +51,7 @@ def mistaken_units(data: ChannelData) -> str | None:
         if deepest > _LONGEST_CONTACT_M:
             return (
                 f"the deepest indentation is {deepest:.3g} m, more than {_LONGEST_CONTACT_M:g} m; if the "
-                "displacement is in millimetres, use --unit displacement=mm"
+                "displacement is in millimeters, use --unit displacement=mm"
             )
         slope = float(np.ptp(data.effort)) / max(deepest, 1e-12)
         if slope > 0.0 and not _SOFTEST_N_M < slope < _STIFFEST_N_M:
@@ -133,7 +133,7 @@ def no_contact(data: ChannelData) -> str | None:
     if is_negative and falls < _NEGATIVE and not tears and misaligned(data) is None:
         return (
             f"force falls with depth (correlation {falls:.2f}); check the sign of force and displacement: "
-            "--unit force=-1N turns the force"
+            "--unit force=-1N reverses the force"
         )
     return None
 

@@ -104,8 +104,8 @@ def stuck_in_air(data: ChannelData) -> str | None:
         return None
     return (
         f"{100 * np.mean(stuck[~data.engaged]):.0f} % of free air shows exactly {data.effort.min():.6g} "
-        f"{data.kind.effort_unit}, and no sample less: the sensor is at the lower end of its range, and such "
-        "samples are left out; shift the range, or preload the sensor"
+        f"{data.kind.effort_unit}, and no sample shows less: the sensor is at the lower end of its range. "
+        "Such samples are left out; shift the range, or preload the sensor"
     )
 
 

@@ -198,7 +198,7 @@ class ModelStudy(StudyFits):
         with self._lock:
             noise, names = self.noise(channel).value, [entry.effect for entry in saved.accepted]
             if saved.noise_floor is not None and is_other(saved.noise_floor, noise):
-                why = f"its noise is {saved.noise_floor:.4g}, but this data gives {noise:.4g}"
+                why = f"its noise is {saved.noise_floor:.4g}, but these data give {noise:.4g}"
             else:
                 why = self._other_numbers(channel, [], saved.baseline.rmse, saved.baseline.parameters)
             if not why and saved.final is not None:
@@ -506,11 +506,11 @@ class ModelStudy(StudyFits):
             return ""
         fit = self.fit(channel, effects)
         if is_other(rmse, fit.rmse):
-            return f"its error is {rmse:.4g}, but this data gives {fit.rmse:.4g}"
+            return f"its error is {rmse:.4g}, but these data give {fit.rmse:.4g}"
         for name, saved in parameters.items():
             fitted = fit.parameters.get(name)
             if fitted is not None and is_other(saved.value, fitted.value, fitted.std_err):
-                return f"its {name} is {saved.value:.4g}, but this data gives {fitted.value:.4g}"
+                return f"its {name} is {saved.value:.4g}, but these data give {fitted.value:.4g}"
         return ""
 
     def _keep(

@@ -219,7 +219,7 @@ def estimate_command(
     }
     steps = [(f"palpate compare {data.typed(model=model)}", "how well the model fits, and where it fails")]
     if all(study.refusal(study.channel(each.channel.name)) for each in estimates):
-        steps = [(f"palpate diagnose {data.typed(model=model)}", "why this data cannot judge a model")]
+        steps = [(f"palpate diagnose {data.typed(model=model)}", "why these data cannot judge a model")]
     if session is not None:
         steps.append((f"palpate inspect {typed(data.file)}", "see it in Rerun"))
     console.present(content, show, steps, as_json=as_json)

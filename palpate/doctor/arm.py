@@ -281,7 +281,7 @@ def examine_rates(robot: Robot, robot_file: RobotFile) -> Iterator[Finding]:
         value = f"{forces_n.mean():+.3f} N without touching anything, noise {forces_n.std():.3f} N"
         beyond = abs(forces_n.mean()) > _REST_SHARE * limits.force_n
         if not beyond and np.ptp(forces_n) == 0.0:
-            remedy = "tap the tool; if nothing moves, it is stuck"
+            remedy = "tap the tool; if the reading does not change, the sensor is stuck"
             yield warn("force at rest", f"{value}: never changes", remedy)
         else:
             remedy = "take load off the tool, or tare the sensor; then calibrate it"

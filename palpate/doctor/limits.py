@@ -60,8 +60,8 @@ def examine_limits(robot_file: RobotFile, body: RigidBody) -> Iterator[Finding]:
             long = f"the drive holds its last torque for this time: {_LONG_WATCHDOG_S:g} s is enough"
             yield graded(
                 f"watchdog of {name}",
-                f"by the robot file, the drives let go {1e3 * watchdog_s:g} ms after the last command",
-                (_WARN, watchdog_s < 5 * tick_s, "a late tick drops the arm: allow 5 ticks or more"),
+                f"in the robot file, the drives switch off {1e3 * watchdog_s:g} ms after the last command",
+                (_WARN, watchdog_s < 5 * tick_s, "a late tick cuts the torque: allow 5 ticks or more"),
                 (_WARN, watchdog_s > _LONG_WATCHDOG_S, long),
             )
     yield _force(robot_file)
@@ -102,7 +102,7 @@ def _brake(robot_file: RobotFile, body: RigidBody, poses_rad: FloatArray) -> Fin
     return graded(
         "braking",
         f"damping {_listed(damping)} N m s/rad, stable up to {_listed(most)}",
-        (_WARN, (damping > most).any(), "lower safe_state.damping_nms_rad, or the brake shakes the arm"),
+        (_WARN, (damping > most).any(), "lower safe_state.damping_nms_rad, otherwise braking shakes the arm"),
         (_WARN, (damping == 0).any(), "a joint without damping is not braked in a stop: give it some"),
     )
 
@@ -114,9 +114,9 @@ def _force(robot_file: RobotFile) -> Finding:
     if isinstance(load, int | float) and isinstance(unit, str) and not isinstance(capacity_n, int | float):
         capacity_n = load * newtons_per(unit)
     if not isinstance(capacity_n, int | float):
-        return ok("force limit", f"{limit_n:g} N; the robot file does not say how much the sensor can take")
+        return ok("force limit", f"{limit_n:g} N; the robot file does not state the sensor's range")
     remedy = "the sensor saturates first: lower force_n, or correct the capacity"
-    value = f"{limit_n:g} N, the sensor ends at {capacity_n:g} N"
+    value = f"{limit_n:g} N, the sensor's range ends at {capacity_n:g} N"
     return graded("force limit", value, (_FAIL, limit_n >= capacity_n, remedy))
 
 

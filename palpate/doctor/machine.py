@@ -83,7 +83,7 @@ def physics_engines() -> Iterator[Finding]:
 
     engines = installed_engines()
     if not engines:
-        yield ok("physics engine", f"none, which only a simulation needs; {missing_package('mujoco')}")
+        yield ok("physics engine", f"none; only a simulation needs one; {missing_package('mujoco')}")
     for name in engines:
         step_s = 1e-3
         engine = engine_class(name)(_MASS_ON_A_RAIL, "mass", step_s=step_s, gravity_m_s2=(0.0, 0.0, -GRAVITY))
@@ -121,7 +121,7 @@ def rerun() -> Iterator[Finding]:
     )
     blind = not has_display() and not has_vulkan_driver()
     if blind:
-        shows = "neither display nor Vulkan driver: recordings yes, screenshots no"
+        shows = "neither display nor Vulkan driver: recordings work, screenshots do not"
     value = f"{metadata.version('rerun-sdk')}, {shows}"
     yield graded("rerun", value, (Level.WARN, blind, "apt install mesa-vulkan-drivers"))
 

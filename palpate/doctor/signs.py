@@ -384,7 +384,7 @@ def _findings(result: LoopResult, measured: list[Measurement], body: RigidBody) 
         yield graded(
             f"drive of joint {joint}",
             f"moved {moved_rad:.3f} of {NUDGE_RAD:g} rad; holds {own_nm:+.2f} N m, "
-            f"its weight is {own_weight_nm:+.2f} N m by the URDF",
+            f"its weight is {own_weight_nm:+.2f} N m in the URDF",
             (
                 Level.FAIL,
                 moved_rad < _FOLLOWED * NUDGE_RAD,

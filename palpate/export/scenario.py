@@ -265,7 +265,7 @@ def _entries(
             placed.append(place | entry)
         made = [parse_imperfection(entry) for entry in placed]
     except (InputError, ZeroDivisionError) as error:
-        return [], [f"the simulator cannot do '{name}' with these values: {error}"]
+        return [], [f"the simulator cannot represent '{name}' with these values: {error}"]
     lines = [
         f"{entry['effect']} " + ", ".join(f"{k} {_shown(v)}" for k, v in entry.items() if k != "effect")
         for entry in placed

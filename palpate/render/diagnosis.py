@@ -38,7 +38,7 @@ def _sentence(diagnosis: ChannelDiagnosis) -> str:
     if diagnosis.verdict is Verdict.INSUFFICIENT:
         return f"{diagnosis.channel}: no verdict is possible: {_ended(diagnosis.reason)}"
     if diagnosis.verdict is Verdict.ADEQUATE:
-        return f"{diagnosis.channel}: this data shows no missing effect. {_error(diagnosis)}"
+        return f"{diagnosis.channel}: these data show no missing effect. {_error(diagnosis)}"
     if not diagnosis.accepted and (kinds := _kinds_without_form(diagnosis)):
         return (
             f"{diagnosis.channel}: the kind of the missing effect is known, but not its form: "
@@ -187,7 +187,7 @@ def budget_view(diagnosis: ChannelDiagnosis) -> BudgetView | None:
             pairs.add(pair)
             alternatives = " or ".join(kind.word for kind in entry.replaceable_by)
             confusions.append(
-                f"This data cannot tell {entry.kind.word} from {alternatives}. To separate "
+                f"These data cannot tell {entry.kind.word} from {alternatives}. To separate "
                 f"{entry.kind.word} from {entry.replaceable_by[0].word}: {entry.experiment}."
             )
     is_bound = diagnosis.floor is None or diagnosis.floor.at_most

@@ -64,7 +64,7 @@ def print_diagnosis(console: Console, view: StudyView) -> None:
             parts.append(fall_table(channel, width))
         for entry in channel.accepted:
             rivals = (
-                f"\n  [yellow]this data cannot tell it from {safe(', '.join(entry.confused_with))}[/yellow]"
+                f"\n  [yellow]these data cannot tell it from {safe(', '.join(entry.confused_with))}[/yellow]"
             )
             form = " (approximate form)" if entry.form is Form.APPROXIMATE else ""
             text = f"[bold]{safe(entry.effect)}[/bold]{form}: {safe(entry.physics)}\n"

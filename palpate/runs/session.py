@@ -170,7 +170,7 @@ def arm_session(
             stack.enter_context(robot)
         except DeviceError as error:
             path = job.robot_file.path
-            remedy = f"palpate doctor --robot {as_shell_word(str(path))} says what is there"
+            remedy = f"palpate doctor --robot {as_shell_word(str(path))} shows what is connected"
             raise InputError(f"{path}: {error}; {remedy}") from error
         source = EMULATED if job.wired else "simulated" if scenario else "measured"
         python = ".".join(str(part) for part in sys.version_info[:3])

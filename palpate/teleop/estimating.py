@@ -158,7 +158,7 @@ class _EstimatorProcess:
         except (EOFError, OSError):
             if self._waiting:
                 self._waiting.clear()
-                results.append("no estimate: the process that estimates has ended")
+                results.append("no estimate: the estimating process has ended")
         return results
 
 

@@ -205,7 +205,7 @@ class RiddleScore:
         text += f"You said {_listed(self.guessed)}: {self._rated(self.guessed)}. "
         text += f"The diagnosis said {_listed(self.named)}: {self._rated(self.named)}."
         if self.alike & self.truth and (others := self.alike - self.named):
-            text += f" It adds that this data cannot tell this from {_listed(others, ' or ')}."
+            text += f" It adds that these data cannot tell this from {_listed(others, ' or ')}."
         return text
 
     def _rated(self, names: frozenset[str]) -> str:
@@ -214,7 +214,9 @@ class RiddleScore:
         if names & self.truth:
             return "partly right"
         return (
-            "as good as right: this data cannot tell them apart" if names and names <= self.alike else "wrong"
+            "as good as right: these data cannot tell them apart"
+            if names and names <= self.alike
+            else "wrong"
         )
 
 

@@ -192,7 +192,7 @@ class Effects:
                 # Last effect in the order of the page.
                 last = [name for name in self._effects if name in names][-1]
                 listed = ", ".join(name.replace("_", " ") for name in names)
-                changes[last] |= {"together": f"hard to tell apart in this data: {listed}"}
+                changes[last] |= {"together": f"hard to tell apart in these data: {listed}"}
         self._rows.change(changes)
 
 

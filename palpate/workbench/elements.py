@@ -162,7 +162,7 @@ BUDGET = (
 )
 EVIDENCE = "Share of the held-out error that this effect removes beside the other ticked effects."
 ALIKE = (
-    "The changes that these effects make have a cosine above 0.95; a diagnosis says whether this data "
+    "The changes that these effects make have a cosine above 0.95; a diagnosis says whether these data "
     "can tell them apart."
 )
 INTERVAL = (
@@ -193,7 +193,7 @@ DIAGNOSE = (
     "and can be stopped."
 )
 VERDICTS = {
-    "adequate": "This data shows no missing effect.",
+    "adequate": "These data show no missing effect.",
     "missing": "These effects are missing; the form of each is exact, or marked as approximate.",
     "unexplained": "Something is missing; no effect in the library has its form.",
     "insufficient": "No verdict is possible with these data; the reason says what to record.",

@@ -347,7 +347,7 @@ def gates(state: WorkbenchState) -> None:
 
     reasons = checklist(state.channel.to_fit, state.channel.model)
     with ui.element("section").classes("card"):
-        heading("Is this data fit for a diagnosis?", elements.GATES)
+        heading("Are these data fit for a diagnosis?", elements.GATES)
         rows = []
         for kind, text in elements.GATE.items():
             if kind not in reasons:

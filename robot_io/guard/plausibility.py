@@ -328,7 +328,7 @@ _LATE_S = 0.1  # largest delay of a reading
 _PAUSE_S = 0.1  # time without a command after which the next command counts as the first
 
 _DRIVE_REMEDY = (
-    "check its supply and connectors, and restart it; palpate doctor checks it; if it obeys and "
+    "check its supply and connectors, and restart it; palpate doctor checks it; if it follows commands and "
     "only reports its torque wrongly, raise limits.deaf_drive_s"
 )
 

@@ -114,7 +114,7 @@ def test_a_clock_of_cycles_tells_runs_and_no_time(tmp_path):
     imported = import_file(path)
     (channel,) = imported.channels
     assert np.bincount(channel.run).tolist() == [100] * 6
-    assert any("'Zykluszeit (s)' begins anew: cut into 6 runs" in note for note in imported.notes)
+    assert any("'Zykluszeit (s)' restarts: cut into 6 runs" in note for note in imported.notes)
     assert np.ptp(channel.time_s) == pytest.approx(np.ptp(total), abs=1e-9)
     np.testing.assert_allclose(channel.position, 1e-3 * (17.0 - way), atol=2e-6)
     np.testing.assert_allclose(channel.effort, 30.0 * (17.0 - way), atol=1e-5)

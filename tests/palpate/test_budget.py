@@ -117,7 +117,7 @@ def test_kinds_that_cannot_be_told_apart_come_with_the_experiment():
     found = diagnosis(share("time_memory", 0.6, **unsure), share("drift", 0.2, **other))
     (told,) = budget_view(found).confusions
     assert told == (
-        "This data cannot tell relaxation from drift. "
+        "These data cannot tell relaxation from drift. "
         "To separate relaxation from drift: record the unloaded sensor."
     )
     assert told in re.sub(r"\s+", " ", printed(found, 80))

@@ -337,7 +337,7 @@ def complaints(robot_file):
         ("torque_nm: [8.0,", "torque_nm: [0.5,", "torque limits", Level.FAIL, "the weight needs up to"),
         ("[0.5, 0.25, 0.03]", "[0.5, 0.25, 3.0]", "braking", Level.WARN, "damping 0.5, 0.25, 3"),
         ("encoder_age_s: 0.005", "encoder_age_s: 0.001", "age limits", Level.WARN, "encoder 1 ms"),
-        ("force_n: 40.0", "force_n: 200.0", "force limit", Level.FAIL, "200 N, the sensor ends at 100 N"),
+        ("force_n: 40.0", "force_n: 200.0", "force limit", Level.FAIL, "sensor's range ends at 100 N"),
         ("capacity_n: 100.0", "capacity_n: 30.0", "force limit", Level.FAIL, "ends at 30 N"),
         ("torque_nm: [8.0,", "torque_nm: [80.0,", "highest torques", Level.FAIL, "80, 8, 3 N m"),
         ("velocity_rad_s: [4.0,", "velocity_rad_s: [99.0,", "velocity limits", Level.FAIL, "99"),

@@ -120,7 +120,7 @@ def test_what_is_implausible_is_said_and_estimated(tmp_path):
     columns[1] *= 100.0
     write_table(file, **dict(zip(("time_s", "displacement_m", "force_N", "run"), columns, strict=True)))
     result = done("estimate", file, "--estimator", "lsq", "--json")
-    words = "contact: the deepest indentation is 1 m, more than 0.2 m; if the displacement is in millimetres"
+    words = "contact: the deepest indentation is 1 m, more than 0.2 m; if the displacement is in millimeters"
     assert words in " ".join(result.stderr.split())
     estimate = json.loads(result.stdout)["channels"][0]["estimates"][0]
     assert estimate["parameters"]["stiffness.k"]["value"] == pytest.approx(4.0, rel=0.02)

@@ -44,7 +44,7 @@ ONE, TWO = accepted("bias", 0.5, 0.2), accepted("lag", 0.2, 0.1, "delay", "dampi
     [
         (
             diagnosis("adequate", after=0.102),
-            ("shows no missing effect", "runs is 0.102 N (noise 0.1 N, from free air)"),
+            ("show no missing effect", "runs is 0.102 N (noise 0.1 N, from free air)"),
             (),
         ),
         (
@@ -229,7 +229,7 @@ def test_a_diagnosis_fits_into_its_terminal_and_breaks_no_name(contact, width):
     lines = out.getvalue().splitlines()
     assert all(len(line) <= width for line in lines)
     assert sum("load_dependent_friction" in line for line in lines) >= 3
-    assert any("this data cannot tell it from asymmetric_friction" in line for line in lines) or width == 60
+    assert any("these data cannot tell it from asymmetric_friction" in line for line in lines) or width == 60
 
 
 def test_colours_of_speeds_differ_and_run_from_slow_to_fast():

@@ -166,7 +166,9 @@ IMPLAUSIBLE = {  # what is said of it, and how often
     "of the loaded samples show -0.9 N m: the sensor is saturated": lambda: replace(
         swinging(), effort=np.maximum(swinging().effort, -0.9)
     ),
-    "of free air shows exactly 1 N, and no sample less": lambda: replace(DATA, effort=np.maximum(F, 1.0)),
+    "of free air shows exactly 1 N, and no sample shows less": lambda: replace(
+        DATA, effort=np.maximum(F, 1.0)
+    ),
     "the force is 0.5 s late relative to the motion (correlation 0.99 if shifted": lambda: replace(
         DATA, effort=np.roll(F, 250)
     ),

@@ -198,12 +198,12 @@ def forge(file: Path, change: Callable[[dict], object]) -> None:
 @pytest.mark.parametrize(
     ("change", "words"),
     [
-        (lambda entry: entry.update(noise_floor=0.5), "its noise is 0.5, but this data gives 0.0"),
-        (lambda entry: entry["baseline"].update(rmse=9.0), "its error is 9, but this data gives"),
-        (lambda entry: entry["final"].update(rmse=9.0), "its error is 9, but this data gives"),
+        (lambda entry: entry.update(noise_floor=0.5), "its noise is 0.5, but these data give 0.0"),
+        (lambda entry: entry["baseline"].update(rmse=9.0), "its error is 9, but these data give"),
+        (lambda entry: entry["final"].update(rmse=9.0), "its error is 9, but these data give"),
         (
             lambda entry: entry["final"]["parameters"]["cubic_stiffness.k3"].update(value=1.0),
-            r"its cubic_stiffness\.k3 is 1, but this data gives",
+            r"its cubic_stiffness\.k3 is 1, but these data give",
         ),
     ],
 )
@@ -235,7 +235,7 @@ def test_numbers_of_a_forged_revision_are_held_against_the_data(tmp_path):
         tmp_path / "revisions" / "0001.json",
         lambda content: content["parameters"]["stiffness.k"].update(value=777.0),
     )
-    with pytest.raises(InputError, match=r"revision 1: its stiffness\.k is 777, but this data gives"):
+    with pytest.raises(InputError, match=r"revision 1: its stiffness\.k is 777, but these data give"):
         study.check(study.revision(1))
 
 

@@ -300,7 +300,7 @@ def test_the_checklist_says_what_refuse_says(press):
     assert set(checklist(data)) == set(elements.GATE)
     assert "check the sign" in checklist(replace(data, effort=-data.effort))["excitation"]
     large = {name: 1e3 * getattr(data, name) for name in ("position", "velocity", "acceleration")}
-    assert "millimetres" in checklist(replace(data, **large))["units"]
+    assert "millimeters" in checklist(replace(data, **large))["units"]
     flat = np.minimum(data.effort, 0.5 * data.effort.max())
     assert "is saturated" in checklist(replace(data, effort=flat))["saturation"]
     assert list(checklist(data.select(np.arange(50)))) == ["enough"]
