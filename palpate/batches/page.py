@@ -75,8 +75,8 @@ def write_page(batch: BatchResult) -> None:
         for entry in sorted(batch.outliers, key=lambda entry: -abs(entry.z))[:_MOST_ROWS]
     ]
     about_outliers = (
-        "Values more than 3.5 from the median of their group, over the median absolute deviation (times 1.48)"
-        " and the value's standard error.",
+        "Values that deviate from the median of their group by more than 3.5 robust standard deviations, "
+        "computed from the median absolute deviation (times 1.48) and the value's standard error.",
     )
     errors = list(batch.errors.items())[:_MOST_ROWS]
     sections = [
@@ -291,7 +291,7 @@ _COMMON = _EntryTable(
         "gains as much": lambda entry: ", ".join(entry.confused_with),
     },
     "Evidence of all measurements together: mean gain in logarithmic score on held-out runs, one effect "
-    "after the other; the chance of naming one where none is missing is at most 1 % for each step.",
+    "after the other. In each step, the probability of naming an effect if none is missing is at most 1 %.",
 )
 _POOLED = _EntryTable(
     "Pooled model, and how much measurements differ",
@@ -309,8 +309,8 @@ _POOLED = _EntryTable(
     },
     "Random effects: each measurement has a true value of its own around the mean. Spread: standard "
     "deviation of the true values. I²: share of the variance between the values that is not due to their "
-    "standard errors. The columns “shrunk” of the table are each measurement's value, drawn towards the "
-    "mean as far as its standard error exceeds the spread.",
+    "standard errors. The columns “shrunk” of the table are each measurement's value, shrunk towards "
+    "the mean, and more so the more its standard error exceeds the spread.",
 )
 _SHARED = _EntryTable(
     "Shared by all channels of a group",
@@ -326,8 +326,8 @@ _SHARED = _EntryTable(
         "unit": lambda entry: entry.unit,
         "p": lambda entry: f"{entry.p_corrected:.2g}",
     },
-    "p: chance of estimates as unlike as these if they share one value (Cochran's Q, corrected by Holm). "
-    "Below 0.01 they contradict it, and no shared value is given.",
+    "p: probability that estimates differ this much if they share one value (Cochran's Q, corrected by "
+    "Holm). Below 0.01, no shared value is given.",
 )
 _DIFFERENCES = _EntryTable(
     "Do groups differ?",
@@ -347,8 +347,7 @@ _DIFFERENCES = _EntryTable(
         "": lambda entry: "differs" if entry.p_corrected < _SIGNIFICANT else "",
     },
     "Welch's test of the groups' means; corrected by Holm over all parameters and pairs of groups. It "
-    "takes the measurements as independent: several files of one specimen belong into one measurement "
-    "(--join specimen).",
+    "assumes independent measurements, so join several files of one specimen (--join specimen).",
 )
 _OUTLIER = ("measurement", "parameter", "value", "z", "its own report")  # heads of the table of outliers
 

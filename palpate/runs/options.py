@@ -261,7 +261,7 @@ def ask_for_power(motion: str, *, yes: bool, pause: Callable[[float], None] = ti
         )
     talk = console.stderr()
     talk.print(f"[bold]{safe(motion)}[/bold]")
-    talk.print("Keep clear of the arm, also of the space below it, and hold its power switch in your hand.")
+    talk.print("Keep clear of the arm and of the space below it, and hold its power switch in your hand.")
     if not yes:  # stdout is reserved for --json
         talk.print("Power the arm now? \\[y/N]: ", end="")
     if not yes and sys.stdin.readline().strip().lower() not in ("y", "yes"):

@@ -214,9 +214,7 @@ class RiddleScore:
         if names & self.truth:
             return "partly right"
         return (
-            "as good as right: these data cannot tell them apart"
-            if names and names <= self.alike
-            else "wrong"
+            "counts as right: these data cannot tell them apart" if names and names <= self.alike else "wrong"
         )
 
 
@@ -235,8 +233,8 @@ class RiddleCard:
         with ui.element("section").classes("card"):
             heading("Riddle")
             ui.label(
-                "The arm pressed an object that is a spring and a damper, and one thing more. Tick what you "
-                "think it is until the error falls to the noise level; then say so."
+                "The arm pressed an object with a spring, a damper and one more effect. Tick effects until the "
+                "error falls to the noise level; then press the button."
             )
             self._button = (
                 ui.button("That is it", on_click=self.judge).props("unelevated dense no-caps").mark("guess")
@@ -247,7 +245,7 @@ class RiddleCard:
         """Diagnose, open the sealed answer and score both."""
         guessed = frozenset(self._state.choice.effects)
         self._button.disable()
-        self._answer.set_text("the diagnosis is working on it, too")
+        self._answer.set_text("the diagnosis is running, too")
         await self._diagnose()
         self._button.enable()
         diagnosis, path = self._state.diagnosis, self._state.study.source.path

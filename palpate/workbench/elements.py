@@ -160,7 +160,7 @@ BUDGET = (
     "Shares of the base model's squared error in held-out runs, by kind of effect. Ranges: from the share "
     "that only this kind explains to the share that it explains alone."
 )
-EVIDENCE = "Share of the held-out error that this effect removes beside the other ticked effects."
+EVIDENCE = "Share of the held-out error that this effect removes in addition to the other ticked effects."
 ALIKE = (
     "The changes that these effects make have a cosine above 0.95; a diagnosis says whether these data "
     "can tell them apart."
@@ -184,7 +184,7 @@ HELD_OUT = (
     "Runs excluded from fitting: the error is measured only in these. If there are none, each "
     "run is predicted from the others."
 )
-CURSORS = "Click into the curves to set cursor A or B, or type a time: values and differences are read there."
+CURSORS = "Click on the curves to set cursor A or B, or type a time: values and differences are read there."
 KEEP = "Keep the chosen effects as a revision, as palpate add does; go back to it at any time."
 REVISIONS = "Models that were kept, here or by the command line; choose one to go back to it."
 GATES = "Checked before fitting: a fit of unsuitable data only looks like an answer."
@@ -214,6 +214,6 @@ RESOLVE = (
 )
 DESIGNING = "Simulating the arm's experiments to find the most informative one; this takes up to two minutes."
 SEALED = (
-    "The session does not hold its simulated world (its hidden effects may be sealed): probe again with the "
+    "The session does not hold its simulated world (its hidden effects may not be revealed yet): probe again with the "
     "same options, or begin with palpate resolve."
 )

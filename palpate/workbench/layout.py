@@ -183,7 +183,7 @@ def _next_step(home: AppState, state: WorkbenchState) -> None:
         try:
             following = await run.io_bound(lambda: state.study.next_probe([diagnosis]))
             if following is None:
-                ui.notify("no experiment of this arm would tell more")
+                ui.notify("no experiment with this arm would show more")
                 return
             text = plan_text(following.proposal, following.plan)
             write_text(output_folder(folder) / _NEXT, text)
@@ -232,7 +232,7 @@ async def _permitted(force_n: float, arguments: list[str]) -> bool:
     with ui.dialog().props("persistent") as dialog, ui.card():
         ui.label(f"The arm is going to move, and to press with {force_n:g} N.").classes("text-bold")
         ui.label(
-            "Keep clear of the arm, also of the space below it, and hold its power switch in your hand. "
+            "Keep clear of the arm and of the space below it, and hold its power switch in your hand. "
             "Power the arm now?"
         )
         ui.label(command).classes("code")

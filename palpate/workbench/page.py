@@ -258,7 +258,7 @@ class Page:
             )
             ui.label(f"base model {self.state.channel.model.name}").classes("quiet wide")
             ui.space()
-            _button("Open", "folder_open", self._opening, "Another file or session, or a new probing")
+            _button("Open", "folder_open", self._opening, "Another file or session, or a new probe")
             self._undo = _button("Undo", "undo", lambda: self._step(self.state.undo), "Ctrl+Z")
             self._redo = _button("Redo", "redo", lambda: self._step(self.state.redo), "Ctrl+Shift+Z")
             self._enable_steps()
