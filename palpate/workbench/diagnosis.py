@@ -233,8 +233,8 @@ class RiddleCard:
         with ui.element("section").classes("card"):
             heading("Riddle")
             ui.label(
-                "The arm pressed an object with a spring, a damper and one more effect. Tick effects until the "
-                "error falls to the noise level; then press the button."
+                "The arm pressed an object with a spring, a damper and one more effect. Tick effects until "
+                "the error falls to the noise level; then press the button."
             )
             self._button = (
                 ui.button("That is it", on_click=self.judge).props("unelevated dense no-caps").mark("guess")

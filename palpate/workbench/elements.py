@@ -214,6 +214,6 @@ RESOLVE = (
 )
 DESIGNING = "Simulating the arm's experiments to find the most informative one; this takes up to two minutes."
 SEALED = (
-    "The session does not hold its simulated world (its hidden effects may not be revealed yet): probe again with the "
-    "same options, or begin with palpate resolve."
+    "The session does not hold its simulated world (its hidden effects may not be revealed yet): probe again "
+    "with the same options, or begin with palpate resolve."
 )
