@@ -86,9 +86,9 @@ def controller_section(ticks: Sequence[Row]) -> Section:
         measured, commanded = (column(own, f"torque_{what}_{joint}_nm") for what in ("measured", "commanded"))
         off_nm = max(off_nm, float(np.sqrt(np.mean((measured[1:] - commanded[:-1]) ** 2))))
     words = (
-        "As in the paper the measured torque follows the commanded one, and the first joint carries most. "
-        f"Ours differ by {off_nm:.3f} N m at most (root mean square), which is the noise of the simulated "
-        "torque sensor (0.01 N m) and its steps (0.002 N m); the paper gives no figure.",
+        "As in the paper, the measured torque follows the commanded one, and the first joint carries most of "
+        f"the load. Our two torques differ by at most {off_nm:.3f} N m (root mean square). This is the noise "
+        "(0.01 N m) and the step (0.002 N m) of the simulated torque sensor. The paper gives no value.",
     )
     return Section("Figure 3a: commanded and measured torque", figures.torques(ticks), words)
 
@@ -101,13 +101,13 @@ def transition_section(ticks: Sequence[Row]) -> Section:
     """
     calm, hard = (_torque_at_touch_nm(ticks, run) for run in (1, 0))
     words = (
-        "Reference position and speed are continuous through the switch from free motion to contact, so "
-        "that it makes no bump of its own. What is seen is the object: c·v is there at once when the tip "
-        "touches, and the torques take it up in the same tick. At 90 mm/s (9 N at the touch) joint 1 goes "
-        f"from {calm[0]:.1f} to {calm[1]:.1f} N m without a swing back. At 150 mm/s (15 N) it falls from "
-        f"{hard[0]:.1f} to {hard[1]:.1f} N m, swings to {hard[2]:.1f} N m for one tick, as the arm is "
-        "braked against its own motion, and settles within 20 ms. The paper's figure shows small spikes "
-        "and then a steady growth; it does not say at which speed.",
+        "Reference position and speed are continuous when free motion changes to contact, so the change of "
+        "controller causes no peak. The peak comes from the object: the damper force c·v begins when the tip "
+        "touches, and the torques balance it in the same tick. At 90 mm/s (9 N at the touch), the torque of "
+        f"joint 1 changes from {calm[0]:.1f} to {calm[1]:.1f} N m without overshoot. At 150 mm/s (15 N), it "
+        f"falls from {hard[0]:.1f} to {hard[1]:.1f} N m, rises to {hard[2]:.1f} N m for one tick because the "
+        "arm brakes, and settles within 20 ms. The paper's figure shows small spikes and then a steady "
+        "increase; the paper does not state the speed.",
     )
     return Section("Figure 3b: torque through the transition to contact", figures.transition(ticks), words)
 
@@ -138,19 +138,18 @@ def force_section(ticks: Sequence[Row], grid: Sequence[Row]) -> Section:
         "peak, most [N]",
         "longest above 10.5 N [ms]",
     )
-    title = "Where c·v alone is more than the limit of 10 N: highest measured force over all k"
+    title = "Runs in which c·v alone exceeds the limit of 10 N: highest measured force over all k"
     table = SweepTable("dashpot_beyond_limit", title, heads, tuple(lines))
     words = (
-        "With c = 100 N s/m and 150 mm/s the dashpot alone exerts 15 N at the touch: the paper's limit of "
-        "10 N cannot be kept from the first instant on, whatever the controller does; the paper does not "
-        "say what its own did. Ours takes the force that is there, brakes as hard as the object's damping "
-        "and its own bound on deceleration allow, and so leaves the set speed: the curve at 150 mm/s falls "
-        "from its peak to the limit, and further in the tip is pressed at the speed at which k·x + c·v "
-        "stays at 10 N.",
-        f"Over the grid that happens in {len(beyond)} of {len(runs)} runs: peaks of up to {most:.1f} N, "
-        f"above 10.5 N for {longest_ms:.0f} ms at most; in all other runs the highest measured force is "
-        f"{elsewhere:.2f} N. Estimation takes all samples in contact, also those while the arm gives way: "
-        "they hold the largest change of speed, and say most about c.",
+        "With c = 100 N s/m and 150 mm/s, the damper alone exerts 15 N at the touch. No controller can then "
+        "keep the paper's limit of 10 N from the first instant on, and the paper does not state what its "
+        "controller did. Our controller brakes as fast as the object's damping and its own limit of "
+        "deceleration allow, so it leaves the set speed: the curve at 150 mm/s falls from its peak to the "
+        "limit. At larger depth, the tip moves at the speed at which k·x + c·v stays at 10 N.",
+        f"Over the grid, this happens in {len(beyond)} of {len(runs)} runs. Their peaks reach {most:.1f} N "
+        f"and exceed 10.5 N for at most {longest_ms:.0f} ms. In all other runs, the highest measured force "
+        f"is {elsewhere:.2f} N. The estimators use all samples in contact, including those while the arm "
+        "brakes, which have the largest change of speed and determine c best.",
     )
     return Section(
         "Figure 4a: force over displacement at three speeds, k = 500 N/m, c = 100 N s/m",
@@ -176,23 +175,23 @@ def grid_section(rows: Sequence[Row], clean: Sequence[Row]) -> Section:
     beside.append((f"{best} (our best)", None, _worst(groups[best], K), None, _worst(groups[best], C)))
     table = SweepTable(
         "grid_beside_paper",
-        "Worst error over the grid, single runs of three speeds; c where it is not zero",
+        "Worst error over the grid, single runs of three speeds; c only where it is not zero",
         ("estimator", "k, paper [%]", "k, ours [%]", "c, paper [%]", "c, ours [%]"),
         tuple(beside),
     )
     zero = errors_of(groups[best], C).at_zero
     words = (
-        f"{len(_one_of_each(rows))} probing runs: the paper does not list its values of k and c; ours are "
-        "200 to 2000 N/m and 0 to 100 N s/m, each permutation three times with other noise. The paper "
-        "averages the three before it compares; here each counts by itself.",
-        "Our errors are smaller by one to two orders of magnitude, for least squares as for RANSAC. So it "
-        "is not the method that makes the difference on this data but what is fed to it: the velocity is "
-        "derived without delay, from samples on either side; force and position are taken at the same "
-        "instant; the surface is estimated with its own error instead of being taken from the touch; and "
-        "samples are chosen by time, not by force, which would bias k. The paper's least squares does "
-        "worst where c is large: a velocity that lags would do that, but the paper does not say how it got "
-        "its own. Methods that must be told the surface get that of least squares.",
-        f"Without damping there is no relative error: with c = 0, {best} says at most "
+        f"There are {len(_one_of_each(rows))} probing runs. The paper does not list its values of k and c; "
+        "we use 200 to 2000 N/m and 0 to 100 N s/m, and run each combination three times with different "
+        "noise. The paper averages these three runs before it compares; here each run counts separately.",
+        "Our errors are smaller by one to two orders of magnitude, for least squares as well as for RANSAC. "
+        "The reason is therefore not the method but its input. The velocity is derived without delay, from "
+        "samples on both sides. Force and position belong to the same instant. The surface is estimated with "
+        "its own uncertainty instead of being set to the touch. Samples are chosen by time, not by force, "
+        "which would bias k. The paper's least squares is worst where c is large. A delayed velocity would "
+        "have this effect, but the paper does not state how it computes the velocity. Methods that need a "
+        "known surface receive that of least squares.",
+        f"For c = 0 there is no relative error; the estimate of {best} is then at most "
         f"{np.abs(zero).max(initial=0.0):.3f} N s/m.",
     )
     tables = (
@@ -230,17 +229,17 @@ def noise_section(rows: Sequence[Row]) -> Section:
     ransac, lsq, wild, calm = (at_ten[name] for name in ("ransac", "lsq", SPRLS, SPRLS_ZERO))
     kept = 100 * np.mean(column(groups["ransac", 10.0], "inlier_share"))
     words = (
-        "The paper finds RANSAC best under noise. With its threshold of 0.01 N ours is not: at 10 % noise "
-        f"it keeps {kept:.0f} % of the samples, those that happen to lie within 0.01 N, and its "
-        f"errors are {ransac[4]:.0f} and {ransac[5]:.0f} times the bound, where least squares has "
-        f"{lsq[4]:.1f} and {lsq[5]:.1f}. Noise that is Gaussian holds no outliers to be excluded; a "
-        "threshold below the noise throws information away (see the map of RANSAC's settings below). What "
-        "comes near the bound is a weight that follows the noise.",
+        "In the paper, RANSAC is best under noise. With the paper's threshold of 0.01 N, ours is not. At "
+        f"10 % noise, it keeps {kept:.0f} % of the samples, which lie within 0.01 N by chance. Its errors "
+        f"are {ransac[4]:.0f} and {ransac[5]:.0f} times the bound, those of least squares {lsq[4]:.1f} and "
+        f"{lsq[5]:.1f} times. Gaussian noise has no outliers to exclude, and a threshold below the noise "
+        "discards information (see the map of RANSAC's settings below). Methods with weights that follow the "
+        "noise come close to the bound.",
         f"SPRLS with β = 20, γ = 1 has {wild[2] / calm[2]:.1f} times the error in k and "
-        f"{wild[3] / calm[3]:.1f} times that in c of the same method with β = γ = 0, which is recursive "
-        f"least squares and agrees with least squares ({calm[2]:.2f} and {lsq[2]:.2f} % in k): the paper's "
-        "observation. It is perturbed by beta·nint(γ e²), so that only errors above 0.7 N perturb it; the "
-        "divergence of the paper's figure does not show at this force.",
+        f"{wild[3] / calm[3]:.1f} times the error in c of the same method with β = γ = 0. The latter is "
+        f"recursive least squares and agrees with least squares ({calm[2]:.2f} and {lsq[2]:.2f} % in k), as "
+        "the paper observes. The additional term β·nint(γ e²) acts only on errors above 0.7 N. The "
+        "divergence in the paper's figure does not occur at this force.",
     )
     return Section("Figure 4d: error over force noise", figures.noise(lines), words, (shown,), (table,))
 
@@ -273,19 +272,19 @@ def cubes_section(rows: Sequence[Row]) -> Section:
         f"{what}, {whose}" for what in ("k [N/m]", "c [N s/m]") for whose in ("paper", "ours", "simulated")
     )
     title = (
-        "Table II: the silicone cubes; ours are simulated, with what the paper's RANSAC says for the truth"
+        "Table II: the silicone cubes; ours are simulated with the values of the paper's RANSAC as the truth"
     )
     second = SweepTable("table_2", title, ("cube", "estimator", *values), tuple(lines))
     peak_n = max(max(row["peak_n"]) for row in _one_of_each(rows))
     words = (
-        "Equation (3) needs the area that the force acts on, which the paper does not print. Both cubes "
-        f"give the same {CONTACT_AREA_MM2:.0f} mm² from their k, E and depth, a circle of 29.5 mm.",
-        "The paper's three methods differ by up to a factor of 27 in c on the real cubes and no truth is "
-        "known. On simulated cubes with Kelvin-Voigt behaviour the same three methods are within "
-        f"{100 * max(off):.1f} % of the truth, in k and in c, so such a spread is not what the methods do "
-        "with a Kelvin-Voigt object: real silicone relaxes and stiffens, and each method sums up "
-        "differently what the model lacks. palpate diagnose is for that question.",
-        f"At 50 mm/s cube A's dashpot alone asks for {CUBES[0].c['ransac'] * 0.05:.1f} N; the highest "
+        "Equation (3) needs the area on which the force acts; the paper does not state it. From their k, E "
+        f"and depth, both cubes give the same {CONTACT_AREA_MM2:.0f} mm², a circle of 29.5 mm diameter.",
+        "On the real cubes, the paper's three methods differ by a factor of up to 27 in c, and the truth is "
+        "unknown. On simulated Kelvin-Voigt cubes, the same three methods are within "
+        f"{100 * max(off):.1f} % of the truth, in k and in c. So the methods do not cause such a spread on a "
+        "Kelvin-Voigt object. Real silicone relaxes and stiffens, and each method absorbs the missing "
+        "effects differently; palpate diagnose identifies them.",
+        f"At 50 mm/s, the damper of cube A alone needs {CUBES[0].c['ransac'] * 0.05:.1f} N; the highest "
         f"measured force is {peak_n:.1f} N.",
     )
     return Section("Tables I and II: the silicone cubes", None, words, (first, second))
@@ -317,16 +316,16 @@ def ransac_section(rows: Sequence[Row]) -> Section:
         "ransac_map", "The whole map", all_keys, tuple(tuple(row[key] for key in all_keys) for row in rows)
     )
     words = (
-        "The paper holds its threshold at 0.01 and its subsets at five samples and asks for their "
-        "influence. The threshold decides: below the noise it throws most samples away (left), with noise "
-        "of 10 % of the force it would have to be larger than all noise (middle), and with outliers there "
-        "is a window, from five to fifteen times the sensor's noise, in which the error is near the bound "
-        "(right). The size of a subset hardly matters, because the fit is repeated with the inliers until "
-        "they stay the same; nor do trials, as long as nothing lies far off. With 30 % outliers ten trials "
-        "are too few: a draw in which no subset is clean counts with an error of 100 %.",
+        "The paper uses a threshold of 0.01 and subsets of five samples, and asks how much they matter. The "
+        "threshold matters most. Below the noise, it discards most samples (left). With noise of 10 % of the "
+        "force, it would have to exceed all noise (middle). With outliers, the error is near the bound for "
+        "thresholds from five to fifteen times the sensor's noise (right). The size of a subset hardly "
+        "matters, because the fit is repeated with the inliers until they no longer change. The number of "
+        "trials hardly matters either if there are no outliers. With 30 % outliers, ten trials are too few; "
+        "a draw without an outlier-free subset counts with an error of 100 %.",
     )
     return Section(
-        "Future work of the paper: the influence of RANSAC's settings",
+        "Future work in the paper: influence of RANSAC's settings",
         figures.ransac_map(rows, names),
         words,
         (table,),
@@ -340,13 +339,13 @@ def hunt_crossley_section(rows: Sequence[Row]) -> Section:
     best = table.rows[0]
     words = (
         f"{len(grouped(rows, lambda row: tuple(row[key] for key in _POWER_LAW)))} "
-        "objects, F = (k + b v) x^n, k from 500 to 30 000 N/mⁿ, b/k from 0.1 to 1 s/m, n from 1 to 2, one "
-        f"probing run of three speeds each. {best[0]} is off by {best[1]:.2g} % in k at most. k is in N/mⁿ, "
-        "so that a small error of n is a large one of k: the two errors go together, and the force over "
-        "the depth that was probed is known far better than either.",
+        "objects, F = (k + b v) x^n, with k from 500 to 30 000 N/mⁿ, b/k from 0.1 to 1 s/m, n from 1 to 2, "
+        f"and one probing run of three speeds each. The error of {best[0]} in k is at most {best[1]:.2g} %. "
+        "The unit of k is N/mⁿ, so a small error of n causes a large error of k. The two errors are "
+        "correlated, and the force over the probed depth is known much better than k or n.",
     )
     return Section(
-        "Future work of the paper: recovery of Hunt-Crossley parameters",
+        "Future work in the paper: recovery of Hunt-Crossley parameters",
         figures.hunt_crossley(rows, str(best[0])),
         words,
         (table,),
@@ -432,10 +431,11 @@ def write_paper(folder: Path, parts: Mapping[str, Sequence[Row]], facts: Mapping
 
 
 _SUMMARY = (
-    "“Compliance Estimation during Bilateral Teleoperation of a Robotic Arm”, rerun on the simulated arm: "
-    "every figure and table of its results that a simulation can give, the paper's numbers beside ours. "
-    "The paper's simulator, sensors and exact values of k and c are not published, so what differs says "
-    "how this chain does under the paper's conditions, not by how much one method beats another on equal "
-    "data; that is what the columns “over bound” are for: the root mean square error over the least that "
-    "any unbiased estimator can have with this noise (Cramér-Rao), the surface being unknown as well."
+    "This page repeats “Compliance Estimation during Bilateral Teleoperation of a Robotic Arm” with the "
+    "simulated arm: all figures and tables of its results that a simulation can give, with the paper's "
+    "numbers beside ours. The paper's simulator, sensors and exact values of k and c are not published. The "
+    "differences therefore show the accuracy of this program under the paper's conditions, not which method "
+    "is better on the same data. To compare methods, use the columns “over bound”: the root mean square "
+    "error divided by the lowest error of any unbiased estimator for this noise and an unknown surface "
+    "(Cramér-Rao)."
 )

@@ -181,7 +181,7 @@ def test_the_words_on_the_cubes_tell_the_largest_difference_of_the_papers_method
     words = " ".join(section.words)
     assert "within 4.0 % of the truth" in words
     assert "highest measured force is 11.0 N" in words
-    assert "asks for 15.7 N" in words  # 313.81 N s/m at 0.05 m/s
+    assert "alone needs 15.7 N" in words  # 313.81 N s/m at 0.05 m/s
     _, table_2 = section.tables
     lsq = dict(zip(table_2.columns, table_2.rows[0], strict=True))
     assert lsq["k [N/m], ours"] == pytest.approx(1.01 * lsq["k [N/m], simulated"])
