@@ -93,8 +93,8 @@ def cell(value: Any) -> str:  # noqa: ANN401, any value of a table
 _NOT_SHOWN = ("seconds", "error")
 _WORDS = (
     "Ticks are single estimates, dots are medians. “Over bound” is the root mean square error over the "
-    "Cramér-Rao bound for this noise, the surface being unknown; it means nothing where the model lacks a "
-    "hidden effect."
+    "Cramér-Rao bound for this noise and an unknown surface; it is meaningless if the model lacks a hidden "
+    "effect."
 )
 
 
