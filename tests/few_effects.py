@@ -10,10 +10,8 @@ from palpate.estimation.effects import EFFECTS
 from palpate.estimation.study import fits
 
 FEW = (
-    *("cubic_stiffness", "layered_stiffness", "stress_relaxation", "contact_offset", "bias", "lag"),
-    *("stiffness", "damping", "quadratic_damping", "drift", "delay"),
-    *("coulomb_friction", "viscous_friction", "weight"),
-    *("run_gain", "run_offset", "recorded_dependence"),
+    *("cubic_stiffness", "quadratic_damping", "bias", "lag", "stress_relaxation", "delay", "drift"),
+    *("stiffness", "coulomb_friction", "viscous_friction", "run_gain", "recorded_dependence"),
 )
 
 

@@ -7,6 +7,8 @@ from palpate.study import Study
 from tests.palpate.cli import as_json, assert_refused, done, next_commands, run
 from tests.palpate.presses import write_own_effect, write_table
 
+pytestmark = pytest.mark.usefixtures("without_figures")
+
 
 def add(data, folder, *arguments):
     return as_json("add", data, *arguments, "--out", folder)["revisions"]

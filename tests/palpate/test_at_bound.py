@@ -58,7 +58,7 @@ def test_presliding_that_no_sample_resolves_is_marked_wherever_it_is_shown(capsy
         (("estimate",), "outside the physical bounds"),
     ],
 )
-def test_no_command_calls_a_damper_that_drives_a_fit(tmp_path, few_effects, command, said):
+def test_no_command_calls_a_damper_that_drives_a_fit(tmp_path, few_effects, without_figures, command, said):
     data = write_presses(tmp_path / "driven.csv", force_of=lambda x, v: 900 * x - 6 * v)
     result = run(command[0], data, *command[1:], *(("--out", tmp_path) if command[0] == "add" else ()))
     told = " ".join(result.stdout.split())

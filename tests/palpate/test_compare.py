@@ -10,7 +10,7 @@ from palpate.estimation.study.saved_diagnosis import with_checksum
 from tests.palpate.cli import as_json, assert_refused, done, next_commands, run
 from tests.palpate.presses import NOISE_N, write_presses, write_table
 
-pytestmark = pytest.mark.usefixtures("few_effects")
+pytestmark = pytest.mark.usefixtures("few_effects", "without_figures")
 
 
 @pytest.fixture(scope="module")

@@ -17,6 +17,7 @@ from palpate.robot_io import Session, Stream, write_session
 from palpate.runs.robots import DEFAULT, find_robot
 from palpate.sim_backend.scenario import Scenario
 from tests.palpate.cli import run
+from tests.palpate.sessions import cut
 
 many = settings(suppress_health_check=[HealthCheck.function_scoped_fixture])
 
@@ -251,6 +252,12 @@ def spoilt(columns, draw):
     return columns
 
 
+@pytest.fixture(scope="module")
+def short(probed, tmp_path_factory):
+    """A session of one run."""
+    return cut(probed[0], tmp_path_factory.mktemp("short") / "short.mcap", 0.3)
+
+
 @many
 @given(
     data=st.data(),
@@ -267,8 +274,8 @@ def spoilt(columns, draw):
         ]
     ),
 )
-def test_a_damaged_session_is_read_as_it_was_written_or_refused(tmp_path, probed, data, kind, command):
-    good, path = Session.open(probed[0]), tmp_path / "s.mcap"
+def test_a_damaged_session_is_read_as_it_was_written_or_refused(tmp_path, short, data, kind, command):
+    good, path = Session.open(short), tmp_path / "s.mcap"
     samples = good.samples("tick")
     columns, metadata, stream = (
         {name: samples[name].copy() for name in samples},
@@ -277,7 +284,7 @@ def test_a_damaged_session_is_read_as_it_was_written_or_refused(tmp_path, probed
     )
     path.unlink(missing_ok=True)
     if kind == "bytes":
-        path.write_bytes(damaged(bytearray(Path(probed[0]).read_bytes()), data.draw))
+        path.write_bytes(damaged(bytearray(short.read_bytes()), data.draw))
     else:
         if kind == "columns":
             columns = spoilt(columns, data.draw)

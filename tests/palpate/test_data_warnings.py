@@ -3,9 +3,12 @@
 import json
 
 import numpy as np
+import pytest
 
 from tests.palpate.cli import done
 from tests.palpate.presses import write_presses, write_table
+
+pytestmark = pytest.mark.usefixtures("few_effects", "without_figures")
 
 
 def test_warnings_reach_the_diagnosis_in_its_file_and_on_the_screen(tmp_path):

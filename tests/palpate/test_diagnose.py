@@ -14,7 +14,7 @@ from tests.palpate.cli import as_json, assert_refused, done, next_commands, run
 from tests.palpate.presses import CUBIC, NOISE_N, write_presses, write_table
 
 # What needs the whole library is made before: a module's fixture.
-pytestmark = pytest.mark.usefixtures("few_effects")
+pytestmark = pytest.mark.usefixtures("few_effects", "without_figures")
 KEYS = {
     *("channel", "verdict", "reason", "noise_floor", "baseline", "accepted", "ranking", "final"),
     *("depends_on", "next_experiment"),
@@ -139,7 +139,7 @@ def test_a_column_that_the_error_depends_on_is_found_guilty(tmp_path):
 
 
 def test_a_next_command_for_each_joint_says_which_it_is_for(tmp_path):
-    run_number, t = np.repeat(np.arange(3), 600), np.tile(np.arange(600) * 0.01, 3)
+    run_number, t = np.repeat(np.arange(3), 300), np.tile(np.arange(300) * 0.01, 3)
     w = 2 * np.pi * (0.5 + 0.1 * run_number)
     q, v, a = np.sin(w * t), w * np.cos(w * t), -(w**2) * np.sin(w * t)
     noise = np.random.default_rng(0).normal(0.0, 0.005, (2, len(t)))

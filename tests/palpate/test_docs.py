@@ -23,7 +23,7 @@ EXAMPLES = [
 
 
 @pytest.mark.parametrize("code", EXAMPLES)
-def test_an_example_runs(few_effects, probed, code, tmp_path, monkeypatch):
+def test_an_example_runs(few_effects, without_figures, probed, code, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     for name in re.findall(r'"(\w+\.mcap)"', code):
         shutil.copy(probed[0], name)
@@ -69,7 +69,7 @@ def json_keys(value, by_name=False):
     return set().union(() if by_name else value, *inner)
 
 
-def test_the_page_of_json_has_every_key(few_effects, hardening, tmp_path):
+def test_the_page_of_json_has_every_key(few_effects, without_figures, hardening, tmp_path):
     page = (ROOT / "docs" / "reference" / "json.md").read_text(encoding="utf-8")
     documented = set(re.findall(r"`(\w+)`", page))
     diagnosis = json_keys(as_json("diagnose", hardening))

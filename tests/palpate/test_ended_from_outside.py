@@ -51,7 +51,7 @@ main.main()
 """
 
 
-@pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGHUP, signal.SIGKILL])
+@pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGKILL])
 def test_a_diagnosis_that_is_ended_ends_its_workers_at_once(number):
     with subprocess.Popen([sys.executable, "-c", DIAGNOSING], stdout=subprocess.PIPE, cwd=ROOT) as program:
         assert [program.stdout.readline() for _ in range(2)] == [b"begun\n"] * 2

@@ -67,7 +67,7 @@ def test_a_data_file_is_estimated_directly(tmp_path):
     assert parameters["stiffness.k"]["value"] == pytest.approx(400, rel=0.01)
     assert parameters["damping.c"]["value"] == pytest.approx(6, rel=0.05)
     assert "truth" not in parameters["stiffness.k"]
-    assert data["channels"][0]["truth"] == {}
+    assert (data["channels"][0]["truth"], data["channels"][0]["spoilt"]) == ({}, None)
 
 
 def test_a_model_that_does_not_fit_is_said_not_to(tmp_path):
@@ -106,7 +106,6 @@ def test_a_force_with_the_wrong_sign_is_pointed_out_by_every_estimator(tmp_path)
 def test_data_that_mean_nothing_are_said_to_in_the_words_of_the_diagnosis(tmp_path, column, bend, words):
     file = write_presses(tmp_path / "presses.csv", cubic=0.0)
     columns = np.loadtxt(file, delimiter=",", skiprows=1).T
-    assert estimate_json(file, "--estimator", "lsq")["channels"][0]["spoilt"] is None
     columns[column] = bend(columns[column])
     write_table(file, **dict(zip(("time_s", "displacement_m", "force_N", "run"), columns, strict=True)))
     shown = " ".join(run("estimate", file, "--estimator", "lsq").stdout.split())
@@ -215,7 +214,7 @@ def test_a_parameter_whose_interval_holds_zero_is_not_called_determined(tmp_path
     assert ("yes" in said, "not" in said) == (state == "yes", state == "no")
 
 
-@pytest.mark.parametrize("width", [60, 80, 120])
+@pytest.mark.parametrize("width", [60, 120])
 @pytest.mark.parametrize("model", ["kelvin_voigt", "hunt_crossley", "spring_mass_damper"])
 def test_values_stay_under_their_headings(hardening, monkeypatch, model, width):
     monkeypatch.setenv("COLUMNS", str(width))
@@ -240,7 +239,8 @@ def test_a_model_without_what_it_needs_is_refused(joint, probed, tmp_path):
 
 
 def test_a_model_with_many_parameters_gets_a_row_for_each(probed):
-    result = done("estimate", probed[0], "--model", "rigid_body_fitted", "--estimator", "lsq")
+    chosen = ("--model", "rigid_body_fitted", "--estimator", "lsq", "--where", "run=0")
+    result = done("estimate", probed[0], *chosen)
     rows = [line for line in result.stdout.splitlines() if "kg m" in line]
     assert len(rows) > 6
 
@@ -290,7 +290,8 @@ def test_an_unknown_interval_is_shown_as_unknown():
 
 
 def test_the_object_s_truth_is_not_held_against_a_joint(probed):
-    data = estimate_json(probed[0], "--model", "spring_mass_damper", "--estimator", "lsq")
+    chosen = ("--model", "spring_mass_damper", "--estimator", "lsq", "--where", "run=0")
+    data = estimate_json(probed[0], *chosen)
     joints = [channel for channel in data["channels"] if channel["channel"] != "contact"]
     assert joints
     for channel in joints:
@@ -304,7 +305,7 @@ def test_a_session_that_is_cut_off_is_said_to_be(probed, tmp_path):
     for file, cut_off in ((part, True), (probed[0], False)):
         estimated = done("estimate", "--estimator", "lsq", file, "--json")
         assert json.loads(estimated.stdout)["cut_off"] is cut_off
-        for result in (estimated, run("compare", "--json", file)):
+        for result in (estimated, run("compare", "--channel", "contact", file)):
             assert ("the session is cut off" in result.stderr) is cut_off
 
 

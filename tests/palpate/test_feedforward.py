@@ -72,9 +72,9 @@ def follow(seed, effort=lambda q, v, a: 0.0, seconds=4.0):
 def test_what_was_found_in_a_simulated_joint_makes_it_follow_more_closely(tmp_path):
     """Recorded with feedback alone, as the other motion that then is followed with and without it."""
     rng = np.random.default_rng(5)
-    recorded = [follow(seed) for seed in range(4)]
+    recorded = [follow(seed) for seed in range(3)]
     t, q, v, torque, _ = np.concatenate(recorded).T
-    run_number = np.repeat(np.arange(4), len(recorded[0]))
+    run_number = np.repeat(np.arange(3), len(recorded[0]))
     torque = torque + rng.normal(0.0, 0.01, len(t))
     table = {"time_s": t, "position_rad": q, "velocity_rad_s": v, "torque_Nm": torque, "run": run_number}
     study = Study(table, "pendulum")

@@ -219,7 +219,7 @@ def test_a_robot_file_hides_nothing_since_the_session_keeps_it(tmp_path):
 def test_the_arm_probes_to_the_end_whatever_is_hidden(name, channel, tmp_path):
     scenario = load_scenario("default")
     entry = IMPERFECTIONS[name].at_strength(16.0, channel, noise_scale(scenario), np.random.default_rng(5))
-    plan = ProbingPlan(speeds_m_s=(0.15,), hold_s=0.3)
+    plan = ProbingPlan(speeds_m_s=(0.15,), hold_s=0.1)
     job = ProbingJob(
         find_robot("follower"), tmp_path / "a.mcap", plan, scenario=scenario.with_hidden([entry]), online=None
     )
@@ -233,7 +233,8 @@ def test_a_joint_says_that_the_force_sensor_is_off_whose_reading_lags(tmp_path, 
     try_few_effects(monkeypatch, "force_sensor_error")
     (tmp_path / "lag.yaml").write_text("hidden: [{effect: lag, channel: contact, time_s: 0.03}]\n")
     path = tmp_path / "lag.mcap"
-    run("probe", "--hidden", tmp_path / "lag.yaml", "-o", path, "--seed", 2, "--online", "none")
+    quick = ("--seed", 2, "--speed-mm-s", "150,100", "--hold-s", 0.1, "--online", "none")
+    run("probe", "--hidden", tmp_path / "lag.yaml", "-o", path, *quick)
     (found,) = Study(path, keep=False).diagnose("joint_1").channels
     assert [one.effect for one in found.accepted] == ["force_sensor_error"]
     assert found.complete

@@ -10,7 +10,7 @@ from palpate.study import Study
 from tests.palpate.cli import assert_refused, done, run
 from tests.palpate.presses import write_own_effect, write_presses
 
-pytestmark = pytest.mark.usefixtures("few_effects")
+pytestmark = pytest.mark.usefixtures("few_effects", "without_figures")
 
 
 def words_of(page):

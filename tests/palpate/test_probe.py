@@ -46,12 +46,13 @@ def test_the_session_can_be_understood_alone(probed):
 
 def test_it_probes_at_the_speeds_and_to_the_force_asked_for(tmp_path, log_in_process):
     path = tmp_path / "two.mcap"
-    done("probe", "-o", path, "--speed-mm-s", "100,50", "--force-limit-n", 5, "--hold-s", 0.2, "--repeats", 2)
+    plan = ("--speed-mm-s", "150,75", "--force-limit-n", 5, "--hold-s", 0.1, "--repeats", 2)
+    done("probe", "-o", path, *plan, "--online", "none")
     ticks = Session.open(path).samples("tick")
     assert np.unique(ticks["run"]).tolist() == [-1, 0, 1, 2, 3]
     assert 4.7 < np.nanmax(ticks["force_n"]) < 5.5
     approach = ticks["phase"] == 2
-    for number, speed in ((0, 0.1), (1, 0.05), (2, 0.1), (3, 0.05)):
+    for number, speed in ((0, 0.15), (1, 0.075), (2, 0.15), (3, 0.075)):
         rows = approach & (ticks["run"] == number)
         assert np.median(-ticks["tip_velocity_world_m_s"][rows, 2]) == pytest.approx(speed, rel=0.02)
 

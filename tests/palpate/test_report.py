@@ -205,12 +205,11 @@ class TestFigures:
         assert [trace.name for trace in traces[: len(words)]] == [f"measured, {word}" for word in words]
         assert len({trace.line.color for trace in traces}) == len(words) > 1
 
-    def test_force_over_displacement_shows_each_model_by_its_whole_name(self, hardening):
-        study = Study(hardening, keep=False)
-        grown = study.result(study.channel(), ["dry_friction", "cubic_stiffness"])
+    def test_force_over_displacement_shows_each_model_by_its_whole_name(self, study):
+        grown = study.result(study.channel(), ["bias", "cubic_stiffness"])
         traces = [one for one in report.state_figure(result_view(grown)).data if one.xaxis == "x"]
         shown = {one.name: one.visible for one in traces if not one.name.startswith("measured")}
-        names = ["kelvin_voigt", "kelvin_voigt + dry_friction"]
+        names = ["kelvin_voigt", "kelvin_voigt + bias"]
         names.append(f"{names[1]} + cubic_stiffness")
         assert shown == dict(zip(names, (True, "legendonly", True), strict=True))
         assert "Force over displacement" in document(StudyView("f", (result_view(grown),)))

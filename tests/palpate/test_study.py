@@ -21,7 +21,7 @@ def frame(tmp_path):
     return pa.table(dict(zip(("time_s", "displacement_m", "force_N", "run"), rows.T, strict=True)))
 
 
-def test_the_examples_in_the_docstrings_run(few_effects):
+def test_the_examples_in_the_docstrings_run(few_effects, without_figures):
     flags = doctest.ELLIPSIS | doctest.NORMALIZE_WHITESPACE
     result = doctest.testmod(palpate.study, optionflags=flags)
     assert result.attempted >= 12
@@ -180,9 +180,10 @@ def test_a_diagnosis_judges_the_fitted_runs_by_each_other(few_effects, frame):
     study = Study(
         {**columns, "force_N": np.where(columns["run"] == 3, 2, 1) * columns["force_N"]}, held_out=[3]
     )
-    (found,), (alone,) = (one.diagnose().channels for one in (study, Study(study.source.without([3]))))
-    assert found.baseline.rmse == pytest.approx(alone.baseline.rmse, rel=0.05)
-    assert found.noise_floor == pytest.approx(alone.noise_floor, rel=0.05)
+    (found,) = study.diagnose().channels
+    alone = Study(study.source.without([3])).compare()["contact"]
+    assert found.baseline.rmse == pytest.approx(alone.rmse, rel=0.05)
+    assert found.noise_floor == pytest.approx(alone.noise.value, rel=0.05)
     assert found.final.rmse < 1.1 * found.noise_floor < 0.1 * study.fit("contact", ["cubic_stiffness"]).rmse
 
 

@@ -12,6 +12,7 @@ from palpate.runs.probing import ProbingJob, run_probing
 from palpate.runs.robots import find_robot
 from palpate.sim_backend.imperfection import IMPERFECTIONS
 from palpate.sim_backend.scenario import load_scenario
+from tests.log_in_process import LogInProcess
 from tests.palpate.cli import run
 
 BIAS_N = 0.5
@@ -23,7 +24,9 @@ def session(tmp_path_factory):
     hidden = [IMPERFECTIONS["bias"](channel="contact", bias=BIAS_N)]
     plan = ProbingPlan(speeds_m_s=(0.15, 0.06), hold_s=0.2)
     scenario = load_scenario("default").with_hidden(hidden)
-    run_probing(ProbingJob(find_robot("follower"), path, plan, scenario=scenario, seed=3, online=None))
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr("palpate.runs.session.SessionWriter", LogInProcess)
+        run_probing(ProbingJob(find_robot("follower"), path, plan, scenario=scenario, seed=3, online=None))
     return path
 
 

@@ -42,7 +42,7 @@ def test_a_urdf_that_cannot_be_read_is_named_with_its_robot_file(content, words,
         world_of(robot_file, scenario())
 
 
-def settled_depth(world, duration_s=2.0):
+def settled_depth(world, duration_s=1.0):
     world.advance_to(world.time_s + duration_s)
     assert abs(world.truth().rate_m_s) < 1e-4
     return world.truth().depth_m
@@ -57,7 +57,7 @@ def test_an_object_can_change_while_it_is_touched():
     assert settled_depth(world) == pytest.approx((WEIGHT_N / 5000) ** (1 / 1.3), rel=1e-3)
     before = world.truth().tip_position_world_m[2]
     world.object.move_surface(0.05)
-    settled_depth(world)
+    settled_depth(world, 2.0)
     assert world.truth().tip_position_world_m[2] - before == pytest.approx(0.05, rel=1e-3)
 
 
@@ -66,7 +66,7 @@ def test_an_object_can_change_while_it_is_touched():
 def test_the_engine_s_contact_carries_a_weight_at_the_depth_of_its_spring(stiffness):
     damping = np.sqrt(stiffness)
     world = make_world(slider(0.002), scenario(EngineContact(stiffness_n_m=stiffness, damping_n_s_m=damping)))
-    depth = settled_depth(world)
+    depth = settled_depth(world, 2.0)
     assert depth == pytest.approx(WEIGHT_N / stiffness, rel=0.01)
     assert world.truth().force_n == pytest.approx(WEIGHT_N, rel=0.01)
 

@@ -28,7 +28,7 @@ TIMINGS = {"read_s", "control_s", "guard_s", "write_s", "observer_s", "log_s", "
 
 
 def test_ticks_in_memory_are_those_of_a_session(tmp_path, log_in_process):
-    plan, robot = ProbingPlan(speeds_m_s=(0.09,), hold_s=0.1), find_robot("follower")
+    plan, robot = ProbingPlan(speeds_m_s=(0.15,), hold_s=0.02), find_robot("follower")
     kept = probe_in_memory(robot, Scenario(), plan)
     run_probing(ProbingJob(robot, tmp_path / "a.mcap", plan, scenario=Scenario(), online=None))
     session = Session.open(tmp_path / "a.mcap").samples("tick")
@@ -50,12 +50,6 @@ def test_worlds_that_differ_in_anything_have_noise_of_their_own(monkeypatch):
     probing._probed.cache_clear()
 
 
-def test_a_run_that_touches_nothing_is_an_error():
-    plan = PARAMETERS["plan"] | {"search_depth_m": 0.05}
-    with pytest.raises(PalpateError, match="no touch"):
-        probing.estimate(PARAMETERS | {"plan": plan}, 1)
-
-
 def test_every_estimator_has_a_row_near_the_truth_and_the_bound_is_of_its_error():
     rows = probing.estimate(PARAMETERS, 1)
     assert [row["estimator"] for row in rows] == [
@@ -67,7 +61,7 @@ def test_every_estimator_has_a_row_near_the_truth_and_the_bound_is_of_its_error(
     for row in rows:
         assert row["stiffness.k"] == pytest.approx(800, rel=0.02)
         assert row["true stiffness.k"] == 800
-    noisy = PARAMETERS | {"estimators": ["robust"], "noise_percent": 5.0, "draws": 12}
+    noisy = PARAMETERS | {"estimators": ["robust"], "noise_percent": 5.0, "draws": 8}
     errors = [(row["stiffness.k"] - 800) / row["bound stiffness.k"] for row in probing.estimate(noisy, 1)]
     assert 0.5 < np.sqrt(np.mean(np.square(errors))) < 2.5  # of an estimator that is nearly efficient
 
@@ -82,7 +76,7 @@ def test_the_bound_follows_the_noise():
 
 def test_each_draw_of_the_noise_is_another_and_equal_seeds_draw_the_same():
     noisy = PARAMETERS | {"noise_percent": 5.0, "draws": 3, "estimators": ["lsq"]}
-    found, again = ([row["stiffness.k"] for row in probing.estimate(noisy, 4)] for _ in range(2))
+    found, again = ([row["stiffness.k"] for row in probing.estimate(noisy, 1)] for _ in range(2))
     assert len(set(found)) == 3
     assert found == again
 
@@ -93,41 +87,6 @@ def test_an_estimator_that_cannot_work_says_why_and_the_others_are_kept():
     assert "raise the threshold" in lost["problem"]
     assert "stiffness.k" not in lost
     assert kept["problem"] == ""
-
-
-def test_the_peak_is_that_of_the_dashpot_where_it_alone_is_beyond_the_limit():
-    stiff_dashpot = LAW | {"stiffness_n_m": 500.0, "damping_n_s_m": 100.0}
-    (row,) = probing.estimate(PARAMETERS | {"law": stiff_dashpot, "estimators": ["lsq"]}, 1)
-    fast, slow = row["peak_n"]
-    assert 12 < fast < 15.1  # c v = 15 N
-    assert slow < 10.5
-    assert row["over_limit_ms"][0] > 0 == row["over_limit_ms"][1]
-
-
-def test_another_engine_has_the_same_world_noise_and_ways_and_says_the_same_of_the_object():
-    pytest.importorskip("pybullet")
-    quick = PARAMETERS | {"plan": {"speeds_m_s": [0.15], "hold_s": 0.0}, "estimators": ["lsq"]}
-    one, other = (probing.probed(quick | {"engine": name}, 1) for name in ("pybullet", "mujoco"))
-    assert [scenario.physics.engine for _, scenario in (one, other)] == ["pybullet", "mujoco"]
-    assert one[1].seed == other[1].seed == probing.probed(quick, 1)[1].seed
-    runs = [samples["force_n"][samples["phase"] == Phase.FREE_AIR] for samples, _ in (one, other)]
-    np.testing.assert_array_equal(*(force_n[:100] for force_n in runs))  # nothing but noise in free air
-    (lsq,), (its_lsq,) = (probing.estimate(quick | {"engine": name}, 1) for name in ("pybullet", "mujoco"))
-    assert lsq["stiffness.k"] == pytest.approx(its_lsq["stiffness.k"], rel=1e-3)
-    assert lsq["damping.c"] == pytest.approx(its_lsq["damping.c"], rel=1e-2)
-
-
-def test_hidden_effects_are_found_by_the_diagnosis_in_a_worker_which_may_start_no_processes(
-    few_effects, monkeypatch
-):
-    monkeypatch.setitem(current_process()._config, "daemon", True)
-    hidden = [{"effect": "cubic_stiffness", "cubic_n_m3": 2e6}]
-    plan = {"speeds_m_s": [0.12, 0.08], "hold_s": 0.0}
-    rows = probing.diagnosed(PARAMETERS | {"hidden": hidden, "plan": plan}, 1)
-    contact = next(row for row in rows if row["channel"] == "contact")
-    assert contact["verdict"] == "missing"
-    assert contact["truth"] == "cubic_stiffness"
-    assert Counter(row["channel"] for row in rows) == Counter(["contact", "joint_1", "joint_2", "joint_3"])
 
 
 def test_a_threshold_below_the_noise_costs_ransac_accuracy_and_outliers_cost_a_wide_one():
@@ -163,3 +122,45 @@ def test_draws_in_which_ransac_finds_nothing_count_with_the_whole_gain_and_no_in
     for name in ("k_over_bound", "c_over_bound"):  # root mean squares: beside a whole gain the others vanish
         assert half[name] == pytest.approx(every[name] / np.sqrt(2.0), rel=0.01)
         assert every[name] > 20.0 * none[name]
+
+
+def test_a_run_that_touches_nothing_is_an_error():
+    plan = PARAMETERS["plan"] | {"search_depth_m": 0.05}
+    with pytest.raises(PalpateError, match="no touch"):
+        probing.estimate(PARAMETERS | {"plan": plan}, 1)
+
+
+def test_the_peak_is_that_of_the_dashpot_where_it_alone_is_beyond_the_limit():
+    stiff_dashpot = LAW | {"stiffness_n_m": 500.0, "damping_n_s_m": 100.0}
+    (row,) = probing.estimate(PARAMETERS | {"law": stiff_dashpot, "estimators": ["lsq"]}, 1)
+    fast, slow = row["peak_n"]
+    assert 12 < fast < 15.1  # c v = 15 N
+    assert slow < 10.5
+    assert row["over_limit_ms"][0] > 0 == row["over_limit_ms"][1]
+
+
+def test_another_engine_has_the_same_world_noise_and_ways_and_says_the_same_of_the_object():
+    pytest.importorskip("pybullet")
+    quick = PARAMETERS | {"plan": {"speeds_m_s": [0.15], "hold_s": 0.0}, "estimators": ["lsq"]}
+    seed = probing.probed(quick, 1)[1].seed
+    one, other = (probing.probed(quick | {"engine": name}, 1) for name in ("pybullet", "mujoco"))
+    assert [scenario.physics.engine for _, scenario in (one, other)] == ["pybullet", "mujoco"]
+    assert one[1].seed == other[1].seed == seed
+    runs = [samples["force_n"][samples["phase"] == Phase.FREE_AIR] for samples, _ in (one, other)]
+    np.testing.assert_array_equal(*(force_n[:100] for force_n in runs))  # nothing but noise in free air
+    (lsq,), (its_lsq,) = (probing.estimate(quick | {"engine": name}, 1) for name in ("pybullet", "mujoco"))
+    assert lsq["stiffness.k"] == pytest.approx(its_lsq["stiffness.k"], rel=1e-3)
+    assert lsq["damping.c"] == pytest.approx(its_lsq["damping.c"], rel=1e-2)
+
+
+def test_hidden_effects_are_found_by_the_diagnosis_in_a_worker_which_may_start_no_processes(
+    few_effects, monkeypatch
+):
+    monkeypatch.setitem(current_process()._config, "daemon", True)
+    hidden = [{"effect": "cubic_stiffness", "cubic_n_m3": 2e6}]
+    plan = {"speeds_m_s": [0.15, 0.12], "hold_s": 0.0}
+    rows = probing.diagnosed(PARAMETERS | {"hidden": hidden, "plan": plan}, 1)
+    contact = next(row for row in rows if row["channel"] == "contact")
+    assert contact["verdict"] == "missing"
+    assert contact["truth"] == "cubic_stiffness"
+    assert Counter(row["channel"] for row in rows) == Counter(["contact", "joint_1", "joint_2", "joint_3"])

@@ -70,7 +70,7 @@ def test_a_law_that_fits_better_and_cannot_be_felt_is_not_offered():
 
 
 def test_an_established_effect_is_felt(few_effects):
-    found = second_look(probed(CUBIC, ProbingPlan(hold_s=0.1)), 0)
+    found = second_look(probed(CUBIC, ProbingPlan(speeds_m_s=(0.15, 0.1), hold_s=0.1)), 0)
     assert found.verdict == "missing"
     assert [term.name for term in found.model] == ["kelvin_voigt", "cubic_stiffness"]
     felt, real = force_law(found.model), force_law(terms_of(load_scenario(CUBIC)))

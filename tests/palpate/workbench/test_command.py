@@ -87,21 +87,31 @@ def test_a_port_that_somebody_has_is_named(tmp_path):
         assert_refused(run("workbench", tmp_path, "--port", port, "--no-browser"), str(port), "0 for any")
 
 
-def test_a_page_of_another_name_that_points_here_is_refused(tmp_path):
-    """DNS rebinding: the browser asks this machine, with the other site's name as host."""
-    with started(tmp_path) as port:
-        assert status(port, "127.0.0.1") == HTTPStatus.OK
-        assert status(port, "localhost") == HTTPStatus.OK
-        assert status(port, "evil.example") == HTTPStatus.BAD_REQUEST
+HOSTS = {
+    "127.0.0.1": HTTPStatus.OK,
+    "localhost": HTTPStatus.OK,
+    "evil.example": HTTPStatus.BAD_REQUEST,
+}
 
 
 @pytest.fixture(scope="module")
-def port(tmp_path_factory):
-    """Of a server that has taken over from the first answer."""
+def begun(tmp_path_factory):
+    """A server's port, and what it answered at first to each name as host."""
     with started(tmp_path_factory.mktemp("empty")) as port:
-        while "nicegui" not in answer(port).read().decode():
-            time.sleep(0.1)
-        yield port
+        yield port, {host: status(port, host) for host in HOSTS}
+
+
+@pytest.fixture(scope="module")
+def port(begun):
+    """Of a server that has taken over from the first answer."""
+    while "nicegui" not in answer(begun[0]).read().decode():
+        time.sleep(0.1)
+    return begun[0]
+
+
+def test_a_page_of_another_name_that_points_here_is_refused(begun, port):
+    """DNS rebinding: the browser asks this machine, with the other site's name as host."""
+    assert begun[1] == {host: status(port, host) for host in HOSTS} == HOSTS
 
 
 @pytest.mark.parametrize(
