@@ -48,7 +48,7 @@ def channel(force, time_s, x, v, run):
     return ChannelData("contact", ChannelKind.CONTACT, time_s, x, v, a, force, run, np.full(len(x), -1))
 
 
-def session(seed, law=lambda t, x, v, run: kelvin_voigt(x, v), correlation=0.0, runs=4):
+def session(seed, law=lambda t, x, v, run: kelvin_voigt(x, v), correlation=0.0, runs=3):
     """A session whose force is `law(time, depth, speed, run)` with noise of a colour."""
     rng = np.random.default_rng(seed)
     time_s, x, v, run = motion(rng, runs)

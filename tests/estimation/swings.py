@@ -16,7 +16,7 @@ def no_torque(q, v, a):
     return 0.0 * q
 
 
-def swings(seed, extra=no_torque, *, sensor=lambda torque, run: torque, runs=4, seconds=3.0, rate_hz=250.0):
+def swings(seed, extra=no_torque, *, sensor=lambda torque, run: torque, runs=3, seconds=3.0, rate_hz=250.0):
     """A pendulum's swings with a hidden torque `extra(q, v, a)`; `sensor(torque, run)` bends its reading."""
     rng = np.random.default_rng(seed)
     t = np.arange(0.0, seconds, 1.0 / rate_hz)

@@ -16,7 +16,7 @@ def is_layer(k, k2, error=0.0, **more):
     """Whether a spring (N/m) and what is added to it at depth are called layers."""
     given = {"stiffness.k": k, "layered_stiffness.k2": k2, "layered_stiffness.depth": DEPTH_M, **more}
     return not EFFECTS["layered_stiffness"]().is_misnamed(
-        session(1), given, lambda: {"stiffness.k": 1.0, "layered_stiffness.k2": error}, NOISE_N
+        session(1, runs=4), given, lambda: {"stiffness.k": 1.0, "layered_stiffness.k2": error}, NOISE_N
     )
 
 

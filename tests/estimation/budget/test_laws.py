@@ -30,7 +30,7 @@ def press(extra):
 
 def warm():
     """An effort that goes with a temperature, beside what it is on the average."""
-    data = swings(1)
+    data = swings(1, runs=4)
     swing = np.sin(0.7 * data.time_s)
     return replace(
         data,
@@ -57,7 +57,7 @@ OF_KIND = {
     Kind.FRICTION: lambda: swings(1, lambda q, v, a: 0.4 * np.tanh(v / 0.02)),
     Kind.PERIODIC: lambda: swings(1, lambda q, v, a: 0.3 * np.sin(15.0 * q)),
     Kind.SENSOR_DYNAMICS: lambda: swings(1, sensor=late),
-    Kind.SENSOR_STATICS: lambda: swings(1, sensor=lambda torque, run: np.clip(torque, -1.0, 1.0)),
+    Kind.SENSOR_STATICS: lambda: swings(1, sensor=lambda torque, _: np.clip(torque, -1.0, 1.0), runs=4),
     Kind.RECORDED_CONTEXT: warm,
 }
 

@@ -196,7 +196,7 @@ def test_what_needs_more_parameters_to_draw_the_same_is_no_rival(refused, same, 
     """
     refused()
     monkeypatch.setattr(module, "_is_same_curve", lambda *_: same)
-    data = swings(1, lambda q, v, a: (0.2 + 0.15 * np.exp(-((v / 0.6) ** 2))) * np.tanh(v / 0.01))
+    data = swings(1, lambda q, v, a: (0.2 + 0.15 * np.exp(-((v / 0.6) ** 2))) * np.tanh(v / 0.01), runs=4)
     others = ("stribeck_friction", "presliding_friction", "load_dependent_friction", SPRING)
     search = searched(data, RUB, *others)
     assert (

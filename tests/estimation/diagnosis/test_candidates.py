@@ -209,7 +209,9 @@ def test_candidates_come_by_what_they_leave_in_held_out_runs(ranked):
     ],
 )
 def test_in_between_are_tried_the_best_and_what_comes_near_them(refined, ripple_nm, names):
-    data = swings(2, lambda q, v, a: 0.3 * np.tanh(v / 0.02) + ripple_nm * np.sin(15.0 * q), seconds=1.5)
+    data = swings(
+        2, lambda q, v, a: 0.3 * np.tanh(v / 0.02) + ripple_nm * np.sin(15.0 * q), runs=4, seconds=1.5
+    )
     stood = fit_model(data, model(*BASE), {})
     effects = [EFFECTS[name]() for name in ("torque_ripple", "coulomb_friction")]
     found = {one.effect.name: one.search for one in screen_effects(stood, effects, refined=refined)}

@@ -81,7 +81,7 @@ def test_a_run_of_another_scale_is_found_also_beside_one_too_short_to_be_judged(
     def scaled(t, x, v, run):
         return kelvin_voigt(x, v) * np.where(run == 2, 1.2, 1.0)
 
-    data = session(6, scaled)
+    data = session(6, scaled, runs=4)
     if length:
         last = data.run == data.runs[-1]
         data = data.select(~last | (np.cumsum(last) <= length))
@@ -316,7 +316,7 @@ def test_a_late_force_is_no_reference_for_the_noise():
 def test_an_excess_is_two_and_a_half_times_the_noise(times, is_noise):
     block_noise = NOISE_N / np.sqrt(2.0)  # blocks of two samples
     hum_n = times * block_noise * np.sqrt(2.0)
-    hum = session(2, lambda t, x, v, run: kelvin_voigt(x, v, hum_n * np.sin(2 * np.pi * 7.3 * t)))
+    hum = session(2, lambda t, x, v, run: kelvin_voigt(x, v, hum_n * np.sin(2 * np.pi * 7.3 * t)), runs=4)
     found = exceeds_noise(
         fit_model(hum, MODEL, {}), identify_measurement_model(hum), np.random.default_rng(0)
     )

@@ -394,7 +394,7 @@ def test_where_a_surface_lies_is_found_beside_a_spring_that_stiffens(names, offs
         depth = np.maximum(x - offset_m, 0.0)
         return k * depth + k3 * depth**3
 
-    found = fits(session(3, law), MODEL, names)[-1]
+    found = fits(session(3, law, runs=4), MODEL, names)[-1]
     assert found.values["contact_offset.offset"] == pytest.approx(offset_m, abs=1e-4)
     assert found.values["stiffness.k"] == pytest.approx(k, rel=0.1)
     assert found.unphysical == ()
