@@ -31,7 +31,7 @@ from palpate.render.diagnosis import budget_picture, budget_view, diagnosed
 
 PAGE = Path(__file__).parent / "reference" / "recordings.md"
 PICTURES = Path(__file__).parent / "pictures" / "recordings"
-_PLACE = re.compile(r"^palpate: |/\S*/(?:raw/)?(?=\d+ )")  # in a message, where the file lies
+_PLACE = re.compile(r"^palpate: |/\S*/(?:raw/)?\d+ ")  # in a message, where the file lies, and its number
 WIDTH = 900  # of a picture [px]
 INK = "#768390"  # reads on light and on dark
 INTRODUCTION = """# Recordings
@@ -133,7 +133,7 @@ def _entry_of_recipe(recipe: dict[str, Any], content: dict[str, Any]) -> Entry:
     return Entry(
         name=name,
         measured=recipe["measured"],
-        origin=f"{place} at {origin['commit'][:7]}, {origin['licence']}; {command}",
+        origin=f"{place} at {origin['commit'][:7]}, license: {origin['licence']}; {command}",
         expected=[kinds],
         split=split_of(recipe).replace("_", " ").replace("develop", "developed on"),
         channels=[ChannelDiagnosis.model_validate(one) for one in content.get("channels", [])],
@@ -149,7 +149,7 @@ def _of_sets(options: Namespace) -> Iterator[Entry]:
         if folder is None:
             continue
         repository, licence, measured = ORIGINS[read.__name__]
-        place = f"[{repository}](https://github.com/{repository}), {licence}"
+        place = f"[{repository}](https://github.com/{repository}), license: {licence}"
         for recording in read(folder):
             answer = options.answers / f"{recording.name.replace(' ', '_')}.json"
             if not answer.is_file() and options.no_new:
