@@ -80,12 +80,19 @@ def test_an_arm_of_another_mass_with_a_noisy_sensor_is_not_accused(
 @pytest.mark.parametrize(
     "hidden",
     [
-        [{"effect": "coulomb_friction", "joint": joint, "coulomb_nm": 1.0} for joint in (1, 2)],
-        [{"effect": "viscous_friction", "joint": joint, "viscous_nms_rad": 1.0} for joint in (1, 2)],
-        [{"effect": "load_dependent_friction", "joint": joint, "load_share": 0.2} for joint in (1, 2)],
-        [{"effect": "payload", "joint": 3, "mass_kg": 0.5}],
+        [
+            {"effect": "coulomb_friction", "joint": 1, "coulomb_nm": 1.0},
+            {"effect": "coulomb_friction", "joint": 2, "coulomb_nm": 1.0},
+            {"effect": "viscous_friction", "joint": 1, "viscous_nms_rad": 1.0},
+            {"effect": "viscous_friction", "joint": 2, "viscous_nms_rad": 1.0},
+        ],
+        [
+            {"effect": "load_dependent_friction", "joint": 1, "load_share": 0.2},
+            {"effect": "load_dependent_friction", "joint": 2, "load_share": 0.2},
+            {"effect": "payload", "joint": 3, "mass_kg": 0.5},
+        ],
     ],
-    ids=lambda hidden: hidden[0]["effect"],
+    ids=["friction", "load"],
 )
 def test_joints_with_friction_or_load_of_ordinary_size_are_not_accused(hidden):
     scenario = kelvin_voigt(2000.0) | {"hidden": hidden}

@@ -76,7 +76,7 @@ def test_a_package_that_is_not_allowed_is_seen():
 
 def test_estimation_imports_without_optional_packages_in_little_time():
     """As a ratio to its libraries in the same process, the least of five: other work counts little."""
-    assert min(float(run(IMPORT)) for _ in range(5)) < MOST
+    assert any(float(run(IMPORT)) < MOST for _ in range(5))
 
 
 def test_a_table_is_fitted_without_optional_packages():

@@ -57,7 +57,7 @@ def stop(log):
 
 @linux_only
 def test_a_disk_that_hangs_holds_no_program_for_ever(tmp_path, monkeypatch):
-    monkeypatch.setattr(writer, "STALL_LIMIT_S", 3.0)
+    monkeypatch.setattr(writer, "STALL_LIMIT_S", 1.5)
     monkeypatch.setattr(writer, "_KILL_LIMIT_S", 0.2)
     log = SessionWriter(tmp_path / "s.mcap", [TICK], METADATA, ring_slots=4, wait_for_room=True)
     stop(log)
@@ -69,7 +69,7 @@ def test_a_disk_that_hangs_holds_no_program_for_ever(tmp_path, monkeypatch):
     begun_s = time.monotonic()
     with pytest.raises(SessionError, match="the end is missing"):
         log.close()
-    assert time.monotonic() - begun_s < 3.0  # once is enough
+    assert time.monotonic() - begun_s < 1.5  # once is enough
 
 
 @pytest.mark.parametrize("meanwhile", [Path.unlink, lambda path: (path.unlink(), path.write_bytes(b""))])
@@ -153,10 +153,10 @@ def test_all_that_the_ring_holds_at_the_end_reaches_the_file(tmp_path):
 @pytest.mark.parametrize("slots", [1, 4])
 def test_simulated_time_waits_instead_of_dropping(tmp_path, slots):
     with SessionWriter(tmp_path / "s.mcap", [TICK], METADATA, ring_slots=slots, wait_for_room=True) as log:
-        append(log, range(300))
+        append(log, range(60))
     session = Session.open(tmp_path / "s.mcap")
     assert session.dropped == 0
-    assert_ticks(session.samples("tick"), range(300))
+    assert_ticks(session.samples("tick"), range(60))
 
 
 def test_a_stream_of_a_long_session_is_logged_record_by_record(tmp_path):
@@ -175,7 +175,7 @@ def test_a_slow_stream_reaches_the_disk_while_the_session_goes_on(tmp_path):
 
 
 def test_a_killed_writer_leaves_all_but_the_last_chunk(tmp_path):
-    path, count = tmp_path / "s.mcap", 20_000
+    path, count = tmp_path / "s.mcap", 8_000
     log = SessionWriter(path, [TICK], METADATA, wait_for_room=True)
     append(log, range(count))
     wait_until(lambda: samples_on_disk(path) >= 0.99 * count)
@@ -416,7 +416,7 @@ path, first = sys.argv[1], int(sys.argv[2])
 print("ready", flush=True)
 sys.stdin.readline()
 with SessionWriter(path, [TICK], METADATA) as log:
-    for number in range(first, first + 100):
+    for number in range(first, first + 40):
         log.append("tick", tick(number))
         time.sleep(0.01)
 """
@@ -438,7 +438,7 @@ def test_of_programs_that_begin_one_session_at_once_all_but_one_are_refused(tmp_
         one.stdin.flush()
     said = [one.communicate(timeout=60)[1].strip().splitlines()[-1:] for one in begun]
     (first,) = (first for first, words in zip(firsts, said, strict=True) if not words)
-    assert_ticks(Session.open(path).samples("tick"), range(first, first + 100))
+    assert_ticks(Session.open(path).samples("tick"), range(first, first + 40))
     assert not Session.open(path).truncated
     for words in said:
         late = ("is being written by another program at this moment", "exists already; a session is never")

@@ -167,7 +167,7 @@ def test_where_nothing_is_hidden_no_kind_has_a_share(data):
 def test_two_kinds_share_the_error_as_their_own_energies_do():
     both = lambda q, v, a: 0.4 * np.tanh(v / 0.02) + 0.3 * np.sin(15.0 * q)  # noqa: E731
     alone = [
-        analysed(swings(1, law)).budget.base ** 2
+        searched(swings(1, law)).start.held_out_mean_square
         for law in (lambda q, v, a: 0.4 * np.tanh(v / 0.02), lambda q, v, a: 0.3 * np.sin(15.0 * q))
     ]
     shares = {entry.kind: entry.share for entry in analysed(swings(1, both)).budget.entries}

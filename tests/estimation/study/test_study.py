@@ -217,12 +217,12 @@ def test_numbers_of_a_forged_diagnosis_are_held_against_the_data(change, words, 
         again.known_diagnosis(again.channels[0])
 
 
-def test_a_diagnosis_that_was_changed_by_hand_is_refused(tmp_path):
-    study = ModelStudy(session(4), folder=tmp_path)
-    content = study.diagnosis_data(study.diagnose())
+def test_a_diagnosis_that_was_changed_by_hand_is_refused(pressed, tmp_path):
+    study, found = pressed
+    content = study.diagnosis_data(found)
     content["channels"][0]["verdict"] = "unexplained"
     (tmp_path / RESULT).write_text(json.dumps(content))
-    again = ModelStudy(session(4), folder=tmp_path)
+    again = ModelStudy(session(4, cubic), folder=tmp_path)
     with pytest.raises(InputError, match=r"damaged \(sha256: .* changed after palpate wrote it"):
         again.known_diagnosis(again.channels[0])
 

@@ -103,7 +103,7 @@ WEAR = {
 }
 
 
-@pytest.mark.parametrize(("seed", "every"), [(0, 1), (1, 4), (2, 1)])  # ticks from sample to sample
+@pytest.mark.parametrize(("seed", "every"), [(0, 1), (1, 4)])  # ticks from sample to sample
 @pytest.mark.parametrize("wear", WEAR)
 def test_a_drive_that_shows_its_torque_badly_is_not_accused(wear, seed, every):
     drive = HealthyDrive(seed, **WEAR[wear])
@@ -129,12 +129,12 @@ SMALL_WEAR = {
 }
 
 
-@pytest.mark.parametrize("seed", range(8))
+@pytest.mark.parametrize("seed", range(4))
 @pytest.mark.parametrize("wear", SMALL_WEAR)
 def test_a_small_drive_that_swallows_small_torques_is_not_accused(wear, seed):
     """A twentieth of the torque limit is a few steps of current where an arm is made gentle by its limit."""
     limits = LIMITS.model_copy(update={"torque_nm": (SMALL_NM, SMALL_NM)})
-    most_nm = SMALL_NM * (0.05, 0.1, 0.2, 0.3)[seed % 4]
+    most_nm = SMALL_NM * (0.05, 0.1, 0.2, 0.3)[seed]
     levels = np.random.default_rng(seed).uniform(-most_nm, most_nm, 21)
 
     def sent(k):
