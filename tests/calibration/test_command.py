@@ -79,7 +79,7 @@ def test_a_zero_that_is_far_off_is_pointed_at(tmp_path):
         (("force", "--weights-kg", "0,x"), ("--weights-kg", "commas")),
         (("force", "--weights-kg", "0,1,2"), ("3 plateaus",)),
         (("force", "--weights-kg", "0,1,2,nan,2,1,0"), ("finite",)),
-        (("force", "--weights-kg", "0,-1,2,3,2,-1,0"), ("--weights-kg", "below 0 kg")),
+        (("force", "--weights-kg", "0,-1,2,3,2,-1,0"), ("--weights-kg", "not be negative")),
         (("encoder", "--pose", "1,2"), ("--pose", "2 angles", "3 joints")),
         (("encoder", "--pose", "0,0,99"), ("--pose", "joint 3", "99")),
         (("encoder", "--pose", "home", "--upper-stops", "1,1,1"), ("--pose", "--upper-stops")),

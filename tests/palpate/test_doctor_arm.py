@@ -193,7 +193,7 @@ def signs_by(hand, monkeypatch, **options):
     ("hand", "subject", "words"),
     [
         (LazyHand, "sign of the force", "too small to judge"),
-        (LastingHand, "hands away", "left of the press"),
+        (LastingHand, "hands away", "remain after the press"),
         (ReturningHand, "hands away", "somebody touches"),  # while the seconds are counted
     ],
 )
