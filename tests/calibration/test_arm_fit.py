@@ -133,5 +133,5 @@ class TestPath:
 
     def test_an_arm_that_stands_as_high_as_it_can_is_refused(self):
         narrow = ROBOT.limits.model_copy(update={"position_max_rad": (1.0, 2.75, 2.85)})
-        with pytest.raises(InputError, match="raise the arm first"):
+        with pytest.raises(InputError, match="raise the arm by hand"):
             chosen(UPRIGHT_RAD, narrow)

@@ -40,7 +40,7 @@ SHAKING = REST._replace(joint_velocity_rad_s=np.array([0.0, 0.1, 0.0]))
 BODY = RigidBody.from_urdf(FOLLOWER.urdf_path, FOLLOWER.tip_frame)
 BODIES = GravityBodies.from_urdf(FOLLOWER.urdf_path, FOLLOWER.tip_frame)
 HOME_RAD = np.array(FOLLOWER.home_rad)
-SLOW_RAD_S = (0.9, 1.0, 0.8)
+SLOW_RAD_S = (1.15, 1.3, 1.18)
 
 
 def phases(shown_rad, *, noise_rad_s, seconds):

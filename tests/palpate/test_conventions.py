@@ -104,7 +104,7 @@ def test_no_color_is_heeded(command, monkeypatch):
 
 
 def test_no_color_is_heeded_by_what_is_read_once():
-    told = run_process("doctor", "--help", env=os.environ | {"NO_COLOR": "1", "FORCE_COLOR": "1"})
+    told = run_process("info", "--help", env=os.environ | {"NO_COLOR": "1", "FORCE_COLOR": "1"})
     assert not [one for one in COLOURS if one in told.stdout]
 
 
