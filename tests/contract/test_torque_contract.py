@@ -44,7 +44,7 @@ def test_the_measured_torque_follows_the_command(active):
     np.testing.assert_allclose(measurement.joint_torque_nm, wanted, atol=noise_nm(active).max(), rtol=0.1)
 
 
-@pytest.mark.parametrize("joint", [0, 1, 2])
+@pytest.mark.parametrize("joint", [0, 2])
 def test_a_positive_torque_turns_the_joint_forwards(open_bench, joint):
     """Against the same motion with the torque reversed, so that gravity does not matter."""
     velocity = {}

@@ -94,10 +94,10 @@ def test_reported_values_fit_each_other():
 
 def test_speeds_repeats_and_targets_are_all_run():
     record, task = probe(
-        speeds_m_s=(0.09, 0.05),
+        speeds_m_s=(0.15, 0.12),
         repeats=2,
         targets_world_m=((0.42, 0.0, 0.05), (0.40, 0.0, 0.055)),
-        hold_s=0.1,
+        **{"hold_s": 0.1, "free_air_s": 0.1},
     )
     assert task.failures == ()
     touches = [event for _, event in record.events if event.kind == "touch"]
@@ -151,7 +151,7 @@ def test_an_object_too_soft_for_the_force_is_left_at_the_depth_limit():
 
 
 def test_loading_that_takes_too_long_goes_on_to_the_hold():
-    record, _ = probe(stiffness=500.0, damping=0.0, speeds_m_s=(0.01,), load_time_limit_s=0.5, hold_s=2.5)
+    record, _ = probe(stiffness=500.0, damping=0.0, speeds_m_s=(0.01,), load_time_limit_s=0.5, hold_s=1.5)
     assert record.event("load_time_limit").data["force_n"] == pytest.approx(2.5, abs=0.5)
     assert record.force_n[record.in_phase(Phase.HOLD)][-1] == pytest.approx(10.0, abs=0.1)
 

@@ -2,6 +2,7 @@
 
 from contextlib import closing
 from dataclasses import dataclass
+from functools import cache
 
 import numpy as np
 import pytest
@@ -34,6 +35,7 @@ class Stop:
         return np.diff(self.height_m) / np.diff(self.time_s)
 
 
+@cache
 def stop_in(name: str, phase: Phase, ticks: int, *, gravity=True, stiffness=500.0) -> Stop:
     """Probe, and ask for a stop `ticks` after the arm was first seen in a phase."""
     arm, left = SimulatedArm(name, PLAN, kelvin_voigt(stiffness), gravity), ticks
@@ -90,6 +92,6 @@ def test_in_contact_the_object_pushes_the_arm_out_and_carries_it_softly_later(na
 
 
 def test_torque_off_comes_softer_than_without_lowering():
-    plain = stop_in("follower", Phase.HOLD, 10, gravity=False)
-    lowered = stop_in("follower", Phase.HOLD, 10)
+    plain = stop_in("leader", Phase.HOLD, 10, gravity=False, stiffness=500.0)
+    lowered = stop_in("leader", Phase.HOLD, 10, stiffness=500.0)
     assert lowered.force_after_n < 0.7 * plain.force_after_n

@@ -242,7 +242,7 @@ def slotted(length=1.0, effort=1.0):
 def rippling_anew(length=1.0, effort=1.0):
     rng = np.random.default_rng(2)
     parts = []
-    for _ in range(6):
+    for _ in range(4):
         t = np.arange(800) * 2e-3
         q, v = 1.5 * np.sin(3 * t), 4.5 * np.cos(3 * t)
         parts.append((t, q, v, 0.4 * v + 0.7 * np.sin(18 * q + rng.uniform(0, 2 * np.pi))))

@@ -50,7 +50,7 @@ def test_agrees_with_scikit_learn_on_which_samples_are_inliers():
 
 
 @pytest.mark.parametrize("threshold", [0.01, None])
-@pytest.mark.parametrize(("noise", "share"), [(0.005, 0.0), (0.02, 0.0), (0.08, 0.0), (0.0, 0.1)])
+@pytest.mark.parametrize(("noise", "share"), [(0.005, 0.0), (0.08, 0.0), (0.0, 0.1)])
 def test_stated_errors_follow_the_scatter_even_far_above_the_threshold(noise, share, threshold):
     problems = (problem(np.random.default_rng(seed), noise=noise, share=share) for seed in range(50))
     found = [fit(each, threshold=threshold) for each in problems]

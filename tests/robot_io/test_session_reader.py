@@ -103,7 +103,7 @@ def in_batches(monkeypatch):
     monkeypatch.setattr(writer, "_MANY", 1000)
 
 
-@pytest.mark.parametrize("count", [1001, 1500, 20_000])
+@pytest.mark.parametrize("count", [1001, 8000])
 def test_a_long_session_has_many_records_in_a_message_and_is_read_back(tmp_path, in_batches, count):
     path = written(tmp_path / "s.mcap", count)
     session = Session.open(path)

@@ -7,6 +7,7 @@ from palpate.control.arm.rigid_body import RigidBody
 from palpate.estimation.base_model import ModelContext
 from palpate.estimation.channel import ChannelData, ChannelKind
 from palpate.estimation.diagnosis import Verdict, diagnose
+from palpate.estimation.effects import EFFECTS
 from palpate.estimation.models import MODELS
 from palpate.robot_io.errors import InputError
 
@@ -55,12 +56,11 @@ def arm(seed, extra=lambda body, q, v, a: 0.0, runs=4, count=900):
     ]
 
 
-def answer(channels, model, joint):
-    context = ModelContext(joint, URDF, TIP)
-    base = MODELS[model]()
-    return diagnose(
-        base.prepare(channels[joint], context), base.build(context), rng=np.random.default_rng(0)
-    ).channels[0]
+def answer(channels, model, joint, *names):
+    """The diagnosis of a joint, in which the effects of these names are tried, or all."""
+    context, base = ModelContext(joint, URDF, TIP), MODELS[model]()
+    data, effects = base.prepare(channels[joint], context), [EFFECTS[name]() for name in names] or None
+    return diagnose(data, base.build(context), effects, rng=np.random.default_rng(0)).channels[0]
 
 
 def weight(body, q, v, a):
@@ -103,7 +103,15 @@ def test_the_urdf_as_it_is_explains_its_own_arm():
 
 def test_friction_beside_a_fitted_arm_is_found():
     channels = arm(2, lambda body, q, v, a: 0.3 * np.tanh(v / 0.01))
-    found = answer(channels, "rigid_body_fitted", 0)
+    tried = (
+        "coulomb_friction",
+        "quadratic_friction",
+        "presliding_friction",
+        "joint_spring",
+        "payload",
+        "bias",
+    )
+    found = answer(channels, "rigid_body_fitted", 0, *tried)
     assert [entry.effect for entry in found.accepted] == ["coulomb_friction"]
     force = found.accepted[0].parameters["force"]
     assert force.value == pytest.approx(0.3, abs=max(4 * force.std_err, 1e-3))
