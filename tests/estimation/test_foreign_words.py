@@ -102,12 +102,7 @@ def test_a_known_word_tells_the_encoding(tmp_path, head, encoding):
 
 
 @pytest.mark.parametrize(
-    "head",
-    [
-        "时间（s）,位移（mm）,力（N）",
-        "Time:s,Extension:mm,Load:N",
-        "Time|s,Extension|mm,Load|N",
-    ],
+    "head", ["时间（s）,位移（mm）,力（N）", "Time:s,Extension:mm,Load:N", "Time|s,Extension|mm,Load|N"]
 )
 def test_units_stand_behind_other_marks(tmp_path, head):
     check_press(import_file(write(tmp_path, [head])))

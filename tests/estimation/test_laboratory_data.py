@@ -141,10 +141,7 @@ def test_as_many_presses_as_may_be_runs_are_runs(count, each):
             {LOAD: -presses()[2], WAY: -1e3 * presses()[1]},
             "are negative in compression: their signs are reversed",
         ),
-        (
-            {WAY: None, "Position [mm]": 1e3 * presses()[1]},
-            "change together, as in a press; if it bel",
-        ),
+        ({WAY: None, "Position [mm]": 1e3 * presses()[1]}, "change together, as in a press; if it bel"),
         *(
             ({TIME: scale * presses()[0]}, f"samples are {step} s apart; .* --unit time={unit}$")
             for scale, step, unit in ((1e3, "4", "ms"), (1e6, r"4e.03", "us"), (1e9, r"4e.06", "ns"))

@@ -66,10 +66,7 @@ def test_after_several_losses_answers_are_dated_a_little_too_early_at_most(delay
 
 
 @given(
-    st.floats(0.0, 6e-3),
-    st.floats(0.0, 6e-3),
-    st.sets(st.integers(0, 149), max_size=6),
-    st.integers(20, 60),
+    st.floats(0.0, 6e-3), st.floats(0.0, 6e-3), st.sets(st.integers(0, 149), max_size=6), st.integers(20, 60)
 )
 def test_no_answer_is_dated_later_than_its_request(before_s, after_s, lost, from_tick):
     """A delay that changes once, and answers that are lost, but where a loss and a change come together."""

@@ -56,10 +56,7 @@ BOTA = (  # one axis of a Bota sensor, in its place, on a line that is fast enou
     ("baud_rate: 230400", "baud_rate: 460800"),
 )
 NET_FT = (  # one axis of a Net F/T, and the network that it is on, in their places
-    (
-        LINES[0],
-        "{driver: net_ft, bus: load_cell, axis: z, capacity_n: 100.0, counts_per_force: 1000000}",
-    ),
+    (LINES[0], "{driver: net_ft, bus: load_cell, axis: z, capacity_n: 100.0, counts_per_force: 1000000}"),
     (
         "driver: serial_line\n    port: /dev/serial/by-id/usb-Loadstar_DI-1000\n    baud_rate: 230400",
         "driver: net_ft_line\n    host: 192.168.1.1",

@@ -473,10 +473,7 @@ def test_what_was_measured_well_is_spoilt_by_nothing_though_one_run_is_too_few_t
     [
         (lambda data: data, None),
         (lambda data: replace(data, effort=np.zeros(len(data))), None),  # no contact at all is said elsewhere
-        (
-            lambda data: session(3, lambda t, x, v, run: kelvin_voigt(x - 0.005, v)),
-            "down to 5.",
-        ),
+        (lambda data: session(3, lambda t, x, v, run: kelvin_voigt(x - 0.005, v)), "down to 5."),
         (lambda data: replace(data, effort=40.0 * np.maximum(data.position, 0.0) ** 1.5), None),  # a ball
     ],
     ids=["from its zero on", "nothing", "over 5 mm of air", "Hertz"],

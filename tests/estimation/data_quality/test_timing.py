@@ -22,11 +22,7 @@ def with_motion(data, position, time_s=None):
     time_s = data.time_s if time_s is None else time_s
     motion = differentiate(time_s, position, number_pieces(time_s, data.run))
     return replace(
-        data,
-        time_s=time_s,
-        position=position,
-        velocity=motion.velocity,
-        acceleration=motion.acceleration,
+        data, time_s=time_s, position=position, velocity=motion.velocity, acceleration=motion.acceleration
     )
 
 

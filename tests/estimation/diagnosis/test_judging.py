@@ -10,12 +10,7 @@ import pytest
 from scipy.signal import lfilter
 
 from palpate.estimation.data.import_file import import_file
-from palpate.estimation.diagnosis.diagnose import (
-    _Completeness,
-    _too_few_levels,
-    diagnose,
-    diagnose_channel,
-)
+from palpate.estimation.diagnosis.diagnose import _Completeness, _too_few_levels, diagnose, diagnose_channel
 from palpate.estimation.diagnosis.forms import FormTest
 from palpate.estimation.diagnosis.result import Verdict
 from palpate.estimation.diagnosis.verdict import insufficient_diagnosis

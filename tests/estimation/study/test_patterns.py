@@ -75,9 +75,7 @@ def test_an_error_about_its_mean_is_no_larger_at_either_speed():
 
 
 @pytest.mark.parametrize(
-    "data",
-    [presses(lambda x, v: 400 * x + 6 * v), swings(lambda q, v: 0.2 * v)],
-    ids=["press", "swing"],
+    "data", [presses(lambda x, v: 400 * x + 6 * v), swings(lambda q, v: 0.2 * v)], ids=["press", "swing"]
 )
 def test_noise_suggests_nothing(data):
     model = "kelvin_voigt" if "force_N" in data else "pendulum"

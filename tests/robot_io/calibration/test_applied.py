@@ -21,16 +21,7 @@ from palpate.robot_io.robot import build_robot
 from palpate.robot_io.robot_file import load_robot_file, parse_robot_file
 from palpate.robot_io.types import Command, Reading, Status
 from tests.mock_robot import ROBOT_YAML, mock_bus
-from tests.robot_io.calibration.parts import (
-    END,
-    KINDS,
-    MADE,
-    NOW,
-    VALUES,
-    quantities,
-    quantity,
-    robot_with,
-)
+from tests.robot_io.calibration.parts import END, KINDS, MADE, NOW, VALUES, quantities, quantity, robot_with
 
 
 def readings(robot_file, calibrations, command_nm=(0.2, 0.3, 0.4)):

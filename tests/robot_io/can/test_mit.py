@@ -22,11 +22,7 @@ def test_special_codes_of_the_manual():
 
 
 # Position [rad], velocity [rad/s], torque [N m], as the emulators have them: they share nothing with drivers.
-RANGES = {
-    Maker.CUBEMARS: CUBEMARS_LIMITS,
-    Maker.DAMIAO: DAMIAO_LIMITS,
-    Maker.ROBSTRIDE: ROBSTRIDE_LIMITS,
-}
+RANGES = {Maker.CUBEMARS: CUBEMARS_LIMITS, Maker.DAMIAO: DAMIAO_LIMITS, Maker.ROBSTRIDE: ROBSTRIDE_LIMITS}
 
 
 def test_every_model_has_the_ranges_of_its_emulator():

@@ -21,10 +21,7 @@ from palpate.sim_backend.emulators import dynamixel_servo as table
 from tests.robot_io.drivers.dynamixel_bench import dynamixel_bench
 from tests.wire.parts import DYNAMIXEL, DYNAMIXEL_PAIR, FEETECH_PAIR, SO101
 
-FAMILIES = {
-    "dynamixel": (DYNAMIXEL, DYNAMIXEL_PAIR, 4),
-    "feetech": (SO101, FEETECH_PAIR, 7),
-}
+FAMILIES = {"dynamixel": (DYNAMIXEL, DYNAMIXEL_PAIR, 4), "feetech": (SO101, FEETECH_PAIR, 7)}
 DYNAMIXEL_STEP_NM, LIMIT = 0.00269 * 10.6 / 4.4, 48
 
 

@@ -55,8 +55,7 @@ def test_what_is_refused_and_where(text, line, what):
 
 
 @pytest.mark.parametrize(
-    ("text", "said"),
-    [("[1, 2]", r"begins with '\[1, 2\]'"), ("word", "'word'"), ("3", "'3'")],
+    ("text", "said"), [("[1, 2]", r"begins with '\[1, 2\]'"), ("word", "'word'"), ("3", "'3'")]
 )
 def test_the_top_must_be_keys(text, said):
     with pytest.raises(InputError, match=f"{said}, expected 'key: value' lines"):

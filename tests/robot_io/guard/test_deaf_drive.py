@@ -112,9 +112,7 @@ def test_a_drive_that_shows_its_torque_badly_is_not_accused(wear, seed, every):
 
 @pytest.mark.parametrize("side", [1.0, -1.0])
 @pytest.mark.parametrize(
-    "wear",
-    [{"bias": -3.5}, {"drift": -2.0}, {"bias": 3.5}, {"drift": 2.0}, {"gain": 0.52}],
-    ids=str,
+    "wear", [{"bias": -3.5}, {"drift": -2.0}, {"bias": 3.5}, {"drift": 2.0}, {"gain": 0.52}], ids=str
 )
 def test_what_a_reading_is_always_off_is_known_before_it_is_held_against_a_large_torque(wear, side):
     drive = HealthyDrive(noise=0.01, **wear)

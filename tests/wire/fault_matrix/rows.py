@@ -201,10 +201,7 @@ _STUCK_ENCODER = (22, BRAKED + 22, "encoder of joint 1: stuck at", "", _FROZEN_E
 
 
 def _mit_mode(
-    sizes: str,
-    back_at_once: tuple[object, ...],
-    hot: str = "MOSFET over temperature",
-    who: str = "motor",
+    sizes: str, back_at_once: tuple[object, ...], hot: str = "MOSFET over temperature", who: str = "motor"
 ) -> tuple[tuple[object, ...], ...]:
     """Ends of motors in MIT mode, whose states have so many bytes."""
     silent = "joint 3 (motor 3): nothing valid for"
