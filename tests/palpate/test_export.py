@@ -276,19 +276,14 @@ def test_a_session_without_streams_has_no_layout(tmp_path):
     assert_refused(run("export", path, "--layout", "foxglove"), "no stream with anything to plot")
 
 
-@pytest.fixture(scope="module")
-def table_session(tmp_path_factory):
-    return synthetic_session(tmp_path_factory.mktemp("table") / "touch.mcap")
-
-
 def exported(path, name, file):
     done("export", path, "--stream", name, "-o", file)
     return pyarrow.parquet.read_table(file) if file.suffix == ".parquet" else pyarrow.csv.read_csv(file)
 
 
 @pytest.mark.parametrize("ending", [".csv", ".parquet"])
-def test_a_stream_comes_back_to_the_last_digit(table_session, tmp_path, ending):
-    table, ticks = exported(table_session, "tick", tmp_path / f"t{ending}"), synthetic.ticks()
+def test_a_stream_comes_back_to_the_last_digit(session, tmp_path, ending):
+    table, ticks = exported(session, "tick", tmp_path / f"t{ending}"), synthetic.ticks()
     assert table.num_rows == len(ticks["time_s"])
     for name, values in (
         ("time_s", ticks["time_s"]),
@@ -297,13 +292,13 @@ def test_a_stream_comes_back_to_the_last_digit(table_session, tmp_path, ending):
         np.testing.assert_array_equal(table[name].to_numpy(), values)
 
 
-def test_parquet_keeps_the_units(table_session, tmp_path):
-    table = exported(table_session, "tick", tmp_path / "t.parquet")
+def test_parquet_keeps_the_units(session, tmp_path):
+    table = exported(session, "tick", tmp_path / "t.parquet")
     assert table.schema.field("torque_sent_nm_3").metadata[b"unit"] == b"N m"
 
 
-def test_events_are_a_table_with_their_text_as_it_is(table_session, tmp_path):
-    table = exported(table_session, "events", tmp_path / "e.csv").to_pydict()
+def test_events_are_a_table_with_their_text_as_it_is(session, tmp_path):
+    table = exported(session, "events", tmp_path / "e.csv").to_pydict()
     assert table["text"] == [event.text for event in EVENTS]
     assert json.loads(table["data"][0]) == {"run": 0}
 
@@ -324,9 +319,9 @@ def test_a_channel_is_imported_again_as_the_same(probed, tmp_path):
     assert next_commands(told) == [["import", str(file)]]
 
 
-def test_without_a_name_it_goes_where_what_is_derived_lies(table_session):
-    told = as_json("export", table_session, "--stream", "tick")
-    assert told["table"] == str(table_session.with_suffix("") / "tick.csv")
+def test_without_a_name_it_goes_where_what_is_derived_lies(session):
+    told = as_json("export", session, "--stream", "tick")
+    assert told["table"] == str(session.with_suffix("") / "tick.csv")
     assert "force_n" in told["columns"]
 
 
@@ -340,9 +335,7 @@ def test_without_a_name_it_goes_where_what_is_derived_lies(table_session):
         (("--stream", "tick", "-o", "SESSION"), (".csv or .parquet",)),
     ],
 )
-def test_what_cannot_be_written_is_refused(table_session, options, words, tmp_path, monkeypatch):
+def test_what_cannot_be_written_is_refused(session, options, words, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
-    assert_refused(
-        run("export", table_session, *(table_session if one == "SESSION" else one for one in options)), *words
-    )
+    assert_refused(run("export", session, *(session if one == "SESSION" else one for one in options)), *words)
     assert list(tmp_path.iterdir()) == []

@@ -21,6 +21,7 @@ objects: [{name: kelvin_voigt, stiffness_n_m: 500, damping_n_s_m: 10}]
 speeds_mm_s: [[150]]
 noise_std_n: [0.02]
 repeats: 1
+estimators: [lsq]
 """
 
 
