@@ -1,6 +1,7 @@
 """Effects find a truth that was simulated by other means: equations of motion, quadrature, loops."""
 
 from dataclasses import dataclass, field
+from functools import cache
 
 import numpy as np
 import pytest
@@ -132,8 +133,10 @@ def maxwell_branch(length=1.0, effort=1.0):
     return RecoveryCase(data, ("stiffness",), truth, 0.03)
 
 
-def dahl(t, v, path):
-    """Dahl's state by its equation in time."""
+@cache
+def dahl(path):
+    """Dahl's state by its equation in time, for a swing."""
+    t, _, v = swing()
     law = solve_ivp(
         lambda s, z: (np.interp(s, t, v) - abs(np.interp(s, t, v)) * z) / path,
         (0, t[-1]),
@@ -147,7 +150,7 @@ def dahl(t, v, path):
 
 def presliding(length=1.0, effort=1.0):
     t, q, v = swing()
-    torque = 0.4 * v + 1.3 * dahl(t, v, 0.05)
+    torque = 0.4 * v + 1.3 * dahl(0.05)
     data = channel(REVOLUTE, t, q * length, torque * effort, velocity=v * length)
     truth = {"presliding_friction.force": 1.3 * effort, "presliding_friction.presliding": 0.05 * length}
     return RecoveryCase(data, ("viscous_friction",), truth)
@@ -156,16 +159,17 @@ def presliding(length=1.0, effort=1.0):
 def loaded_presliding(length=1.0, effort=1.0):
     t, q, v = swing()
     load = 3.0 * np.sin(q + 0.4) + 0.5
-    torque = load + 0.3 * np.abs(load) * dahl(t, v, 0.03)
+    torque = load + 0.3 * np.abs(load) * dahl(0.03)
     context = {"load": load * effort}
     data = channel(REVOLUTE, t, q * length, torque * effort, velocity=v * length, context=context)
     truth = {"load_dependent_presliding.mu": 0.3, "load_dependent_presliding.presliding": 0.03 * length}
     return RecoveryCase(data, ("weight", "bias"), truth)
 
 
-def yielding(length=1.0, effort=1.0):
-    t, q, v = swing()
-    rise, across, along, n, alpha = 2.0, 30.0, 10.0, 2.0, 1.5  # of Wen's own equation
+@cache
+def wen(rise, across, along, n):
+    """Wen's state by his own equation, for a swing."""
+    t, _, v = swing()
     law = solve_ivp(
         lambda s, z: (
             rise * np.interp(s, t, v)
@@ -178,7 +182,14 @@ def yielding(length=1.0, effort=1.0):
         max_step=t[1] - t[0],
         rtol=1e-6,
     )
-    data = channel(REVOLUTE, t, q * length, (0.4 * v + alpha * law.y[0]) * effort, velocity=v * length)
+    return law.y[0]
+
+
+def yielding(length=1.0, effort=1.0):
+    t, q, v = swing()
+    rise, across, along, n, alpha = 2.0, 30.0, 10.0, 2.0, 1.5
+    torque = 0.4 * v + alpha * wen(rise, across, along, n)
+    data = channel(REVOLUTE, t, q * length, torque * effort, velocity=v * length)
     most = (rise / (across + along)) ** (1 / n)
     truth = {
         "force": alpha * most * effort,

@@ -127,7 +127,7 @@ def test_a_damaged_byte_costs_samples_and_gives_no_wrong_one(course, damage):
 
     Fifteen samples in turn are struck, and first counters are fifteen apart: every counter is struck once.
     """
-    values = COURSES[course](np.arange(110)).astype(int).tolist()
+    values = COURSES[course](np.arange(80)).astype(int).tolist()
     for first_counter in range(0, 256, 15):
         data = samples(values, first_counter)
         for place in range(60, 105, 1 if damage == "lost" else 3):
@@ -136,7 +136,7 @@ def test_a_damaged_byte_costs_samples_and_gives_no_wrong_one(course, damage):
             found = stream.feed(data[:place] + wrong + data[place + 1 :])
             assert is_part_of(found, values), (first_counter, place)
             if course in ("still", "noise"):  # elsewhere the counter cannot always be told from the value
-                assert len(found) > 60
+                assert len(found) > 30
                 assert stream.rejected == 1
 
 
