@@ -33,7 +33,7 @@ GRAIN = 0.02  # of the error; what is hidden below is 0.6 and more
 
 def press_read(seed, step=0.0, noise=0.0, law=kelvin_voigt):
     """Presses whose depth was read in steps or through noise; the velocity is derived of it."""
-    made = session(seed, lambda t, x, v, run: law(x, v), runs=6)
+    made = session(seed, lambda t, x, v, run: law(x, v))
     return read(made, step=step, noise=noise, acceleration=False, seed=seed)
 
 
