@@ -12,8 +12,10 @@ from palpate.sim_backend.emulators.serial_sensors import EmulatedLoadstar
 from tests.wire.fault_matrix.rows import FAMILIES
 from tests.wire.parts import READ_SHARE
 
-DAMAGED = 25 if settings.default.max_examples >= 100 else 15  # as many in `make test-all`
-SHARE, FIRST_TICK, TICKS, AFTER = 0.08, 40, 1300, 40  # ticks after the last that is damaged
+# Frames that are damaged, their share of all, the tick of the first, most ticks, and ticks after the last.
+DAMAGED, SHARE, FIRST_TICK, TICKS, AFTER = (15, 0.08, 40, 1300, 40)
+if settings.default.max_examples >= 100:  # in `make test-all`
+    DAMAGED, SHARE, FIRST_TICK, TICKS, AFTER = (25, 0.04, 60, 2600, 60)
 TOLERANCES = {"motors": 0.02, "load_cell": 2.0}  # [rad], [N]: 1 % of the capacity, and what it moves
 CAN = ("odrive", "mit", "damiao", "robstride", "moteus")  # CORRUPT cuts: a frame that lost a byte is none
 PLAIN = (("fast_sync_read: true", "fast_sync_read: false"),)
