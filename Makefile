@@ -28,7 +28,7 @@ test-page: $(READY)
 
 # What another Python or machine could break: engines, drivers on emulated wires, and fits.
 quick: $(READY)
-	@$(BIN)/pytest tests/contract tests/sim_backend tests/estimation/fit tests/test_import_directions.py
+	@$(BIN)/pytest tests/contract tests/sim_backend --ignore-glob='*/test_imperfections*.py' tests/estimation/fit tests/test_import_directions.py
 
 lint: $(READY)
 	@$(BIN)/ruff check . && $(BIN)/ruff format --check . && $(BIN)/mypy
