@@ -166,13 +166,9 @@ class FitResult(TableDisplay):
 
     @property
     def filters(self) -> DifferentiationFilter:
-        """Windows that derived velocity and acceleration, if the model depends on these signals."""
+        """Filters that derived velocity and acceleration, if the model depends on these signals."""
         measurement = identify_measurement_model(self.training)
-        orders = 1, 1 if measurement.is_of_velocity else 2
-        first, second = (
-            () if half is None else ((half, order),)
-            for half, order in zip(measurement.filters, orders, strict=True)
-        )
+        first, second = (() if half is None else (half,) for half in measurement.filters)
         signals = {signal for effect in self.model.effects for signal in effect.signals}
         both = (*first, *second) if measurement.is_of_velocity else second
         return first if signals & _RATE_SIGNALS else (), both if "acceleration" in signals else ()

@@ -7,12 +7,10 @@ Additional columns model this bias, which counts as noise (W. A. Fuller, Measure
 
 from collections.abc import Collection
 from dataclasses import dataclass
-from functools import lru_cache
 
 import numpy as np
 import scipy
 
-from palpate.estimation.data.derivatives import even_coefficients
 from palpate.estimation.fit.blocks import BlockedData
 from palpate.estimation.fit.fit_problem import FitProblem, Solution
 from palpate.estimation.fit.normal_equations import (
@@ -30,10 +28,9 @@ _MOST_SIGNALS = 4  # signals that are selected one by one
 _WORTH = 0.005  # least share of the energy that an additional signal must explain
 _MOST_TIMES = 3.0  # largest plausible multiple of the expected smoothing bias
 _POWERS = 3  # powers of the smoothing operator, a series that approximates its inverse
-# A half window [samples], and the order of the derivative for which it was used.
-DerivativeWindow = tuple[int, int]
-# Windows that derived velocity and acceleration; empty if a model does not use the signal.
-DifferentiationFilter = tuple[tuple[DerivativeWindow, ...], tuple[DerivativeWindow, ...]]
+# Half windows [samples] of the filters of velocity and acceleration; empty if a model does not use the
+# signal.
+DifferentiationFilter = tuple[tuple[int, ...], tuple[int, ...]]
 
 
 @dataclass(frozen=True)
@@ -138,15 +135,12 @@ def is_plausible_bias(bias: FloatArray, gains: FloatArray) -> bool:
         bias: columns of smoothing bias, shape (m, k) [effort].
         gains: fitted gains of the columns, shape (k,).
     """
-    expected = bias[:, -1]  # smoothing bias of the effort for the widest window
+    expected = bias[:, -_POWERS:].sum(axis=1)  # smoothing bias of the effort for the widest window
     return bool(np.sum((bias @ gains) ** 2) <= _MOST_TIMES**2 * np.sum(expected**2))
 
 
 def smoothing_bias(blocked: BlockedData, effort: FloatArray, filters: DifferentiationFilter) -> FloatArray:
     """Compute columns (m, k) of the parts that smoothing removed from velocity, acceleration and effort.
-
-    Each column is a sum of powers that restores a signal; the last ones restore the effort. The powers of the
-    acceleration have separate columns, since it also contains the most noise.
 
     Args:
         blocked: the channel on m blocks.
@@ -154,57 +148,28 @@ def smoothing_bias(blocked: BlockedData, effort: FloatArray, filters: Differenti
         filters: the filters that derived velocity and acceleration.
     """
     data, block = blocked.data, blocked.rows.shape[1]
-    velocity, acceleration = (blocked.reduce(s * data.engaged) for s in (data.velocity, data.acceleration))
+    derived = (blocked.reduce(signal * data.engaged) for signal in (data.velocity, data.acceleration))
     every = tuple(sorted({*filters[0], *filters[1]}))
-    columns = [np.empty((len(effort), 0))]
-    for signal, windows in zip((velocity, acceleration, effort), (*filters, every), strict=True):
-        for half, order in windows:
-            if round(half / block) > 0:
-                kernel = smoothing_kernel(half, order, block)
-                residues = _smoothing_residues(signal, kernel, blocked.run)
-                columns.append(residues if signal is acceleration else residues.sum(axis=1, keepdims=True))
-    return np.hstack(columns)
+    signals = zip((*derived, effort), (*filters, every), strict=True)
+    wide = [(signal, round(half / block)) for signal, halves in signals for half in halves]
+    columns = [_smoothing_residues(signal, half, blocked.run) for signal, half in wide if half > 0]
+    return np.hstack([np.empty((len(effort), 0)), *columns])
 
 
-@lru_cache(maxsize=256)
-def smoothing_kernel(half: int, order: int, block: int = 1) -> FloatArray:
-    """Return the weights with which a local polynomial fit averages the derivative that it estimates.
+def _smoothing_residues(signal: FloatArray, half: int, run: IntArray) -> FloatArray:
+    """Apply the high-pass complement of a smoothing window to a signal (m,) repeatedly, shape (m, powers).
 
-    They are repeated sums of the weights of the fit, since a derivative's integral is the fitted signal.
-
-    Args:
-        half: number of samples on each side in a fit.
-        order: order of the derivative.
-        block: number of samples in a block.
-
-    Returns:
-        Weights of neighboring blocks, symmetric, with sum 1, shape (2 r + 1,).
+    A local quadratic fit yields the derivative of the signal averaged with parabolic weights. A sum of the
+    powers restores the unsmoothed signal (P. H. van Cittert, Z. Physik 69 (1931)).
     """
-    weights = even_coefficients(2 * half + 1, half)[order]
-    for _ in range(order):
-        weights = np.cumsum(weights[::-1])[::-1][1:]
-    place = (np.arange(len(weights)) - 0.5 * (len(weights) - 1)) / block
-    below, reach = np.floor(place).astype(np.int64), 1 - (-half // block)
-    t, kernel = place - below, np.zeros(2 * reach + 1)
-    # Weights of four blocks in a cubic interpolation, which change no moment of the kernel up to the third.
-    cubic = (2 - t) * (1 - t) * -t / 6, (2 - t) * (1 - t) * (1 + t) / 2, (2 - t) * t * (1 + t) / 2
-    for number, part in enumerate((*cubic, (1 - t) * -t * (1 + t) / 6), start=-1):
-        np.add.at(kernel, below + number + reach, weights * part)
-    kernel /= kernel.sum()
-    kernel.setflags(write=False)
-    return kernel
-
-
-def _smoothing_residues(signal: FloatArray, kernel: FloatArray, run: IntArray) -> FloatArray:
-    """Apply the high-pass complement of a smoothing kernel to a signal (m,) repeatedly, shape (m, powers).
-
-    The sum of the powers restores the unsmoothed signal (P. H. van Cittert, Z. Physik 69 (1931)).
-    """
+    weights = 1.0 - (np.arange(-half, half + 1) / (half + 1.0)) ** 2
     powers = [signal]
     for _ in range(_POWERS):
         smooth = np.empty_like(signal)
         for rows in equal_length_blocks(run):
-            smooth[rows] = scipy.ndimage.convolve1d(powers[-1][rows], kernel, axis=1, mode="nearest")
+            smooth[rows] = scipy.ndimage.convolve1d(
+                powers[-1][rows], weights / weights.sum(), axis=1, mode="nearest"
+            )
         powers.append(powers[-1] - smooth)
     return np.column_stack(powers[1:])
 
