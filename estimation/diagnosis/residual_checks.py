@@ -343,11 +343,12 @@ def _about_means(residual: FloatArray, run: IntArray, chosen: BoolArray) -> Floa
 def _without_outliers(residual: FloatArray, run: IntArray, chosen: BoolArray) -> FloatArray:
     """Return the residual (m,) on chosen blocks about the median of each run, (k,), with limited outliers.
 
-    A late or sticky effort just after a contact is not noise.
+    A late or sticky effort just after a contact is not noise. Outliers are moved to the limit (P. J. Huber,
+    Robust Statistics (1981)), unless most blocks are equal, as those of a coarsely read effort at rest.
     """
     parts = [residual[chosen & (run == number)] for number in np.unique(run[chosen])]
     noise = np.concatenate([part - np.median(part) for part in parts])
-    most = _OUTLYING * robust_sigma(noise)
+    most = _OUTLYING * robust_sigma(noise) or np.inf
     return np.asarray(np.clip(noise, -most, most))
 
 

@@ -14,6 +14,7 @@ from palpate.estimation.diagnosis import residual_checks
 from palpate.estimation.diagnosis.bootstrap import SMALL, BootstrapTest
 from palpate.estimation.diagnosis.residual_checks import (
     ExcessVariance,
+    _without_outliers,
     check_residuals,
     exceeds_noise,
 )
@@ -310,6 +311,14 @@ def test_a_late_force_is_no_reference_for_the_noise():
     found = exceeds_noise(fit, identify_measurement_model(data), np.random.default_rng(0))
     assert found.where == "in contact"
     assert found.expected == pytest.approx(NOISE_N / np.sqrt(fit.problem.blocked.rows.shape[1]), rel=0.3)
+
+
+def test_steps_of_an_effort_that_mostly_rests_on_one_value_are_noise():
+    run = np.repeat([0, 1], 50)
+    steps = np.where(np.arange(100) % 5 == 0, 0.1, 0.0) + run  # most blocks show the median
+    noise = _without_outliers(steps, run, np.ones(100, dtype=bool))
+    assert np.count_nonzero(noise) == 20
+    assert noise.max() == pytest.approx(0.1)
 
 
 @pytest.mark.parametrize(("times", "is_noise"), [(2.2, True), (2.8, False)])
