@@ -84,7 +84,7 @@ class PlasticSet(MotionEffect):
     kind = Kind.CONTACT_GEOMETRY
     physics = "Part of the indentation is permanent: contact ends deeper than it began."
     equation = (
-        "x_true = x - dent, v_true = x_true', dent = share max_t(x); kept dent remains for the next run"
+        "x_true = x - dent, v_true = x_true', dent = share max_t(x); kept times dent remains for the next run"
     )
     source = "permanent set in indentation; K. L. Johnson, Contact Mechanics (1985), ch. 6"
     signature = (

@@ -183,7 +183,7 @@ class ModelStudy(StudyFits):
         return diagnosis_data(diagnosis, self.channels)
 
     def known_diagnosis(self, channel: StudyChannel) -> ChannelDiagnosis | None:
-        """Return the computed or saved diagnosis of this data and base model; None if there is none.
+        """Return the computed or saved diagnosis of these data and base model; None if there is none.
 
         Args:
             channel: the channel with its base model.
@@ -254,7 +254,7 @@ class ModelStudy(StudyFits):
         Args:
             effects: names of the effects, in order.
             channel: name of the channel; None for the channel to which the effects apply.
-            start: number of the revision to continue; None for the channel's newest revision of this data.
+            start: number of the revision to continue; None for the channel's newest revision of these data.
             fresh: whether to start from the base model.
 
         Raises:
@@ -377,7 +377,7 @@ class ModelStudy(StudyFits):
         return self.with_model(revision.channel, revision.model)
 
     def check(self, revision: Revision) -> None:
-        """Check that a revision belongs to this data and agrees with this study's fit.
+        """Check that a revision belongs to these data and agrees with this study's fit.
 
         Args:
             revision: revision of this study's folder.
@@ -399,7 +399,7 @@ class ModelStudy(StudyFits):
             )
 
     def results(self) -> tuple[ChannelResult, ...]:
-        """Return all results of each channel, with its newest revision of this data.
+        """Return all results of each channel, with its newest revision of these data.
 
         Raises:
             InputError: a file in the folder is damaged.

@@ -283,9 +283,7 @@ def _force_finding(pressed_n: float) -> Finding:
     subject, value = "sign of the force", f"{pressed_n:+.2f} N when pressed"
     if not abs(pressed_n) >= _PRESSED_N:  # true for NaN as well
         return fail(
-            subject,
-            f"{value}: too small to judge",
-            "press harder; if the value stays small, check the sensor",
+            subject, f"{value}: too small to judge", "press harder; if it stays small, check the sensor"
         )
     remedy = "change 'reversed' of the force sensor in the robot file"
     return graded(subject, value, (_FAIL, pressed_n < 0, remedy))

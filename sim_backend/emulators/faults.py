@@ -58,9 +58,8 @@ class Faults:
     """
 
     def __init__(self, faults: Iterable[Fault] = (), *, seed: int = 0, start_s: float = 0.0) -> None:
-        self._struck: dict[int, int] = {}  # number of occurrences by index in the plan
         self._planned = tuple(faults)
-        self._kinds = {fault.kind for fault in self._planned}
+        self._struck: dict[int, int] = {}  # number of occurrences by index in the plan
         self._start_s = start_s
         self.generator = np.random.default_rng(seed)
 
@@ -72,12 +71,10 @@ class Faults:
     def add(self, *faults: Fault) -> None:
         """Plan further faults, even while the emulator runs."""
         self._planned = (*self._planned, *faults)
-        self._kinds = {fault.kind for fault in self._planned}
 
     def clear(self) -> None:
         """Remove all faults."""
         self._planned = ()
-        self._kinds = set()
         self._struck = {}
 
     def strikes(self, kind: FaultKind, device: str | int, now_s: float) -> Fault | None:
@@ -88,8 +85,6 @@ class Faults:
             device: name or number of the device in its emulator.
             now_s: emulator's clock [s].
         """
-        if kind not in self._kinds:
-            return None
         elapsed_s = now_s - self._start_s
         for place, fault in enumerate(self._planned):
             lasts_s = inf if fault.for_s is None else fault.for_s

@@ -12,7 +12,7 @@ from tests.wire.parts import WireBench
 
 @pytest.fixture(autouse=True, scope="session")
 def few_ids():
-    """Let a search for servos end after ids below 12, which the emulated ones have, instead of after 252."""
+    """End a search for servos after 50 ms, which covers the ids of the emulated servos."""
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(FeetechLine, "ping_all_s", 0.05)
         patch.setattr(DynamixelLine, "ping_all_s", 0.05)
