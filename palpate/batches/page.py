@@ -15,7 +15,7 @@ from plotly.offline import get_plotlyjs
 
 from palpate.batches.pooling import BatchResult
 from palpate.batches.table import BUDGET, floats, parameter_columns, texts
-from palpate.batches.trend import Series, TrendChange
+from palpate.batches.trend import Series, TrendChange, least_for_step
 from palpate.common.console import as_shell_word, count, duration, significant
 from palpate.common.files import write_text
 from palpate.estimation.fit.intervals import SIGMAS_95
@@ -136,6 +136,9 @@ def write_trend(path: Path, tested: Sequence[tuple[Series, Sequence[TrendChange]
         sections.append(PageSection(title, figure=as_html(styled(figure, 260)), words=words))
     changing = sum(bool(changes) for _, changes in tested)
     facts = {"series": str(len(tested)), "that change": str(changing)}
+    least = least_for_step(len(tested))
+    if short := sum(len(series.values) < least for series, _ in tested):
+        facts["too short to detect a step"] = f"{short} (this takes {least} measurements)"
     _write(path, "Trend", facts, sections)
 
 

@@ -105,7 +105,15 @@ def _update(  # noqa: PLR0917, what was typed
     """Test all series once, print and write the changes; return whether there is any."""
     from palpate.batches.page import write_trend  # noqa: PLC0415, its libraries take a second
     from palpate.batches.table import TABLE, read_table  # noqa: PLC0415, as above
-    from palpate.batches.trend import DATES, LEAST, LEVEL, all_series, changes_of, time_axis  # noqa: PLC0415, as above
+    from palpate.batches.trend import (  # noqa: PLC0415, as above
+        DATES,
+        LEAST,
+        LEVEL,
+        all_series,
+        changes_of,
+        least_for_step,
+        time_axis,
+    )
 
     if out is not None:
         from palpate.batches.run import batch  # noqa: PLC0415, as above
@@ -129,6 +137,8 @@ def _update(  # noqa: PLR0917, what was typed
             f"There are: {', '.join(available) or 'none'}"
         )
     tested = changes_of(table, times, names)
+    least = least_for_step(len(tested))
+    short = sum(len(series.values) < least for series, _ in tested)
     page = (out or (data if data.is_dir() else data.parent)) / PAGE
     write_trend(page, tested, what)
     changes: list[dict[str, Any]] = [
@@ -165,6 +175,8 @@ def _update(  # noqa: PLR0917, what was typed
         "measurements": len(set(table["measurement"].to_pylist())),
         "tested": len(tested),
         "level": LEVEL,
+        "least_for_step": least,
+        "short": short,
         "changes": changes,
         "left_out": left_out,
     }
@@ -176,8 +188,13 @@ def _update(  # noqa: PLR0917, what was typed
             to.print(f"  [yellow]{safe(in_words(change))}[/yellow]")
         if not tested:
             to.print(f"  nothing is tested: a series needs at least {LEAST} measurements")
-        elif not changes:
+        elif not changes and short < len(tested):
             to.print("  nothing changes by more than its scatter")
+        if short:
+            words = f"{short} of them are too short to detect a step: this takes {least} measurements"
+            to.print(
+                f"  [yellow]{words} if {len(tested)} series are tested; --parameter tests fewer[/yellow]"
+            )
         if left_out:
             place = " ".join(filter(None, (left_out[0][key] for key in ("group", "channel", "series"))))
             which = f"{place} at {left_out[0]['at']} ({left_out[0]['value']:.3g})"

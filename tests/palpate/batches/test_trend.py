@@ -155,6 +155,26 @@ def test_ten_measurements_of_which_one_is_isolated_are_a_series(tmp_path):
     assert (said["tested"], len(said["left_out"])) == (1, 1)
 
 
+def test_series_too_short_for_a_step_are_counted_instead_of_reported_as_unchanged(tmp_path):
+    values = 0.3 + 0.08 * (np.arange(12) >= 7) + 0.0003 * np.random.default_rng(6).standard_normal(12)
+    write_table(tmp_path / "nightly", values, DAYS[:12], 0.0003)
+    table = pq.read_table(tmp_path / "nightly" / "table.parquet")
+    for number in range(8):  # 10 series, so that one needs a p-value below 0.001; 12 values give 2 in 924
+        column = pa.array(list(np.random.default_rng(number).standard_normal(12)))
+        table = table.append_column(head(f"weight.g{number}", "N m"), column)
+        table = table.append_column(head(f"weight.g{number}", "N m", "std_err"), pa.array([0.1] * 12))
+    pq.write_table(table, tmp_path / "nightly" / "table.parquet")
+    content = as_json("trend", tmp_path / "nightly")
+    assert (content["tested"], content["changes"]) == (10, [])
+    assert (content["least_for_step"], content["short"]) == (14, 10)
+    stated = run("trend", tmp_path / "nightly").stdout
+    assert "10 of them are too short to detect a step: this takes 14 measurements" in " ".join(stated.split())
+    assert "nothing changes" not in stated
+    assert "too short to detect a step" in (tmp_path / "nightly" / "trend.html").read_text()
+    (alone,) = as_json("trend", tmp_path / "nightly", "--parameter", "coulomb_friction.torque")["changes"]
+    assert (alone["kind"], alone["first"]) == ("step", DAYS[7].isoformat())
+
+
 def test_a_table_of_a_single_date_is_refused_once_it_is_long_enough_for_a_series(tmp_path):
     write_table(tmp_path / "nightly", 0.2 + 0.001 * np.arange(40), [DAYS[0]] * 40)
     assert_refused(run("trend", tmp_path / "nightly"), "all 40 measurements have 2026-01-01")
