@@ -1,6 +1,7 @@
 """Determine the units of columns from options, names and numbers."""
 
 import math
+import re
 import shlex
 from dataclasses import dataclass
 
@@ -39,6 +40,11 @@ _LARGE = {  # largest plausible range in SI, and the likely unit of a larger ran
     "position": (4.0 * np.pi, "deg"),
     "goal": (4.0 * np.pi, "deg"),
 }
+
+
+_FACTOR = re.compile(  # as in "Load x1000 (N)" and "Force*10^3"
+    r"(?:(?<=[\W_])x|[×*]) ?1(?:0{2,6}|0? ?(?:\^|\*\*) ?[+-]?\d+|e[+-]?\d+)(?![^\W_])", re.IGNORECASE
+)
 
 
 @dataclass(frozen=True)
@@ -120,6 +126,11 @@ class ColumnUnits:
             raise InputError(f"{place}: unit '{user_unit}' cannot be converted")
         if not user_unit and named_unit and dimension_of(named_unit) not in dimensions:
             note = f"column '{column}' is read as {role.quantity} in {unit}, whatever its name says"
+        if not user_unit and (factor_named := _FACTOR.search(column)):
+            note = (
+                f"the factor '{factor_named[0].strip()}' in the name of column '{column}' is ignored: it is "
+                f"read in {unit}; if that is wrong, give its unit, such as --unit {role.numbered}=1000{unit}"
+            )
         if dimension in STANDS_FOR:
             effort, constant, example = STANDS_FOR[dimension]
             note = (
@@ -154,7 +165,8 @@ class ColumnUnits:
             if len(missing) == 1:
                 problem = f"column {columns} states no unit{known}; give it, as in {options}"
             else:
-                problem = f"columns {columns} state no units{known}; give them, as in {options}"
+                unit = known.replace("is", "are", 1) if known else ""
+                problem = f"columns {columns} state no units{unit}; give them, as in {options}"
             raise InputError(f"{self.table.path}: {problem}")
 
     def check_force_of_angle(self, chosen: Chosen) -> None:

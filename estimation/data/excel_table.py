@@ -163,7 +163,7 @@ def _tables(sheet: CalamineSheet, *, nameless: bool = False) -> list[_Sheet]:
         body = {place: row for place, row in body.items() if any(cell != "" for cell in row)}
         while body:
             last = [_text(cell, decimal) for cell in body[max(body)]]
-            if not is_footer(last, decimal, counts=counts):
+            if not is_footer(last, counts=counts):
                 break
             body.popitem()
         filled = list(body.values())

@@ -145,7 +145,7 @@ def import_table(table: Table, options: ImportOptions = _DEFAULT) -> Imported:
             f"column '{time.column}': samples are {step_s:.3g} s apart; if this unit is wrong, give "
             f"the right one, such as --unit time={likely_time_unit(step_s / time.factor)}"
         )
-    notes += _note_specimens(columns, rows, options)
+    notes += [*_note_pauses(columns, rows), *_note_specimens(columns, rows, options)]
     channels = [_make_channel(source, columns, rows, notes) for source in sources]
     channels, turned = _turn_reactions(channels, sources, columns, ColumnUnits(table, options))
     notes += [turned] if turned else []
@@ -264,6 +264,21 @@ def _channel_sources(columns: Columns) -> list[_Source]:
         reason = f"no channel can be made of columns {table.listed_names}{first_row}"
         raise InputError(f"{table.path}: {reason}; {_remedy(columns)}")
     return sources
+
+
+def _note_pauses(columns: Columns, rows: Rows) -> list[str]:
+    """Return a note on the first pause of the clock that lasts longer than the rest of its run."""
+    for part in blocks(rows.run) if TIME in columns else ():
+        steps_s = np.diff(rows.time_s[part])
+        longest = int(np.argmax(steps_s))
+        if steps_s[longest] > np.sum(steps_s) - steps_s[longest]:
+            table, row = columns.table, rows.order[part.start + longest + 1]
+            return [
+                f"'{columns.name(TIME)}' jumps by {steps_s[longest]:.4g} s to {table.row_word} "
+                f"{table.rows[row]}, more than the rest of the run lasts; if samples are missing, select one "
+                "part with --where"
+            ]
+    return []
 
 
 def _note_specimens(columns: Columns, rows: Rows, options: ImportOptions) -> list[str]:
@@ -466,7 +481,13 @@ def _file_derivative(  # noqa: PLR0917
         )
     given = columns.values(key)[rows.order]
     ratio = mistaken_scale(rows.time_s, signal, given, rows.run)
-    if ratio is not None:
+    if key[0] == "velocity" and ratio is not None and np.isnan(ratio):
+        return None, (
+            f"column '{name}' does not follow the rate of change of '{signal_name}', from which the "
+            f"{key[0]} is derived; if another column does, add "
+            f"--column {Role(*key, '', columns.shift).numbered}=COLUMN"
+        )
+    if ratio is not None and np.isfinite(ratio):
         wrong = "it has the wrong sign" if ratio < 0.0 else "a unit is wrong: correct it with --unit"
         return None, (
             f"column '{name}' is {ratio:.3g} times the rate of change of '{signal_name}', from which the "
@@ -481,6 +502,8 @@ def _file_derivative(  # noqa: PLR0917
 
 
 _SAME_SHAPE = 0.7  # least correlation (half of the variance) for a velocity of this position at any scale
+_UNRELATED = 0.5  # largest correlation of a velocity with another motion
+_CLEAR_MOTION = 20.0  # least range of a position that moves, in standard deviations of its steps
 _OTHER_SCALE = 1.5  # least ratio of a wrong unit: smoothing changes a velocity by less than a third
 _SPANS = tuple(2**power for power in range(12))  # numbers of samples over which the two are compared
 _PAUSE = 5.0  # ratio to the usual step above which sampling paused
@@ -494,6 +517,8 @@ def mistaken_scale(
     time_s: FloatArray, position: FloatArray, velocity: FloatArray, run: IntArray
 ) -> float | None:
     """Return the ratio of a measured velocity to the slope of the position if it is wrong, else None.
+
+    The ratio is NaN if the velocity is unrelated to a position that clearly moves.
 
     The function compares changes of position with integrals of the velocity over the time span at which they
     correlate most. Long spans reduce the influence of encoder steps and noise. Short spans reduce the
@@ -520,6 +545,8 @@ def mistaken_scale(
         correlation = correlation_coefficient(moved, by_velocity)
         if abs(correlation) > best:
             best, ratio = abs(correlation), float(by_velocity @ by_velocity) / float(moved @ by_velocity)
+    if best < _UNRELATED and np.ptp(position) > _CLEAR_MOTION * np.std(np.diff(position)[~breaks]):
+        return np.nan
     is_mistaken = best > _SAME_SHAPE and not 1.0 / _OTHER_SCALE < ratio < _OTHER_SCALE
     return ratio if is_mistaken else None
 

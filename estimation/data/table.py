@@ -33,6 +33,7 @@ _GROUPED = {  # numbers with thousands separators, by the separator
     ",": r"^[+-]?[1-9]\d{0,2}(,\d{3})+(\.\d*)?$",
     ".": r"^[+-]?[1-9]\d{0,2}(\.\d{3})+(,\d*)?$",
 }
+_LEAST_UNMARKED = 100.0  # least number without a decimal mark that may come before "1.000"
 _BLANKS = "[ \u00a0\u202f]"  # blanks used as thousands separators
 _BLANKS_GROUP = rf"^[+-]?[1-9]\d{{0,2}}({_BLANKS}\d{{3}})+([.,]\d*)?([eE][+-]?\d+)?$"
 _HAS_POINT_TOO = r",\d{3}\.\d+$"  # a comma before a decimal point is not a decimal comma
@@ -94,9 +95,31 @@ class Table:
                 place = f"{self.path}: {self.row_word} {self.rows[bad[0]]}, column '{name}'"
                 remedy = _remedy(excerpt, whole=len(bad) == len(values))
                 raise InputError(f"{place}: {excerpt!r} is {fault}; {remedy}")
+            if is_text(self._column(name).type):
+                self._check_thousands(name, values)
             self._numbers[name] = values
             self._numbers[name].setflags(write=False)
         return self._numbers[name]
+
+    def _check_thousands(self, name: str, values: FloatArray) -> None:
+        """Check that no number is read a thousand times too small, such as "1.000" after "999".
+
+        Raises:
+            InputError: all numbers with a decimal mark could have a thousands separator in its place, while
+                others of at least 100 have none.
+        """
+        trimmed, mark = pc.utf8_trim_whitespace(self._column(name)), re.escape(self.decimal)
+        marked = np.asarray(pc.match_substring(trimmed, self.decimal).fill_null(False))
+        if not 0 < marked.sum() < len(marked) or np.abs(values[~marked]).max() < _LEAST_UNMARKED:
+            return
+        grouped = np.asarray(pc.match_substring_regex(trimmed, rf"^[+-]?[1-9]\d{{0,2}}{mark}\d{{3}}$"))
+        if np.array_equal(grouped.astype(np.bool_), marked):
+            row, whole = np.argmax(marked), np.argmax(~marked & (np.abs(values) >= _LEAST_UNMARKED))
+            raise InputError(
+                f"{self.path}: {self.row_word} {self.rows[row]}, column '{name}': '{trimmed[int(row)]}' may "
+                f"mean {values[row]:g} or {1000.0 * values[row]:g}, since numbers such as "
+                f"'{trimmed[int(whole)]}' have no decimal mark; write numbers without thousands separators"
+            )
 
     def varies(self, name: str) -> bool:
         """Return whether a column contains numbers that are not all equal."""

@@ -368,16 +368,17 @@ def _dialect(lines: list[tuple[int, str]], delimiter: str) -> TextDialect:
     return TextDialect(delimiter, decimal, tuple(tables))
 
 
-def is_footer(cells: Sequence[str], decimal: str, *, counts: bool) -> bool:
+def is_footer(cells: Sequence[str], *, counts: bool) -> bool:
     """Return whether a row after a table is not part of it because it is empty or contains words.
+
+    A row of numbers with the other decimal mark is part of the table.
 
     Args:
         cells: cells of the row, as text.
-        decimal: decimal mark.
         counts: whether the rows of the table begin with a number.
     """
     filled = [cell for cell in cells if cell.strip()]
-    numbers = [is_number(cell, decimal) for cell in filled]
+    numbers = [any(is_number(cell, mark) for mark in NUMBER) for cell in filled]
     words = bool(filled) and not numbers[0]
     return not filled or (words and (sum(numbers) < FEWEST_NUMBERS or (counts and not is_missing(cells[0]))))
 

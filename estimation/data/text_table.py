@@ -14,7 +14,7 @@ from pathlib import Path
 
 import numpy as np
 
-from palpate.estimation.data.arrow import pa, pa_csv
+from palpate.estimation.data.arrow import pa, pa_csv, pc
 from palpate.estimation.data.column_names import TIME, guess_columns
 from palpate.estimation.data.file_columns import FileColumns, check_size, most_bytes
 from palpate.estimation.data.quantity_words import FOREIGN_WORDS
@@ -171,7 +171,6 @@ def _parse_rows(
         rows = pa.py_buffer(blanks_as_tabs(content[begin:end]))
     try:
         part = _parse(rows, dialect)
-        return part, _line_numbers(content, begin, end, len(part)), []
     except pa.ArrowInvalid as error:
         lines = _line_numbers(content, begin, end)
         mended = _repair_rows(rows.to_pybytes(), lines, dialect)
@@ -190,6 +189,32 @@ def _parse_rows(
                 text = " ".join(wrong[0].text.split())[:_SHOWN]
                 problem = f"line {lines[wrong[0].number - 1]} {cells}: {text!r}"
         raise InputError(f"{place}: {problem}") from error
+    numbers = _line_numbers(content, begin, end, len(part))
+    _check_quotes(part, numbers, dialect, place)
+    return part, numbers, []
+
+
+def _check_quotes(part: pa.Table, lines: IntArray, dialect: TextDialect, place: str) -> None:
+    """Check that no quotation mark without a second one has swallowed rows of numbers.
+
+    Args:
+        part: parsed columns of text.
+        lines: line number in the file of each row, shape (n,).
+        dialect: dialect of the text.
+        place: source of the rows, for the error message.
+
+    Raises:
+        InputError: a cell contains rows of numbers.
+    """
+    for column in part.columns:
+        for row in np.flatnonzero(np.asarray(pc.match_substring(column, "\n").fill_null(False))):
+            held = str(column[int(row)]).splitlines()[1:]
+            cells = [line_cells(line, dialect.delimiter) for line in held]
+            if any(len(row) >= part.num_columns and not is_footer(row, counts=True) for row in cells):
+                raise InputError(
+                    f"{place}: line {lines[row]}: a quotation mark opens a cell that holds {len(held)} more "
+                    "lines, with numbers; close or remove it"
+                )
 
 
 def _repair_rows(
@@ -211,10 +236,7 @@ def _repair_rows(
         return None
     cells = [line_cells(text, delimiter) for text in texts]
     decimal = dialect.decimal
-    words = [
-        table.counts and not is_number(row[0], decimal) and is_footer(row, decimal, counts=True)
-        for row in cells
-    ]
+    words = [table.counts and not is_number(row[0], decimal) and is_footer(row, counts=True) for row in cells]
     kept = np.flatnonzero(~np.array(words))
     lacking = [len(table.names) - len(cells[place]) for place in kept]
     short = np.flatnonzero(np.array(lacking) > 0)
@@ -332,7 +354,7 @@ def _end_of_rows(content: bytes, table: TextTable, end: int, dialect: TextDialec
         ends |= {mark: content.rfind(mark, begin, line) for mark, place in ends.items() if place >= line}
         last = max(begin, *(place + 1 for place in ends.values()))
         cells = line_cells(content[last:end].decode(errors="replace").strip("\r\n"), dialect.delimiter)
-        if not is_footer(cells, dialect.decimal, counts=table.counts):
+        if not is_footer(cells, counts=table.counts):
             break
         end = last
     return end

@@ -1,0 +1,87 @@
+"""Tables that could be read as other numbers, or with fewer rows: each is refused or has a note."""
+
+import numpy as np
+import pytest
+
+from palpate.estimation.data.import_file import import_file
+from palpate.robot_io.errors import InputError
+
+TIME_S = np.arange(0.0, 0.4, 1e-3)
+DEPTH_M = 3e-3 * np.sin(2.0 * np.pi * 5.0 * TIME_S) ** 2
+FORCE_N = 2000.0 * DEPTH_M
+HEADER = "time_s;displacement_m;force_N;note"
+
+
+def rows(*columns, form="%.6f", note="ok"):
+    return [";".join([*(form % value for value in row), note]) for row in zip(*columns, strict=True)]
+
+
+def notes_of(path, header, *columns):
+    path.write_text("\n".join([header, *rows(*columns)]), encoding="utf-8")
+    return " ".join(import_file(path).notes)
+
+
+@pytest.mark.parametrize("mark", [".", ","])
+def test_thousands_separators_are_not_read_as_decimal_marks(tmp_path, mark):
+    lines = [
+        f"{time:.0f};{depth:,.0f};{force:,.0f}".replace(",", mark)
+        for time, depth, force in zip(1e3 * TIME_S, 1e6 * DEPTH_M, 1e3 * FORCE_N, strict=True)
+    ]
+    path = tmp_path / "press.csv"
+    path.write_text("\n".join(["time_ms;displacement_um;force_mN", *lines]), encoding="utf-8")
+    with pytest.raises(
+        InputError, match=r"line \d+, column 'displacement_um': '1.\d{3}' may mean 1.\d* or 1"
+    ):
+        import_file(path)
+
+
+def test_rows_with_the_other_decimal_mark_are_not_a_footer(tmp_path):
+    lines = rows(TIME_S, DEPTH_M, FORCE_N)
+    lines[:200] = [line.replace(".", ",") for line in lines[:200]]
+    path = tmp_path / "press.csv"
+    path.write_text("\n".join([HEADER, *lines]), encoding="utf-8")
+    channel = import_file(path).channels[0]
+    np.testing.assert_allclose(channel.effort, FORCE_N, atol=1e-5)
+
+
+def test_a_lone_quotation_mark_swallows_no_rows(tmp_path):
+    lines = rows(TIME_S, DEPTH_M, FORCE_N)
+    lines[99] = lines[99].replace("ok", '"5 mm probe')
+    path = tmp_path / "press.csv"
+    path.write_text("\n".join([HEADER, *lines]), encoding="utf-8")
+    with pytest.raises(InputError, match="line 101: a quotation mark opens a cell that holds 300 more lines"):
+        import_file(path)
+
+
+def test_quoted_remarks_of_several_lines_are_no_rows(tmp_path):
+    lines = rows(TIME_S, DEPTH_M, FORCE_N)
+    lines[99] = lines[99].replace("ok", '"5 mm probe;\n12;13"')
+    path = tmp_path / "press.csv"
+    path.write_text("\n".join([HEADER, *lines]), encoding="utf-8")
+    assert len(import_file(path).channels[0].effort) == len(TIME_S)
+
+
+@pytest.mark.parametrize("name", ["Load x1000 (N)", "Load*10^3 [N]", "load_x1000_N"])
+def test_factors_in_names_are_reported(tmp_path, name):
+    notes = notes_of(
+        tmp_path / "press.csv", f"Time (s);Displacement (m);{name};note", TIME_S, DEPTH_M, FORCE_N
+    )
+    assert "the factor" in notes
+    assert f"'{name}' is ignored" in notes
+
+
+def test_an_unrelated_velocity_is_not_used(tmp_path):
+    header = "time_s;displacement_m;velocity_m_s;force_N;note"
+    for velocity in (np.zeros_like(TIME_S), np.sin(90.0 * TIME_S + 1.0)):
+        notes = notes_of(tmp_path / "press.csv", header, TIME_S, DEPTH_M, velocity, FORCE_N)
+        assert "'velocity_m_s' does not follow the rate of change of 'displacement_m'" in notes
+    noisy = np.gradient(DEPTH_M, TIME_S) + np.random.default_rng(1).normal(0.0, 0.05, len(TIME_S))
+    notes = notes_of(tmp_path / "press.csv", header, TIME_S, DEPTH_M, noisy, FORCE_N)
+    assert "does not follow" not in notes
+
+
+def test_a_pause_longer_than_the_rest_of_the_run_is_reported(tmp_path):
+    time_s = np.where(TIME_S > 0.2, TIME_S + 3600.0, TIME_S)
+    notes = notes_of(tmp_path / "press.csv", HEADER, time_s, DEPTH_M, FORCE_N)
+    assert "'time_s' jumps by 3600 s to line 203" in notes
+    assert "jumps" not in notes_of(tmp_path / "press.csv", HEADER, TIME_S, DEPTH_M, FORCE_N)
