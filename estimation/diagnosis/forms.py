@@ -28,9 +28,9 @@ from palpate.estimation.effect import Effect
 from palpate.estimation.effects.run_differences import RunVariation
 from palpate.estimation.fit.fit_problem import FitProblem, Solution, solve_gains
 from palpate.estimation.fit.fit_result import FitResult
-from palpate.estimation.fit.flexible_regression import is_plausible_bias, smoothing_bias
-from palpate.estimation.fit.normal_equations import held_out_sse, nuisance_of, solve_normal_equations
+from palpate.estimation.fit.normal_equations import held_out_sse, nuisance_of
 from palpate.estimation.fit.run_heterogeneity import run_heterogeneity
+from palpate.estimation.fit.smoothing_bias import fit_smoothing_bias
 from palpate.estimation.kinds import Kind
 from palpate.robot_io.types import FloatArray
 
@@ -213,20 +213,14 @@ def _base_columns(start: FitResult) -> tuple[BaseColumns, FloatArray]:
     target = blocked.reduce(blocked.data.effort - effort) + columns @ gains
     lower = np.array([parameter.lower for parameter in model.gains.values()])
     one_sided = model.one_sided & (blocked.data.kind is ChannelKind.CONTACT)
-    base = BaseColumns(columns, gains, lower, one_sided)
-    bias = smoothing_bias(blocked, blocked.effort - solution.residual, start.filters)
+    bias, _ = fit_smoothing_bias(problem, solution, start.filters)
     count = bias.shape[1]
-    if count:
-        both = np.hstack([solution.columns, bias])
-        fit = solve_normal_equations(problem.normal_equations(both, solution.target, list(model.gains)))
-        is_better = fit.held_out.sum() < solution.held_out
-        if is_better and is_plausible_bias(bias, fit.gains[-count:]):
-            base = BaseColumns(
-                np.hstack([columns, bias]),
-                np.append(gains, np.zeros(count)),
-                np.append(lower, np.full(count, -np.inf)),
-                np.append(one_sided, np.zeros(count, bool)),
-            )
+    base = BaseColumns(
+        np.hstack([columns, bias]),
+        np.append(gains, np.zeros(count)),
+        np.append(lower, np.full(count, -np.inf)),
+        np.append(one_sided, np.zeros(count, bool)),
+    )
     return base, target
 
 

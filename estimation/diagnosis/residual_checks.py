@@ -316,7 +316,8 @@ def _white_noise(fit: FitResult, residual: FloatArray) -> float | None:
     blocked = fit.problem.blocked
     runs = rows_of_runs(blocked.run)
     longest = max(len(rows) for rows in runs)
-    distance = 1 + max(max(halves, default=0) for halves in fit.filters) // blocked.rows.shape[1]
+    widest = max((half for windows in fit.filters for half, _ in windows), default=0)
+    distance = 1 + widest // blocked.rows.shape[1]
     if white := fast_noise(fit.data):
         return white / float(np.sqrt(blocked.rows.shape[1]))
     sizes = []

@@ -10,17 +10,12 @@ from palpate.estimation.channel import ChannelData, ChannelKind
 from palpate.estimation.estimate import DisplayTable, ParameterEstimate, TableDisplay, interval_text
 from palpate.estimation.fit.blocks import BlockedData, block_average, decimate, exclude_boundaries, with_load
 from palpate.estimation.fit.fit_problem import FitProblem, Solution, held_out_residual, rmse, solve_gains
-from palpate.estimation.fit.flexible_regression import (
-    DifferentiationFilter,
-    FlexibleRegression,
-    fit_flexible,
-    is_plausible_bias,
-    smoothing_bias,
-)
+from palpate.estimation.fit.flexible_regression import FlexibleRegression, fit_flexible
 from palpate.estimation.fit.inner_search import optimize_inner
 from palpate.estimation.fit.intervals import estimate_parameters
 from palpate.estimation.fit.measurement_model import identify_measurement_model
 from palpate.estimation.fit.normal_equations import WHITE, estimate_ar_noise
+from palpate.estimation.fit.smoothing_bias import DifferentiationFilter, fit_smoothing_bias
 from palpate.estimation.model import Model
 from palpate.estimation.signals.cache_by_array import FitCache
 from palpate.estimation.workers import single_threaded
@@ -166,9 +161,13 @@ class FitResult(TableDisplay):
 
     @property
     def filters(self) -> DifferentiationFilter:
-        """Filters that derived velocity and acceleration, if the model depends on these signals."""
+        """Windows that derived velocity and acceleration, if the model depends on these signals."""
         measurement = identify_measurement_model(self.training)
-        first, second = (() if half is None else (half,) for half in measurement.filters)
+        orders = 1, 1 if measurement.is_of_velocity else 2
+        first, second = (
+            () if half is None else ((half, order),)
+            for half, order in zip(measurement.filters, orders, strict=True)
+        )
         signals = {signal for effect in self.model.effects for signal in effect.signals}
         both = (*first, *second) if measurement.is_of_velocity else second
         return first if signals & _RATE_SIGNALS else (), both if "acceleration" in signals else ()
@@ -332,12 +331,8 @@ def _correct_smoothing_bias(
     """
     if problem.blocked.data.kind is ChannelKind.CONTACT or filters == ((), ()):
         return solution
-    bias = smoothing_bias(problem.blocked, problem.blocked.effort - solution.residual, filters)
-    names = list(solution.model.gains)
-    every = [*names, *(f"taken off {number}" for number in range(bias.shape[1]))]
-    fitted = problem.solve(np.hstack([solution.columns, bias]), solution.target, every, solution.model.held)
-    own = len(names)
-    if fitted.held_out.sum() > _BETTER * solution.held_out or not is_plausible_bias(bias, fitted.gains[own:]):
+    _, fitted = fit_smoothing_bias(problem, solution, filters)
+    if fitted.held_out.sum() > _BETTER * solution.held_out:
         return solution
-    gains = dict(zip(names, fitted.gains.tolist(), strict=False))
+    gains = dict(zip(solution.model.gains, fitted.gains.tolist(), strict=False))
     return replace(solution, parameters={**solution.parameters, **gains})

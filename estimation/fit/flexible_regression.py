@@ -1,36 +1,27 @@
 """Flexible regression: ridge regression on all signals and their past, as a nonparametric alternative.
 
 It estimates how much of a model's error any function of the signals can explain, and which signals matter.
-Smoothing flattens a derived velocity or acceleration, which causes a systematic error of the prediction.
-Additional columns model this bias, which counts as noise (W. A. Fuller, Measurement Error Models (1987)).
+The smoothing bias of derived motion counts as noise, see `smoothing_bias`.
 """
 
 from collections.abc import Collection
 from dataclasses import dataclass
 
 import numpy as np
-import scipy
 
-from palpate.estimation.fit.blocks import BlockedData
 from palpate.estimation.fit.fit_problem import FitProblem, Solution
 from palpate.estimation.fit.normal_equations import (
     NormalEquations,
     held_out_gains,
     held_out_sse,
-    solve_normal_equations,
 )
 from palpate.estimation.fit.smooth_features import smooth_features
-from palpate.estimation.signals.blocks import equal_length_blocks
+from palpate.estimation.fit.smoothing_bias import DifferentiationFilter, fit_smoothing_bias
 from palpate.robot_io.types import BoolArray, FloatArray, IntArray
 
 _RIDGES = (1e-6, 1e-4, 1e-3, 1e-2, 1e-1)
 _MOST_SIGNALS = 4  # signals that are selected one by one
 _WORTH = 0.005  # least share of the energy that an additional signal must explain
-_MOST_TIMES = 3.0  # largest plausible multiple of the expected smoothing bias
-_POWERS = 3  # powers of the smoothing operator, a series that approximates its inverse
-# Half windows [samples] of the filters of velocity and acceleration; empty if a model does not use the
-# signal.
-DifferentiationFilter = tuple[tuple[int, ...], tuple[int, ...]]
 
 
 @dataclass(frozen=True)
@@ -89,7 +80,7 @@ def fit_flexible(
     Args:
         problem: data on blocks, whose noise is assumed to be white.
         solution: the fitted model.
-        filters: filters that derived velocity and acceleration.
+        filters: windows that derived velocity and acceleration.
         without: signals that the regression must not use.
     """
     blocked, every = problem.blocked, list(solution.model.gains)
@@ -98,16 +89,11 @@ def fit_flexible(
     fixed = np.array([solution.parameters[name] for name in every]) * ~free
     target = solution.target - solution.columns @ fixed
     blocks = {name: block for name, block in model_features(problem, solution).items() if name not in without}
-    bias = smoothing_bias(blocked, blocked.effort - solution.residual, filters)
+    bias, _ = fit_smoothing_bias(problem, solution, filters)
     parts = [solution.columns[:, free], bias, *blocks.values()]
     owner = np.concatenate([[number] * part.shape[1] for number, part in enumerate(parts, -2)])
     columns = np.column_stack(parts)
     equations = problem.normal_equations(columns, target, names)
-    # Use a correction of the smoothing bias if it improves the model and is plausible.
-    biased, plain = (solve_normal_equations(equations.only(which)) for which in (owner < 0, owner == -2))
-    is_smoothing = bias.size > 0 and biased.held_out.sum() <= plain.held_out.sum()
-    if not is_smoothing or not is_plausible_bias(bias, biased.gains[-bias.shape[1] :]):
-        equations, columns, owner = equations.only(owner != -1), columns[:, owner != -1], owner[owner != -1]
     without_signals = _fit_ridge(equations, owner, ())
     alone = [_fit_ridge(equations, owner, (number,)) for number in range(len(blocks))]
     best = _select_signals(equations, owner, alone, without_signals)
@@ -124,54 +110,6 @@ def fit_flexible(
         residuals.append(residual)
     after, before = residuals
     return FlexibleRegression(without_signals.held_out, best.held_out, after, before, by_signal)
-
-
-def is_plausible_bias(bias: FloatArray, gains: FloatArray) -> bool:
-    """Check that the fitted smoothing bias is at most a few times the expected bias.
-
-    With arbitrary gains, columns of smoothing bias could imitate a missing law, such as a spring.
-
-    Args:
-        bias: columns of smoothing bias, shape (m, k) [effort].
-        gains: fitted gains of the columns, shape (k,).
-    """
-    expected = bias[:, -_POWERS:].sum(axis=1)  # smoothing bias of the effort for the widest window
-    return bool(np.sum((bias @ gains) ** 2) <= _MOST_TIMES**2 * np.sum(expected**2))
-
-
-def smoothing_bias(blocked: BlockedData, effort: FloatArray, filters: DifferentiationFilter) -> FloatArray:
-    """Compute columns (m, k) of the parts that smoothing removed from velocity, acceleration and effort.
-
-    Args:
-        blocked: the channel on m blocks.
-        effort: predicted effort on blocks, shape (m,) [effort].
-        filters: the filters that derived velocity and acceleration.
-    """
-    data, block = blocked.data, blocked.rows.shape[1]
-    derived = (blocked.reduce(signal * data.engaged) for signal in (data.velocity, data.acceleration))
-    every = tuple(sorted({*filters[0], *filters[1]}))
-    signals = zip((*derived, effort), (*filters, every), strict=True)
-    wide = [(signal, round(half / block)) for signal, halves in signals for half in halves]
-    columns = [_smoothing_residues(signal, half, blocked.run) for signal, half in wide if half > 0]
-    return np.hstack([np.empty((len(effort), 0)), *columns])
-
-
-def _smoothing_residues(signal: FloatArray, half: int, run: IntArray) -> FloatArray:
-    """Apply the high-pass complement of a smoothing window to a signal (m,) repeatedly, shape (m, powers).
-
-    A local quadratic fit yields the derivative of the signal averaged with parabolic weights. A sum of the
-    powers restores the unsmoothed signal (P. H. van Cittert, Z. Physik 69 (1931)).
-    """
-    weights = 1.0 - (np.arange(-half, half + 1) / (half + 1.0)) ** 2
-    powers = [signal]
-    for _ in range(_POWERS):
-        smooth = np.empty_like(signal)
-        for rows in equal_length_blocks(run):
-            smooth[rows] = scipy.ndimage.convolve1d(
-                powers[-1][rows], weights / weights.sum(), axis=1, mode="nearest"
-            )
-        powers.append(powers[-1] - smooth)
-    return np.column_stack(powers[1:])
 
 
 @dataclass(frozen=True)

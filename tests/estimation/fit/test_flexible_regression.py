@@ -13,7 +13,6 @@ from palpate.estimation.fit.flexible_regression import (
     _fit_ridge,
     _select_signals,
     fit_flexible,
-    is_plausible_bias,
     model_features,
 )
 from palpate.estimation.fit.normal_equations import gram_matrices, nuisance_of
@@ -24,7 +23,7 @@ from palpate.estimation.signals.runwise import derivative, play, shift
 from tests.estimation.fit.test_fit_problem import COLUMNS, COUNT, TARGET, problem
 from tests.estimation.presses import kelvin_voigt
 from tests.estimation.presses import long_session as session
-from tests.estimation.swings import NOISE_NM, smoothed, within
+from tests.estimation.swings import NOISE_NM
 from tests.estimation.swings import long_swings as swings
 
 MEASURED = ((), ())  # velocity and acceleration were not derived
@@ -229,30 +228,6 @@ def test_of_noise_next_to_nothing_is_explained_and_never_more_than_there_is():
     assert set(fit_flexible(one.problem, one.solution, MEASURED).by_signal.values()) == {0.0}
 
 
-@pytest.mark.parametrize("half", [25, 35, 50])
-def test_what_a_window_takes_off_the_motion_is_no_law(half):
-    data = smoothed(swings(6), half)
-    one = fit_model(data, SWING, {}, within(data, half))
-    beside = fit_flexible(one.problem, one.solution, ((half,), (half,)))
-    noise = NOISE_NM / np.sqrt(one.problem.blocked.rows.shape[1])
-    before, after = (
-        np.sqrt(left / one.problem.used.sum()) for left in (one.solution.held_out, beside.before.sum())
-    )
-    assert after == pytest.approx(noise, rel=0.03)
-    assert before > 1.1 * after
-    assert (
-        beside.share_of(one.solution)
-        < 0.02
-        < fit_flexible(one.problem, one.solution, MEASURED).share_of(one.solution)
-    )
-
-
-def test_a_law_is_explained_beside_what_a_window_takes_off():
-    hidden = swings(6, lambda q, v, a: 0.2 * np.sin(9.0 * q))
-    one = fit_model(smoothed(hidden, 25), SWING, {})
-    assert fit_flexible(one.problem, one.solution, ((25,), (25,))).share_of(one.solution) > 0.7
-
-
 @pytest.mark.parametrize(
     ("weights", "taken"),
     [
@@ -271,21 +246,6 @@ def test_signals_are_taken_one_by_one_where_another_would_mislead(weights, taken
     equations, owner = gram_matrices(parts), np.arange(6)
     alone = [_fit_ridge(equations, owner, (number,)) for number in range(6)]
     assert _select_signals(equations, owner, alone, _fit_ridge(equations, owner, ())).signals == taken
-
-
-@pytest.mark.parametrize(
-    ("gains", "fits"),
-    [
-        ((0.0, 3.0, 0.0, 0.0), True),  # thrice the widest window's three
-        ((0.0, -3.0, 0.0, 0.0), True),
-        ((0.0, 3.01, 0.0, 0.0), False),
-        ((0.6, 0.0, 0.0, 0.0), True),  # of another window
-        ((0.61, 0.0, 0.0, 0.0), False),
-    ],
-)
-def test_what_a_window_took_off_is_about_as_large_as_it_should_be(gains, fits):
-    taken = np.array([[5.0, 1.0, 0.0, 0.0], [-5.0, -1.0, 0.0, 0.0]])
-    assert is_plausible_bias(taken, np.array(gains)) is fits
 
 
 RNG = np.random.default_rng(9)

@@ -1,0 +1,142 @@
+"""Smoothing bias of derived motion: the parts that smoothing removed, as columns of a linear fit.
+
+A filter that derives velocity and acceleration flattens their peaks, which causes a systematic error of the
+prediction (W. A. Fuller, Measurement Error Models (1987)).
+"""
+
+from functools import lru_cache
+
+import numpy as np
+import scipy
+
+from palpate.estimation.data.derivatives import even_coefficients
+from palpate.estimation.fit.blocks import BlockedData
+from palpate.estimation.fit.fit_problem import FitProblem, Solution
+from palpate.estimation.fit.normal_equations import LinearFit
+from palpate.estimation.signals.blocks import equal_length_blocks
+from palpate.robot_io.types import FloatArray, IntArray
+
+_MOST_TIMES = 3.0  # largest plausible multiple of the expected smoothing bias
+_POWERS = 3  # powers of the smoothing operator, a series that approximates its inverse
+# A half window [samples], and the order of the derivative for which it was used.
+DerivativeWindow = tuple[int, int]
+# Windows that derived velocity and acceleration; empty if a model does not use the signal.
+DifferentiationFilter = tuple[tuple[DerivativeWindow, ...], tuple[DerivativeWindow, ...]]
+
+
+def fit_smoothing_bias(
+    problem: FitProblem, solution: Solution, filters: DifferentiationFilter
+) -> tuple[FloatArray, LinearFit]:
+    """Fit a model's gains jointly with the smoothing bias of its motion, if that reduces the held-out error.
+
+    A device may have filtered the motion before it was recorded. Therefore, a wider kernel is also tried.
+
+    Args:
+        problem: data on m blocks.
+        solution: the fitted model with q gains; its gains at bounds stay fixed.
+        filters: the windows that derived velocity and acceleration.
+
+    Returns:
+        Columns of smoothing bias [effort], shape (m, k), with k = 0 if none improve the model, and the fit of
+        q + k gains.
+    """
+    names = list(solution.model.gains)
+    held = {name: solution.parameters[name] for name in solution.fixed}
+    effort = problem.blocked.effort - solution.residual
+    columns = np.empty((len(effort), 0))
+    best = problem.solve(solution.columns, solution.target, names, held)
+    if filters == ((), ()):
+        return columns, best
+    for is_filtered in (False, True):
+        bias = smoothing_bias(problem.blocked, effort, filters, is_filtered)
+        fit = problem.solve(np.hstack([solution.columns, bias]), solution.target, names, held)
+        is_better = bias.size > 0 and fit.held_out.sum() <= best.held_out.sum()
+        if is_better and is_plausible_bias(bias, fit.gains[len(names) :]):
+            columns, best = bias, fit
+    return columns, best
+
+
+def is_plausible_bias(bias: FloatArray, gains: FloatArray) -> bool:
+    """Check that the fitted smoothing bias is at most a few times the expected bias.
+
+    With arbitrary gains, columns of smoothing bias could imitate a missing law, such as a spring.
+
+    Args:
+        bias: columns of smoothing bias, shape (m, k) [effort].
+        gains: fitted gains of the columns, shape (k,).
+    """
+    expected = bias[:, -1]  # smoothing bias of the effort for the widest window
+    return bool(np.sum((bias @ gains) ** 2) <= _MOST_TIMES**2 * np.sum(expected**2))
+
+
+def smoothing_bias(
+    blocked: BlockedData, effort: FloatArray, filters: DifferentiationFilter, is_filtered: bool = False
+) -> FloatArray:
+    """Compute columns (m, k) of the parts that smoothing removed from velocity, acceleration and effort.
+
+    Each column is a sum of powers that restores a signal; the last ones restore the effort. The powers of the
+    acceleration have separate columns, since it also contains the most noise.
+
+    Args:
+        blocked: the channel on m blocks.
+        effort: predicted effort on blocks, shape (m,) [effort].
+        filters: the windows that derived velocity and acceleration.
+        is_filtered: whether a filter smoothed the motion more than the windows did. A parabola stands for
+            its weights, which have a second moment, unlike those of a cubic fit.
+    """
+    data, block = blocked.data, blocked.rows.shape[1]
+    velocity, acceleration = (blocked.reduce(s * data.engaged) for s in (data.velocity, data.acceleration))
+    every = tuple(sorted({*filters[0], *filters[1]}))
+    columns = [np.empty((len(effort), 0))]
+    for signal, windows in zip((velocity, acceleration, effort), (*filters, every), strict=True):
+        for half, order in windows:
+            reach = round(half / block)
+            if reach > 0:
+                parabola = 1.0 - (np.arange(-reach, reach + 1) / (reach + 1.0)) ** 2
+                kernel = parabola / parabola.sum() if is_filtered else smoothing_kernel(half, order, block)
+                residues = _smoothing_residues(signal, kernel, blocked.run)
+                columns.append(residues if signal is acceleration else residues.sum(axis=1, keepdims=True))
+    return np.hstack(columns)
+
+
+@lru_cache(maxsize=256)
+def smoothing_kernel(half: int, order: int, block: int = 1) -> FloatArray:
+    """Return the weights with which a local polynomial fit averages the derivative that it estimates.
+
+    They are repeated sums of the weights of the fit, since a derivative's integral is the fitted signal.
+
+    Args:
+        half: number of samples on each side in a fit.
+        order: order of the derivative.
+        block: number of samples in a block.
+
+    Returns:
+        Weights of neighboring blocks, symmetric, with sum 1, shape (2 r + 1,).
+    """
+    weights = even_coefficients(2 * half + 1, half)[order]
+    for _ in range(order):
+        weights = np.cumsum(weights[::-1])[::-1][1:]
+    place = (np.arange(len(weights)) - 0.5 * (len(weights) - 1)) / block
+    below, reach = np.floor(place).astype(np.int64), 1 - (-half // block)
+    t, kernel = place - below, np.zeros(2 * reach + 1)
+    # Weights of four blocks in a cubic interpolation, which change no moment of the kernel up to the third.
+    cubic = (2 - t) * (1 - t) * -t / 6, (2 - t) * (1 - t) * (1 + t) / 2, (2 - t) * t * (1 + t) / 2
+    for number, part in enumerate((*cubic, (1 - t) * -t * (1 + t) / 6), start=-1):
+        np.add.at(kernel, below + number + reach, weights * part)
+    kernel /= kernel.sum()
+    kernel.setflags(write=False)
+    return kernel
+
+
+def _smoothing_residues(signal: FloatArray, kernel: FloatArray, run: IntArray) -> FloatArray:
+    """Apply the high-pass complement of a smoothing kernel to a signal (m,) repeatedly, shape (m, powers).
+
+    The sum of the powers restores the unsmoothed signal (P. H. van Cittert, Z. Physik 69 (1931)).
+    """
+    powers = [signal]
+    for _ in range(_POWERS):
+        smooth = np.empty_like(signal)
+        for rows in equal_length_blocks(run):
+            smooth[rows] = scipy.ndimage.convolve1d(powers[-1][rows], kernel, axis=1, mode="nearest")
+        powers.append(powers[-1] - smooth)
+    return np.column_stack(powers[1:])

@@ -1,0 +1,91 @@
+"""Smoothing bias of derived motion: its kernels, its size, and what it leaves of laws and noise."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+import scipy
+
+from palpate.estimation.data.derivatives import local_derivative
+from palpate.estimation.effects import EFFECTS
+from palpate.estimation.fit.fit_result import fit_model
+from palpate.estimation.fit.flexible_regression import fit_flexible
+from palpate.estimation.fit.smoothing_bias import fit_smoothing_bias, is_plausible_bias, smoothing_kernel
+from palpate.estimation.model import Model
+from tests.estimation.swings import NOISE_NM, smoothed, within
+from tests.estimation.swings import long_swings as swings
+
+MEASURED = ((), ())  # velocity and acceleration were not derived
+SWING = Model("pendulum", (EFFECTS["pendulum"](), EFFECTS["viscous_friction"]()))
+
+
+def windows(half):
+    return ((half, 1),), ((half, 2),)
+
+
+def errors(data, half, good):
+    """Held-out error of the model on blocks, without and with smoothing bias, relative to the noise."""
+    fit = fit_model(data, SWING, {}, good)
+    _, beside = fit_smoothing_bias(fit.problem, fit.solution, windows(half))
+    count, noise = fit.problem.used.sum(), NOISE_NM / np.sqrt(fit.problem.blocked.rows.shape[1])
+    return [np.sqrt(left / count) / noise for left in (fit.solution.held_out, beside.held_out.sum())]
+
+
+@pytest.mark.parametrize("half", [25, 35, 50])
+def test_smoothing_bias_of_derived_motion_is_no_law(half):
+    data = smoothed(swings(6), half)
+    before, after = errors(data, half, within(data, half))
+    assert after == pytest.approx(1.0, rel=0.03)
+    assert before > 1.1 * after
+    fit = fit_model(data, SWING, {}, within(data, half))
+    shares = [
+        fit_flexible(fit.problem, fit.solution, f).share_of(fit.solution) for f in (windows(half), MEASURED)
+    ]
+    assert shares[0] < 0.02 < shares[1]
+
+
+def test_the_bias_of_motion_that_was_smoothed_before_it_was_recorded_is_corrected_too():
+    exact, half = swings(6), 25
+    weights = 1.0 - np.linspace(-1.0, 1.0, 2 * half + 3)[1:-1] ** 2
+    runs = exact.position.reshape(len(exact.runs), -1)
+    position = scipy.ndimage.convolve1d(runs, weights / weights.sum(), axis=1, mode="nearest").ravel()
+    before, after = errors(smoothed(replace(exact, position=position), half), half, within(exact, half))
+    assert before > 1.8
+    assert after < 1.1
+
+
+def test_a_law_is_explained_beside_the_smoothing_bias():
+    hidden = swings(6, lambda q, v, a: 0.2 * np.sin(9.0 * q))
+    fit = fit_model(smoothed(hidden, 25), SWING, {})
+    assert fit_flexible(fit.problem, fit.solution, windows(25)).share_of(fit.solution) > 0.7
+
+
+@pytest.mark.parametrize(("block", "least"), [(1, 0.01), (4, 0.05)])
+@pytest.mark.parametrize("order", [1, 2])
+def test_a_kernel_smooths_a_derivative_as_the_window_does_that_estimates_it(order, block, least):
+    t = np.arange(2000) * 0.01
+    waves = [(0.3, 0.2), (1.1, 1.3), (2.3, 2.0)]  # frequency [Hz] and phase
+    signal = sum(np.sin(2 * np.pi * f * t + phase) / f**order for f, phase in waves)
+    exact = sum((2 * np.pi) ** order * np.sin(2 * np.pi * f * t + p + order * np.pi / 2) for f, p in waves)
+    derived, exact, signal = (
+        s.reshape(-1, block).mean(axis=1) for s in (local_derivative(t, signal, 20, order), exact, signal)
+    )
+    kernel = smoothing_kernel(20, order, block)
+    inside = slice(len(kernel), -len(kernel))
+    smooth, derived, exact = (s[inside] for s in (np.convolve(exact, kernel, mode="same"), derived, exact))
+    assert np.std(smooth - derived) < least * np.std(exact - derived)
+
+
+@pytest.mark.parametrize(
+    ("gains", "is_plausible"),
+    [
+        ((0.0, 3.0), True),  # three times the last column
+        ((0.0, -3.0), True),
+        ((0.0, 3.01), False),
+        ((0.6, 0.0), True),
+        ((0.61, 0.0), False),
+    ],
+)
+def test_a_plausible_smoothing_bias_is_at_most_three_times_the_expected_one(gains, is_plausible):
+    bias = np.array([[5.0, 1.0], [-5.0, -1.0]])
+    assert is_plausible_bias(bias, np.array(gains)) is is_plausible
