@@ -143,18 +143,24 @@ def accept_forms(
         share_left = left / count / partial.budget.base**2
         is_as_good = share_left <= min(partial.budget.left / AS_GOOD, 1.0 - MOST_OF_LAW)
         least = least_explained(search, fit)
-        failed = [
-            test.effect
-            for test in tests
-            if not (test.is_known or is_as_good)
-            or _repeats_another(fit, test.effect, explained)
-            or not _accounts_for_error(
-                search, partial, fit, test, entries, explained=explained[test.effect], unexplained=unexplained
+        rest = max(unexplained, fit.flexible.explained / count)
+        failed = []
+        for test in tests:
+            size = explained[test.effect]
+            is_possible = (test.is_known or is_as_good) and search.is_sound(fit, test.effect)
+            is_possible &= test.kind is not Kind.RUN_DIFFERENCES or len(fit.data.runs) >= _LEAST_RUNS
+            # If hardly anything is left, no other effect can explain the error in the place of this one.
+            # Faults of the sensor and drifts are rare, and therefore need more evidence.
+            is_clear = is_as_good and rest < _LITTLE_UNEXPLAINED * size and test.kind in _PHYSICAL_KINDS
+            is_needed = is_clear or (
+                size >= least
+                and not _repeats_another(fit, test.effect, explained)
+                and _accounts_for_error(
+                    search, partial, fit, test, entries, explained=size, unexplained=unexplained
+                )
             )
-            or explained[test.effect] < least
-            or not search.is_sound(fit, test.effect)
-            or (test.kind is Kind.RUN_DIFFERENCES and len(fit.data.runs) < _LEAST_RUNS)
-        ]
+            if not (is_possible and is_needed):
+                failed.append(test.effect)
         if failed:
             fit = search.without(fit, min(failed, key=lambda name: explained[name]))
             continue
