@@ -536,7 +536,7 @@ def mistaken_scale(
     piece = np.concatenate([[0], np.cumsum(breaks)])
     mean = 0.5 * (velocity[1:] + velocity[:-1])
     led = np.concatenate([[0.0], np.cumsum(np.where(np.diff(piece) == 0, mean * steps_s, 0.0))])
-    best, ratio = 0.0, 1.0
+    best, ratio, likeness = 0.0, 1.0, 0.0
     for samples in _SPANS:
         same = piece[samples:] == piece[:-samples]
         if np.sum(same) < _LEAST_SPANS * len(position):
@@ -545,7 +545,10 @@ def mistaken_scale(
         correlation = correlation_coefficient(moved, by_velocity)
         if abs(correlation) > best:
             best, ratio = abs(correlation), float(by_velocity @ by_velocity) / float(moved @ by_velocity)
-    if best < _UNRELATED and np.ptp(position) > _CLEAR_MOTION * np.std(np.diff(position)[~breaks]):
+        size = float(np.linalg.norm(moved) * np.linalg.norm(by_velocity))
+        # At constant speed, changes are equal, and their correlation is that of rounding errors.
+        likeness = max(likeness, best, abs(float(moved @ by_velocity)) / size if size > 0.0 else 0.0)
+    if likeness < _UNRELATED and np.ptp(position) > _CLEAR_MOTION * np.std(np.diff(position)[~breaks]):
         return np.nan
     is_mistaken = best > _SAME_SHAPE and not 1.0 / _OTHER_SCALE < ratio < _OTHER_SCALE
     return ratio if is_mistaken else None

@@ -83,6 +83,8 @@ def mistaken_times(data: ChannelData) -> str | None:
     ratio = mistaken_scale(data.time_s, data.position, data.velocity, data.run)
     if ratio is None:
         return None
+    if np.isnan(ratio):
+        return "the velocity does not follow the position; check times and the choice of columns"
     return f"the velocity is {ratio:.3g} times the slope of the position; check times and units"
 
 

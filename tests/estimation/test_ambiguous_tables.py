@@ -80,6 +80,12 @@ def test_an_unrelated_velocity_is_not_used(tmp_path):
     assert "does not follow" not in notes
 
 
+def test_a_constant_velocity_is_used(tmp_path):
+    header, speed = "time_s;displacement_m;velocity_m_s;force_N;note", np.full_like(TIME_S, 0.02)
+    notes = notes_of(tmp_path / "press.csv", header, TIME_S, 0.02 * TIME_S, speed, 40.0 * TIME_S)
+    assert "does not follow" not in notes
+
+
 def test_a_pause_longer_than_the_rest_of_the_run_is_reported(tmp_path):
     time_s = np.where(TIME_S > 0.2, TIME_S + 3600.0, TIME_S)
     notes = notes_of(tmp_path / "press.csv", HEADER, time_s, DEPTH_M, FORCE_N)
