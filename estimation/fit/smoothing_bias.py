@@ -29,8 +29,6 @@ def fit_smoothing_bias(
 ) -> tuple[FloatArray, LinearFit]:
     """Fit a model's gains jointly with the smoothing bias of its motion, if that reduces the held-out error.
 
-    A device may have filtered the motion before it was recorded. Therefore, a wider kernel is also tried.
-
     Args:
         problem: data on m blocks.
         solution: the fitted model with q gains; its gains at bounds stay fixed.
@@ -43,17 +41,15 @@ def fit_smoothing_bias(
     names = list(solution.model.gains)
     held = {name: solution.parameters[name] for name in solution.fixed}
     effort = problem.blocked.effort - solution.residual
-    columns = np.empty((len(effort), 0))
-    best = problem.solve(solution.columns, solution.target, names, held)
-    if filters == ((), ()):
-        return columns, best
-    for is_filtered in (False, True):
-        bias = smoothing_bias(problem.blocked, effort, filters, is_filtered)
-        fit = problem.solve(np.hstack([solution.columns, bias]), solution.target, names, held)
-        is_better = bias.size > 0 and fit.held_out.sum() <= best.held_out.sum()
-        if is_better and is_plausible_bias(bias, fit.gains[len(names) :]):
-            columns, best = bias, fit
-    return columns, best
+    none = np.empty((len(effort), 0))
+    plain = problem.solve(solution.columns, solution.target, names, held)
+    bias = smoothing_bias(problem.blocked, effort, filters)
+    if bias.size == 0:
+        return none, plain
+    fit = problem.solve(np.hstack([solution.columns, bias]), solution.target, names, held)
+    is_better = fit.held_out.sum() <= plain.held_out.sum()
+    is_taken = is_better and is_plausible_bias(bias, fit.gains[len(names) :])
+    return (bias, fit) if is_taken else (none, plain)
 
 
 def is_plausible_bias(bias: FloatArray, gains: FloatArray) -> bool:
@@ -69,9 +65,7 @@ def is_plausible_bias(bias: FloatArray, gains: FloatArray) -> bool:
     return bool(np.sum((bias @ gains) ** 2) <= _MOST_TIMES**2 * np.sum(expected**2))
 
 
-def smoothing_bias(
-    blocked: BlockedData, effort: FloatArray, filters: DifferentiationFilter, is_filtered: bool = False
-) -> FloatArray:
+def smoothing_bias(blocked: BlockedData, effort: FloatArray, filters: DifferentiationFilter) -> FloatArray:
     """Compute columns (m, k) of the parts that smoothing removed from velocity, acceleration and effort.
 
     Each column is a sum of powers that restores a signal; the last ones restore the effort. The powers of the
@@ -81,8 +75,6 @@ def smoothing_bias(
         blocked: the channel on m blocks.
         effort: predicted effort on blocks, shape (m,) [effort].
         filters: the windows that derived velocity and acceleration.
-        is_filtered: whether a filter smoothed the motion more than the windows did. A parabola stands for
-            its weights, which have a second moment, unlike those of a cubic fit.
     """
     data, block = blocked.data, blocked.rows.shape[1]
     velocity, acceleration = (blocked.reduce(s * data.engaged) for s in (data.velocity, data.acceleration))
@@ -90,10 +82,8 @@ def smoothing_bias(
     columns = [np.empty((len(effort), 0))]
     for signal, windows in zip((velocity, acceleration, effort), (*filters, every), strict=True):
         for half, order in windows:
-            reach = round(half / block)
-            if reach > 0:
-                parabola = 1.0 - (np.arange(-reach, reach + 1) / (reach + 1.0)) ** 2
-                kernel = parabola / parabola.sum() if is_filtered else smoothing_kernel(half, order, block)
+            if round(half / block) > 0:
+                kernel = smoothing_kernel(half, order, block)
                 residues = _smoothing_residues(signal, kernel, blocked.run)
                 columns.append(residues if signal is acceleration else residues.sum(axis=1, keepdims=True))
     return np.hstack(columns)

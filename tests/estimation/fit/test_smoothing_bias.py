@@ -1,10 +1,7 @@
 """Smoothing bias of derived motion: its kernels, its size, and what it leaves of laws and noise."""
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
-import scipy
 
 from palpate.estimation.data.derivatives import local_derivative
 from palpate.estimation.effects import EFFECTS
@@ -42,16 +39,6 @@ def test_smoothing_bias_of_derived_motion_is_no_law(half):
         fit_flexible(fit.problem, fit.solution, f).share_of(fit.solution) for f in (windows(half), MEASURED)
     ]
     assert shares[0] < 0.02 < shares[1]
-
-
-def test_the_bias_of_motion_that_was_smoothed_before_it_was_recorded_is_corrected_too():
-    exact, half = swings(6), 25
-    weights = 1.0 - np.linspace(-1.0, 1.0, 2 * half + 3)[1:-1] ** 2
-    runs = exact.position.reshape(len(exact.runs), -1)
-    position = scipy.ndimage.convolve1d(runs, weights / weights.sum(), axis=1, mode="nearest").ravel()
-    before, after = errors(smoothed(replace(exact, position=position), half), half, within(exact, half))
-    assert before > 1.8
-    assert after < 1.1
 
 
 def test_a_law_is_explained_beside_the_smoothing_bias():
