@@ -49,6 +49,7 @@ from palpate.estimation.workers import end_when_told, end_workers
 
 _FEW_LEVELS = 12  # distinct readings; with more, rounding errors average out
 _OFFSET = "bias"  # name of the effect that is a constant
+_MOST_SEARCHES = 3  # searches for a model that can be reached by adding its effects one by one
 _MOST_OF_ERROR = 0.5  # largest share of the squared error left by a constant that explains most of it
 
 
@@ -139,16 +140,24 @@ def diagnose_channel(
     checks = _Completeness(search)
     kinds = cache(lambda: analyse_kinds(search))
     coarse_kinds = cache(lambda: analyse_kinds(search.coarse or search))
-    end, tests = _find_effects(search, checks, kinds, coarse_kinds)
-    if not checks.is_complete(end):
-        end, tests = _look_beyond_offset(search, end, tests, checks, kinds)
 
     def evidence_of(end: FitResult, tests: list[FormTest]) -> Evidence:
         complete = checks.is_complete(end)
         partials = (None, None) if complete else (kinds(), coarse_kinds())
         return Evidence(search, checks.measurement, end, complete, checks.objection(end), tests, *partials)
 
-    evidence = evidence_of(end, tests)
+    for _ in range(_MOST_SEARCHES):
+        end, tests = _find_effects(search, checks, kinds, coarse_kinds)
+        if not checks.is_complete(end):
+            end, tests = _look_beyond_offset(search, end, tests, checks, kinds)
+        evidence = evidence_of(end, tests)
+        shown = evidence.stages[-1]
+        if not evidence.complete or shown.rmse <= (1.0 + SMALL) * end.rmse or checks.is_complete(shown):
+            break
+        # Adding the effects one by one, as users do, does not reach this minimum.
+        checks.mark_incomplete(end)
+    else:
+        evidence = evidence_of(end, tests)  # no longer complete
     while name := effect_without_gain(evidence):
         end = search.without(end, name)
         evidence = evidence_of(end, form_tests(kinds(), end))

@@ -9,9 +9,11 @@ import pytest
 from palpate.estimation.base_model import ModelContext
 from palpate.estimation.diagnosis import Verdict, diagnose
 from palpate.estimation.diagnosis.candidates import is_misnamed
+from palpate.estimation.diagnosis.extension import fit_extended
 from palpate.estimation.diagnosis.forms import Form, form_tests
 from palpate.estimation.diagnosis.verdict import insufficient_diagnosis
 from palpate.estimation.effects import EFFECTS
+from palpate.estimation.fit.fit_problem import solve_gains
 from palpate.estimation.fit.fit_result import fit_model
 from palpate.estimation.kinds import Kind
 from palpate.estimation.model import Model
@@ -352,3 +354,19 @@ def test_friction_is_named_beside_an_offset_of_ten_times_its_size():
     assert named(found) == {"bias", "coulomb_friction"}
     friction = next(entry for entry in found.accepted if entry.effect == "coulomb_friction")
     assert friction.parameters["force"].value == pytest.approx(0.6, rel=0.05)
+
+
+def test_a_model_whose_minimum_is_not_reached_by_adding_its_effects_is_not_complete(monkeypatch):
+    def fit_far(data, parent, effect):
+        fit = fit_extended(data, parent, effect)
+        values = {**fit.solution.parameters, "stress_relaxation.tau": 0.04}  # 0.4 s in truth
+        return replace(fit, solution=solve_gains(fit.problem, fit.solution.model, values))
+
+    data = pressed(3, relaxing)
+    reached = decide_verdict(data, "stress_relaxation")
+    assert (reached.complete, reached.accepted[0].form) == (True, Form.EXACT)
+    monkeypatch.setattr(import_module("palpate.estimation.diagnosis.verdict"), "fit_extended", fit_far)
+    missed = decide_verdict(data, "stress_relaxation")
+    assert missed.remaining.times_floor > 2.0
+    assert not missed.complete
+    assert all(entry.form is Form.APPROXIMATE for entry in missed.accepted)
