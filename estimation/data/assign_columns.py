@@ -12,7 +12,6 @@ import numpy as np
 from palpate.estimation.data.arrow import pa
 from palpate.estimation.data.choose_columns import (
     EFFORTS,
-    POSITION,
     choose_columns,
     have_equal_values,
     is_pressed,
@@ -22,6 +21,7 @@ from palpate.estimation.data.column_names import (
     DISPLACEMENT,
     FORCE,
     PHASE,
+    POSITION,
     QUANTITIES,
     RUN,
     TIME,

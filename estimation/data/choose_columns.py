@@ -24,7 +24,6 @@ from palpate.estimation.statistics.correlation import correlation_coefficient
 from palpate.robot_io.errors import InputError
 from palpate.robot_io.types import FloatArray
 
-POSITION = ("position", 0)
 EFFORTS = ("force", "torque")
 _DERIVABLE = frozenset({"velocity", "acceleration"})
 _OTHER_SIGN = 0.2  # largest force of opposite sign in a press, relative to the largest force

@@ -12,7 +12,7 @@ from palpate.estimation.data.units import SI, dimension_of, normalise, read_as
 RUN, PHASE = "run", "phase"
 
 Key = tuple[str, int]  # quantity and number of the joint, 0 if there is none
-TIME, DISPLACEMENT, FORCE = ("time", 0), ("displacement", 0), ("force", 0)
+TIME, DISPLACEMENT, FORCE, POSITION = ("time", 0), ("displacement", 0), ("force", 0), ("position", 0)
 
 QUANTITIES: Mapping[str, tuple[str, ...]] = MappingProxyType(
     {

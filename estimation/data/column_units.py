@@ -9,10 +9,12 @@ import numpy as np
 
 from palpate.estimation.data.column_names import (
     DISPLACEMENT,
+    POSITION,
     QUANTITIES,
     STANDS_FOR,
     Key,
     Role,
+    guess_column,
     role_of_option,
     si_unit,
     unit_in_name,
@@ -73,12 +75,15 @@ class ColumnUnits:
     def option_names(self, role: Role, column: str) -> list[str]:
         """Return the names in --unit that refer to a column: its name, quantity, or quantity and joint.
 
+        A column such as `pos` that is read as a displacement is still called a position, too.
         The name of another column refers only to that column, unless --column gives it another meaning.
         """
         columns = self.options.columns
         exact = {name for name in self.table.names if name not in columns or name in columns.values()}
         parsed = {name: role_of_option(name, role.shift) for name in self.options.units if name not in exact}
-        of_role = {name for name, named in parsed.items() if named is not None and named.key == role.key}
+        is_position = role.key == DISPLACEMENT and guess_column(column).quantity == "position"
+        keys = {role.key, POSITION} if is_position else {role.key}
+        of_role = {name for name, named in parsed.items() if named is not None and named.key in keys}
         if role.quantity in parsed:
             of_role.add(role.quantity)
         return [name for name in self.options.units if name == column or name in of_role]

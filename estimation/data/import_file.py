@@ -251,10 +251,17 @@ def _channel_sources(columns: Columns) -> list[_Source]:
             remedy = "force" if position.dimension == "angle" else "torque"
             pushing = columns.assigned.get((remedy, joint))
             if quantity == "position" and pushing is not None:
+                correction = "correct one with --unit or --column"
+                if pushing.dimension == "current":
+                    force = Role("force", joint, "", columns.shift).numbered
+                    correction = (
+                        "if it is the current of a linear motor with 20 N/A, add "
+                        f"--column {force}={shlex.quote(pushing.column)} --unit {force}=20N/A"
+                    )
                 raise InputError(
                     f"{columns.table.path}: column '{position.column}' is in {position.unit} and "
                     f"'{pushing.column}' in {pushing.unit}: a torque goes with an angle (rad, deg), a force "
-                    "with a length (m, mm); correct one with --unit or --column"
+                    f"with a length (m, mm); {correction}"
                 )
         table, first_row = columns.table, ""
         if NAMELESS in table.words:
@@ -300,8 +307,8 @@ def _note_specimens(columns: Columns, rows: Rows, options: ImportOptions) -> lis
 def _remedy(columns: Columns) -> str:
     """Describe the columns that channels need, and options for a column that probably is an effort."""
     table = columns.table
-    guesses = {guess.column: guess.quantity for guess in guess_columns(table.names)}
-    quantity_by_name = {name: guesses.get(name) or quantity_in(name) for name in table.names}
+    guesses = {guess.column: guess for guess in guess_columns(table.names)}
+    quantity_by_name = {name: guesses[name].quantity or quantity_in(name) for name in table.names}
     needed = (
         "a contact needs time_s, displacement_m, force_N, a joint time_s, position_rad, torque_Nm "
         "(or position_m, force_N)"
@@ -318,6 +325,10 @@ def _remedy(columns: Columns) -> str:
             f"by names and units, no column seems to hold a force or torque; {needed}; if a column holds "
             "one, add --column force_N=COLUMN or --column torque_Nm=COLUMN"
         )
+    joints = [g.joint for g in guesses.values() if g.quantity == "position" and g.joint is not None]
+    torque = columns.assigned.get(("torque", 0))
+    if torque is not None and joints:
+        return f"{needed}; state the joint, as in --column torque_{joints[0]}={shlex.quote(torque.column)}"
     numbers = [name for name in table.names if table.varies(name)]
     free = [name for name in numbers if name not in columns.used and quantity_by_name[name] not in _NO_EFFORT]
     angle = next((name for name in numbers if quantity_by_name[name] == "position"), None)

@@ -1,4 +1,5 @@
 import gzip
+import re
 
 import numpy as np
 import pyarrow as pa
@@ -401,6 +402,16 @@ TEMPERATURES = {"temp (C)": 20 + T, "temp [C]": 25 + T}
             {"units": {"position_rad": "mm"}},
             "column 'position_rad' is in mm and 'torque_Nm' in Nm: a torque goes with an angle",
         ),
+        (
+            {"displacement_m": None, "force_N": None, "Position[mm]": X, "MotorCurrent[A]": F},
+            {},
+            "linear motor with 20 N/A, add --column force='MotorCurrent[A]' --unit force=20N/A",
+        ),
+        (
+            {"displacement_m": None, "force_N": None, "q1": X, "q2": -X, "I1": F, "I2": -F},
+            {"columns": {"torque_Nm": "I1"}},
+            "state the joint, as in --column torque_1=I1",
+        ),
         *(
             (
                 {"force_N": None, "Load A [N]": forces(**{at: "oops"}), "Load B [N]": 2.0 * F},
@@ -432,6 +443,19 @@ TEMPERATURES = {"temp (C)": 20 + T, "temp [C]": 25 + T}
 )
 def test_what_makes_no_channel_is_refused_with_its_place_and_remedy(contact, changed, options, words):
     assert words in refusal(contact(**changed), **options)
+
+
+def test_the_unit_of_a_position_that_is_read_as_a_displacement_is_that_of_either_name(contact):
+    depth = 3.0 * np.abs(np.sin(7.0 * T)) - 0.5  # mm
+    force = 2.0 * depth.clip(0.0)
+    file = contact(displacement_m=None, force_N=None, pos=depth, force1=force, force2=force[::-1])
+    stated = re.search(r"choose with (.+)", refusal(file))[1].split()
+    assert stated == ["--column", "force=force1", "--unit", "position=mm", "--unit", "force=N"]
+    for name in ("position", "pos"):
+        options = ImportOptions(columns={"force": "force1"}, units={name: "mm", "force": "N"})
+        channel = only(import_file(file, options))
+        assert channel.name == "contact"
+        np.testing.assert_allclose(channel.position, 0.001 * depth)
 
 
 @pytest.mark.parametrize("mark", ["", "-", "nan", "#N/A", " n/a "])
