@@ -30,13 +30,14 @@ from palpate.estimation.data.column_names import (
     guess_columns,
     parse_role,
     role_of_option,
+    si_unit,
     unit_in_name,
 )
 from palpate.estimation.data.column_units import Assigned, Chosen, ColumnUnits
 from palpate.estimation.data.import_options import ImportOptions
 from palpate.estimation.data.presses import FEWEST_ROWS, press_sides
 from palpate.estimation.data.table import Table
-from palpate.estimation.data.units import dimension_of
+from palpate.estimation.data.units import describe_fault, dimension_of, invalid_rows
 from palpate.robot_io.errors import InputError
 from palpate.robot_io.types import FloatArray
 
@@ -61,9 +62,19 @@ class Columns:
 
         Args:
             key: key of a quantity in `assigned`.
+
+        Raises:
+            InputError: a value is too large in SI units.
         """
-        source = self.assigned[key]
-        return source.factor * self.table.numbers(source.column) - source.zero
+        source, table = self.assigned[key], self.table
+        values = source.factor * table.numbers(source.column) - source.zero
+        if len(bad := invalid_rows(values)):
+            raise InputError(
+                f"{table.path}: {table.row_word} {table.rows[bad[0]]}, column '{source.column}' in "
+                f"{source.unit}: {values[bad[0]]:.4g} {si_unit(source.dimension)} is "
+                f"{describe_fault(float(values[bad[0]]), len(bad))}; correct the unit with --unit"
+            )
+        return values
 
     def name(self, key: Key) -> str:
         """Return the name of a quantity's column in the file.

@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 from palpate.estimation.data.import_file import import_file
+from palpate.estimation.data.import_options import ImportOptions
 from palpate.robot_io.errors import InputError
 
 TIME_S = np.arange(0.0, 0.4, 1e-3)
@@ -91,3 +92,10 @@ def test_a_pause_longer_than_the_rest_of_the_run_is_reported(tmp_path):
     notes = notes_of(tmp_path / "press.csv", HEADER, time_s, DEPTH_M, FORCE_N)
     assert "'time_s' jumps by 3600 s to line 203" in notes
     assert "jumps" not in notes_of(tmp_path / "press.csv", HEADER, TIME_S, DEPTH_M, FORCE_N)
+
+
+def test_a_unit_that_makes_numbers_too_large_is_refused(tmp_path):
+    path = tmp_path / "press.csv"
+    path.write_text("\n".join([HEADER, *rows(TIME_S, DEPTH_M, FORCE_N)]), encoding="utf-8")
+    with pytest.raises(InputError, match=r"column 'force_N' in 1e200N: .*N is too large a number"):
+        import_file(path, ImportOptions(units={"force": "1e200N"}))
