@@ -12,6 +12,7 @@ import pyarrow.csv
 import pyarrow.parquet as pq
 
 from palpate.batches.measurements import BatchMeasurement
+from palpate.common.csv_text import harmless_table
 from palpate.common.files import whole_file
 from palpate.estimation.kinds import Kind
 from palpate.robot_io.errors import InputError, one_line
@@ -149,7 +150,7 @@ def write_table(folder: Path, table: pa.Table) -> None:
     with whole_file(folder / f"{TABLE}.parquet") as path:
         pq.write_table(table, path)
     with whole_file(folder / f"{TABLE}.csv") as path:
-        pyarrow.csv.write_csv(table, path)
+        pyarrow.csv.write_csv(harmless_table(table), path)
 
 
 def read_table(path: Path) -> pa.Table:

@@ -13,6 +13,7 @@ import pyarrow as pa
 import pyarrow.csv
 import pyarrow.parquet
 
+from palpate.common.csv_text import harmless_table
 from palpate.common.files import whole_file
 from palpate.control.loop.task import Phase
 from palpate.estimation.channel import ChannelData, ChannelKind
@@ -124,7 +125,7 @@ def write_table(table: pa.Table, path: Path) -> None:
             pa.parquet.write_table(table, file)
         else:
             options = pa.csv.WriteOptions(quoting_style="needed", quoting_header="needed")
-            pa.csv.write_csv(table, file, options)
+            pa.csv.write_csv(harmless_table(table), file, options)
 
 
 def check_ending(path: Path) -> None:

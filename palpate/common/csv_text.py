@@ -1,0 +1,24 @@
+"""Text for CSV files, which spreadsheets and terminals would otherwise run as formulas or commands."""
+
+import pyarrow as pa
+import pyarrow.compute as pc
+
+_CONTROLS = r"[\x00-\x1f\x7f\x80-\x9f]"
+_FORMULA = r"^\s*[=+@-]."
+_NUMBER = r"^\s*[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?$"
+
+
+def harmless_table(table: pa.Table) -> pa.Table:
+    """Replace control characters in text by blanks, and put an apostrophe before what would be a formula.
+
+    Args:
+        table: columns of any types; text may come from files or their names.
+    """
+    for place, column in enumerate(table.columns):
+        if pa.types.is_string(column.type):
+            line = pc.replace_substring_regex(column, _CONTROLS, " ")
+            is_number = pc.match_substring_regex(line, _NUMBER)
+            is_formula = pc.and_not(pc.match_substring_regex(line, _FORMULA), is_number)
+            quoted = pc.binary_join_element_wise("'", line, "")
+            table = table.set_column(place, table.column_names[place], pc.if_else(is_formula, quoted, line))
+    return table
