@@ -7,7 +7,7 @@ import numpy as np
 from palpate.estimation.channel import ChannelData, ChannelKind
 from palpate.estimation.effect import AdditiveEffect, Inner, MemoryEffect, Parameter, start_grid
 from palpate.estimation.kinds import Kind
-from palpate.estimation.signals.exponential_memory import fading_memory, relax, springpot
+from palpate.estimation.signals.exponential_memory import fading_memory, low_pass, relax, springpot
 from palpate.estimation.signals.runwise import finest_step
 from palpate.robot_io.types import FloatArray
 
@@ -16,6 +16,7 @@ class StressRelaxation(AdditiveEffect):
     """Maxwell branch parallel to the spring: F = k1 z with z' = x' - z / tau, z = 0 before the first run.
 
     The state z persists between runs, since an object may not have recovered at the next press.
+    The data decide whether runs that begin pressed begin with a press or with a relaxed object.
     """
 
     name = "stress_relaxation"
@@ -43,6 +44,18 @@ class StressRelaxation(AdditiveEffect):
     def columns(self, data: ChannelData, inner: Inner) -> FloatArray:
         pressed = np.where(data.engaged, data.position, 0.0)
         return relax(pressed, data.time_s, data.run, inner["tau"])[:, None]
+
+    def forms(self) -> tuple["StressRelaxation", ...]:
+        """See `Effect.forms`: an object that a run presses from zero, or that rested pressed before it."""
+        return self, _FromRest()
+
+
+class _FromRest(StressRelaxation):
+    form = 1
+
+    def columns(self, data: ChannelData, inner: Inner) -> FloatArray:
+        pressed = np.where(data.engaged, data.position, 0.0)
+        return (pressed - low_pass(pressed, data.time_s, data.run, inner["tau"]))[:, None]
 
 
 class PowerLawRelaxation(MemoryEffect):

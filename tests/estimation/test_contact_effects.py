@@ -5,11 +5,13 @@ import pytest
 
 from palpate.estimation.channel import ChannelKind
 from palpate.estimation.effects import EFFECTS
+from palpate.estimation.fit.fit_result import fit_model
 from palpate.estimation.model import Model
 from palpate.estimation.models import MODELS
 from palpate.robot_io.errors import InputError
+from tests.estimation import presses
 from tests.estimation.contact_data import base_model, channel
-from tests.estimation.presses import session
+from tests.estimation.presses import NOISE_N, kelvin_voigt, maxwell, motion, session
 from tests.estimation.searches import PRESS
 
 
@@ -138,3 +140,20 @@ def test_dry_friction_turns_round_where_the_path_does_although_the_velocity_show
     # Dahl's law between two reversals: an exponential of the way gone since.
     assert s[990] == pytest.approx(1.0, abs=1e-3)
     assert s[-1] == pytest.approx(2.0 * np.exp(-gone_back / path_m) - 1.0, abs=0.02)
+
+
+def test_a_run_that_begins_pressed_may_begin_with_a_relaxed_object():
+    rng = np.random.default_rng(3)
+    time_s, x, v, run = motion(rng, runs=3)
+    x = x + 0.006  # every run begins 2 mm deep
+    force = kelvin_voigt(x, v, 600.0 * maxwell(time_s, x, run, 0.3)) + rng.normal(0.0, NOISE_N, len(x))
+    data = presses.channel(force, time_s, x, v, run)
+    base = EFFECTS["stiffness"](), EFFECTS["damping"]()
+    pressed, rested = (
+        fit_model(data, Model("m", (*base, form)), {"stress_relaxation.tau": 0.2})
+        for form in EFFECTS["stress_relaxation"]().forms()
+    )
+    assert pressed.rmse > 2.0 * NOISE_N
+    assert rested.rmse == pytest.approx(NOISE_N, rel=0.03)
+    assert rested.solution.parameters["stress_relaxation.k1"] == pytest.approx(600.0, rel=0.02)
+    assert rested.solution.parameters["stress_relaxation.tau"] == pytest.approx(0.3, rel=0.02)
