@@ -6,7 +6,7 @@ from dataclasses import dataclass, field
 from enum import StrEnum
 from html import escape
 from textwrap import wrap
-from typing import NamedTuple
+from typing import NamedTuple, TypeVar
 
 import numpy as np
 
@@ -128,5 +128,22 @@ class TableDisplay(ABC):
             begin = "".join(f"{cell:<{width}}  " for cell, width in zip(row, widths, strict=False))
             lines += [(begin + first).rstrip(), *(" " * start + more for more in rest)]
         return "\n".join(lines)
+
+    __repr__ = __str__
+
+
+_Result = TypeVar("_Result", bound=TableDisplay)
+
+
+class TableTuple(tuple[_Result, ...]):
+    """Results that print as their tables, one below the other, also in a notebook."""
+
+    __slots__ = ()
+
+    def _repr_html_(self) -> str:
+        return "".join(result._repr_html_() for result in self)
+
+    def __str__(self) -> str:
+        return "\n\n".join(map(str, self))
 
     __repr__ = __str__

@@ -11,8 +11,9 @@ from pydantic import BaseModel, ConfigDict, Field, PrivateAttr
 from palpate.estimation.design.next_experiment import NextExperiment
 from palpate.estimation.diagnosis.extension import PackedFit
 from palpate.estimation.diagnosis.forms import Form
-from palpate.estimation.estimate import ParameterEstimate
+from palpate.estimation.estimate import DisplayTable, ParameterEstimate, TableDisplay
 from palpate.estimation.fit.fit_result import FitResult
+from palpate.estimation.fit.intervals import SIGMAS_95
 from palpate.estimation.fit.measurement_noise import NoiseSource
 from palpate.estimation.kinds import Kind
 
@@ -37,6 +38,14 @@ class ParameterValue(_Entry):
     std_err: float | None
     unit: str
     at_bound: bool = False
+
+    @property
+    def interval_text(self) -> str:
+        """The 95 % interval, or why there is none."""
+        if self.at_bound or self.std_err is None:
+            return "at its bound" if self.at_bound else "not determined"
+        half = SIGMAS_95 * self.std_err
+        return f"{self.value - half:.5g} to {self.value + half:.5g}"
 
     @classmethod
     def of(cls, estimate: ParameterEstimate) -> Self:
@@ -140,7 +149,7 @@ class Floor(_Entry):
     share_left: float  # share of the final error on blocks that a flexible regression still explains
 
 
-class ChannelDiagnosis(_Entry):
+class ChannelDiagnosis(TableDisplay, _Entry):
     """The diagnosis of one channel; most fields are empty if the data are insufficient."""
 
     channel: str  # name of the channel
@@ -167,6 +176,14 @@ class ChannelDiagnosis(_Entry):
     averaged: str = ""
     warnings: list[str] = Field(default_factory=list)  # implausible properties of the data, with their values
     _fits: Mapping[tuple[str, ...], PackedFit] = PrivateAttr(default_factory=dict)
+
+    def _table(self) -> DisplayTable:
+        rows = [
+            (name, f"{value.value:.5g} {value.unit}", value.interval_text)
+            for name, value in (self.final.parameters if self.final else {}).items()
+        ]
+        caption = f"{self.channel}: {self.verdict}; {self.reason}"
+        return DisplayTable(caption, ("parameter", "value", "95 % interval"), rows)
 
     def with_fits(self, fits: Mapping[tuple[str, ...], FitResult]) -> Self:
         """Return a copy with the fits from which the numbers were computed.

@@ -116,7 +116,7 @@ class Comparisons(TableDisplay):
             for channel in self.channels
         ]
         rows += [(name, "", "", "", why) for name, why in self.failures.items()]
-        columns = ("channel", "model", "held-out error", "x noise", "not judged")
+        columns = ("channel", "model", "held-out error", "x noise", "excluded")
         return DisplayTable("Models beside the measurement", columns, rows)
 
 

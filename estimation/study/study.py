@@ -15,7 +15,7 @@ from palpate.estimation.diagnosis import ChannelDiagnosis, Verdict
 from palpate.estimation.diagnosis.result import ParameterValue
 from palpate.estimation.effect import Effect
 from palpate.estimation.effects.run_differences import RunVariation
-from palpate.estimation.estimate import DisplayTable
+from palpate.estimation.estimate import DisplayTable, TableTuple
 from palpate.estimation.study import fitting
 from palpate.estimation.study.channels import (
     ChannelKey,
@@ -244,7 +244,7 @@ class ModelStudy(StudyFits):
                 noise = None
             made = estimate_with(channel_data, models[channel_data.name], names, self.source.arm)
             estimates.append(replace(made, noise=noise))
-        return tuple(estimates)
+        return TableTuple(estimates)
 
     def add(
         self, *effects: str, channel: str | None = None, start: int | None = None, fresh: bool = False
@@ -308,8 +308,8 @@ class ModelStudy(StudyFits):
             having = [revision for revision in newest if effect in revision.effects]
             if not having:
                 added = (f"{kept.channel} has {', '.join(kept.effects)}" for kept in newest if kept.effects)
-                known = "; ".join(added) or "Nothing was added yet"
-                raise InputError(f"remove {effect!r}: was not added to any model. {known}")
+                known = "; ".join(added) or "They have no added effects"
+                raise InputError(f"remove {effect!r}: is not in the newest models. {known}")
             if len(having) > 1:
                 listed = ", ".join(revision.channel for revision in having)
                 raise InputError(f"remove {effect!r}: was added to {listed}; choose one with --channel")
@@ -404,7 +404,7 @@ class ModelStudy(StudyFits):
         Raises:
             InputError: a file in the folder is damaged.
         """
-        return tuple(self._newest_result(self._current(member)) for member in self.channels)
+        return TableTuple(self._newest_result(self._current(member)) for member in self.channels)
 
     def result(
         self,

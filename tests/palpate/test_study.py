@@ -111,7 +111,10 @@ def study(tmp_path_factory):
         (lambda s: s.add("coulomb_friction"), r"not apply to any channel: .* Did you mean .*dry_friction"),
         (lambda s: s.add("gremlin"), r"no effect is called 'gremlin'\. In a contact there are: adhesion, "),
         (lambda s: s.compare()["nope"], "no channel 'nope' is compared. There are: contact"),
-        (lambda s: s.remove("cubic_stiffness"), "'cubic_stiffness': was not added .* Nothing was added yet"),
+        (
+            lambda s: s.remove("cubic_stiffness"),
+            "'cubic_stiffness': is not in the newest models. They have no",
+        ),
         (lambda s: s.export(3), "scenario 3: give a path"),
         (lambda s: s.export("x.yaml", "0"), "revisions='0': give a revision's number"),
         (lambda s: s.export("x.yaml", 7), "no revision 7"),
@@ -129,7 +132,7 @@ def test_what_has_a_number_is_exported_also_if_that_is_zero(tmp_path):
     for revision in (0, [0]):
         assert not study.export(tmp_path / "w.yaml", revision).scenario.hidden
     assert study.export(tmp_path / "w.yaml", 1).scenario.hidden
-    with pytest.raises(InputError, match=r"'bias': was not added to any model. contact has cubic_stiffness"):
+    with pytest.raises(InputError, match=r"'bias': is not in the newest models. contact has cubic_stiffness"):
         study.remove("bias")
 
 

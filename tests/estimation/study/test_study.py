@@ -131,7 +131,7 @@ def test_adding_goes_on_from_the_newest_and_removing_goes_back():
     assert study.add("drift").revisions[0].effects == ["cubic_stiffness", "drift"]
     assert study.add("drift", start=0).revisions[0].parent == 0
     assert study.revisions[0].created_utc == "2026-01-02T12:00:00+00:00"
-    with pytest.raises(InputError, match="was not added to any model"):
+    with pytest.raises(InputError, match="is not in the newest models"):
         study.remove("adhesion")
 
 
@@ -296,7 +296,12 @@ def test_results_are_tables_in_a_notebook(pressed):
         (diagnosis, "cubic_stiffness"),
         (study.add("cubic_stiffness", fresh=True), "+ cubic_stiffness"),
         (study.revisions, "kelvin_voigt + cubic_stiffness"),
+        (diagnosis.channels[0], "cubic_stiffness.k3"),
+        (study.estimate("lsq"), "stiffness.k"),
         (study.estimate("lsq")[0], "stiffness.k"),
+        (study.results(), "+ cubic_stiffness"),
     ):
         assert words in result._repr_html_()
         assert result._repr_html_().startswith("<table>")
+        assert words in str(result)
+        assert max(map(len, str(result).splitlines())) <= 110
