@@ -46,6 +46,7 @@ _MOST_RANKED = 3  # most candidates that are added alone to the base model
 # effects, the kind's law imitates these effects.
 _IMITATION = 2.0
 _SLOW = 1.5  # ratio of the error to the noise above which what is left is slower than noise of the readings
+_LARGE = 99.5  # smallest value that two significant digits would write with an exponent
 _PEAKED = 0.8  # share of the squared error in its largest 5 %; normal noise has 0.28
 _Rivals = Mapping[str, Mapping[str, FitResult]]  # fits by replaced effect and replacing effect
 
@@ -314,6 +315,15 @@ def error_decrease(accepted: Sequence[Accepted], base_rmse: float, last_rmse: fl
     return f"the error falls from {base_rmse:.3g} {unit} to {last_rmse:.3g} {unit} with {names}"
 
 
+def two_digits(value: float) -> str:
+    """Format a value to two significant digits, and a large one to a whole number.
+
+    Args:
+        value: not negative, such as an error over the noise.
+    """
+    return f"{value:.2g}" if value < _LARGE else f"{value:.0f}"
+
+
 def _reason(
     evidence: Evidence, verdict: Verdict, accepted: Sequence[Accepted], ranking: Sequence[Ranked]
 ) -> str:
@@ -327,14 +337,16 @@ def _reason(
     signals, noise = ", ".join(evidence.signals) or "a mix of signals", evidence.noise.value
     left = f"the residual depends on {signals}"
     if last > noise > 0.0:
-        left = f"the residual is {last / noise:.2g} times the noise, and depends on {signals}"
+        left = f"the residual is {two_digits(last / noise)} times the noise, and depends on {signals}"
     if evidence.objection:
         left = evidence.objection.reason
     if verdict is Verdict.MISSING:
         decrease = error_decrease(accepted, evidence.stages[0].rmse, last, unit)
         nothing = "only noise is left"
         if not evidence.noise.is_bound and last > _SLOW * noise > 0.0:
-            nothing = f"what is left, {last / noise:.2g} times the noise, depends on no recorded signal"
+            nothing = (
+                f"what is left, {two_digits(last / noise)} times the noise, depends on no recorded signal"
+            )
         nothing += f"{_steps(evidence)}{_hum(end)}{_peaks(end)}"
         return f"{decrease}, and {nothing}" if evidence.complete else f"{decrease}; {left}"
     reason = f"the error is {last:.3g} {unit}; {left}"

@@ -17,7 +17,7 @@ class KnownRigidBody(AdditiveEffect):
     name = "rigid_body"
     kind = Kind.GRAVITY_LOAD
     physics = "Inertia, Coriolis forces and weight of the links load the joint."
-    equation = "tau = M(q) a + C(q, v) v + g(q), row of the joint"
+    equation = "tau = [M(q) a + C(q, v) v + g(q)]_j, j the joint"
     source = "R. Featherstone, Rigid Body Dynamics Algorithms (2008), ch. 5: RNEA"
     signature = "torque follows posture and acceleration of all joints"
     signals = ("position", "velocity", "acceleration", "other joints")
@@ -52,7 +52,7 @@ class RigidBodyFitted(AdditiveEffect):
     name = "rigid_body_fitted"
     kind = Kind.GRAVITY_LOAD
     physics = "Inertia, Coriolis forces and weight of the links load the joint; their parameters are fitted."
-    equation = "tau = Y(q, v, a) pi, row of the joint, pi the base parameters of the arm"
+    equation = "tau = [Y(q, v, a) pi]_j, j the joint, pi the base parameters of the arm"
     source = (
         "C. G. Atkeson, C. H. An, J. M. Hollerbach, IJRR 5(3) (1986); M. Gautier, J. Robotic "
         "Systems 8 (1991): numerical calculation of the base inertial parameters"

@@ -6,6 +6,7 @@ from math import nan
 
 from palpate.estimation.diagnosis import ChannelDiagnosis, Verdict
 from palpate.estimation.diagnosis.forms import Form
+from palpate.estimation.diagnosis.verdict import two_digits
 from palpate.estimation.effects import EFFECTS
 from palpate.estimation.estimate_channel import UNPHYSICAL
 from palpate.estimation.kinds import Kind
@@ -65,7 +66,7 @@ def _sentence(diagnosis: ChannelDiagnosis) -> str:
     signals = diagnosis.remaining.depends_on
     on = f" and depends on {enumerated(signals)}" if signals else ""
     times = diagnosis.remaining.times_floor
-    size = f" of {times:.2g} times the noise" if times >= NOISE else ""
+    size = f" of {two_digits(times)} times the noise" if times >= NOISE else ""
     kinds = _kinds_without_form(diagnosis)
     unknown = f" The form of {enumerated(kinds)} is not known." if kinds else ""
     return f"{missing} An unexplained error{size} remains{on}.{unknown}"

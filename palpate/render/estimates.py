@@ -13,6 +13,7 @@ from rich.text import Text
 from palpate.common.console import AT_BOUND, NOT_DETERMINED, count, natural_width, safe, significant, table
 from palpate.estimation.channel import FEWEST_STEPS
 from palpate.estimation.data_quality import contaminated
+from palpate.estimation.diagnosis.verdict import two_digits
 from palpate.estimation.estimate import Determined, Estimate, Identifiability, ParameterEstimate
 from palpate.estimation.estimate_channel import in_steps, steps_spanned
 from palpate.estimation.fit.intervals import SIGMAS_95
@@ -201,7 +202,7 @@ def _remarks_on_fits(estimates: ChannelEstimates) -> Iterator[str]:
     if estimates.noise is not None and estimates.misfit > POOR:
         yield (
             f"{estimates.model.name} does not describe these data: the error of {best.estimator} is "
-            f"{best.rmse:.2g} {unit} (rms), the noise is {estimates.noise.describe(unit)}. "
+            f"{two_digits(best.rmse)} {unit} (rms), the noise is {estimates.noise.describe(unit)}. "
             "The intervals do not include this model error; palpate diagnose looks for what is missing"
         )
     surface, offset = estimates.channel.surface, next((p for p in best.parameters if p.name == OFFSET), None)

@@ -11,6 +11,8 @@ import pytest
 from PIL import Image
 
 from palpate.estimation.diagnosis.candidates import effect_library
+from palpate.estimation.effects.gravity_load import KnownRigidBody
+from palpate.estimation.model import Model
 from palpate.render import report
 from palpate.render.build import equation_of, result_view, write_outcome
 from palpate.render.report import bold, document, typeset, write_report
@@ -116,6 +118,11 @@ def test_equations_are_typeset():
     assert typeset("F = k1 x^n + b x^(n+1), tau < 1\nwith mu") == (
         "F = k<sub>1</sub> x<sup>n</sup> + b x<sup>(n+1)</sup>, τ &lt; 1<br>with μ"
     )
+
+
+def test_the_equation_of_an_arm_states_which_row_it_is():
+    model = Model("rigid_body", (KnownRigidBody(),))
+    assert equation_of(model) == "tau = [M(q) a + C(q, v) v + g(q)]_j\nwith j the joint"
 
 
 def test_every_effect_can_be_written_out(result):

@@ -81,14 +81,15 @@ def test_a_verdict_is_one_sentence_that_says_what_to_know(found, words, absent):
 
 
 @pytest.mark.parametrize(
-    ("complete", "words"),
+    ("complete", "times", "words"),
     [
-        (True, "(noise 0.1 N, from free air)."),
-        (False, "An unexplained error of 1.8 times the noise remains and depends on a."),
+        (True, 1.8, "(noise 0.1 N, from free air)."),
+        (False, 1.8, "An unexplained error of 1.8 times the noise remains and depends on a."),
+        (False, 361.9, "An unexplained error of 362 times the noise remains and depends on a."),
     ],
 )
-def test_an_established_effect_is_named_whether_the_model_is_complete_or_not(complete, words):
-    rest = SimpleNamespace(rmse=0.18, times_floor=1.8, depends_on=["a"])
+def test_an_established_effect_is_named_whether_the_model_is_complete_or_not(complete, times, words):
+    rest = SimpleNamespace(rmse=0.1 * times, times_floor=times, depends_on=["a"])
     known = dict(diagnosis("missing", after=0.18))
     known["accepted"] = [SimpleNamespace(form="exact", **ONE)]
     found = SimpleNamespace(**known | {"complete": complete, "remaining": rest})
