@@ -344,17 +344,30 @@ def report_command(
     ] = False,
     as_json: JsonOption = False,
 ) -> None:
-    """Write measurement, models and diagnosis to one self-contained HTML page.
+    """Write measurement, models and saved diagnosis to one self-contained HTML page.
 
     Example: palpate report press.csv -o press.html
     """
     path = output_file(out, force=force or is_own_page(out), keep=[data.file], endings=(".html", ".htm"))
     study = data.study(model, folder_to_read(data.file, folder))
+    # a diagnosis of a data file is saved only in a folder that is named
+    place = folder or (None if study.source.session else derived_folder(data.file))
+    diagnose, again = (data.typed(model=model, out=out) for out in (place, folder))
     with console.stderr().status("fitting and drawing"):
-        study.report(path, [f"palpate report {data.typed(model=model, folder=folder)}"])
+        results = study.results()
+        is_diagnosed = any(result.diagnosis for result in results)
+        commands = [f"palpate diagnose {diagnose}"] if is_diagnosed else []
+        for result in (result for result in results if result.added):
+            where = f" --channel {result.channel.name}" if len(results) > 1 else ""
+            commands.append(f"palpate add {again} {' '.join(result.added)}{where} --fresh")
+        study.report(path, [*commands, f"palpate report {data.typed(model=model, folder=folder)}"])
+    add_diagnosis = (f"palpate diagnose {diagnose}", "find what is missing; then write the report again")
     console.present(
         {"file": str(data.file), "report": str(path)},
         lambda: console.say(f"report  [bold]{shown(path)}[/bold]"),
-        [(f"palpate workbench {data.typed()}", "an interactive page to try effects on")],
+        [
+            *([] if is_diagnosed else [add_diagnosis]),
+            (f"palpate workbench {data.typed()}", "an interactive page to try effects on"),
+        ],
         as_json=as_json,
     )

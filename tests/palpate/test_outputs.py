@@ -7,6 +7,7 @@ import shutil
 import subprocess
 import sys
 from contextlib import redirect_stderr
+from html import unescape
 from pathlib import Path
 
 import pytest
@@ -23,6 +24,7 @@ from palpate.common.files import (
 )
 from palpate.robot_io.errors import InputError, SessionError
 from palpate.robot_io.session import Column, Event, Session, SessionMetadata, Stream, write_session
+from tests.few_effects import try_few_effects
 from tests.palpate.cli import ROOT, assert_refused, done, run, run_process
 
 NASTY = (
@@ -91,6 +93,25 @@ def test_a_report_replaces_its_own_page_alone(without_figures, hardening, tmp_pa
         assert json.loads(result.stdout) == {"file": str(hardening), "report": "report.html"}
     Path("mine.html").write_text("<html>palpate</html>")
     assert_refused(run("report", hardening, "-o", "mine.html"), "exists already", "--force")
+
+
+def test_a_report_states_the_commands_that_repeat_it(without_figures, hardening, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    folder = f"{hardening.stem}-palpate"
+    assert run("add", hardening, "cubic_stiffness").exit_code == 0
+    first = run("report", hardening)
+    assert f"palpate diagnose {hardening} --out {folder}" in " ".join(first.stderr.split())
+    assert f"palpate add {hardening} cubic_stiffness --fresh\npalpate report {hardening}" in read_page(
+        "report.html"
+    )
+    try_few_effects(monkeypatch)
+    assert run("diagnose", hardening, "--out", folder).exit_code == 0
+    assert "palpate diagnose" not in run("report", hardening).stderr
+    assert f"palpate diagnose {hardening} --out {folder}\npalpate add" in read_page("report.html")
+
+
+def read_page(name):
+    return unescape(Path(name).read_text())
 
 
 def test_with_force_it_is_replaced_but_never_what_is_read(without_figures, hardening, tmp_path):
