@@ -175,7 +175,7 @@ def decide_verdict(evidence: Evidence) -> ChannelDiagnosis:
         }
     accepted = _accepted(evidence, others)
     verdict = Verdict.MISSING if accepted else Verdict.ADEQUATE if evidence.complete else Verdict.UNEXPLAINED
-    budget, rest = _budget(evidence)
+    budget, rest = _budget(evidence, others)
     start = search.start.rmse
     ranking = sorted(  # the most promising candidates, each added alone to the base model
         (
@@ -221,13 +221,14 @@ def decide_verdict(evidence: Evidence) -> ChannelDiagnosis:
     return diagnosis.with_fits({chain: fit for chain, fit in (alone | chains).items() if chain})
 
 
-def _budget(evidence: Evidence) -> tuple[list[BudgetShare], Rest]:
+def _budget(evidence: Evidence, others: _Rivals) -> tuple[list[BudgetShare], Rest]:
     """Divide the base model's squared error on blocks into shares, which add up to one.
 
     Returns:
         Shares of kinds, and the remaining shares. The kinds are those of the accepted effects if these leave
         no more error than the laws of all relevant kinds, or if a kind without an accepted effect only
-        imitates them. Otherwise they are all relevant kinds. In a complete model the remainder is noise.
+        imitates them. Otherwise they are all relevant kinds. In a complete model the remainder is noise, and
+    a kind is replaceable if effects of another kind are indistinguishable from all its effects.
     """
     search, end, partial = evidence.search, evidence.end, evidence.partial
     effects = [end.solution.model.effect(name) for name in search.added_effects(end)]
@@ -237,7 +238,12 @@ def _budget(evidence: Evidence) -> tuple[list[BudgetShare], Rest]:
     rng = np.random.default_rng(0)
     budget = error_budget(NamedError(end, kinds), rng, frozenset(kinds.values()))
     replaceable: dict[Kind, tuple[Kind, ...]] = {}
-    if partial is not None:
+    if partial is None:
+        kind_of = {effect.name: effect.kind for effect in search.effects}
+        for kind in set(kinds.values()):
+            rivals = [{kind_of[n] for n in others[name]} for name in kinds if kinds[name] is kind]
+            replaceable[kind] = tuple(sorted(set.intersection(*rivals) - set(kinds.values())))
+    else:
         by_laws = partial.budget_with(frozenset(kinds.values()))
         without_name = (entry.share for entry in by_laws.entries if entry.kind not in kinds.values())
         imitates = max(without_name, default=0.0) > _IMITATION * budget.left
@@ -251,7 +257,7 @@ def _budget(evidence: Evidence) -> tuple[list[BudgetShare], Rest]:
         form = max(map(evidence.form, names), key=list(Form).index, default=Form.UNKNOWN)
         if not names and evidence.coarse is not None:
             names = closest_forms(evidence.coarse, entry.kind, frozenset(budget.kinds))
-        others = list(replaceable.get(entry.kind, ()))
+        instead = list(replaceable.get(entry.kind, ()))
         shares.append(
             BudgetShare(
                 kind=entry.kind,
@@ -261,8 +267,8 @@ def _budget(evidence: Evidence) -> tuple[list[BudgetShare], Rest]:
                 sufficient=entry.sufficient,
                 form=form,
                 effects=names,
-                replaceable_by=others,
-                experiment=separating_experiment(entry.kind, others[0]) if others else "",
+                replaceable_by=instead,
+                experiment=separating_experiment(entry.kind, instead[0]) if instead else "",
             )
         )
     noise = budget.left

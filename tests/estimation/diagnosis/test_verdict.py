@@ -9,7 +9,7 @@ import pytest
 
 from palpate.estimation.channel import ChannelKind
 from palpate.estimation.design.next_experiment import exploring, separating, sufficient
-from palpate.estimation.diagnosis import diagnose
+from palpate.estimation.diagnosis import diagnose, verdict
 from palpate.estimation.diagnosis.random_effects import add_run_variation, run_standard_deviation
 from palpate.estimation.diagnosis.residual_checks import ResidualFinding
 from palpate.estimation.diagnosis.result import Verdict
@@ -116,6 +116,15 @@ def test_what_is_left_far_above_the_noise_is_not_called_noise(swung, ratio, effo
     evidence = Evidence(search, measurement, end, True, None)
     vars(evidence)["noise"] = MeasurementNoise(end.rmse / ratio, NoiseSource.NEIGHBORS, effort_nm, 0.0)
     assert decide_verdict(evidence).reason.endswith(left)
+
+
+def test_a_kind_is_replaceable_if_another_kind_is_indistinguishable_from_its_effects(swung, monkeypatch):
+    rivals = {"joint_spring": {}, "coulomb_friction": {"bias": swung[1]}}
+    monkeypatch.setattr(verdict, "indistinguishable_models", lambda search, end, name, _: rivals[name])
+    elastic, friction = sorted(said(swung, complete=True)[0].budget, key=lambda entry: entry.effects)[::-1]
+    assert (elastic.effects, elastic.replaceable_by) == (["joint_spring"], [])
+    assert (friction.effects, friction.replaceable_by) == (["coulomb_friction"], [Kind.SENSOR_STATICS])
+    assert friction.experiment
 
 
 @pytest.mark.parametrize("hum_n", [0.3, 0.0])
