@@ -349,7 +349,9 @@ def _reason(
     if verdict is Verdict.MISSING:
         decrease = error_decrease(accepted, evidence.stages[0].rmse, last, unit)
         nothing = "only noise is left"
-        if not evidence.noise.is_bound and last > _SLOW * noise > 0.0:
+        if evidence.noise.is_bound:
+            nothing = "what is left may be noise, of which only an upper bound is known"
+        elif last > _SLOW * noise > 0.0:
             nothing = (
                 f"what is left, {two_digits(last / noise)} times the noise, depends on no recorded signal"
             )

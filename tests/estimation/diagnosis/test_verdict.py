@@ -108,7 +108,7 @@ def test_where_nothing_is_left_nothing_is_to_be_recorded(swung):
     [
         (1.2, 0.02, "only noise is left"),
         (4.0, 0.02, "what is left, 4 times the noise, depends on no recorded signal"),
-        (4.0, None, "only noise is left"),  # an upper bound of the noise
+        (4.0, None, "what is left may be noise, of which only an upper bound is known"),
     ],
 )
 def test_what_is_left_far_above_the_noise_is_not_called_noise(swung, ratio, effort_nm, left):
