@@ -374,5 +374,5 @@ def own(effect: Effect, parameters: Parameters) -> dict[str, float]:
 @lru_cache(maxsize=8)
 def _moved(effect: IdentityKey, data: IdentityKey, inner: tuple[tuple[str, float], ...]) -> ChannelData:
     """Return the channel moved by an effect; cached because searches of other effects need it repeatedly."""
-    moved: ChannelData = effect.thing.move(data.thing, dict(inner))
+    moved: ChannelData = effect.wrapped.move(data.wrapped, dict(inner))
     return moved

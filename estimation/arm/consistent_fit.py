@@ -32,11 +32,11 @@ def arranged(products: FloatArray, names: Sequence[str], shared: Sequence[str], 
             other columns are the joint's own, in the order of `names`.
         sigma: standard deviation of the joint's noise [N m].
     """
-    private = [name for name in names if name not in set(shared)]
-    place = {name: index for index, name in enumerate([*shared, *private])}
-    places = np.array([*(place[name] for name in names), len(place)])
-    ordered = np.zeros((len(products), len(place) + 1, len(place) + 1))
-    ordered[:, places[:, None], places] = products
+    own_names = [name for name in names if name not in set(shared)]
+    index_by_name = {name: index for index, name in enumerate([*shared, *own_names])}
+    indices = np.array([*(index_by_name[name] for name in names), len(index_by_name)])
+    ordered = np.zeros((len(products), len(index_by_name) + 1, len(index_by_name) + 1))
+    ordered[:, indices[:, None], indices] = products
     return JointMoments(ordered, len(shared), sigma)
 
 
@@ -104,8 +104,8 @@ def urdf_information(base: BaseParameters, urdf: FloatArray, at: FloatArray | No
     point = divergence.origin if at is None else at
     inverse_root = np.linalg.pinv(divergence.curvature_root(point))  # C C' is the inverse curvature
     mean = point - inverse_root @ (inverse_root.T @ divergence.gradient(point))
-    reach = base.grouping @ inverse_root
-    matrix = np.linalg.inv(reach @ reach.T) / URDF_SPREAD**2
+    grouped_root = base.grouping @ inverse_root
+    matrix = np.linalg.inv(grouped_root @ grouped_root.T) / URDF_SPREAD**2
     return Information(matrix, matrix @ (base.grouping @ mean))
 
 
@@ -122,22 +122,22 @@ def consistent_information(base: BaseParameters, urdf: FloatArray, total: Inform
         The prior for each set of runs: matrix (f, b, b) and vector (f, b).
     """
     divergence, grouping = Divergence(nearest_bodies(urdf)), base.grouping
-    pulls = []
+    expanded = []
     for matrix, vector in zip(total.matrix, total.vector, strict=True):
-        onto = Information(grouping.T @ matrix @ grouping, grouping.T @ vector)
-        bodies = fit_bodies(onto, divergence, URDF_SPREAD**-2)
-        pulls.append(urdf_information(base, urdf, bodies))
-    return Information(*(np.stack([getattr(pull, part) for pull in pulls]) for part in ("matrix", "vector")))
+        of_bodies = Information(grouping.T @ matrix @ grouping, grouping.T @ vector)
+        bodies = fit_bodies(of_bodies, divergence, URDF_SPREAD**-2)
+        expanded.append(urdf_information(base, urdf, bodies))
+    return Information(np.stack([p.matrix for p in expanded]), np.stack([p.vector for p in expanded]))
 
 
-_FALL = 0.05  # factor on the prior's weight from one point of the path to the next
-_STEPS = 50  # maximum number of Newton steps at one point
-_CLOSE = 0.1  # squared Newton decrement relative to the prior's weight at which a point of the path ends
-_CLOSEST = 1e-12  # the same at the last point of the path
+_WEIGHT_FACTOR = 0.05  # factor on the prior's weight from one point of the path to the next
+_MAX_STEPS = 50  # maximum number of Newton steps at one point
+_PATH_TOLERANCE = 0.1  # squared Newton decrement at which a point of the path ends, as a share of the weight
+_FINAL_TOLERANCE = 1e-12  # the same at the last point of the path
 
 
 def fit_bodies(information: Information, divergence: Divergence, precision: float) -> FloatArray:
-    """Minimize the objective with weight * D as penalty, for weights that fall to the final precision.
+    """Minimize the objective with penalty weight * D, for weights that decrease to the final precision.
 
     Args:
         information: quadratic objective of the data, matrix (10 links, 10 links) and vector (10 links,).
@@ -149,11 +149,11 @@ def fit_bodies(information: Information, divergence: Divergence, precision: floa
     """
     problem = _Problem(information, divergence)
     inertial = divergence.origin
-    pull = np.sqrt(problem.newton(inertial, precision)[1] / precision) * precision
-    while pull > precision:
-        inertial = problem.descend(inertial, pull, _CLOSE)
-        pull *= _FALL
-    return problem.descend(inertial, precision, _CLOSEST)
+    weight = np.sqrt(problem.newton(inertial, precision)[1] / precision) * precision
+    while weight > precision:
+        inertial = problem.descend(inertial, weight, _PATH_TOLERANCE)
+        weight *= _WEIGHT_FACTOR
+    return problem.descend(inertial, precision, _FINAL_TOLERANCE)
 
 
 class _Problem:
@@ -163,30 +163,30 @@ class _Problem:
         self._information, self._divergence = information, divergence
         self._root = _root(information.matrix)
 
-    def descend(self, inertial: FloatArray, precision: float, close: float) -> FloatArray:
+    def descend(self, inertial: FloatArray, precision: float, tolerance: float) -> FloatArray:
         """Minimize the cost by damped Newton steps.
 
         Args:
             inertial: consistent inertial parameters to start from, shape (10 links,).
             precision: weight of the divergence from the prior's parameters.
-            close: squared Newton decrement at which the search ends, as a share of the precision.
+            tolerance: squared Newton decrement at which the search ends, as a share of the precision.
 
         Returns:
             The minimizing inertial parameters, shape (10 links,).
         """
-        current = self._cost(inertial, precision)
-        for _ in range(_STEPS):
+        cost = self._cost(inertial, precision)
+        for _ in range(_MAX_STEPS):
             step, decrement = self.newton(inertial, precision)
-            if decrement <= close * precision:
+            if decrement <= tolerance * precision:
                 break
-            share = 1.0
+            step_size = 1.0
             while (
-                proposed := self._cost(inertial - share * step, precision)
-            ) > current - 0.1 * share * decrement:
-                share *= 0.5
-                if share < 1e-10:  # rounding errors prevent a further decrease
+                new := self._cost(inertial - step_size * step, precision)
+            ) > cost - 0.1 * step_size * decrement:
+                step_size *= 0.5
+                if step_size < 1e-10:  # rounding errors prevent a further decrease
                     return inertial
-            inertial, current = inertial - share * step, proposed
+            inertial, cost = inertial - step_size * step, new
         return inertial
 
     def newton(self, inertial: FloatArray, precision: float) -> tuple[FloatArray, float]:
@@ -199,13 +199,14 @@ class _Problem:
             inertial: inertial parameters of the links, shape (10 links,).
             precision: weight of the divergence from the prior's parameters.
         """
-        slope = self._information.matrix @ inertial - self._information.vector
-        slope = slope + precision * self._divergence.gradient(inertial)
+        gradient = self._information.matrix @ inertial - self._information.vector
+        gradient = gradient + precision * self._divergence.gradient(inertial)
         root = np.concatenate([self._root, np.sqrt(precision) * self._divergence.curvature_root(inertial)])
         scale = 1.0 / np.linalg.norm(root, axis=0)
         factor = np.linalg.qr(root * scale, mode="r")
-        half = scipy.linalg.solve_triangular(factor, scale * slope, trans="T", check_finite=False)
-        return scale * scipy.linalg.solve_triangular(factor, half, check_finite=False), float(half @ half)
+        half = scipy.linalg.solve_triangular(factor, scale * gradient, trans="T", check_finite=False)
+        step = scipy.linalg.solve_triangular(factor, half, check_finite=False)
+        return scale * step, float(half @ half)
 
     def _cost(self, inertial: FloatArray, precision: float) -> float:
         quadratic = inertial @ (0.5 * self._information.matrix @ inertial - self._information.vector)
@@ -214,7 +215,7 @@ class _Problem:
 
 def _root(matrix: FloatArray) -> FloatArray:
     """Return R with R' R = matrix; the result does not depend on the units of the columns."""
-    size = np.sqrt(np.maximum(np.diag(matrix), 0.0))
-    scale = np.divide(1.0, size, out=np.zeros_like(size), where=size > 0.0)
+    column_size = np.sqrt(np.maximum(np.diag(matrix), 0.0))
+    scale = np.divide(1.0, column_size, out=np.zeros_like(column_size), where=column_size > 0.0)
     values, axes = np.linalg.eigh(matrix * np.outer(scale, scale))
-    return np.asarray(np.sqrt(np.maximum(values, 0.0))[:, None] * axes.T * size)
+    return np.asarray(np.sqrt(np.maximum(values, 0.0))[:, None] * axes.T * column_size)

@@ -30,10 +30,8 @@ from palpate.robot_io.types import BoolArray, FloatArray, IntArray
 if TYPE_CHECKING:
     from palpate.control.arm.rigid_body import RigidBody
 
-_POSTURES = 200
-_INDEPENDENT = (
-    1e-6  # least relative residual of an independent column after projection; URDFs contain rounded axes
-)
+_POSTURE_COUNT = 200
+_MIN_RESIDUAL = 1e-6  # least relative residual of an independent column; URDFs contain rounded axes
 _NAMES = ("m", "mx", "my", "mz", "Ixx", "Ixy", "Iyy", "Ixz", "Iyz", "Izz")
 _UNITS = ("kg", *("kg m",) * 3, *("kg m^2",) * 6)
 
@@ -51,7 +49,7 @@ class BaseParameters:
     # `palpate.control.arm.rigid_body.RigidBody.regressor`.
     columns: IntArray
     grouping: FloatArray  # coefficients of the link parameters in each base parameter, shape (b, 10 links)
-    felt: BoolArray  # whether a joint's torque depends on each base parameter, shape (joints, b)
+    affects_joint: BoolArray  # whether a joint's torque depends on each base parameter, shape (joints, b)
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -85,32 +83,30 @@ def inertial_unit(column: int) -> str:
 def base_parameters(body: "RigidBody") -> BaseParameters:
     """Compute the base parameters of an arm from random postures, velocities and accelerations."""
     rng = np.random.default_rng(0)
-    motions = rng.uniform(-2.0, 2.0, (_POSTURES, 3, body.joint_count))
+    motions = rng.uniform(-2.0, 2.0, (_POSTURE_COUNT, 3, body.joint_count))
     regressor = np.array([body.regressor(*motion) for motion in motions])
     rows = regressor.reshape(-1, regressor.shape[2])
     # Select columns that are linearly independent of the previous ones (Gram-Schmidt, projected twice).
     lengths = np.linalg.norm(rows, axis=0)
-    least = _INDEPENDENT * np.maximum(lengths, 1e-3 * lengths.max())
-    basis, chosen = np.zeros((len(rows), 0)), []
+    min_length = _MIN_RESIDUAL * np.maximum(lengths, 1e-3 * lengths.max())
+    basis, independent = np.zeros((len(rows), 0)), []
     for index, column in enumerate(rows.T):
         residual = column - basis @ (basis.T @ column)
         residual -= basis @ (basis.T @ residual)
         length = np.linalg.norm(residual)
-        if length > least[index]:
-            chosen.append(index)
+        if length > min_length[index]:
+            independent.append(index)
             basis = np.column_stack([basis, residual / length])
-    columns = np.array(chosen, dtype=np.int64)
+    columns = np.array(independent, dtype=np.int64)
     grouping = np.linalg.lstsq(rows[:, columns], rows, rcond=None)[0]
-    grouping[np.abs(grouping) < _INDEPENDENT] = 0.0
-    size = np.abs(regressor[:, :, columns]).max(axis=0)
-    return BaseParameters(columns, grouping, size > _INDEPENDENT * size.max(axis=0))
+    grouping[np.abs(grouping) < _MIN_RESIDUAL] = 0.0
+    torque_scale = np.abs(regressor[:, :, columns]).max(axis=0)
+    return BaseParameters(columns, grouping, torque_scale > _MIN_RESIDUAL * torque_scale.max(axis=0))
 
 
 PARAMETERS = 10
-_LEAST_MASS_SHARE = 1e-3  # mass of a link without mass in the URDF, relative to the heaviest link
-# gyration radius of a link without inertia in the URDF, relative to the arm's largest one
-_LEAST_RADIUS_SHARE = 0.02
-
+_MIN_MASS_SHARE = 1e-3  # mass of a link without mass in the URDF, relative to the heaviest link
+_MIN_RADIUS_SHARE = 0.02  # gyration radius of a link without inertia in the URDF, relative to the largest one
 _ROUNDING = 1e-13  # relative to the given body: smaller eigenvalues are not physical
 
 
@@ -150,8 +146,8 @@ def inertial_of(pseudo: FloatArray) -> FloatArray:
     """
     second = pseudo[:, :3, :3]
     inertia = np.trace(second, axis1=1, axis2=2)[:, None, None] * np.eye(3) - second
-    tail = inertia[:, [0, 0, 1, 0, 1, 2], [0, 1, 1, 2, 2, 2]]
-    return np.concatenate([pseudo[:, 3:, 3], pseudo[:, 3, :3], tail], axis=1).ravel()
+    moments = inertia[:, [0, 0, 1, 0, 1, 2], [0, 1, 1, 2, 2, 2]]
+    return np.concatenate([pseudo[:, 3:, 3], pseudo[:, 3, :3], moments], axis=1).ravel()
 
 
 def nearest_bodies(inertial: FloatArray) -> FloatArray:
@@ -165,15 +161,15 @@ def nearest_bodies(inertial: FloatArray) -> FloatArray:
         inertial: parameters of all links, shape (10 links,), SI units.
     """
     pseudo = pseudo_inertias(inertial)
-    mass = np.maximum(pseudo[:, 3, 3], _LEAST_MASS_SHARE * max(float(pseudo[:, 3, 3].max()), 1e-3))
+    mass = np.maximum(pseudo[:, 3, 3], _MIN_MASS_SHARE * max(float(pseudo[:, 3, 3].max()), 1e-3))
     is_given = pseudo[:, 3, 3] == mass
     centre = np.where(is_given[:, None], pseudo[:, :3, 3] / mass[:, None], 0.0)
-    spread = pseudo[:, :3, :3] / mass[:, None, None] - centre[:, :, None] * centre[:, None, :]
-    squares, axes = np.linalg.eigh(spread)
-    least = _LEAST_RADIUS_SHARE**2 * max(float(squares.max()), 1e-4)
-    spread = (axes * np.maximum(squares, least)[:, None, :]) @ axes.transpose(0, 2, 1)
+    covariance = pseudo[:, :3, :3] / mass[:, None, None] - centre[:, :, None] * centre[:, None, :]
+    squared_radii, axes = np.linalg.eigh(covariance)
+    min_squared_radius = _MIN_RADIUS_SHARE**2 * max(float(squared_radii.max()), 1e-4)
+    covariance = (axes * np.maximum(squared_radii, min_squared_radius)[:, None, :]) @ axes.transpose(0, 2, 1)
     pseudo = np.empty_like(pseudo)
-    pseudo[:, :3, :3] = mass[:, None, None] * (spread + centre[:, :, None] * centre[:, None, :])
+    pseudo[:, :3, :3] = mass[:, None, None] * (covariance + centre[:, :, None] * centre[:, None, :])
     pseudo[:, :3, 3] = pseudo[:, 3, :3] = mass[:, None] * centre
     pseudo[:, 3, 3] = mass
     return inertial_of(pseudo)
@@ -218,8 +214,8 @@ class Divergence:
             inertial: parameters of all links, shape (10 links,), SI units.
         """
         factor = np.linalg.inv(np.linalg.cholesky(pseudo_inertias(inertial)))
-        turned = np.einsum("lij,pjk,lmk->limp", factor, _PSEUDO_UNITS, factor)
-        links = np.arange(len(turned))
-        whole = np.zeros((len(turned), 16, len(turned), PARAMETERS))
-        whole[links, :, links, :] = turned.reshape(-1, 16, PARAMETERS)
-        return np.asarray(whole.reshape(-1, inertial.size))
+        scaled_units = np.einsum("lij,pjk,lmk->limp", factor, _PSEUDO_UNITS, factor)
+        links = np.arange(len(scaled_units))
+        root = np.zeros((len(scaled_units), 16, len(scaled_units), PARAMETERS))
+        root[links, :, links, :] = scaled_units.reshape(-1, 16, PARAMETERS)
+        return np.asarray(root.reshape(-1, inertial.size))

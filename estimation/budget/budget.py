@@ -17,17 +17,17 @@ from palpate.estimation.budget.held_out import Kinds, SquaredErrors
 from palpate.estimation.kinds import Kind
 from palpate.robot_io.types import FloatArray
 
-_RELEVANT = 0.02  # least share of the squared error that a relevant kind explains, alone or beside all others
-_MOST_KINDS = 6  # relevant kinds, which are compared in all combinations
-_MOST_NAMED = 4  # kinds in the smallest set
-_CLOSE = 0.05  # share of the explainable error that the smallest set may leave beyond the best set
-_CLOSE_TO_LEFT = 0.03  # further allowance, as a share of the error that the best set leaves; both are added
+_MIN_SHARE = 0.02  # least share of the squared error that a relevant kind explains, alone or beside others
+_MAX_KINDS = 6  # relevant kinds, which are compared in all combinations
+_MAX_NAMED = 4  # kinds in the smallest set
+# Error of the smallest set beyond the best: shares of the explainable error and of the best set's error.
+_ALLOWANCE, _ERROR_ALLOWANCE = 0.05, 0.03
 _THOROUGH = 1.1  # largest ratio of a thorough set's mean squared error to the least one
-_REPLACES = 0.75  # share of a kind's contribution beside the others that a replacement must explain
+_REPLACEMENT = 0.75  # share of a kind's contribution beside the others that a replacement must explain
 _SAMPLES = 200  # bootstrap samples of runs, for intervals
 
 # If several sets explain as much, effects of the object and the drive come before those of the sensor.
-_PLAUSIBLE = tuple(Kind)
+_ORDER = tuple(Kind)
 
 
 @dataclass(frozen=True)
@@ -46,7 +46,7 @@ class BudgetEntry:
 class ErrorBudget:
     """Division of the base model's squared held-out error among kinds; shares and `left` add up to 1."""
 
-    base: float  # root mean square held-out error of the base model, on blocks [effort]
+    base: float  # root mean square held-out error of the base model, over blocks [effort]
     entries: tuple[BudgetEntry, ...]  # in descending order of the share
     left: float  # share that these kinds do not explain
     flexible: float  # share that all kinds together do not explain
@@ -65,7 +65,7 @@ def error_budget(error: SquaredErrors, rng: np.random.Generator, only: Kinds | N
     Args:
         error: held-out errors of sets of kinds.
         rng: resamples runs for the intervals.
-        only: kinds of the budget, if they are known; None to select them.
+        only: kinds among which the error is divided; None to select them.
 
     Returns:
         The budget; without entries if no kind explains anything.
@@ -73,10 +73,10 @@ def error_budget(error: SquaredErrors, rng: np.random.Generator, only: Kinds | N
     base = error.mean_square()
     if base <= 0.0:
         return ErrorBudget(0.0, (), 1.0, 1.0)
-    every = frozenset(error.kinds)
-    known = frozenset[Kind]() if only is None else only & every
-    sets = _Sets(error, _relevant(error, every) | known)
-    smallest = sets.smallest(sets.limit) if only is None else [only & every]
+    all_kinds = frozenset(error.kinds)
+    known = frozenset[Kind]() if only is None else only & all_kinds
+    sets = _Sets(error, _relevant(error, all_kinds) | known)
+    smallest = sets.smallest(sets.limit) if only is None else [known]
     thorough = sets.smallest(_THOROUGH * sets.least(sets.relevant))[0]
     chosen = smallest[0]
     values = _shapley(sets, chosen, error.counts[:, None])[0]
@@ -85,45 +85,44 @@ def error_budget(error: SquaredErrors, rng: np.random.Generator, only: Kinds | N
     )
     samples = _shapley(sets, chosen, error.counts[:, None], weights) if error.runs > 1 else values[None]
     low, high = np.quantile(samples, [0.025, 0.975], axis=0)
-    everything = min(error.mean_square(every), sets.least(sets.relevant))
+    least_error = min(error.mean_square(all_kinds), sets.least(sets.relevant))
     entries = []
-    for place, kind in enumerate(_ordered(chosen)):
-        without = min(error.mean_square(every - {kind}), sets.least(sets.relevant - {kind}))
+    for index, kind in enumerate(_ordered(chosen)):
+        without = min(error.mean_square(all_kinds - {kind}), sets.least(sets.relevant - {kind}))
         entries.append(
             BudgetEntry(
                 kind,
-                float(values[place]),
-                (float(low[place]), float(high[place])),
-                necessary=max(without - everything, 0.0) / base,
+                float(values[index]),
+                (float(low[index]), float(high[index])),
+                necessary=max(without - least_error, 0.0) / base,
                 sufficient=max(base - sets.least(frozenset({kind})), 0.0) / base,
                 replaceable_by=sets.replacements(chosen, kind),
             )
         )
     entries.sort(key=lambda entry: -entry.share)
-    left = sets.least(chosen) / base
-    further = tuple(smallest[1:])
-    return ErrorBudget(float(np.sqrt(base)), tuple(entries), left, everything / base, further, thorough)
+    left, flexible, rms = sets.least(chosen) / base, least_error / base, float(np.sqrt(base))
+    return ErrorBudget(rms, tuple(entries), left, flexible, tuple(smallest[1:]), thorough)
 
 
 def _ordered(kinds: Kinds) -> list[Kind]:
-    return sorted(kinds, key=_PLAUSIBLE.index)
+    return sorted(kinds, key=_ORDER.index)
 
 
-def _relevant(error: SquaredErrors, every: Kinds) -> Kinds:
+def _relevant(error: SquaredErrors, all_kinds: Kinds) -> Kinds:
     """Select kinds that explain a share of the error alone, beside all others, or in forward selection."""
-    base, everything = error.mean_square(), error.mean_square(every)
-    alone = {kind: (base - error.mean_square(frozenset({kind}))) / base for kind in every}
-    beside = {kind: (error.mean_square(every - {kind}) - everything) / base for kind in every}
+    base, least_error = error.mean_square(), error.mean_square(all_kinds)
+    sufficient = {kind: (base - error.mean_square(frozenset({kind}))) / base for kind in all_kinds}
+    necessary = {kind: (error.mean_square(all_kinds - {kind}) - least_error) / base for kind in all_kinds}
     chosen: Kinds = frozenset()
     left = base
-    while every - chosen and len(chosen) < _MOST_KINDS:
-        step, kind = min((error.mean_square(chosen | {k}), _PLAUSIBLE.index(k)) for k in every - chosen)
-        if left - step < _RELEVANT * base and step > (1.0 - 5.0 * _RELEVANT) * left:
+    while all_kinds - chosen and len(chosen) < _MAX_KINDS:
+        step, kind = min((error.mean_square(chosen | {k}), _ORDER.index(k)) for k in all_kinds - chosen)
+        if left - step < _MIN_SHARE * base and step > (1.0 - 5.0 * _MIN_SHARE) * left:
             break
-        chosen, left = chosen | {_PLAUSIBLE[kind]}, step
-    others = sorted(every - chosen, key=lambda kind: -(alone[kind] + max(beside[kind], 0.0)))
-    relevant = [kind for kind in others if max(alone[kind], beside[kind]) > _RELEVANT]
-    return chosen | frozenset(relevant[: max(_MOST_KINDS - len(chosen), 0)])
+        chosen, left = chosen | {_ORDER[kind]}, step
+    others = sorted(all_kinds - chosen, key=lambda kind: -(sufficient[kind] + max(necessary[kind], 0.0)))
+    relevant = [kind for kind in others if max(sufficient[kind], necessary[kind]) > _MIN_SHARE]
+    return chosen | frozenset(relevant[: max(_MAX_KINDS - len(chosen), 0)])
 
 
 @dataclass(frozen=True)
@@ -139,10 +138,10 @@ class _Sets:
         Args:
             kinds: kinds whose laws may be used.
         """
-        parts = [
+        subsets = [
             frozenset(part) for size in range(len(kinds) + 1) for part in combinations(_ordered(kinds), size)
         ]
-        return min(map(self.error.by_run, parts), key=lambda squares: float(squares.sum()))
+        return min(map(self.error.by_run, subsets), key=lambda squares: float(squares.sum()))
 
     def least(self, kinds: Kinds) -> float:
         """Return the mean squared error of the best subset of these kinds [effort^2].
@@ -156,7 +155,7 @@ class _Sets:
     def limit(self) -> float:
         """Mean squared error up to which a set explains about as much as all kinds do [effort^2]."""
         base, best = self.error.mean_square(), self.least(self.relevant)
-        return best + _CLOSE * (base - best) + _CLOSE_TO_LEFT * best
+        return best + _ALLOWANCE * (base - best) + _ERROR_ALLOWANCE * best
 
     def smallest(self, limit: float) -> list[Kinds]:
         """Find the smallest sets whose mean squared error is within a limit, the best first.
@@ -172,11 +171,11 @@ class _Sets:
 
         if self.error.mean_square() <= limit:
             return [frozenset()]
-        most = min(_MOST_NAMED, len(self.relevant))
-        for size in range(1, most + 1):
+        max_size = min(_MAX_NAMED, len(self.relevant))
+        for size in range(1, max_size + 1):
             sets = [frozenset(kinds) for kinds in combinations(_ordered(self.relevant), size)]
             close = [kinds for kinds in sets if self.error.mean_square(kinds) <= limit]
-            if close or size == most:
+            if close or size == max_size:
                 return sorted(close, key=rank) or [min(sets, key=self.least)]
         return [frozenset()]
 
@@ -189,7 +188,7 @@ class _Sets:
         """
         kept = chosen - {kind}
         without, with_it = self.least(kept), self.least(chosen)
-        limit = without - _REPLACES * (without - with_it)
+        limit = without - _REPLACEMENT * (without - with_it)
         others = _ordered(self.relevant - chosen)
         return tuple(other for other in others if self.least(kept | {other}) <= limit)
 
@@ -205,22 +204,22 @@ def _shapley(sets: _Sets, chosen: Kinds, counts: FloatArray, weights: FloatArray
         counts: blocks of each run, shape (r, 1).
         weights: multiplicity of each run in bootstrap samples, shape (r, samples); None for the data.
     """
-    names = _ordered(chosen)
+    ordered = _ordered(chosen)
     weights = np.ones((len(counts), 1)) if weights is None else weights
 
     def value(kinds: Kinds) -> FloatArray:
         return np.asarray(sets.by_run(kinds) @ weights)
 
     base = np.maximum(value(frozenset()), 1e-300)
-    values = np.zeros((weights.shape[1], len(names)))
-    for place, kind in enumerate(names):
+    values = np.zeros((weights.shape[1], len(ordered)))
+    for index, kind in enumerate(ordered):
         if kind is Kind.RUN_DIFFERENCES:
-            values[:, place] = (value(chosen - {kind}) - value(chosen)) / base
+            values[:, index] = (value(chosen - {kind}) - value(chosen)) / base
             continue
-        others = [name for name in names if name not in {kind, Kind.RUN_DIFFERENCES}]
+        others = [name for name in ordered if name not in {kind, Kind.RUN_DIFFERENCES}]
         for size in range(len(others) + 1):
             weight = factorial(size) * factorial(len(others) - size) / factorial(len(others) + 1)
-            for part in combinations(others, size):
-                before = frozenset(part)
-                values[:, place] += weight * (value(before) - value(before | {kind})) / base
+            for preceding in combinations(others, size):
+                before = frozenset(preceding)
+                values[:, index] += weight * (value(before) - value(before | {kind})) / base
     return values

@@ -13,12 +13,12 @@ from palpate.estimation.statistics.least_squares import solve_within_bounds
 from palpate.robot_io.types import BoolArray, FloatArray, IntArray
 
 _RIDGES = (1e-6, 1e-4, 1e-2)  # ridge penalties, relative to the mean square of a column
-_MOST_BLOCKS = 6000  # longer data are decimated
+_MAX_BLOCKS = 6000  # longer data are decimated
 _PIECES = 16  # pieces of a run; alternating pieces fit and test the run's own coefficients
 _SINGULAR = 1e-9
-_FEW = 1e-3  # share of blocks with lost contact below which the fit is not repeated
-_ROUNDS = 6  # fits until the blocks with lost contact stay the same
-_WEAK = 1e-3  # singular values below this share of the largest are ignored in fits of one run
+_FEW_LIFTED = 1e-3  # share of blocks with lost contact below which the fit is not repeated
+_MAX_FITS = 6  # fits until the blocks with lost contact stay the same
+_MIN_SINGULAR_VALUE = 1e-3  # singular values below this share of the largest are ignored in fits of one run
 
 Kinds = frozenset[Kind]
 
@@ -76,7 +76,7 @@ class SquaredErrors(ABC):
 class HeldOutError(SquaredErrors):
     """Squared held-out errors of a base model with the flexible laws of some kinds.
 
-    Coefficients come from ridge regression on all other folds, with nonnegativity if physics fixes the sign.
+    Coefficients come from ridge regression on all other folds, nonnegative where physics fixes the sign.
     Differences between runs have no columns. Instead, a gain and a zero are fitted to every other piece of a
     held-out run and tested on the remaining pieces.
     """
@@ -90,31 +90,31 @@ class HeldOutError(SquaredErrors):
     _squares: dict[Kinds, FloatArray] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
-        """Concatenate all columns, scale them to unit size, and prepare the products by fold."""
+        """Concatenate all columns, scale them to unit root mean square, and compute products by fold."""
         rows = np.flatnonzero(self.used)
-        rows = rows[:: -(-len(rows) // _MOST_BLOCKS)]
+        rows = rows[:: -(-len(rows) // _MAX_BLOCKS)]
         shared = [law for law in self.laws if Kind.RUN_DIFFERENCES not in law.kinds]
-        of_runs = [law for law in self.laws if Kind.RUN_DIFFERENCES in law.kinds]
-        self._of_runs = {law.kinds: law.columns[rows] for law in of_runs}
+        run_laws = [law for law in self.laws if Kind.RUN_DIFFERENCES in law.kinds]
+        self._run_columns = {law.kinds: law.columns[rows] for law in run_laws}
         parts = [self.base.columns, *(law.columns for law in shared)]
         columns = np.hstack(parts)[rows]
-        size = np.sqrt(np.mean(columns**2, axis=0))
-        self._columns: FloatArray = columns / np.where(size > 0.0, size, 1.0)
+        column_rms = np.sqrt(np.mean(columns**2, axis=0))
+        self._columns: FloatArray = columns / np.where(column_rms > 0.0, column_rms, 1.0)
         self._target: FloatArray = self.target[rows]
         touching = self.blocked.data.touching
-        known = np.zeros(len(rows)) if touching is None else self.blocked.reduce(touching.astype(float))[rows]
-        self._may_lift: BoolArray = known == 0.0
-        needs: list[Kinds] = [frozenset()] * self.base.columns.shape[1]
+        touched = (
+            np.zeros(len(rows)) if touching is None else self.blocked.reduce(touching.astype(float))[rows]
+        )
+        self._may_lift: BoolArray = touched == 0.0
+        column_kinds: list[Kinds] = [frozenset()] * self.base.columns.shape[1]
         for law in shared:
-            needs += [law.kinds] * law.columns.shape[1]
-        self._needs = needs
+            column_kinds += [law.kinds] * law.columns.shape[1]
+        self._column_kinds = column_kinds
         signs = [self.base.lower >= 0.0, *(law.nonnegative for law in shared)]
         self._nonnegative: BoolArray = np.concatenate(signs)
-        self._latest = np.ones(
-            len(self._nonnegative)
-        )  # coefficients of the latest fit, as start values of the next one
-        sides = [self.base.one_sided, *(np.full(law.columns.shape[1], law.one_sided) for law in shared)]
-        self._one_sided: BoolArray = np.concatenate(sides)
+        self._last_coefficients = np.ones(len(self._nonnegative))  # start values of the next fit
+        one_sided = [self.base.one_sided, *(np.full(law.columns.shape[1], law.one_sided) for law in shared)]
+        self._one_sided: BoolArray = np.concatenate(one_sided)
         self._run: IntArray = np.unique(self.blocked.run[rows], return_inverse=True)[1]
         self._half: IntArray = _alternating_pieces(self._run, self._target)
         self._fold: IntArray = np.unique(self.blocked.fold[rows], return_inverse=True)[1]
@@ -125,10 +125,10 @@ class HeldOutError(SquaredErrors):
     @property
     def kinds(self) -> list[Kind]:
         """Kinds with a law of their own, plus differences between runs if there are several runs."""
-        own = [kind for kind in Kind if any(law.kinds == {kind} for law in self.laws)]
-        if Kind.PERIODIC not in own and self._of_runs:
-            own.append(Kind.PERIODIC)
-        return [*own, Kind.RUN_DIFFERENCES] if self.runs > 1 else own
+        kinds_with_law = [kind for kind in Kind if any(law.kinds == {kind} for law in self.laws)]
+        if Kind.PERIODIC not in kinds_with_law and self._run_columns:
+            kinds_with_law.append(Kind.PERIODIC)
+        return [*kinds_with_law, Kind.RUN_DIFFERENCES] if self.runs > 1 else kinds_with_law
 
     def residual(self, kinds: Kinds) -> FloatArray:
         """See `SquaredErrors.residual`."""
@@ -138,15 +138,15 @@ class HeldOutError(SquaredErrors):
             return error
         adjusted = _adjusted_to_runs(self._target, predicted, self._run, self._half)
         adjusted += [  # waves of each run replace the waves that all runs share
-            fit_each_run(self._target - self._predicted(kinds - own), columns, self._run)
-            for own, columns in self._of_runs.items()
-            if own <= kinds
+            fit_each_run(self._target - self._predicted(kinds - run_kinds), columns, self._run)
+            for run_kinds, columns in self._run_columns.items()
+            if run_kinds <= kinds
         ]
         return min((error, *adjusted), key=lambda left: float(left @ left))
 
     def _predicted(self, kinds: Kinds) -> FloatArray:
         if kinds not in self._predictions:
-            chosen = np.flatnonzero([need <= kinds for need in self._needs])
+            chosen = np.flatnonzero([need <= kinds for need in self._column_kinds])
             ridges = _RIDGES if kinds else (COLLINEAR,)
             trials = [self._predict(chosen, ridge) for ridge in ridges]
             self._predictions[kinds] = min(trials, key=lambda fit: float(np.sum((self._target - fit) ** 2)))
@@ -159,30 +159,30 @@ class HeldOutError(SquaredErrors):
         lower, upper = np.where(self._nonnegative[chosen], 0.0, -np.inf), np.full(len(chosen), np.inf)
         grams = self._grams[:, chosen[:, None], chosen]
         moments = self._moments[:, chosen]
-        all_folds, all_moments = grams.sum(axis=0) + np.diag(penalty), moments.sum(axis=0)
-        columns, pushes = self._columns[:, chosen], self._one_sided[chosen]
-        pushing = columns[:, pushes]
+        total_gram, total_moment = grams.sum(axis=0) + np.diag(penalty), moments.sum(axis=0)
+        columns, one_sided = self._columns[:, chosen], self._one_sided[chosen]
+        pushing = columns[:, one_sided]
         predicted = np.empty(len(self._target))
         for fold, rows in enumerate(self._folds):
-            system, moment = all_folds - grams[fold], all_moments - moments[fold]
-            coefficients = solve_within_bounds(system, moment, lower, upper, self._latest[chosen])
-            # If the object had to pull, contact is lost and its columns do not act.
-            lifted = self._may_lift & (pushing @ coefficients[pushes] < 0.0)
-            for _ in range(_ROUNDS if lifted.mean() > _FEW else 0):
+            system, moment = total_gram - grams[fold], total_moment - moments[fold]
+            coefficients = solve_within_bounds(system, moment, lower, upper, self._last_coefficients[chosen])
+            # Where the object would have to pull, contact is lost and the object's columns do not act.
+            lifted = self._may_lift & (pushing @ coefficients[one_sided] < 0.0)
+            for _ in range(_MAX_FITS if lifted.mean() > _FEW_LIFTED else 0):
                 train = np.flatnonzero(lifted & (self._fold != fold))
-                lost = pushing[train]  # columns that do not act without contact, and their products
-                products = columns[train].T @ lost
-                held, held_moment = system.copy(), moment.copy()
-                held[:, pushes] -= products
-                held[pushes] = held[:, pushes].T
-                held_moment[pushes] -= lost.T @ self._target[train]
-                coefficients = solve_within_bounds(held, held_moment, lower, upper, coefficients)
-                before, lifted = lifted, self._may_lift & (pushing @ coefficients[pushes] < 0.0)
-                if np.array_equal(lifted, before):
+                inactive = pushing[train]  # columns that do not act without contact
+                products = columns[train].T @ inactive
+                contact_system, contact_moment = system.copy(), moment.copy()
+                contact_system[:, one_sided] -= products
+                contact_system[one_sided] = contact_system[:, one_sided].T
+                contact_moment[one_sided] -= inactive.T @ self._target[train]
+                coefficients = solve_within_bounds(contact_system, contact_moment, lower, upper, coefficients)
+                previous, lifted = lifted, self._may_lift & (pushing @ coefficients[one_sided] < 0.0)
+                if np.array_equal(lifted, previous):
                     break
-            self._latest[chosen] = coefficients
+            self._last_coefficients[chosen] = coefficients
             predicted[rows] = columns[rows] @ coefficients
-            predicted[rows] -= lifted[rows] * (pushing[rows] @ coefficients[pushes])
+            predicted[rows] -= lifted[rows] * (pushing[rows] @ coefficients[one_sided])
         return predicted
 
 
@@ -197,15 +197,15 @@ def fit_each_run(signal: FloatArray, columns: FloatArray, run: IntArray) -> Floa
     Returns:
         The residual, shape (n,); the signal itself in runs too short to be fitted.
     """
-    half, left = _alternating_pieces(run, signal), signal.copy()
+    half, residual = _alternating_pieces(run, signal), signal.copy()
     for number in range(int(run.max()) + 1):
         for side in (0, 1):
             train = np.flatnonzero((run == number) & (half != side))
             test = np.flatnonzero((run == number) & (half == side))
             if len(train) > 2 * columns.shape[1]:
-                coefficients = np.linalg.lstsq(columns[train], signal[train], rcond=_WEAK)[0]
-                left[test] -= columns[test] @ coefficients
-    return left
+                coefficients = np.linalg.lstsq(columns[train], signal[train], rcond=_MIN_SINGULAR_VALUE)[0]
+                residual[test] -= columns[test] @ coefficients
+    return residual
 
 
 def _alternating_pieces(run: IntArray, signal: FloatArray) -> IntArray:
@@ -213,20 +213,20 @@ def _alternating_pieces(run: IntArray, signal: FloatArray) -> IntArray:
 
     All pieces of a run hold about the same energy and time, so that a short peak falls into both halves.
     """
-    side = np.empty(len(run), dtype=np.int64)
+    half = np.empty(len(run), dtype=np.int64)
     for number in range(int(run.max()) + 1):
         rows = np.flatnonzero(run == number)
         energy = signal[rows] ** 2
         weight = np.cumsum(energy / (energy.mean() or 1.0) + 1.0)
-        side[rows] = np.minimum(weight * _PIECES / weight[-1], _PIECES - 1).astype(np.int64) % 2
-    return side
+        half[rows] = np.minimum(weight * _PIECES / weight[-1], _PIECES - 1).astype(np.int64) % 2
+    return half
 
 
 def _adjusted_to_runs(
     target: FloatArray, predicted: FloatArray, run: IntArray, half: IntArray
 ) -> list[FloatArray]:
     """Return the residuals (n,) with a gain, a zero, or both for each run, fitted to its other pieces."""
-    gain_only, zero_only, both = (np.empty(len(target)) for _ in range(3))
+    gain_only, zero_only, both_fitted = (np.empty(len(target)) for _ in range(3))
     for side in (0, 1):
         train, test = half != side, half == side
         count, p, y, pp, py = (
@@ -239,8 +239,8 @@ def _adjusted_to_runs(
             spread = count * pp - p**2
             slope = np.where(spread > _SINGULAR * count * pp, (count * py - p * y) / spread, 1.0)
             offset = np.nan_to_num((y - slope * p) / count, nan=0.0)
-        at, fit, left = run[test], predicted[test], target[test]
-        gain_only[test] = left - gain[at] * fit
-        zero_only[test] = left - fit - zero[at]
-        both[test] = left - slope[at] * fit - offset[at]
-    return [gain_only, zero_only, both]
+        run_of_test, predicted_test, target_test = run[test], predicted[test], target[test]
+        gain_only[test] = target_test - gain[run_of_test] * predicted_test
+        zero_only[test] = target_test - predicted_test - zero[run_of_test]
+        both_fitted[test] = target_test - slope[run_of_test] * predicted_test - offset[run_of_test]
+    return [gain_only, zero_only, both_fitted]

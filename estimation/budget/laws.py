@@ -18,41 +18,35 @@ from palpate.estimation.kinds import UNSEEN_IN_ONE_PASS, Kind
 from palpate.estimation.signals.blocks import rows_of_runs
 from palpate.estimation.signals.exponential_memory import low_pass, relax
 from palpate.estimation.signals.free_air import zero_in_free_air
-from palpate.estimation.signals.motion import is_one_pace, is_one_speed, is_one_way, never_returns
+from palpate.estimation.signals.motion import (
+    has_constant_speed,
+    has_constant_velocity,
+    is_monotonic,
+    never_returns,
+)
 from palpate.estimation.signals.runwise import derivative, running_max, sample_time, shift
 from palpate.estimation.statistics.least_squares import solve_within_bounds
 from palpate.robot_io.types import BoolArray, FloatArray, IntArray
 
-_TURNS = (0.001, 0.003, 0.01, 0.04, 0.15, 0.5)  # path lengths of reversal memory, relative to the range
-_DIRECTIONS = (0.004, 0.02)  # widths of the change of direction, relative to the rms speed
-_BENDS = (
-    0.03,
-    0.1,
-    0.2,
-    0.3,
-    0.4,
-    0.5,
-    0.6,
-    0.7,
-    0.8,
-    0.9,
-)  # knots, relative to the range and as quantiles of the samples
-_TIMES = 8  # relaxation times, from a few samples to twice the longest run
-_SHORTEST_S = 0.01  # shortest relaxation time
+_REVERSAL_PATHS = (0.001, 0.003, 0.01, 0.04, 0.15, 0.5)  # lengths of reversal memory, relative to range
+_DIRECTION_WIDTHS = (0.004, 0.02)  # widths of the change of direction, relative to the rms speed
+_KNOTS = (0.03, 0.1, 0.2, 0.3, 0.4, 0.5, 0.6, 0.7, 0.8, 0.9)  # relative to the range, and as quantiles
+_TIME_COUNT = 8  # relaxation times, from a few samples to twice the longest run
+_MIN_TIME_S = 0.01  # shortest relaxation time
 _LAGS_S = (0.01, 0.03, 0.1, 0.3)  # time constants and delays of sensors
-_REACHES = (0.02, 0.06, 0.2)  # ranges of adhesion, relative to the deepest indentation
-_OFFSETS = (0.03, 0.1, 0.3)  # heights of the surface, relative to the deepest indentation
-_SETS = (0.1, 0.3, 0.6, 0.9)  # plastic sets, relative to the deepest indentation so far
+_ADHESION_RANGES = (0.02, 0.06, 0.2)  # ranges of adhesion, relative to the deepest indentation
+_SURFACE_HEIGHTS = (0.03, 0.1, 0.3)  # heights of the surface, relative to the deepest indentation
+_PLASTIC_SETS = (0.1, 0.3, 0.6, 0.9)  # plastic sets, relative to the deepest indentation so far
 _FULL_SCALE = 0.95  # share of the largest reading above which a sensor may saturate
 _DEAD_BANDS = (0.01, 0.03, 0.1)  # half widths, as shares of the effort's range
-_MOST_RUNS = 30  # most runs for which each run may have waves of its own
-_WAVES = 10  # most waves of the periodic law
-_WAVE_SHARE = 0.02  # least share of the residual energy that one more wave must explain
+_MAX_RUNS = 30  # largest number of runs that may each have their own waves
+_MAX_WAVES = 10  # largest number of waves of the periodic law
+_MIN_WAVE_SHARE = 0.02  # least share of the residual energy that one more wave must explain
 _BINS = 8192  # position bins for the spectrum
 _WHOLE_TURN = 0.75  # range in turns above which wave numbers are whole numbers per turn
-_LEAST_WAVES = 3  # least waves within a narrower range, since fewer waves resemble any smooth law
+_MIN_WAVES = 3  # least number of waves within a narrower range; fewer resemble any smooth law
 # Forces of the object, which can only push. Friction may act on the sides of the tool, and adhesion pulls.
-_OF_OBJECT = (Kind.ELASTIC_SHAPE, Kind.RATE_DEPENDENCE, Kind.TIME_MEMORY, Kind.CONTACT_GEOMETRY)
+_OBJECT_KINDS = (Kind.ELASTIC_SHAPE, Kind.RATE_DEPENDENCE, Kind.TIME_MEMORY, Kind.CONTACT_GEOMETRY)
 COLLINEAR = 1e-9  # ridge of the base model's columns, which are not shrunk, relative to their mean square
 _GRAVITY_RANGE = 0.3  # [rad]; over a narrower range gravity resembles a constant and a spring
 
@@ -103,18 +97,18 @@ def flexible_laws(
     unit_depth, unit_speed = _unit(depth), _unit(velocity)
 
     zero = zero_in_free_air(data)
-    fade = _fading(time_s, run, touching, is_contact=is_contact)
+    relaxed = _relaxation(time_s, run, touching, is_contact=is_contact)
     laws = [
-        _law(Kind.ELASTIC_SHAPE, _bends(depth), unit_depth * np.abs(unit_depth), unit_depth**3),
+        _law(Kind.ELASTIC_SHAPE, _hinges(depth), unit_depth * np.abs(unit_depth), unit_depth**3),
         _law(Kind.RATE_DEPENDENCE, *_dissipation(unit_speed), nonnegative=True),
         _law(Kind.FRICTION, *_friction(blocked, unit_speed, depth, touching), nonnegative=True),
-        _law(Kind.TIME_MEMORY, *fade(depth), nonnegative=True),
-        _law((Kind.ELASTIC_SHAPE, Kind.TIME_MEMORY), *fade(depth * unit_depth), nonnegative=True),
+        _law(Kind.TIME_MEMORY, *relaxed(depth), nonnegative=True),
+        _law((Kind.ELASTIC_SHAPE, Kind.TIME_MEMORY), *relaxed(depth * unit_depth), nonnegative=True),
         _law(Kind.INERTIA, acceleration, nonnegative=True),
         *_sensor_dynamics(blocked, base, effort, time_s, used),
         _sensor_statics(effort, blocked.effort, run, has_bias=zero is None or not zero.is_zero),
     ]
-    if (zero is None or not zero.is_steady) and not is_one_way(position, run):
+    if (zero is None or not zero.is_steady) and not is_monotonic(position, run):
         laws.append(_law(Kind.DRIFT, time_s - time_s.mean()))
     if is_contact:
         laws += _contact_geometry(position, depth, touching, run)
@@ -123,9 +117,9 @@ def flexible_laws(
     else:
         is_angle = data.kind.is_angle
         laws.append(_law(Kind.PERIODIC, periodic_columns(position, residual, is_angle=is_angle)))
-        if 1 < len(np.unique(run)) <= _MOST_RUNS:
-            of_runs = periodic_columns(position, residual, is_angle=is_angle, run=run)
-            laws.append(_law((Kind.PERIODIC, Kind.RUN_DIFFERENCES), of_runs))
+        if 1 < len(np.unique(run)) <= _MAX_RUNS:
+            run_columns = periodic_columns(position, residual, is_angle=is_angle, run=run)
+            laws.append(_law((Kind.PERIODIC, Kind.RUN_DIFFERENCES), run_columns))
         load = [hats(blocked.reduce(data.context["load"]))] if "load" in data.context else []
         if is_angle and np.ptp(position) > _GRAVITY_RANGE:
             load += [np.sin(position), np.cos(position)]
@@ -133,9 +127,9 @@ def flexible_laws(
     recorded = [blocked.reduce(data.context[name]) for name in sorted(data.recorded)]
     scaled = [_unit(column - column.mean()) for column in recorded]
     laws.append(_law(Kind.RECORDED_CONTEXT, *map(hats, recorded), *(unit * effort for unit in scaled)))
-    direction = np.tanh(unit_speed / _DIRECTIONS[-1])
+    direction = np.tanh(unit_speed / _DIRECTION_WIDTHS[-1])
     laws.append(_law((Kind.FRICTION, Kind.RECORDED_CONTEXT), *(unit * direction for unit in scaled)))
-    pushing, unseen = frozenset(_OF_OBJECT) if is_contact else frozenset[Kind](), unseen_kinds(data)
+    pushing, unseen = frozenset(_OBJECT_KINDS) if is_contact else frozenset[Kind](), unseen_kinds(data)
     return [
         replace(law, one_sided=law.one_sided and law.kinds <= pushing)
         for law in laws
@@ -157,11 +151,11 @@ def unseen_kinds(data: ChannelData) -> frozenset[Kind]:
     if data.kind is not ChannelKind.CONTACT:
         return frozenset()
     zero = zero_in_free_air(data)
-    unseen = {Kind.RATE_DEPENDENCE} if is_one_pace(data.velocity[data.engaged]) else set[Kind]()
+    unseen = {Kind.RATE_DEPENDENCE} if has_constant_speed(data.velocity[data.engaged]) else set[Kind]()
     if len(data.runs) == 1 and (zero is None or zero.rate is None):
         unseen.add(Kind.DRIFT)
     if never_returns(data.position, data.run):
-        one_pass = is_one_speed(data.time_s, data.position, data.run)
+        one_pass = has_constant_velocity(data.time_s, data.position, data.run)
         unseen |= UNSEEN_IN_ONE_PASS if one_pass else {Kind.FRICTION}
         if one_pass and zero is not None and not zero.is_zero:
             unseen.remove(Kind.SENSOR_STATICS)
@@ -179,34 +173,34 @@ def _unit(signal: FloatArray) -> FloatArray:
     return np.asarray(signal / (float(np.sqrt(np.mean(signal**2))) or 1.0))
 
 
-def _bends(signal: FloatArray) -> FloatArray:
+def _hinges(signal: FloatArray) -> FloatArray:
     """Evaluate hinge functions of a signal (m,), which extrapolate linearly; shape (m, k).
 
     Hat functions would fall to zero outside the range of the training runs, so that they would fail in the
     held-out run with the largest range.
     """
     low, high = float(signal.min()), float(signal.max())
-    steps = np.quantile(np.abs(signal[signal != 0.0]), _BENDS) if np.any(signal) else np.zeros(1)
-    knots = np.unique(np.concatenate([[0.0], steps, np.max(np.abs(signal)) * np.array(_BENDS)]))
+    steps = np.quantile(np.abs(signal[signal != 0.0]), _KNOTS) if np.any(signal) else np.zeros(1)
+    knots = np.unique(np.concatenate([[0.0], steps, np.max(np.abs(signal)) * np.array(_KNOTS)]))
     up = [np.maximum(signal - knot, 0.0) for knot in knots if knot < high]
     down = [np.minimum(signal + knot, 0.0) for knot in knots if knot < -low]
     return np.column_stack([*up, *down]) if up or down else signal[:, None]
 
 
-def _fading(
+def _relaxation(
     time_s: FloatArray, run: IntArray, touching: FloatArray, *, is_contact: bool
 ) -> Callable[[FloatArray], list[FloatArray]]:
-    """Return a function that relaxes a strain (m,) with several time constants."""
+    """Return a function that relaxes a strain (m,) with each of several time constants."""
     step = sample_time(time_s, run)
     longest = max(float(np.ptp(time_s[rows])) for rows in rows_of_runs(run))
-    taus = np.geomspace(max(4.0 * step, _SHORTEST_S), max(2.0 * longest, 40.0 * step), _TIMES)
+    taus = np.geomspace(max(4.0 * step, _MIN_TIME_S), max(2.0 * longest, 40.0 * step), _TIME_COUNT)
 
-    def fade(strain: FloatArray) -> list[FloatArray]:
+    def relaxed(strain: FloatArray) -> list[FloatArray]:
         if is_contact:
             return [relax(strain, time_s, run, tau) * touching for tau in taus]
         return [np.asarray(strain - low_pass(strain, time_s, run, tau)) for tau in taus]
 
-    return fade
+    return relaxed
 
 
 def _sensor_dynamics(
@@ -220,29 +214,29 @@ def _sensor_dynamics(
     run = blocked.run
     step = sample_time(time_s, run)
     times = [lag for lag in _LAGS_S if lag > step]
-    late: list[Callable[[FloatArray], FloatArray]] = [
+    lagged: list[Callable[[FloatArray], FloatArray]] = [
         *(partial(low_pass, time_s=time_s, run=run, tau_s=lag) for lag in times),
         *(partial(shift, time_s=time_s, run=run, delay_s=lag) for lag in times),
     ]
-    early = [partial(shift, time_s=time_s, run=run, delay_s=-lag) for lag in times]
-    same = (float(np.sum((blocked.effort - effort)[used] ** 2)), effort)
+    led = [partial(shift, time_s=time_s, run=run, delay_s=-lag) for lag in times]
+    unchanged = (float(np.sum((blocked.effort - effort)[used] ** 2)), effort)
 
     def refitted(sense: Callable[[FloatArray], FloatArray]) -> tuple[float, FloatArray]:
         if base is None:
-            return same
+            return unchanged
         columns = sense(base.columns)[used]
         size = np.sqrt(np.mean(columns**2, axis=0))
         size = np.where(size > 0.0, size, 1.0)
         columns = columns / size
-        left = (blocked.effort - sense(effort))[used]
+        residual = (blocked.effort - sense(effort))[used]
         system = columns.T @ columns + COLLINEAR * len(columns) * np.eye(len(size))
         lower, upper = (base.lower - base.gains) * size, np.full(len(size), np.inf)
-        change = solve_within_bounds(system, columns.T @ left, lower, upper)
-        return float(np.sum((left - columns @ change) ** 2)), effort + base.columns @ (change / size)
+        change = solve_within_bounds(system, columns.T @ residual, lower, upper)
+        return float(np.sum((residual - columns @ change) ** 2)), effort + base.columns @ (change / size)
 
-    fits = [refitted(sense) for sense in late]
-    closest = min([same, *fits, *map(refitted, early)], key=lambda fit: fit[0])[1]
-    columns = [sense(fit) - fit for sense, (_, fit) in zip(late, fits, strict=True)]
+    fits = [refitted(sense) for sense in lagged]
+    closest = min([unchanged, *fits, *map(refitted, led)], key=lambda fit: fit[0])[1]
+    columns = [sense(fit) - fit for sense, (_, fit) in zip(lagged, fits, strict=True)]
     return [
         _law(Kind.SENSOR_DYNAMICS, derivative(closest, time_s, run)),
         _law(Kind.SENSOR_DYNAMICS, *columns, nonnegative=True),
@@ -262,10 +256,10 @@ def _dissipation(unit_speed: FloatArray) -> list[FloatArray]:
 def _friction(
     blocked: BlockedData, unit_speed: FloatArray, depth: FloatArray, touching: FloatArray
 ) -> list[FloatArray]:
-    directions = [np.tanh(unit_speed / share) for share in _DIRECTIONS]
+    directions = [np.tanh(unit_speed / share) for share in _DIRECTION_WIDTHS]
     columns = [
         *(half(direction, 0.0) for direction in directions for half in (np.maximum, np.minimum)),
-        *(reversal_memory(depth, blocked.run, share) * touching for share in _TURNS),
+        *(reversal_memory(depth, blocked.run, share) * touching for share in _REVERSAL_PATHS),
     ]
     if "load" in blocked.data.context:
         columns.append(directions[-1] * np.abs(blocked.reduce(blocked.data.context["load"])))
@@ -281,18 +275,19 @@ def _contact_geometry(
     the deepest indentation so far. It reduces the strain of a spring by this amount, and the force of a
     quadratic spring by the difference of squares.
     """
-    touched = running_max((position > 0.0).astype(np.float64), run) * (position <= 0.0)
-    reaches = np.max(position, initial=1e-9) * np.array(_REACHES)
-    adhesion = touched[:, None] * np.exp(np.minimum(position, 0.0)[:, None] / reaches)
+    after_contact = running_max((position > 0.0).astype(np.float64), run) * (position <= 0.0)
+    reaches = np.max(position, initial=1e-9) * np.array(_ADHESION_RANGES)
+    adhesion = after_contact[:, None] * np.exp(np.minimum(position, 0.0)[:, None] / reaches)
     strain = (_unit(depth) * touching)[:, None]
-    left = np.maximum(strain - running_max(strain[:, 0], run)[:, None] * np.array(_SETS), 0.0)
+    left_strain = np.maximum(strain - running_max(strain[:, 0], run)[:, None] * np.array(_PLASTIC_SETS), 0.0)
     deepest = float(np.max(position, initial=0.0)) or 1.0
-    higher = [np.clip(position / deepest + share, 0.0, share) for share in _OFFSETS]
-    columns = np.column_stack([touching, left - strain, *higher])
+    raised = [np.clip(position / deepest + share, 0.0, share) for share in _SURFACE_HEIGHTS]
+    columns = np.column_stack([touching, left_strain - strain, *raised])
     surface = Law(frozenset({Kind.CONTACT_GEOMETRY}), columns, np.arange(columns.shape[1]) > 0)
-    both = (Kind.ELASTIC_SHAPE, Kind.CONTACT_GEOMETRY)
+    interaction = (Kind.ELASTIC_SHAPE, Kind.CONTACT_GEOMETRY)
     pull = _law(Kind.CONTACT_GEOMETRY, -touching, -adhesion, nonnegative=True)
-    return [surface, _law(both, left**2 - strain**2, nonnegative=True), replace(pull, one_sided=False)]
+    softened = _law(interaction, left_strain**2 - strain**2, nonnegative=True)
+    return [surface, softened, replace(pull, one_sided=False)]
 
 
 def _sensor_statics(predicted: FloatArray, measured: FloatArray, run: IntArray, *, has_bias: bool) -> Law:
@@ -302,15 +297,15 @@ def _sensor_statics(predicted: FloatArray, measured: FloatArray, run: IntArray, 
     the effort grows; friction raises it.
     """
     low, high = np.quantile(measured, [0.001, 0.999])
-    cut = [
+    saturation = [
         -np.maximum(predicted - _FULL_SCALE * high, 0.0) * (high > 0.0),
         -np.minimum(predicted - _FULL_SCALE * low, 0.0) * (low < 0.0),
     ]
     widths = [share * float(np.ptp(predicted)) for share in _DEAD_BANDS]
     bias = [np.ones(len(predicted))] * has_bias
-    hidden = [-np.clip(predicted, -w, w) for w in widths]
-    behind = [-reversal_memory(predicted, run, share) for share in _TURNS]
-    columns = np.column_stack([*bias, *cut, *hidden, *behind])
+    dead_bands = [-np.clip(predicted, -w, w) for w in widths]
+    hysteresis = [-reversal_memory(predicted, run, share) for share in _REVERSAL_PATHS]
+    columns = np.column_stack([*bias, *saturation, *dead_bands, *hysteresis])
     return Law(frozenset({Kind.SENSOR_STATICS}), columns, np.arange(columns.shape[1]) >= len(bias))
 
 
@@ -336,25 +331,25 @@ def periodic_columns(
     span = float(np.ptp(position))
     if span == 0.0:
         return np.empty((len(position), 0))
-    turns = is_angle and span > _WHOLE_TURN * 2.0 * np.pi
-    unit, least = (1.0, 2) if turns else (2.0 * np.pi / span, _LEAST_WAVES)
-    place = position * unit / (2.0 * np.pi)
-    place = place % 1.0 if turns else place - place.min()
-    bins = np.minimum((place * _BINS).astype(np.int64), _BINS - 1)
-    most = min(len(np.unique(bins)) // 3, _BINS // 4)
+    whole_turns = is_angle and span > _WHOLE_TURN * 2.0 * np.pi
+    unit, min_wave = (1.0, 2) if whole_turns else (2.0 * np.pi / span, _MIN_WAVES)
+    phase = position * unit / (2.0 * np.pi)
+    phase = phase % 1.0 if whole_turns else phase - phase.min()
+    bins = np.minimum((phase * _BINS).astype(np.int64), _BINS - 1)
+    limit = min(len(np.unique(bins)) // 3, _BINS // 4)
     parts = [np.arange(len(position))] if run is None else rows_of_runs(run)
     smooth = np.column_stack([np.ones(len(position)), position - position.mean()])
     columns, chosen = list[FloatArray](), list[int]()
-    left = _without(smooth, residual, parts)
-    while len(chosen) < _WAVES and most > least:
-        spectra = [np.fft.rfft(np.bincount(bins[p], weights=left[p], minlength=_BINS))[:most] for p in parts]
+    left = _residual(smooth, residual, parts)
+    while len(chosen) < _MAX_WAVES and limit > min_wave:
+        spectra = [np.fft.rfft(np.bincount(bins[p], weights=left[p], minlength=_BINS))[:limit] for p in parts]
         power = np.sum(np.abs(spectra) ** 2, axis=0)
-        power[:least] = 0.0
+        power[:min_wave] = 0.0
         power[chosen] = 0.0
         wave = int(np.argmax(power))
         angle = position * unit * wave
-        after = _without(np.column_stack([smooth, *columns, np.sin(angle), np.cos(angle)]), residual, parts)
-        if after @ after > (1.0 - _WAVE_SHARE) * (left @ left):
+        after = _residual(np.column_stack([smooth, *columns, np.sin(angle), np.cos(angle)]), residual, parts)
+        if after @ after > (1.0 - _MIN_WAVE_SHARE) * (left @ left):
             break
         chosen.append(wave)
         columns += [np.sin(angle), np.cos(angle)]
@@ -362,11 +357,9 @@ def periodic_columns(
     return np.column_stack(columns) if columns else np.empty((len(position), 0))
 
 
-def _without(columns: FloatArray, signal: FloatArray, parts: list[IntArray]) -> FloatArray:
+def _residual(columns: FloatArray, signal: FloatArray, parts: list[IntArray]) -> FloatArray:
     """Return the residual of a signal (m,) after separate fits of columns (m, k) to each part."""
-    left = np.empty(len(signal))
+    residual = signal.copy()
     for rows in parts:
-        left[rows] = (
-            signal[rows] - columns[rows] @ np.linalg.lstsq(columns[rows], signal[rows], rcond=None)[0]
-        )
-    return left
+        residual[rows] -= columns[rows] @ np.linalg.lstsq(columns[rows], signal[rows], rcond=None)[0]
+    return residual

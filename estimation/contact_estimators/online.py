@@ -11,7 +11,7 @@ from palpate.estimation.fit.irls import IrlsResult, irls
 from palpate.robot_io.errors import InputError
 from palpate.robot_io.types import FloatArray
 
-_FIRST_EXPONENT = 1.3
+_START_EXPONENT = 1.3
 _EXPONENT_RANGE = (0.5, 4.0)
 
 
@@ -32,7 +32,7 @@ class DoubleStageRls(OnlineContactLaw):
 
     name = "double_stage_rls"
 
-    def __init__(self, forgetting: float = 0.995, exponent: float = _FIRST_EXPONENT) -> None:
+    def __init__(self, forgetting: float = 0.995, exponent: float = _START_EXPONENT) -> None:
         if not _EXPONENT_RANGE[0] <= exponent <= _EXPONENT_RANGE[1]:
             raise InputError(f"double_stage_rls: exponent {exponent} must be within {_EXPONENT_RANGE}")
         self._gains = Ewrls(forgetting)
@@ -49,13 +49,13 @@ class DoubleStageRls(OnlineContactLaw):
             return None
         power = depth_m**self._exponent
         k, b = self._gains.update(np.array([power, power * speed_m_s]), force_n).tolist()
-        push = k + b * speed_m_s
-        if force_n > LEAST_LOAD_N and push > 0.0:
+        k_eff = k + b * speed_m_s
+        if force_n > MIN_FORCE_N and k_eff > 0.0:
             log_depth = math.log(depth_m)
             self._information = self._forgetting * self._information + log_depth**2
-            error = math.log(force_n / push) - self._exponent * log_depth
-            moved = self._exponent + error * log_depth / self._information
-            self._exponent = min(max(moved, _EXPONENT_RANGE[0]), _EXPONENT_RANGE[1])
+            error = math.log(force_n / k_eff) - self._exponent * log_depth
+            updated = self._exponent + error * log_depth / self._information
+            self._exponent = min(max(updated, _EXPONENT_RANGE[0]), _EXPONENT_RANGE[1])
         return ContactLaw(k, b, self._exponent, self._exponent)
 
 
@@ -95,11 +95,11 @@ class HybridSprls(OnlineContactLaw):
         return ContactLaw(stiffness, damping) if self._is_stiff else power
 
 
-_LIKELY = (1000.0, 100.0)  # typical gains [N/m, N s/m], which scale their steps
+_TYPICAL_GAINS = (1000.0, 100.0)  # k [N/m] and c [N s/m]; their squares scale the steps
 
 
 class IndirectAdaptive(OnlineContactLaw):
-    """Estimate F = k x + c v by the normalized gradient of the squared force error.
+    """Estimate F = k x + c v by the scaled gradient of the squared force error.
 
         e = F - k x - c v,     theta' = theta + rate G phi e / (noise^2 + phi' G phi)
 
@@ -121,7 +121,7 @@ class IndirectAdaptive(OnlineContactLaw):
     def __init__(self, rate: float = 0.02, noise_n: float = 0.5) -> None:
         if not (0.0 < rate < 2.0 and noise_n >= 0.0):
             raise InputError(
-                f"indirect_adaptive: rate {rate} must be within 0 and 2, noise {noise_n} positive"
+                f"indirect_adaptive: rate {rate} must be within 0 and 2, noise {noise_n} not negative"
             )
         self.rate, self.noise_n = rate, noise_n
         self.start()
@@ -130,17 +130,17 @@ class IndirectAdaptive(OnlineContactLaw):
         self._k = self._c = 0.0
 
     def update(self, depth_m: float, speed_m_s: float, force_n: float) -> ContactLaw | None:
-        by_k, by_c = (likely**2 for likely in _LIKELY)
-        size = by_k * depth_m**2 + by_c * speed_m_s**2 + self.noise_n**2
+        gain_k, gain_c = (typical**2 for typical in _TYPICAL_GAINS)
+        norm = gain_k * depth_m**2 + gain_c * speed_m_s**2 + self.noise_n**2
         error_n = force_n - self._k * depth_m - self._c * speed_m_s
-        step = self.rate * error_n / size
-        self._k += by_k * depth_m * step
-        self._c += by_c * speed_m_s * step
+        step = self.rate * error_n / norm
+        self._k += gain_k * depth_m * step
+        self._c += gain_c * speed_m_s * step
         return ContactLaw(self._k, self._c)
 
 
-LEAST_LOAD_N = 0.05  # force below which the logarithm is mostly noise
-_MOST_LOG = 50.0  # largest logarithm of a gain, to avoid overflow
+MIN_FORCE_N = 0.05  # force below which the logarithm is mostly noise
+_MAX_LOG = 50.0  # largest logarithm of a gain, to avoid overflow
 
 
 class LogLinear(OnlineContactLaw):
@@ -161,11 +161,11 @@ class LogLinear(OnlineContactLaw):
         self._linear.start(3)
 
     def update(self, depth_m: float, speed_m_s: float, force_n: float) -> ContactLaw | None:
-        if depth_m <= 0.0 or force_n < LEAST_LOAD_N:
+        if depth_m <= 0.0 or force_n < MIN_FORCE_N:
             return None
         row = np.array([1.0, math.log(depth_m), speed_m_s])
         log_k, n, ratio = self._linear.update(row, math.log(force_n)).tolist()
-        k = math.exp(min(log_k, _MOST_LOG))
+        k = math.exp(min(log_k, _MAX_LOG))
         return ContactLaw(k, ratio * k, n, n)
 
 
@@ -182,7 +182,7 @@ class LogLinearEwrls(LogLinear):
         super().__init__(Ewrls(forgetting))
 
 
-_SCALE_M = 1e-4  # regularization of the normalization: moves far below this adapt little
+_SCALE_M = 1e-4  # regularization: moves far below this length hardly change the estimate
 
 
 class ModelReference(OnlineContactLaw):
@@ -219,8 +219,8 @@ class ModelReference(OnlineContactLaw):
         if self._last is None:
             self._last = depth_m, force_n
             return None
-        before_m, model_n = self._last
-        move_m = depth_m - before_m
+        last_depth_m, model_n = self._last
+        move_m = depth_m - last_depth_m
         error_n = force_n - model_n - self._stiffness * move_m
         self._stiffness += self.rate * move_m * error_n / (move_m**2 + _SCALE_M**2)
         self._last = depth_m, force_n - (1.0 - self.pull) * error_n
@@ -228,11 +228,11 @@ class ModelReference(OnlineContactLaw):
         return ContactLaw(self._stiffness, 0.0, surface_m=surface_m)
 
 
-_SPREAD = (1e5, 1e5, 3e-4)  # initial standard deviations of k, b and the surface
-_FIRST_NOISE_N = 0.1
+_START_STD = (1e5, 1e5, 3e-4)  # initial standard deviations of k, b and the surface
+_START_NOISE_N = 0.1
 _NOISE_MEMORY = 0.99  # forgetting factor of the noise, per sample
-_LEAST_NOISE_N = 1e-4
-_LEAST_DEPTH_M = 1e-5
+_MIN_NOISE_N = 1e-4
+_MIN_DEPTH_M = 1e-5
 
 
 class ReducedKalman(OnlineContactLaw):
@@ -264,34 +264,34 @@ class ReducedKalman(OnlineContactLaw):
 
     def start(self) -> None:
         self._state = np.zeros(3)
-        self._covariance = np.diag(np.square(_SPREAD))
-        self._noise2 = _FIRST_NOISE_N**2
+        self._covariance = np.diag(np.square(_START_STD))
+        self._noise2 = _START_NOISE_N**2
 
     def update(self, depth_m: float, speed_m_s: float, force_n: float) -> ContactLaw | None:
         k, b, surface_m = self._state.tolist()
-        deep = max(depth_m - surface_m, _LEAST_DEPTH_M)
-        power = deep**self.exponent
-        push = k + b * speed_m_s
-        row = np.array([power, power * speed_m_s, -push * self.exponent * power / deep])
+        indentation_m = max(depth_m - surface_m, _MIN_DEPTH_M)
+        power = indentation_m**self.exponent
+        k_eff = k + b * speed_m_s
+        row = np.array([power, power * speed_m_s, -k_eff * self.exponent * power / indentation_m])
         spread = self._covariance.dot(row)
-        known = float(row.dot(spread))
-        error = force_n - push * power
-        gain = spread / (known + self._noise2)
+        predicted_variance = float(row.dot(spread))
+        error = force_n - k_eff * power
+        gain = spread / (predicted_variance + self._noise2)
         self._state = self._state + gain * error
         self._covariance -= gain[:, None] * spread
         self._covariance[0, 0] += (self.drift * k) ** 2
         self._covariance[1, 1] += (self.drift * b) ** 2
-        if known < self._noise2:
-            fresh = max(error * error - known, _LEAST_NOISE_N**2)
-            self._noise2 += (1.0 - _NOISE_MEMORY) * (fresh - self._noise2)
+        if predicted_variance < self._noise2:
+            observed2 = max(error * error - predicted_variance, _MIN_NOISE_N**2)
+            self._noise2 += (1.0 - _NOISE_MEMORY) * (observed2 - self._noise2)
         k, b, surface_m = self._state.tolist()
         return ContactLaw(k, b, self.exponent, self.exponent, surface_m)
 
 
 _EXPONENTS = np.array([0.7, 0.85, 1.0, 1.15, 1.3, 1.45, 1.6, 1.8, 2.0, 2.25, 2.5, 3.0])
 _PAIRS = 60  # random pairs; all contain outliers with probability 1e-12 at 40 % outliers
-_START_SAMPLES = 200
-_FEWEST = 10  # samples
+_RANKING_SAMPLES = 200
+_MIN_SAMPLES = 10  # samples
 
 
 class RobustHuntCrossley(ContactEstimator):
@@ -310,8 +310,8 @@ class RobustHuntCrossley(ContactEstimator):
     def fit(
         self, depth_m: FloatArray, speed_m_s: FloatArray, force_n: FloatArray, *, rng: np.random.Generator
     ) -> ContactLaw:
-        settled, unit_m = self.settle(depth_m, speed_m_s, force_n, rng)
-        log_push, ratio, n = settled.values.tolist()
+        result, unit_m = self.settle(depth_m, speed_m_s, force_n, rng)
+        log_push, ratio, n = result.values.tolist()
         k = float(np.exp(log_push)) / unit_m**n
         return ContactLaw(k, ratio * k, n, n)
 
@@ -334,7 +334,7 @@ class RobustHuntCrossley(ContactEstimator):
         """
         check_samples(self.name, depth_m, speed_m_s, force_n)
         touching = depth_m > 0.0
-        if np.count_nonzero(touching) < _FEWEST:
+        if np.count_nonzero(touching) < _MIN_SAMPLES:
             raise InputError(f"{self.name}: {np.count_nonzero(touching)} samples in contact are too few")
         speed, force = speed_m_s[touching], force_n[touching]
         unit_m = float(np.median(depth_m[touching]))
@@ -346,22 +346,22 @@ class RobustHuntCrossley(ContactEstimator):
             return predicted, np.column_stack([predicted, spring * speed, predicted * log_depth])
 
         # Choose ln k, b / k and n of the pair and exponent with the smallest median absolute residual.
-        first, two = rng.integers(len(force), size=(2, _PAIRS))
-        some = rng.permutation(len(force))[:_START_SAMPLES]
+        first, second = rng.integers(len(force), size=(2, _PAIRS))
+        chosen = rng.permutation(len(force))[:_RANKING_SAMPLES]
         springs = np.exp(_EXPONENTS[:, None] * log_depth)
         # At a given exponent, F / d^n = k + b v is a line through two points.
-        push = force / springs
-        difference = speed[two] - speed[first]
-        slopes = (push[:, two] - push[:, first]) / np.where(np.abs(difference) > 0.0, difference, np.inf)
-        levels = push[:, first] - slopes * speed[first]
-        left = np.abs(
-            force[some] - springs[:, None, some] * (levels[..., None] + slopes[..., None] * speed[some])
-        )
-        middle = left.shape[-1] // 2
-        medians = np.partition(left, middle, axis=-1)[..., middle]
+        scaled = force / springs
+        difference = speed[second] - speed[first]
+        run_m_s = np.where(difference != 0.0, difference, np.inf)
+        slopes = (scaled[:, second] - scaled[:, first]) / run_m_s
+        levels = scaled[:, first] - slopes * speed[first]
+        lines = levels[..., None] + slopes[..., None] * speed[chosen]
+        distance = np.abs(force[chosen] - springs[:, None, chosen] * lines)
+        middle = distance.shape[-1] // 2
+        medians = np.partition(distance, middle, axis=-1)[..., middle]
         medians[levels <= 0.0] = np.inf
         if not np.isfinite(medians).any():
             raise InputError("robust_hunt_crossley: no two samples agree with a positive stiffness")
-        at = np.unravel_index(int(np.argmin(medians)), medians.shape)
-        start = np.array([np.log(levels[at]), slopes[at] / levels[at], _EXPONENTS[at[0]]])
+        best = np.unravel_index(int(np.argmin(medians)), medians.shape)
+        start = np.array([np.log(levels[best]), slopes[best] / levels[best], _EXPONENTS[best[0]]])
         return irls(evaluate, force, start), unit_m

@@ -11,7 +11,7 @@ import scipy
 
 from palpate.estimation.channel import ChannelData
 from palpate.estimation.data_quality.extent import (
-    LEAST_SAMPLES,
+    MIN_SAMPLES,
     never_repeated,
     no_shared_depth,
     single_speed,
@@ -46,14 +46,14 @@ from palpate.estimation.model import Model
 from palpate.estimation.signals.runwise import apply_per_run, sample_time
 from palpate.robot_io.types import BoolArray, FloatArray, IntArray
 
-_GLITCH = 25.0  # least ratio of a glitch to the median distance between neighboring readings
-_MOST_GLITCHES = 0.01  # largest share of readings that are excluded as glitches
-_SPIKE = 0.2  # size relative to the effort's range below which outliers are harmless
+_GLITCH_RATIO = 25.0  # least ratio of a glitch to the median distance between neighboring readings
+_MAX_GLITCHES = 0.01  # largest share of readings that are excluded as glitches
+_MIN_SPIKE = 0.2  # size relative to the effort's range below which outliers are harmless
 # Distance of a reading from its neighbors, relative to the range of all readings. Above `_CODE` it is a code
 # for a missing value or a wrong digit. Above `_HUGE` even one that is excluded spoils the numerical precision
 # of a fit (measured: 1e8).
 _CODE, _HUGE = 20.0, 1e6
-_QUICKEST_S = 1e-5  # step between samples below which the unit of time is doubtful
+_MIN_STEP_S = 1e-5  # step between samples below which the unit of time is doubtful
 
 
 def usable(data: ChannelData) -> BoolArray:
@@ -68,7 +68,7 @@ def usable(data: ChannelData) -> BoolArray:
     if len(data) == 0:
         return np.ones(0, dtype=np.bool_)
     good = ~_glitches(data.effort, data.run)
-    if np.mean(~good) > _MOST_GLITCHES:
+    if np.mean(~good) > _MAX_GLITCHES:
         good = np.ones(len(data), dtype=np.bool_)
     return good & ~np.isin(data.run, list(copied_runs(data))) & ~at_lower_end(data) & ~folded_in_contact(data)
 
@@ -153,7 +153,7 @@ def checklist(data: ChannelData, model: Model | None = None) -> dict[str, str]:
 
 def _warnings(data: ChannelData, model: Model | None) -> Iterator[tuple[str, str]]:
     """Yield the kind of check and the text of each warning."""
-    if len(data) < LEAST_SAMPLES or _corrupted(data) or unchanging(data):
+    if len(data) < MIN_SAMPLES or _corrupted(data) or unchanging(data):
         return
     if copies := copied_runs(data):
         yield "enough", copied(copies)
@@ -162,7 +162,7 @@ def _warnings(data: ChannelData, model: Model | None) -> Iterator[tuple[str, str
         if warning:
             yield kind, warning
     good = data.select(usable(data))
-    if len(good) < LEAST_SAMPLES:
+    if len(good) < MIN_SAMPLES:
         return
     for kind, check in _IMPLAUSIBLE:
         if warning := check(good):
@@ -175,7 +175,7 @@ def _warnings(data: ChannelData, model: Model | None) -> Iterator[tuple[str, str
         yield "sync", warning
 
 
-def _distance(signal: FloatArray, run: IntArray) -> tuple[FloatArray, float]:
+def _median_distance(signal: FloatArray, run: IntArray) -> tuple[FloatArray, float]:
     """Return the distances (n,) of readings from their running medians, and the range of the medians."""
     smooth = apply_per_run(lambda values: np.asarray(scipy.ndimage.median_filter(values, 5)), signal, run)
     return np.abs(signal - smooth), float(np.ptp(smooth))
@@ -183,48 +183,48 @@ def _distance(signal: FloatArray, run: IntArray) -> tuple[FloatArray, float]:
 
 def _glitches(signal: FloatArray, run: IntArray) -> BoolArray:
     """Return the mask (n,) of single readings that are far from both neighbors."""
-    distance, extent = _distance(signal, run)
-    usual = float(np.median(distance[distance > 0.0])) if (distance > 0.0).any() else 0.0
-    return np.asarray(distance > max(_GLITCH * usual, _SPIKE * extent))
+    distance, extent = _median_distance(signal, run)
+    typical = float(np.median(distance[distance > 0.0])) if (distance > 0.0).any() else 0.0
+    return np.asarray(distance > max(_GLITCH_RATIO * typical, _MIN_SPIKE * extent))
 
 
 def _corrupted(data: ChannelData) -> str | None:
     """Reject outliers that a fit cannot exclude: in the position, too many, or too large."""
-    if len(data) < LEAST_SAMPLES:
+    if len(data) < MIN_SAMPLES:
         return None
-    for what, signal in (("position", data.position), ("effort", data.effort)):
-        distance, extent = _distance(signal, data.run)
-        codes = distance > _CODE * extent
-        spoils = codes.any() if what == "position" else np.mean(codes) > _MOST_GLITCHES
-        if extent > 0.0 and (spoils or (distance > _HUGE * extent).any()):
-            return f"{_far_off(data, what, codes)}; remove such rows, or leave their cells empty"
+    for name, signal in (("position", data.position), ("effort", data.effort)):
+        distance, extent = _median_distance(signal, data.run)
+        is_code = distance > _CODE * extent
+        is_bad = is_code.any() if name == "position" else np.mean(is_code) > _MAX_GLITCHES
+        if extent > 0.0 and (is_bad or (distance > _HUGE * extent).any()):
+            return f"{_describe(data, name, is_code)}; remove such rows, or leave their cells empty"
     return None
 
 
-def _far_off(data: ChannelData, what: str, rows: BoolArray) -> str:
+def _describe(data: ChannelData, name: str, rows: BoolArray) -> str:
     """Count the readings that are far from their neighbors, and describe the first one."""
     first, number = int(np.argmax(rows)), int(np.count_nonzero(rows))
     signal, unit = data.position, data.kind.position_unit
-    if what == "effort":
+    if name == "effort":
         signal, unit = data.effort, data.kind.effort_unit
-    count = f"1 reading of the {what} is" if number == 1 else f"{number} readings of the {what} are"
+    count = f"1 reading of the {name} is" if number == 1 else f"{number} readings of the {name} are"
     example = f"{signal[first]:.6g} {unit} at {data.time_s[first]:.6g} s"
     return f"{count} far from {'its' if number == 1 else 'their'} neighbors, such as {example}"
 
 
 def _warn_of_outliers(data: ChannelData) -> Iterator[tuple[str, str]]:
     """Warn of many outliers, which are scored, and of huge outliers, which are excluded."""
-    for what, signal in (("position", data.position), ("effort", data.effort)):
-        far_off = _glitches(signal, data.run)
-        if np.mean(far_off) > _MOST_GLITCHES:
-            yield "readings", f"{_far_off(data, what, far_off)}; if they are lost readings, remove such rows"
+    for name, signal in (("position", data.position), ("effort", data.effort)):
+        far = _glitches(signal, data.run)
+        if np.mean(far) > _MAX_GLITCHES:
+            yield "readings", f"{_describe(data, name, far)}; if they are lost readings, remove such rows"
     glitches = _glitches(data.effort, data.run)
-    if glitches.any() and np.mean(glitches) <= _MOST_GLITCHES:
+    if glitches.any() and np.mean(glitches) <= _MAX_GLITCHES:
         size, regular = np.abs(data.effort), data.effort[~glitches]
         # Outliers within the usual range, such as dropouts to zero, cause no warning.
         beyond = glitches & (size > np.abs(regular).max() + np.ptp(regular))
         if beyond.any():
-            reason = _far_off(data, "effort", beyond)
+            reason = _describe(data, "effort", beyond)
             yield "enough", f"{reason}; diagnosis and comparison exclude such readings"
 
 
@@ -240,7 +240,7 @@ def _check_blocks(data: ChannelData, good: BoolArray) -> str | None:
         step_s = sample_time(data.time_s, data.run)
         unit = f", or check the unit of time: samples are {step_s:.2g} s apart"
         reason = f"fewer than two runs have {least} samples or more; record longer runs"
-        return reason + (unit if step_s < _QUICKEST_S else "")
+        return reason + (unit if step_s < _MIN_STEP_S else "")
     blocked = block_average(data, good)
     if not blocked.can_hold_out:
         if not good.all() and block_average(data).can_hold_out:

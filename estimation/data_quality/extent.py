@@ -6,25 +6,25 @@ import numpy as np
 
 from palpate.estimation.channel import ChannelData, ChannelKind
 from palpate.estimation.fit.blocks import PIECES, block_length
-from palpate.estimation.signals.motion import is_one_pace, is_one_speed, never_returns
+from palpate.estimation.signals.motion import has_constant_speed, has_constant_velocity, never_returns
 
-LEAST_SAMPLES = 100
+MIN_SAMPLES = 100
 SINGLE_RUN = "only one run"  # start of the reason if only the division into runs is missing
-_MOST_BLOCKS = 300_000  # 25 minutes of blocks of 5 ms; limits the memory
-_LITTLE_SHARED = 0.1  # share of a run's depths that another run must reach for a prediction
-_TRAVELLED = 3.0  # least path of a single recording of repeated motion, in ranges of position
+_MAX_BLOCKS = 300_000  # 25 minutes of blocks of 5 ms; limits the memory
+_MIN_SHARED = 0.1  # share of a run's depths that another run must reach for a prediction
+_MIN_TRAVEL = 3.0  # least path of a single recording of repeated motion, in ranges of position
 
 
 def wrong_size(data: ChannelData) -> str | None:
     """Report too few samples, or more than can be searched; None otherwise."""
-    if len(data) < LEAST_SAMPLES:
-        return f"only {len(data)} samples; record at least {LEAST_SAMPLES}"
+    if len(data) < MIN_SAMPLES:
+        return f"only {len(data)} samples; record at least {MIN_SAMPLES}"
     lengths = np.unique(data.run, return_counts=True)[1]
     count = int(np.sum(lengths // block_length(data)))
-    if count > _MOST_BLOCKS:
-        more = f"{count} blocks of data are more than the {_MOST_BLOCKS} that can be searched"
-        several = f"some of the {len(lengths)} runs with --where run=N,N ..."
-        return f"{more}; take {several if len(lengths) > 1 else 'shorter recordings'}"
+    if count > _MAX_BLOCKS:
+        excess = f"{count} blocks of data are more than the {_MAX_BLOCKS} that can be searched"
+        advice = f"some of the {len(lengths)} runs with --where run=N,N ..."
+        return f"{excess}; take {advice if len(lengths) > 1 else 'shorter recordings'}"
     return None
 
 
@@ -36,7 +36,7 @@ def no_shared_depth(data: ChannelData) -> str | None:
     ranges = sorted((float(depth.min()), float(depth.max())) for depth in depths if len(depth))
     if len(ranges) == 1:
         return f"{SINGLE_RUN} of {len(data.runs)} touches the object; record at least three that do"
-    spans = [_LITTLE_SHARED * (high - low) for low, high in ranges]
+    spans = [_MIN_SHARED * (high - low) for low, high in ranges]
     shared = (before[1] - after[0] for before, after in pairwise(ranges))
     if ranges and all(depth <= min(pair) for depth, pair in zip(shared, pairwise(spans), strict=True)):
         return (
@@ -51,14 +51,14 @@ def never_repeated(data: ChannelData) -> str | None:
     if len(data.runs) > 1:
         if data.kind is not ChannelKind.CONTACT or not never_returns(data.position, data.run):
             return None
-        if is_one_speed(data.time_s, data.position, data.run):
+        if has_constant_velocity(data.time_s, data.position, data.run):
             return (
                 "all runs go one way at one speed: relaxation, friction, damping and the range of the sensor "
                 "cannot be told from the shape of the elastic law; hold, return, or add runs at another speed"
             )
         return "no run returns: friction cannot be told from the shape of the elastic law; let one return"
-    travelled = sum(np.ptp(part) for part in np.array_split(data.position, PIECES))
-    if travelled >= _TRAVELLED * np.ptp(data.position):
+    travel = sum(np.ptp(part) for part in np.array_split(data.position, PIECES))
+    if travel >= _MIN_TRAVEL * np.ptp(data.position):
         return None
     return (
         f"{SINGLE_RUN}, which goes through its motion once: changes with time and with position "
@@ -68,8 +68,8 @@ def never_repeated(data: ChannelData) -> str | None:
 
 def single_speed(data: ChannelData) -> str | None:
     """Report runs that return but have only one speed; None otherwise."""
-    is_one = data.kind is ChannelKind.CONTACT and is_one_pace(data.velocity[data.engaged])
-    if not is_one or never_returns(data.position, data.run):
+    has_one_speed = data.kind is ChannelKind.CONTACT and has_constant_speed(data.velocity[data.engaged])
+    if not has_one_speed or never_returns(data.position, data.run):
         return None
     return (
         "all motion is at one speed: dependence on the rate cannot be told from friction and damping; add "

@@ -11,58 +11,58 @@ from palpate.estimation.statistics.correlation import correlation_coefficient
 from palpate.estimation.statistics.least_squares import solve
 from palpate.robot_io.types import FloatArray
 
-_LONGEST_CONTACT_M = 0.2  # a deeper indentation means a wrong unit
-_STIFFEST_N_M = 1e7
-_SOFTEST_N_M = 1e-2
-_FASTEST_RAD_S = 300.0
-_LEAST_PRESSED = 0.01  # least share of samples in contact
+_MAX_DEPTH_M = 0.2  # a deeper indentation means a wrong unit
+_MAX_SLOPE_N_M = 1e7
+_MIN_SLOPE_N_M = 1e-2
+_MAX_SPEED_RAD_S = 300.0
+_MIN_PRESSED = 0.01  # least share of samples in contact
 # At least one in twenty samples in contact must exceed free air by 4 standard deviations of the noise; of
 # pure noise, 1 in 16 000 does.
-_ABOVE_AIR, _ONE_IN_TWENTY = 4.0, 0.95
-_SLICES = 20  # slices of the depth in which the start of the force is located
+_AIR_SIGMAS, _QUANTILE = 4.0, 0.95
+_DEPTH_SLICES = 20  # slices of the depth in which the start of the force is located
 # Least share of the deepest indentation without force, and largest noise relative to a spring's force there.
-_LATE, _STANDS_OUT = 0.2, 0.25
+_MIN_SILENT, _MAX_NOISE = 0.2, 0.25
 _TO_SIGMA = 1.4826  # ratio of standard deviation to median absolute deviation of normal noise
 _SHIFTS_S = (-2.0, -1.0, -0.5, 0.5, 1.0, 2.0)  # tried time offsets of clocks that were started by hand
 # Correlations of depth and force: those of springs exceed the first, those of unrelated signals are below the
 # second.
 _RELATED, _UNRELATED = 0.9, 0.5
 _NEGATIVE = -0.5  # correlation of depth and force below which one of them has the wrong sign
-_BY_CHANCE = 4.0  # standard errors that a correlation must exceed
-_LEAST_EXPLAINED = 0.1  # share of the force's variance that depth and velocity explain for any object
-_ROUNDING = 1e-9  # largest difference of two identical columns, relative to the force's range
-_SEVERAL = 2.0  # least number of turns; over fewer, the shape alone can distinguish a spring from a weight
-_SLOWLY = 0.1  # least share of the effort's variance that varies slowly with the angle
+_CHANCE_SIGMAS = 4.0  # standard errors that a correlation must exceed
+_MIN_EXPLAINED = 0.1  # share of the force's variance that depth and velocity explain for any object
+_EQUAL = 1e-9  # largest difference of two identical columns, relative to the force's range
+_MIN_TURNS = 2.0  # least number of turns; over fewer, the shape alone can distinguish a spring from a weight
+_MIN_SLOW = 0.1  # least share of the effort's variance that varies slowly with the angle
 # Largest share of the energy unexplained by the motion that the sine in degrees may leave. Effects of ten
 # times the noise left up to 0.1 for a pendulum in degrees.
-_NEARLY_ALL = 0.2
+_MAX_LEFT = 0.2
 # Largest ratio of residual energies at which a law is as good as a wider one. Pendulums in degrees reached
 # 1.01; a weight in radians reaches 1.1 if its amplitude is half the noise, and hundreds if it is clear.
-_AS_WELL = 1.1
+_EQUIVALENT = 1.1
 # Least ratio of residual energies at which a law is clearly worse. Spiral and hardening springs reached 1.03;
 # swings of a pendulum over 50 degrees reached 1.3 to 6.
-_CLEARLY = 1.5
+_WORSE = 1.5
 
 
 def mistaken_units(data: ChannelData) -> str | None:
     """Report a unit that is probably wrong; None if all are plausible."""
     if data.kind is ChannelKind.CONTACT:
         deepest = float(np.abs(data.position).max())
-        if deepest > _LONGEST_CONTACT_M:
+        if deepest > _MAX_DEPTH_M:
             return (
-                f"the deepest indentation is {deepest:.3g} m, more than {_LONGEST_CONTACT_M:g} m; if the "
+                f"the deepest indentation is {deepest:.3g} m, more than {_MAX_DEPTH_M:g} m; if the "
                 "displacement is in millimeters, use --unit displacement=mm"
             )
         slope = float(np.ptp(data.effort)) / max(deepest, 1e-12)
-        if slope > 0.0 and not _SOFTEST_N_M < slope < _STIFFEST_N_M:
+        if slope > 0.0 and not _MIN_SLOPE_N_M < slope < _MAX_SLOPE_N_M:
             return (
-                f"force over depth is {slope:.3g} N/m, outside {_SOFTEST_N_M:g} to {_STIFFEST_N_M:g} N/m; if "
-                "a unit is different, give it, such as --unit force=mN or --unit displacement=mm"
+                f"force over depth is {slope:.3g} N/m, outside {_MIN_SLOPE_N_M:g} to {_MAX_SLOPE_N_M:g} N/m; "
+                "if a unit is different, give it, such as --unit force=mN or --unit displacement=mm"
             )
     fast = float(np.quantile(np.abs(data.velocity), 0.9))
-    if data.kind.is_angle and fast > _FASTEST_RAD_S:
+    if data.kind.is_angle and fast > _MAX_SPEED_RAD_S:
         return (
-            f"the joint turns faster than {_FASTEST_RAD_S:g} rad/s: a tenth of the samples exceed "
+            f"the joint turns faster than {_MAX_SPEED_RAD_S:g} rad/s: a tenth of the samples exceed "
             f"{fast:.3g} rad/s; if the angle is in degrees or the time in milliseconds, use --unit "
             "position=deg or --unit time=ms"
         )
@@ -101,16 +101,16 @@ def misaligned(data: ChannelData) -> str | None:
         return None
     pressed = np.where(data.engaged, data.position, 0.0)
     step = sample_time(data.time_s, data.run)
-    now = correlation_coefficient(pressed, data.effort)
+    correlation = correlation_coefficient(pressed, data.effort)
     for seconds in _SHIFTS_S:
         shift = round(seconds / step)
         if shift and abs(shift) < len(pressed) // 4:
-            then = correlation_coefficient(np.roll(pressed, shift), data.effort)
-            if then > _RELATED and now < _UNRELATED:
+            shifted = correlation_coefficient(np.roll(pressed, shift), data.effort)
+            if shifted > _RELATED and correlation < _UNRELATED:
                 side = "late" if seconds > 0.0 else "early"
                 return (
                     f"the force is {abs(seconds):.1f} s {side} relative to the motion (correlation "
-                    f"{then:.2f} if shifted, {now:.2f} as recorded); align their times in the file"
+                    f"{shifted:.2f} if shifted, {correlation:.2f} as recorded); align their times in the file"
                 )
     return None
 
@@ -119,22 +119,22 @@ def no_contact(data: ChannelData) -> str | None:
     """Report a missing contact or a wrong sign; None if there is a contact."""
     if data.kind is not ChannelKind.CONTACT:
         return None
-    pressed, level = data.engaged, 0.0
-    if pressed.mean() < _LEAST_PRESSED:
+    pressed, air_level = data.engaged, 0.0
+    if pressed.mean() < _MIN_PRESSED:
         return "no contact: the displacement is never positive; press the object"
     if not pressed.all():
-        level, noise = _of_air(data)
-        is_noise = np.quantile(np.abs(data.effort[pressed] - level), _ONE_IN_TWENTY) < noise
+        air_level, noise = _free_air_level(data)
+        is_noise = np.quantile(np.abs(data.effort[pressed] - air_level), _QUANTILE) < noise
         if is_noise and misaligned(data) is None:
             return "no contact: the force while pressed is no more than the noise in free air"
-    depth, until = np.where(pressed, data.position, 0.0), int(np.argmax(np.abs(data.effort))) + 1
-    falls = correlation_coefficient(depth, data.effort)
-    tears = correlation_coefficient(depth[:until], data.effort[:until]) > -_NEGATIVE  # it rises until then
+    depth, peak = np.where(pressed, data.position, 0.0), int(np.argmax(np.abs(data.effort))) + 1
+    trend = correlation_coefficient(depth, data.effort)
+    rises = correlation_coefficient(depth[:peak], data.effort[:peak]) > -_NEGATIVE  # before the object tears
     # Negative if a spring from the surface on has a negative stiffness.
-    is_negative = float(depth @ (data.effort - level)) < 0.0
-    if is_negative and falls < _NEGATIVE and not tears and misaligned(data) is None:
+    is_negative = float(depth @ (data.effort - air_level)) < 0.0
+    if is_negative and trend < _NEGATIVE and not rises and misaligned(data) is None:
         return (
-            f"force falls with depth (correlation {falls:.2f}); check the sign of force and displacement: "
+            f"force falls with depth (correlation {trend:.2f}); check the sign of force and displacement: "
             "--unit force=-1N reverses the force"
         )
     return None
@@ -152,16 +152,16 @@ def late_touch(data: ChannelData) -> str | None:
     pressed = data.engaged
     if data.kind is not ChannelKind.CONTACT or data.surface is not None or pressed.all() or not pressed.any():
         return None
-    level, noise = _of_air(data)
-    force, depth = np.abs(data.effort[pressed] - level), data.position[pressed]
+    air_level, noise = _free_air_level(data)
+    force, depth = np.abs(data.effort[pressed] - air_level), data.position[pressed]
     deepest, silent = float(depth.max()), 0.0
-    for below in np.linspace(0.0, deepest, _SLICES + 1)[1:]:
-        within = force[(depth > silent) & (depth <= below)]
-        if len(within) and np.quantile(within, _ONE_IN_TWENTY) >= noise:
+    for end in np.linspace(0.0, deepest, _DEPTH_SLICES + 1)[1:]:
+        forces = force[(depth > silent) & (depth <= end)]
+        if len(forces) and np.quantile(forces, _QUANTILE) >= noise:
             break
-        silent = float(below)
+        silent = float(end)
     expected = float(force.max()) * silent / deepest  # force of a spring that begins at the surface
-    if silent < _LATE * deepest or noise > _STANDS_OUT * expected:
+    if silent < _MIN_SILENT * deepest or noise > _MAX_NOISE * expected:
         return None
     return (
         f"the force stays at its level in free air down to {1e3 * silent:.3g} of {1e3 * deepest:.3g} mm; if "
@@ -170,11 +170,11 @@ def late_touch(data: ChannelData) -> str | None:
     )
 
 
-def _of_air(data: ChannelData) -> tuple[float, float]:
+def _free_air_level(data: ChannelData) -> tuple[float, float]:
     """Return the level of the effort in free air, and the least distance of a press from it [effort]."""
     air = data.effort[~data.engaged]
     level = float(np.median(air))
-    return level, _ABOVE_AIR * _TO_SIGMA * float(np.median(np.abs(air - level)))
+    return level, _AIR_SIGMAS * _TO_SIGMA * float(np.median(np.abs(air - level)))
 
 
 def unrelated(data: ChannelData) -> str | None:
@@ -182,14 +182,14 @@ def unrelated(data: ChannelData) -> str | None:
     if data.kind is not ChannelKind.CONTACT or not data.engaged.any():
         return None
     pressed = data.select(data.engaged)
-    ratio = float(pressed.effort @ pressed.position) / (float(pressed.position @ pressed.position) or 1.0)
-    if np.max(np.abs(pressed.effort - ratio * pressed.position)) < _ROUNDING * float(np.ptp(pressed.effort)):
+    stiffness = float(pressed.effort @ pressed.position) / (float(pressed.position @ pressed.position) or 1.0)
+    if np.max(np.abs(pressed.effort - stiffness * pressed.position)) < _EQUAL * float(np.ptp(pressed.effort)):
         return (
-            f"the force equals the displacement times {ratio:.6g} N/m in every row, which no sensor "
+            f"the force equals the displacement times {stiffness:.6g} N/m in every row, which no sensor "
             "measures; was one column used for both? Choose another one with --column force=COLUMN"
         )
     share = _share_explained(data)
-    if share < _LEAST_EXPLAINED:
+    if share < _MIN_EXPLAINED:
         return (
             f"depth and velocity explain only {100.0 * share:.0f} % of the force; is it the right "
             "column? Choose another one with --column force=COLUMN"
@@ -202,21 +202,21 @@ def at_rest(data: ChannelData) -> str | None:
     if data.kind is ChannelKind.CONTACT:
         return None
     _, index = np.unique(data.run, return_inverse=True)
-    within, effort = (
+    moved, effort = (
         signal - (np.bincount(index, signal) / np.bincount(index))[index]
         for signal in (data.position, data.effort)
     )
     pairs = np.flatnonzero(np.diff(data.run) == 0)
     products = [
-        (within[pairs], within[pairs + 1]),  # motion correlates from sample to sample, noise does not
-        (within, effort),
-        (within**2 - np.mean(within**2), effort),
+        (moved[pairs], moved[pairs + 1]),  # motion correlates from sample to sample, noise does not
+        (moved, effort),
+        (moved**2 - np.mean(moved**2), effort),
     ]
     for first, second in products:
-        by_chance = float(np.linalg.norm(first) * np.linalg.norm(second)) / np.sqrt(max(len(first), 1))
-        if abs(float(first @ second)) > _BY_CHANCE * by_chance:
+        chance = float(np.linalg.norm(first) * np.linalg.norm(second)) / np.sqrt(max(len(first), 1))
+        if abs(float(first @ second)) > _CHANCE_SIGMAS * chance:
             return None
-    size = f"{np.std(within):.2g} {data.kind.position_unit}"
+    size = f"{np.std(moved):.2g} {data.kind.position_unit}"
     return f"the position varies at random by {size}, and the effort does not follow it; record a motion"
 
 
@@ -246,18 +246,18 @@ def angle_in_degrees(data: ChannelData, model: Model | None) -> str | None:
     if data.kind is not ChannelKind.REVOLUTE or model is None:
         return None
     turns = float(np.ptp(data.position)) / (2.0 * np.pi)
-    if turns < _SEVERAL:
+    if turns < _MIN_TURNS:
         return None
     radians = [np.sin(data.position), np.cos(data.position)]
     degrees = [np.sin(np.radians(data.position)), np.cos(np.radians(data.position))]
     none, slow, both = (_mean_squared_residual(data, law) for law in ([], degrees, [*degrees, *radians]))
-    is_explained = none - slow >= _SLOWLY * float(np.var(data.effort)) and slow <= _NEARLY_ALL * none
-    if not is_explained or slow > _AS_WELL * both:
+    is_explained = none - slow >= _MIN_SLOW * float(np.var(data.effort)) and slow <= _MAX_LEFT * none
+    if not is_explained or slow > _EQUIVALENT * both:
         return None
     if not any(effect.name in HEAVY for effect in model.effects):  # as well as a cubic, not as a quadratic
         x = (data.position - data.position.mean()) / float(np.std(data.position))
         quadratic, cubic = (_mean_squared_residual(data, law) for law in ([x, x**2], [x, x**2, x**3]))
-        if slow > _AS_WELL * cubic or quadratic < _CLEARLY * slow:
+        if slow > _EQUIVALENT * cubic or quadratic < _WORSE * slow:
             return None
     return (
         f"the joint turns {turns:.0f} times, and its effort does not repeat with each turn as gravity does; "

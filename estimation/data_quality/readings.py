@@ -15,57 +15,57 @@ _STUCK_SHARE = 0.3  # least share of loaded samples at one extreme value of a sa
 _HELD_RANGE = 1e-3  # largest range of a held position, relative to the range of all positions
 # Free air at a sensor's lower limit: least share of free air at the limit, least distance of the limit from
 # zero (relative to the range of readings), and least share of distinct readings above it.
-_MOST_OF_AIR, _OFF_ZERO, _FINE = 0.7, 0.01, 0.5
+_MIN_AT_LIMIT, _MIN_LIMIT, _MIN_DISTINCT = 0.7, 0.01, 0.5
 # Least number of distinct readings of a contact and of a joint, and the number below which a sensor counts as
 # coarse. Each edge between two readings gives one point of the force curve; four points are needed to test a
 # spring with a damper. A joint crosses each edge in many states of motion, but one edge gives no scale.
-_TOO_FEW_LEVELS, _TOO_FEW_OF_A_JOINT, _FEW_LEVELS = 5, 3, 50
+_MIN_LEVELS, _MIN_JOINT_LEVELS, _COARSE_LEVELS = 5, 3, 50
 _LOADED = 0.3  # least effort of a loaded sample, relative to the largest
 # Least noise correlation of a copied run, and of an exact copy. Chance correlations reach 5 / sqrt(n). A copy
 # with added noise of half its own noise level has 0.9.
-_COPY, _EQUAL = 0.8, 1.0 - 1e-9
-_SAME_PLACE = 0.05  # largest difference between copies of a run, relative to the range of positions
-_FEWEST_TOLD = 40  # samples needed to compare the noise of two runs
-_FEWEST_BENDS = 100  # second differences needed to tell noise from a lower limit of the sensor
+_COPIED, _IDENTICAL = 0.8, 1.0 - 1e-9
+_MAX_DIFFERENCE = 0.05  # largest difference between copies of a run, relative to the range of positions
+_MIN_COMPARED = 40  # samples needed to compare the noise of two runs
+_MIN_BENDS = 100  # second differences needed to tell noise from a lower limit of the sensor
 # Least share of sign changes between consecutive second differences of noise: 0.73 in white noise, 0.67 in a
 # random walk, and almost none in a smooth curve.
-_TURNING = 0.6
-_DIGITS = 1e-7  # relative noise below which it is only rounding of numbers
+_MIN_TURNS = 0.6
+_ROUNDING = 1e-7  # relative noise below which it is only rounding of numbers
 # Ratio to the median second difference above which a second difference is a corner of the motion. Repeated
 # motions share such corners, so they are excluded from the noise.
 _CORNER = 4.0
 # Least median second difference, in steps of the readings, so that readings coincide by chance in only one of
 # three cases. Rounding alone gives second differences of 0 or 1 step.
-_STEPS = 2.0
+_MIN_STEPS = 2.0
 
 
 def unchanging(data: ChannelData) -> str | None:
     """Report an effort or a position that never changes; None if both change."""
-    for what, signal in (("effort", data.effort), ("position", data.position)):
+    for name, signal in (("effort", data.effort), ("position", data.position)):
         if np.ptp(signal) <= 1e-12 * max(1.0, float(np.max(np.abs(signal)))):
-            return f"the {what} never changes; check the sensor and the column"
+            return f"the {name} never changes; check the sensor and the column"
     return None
 
 
 def too_coarse(data: ChannelData) -> str | None:
     """Report an effort with too few distinct readings; None otherwise."""
     levels = len(np.unique(data.effort))
-    if levels < (_TOO_FEW_LEVELS if data.kind is ChannelKind.CONTACT else _TOO_FEW_OF_A_JOINT):
+    if levels < (_MIN_LEVELS if data.kind is ChannelKind.CONTACT else _MIN_JOINT_LEVELS):
         return f"only {levels} different readings: the sensor's steps are too coarse for this effort"
     return None
 
 
 def saturated(data: ChannelData) -> str | None:
     """Report a sensor that saturates; None if it does not."""
-    if len(np.unique(data.effort)) < _FEW_LEVELS:
+    if len(np.unique(data.effort)) < _COARSE_LEVELS:
         return None  # a coarse sensor often reads its extreme value
     size = np.abs(data.effort)
     loaded = size > _LOADED * size.max()
     for extreme in (data.effort.max(), data.effort.min()):
         stuck = data.effort == extreme
         share = float(np.mean(stuck[loaded]))
-        moves = float(np.ptp(data.position[stuck])) > _HELD_RANGE * float(np.ptp(data.position))
-        if share > _STUCK_SHARE and moves:  # data without noise also have constant readings in a hold
+        is_moving = float(np.ptp(data.position[stuck])) > _HELD_RANGE * float(np.ptp(data.position))
+        if share > _STUCK_SHARE and is_moving:  # data without noise also have constant readings in a hold
             unit = data.kind.effort_unit
             return (
                 f"{100 * share:.0f} % of the loaded samples show {extreme:.6g} {unit}: the sensor is "
@@ -89,12 +89,12 @@ def at_lower_end(data: ChannelData) -> BoolArray:
     lowest = float(data.effort.min())
     stuck = np.asarray(data.effort == lowest)
     above = data.effort[~stuck]
-    off_zero = abs(lowest) > _OFF_ZERO * float(np.ptp(data.effort))
-    few_stuck = np.mean(stuck[~data.engaged]) < _MOST_OF_AIR
-    if few_stuck or not off_zero or len(np.unique(above)) < _FINE * len(above):
+    off_zero = abs(lowest) > _MIN_LIMIT * float(np.ptp(data.effort))
+    few_stuck = np.mean(stuck[~data.engaged]) < _MIN_AT_LIMIT
+    if few_stuck or not off_zero or len(np.unique(above)) < _MIN_DISTINCT * len(above):
         return none
     bends = np.diff(data.effort, 2)[~stuck[1:-1]]
-    return stuck if len(bends) >= _FEWEST_BENDS and _turn_like_noise(bends) else none
+    return stuck if len(bends) >= _MIN_BENDS and _is_noise(bends) else none
 
 
 def stuck_in_air(data: ChannelData) -> str | None:
@@ -123,30 +123,30 @@ def copied_runs(data: ChannelData) -> dict[int, tuple[int, float]]:
     Returns:
         Original run and correlation of the noise (1 for equal numbers), by the number of the copy.
     """
-    range_of_all = float(np.ptp(data.position)) if len(data) else 0.0
-    of_length: dict[int, list[IntArray]] = {}
+    span = float(np.ptp(data.position)) if len(data) else 0.0
+    by_length: dict[int, list[IntArray]] = {}
     for rows in rows_of_runs(data.run):
         effort = data.effort[rows]
         bends, steps = np.diff(effort, 2), np.diff(np.unique(effort))
-        if np.ptp(data.position[rows]) <= _HELD_RANGE * range_of_all or len(bends) < 2 or len(steps) == 0:
+        if np.ptp(data.position[rows]) <= _HELD_RANGE * span or len(bends) < 2 or len(steps) == 0:
             continue
-        usual = float(np.median(np.abs(bends)))  # must be large enough that readings rarely repeat
-        least = max(_STEPS * steps.min(), _DIGITS * float(np.sqrt(np.mean(effort**2))))
-        if usual >= least and _turn_like_noise(bends):
-            of_length.setdefault(len(rows), []).append(rows)
+        typical = float(np.median(np.abs(bends)))  # must be large enough that readings rarely repeat
+        least = max(_MIN_STEPS * steps.min(), _ROUNDING * float(np.sqrt(np.mean(effort**2))))
+        if typical >= least and _is_noise(bends):
+            by_length.setdefault(len(rows), []).append(rows)
     copies: dict[int, tuple[int, float]] = {}
-    for length, runs in of_length.items():
+    for length, runs in by_length.items():
         bends = np.diff(data.effort[np.array(runs)], 2)
         corner = _CORNER * np.median(np.abs(bends), axis=1, keepdims=True)
         bends = np.clip(bends, -corner, corner)
         bends /= np.linalg.norm(bends, axis=1, keepdims=True)
-        least = _COPY if length >= _FEWEST_TOLD else _EQUAL
+        least = _COPIED if length >= _MIN_COMPARED else _IDENTICAL
         for number, rows in enumerate(runs):
-            likeness = bends[:number] @ bends[number]
-            for first in np.flatnonzero(likeness > least):
+            match = bends[:number] @ bends[number]
+            for first in np.flatnonzero(match > least):
                 largest_difference = np.max(np.abs(data.position[rows] - data.position[runs[first]]))
-                if largest_difference < _SAME_PLACE * range_of_all:
-                    copies[int(data.run[rows[0]])] = int(data.run[runs[first][0]]), float(likeness[first])
+                if largest_difference < _MAX_DIFFERENCE * span:
+                    copies[int(data.run[rows[0]])] = int(data.run[runs[first][0]]), float(match[first])
                     break
     return copies
 
@@ -157,34 +157,34 @@ def copied(copies: Mapping[int, tuple[int, float]]) -> str:
     Args:
         copies: original run and correlation of the noise, by the number of the copy.
     """
-    (run, (first, likeness)), more = next(iter(copies.items())), len(copies) - 1
-    further = f" (and {more} more)" if more else ""
+    (run, (first, match)), count = next(iter(copies.items())), len(copies) - 1
+    others = f" (and {count} more)" if count else ""
     return (
-        f"run {run} is a copy of run {first}{further}: {100.0 * likeness:.0f} % of its noise is the same, so "
+        f"run {run} is a copy of run {first}{others}: {100.0 * match:.0f} % of its noise is the same, so "
         "it adds no information and is left out; record it again"
     )
 
 
-def _turn_like_noise(bends: FloatArray) -> bool:
+def _is_noise(bends: FloatArray) -> bool:
     """Return whether second differences (n,) change sign as often as those of noise."""
-    return bool(np.mean(bends[1:] * bends[:-1] < 0.0) > _TURNING)
+    return bool(np.mean(bends[1:] * bends[:-1] < 0.0) > _MIN_TURNS)
 
 
-_FEWEST = 50  # least number of readings within the noise of zero; by chance none is negative once in 2^50
+_MIN_NEAR = 50  # least number of readings within the noise of zero; by chance none is negative once in 2^50
 # Least ratio of the numbers of readings in the nearer and the farther half of that noise. Folded noise is
 # densest at zero: the ratio is at least 1, by chance 0.8. Unfolded readings that thin out toward their
 # minimum reached 0.3.
-_FLAT = 0.6
+_MIN_RATIO = 0.6
 # Largest ratio of readings that are exactly zero to readings at the next step. Folding maps two steps onto
 # the next step and only one onto zero, which gives one half. Clipping maps all readings below zero onto zero.
-_MOST_ZEROS = 0.75
+_MAX_ZEROS = 0.75
 # Least share of a joint's readings that are exactly zero, more than at rest, and least number of distinct
 # readings, below which zero is a step like any other.
-_OFTEN, _FEWEST_VALUES = 0.3, 50
+_MIN_ZEROS, _MIN_VALUES = 0.3, 50
 # Least ratio of the residual energies of a law without and with a constant that indicates a dead band.
 # Clipping does not change the remaining readings: 1.0 to 1.1, also with an effect of ten times the noise. A
 # dead band subtracts its width everywhere: 3 or more, or less if the weight hardly turns and looks constant.
-_WITHOUT_CONSTANT = 1.5
+_MIN_GAIN = 1.5
 _CLEAR = 4.0  # multiple of the noise above which no reading is rectified noise
 _FOLDED = (
     "no reading is below zero, though {count} lie within the noise of zero, {noise:.2g} {unit}: "
@@ -212,24 +212,24 @@ def rectified(data: ChannelData) -> str | None:
     effort = _untared(data)
     if len(effort) == 0 or effort.min() < 0.0:
         return None
-    zero = effort == 0.0
-    if np.mean(zero) > _OFTEN and len(np.unique(effort)) >= _FEWEST_VALUES:
+    is_zero = effort == 0.0
+    if np.mean(is_zero) > _MIN_ZEROS and len(np.unique(effort)) >= _MIN_VALUES:
         # Clipping at zero does not change positive readings. A dead band also causes zeros, but it reduces
         # all readings by its width. The fitted laws are a weight at any tilt, and a weight with springs.
-        q, v, target = data.position, data.velocity, effort[~zero]
+        q, v, target = data.position, data.velocity, effort[~is_zero]
         for springs in ([np.cos(q)], [q, q**3]):
             law = [np.sin(q), v, np.sign(v), data.acceleration, *springs, np.ones(len(q))]
-            columns = np.column_stack(law)[~zero]
+            columns = np.column_stack(law)[~is_zero]
             without_constant, with_constant = (
                 float(np.sum((target - regressors @ solve(regressors, target).gains) ** 2))
                 for regressors in (columns[:, :-1], columns)
             )
-            if without_constant <= _WITHOUT_CONSTANT * with_constant:
+            if without_constant <= _MIN_GAIN * with_constant:
                 return (
-                    f"no reading is below zero, and {100 * np.mean(zero):.0f} % are exactly zero: was the "
+                    f"no reading is below zero, and {100 * np.mean(is_zero):.0f} % are exactly zero: was the "
                     "sign cut off? record the signal with its sign"
                 )
-    count, noise = _folded(effort, data.run)
+    count, noise = _count_folded(effort, data.run)
     reason = _FOLDED.format(count=count, noise=noise, unit=data.kind.effort_unit)
     return f"{reason}; record it with its sign" if count else None
 
@@ -246,7 +246,7 @@ def folded_in_contact(data: ChannelData) -> BoolArray:
     effort = _untared(data)
     if data.kind is not ChannelKind.CONTACT or len(effort) == 0 or effort.min() < 0.0:
         return np.zeros(len(data), dtype=np.bool_)
-    count, noise = _folded(effort, data.run)
+    count, noise = _count_folded(effort, data.run)
     return np.asarray(effort <= _CLEAR * noise) if count else np.zeros(len(data), dtype=np.bool_)
 
 
@@ -255,7 +255,7 @@ def folded(data: ChannelData) -> str | None:
     near = folded_in_contact(data)
     if not near.any():
         return None
-    count, noise = _folded(_untared(data), data.run)
+    count, noise = _count_folded(_untared(data), data.run)
     reason = _FOLDED.format(count=count, noise=noise, unit=data.kind.effort_unit)
     share = (
         f"{100 * np.mean(near):.0f} % of the samples, those below {_CLEAR:.0f} times this noise, are left out"
@@ -268,7 +268,7 @@ def _untared(data: ChannelData) -> FloatArray:
     return data.effort if data.tare is None else data.effort + data.tare.of(data.run)
 
 
-def _folded(effort: FloatArray, run: IntArray) -> tuple[int, float]:
+def _count_folded(effort: FloatArray, run: IntArray) -> tuple[int, float]:
     """Return the number of readings within the noise of zero (0 if they are not rectified) and the noise."""
     bends = apply_per_run(lambda values: np.pad(np.diff(values, 2), 1)[: len(values)], effort, run)
     noise = _TO_SIGMA * float(np.median(np.abs(bends)))
@@ -280,5 +280,5 @@ def _folded(effort: FloatArray, run: IntArray) -> tuple[int, float]:
     inner = int(np.count_nonzero(near <= half))
     outer = int(np.count_nonzero((effort > half) & (effort <= 2.0 * half - 0.5 * step)))
     zeros, next_to_zero = np.count_nonzero(effort == 0.0), np.count_nonzero(near < 1.5 * step)
-    is_folded = inner >= _FLAT * outer and zeros <= _MOST_ZEROS * next_to_zero and len(near) >= _FEWEST
+    is_folded = inner >= _MIN_RATIO * outer and zeros <= _MAX_ZEROS * next_to_zero and len(near) >= _MIN_NEAR
     return len(near) if is_folded else 0, noise

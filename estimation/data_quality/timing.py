@@ -12,21 +12,21 @@ from palpate.estimation.signals.runwise import is_even, sample_time, shift
 from palpate.estimation.statistics.correlation import Misfit, misfit
 from palpate.estimation.statistics.least_squares import solve
 
-_FARTHEST_S, _MOST_SHIFTS = 0.1, 50  # largest time shift, in seconds and in samples
+_MAX_SHIFT_S, _MAX_SHIFT = 0.1, 50  # largest time shift, in seconds and in samples
 _COARSE = 21  # shifts of the coarse search
-_NOISE = 1.06  # largest ratio of an error to the noise between samples for an adequate fit
-_BETTER = 1.05  # least ratio of the errors without and with a shift
-_CLEARLY = 50.0  # least chi-square with one degree of freedom: seven standard deviations
-_MOST_SAMPLES = 6_000  # most samples that are used: the first whole runs
-_LEAST_SAMPLES = 200
-_NEIGHBOURS = 5  # steps on each side that determine the local speed
-_FAST = 0.3  # least step, relative to the usual largest, at which a jump is distinguishable from noise
-_REGULAR = 0.15  # largest median difference between neighboring steps, relative to a step
-_JUMPS = 1.7  # ratio to neighboring steps from which a step is a jump
-_MOST_JUMPS = 0.1  # share of steps; more jumps belong to the motion or to an encoder's steps
-_FINE, _MOST_FINE = 4.0, 0.25  # encoder steps per motion step above which a larger share may be jumps
-_FEWEST_JUMPS = 3
-_WHOLE, _MOSTLY = 0.25, 0.8  # deviation of a jump from whole steps, and share of the jumps within it
+_MAX_EXCESS = 1.06  # largest ratio of an error to the noise between samples for an adequate fit
+_MIN_GAIN = 1.05  # least ratio of the errors without and with a shift
+_MIN_CHI2 = 50.0  # least chi-square with one degree of freedom: seven standard deviations
+_MAX_SAMPLES = 6_000  # most samples that are used: the first whole runs
+_MIN_SAMPLES = 200
+_NEIGHBORS = 5  # steps on each side that determine the local speed
+_MIN_STEP = 0.3  # least step, relative to the usual largest, at which a jump is distinguishable from noise
+_MAX_SPREAD = 0.15  # largest median difference between neighboring steps, relative to a step
+_MIN_JUMP = 1.7  # ratio to neighboring steps from which a step is a jump
+_MAX_JUMPS = 0.1  # share of steps; more jumps belong to the motion or to an encoder's steps
+_FINE, _MAX_FINE = 4.0, 0.25  # encoder steps per motion step above which a larger share may be jumps
+_MIN_JUMPS = 3
+_MAX_OFF, _MIN_WHOLE = 0.25, 0.8  # deviation of a jump from whole steps, and share of the jumps within it
 
 
 def time_offset(data: ChannelData, model: Model | None) -> str | None:
@@ -44,45 +44,45 @@ def time_offset(data: ChannelData, model: Model | None) -> str | None:
         return None
     # Use the first whole runs within the limit of samples, or the first samples of the first run.
     runs, counts = np.unique(data.run, return_counts=True)
-    subset = data.of_runs(runs[: max(1, int(np.searchsorted(np.cumsum(counts), _MOST_SAMPLES, "right")))])
-    data = subset.select(np.arange(min(len(subset), _MOST_SAMPLES)))
+    subset = data.of_runs(runs[: max(1, int(np.searchsorted(np.cumsum(counts), _MAX_SAMPLES, "right")))])
+    data = subset.select(np.arange(min(len(subset), _MAX_SAMPLES)))
     step_s = sample_time(data.time_s, data.run)
-    farthest_s = min(_FARTHEST_S, _MOST_SHIFTS * step_s)
+    max_s = min(_MAX_SHIFT_S, _MAX_SHIFT * step_s)
     # Use samples whose motion is known for that time before and after; a contact must be pressed throughout.
     rows = np.ones(len(data), dtype=np.bool_)
     for run in blocks(data.run):
         time_s = data.time_s[run]
-        rows[run] = (time_s >= time_s[0] + farthest_s) & (time_s <= time_s[-1] - farthest_s)
+        rows[run] = (time_s >= time_s[0] + max_s) & (time_s <= time_s[-1] - max_s)
     if data.kind is ChannelKind.CONTACT:
-        width = 2 * int(np.ceil(farthest_s / step_s)) + 1
+        width = 2 * int(np.ceil(max_s / step_s)) + 1
         rows &= np.convolve(data.engaged, np.ones(width, dtype=np.int64), "same") == width
-    if 2.0 * step_s > farthest_s or np.sum(rows) < _LEAST_SAMPLES:
+    if 2.0 * step_s > max_s or np.sum(rows) < _MIN_SAMPLES:
         return None
     columns = model.regression(data, {}).columns
 
-    def left(delay_s: float) -> tuple[float, Misfit]:
+    def compare(delay_s: float) -> tuple[float, Misfit]:
         """Return the root mean square residual of the shifted model, and its comparison with the noise."""
         shifted = shift(columns, data.time_s, data.run, delay_s)[rows]
         residuals = data.effort[rows] - shifted @ solve(shifted, data.effort[rows]).gains
         size = float(np.sqrt(np.mean(residuals**2)))
         return size, misfit(residuals, data.run[rows], np.ones(len(residuals), dtype=np.bool_))
 
-    recorded, noise = left(0.0)
-    if recorded < _BETTER * noise.noise:
+    recorded, noise = compare(0.0)
+    if recorded < _MIN_GAIN * noise.noise:
         return None
-    tried = np.linspace(-farthest_s, farthest_s, _COARSE)
-    rough_s, width_s = tried[np.argmin([left(delay_s)[0] for delay_s in tried.tolist()])], tried[1] - tried[0]
+    grid_s = np.linspace(-max_s, max_s, _COARSE)
+    rough_s, width_s = grid_s[np.argmin([compare(s)[0] for s in grid_s.tolist()])], grid_s[1] - grid_s[0]
     best_s = float(
         scipy.optimize.minimize_scalar(
-            lambda delay_s: left(delay_s)[0],
+            lambda delay_s: compare(delay_s)[0],
             bounds=(rough_s - width_s, rough_s + width_s),
             method="bounded",
             options={"xatol": 0.1 * step_s},
         ).x
     )
-    error, noise = left(best_s)
-    is_noise = 0.0 < error < _NOISE * noise.noise and recorded > _BETTER * error
-    if not is_noise or np.sum(rows) * ((recorded / error) ** 2 - 1.0) < _CLEARLY:
+    error, noise = compare(best_s)
+    is_noise = 0.0 < error < _MAX_EXCESS * noise.noise and recorded > _MIN_GAIN * error
+    if not is_noise or np.sum(rows) * ((recorded / error) ** 2 - 1.0) < _MIN_CHI2:
         return None
     unit, side = data.kind.effort_unit, "late" if best_s > 0.0 else "early"
     return (
@@ -100,28 +100,28 @@ def lost_rows(data: ChannelData) -> str | None:
     Args:
         data: the channel.
     """
-    if len(data) < _LEAST_SAMPLES or not is_even(data.time_s, data.run):
+    if len(data) < _MIN_SAMPLES or not is_even(data.time_s, data.run):
         return None
-    steps, usual = np.zeros(len(data)), np.zeros(len(data))
+    steps, typical = np.zeros(len(data)), np.zeros(len(data))
     for rows in blocks(data.run):
-        if rows.stop - rows.start > 2 * _NEIGHBOURS + 1:
+        if rows.stop - rows.start > 2 * _NEIGHBORS + 1:
             step = np.diff(data.position[rows])
             steps[rows.start : rows.stop - 1] = step
-            beside = np.median(sliding_window_view(step, 2 * _NEIGHBOURS + 1), axis=1)
-            usual[rows.start + _NEIGHBOURS : rows.stop - 1 - _NEIGHBOURS] = beside
-    fast = np.abs(usual) > _FAST * float(np.quantile(np.abs(usual), 0.95))
-    if np.sum(fast) < _LEAST_SAMPLES // 2:
+            neighbors = np.median(sliding_window_view(step, 2 * _NEIGHBORS + 1), axis=1)
+            typical[rows.start + _NEIGHBORS : rows.stop - 1 - _NEIGHBORS] = neighbors
+    is_fast = np.abs(typical) > _MIN_STEP * float(np.quantile(np.abs(typical), 0.95))
+    if np.sum(is_fast) < _MIN_SAMPLES // 2:
         return None
-    ratio = steps[fast] / usual[fast]
-    jumps = ratio > _JUMPS
-    regular = float(np.median(np.abs(ratio - 1.0))) < _REGULAR
-    is_fine = float(np.median(np.abs(usual[fast]))) > _FINE * grid_step(data.position)
-    most = _MOST_FINE if is_fine else _MOST_JUMPS
-    if not regular or np.sum(jumps) < _FEWEST_JUMPS or np.mean(jumps) > most:
+    ratio = steps[is_fast] / typical[is_fast]
+    jumps = ratio > _MIN_JUMP
+    is_regular = float(np.median(np.abs(ratio - 1.0))) < _MAX_SPREAD
+    is_fine = float(np.median(np.abs(typical[is_fast]))) > _FINE * grid_step(data.position)
+    max_share = _MAX_FINE if is_fine else _MAX_JUMPS
+    if not is_regular or np.sum(jumps) < _MIN_JUMPS or np.mean(jumps) > max_share:
         return None
-    if np.sum(ratio < 2.0 - _JUMPS) > _MOST_JUMPS * np.sum(jumps):  # noise causes as many short steps
+    if np.sum(ratio < 2.0 - _MIN_JUMP) > _MAX_JUMPS * np.sum(jumps):  # noise causes as many short steps
         return None
-    if np.mean(np.abs(ratio[jumps] - np.round(ratio[jumps])) < _WHOLE) < _MOSTLY:
+    if np.mean(np.abs(ratio[jumps] - np.round(ratio[jumps])) < _MAX_OFF) < _MIN_WHOLE:
         return None
     lost = float(np.sum(ratio[jumps] - 1.0)) / len(ratio)
     return (

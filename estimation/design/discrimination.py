@@ -34,8 +34,8 @@ _STEP = 1e-3  # step of finite differences of an inner parameter
 class Rivals:
     """Models of one channel that the data do not separate, on one sample per block."""
 
-    data: ChannelData  # the channel as it was recorded
-    good: BoolArray  # samples used in the fits, shape (n,)
+    data: ChannelData  # the recorded channel, one sample per block
+    good: BoolArray  # mask of the samples used in the fits, shape (n,)
     fits: tuple[FitResult, ...]  # the models
 
     @classmethod
@@ -47,10 +47,9 @@ class Rivals:
         """
         blocked = fits[0].problem.blocked
         data, cache = decimate(blocked), FitCache()
-        rough = (
-            fit_model(data, f.solution.model, f.solution.parameters, blocked.trusted, cache) for f in fits
-        )
-        return cls(data, blocked.trusted, tuple(rough))
+        solutions = (fit.solution for fit in fits)
+        refits = (fit_model(data, s.model, s.parameters, blocked.trusted, cache) for s in solutions)
+        return cls(data, blocked.trusted, tuple(refits))
 
     def predicted_leads(self, planned: ChannelData) -> FloatArray:
         """Predict the leads of a planned experiment to first order in the parameters.
@@ -61,18 +60,18 @@ class Rivals:
         Returns:
             Shape (r, r); the row is the true model, the column the model compared with it.
         """
-        motion, good = _coarse(planned)
-        combined = joined_channels((self.data, motion))
+        planned_blocks, good = _coarse(planned)
+        combined = joined_channels((self.data, planned_blocks))
         used = np.concatenate([self.good, good])
         is_new = (np.arange(len(combined)) >= len(self.data))[used]
         expected = [_expected(fit, combined)[used] for fit in self.fits]
         tangents = [np.linalg.qr(_slopes(fit, combined)[used])[0] for fit in self.fits]
         squared_errors = np.empty((len(self.fits),) * 2)
-        for true, effort in enumerate(expected):
+        for true_index, effort in enumerate(expected):
             measured = np.where(is_new, effort, combined.effort[used])
-            for rival, (mine, tangent) in enumerate(zip(expected, tangents, strict=True)):
-                difference = measured - mine
-                squared_errors[true, rival] = float(
+            for rival_index, (predicted, tangent) in enumerate(zip(expected, tangents, strict=True)):
+                difference = measured - predicted
+                squared_errors[true_index, rival_index] = float(
                     difference @ difference - np.sum((tangent.T @ difference) ** 2)
                 )
         squared_errors += good.sum() * float(np.mean(self._noise**2))
@@ -89,24 +88,23 @@ class Rivals:
         Returns:
             Leads by held-out error, shape (r, r); the row is the true model, the column the compared one.
         """
-        motion, good = _coarse(planned)
+        planned_blocks, good = _coarse(planned)
         used = np.concatenate([self.good, good])
-        noise = np.resize(self._noise, len(motion))
+        noise = np.resize(self._noise, len(planned_blocks))
         shared = set.intersection(*({e.name for e in fit.solution.model.effects} for fit in self.fits))
         leads = np.zeros((len(self.fits),) * 2)
-        for true, rival in enumerate(self.fits):
-            effort = _expected(rival, motion) + shuffle_noise(noise, motion.run, rng)
-            data, cache = joined_channels((self.data, replace(motion, effort=effort))), FitCache()
-            again = (_refit_globally(data, fit, shared, used, cache) for fit in self.fits)
-            squared_errors = np.array([fit.solution.held_out for fit in again])
-            leads[true] = 1.0 - np.sqrt(squared_errors[true] / np.maximum(squared_errors, 1e-300))
+        for true_index, true_model in enumerate(self.fits):
+            effort = _expected(true_model, planned_blocks) + shuffle_noise(noise, planned_blocks.run, rng)
+            data, cache = joined_channels((self.data, replace(planned_blocks, effort=effort))), FitCache()
+            refits = (_refit_globally(data, fit, shared, used, cache) for fit in self.fits)
+            squared_errors = np.array([fit.solution.held_out for fit in refits])
+            leads[true_index] = 1.0 - np.sqrt(squared_errors[true_index] / np.maximum(squared_errors, 1e-300))
         return self._gained_leads(leads, [fit.solution.held_out for fit in self.fits])
 
     def _gained_leads(self, leads: FloatArray, squared_errors: Sequence[float]) -> FloatArray:
         """Subtract the leads in the present data."""
-        now = 1.0 - np.sqrt(np.array(squared_errors)[:, None] / np.maximum(squared_errors, 1e-300))
-        beyond: FloatArray = leads - np.maximum(now, 0.0)
-        return beyond
+        present_leads = 1.0 - np.sqrt(np.array(squared_errors)[:, None] / np.maximum(squared_errors, 1e-300))
+        return np.asarray(leads - np.maximum(present_leads, 0.0))
 
     def evidence(self, leads: FloatArray, planned: ChannelData) -> float:
         """Convert leads to a log likelihood ratio, summed over all pairs of models.
@@ -126,6 +124,7 @@ class Rivals:
 
 
 def _coarse(planned: ChannelData) -> tuple[ChannelData, BoolArray]:
+    """Return a channel with one sample per block, and the mask of its trusted samples."""
     blocked = block_average(planned)
     return decimate(blocked), blocked.trusted
 
@@ -153,27 +152,26 @@ def _refit_globally(
 
 def _expected(rival: FitResult, motion: ChannelData) -> FloatArray:
     """Return the effort that a rival predicts for a motion, shape (n,)."""
-    model, known = rival.solution.model, rival.solution.parameters
-    return model.predict(with_load(motion, model, known), known)
+    model, parameters = rival.solution.model, rival.solution.parameters
+    return model.predict(with_load(motion, model, parameters), parameters)
 
 
 def _slopes(rival: FitResult, motion: ChannelData) -> FloatArray:
     """Return the derivative of a rival's prediction by each parameter, scaled to unit norm, shape (n, p)."""
-    model, known = rival.solution.model, rival.solution.parameters
-    loaded = with_load(motion, model, known)
-    gains, predicted = model.linearise(loaded, known)
+    model, parameters = rival.solution.model, rival.solution.parameters
+    loaded = with_load(motion, model, parameters)
+    gains, predicted = model.linearise(loaded, parameters)
     columns = [gains]
     for name, inner in model.inner.items():
-        step = _STEP * (abs(known[name]) or inner.typical[1])
-        columns.append(
-            ((model.predict(loaded, {**known, name: known[name] + step}) - predicted) / step)[:, None]
-        )
+        step = _STEP * (abs(parameters[name]) or inner.typical[1])
+        stepped = model.predict(loaded, {**parameters, name: parameters[name] + step})
+        columns.append(((stepped - predicted) / step)[:, None])
     slopes = np.hstack(columns)
     scaled: FloatArray = slopes / np.maximum(np.linalg.norm(slopes, axis=0), 1e-300)
     return scaled
 
 
-NEARLY = 0.9  # ratio to the best experiment's lead above which experiments are equivalent
+EQUIVALENT = 0.9  # ratio to the best experiment's lead above which experiments are equivalent
 
 
 @dataclass(frozen=True)
@@ -189,7 +187,7 @@ class Experiment:
 
     @property
     def separation(self) -> float:
-        """Return the expected share of pairs of rivals that the experiment separates.
+        """Expected share of pairs of rivals that the experiment separates.
 
         The share is averaged over the undecided channels. A pair with a lead below `CLEAR` counts in part.
         """
@@ -240,14 +238,14 @@ def choose(offered: Sequence[Experiment]) -> Choice | None:
     useful = [number for number, experiment in enumerate(offered) if experiment.separates]
     if not useful:
         return None
-    most = max(offered[number].separation for number in useful)
-    good = [number for number in useful if offered[number].separation >= NEARLY * most]
-    index = max(good, key=lambda number: (offered[number].evidence, -offered[number].duration_s))
-    chosen, first = offered[index], "with the most evidence" if offered[index].evidence else "shortest"
-    alike = f"{first} of {len(good)} nearly equally informative experiments"
-    which = "most informative experiment" if len(good) == 1 else alike
+    best_separation = max(offered[number].separation for number in useful)
+    equivalent = [number for number in useful if offered[number].separation >= EQUIVALENT * best_separation]
+    index = max(equivalent, key=lambda number: (offered[number].evidence, -offered[number].duration_s))
+    chosen, advantage = offered[index], "with the most evidence" if offered[index].evidence else "shortest"
+    shared_rank = f"{advantage} of {len(equivalent)} nearly equally informative experiments"
+    rank = "most informative experiment" if len(equivalent) == 1 else shared_rank
     reason = (
-        f"{chosen.words} ({chosen.duration_s:.0f} s). This is the {which}, expected to separate "
+        f"{chosen.words} ({chosen.duration_s:.0f} s). This is the {rank}, expected to separate "
         f"{100 * chosen.separation:.0f} % of the remaining explanations"
     )
     return Choice(index, chosen, reason)

@@ -21,18 +21,18 @@ if TYPE_CHECKING:
     from palpate.control.probing.plan import ProbingPlan
 
 LONGEST_S = 120.0  # longest experiment for a probing arm [s]
-_OF_THE_ARM = {"joint_position": 0, "joint_velocity": 1, "joint_acceleration": 2}  # derivatives of position
+_ARM_SIGNALS = {"joint_position": 0, "joint_velocity": 1, "joint_acceleration": 2}  # derivatives of position
 _CHANGES = (  # factor on the speed, factor on the range, and instruction
     (3.0, 1.0, "repeat the motion three times as fast"),
     (1.0 / 3.0, 1.0, "repeat the motion at a third of its speed"),
     (1.0, 1.5, "move over one and a half times the range"),
     (1.0, 0.5, "move over half the range"),
 )
-_REVERSED = (1.0, -1.0, "repeat the motion in the other direction")
+_REVERSAL = (1.0, -1.0, "repeat the motion in the other direction")
 
 
 def changed_motions(data: ChannelData) -> Iterator[tuple[str, float, ChannelData]]:
-    """Yield changed motions: the change in words, its duration [s], and the channel with that motion.
+    """Yield changed motions: the instruction, the duration [s], and the channel with the changed motion.
 
     The effort of the changed channel has no meaning. Nothing is yielded if the context has signals that
     cannot be computed for the changed motion, such as the regressor of an arm.
@@ -40,55 +40,55 @@ def changed_motions(data: ChannelData) -> Iterator[tuple[str, float, ChannelData
     Args:
         data: the channel.
     """
-    if set(data.context) - set(_OF_THE_ARM) - data.recorded:
+    if set(data.context) - set(_ARM_SIGNALS) - data.recorded:
         return
-    lasted_s = sum(float(np.ptp(data.time_s[data.run == run])) for run in data.runs)
+    duration_s = sum(float(np.ptp(data.time_s[data.run == run])) for run in data.runs)
     is_one_way = data.kind is not ChannelKind.CONTACT and never_returns(data.position, data.run)
-    for speed, reach, words in (*_CHANGES, _REVERSED) if is_one_way else _CHANGES:
+    for speed_factor, range_factor, words in (*_CHANGES, _REVERSAL) if is_one_way else _CHANGES:
         start_s = data.time_s[0]
-        scales = (reach, reach * speed, reach * speed**2)
+        scales = (range_factor, range_factor * speed_factor, range_factor * speed_factor**2)
         middle = 0.0 if data.kind is ChannelKind.CONTACT else float(np.mean(data.position))
         context = dict(data.context)
-        for name, order in _OF_THE_ARM.items():
+        for name, order in _ARM_SIGNALS.items():
             if name in context:
                 centre = np.mean(context[name], axis=0) if order == 0 else 0.0
                 context[name] = centre + scales[order] * (context[name] - centre)
-        moved = replace(
+        changed = replace(
             data,
-            time_s=start_s + (data.time_s - start_s) / speed,
+            time_s=start_s + (data.time_s - start_s) / speed_factor,
             position=middle + scales[0] * (data.position - middle),
             velocity=scales[1] * data.velocity,
             acceleration=scales[2] * data.acceleration,
             context=context,
             shared=None,
         )
-        yield f"{words} ({extent(moved)})", lasted_s / speed, moved
+        yield f"{words} ({extent(changed)})", duration_s / speed_factor, changed
 
 
 def extent(data: ChannelData) -> str:
-    """Describe how far and fast a channel moves."""
+    """Describe how far and how fast a channel moves, such as "over 0.5 rad, at up to 2 rad/s"."""
     if data.kind.is_angle:
-        far, fast = f"{np.ptp(data.position):.3g} rad", f"{np.abs(data.velocity).max():.3g} rad/s"
+        distance, speed = f"{np.ptp(data.position):.3g} rad", f"{np.abs(data.velocity).max():.3g} rad/s"
     else:
         position = np.maximum(data.position, 0.0) if data.kind is ChannelKind.CONTACT else data.position
-        far, fast = f"{1e3 * np.ptp(position):.3g} mm", f"{1e3 * np.abs(data.velocity).max():.3g} mm/s"
-    deep = "to a depth of" if data.kind is ChannelKind.CONTACT else "over"
-    return f"{deep} {far}, at up to {fast}"
+        distance, speed = f"{1e3 * np.ptp(position):.3g} mm", f"{1e3 * np.abs(data.velocity).max():.3g} mm/s"
+    preposition = "to a depth of" if data.kind is ChannelKind.CONTACT else "over"
+    return f"{preposition} {distance}, at up to {speed}"
 
 
 FEW_READINGS = "different readings"  # part of the reason for a sensor whose resolution is too coarse
-_RUNS = (
+_REPEAT_RUNS = (
     "repeat the motion at least three times, slowly and fast, each as a run of its own; in a data file, a "
     "column `run` numbers them"
 )
-_COARSE = "use a finer sensor, or a motion that takes more effort: harder, faster, or wider"
-_FREE = "begin and end each run without load"
+_FINER_SENSOR = "use a finer sensor, or a motion that takes more effort: harder, faster, or wider"
+_UNLOADED = "begin and end each run without load"
 _WIDER = "move over a wider range, slowly and fast, in both directions"
 _BY_SIGNAL: Mapping[str, str] = {
     "velocity": "move slower and faster",
     "past motion": "hold still for longer, then repeat the motion at once",
-    "time": _FREE,
-    "offset": _FREE,
+    "time": _UNLOADED,
+    "offset": _UNLOADED,
     "run": "repeat the same motion, and see whether runs differ again",
     **dict.fromkeys(("position", "effort", "load"), "go further, slowly"),
     **dict.fromkeys(("direction", "acceleration", "joint position", "joint velocity"), _WIDER),
@@ -128,15 +128,15 @@ def separating(effect: Effect, fits: Mapping[str, FitResult], data: ChannelData)
     names = list(fits)
     rivals = Rivals.of(list(fits.values()))
     offered = [
-        Experiment(words, lasts_s, (rivals.predicted_leads(moved),))
-        for words, lasts_s, moved in changed_motions(data)
+        Experiment(words, duration_s, (rivals.predicted_leads(changed),))
+        for words, duration_s, changed in changed_motions(data)
     ]
     choice = choose(offered)
     if choice is not None:
         words = choice.experiment.words
     else:
         hint = next((effect.confused_with[name] for name in names if name in effect.confused_with), _WIDER)
-        words = f"{hint} ({_recorded(data)})"
+        words = f"{hint} ({_describe_recorded(data)})"
     return NextExperiment(
         purpose=f"tell {effect.name} from {', '.join(name for name in names if name != effect.name)}",
         separates=names,
@@ -152,18 +152,15 @@ def exploring(signals: Sequence[str], data: ChannelData) -> NextExperiment:
         signals: names of signals on which the remaining error depends, the most important first.
         data: the channel.
     """
-    first = signals[0] if signals else "position"
-    recorded = f"repeat the same motion at different values of {first}, each kept while it lasts"
-    words = recorded if first in data.recorded else f"{_BY_SIGNAL.get(first, _WIDER)} ({_recorded(data)})"
-    return NextExperiment(
-        purpose="show what the remaining error depends on: " + (", ".join(signals) or "nothing found yet"),
-        separates=[],
-        instruction=words,
-        probe={},
-    )
+    signal = signals[0] if signals else "position"
+    words = f"{_BY_SIGNAL.get(signal, _WIDER)} ({_describe_recorded(data)})"
+    if signal in data.recorded:
+        words = f"repeat the same motion at different values of {signal}, each kept while it lasts"
+    purpose = "show what the remaining error depends on: " + (", ".join(signals) or "nothing found yet")
+    return NextExperiment(purpose=purpose, separates=[], instruction=words, probe={})
 
 
-def _recorded(data: ChannelData) -> str:
+def _describe_recorded(data: ChannelData) -> str:
     """Describe the recorded motion, so that the user can vary it."""
     return f"the motion recorded here goes {extent(data)}"
 
@@ -176,11 +173,11 @@ def sufficient(reason: str, kind: ChannelKind) -> NextExperiment:
         kind: kind of the channel.
     """
     remedy = reason.partition("; ")[2]
-    words = remedy or (_FREE if kind is ChannelKind.CONTACT else _WIDER)
+    words = remedy or (_UNLOADED if kind is ChannelKind.CONTACT else _WIDER)
     if reason.startswith(SINGLE_RUN):
-        words = _RUNS
+        words = _REPEAT_RUNS
     elif FEW_READINGS in reason:
-        words = _COARSE
+        words = _FINER_SENSOR
     elif remedy.endswith("?"):  # no other motion helps against a wrong unit or column
         words = "check units and columns of this recording"
     return NextExperiment(purpose="make a diagnosis possible", separates=[], instruction=words, probe={})

@@ -9,7 +9,7 @@ from palpate.estimation.effect import AdditiveEffect, Errors, Inner, Parameter, 
 from palpate.estimation.kinds import Kind
 from palpate.estimation.signals.exponential_memory import low_pass
 from palpate.estimation.signals.free_air import zero_in_free_air
-from palpate.estimation.signals.motion import is_one_way
+from palpate.estimation.signals.motion import is_monotonic
 from palpate.estimation.signals.runwise import sample_time, shift
 from palpate.robot_io.types import FloatArray
 
@@ -60,7 +60,7 @@ class Lag(SensorEffect):
     physics = "A filter in the sensor smooths and delays its readings."
     equation = "reading' = (effort - reading)/tau"
     source = "E. O. Doebelin, Measurement Systems (2003), ch. 3: first-order instrument"
-    signature = "readings lag and are smoothed; the error grows with the rate of the effort"
+    signature = "readings lag and are smoothed, more so where the effort changes faster"
     signals = ("past effort",)
     channels = frozenset(ChannelKind)
     inner = (Parameter("tau", "s", 1e-05, 1.0, (0.001, 0.2), log=True),)
@@ -107,7 +107,7 @@ class Drift(AdditiveEffect):
 
     def applies_to(self, data: ChannelData) -> bool:
         """See `Effect.applies_to`: the motion must return, else time and position are equivalent."""
-        return super().applies_to(data) and not is_one_way(data.position, data.run)
+        return super().applies_to(data) and not is_monotonic(data.position, data.run)
 
     def is_misnamed(
         self, data: ChannelData, parameters: Mapping[str, float], errors: Errors, noise: float

@@ -10,7 +10,7 @@ from palpate.estimation.effect import AdditiveEffect, Errors, Inner, Parameter, 
 from palpate.estimation.kinds import Kind
 from palpate.estimation.signals.blocks import block_index
 from palpate.estimation.signals.free_air import zero_in_free_air
-from palpate.estimation.signals.motion import is_one_way
+from palpate.estimation.signals.motion import is_monotonic
 from palpate.estimation.signals.runwise import play
 from palpate.robot_io.types import FloatArray, IntArray
 
@@ -98,7 +98,7 @@ class ForceSensorError(AdditiveEffect):
     gains = (Parameter("share", "1", 0.5, 1.5, (0.9, 1.1)),)
     needs = ("contact_torque_per_newton", "force_beyond_reading")
     confused_with = {
-        "force_deadband": "press at several forces: a dead band reduces all by the same amount",
+        "force_deadband": "press at several forces: a dead band takes the same from all",
         "payload": "compare free air with contact: a payload is there in both",
     }
 
@@ -157,8 +157,8 @@ class ForceDeadband(AdditiveEffect):
     gains = (Parameter("width", "N", 0.0, 1e12, (0.01, 10.0)),)
     needs = ("contact_torque_per_newton", "touching")
     confused_with = {
-        "torque_gain": "press at several forces: a dead band reduces all by the same amount",
-        "force_sensor_error": "press at several forces: a dead band reduces all by the same amount",
+        "torque_gain": "press at several forces: a dead band takes the same from all",
+        "force_sensor_error": "press at several forces: a dead band takes the same from all",
         "payload": "compare free air with contact: a payload is there in both",
     }
 
@@ -281,7 +281,7 @@ class Hysteresis(SensorEffect):
 
     def applies_to(self, data: ChannelData) -> bool:
         """See `Effect.applies_to`: a contact must return, else hysteresis looks like a bias."""
-        is_one_pass = data.kind is ChannelKind.CONTACT and is_one_way(data.position, data.run)
+        is_one_pass = data.kind is ChannelKind.CONTACT and is_monotonic(data.position, data.run)
         return super().applies_to(data) and not is_one_pass
 
     def sense(self, effort: FloatArray, data: ChannelData, inner: Inner) -> FloatArray:

@@ -55,10 +55,10 @@ class Weighted(Estimator):
         return self._estimate(regression, gains, covariance, details=details)
 
 
-_STARTS = 150  # random subsets; for 4 gains and 40 % outliers, none is clean with probability 1e-9
-_START_SAMPLES = 400  # samples on which the starts are compared
-_ABSOLUTE_ROUNDS = 15
-_FEWEST_INSIDE = 0.55  # share of inliers below which the rest is a misfit, not outliers
+_SUBSETS = 150  # random subsets; for 4 gains and 40 % outliers, none is clean with probability 1e-9
+_RANKING_SAMPLES = 400  # samples on which the fits to the subsets are compared
+_LAD_ROUNDS = 15  # iterations of the fit of least absolute deviations
+_MIN_INLIER_SHARE = 0.55  # with fewer inliers, the model is wrong and the rejected samples are no outliers
 
 
 class Robust(Estimator):
@@ -69,8 +69,8 @@ class Robust(Estimator):
     weighted correctly.
 
     Such a start can fit one half of the samples perfectly, for example a long rest, and reject the other half
-    as outliers. So many rejected samples indicate a wrong model, not outliers. The estimate then starts from
-    least absolute residuals, which use all samples.
+    as outliers. If so many samples are rejected, the model is wrong. The estimate then starts from the fit of
+    least absolute residuals, which uses all samples.
 
     Source: V. J. Yohai, High Breakdown-Point and High Efficiency Robust Estimates for Regression, Ann. Stat.
     15 (1987).
@@ -82,28 +82,28 @@ class Robust(Estimator):
     def fit(self, regression: Regression, *, rng: np.random.Generator) -> Estimate:
         # Choose the gains of the subset with the smallest median absolute residual, shape (p,).
         columns, effort = regression.columns, regression.effort
-        candidates = solve_subsets(columns, effort, columns.shape[1], _STARTS, rng).gains
-        rows = rng.permutation(len(effort))[:_START_SAMPLES]
+        candidates = solve_subsets(columns, effort, columns.shape[1], _SUBSETS, rng).gains
+        rows = rng.permutation(len(effort))[:_RANKING_SAMPLES]
         distance = np.abs(candidates @ columns[rows].T - effort[rows])
         middle = distance.shape[1] // 2
         medians = np.partition(distance, middle, axis=1)[:, middle]
         best: FloatArray = candidates[int(np.argmin(medians))]
-        settled = _settle(regression, best)
-        if settled.inside.mean() < _FEWEST_INSIDE:
+        result = _irls(regression, best)
+        if result.inside.mean() < _MIN_INLIER_SHARE:
             # Gains (p,) that nearly minimize the sum of absolute residuals, and their constant noise level.
-            share = np.ones(len(regression.effort))
-            for _ in range(_ABSOLUTE_ROUNDS):
-                gains = solve(regression.columns, regression.effort, np.sqrt(share)).gains
+            residual_weights = np.ones(len(regression.effort))
+            for _ in range(_LAD_ROUNDS):
+                gains = solve(regression.columns, regression.effort, np.sqrt(residual_weights)).gains
                 residual = regression.effort - regression.columns @ gains
-                share = absolute_share(residual)
+                residual_weights = absolute_share(residual)
             least_absolute = gains, NoiseLevel(max(robust_sigma(residual), float(np.finfo(float).tiny)), 0.0)
-            settled = _settle(regression, *least_absolute)
-        (psi, slope), sigma = settled.influence, settled.sigma
+            result = _irls(regression, *least_absolute)
+        (psi, slope), sigma = result.influence, result.sigma
         covariance = sandwich(regression.columns, psi / sigma, slope / sigma**2, regression.run)
-        details = {"noise_floor": settled.level.floor, "noise_share": settled.level.share}
-        return self._estimate(regression, settled.values, covariance, inliers=settled.inside, details=details)
+        details = {"noise_floor": result.level.floor, "noise_share": result.level.share}
+        return self._estimate(regression, result.values, covariance, inliers=result.inside, details=details)
 
 
-def _settle(regression: Regression, start: FloatArray, level: NoiseLevel | None = None) -> IrlsResult:
+def _irls(regression: Regression, start: FloatArray, level: NoiseLevel | None = None) -> IrlsResult:
     columns = regression.columns
     return irls(lambda gains: (columns @ gains, columns), regression.effort, start, level)

@@ -18,10 +18,10 @@ from palpate.estimation.statistics.uncertainty import Covariance, sandwich
 from palpate.robot_io.errors import InputError
 from palpate.robot_io.types import BoolArray, FloatArray
 
-_FAR_ABOVE = 100.0  # ratio of threshold to noise above which all samples are inliers
-_FAR_BELOW = 0.45  # ratio of threshold to noise below which refinement does not reach convergence
+_MAX_RATIO = 100.0  # ratio of threshold to noise above which all samples are inliers
+_MIN_RATIO = 0.45  # ratio of threshold to noise below which the refinement does not converge
 _BLOCK = 1 << 16  # residuals held at once, so that they stay in the processor's cache
-_CUT = 2.5  # standard deviations of the noise within which a sample is an inlier
+_INLIER_SIGMAS = 2.5  # inlier threshold in standard deviations of the noise
 _PILOT_SAMPLES = 400  # samples on which the subsets' quantiles are compared
 _QUANTILE = 0.4  # quantile of the absolute residuals: up to 60 % of the samples may be outliers
 _ROUNDING = 1e-9  # share of the effort below which residuals are rounding errors
@@ -79,14 +79,14 @@ class Ransac(Estimator):
             counts[first : first + block] = np.count_nonzero(distance < threshold, axis=1)
         gains, inliers = self._refine(regression, subsets.gains[int(np.argmax(counts))], threshold)
         residuals = regression.effort - regression.columns @ gains
-        rivals = subsets.gains[counts >= counts.max() - np.sqrt(counts.max())]
+        best_subsets = subsets.gains[counts >= counts.max() - np.sqrt(counts.max())]
         details = {
             "threshold": threshold,
             "trials": float(self.trials),
             "skipped_subsets": float(subsets.skipped),
             "inlier_share": float(np.mean(inliers)),
         }
-        covariance = _covariance(regression, residuals, rivals - gains, threshold)
+        covariance = _covariance(regression, residuals, best_subsets - gains, threshold)
         return self._estimate(regression, gains, covariance, inliers=inliers, details=details)
 
     def _noise_threshold(
@@ -100,10 +100,10 @@ class Ransac(Estimator):
         quantiles = np.quantile(distance, _QUANTILE, axis=1)
         best = int(np.argmin(quantiles))
         pilot, sigma = candidates[best], float(quantiles[best] / scipy.special.ndtri((1.0 + _QUANTILE) / 2.0))
-        gains, inliers = self._refine(regression, pilot, max(_CUT * sigma, least))
+        gains, inliers = self._refine(regression, pilot, max(_INLIER_SIGMAS * sigma, least))
         residual = (effort - columns @ gains)[inliers]
         sigma = float(np.sqrt(np.sum(residual**2) / max(1, len(residual) - columns.shape[1])))
-        return max(_CUT * sigma, least)
+        return max(_INLIER_SIGMAS * sigma, least)
 
     def _refine(
         self, regression: Regression, gains: FloatArray, threshold: float
@@ -129,18 +129,18 @@ def _inliers(regression: Regression, gains: FloatArray, threshold: float) -> Boo
 
 
 def _covariance(
-    regression: Regression, residuals: FloatArray, rivals: FloatArray, threshold: float
+    regression: Regression, residuals: FloatArray, deviations: FloatArray, threshold: float
 ) -> Covariance:
     """Return the covariance of the refined fit, or the spread of the subsets that fit equally well.
 
     If the threshold is below the noise, the usual covariance of the fit to the inliers is many times too
     small, because a small change of the gains exchanges samples near the threshold. For Gaussian noise of
     standard deviation s, this reduces the slope of the score by 2 t phi(t), t = threshold / s. Far below the
-    noise the refined fit is no better than its initial subset. The error is then the spread of `rivals`
-    (m, p): the deviations of subsets whose inlier counts are within one standard deviation of the best.
+    noise the refined fit is no better than its initial subset. The error is then the spread of `deviations`
+    (m, p) of the subsets whose inlier counts are within one standard deviation of the best.
     """
     inside = np.abs(residuals) < threshold
-    ratio = min(threshold / max(robust_sigma(residuals), np.finfo(float).tiny), _FAR_ABOVE)
+    ratio = min(threshold / max(robust_sigma(residuals), np.finfo(float).tiny), _MAX_RATIO)
     slope = (
         scipy.special.ndtr(ratio)
         - scipy.special.ndtr(-ratio)
@@ -148,29 +148,29 @@ def _covariance(
     )
     score = np.where(inside, residuals, 0.0)
     refined = sandwich(regression.columns, score, np.full(len(score), slope), regression.run)
-    spread = Covariance(rivals.T @ rivals / max(1, len(rivals)), refined.degrees_of_freedom)
-    enough = len(rivals) > rivals.shape[1] + 1
-    smaller = np.all(spread.std_err < refined.std_err)
-    return spread if ratio < _FAR_BELOW and enough and smaller else refined
+    spread = Covariance(deviations.T @ deviations / max(1, len(deviations)), refined.degrees_of_freedom)
+    has_enough = len(deviations) > deviations.shape[1] + 1
+    is_smaller = np.all(spread.std_err < refined.std_err)
+    return spread if ratio < _MIN_RATIO and has_enough and is_smaller else refined
 
 
 _HYPOTHESES = 24
-_EVERY = 6  # samples between two new hypotheses
-_RECENT = 150  # samples from which hypotheses are drawn
+_INTERVAL = 6  # samples between two new hypotheses
+_MEMORY = 150  # samples from which hypotheses are drawn
 _STEP = 0.03  # step of a running median per sample
-_AHEAD = 0.4  # ratio of medians below which a rival hypothesis replaces the estimate
+_LEAD = 0.4  # ratio of medians below which another hypothesis replaces the estimate
 _MEDIAN_TO_SIGMA = 1.4826
 _PREEMPTIVE_CUT = 4.0  # standard deviations
 _SEED = 1
 
 
 class PreemptiveRansac(Rls):
-    """Recursive least squares of the inliers, with a pool of rival hypotheses that can replace the estimate.
+    """Recursive least squares of the inliers, with a pool of hypotheses that can replace the estimate.
 
     Every few samples, a random minimal subset of recent samples gives a new hypothesis, which replaces the
     worst one of the pool. Each sample updates the running median of every hypothesis' errors. The recursive
-    estimate is a member of the pool. Only its inliers update it, and it restarts at a rival whose median is
-    clearly smaller. Each sample takes the same time.
+    estimate is a member of the pool. Only its inliers update it, and it restarts at a hypothesis whose median
+    is clearly smaller. Each sample takes the same time.
 
     Source: D. Nister, Preemptive RANSAC for Live Structure and Motion Estimation, ICCV 2003.
 
@@ -193,34 +193,34 @@ class PreemptiveRansac(Rls):
         count = len(variance)
         self._pool = np.zeros((_HYPOTHESES, count))  # the first is the recursive estimate
         self._medians = np.zeros(_HYPOTHESES)
-        self._rows = np.zeros((_RECENT, count))
-        self._efforts = np.zeros(_RECENT)
+        self._rows = np.zeros((_MEMORY, count))
+        self._efforts = np.zeros(_MEMORY)
         self._samples = 0
         self._random = random.Random(_SEED)  # noqa: S311, no secret
 
     def update(self, row: FloatArray, effort: float) -> FloatArray:
-        at = self._samples % _RECENT
-        self._rows[at], self._efforts[at] = row, effort
+        index = self._samples % _MEMORY
+        self._rows[index], self._efforts[index] = row, effort
         self._samples += 1
         distance = np.abs(self._pool.dot(row) - effort)
-        starting = self._samples <= 2 * len(row)
-        if starting:
+        is_start = self._samples <= 2 * len(row)
+        if is_start:
             self._medians = np.maximum(self._medians, abs(effort))
         else:
             self._medians *= np.where(distance > self._medians, 1.0 + _STEP, 1.0 - _STEP)
-            if self._samples % _EVERY == 0:
-                best = int(self._medians.argmin())
-                if self._medians[best] < _AHEAD * self._medians[0]:  # follow a rival that is clearly ahead
-                    self._gains = self._pool[best].copy()
-                    self._pool[0], self._medians[0] = self._gains, self._medians[best]
+            if self._samples % _INTERVAL == 0:
+                best_index = int(self._medians.argmin())
+                if self._medians[best_index] < _LEAD * self._medians[0]:
+                    self._gains = self._pool[best_index].copy()
+                    self._pool[0], self._medians[0] = self._gains, self._medians[best_index]
                     self._covariance = np.diag(self._initial_variance)
-                drawn = self._random.sample(range(min(self._samples, _RECENT)), len(self._gains))
-                worst = 1 + int(self._medians[1:].argmax())
+                rows = self._random.sample(range(min(self._samples, _MEMORY)), len(self._gains))
+                worst_index = 1 + int(self._medians[1:].argmax())
                 with suppress(np.linalg.LinAlgError):  # samples that determine nothing
-                    self._pool[worst] = np.linalg.solve(self._rows[drawn], self._efforts[drawn])
-                    self._medians[worst] = 2.0 * self._medians[0]
+                    self._pool[worst_index] = np.linalg.solve(self._rows[rows], self._efforts[rows])
+                    self._medians[worst_index] = 2.0 * self._medians[0]
         limit = self.threshold or _PREEMPTIVE_CUT * _MEDIAN_TO_SIGMA * float(self._medians[0])
-        if starting or float(distance[0]) <= limit:
+        if is_start or float(distance[0]) <= limit:
             self._pool[0] = super().update(row, effort)
         else:
             self._kalman_gain = np.zeros(len(row))

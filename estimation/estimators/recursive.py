@@ -12,7 +12,7 @@ from palpate.robot_io.types import FloatArray
 
 INITIAL_VARIANCE = 1e8  # variance of a gain before the first sample; allows a stiffness of 10 000 N/m
 _INITIAL_EFFORT = 1e3  # root mean square effort that any gain may contribute, if all samples are known
-_FORGOTTEN = 1e-9  # weight of a sample below which earlier samples are ignored
+_NEGLIGIBLE = 1e-9  # relative influence of a sample on the gains below which earlier samples are ignored
 
 
 class RecursiveEstimator(OnlineEstimator):
@@ -23,7 +23,7 @@ class RecursiveEstimator(OnlineEstimator):
         error = y - h g;  K = P h / (forgetting + h P h);  g += K error;  P = next(P - K h P)
 
     Args:
-        variance: initial variance of each gain relative to that of the noise. `fit` knows all samples, and
+        variance: initial variance of each gain relative to the noise variance. `fit` knows all samples, and
             starts with a larger variance for gains that have little effect on the effort.
     """
 
@@ -35,9 +35,9 @@ class RecursiveEstimator(OnlineEstimator):
         self.variance = variance
         self.start(0)
 
-    def _next_covariance(self, reduced: FloatArray, error: float) -> FloatArray:
-        """Return the covariance for the next sample, (p, p), from that after this sample and its error."""
-        return reduced
+    def _next_covariance(self, updated: FloatArray, error: float) -> FloatArray:
+        """Return the covariance (p, p) for the next sample, given the updated one and this sample's error."""
+        return updated
 
     def start(self, gain_count: int) -> None:
         self._begin(np.full(gain_count, self.variance))
@@ -53,33 +53,34 @@ class RecursiveEstimator(OnlineEstimator):
         error = effort - float(row.dot(self._gains))
         self._kalman_gain = spread / (self.forgetting + float(row.dot(spread)))
         self._gains = self._gains + self._kalman_gain * error
-        reduced = self._covariance - self._kalman_gain[:, None] * spread
-        self._covariance = self._next_covariance(reduced, error)
+        updated = self._covariance - self._kalman_gain[:, None] * spread
+        self._covariance = self._next_covariance(updated, error)
         return self._gains
 
     def fit(self, regression: Regression, *, rng: np.random.Generator) -> Estimate:
         """See `Estimator.fit`; the estimate is the gains after the last sample."""
         rows, efforts = regression.columns, regression.effort.tolist()
         count, gain_count = rows.shape
-        level = np.sqrt(np.mean(rows**2, axis=0))
-        self._begin(np.maximum(self.variance, (_INITIAL_EFFORT / np.where(level > 0, level, 1.0)) ** 2))
+        column_rms = np.sqrt(np.mean(rows**2, axis=0))
+        std = _INITIAL_EFFORT / np.where(column_rms > 0, column_rms, 1.0)
+        self._begin(np.maximum(self.variance, std**2))
         history, kalman_gains = np.empty((count, gain_count)), np.empty((count, gain_count))
         for index in range(count):
             history[index] = self.update(rows[index], efforts[index])
             kalman_gains[index] = self._kalman_gain
         gains = history[-1]
         residuals = regression.effort - regression.columns @ gains
-        # Compute the derivative of the last gains by each sample's noise, (n, p). Each later sample t
-        # multiplies the error of the gains by (I - K_t h_t).
-        carried, effect = np.eye(gain_count), np.zeros_like(kalman_gains)
+        # Sensitivity (n, p) of the last gains to each sample's noise: each later sample t multiplies an error
+        # of the gains by (I - K_t h_t).
+        transition, sensitivities = np.eye(gain_count), np.zeros_like(kalman_gains)
         scale = np.abs(kalman_gains[-1]).max()
         for index in range(count - 1, -1, -1):
-            moved = carried @ kalman_gains[index]
-            effect[index] = moved
-            carried = carried - moved[:, None] * rows[index]
-            if np.abs(moved).max() < _FORGOTTEN * scale and np.abs(carried).max() < _FORGOTTEN:
+            sensitivity = transition @ kalman_gains[index]
+            sensitivities[index] = sensitivity
+            transition = transition - sensitivity[:, None] * rows[index]
+            if np.abs(sensitivity).max() < _NEGLIGIBLE * scale and np.abs(transition).max() < _NEGLIGIBLE:
                 break
-        summed = sum_covariance(effect * residuals[:, None], regression.run)
+        summed = sum_covariance(sensitivities * residuals[:, None], regression.run)
         covariance = Covariance(summed.matrix, max(1.0, summed.effective_count - gain_count))
         return self._estimate(regression, gains, covariance, history=history)
 
@@ -116,9 +117,9 @@ class Ewrls(RecursiveEstimator):
         super().__init__(variance)
         self.forgetting = forgetting
 
-    def _next_covariance(self, reduced: FloatArray, error: float) -> FloatArray:
-        grown: FloatArray = reduced / self.forgetting
-        return grown if np.all(np.diag(grown) <= self._initial_variance) else reduced
+    def _next_covariance(self, updated: FloatArray, error: float) -> FloatArray:
+        grown: FloatArray = updated / self.forgetting
+        return grown if np.all(np.diag(grown) <= self._initial_variance) else updated
 
 
 class Sprls(RecursiveEstimator):
@@ -147,15 +148,15 @@ class Sprls(RecursiveEstimator):
         self.beta = beta
         self.gamma = gamma
 
-    def _next_covariance(self, reduced: FloatArray, error: float) -> FloatArray:
+    def _next_covariance(self, updated: FloatArray, error: float) -> FloatArray:
         perturbation = self.beta * round(self.gamma * error * error)
-        return reduced + perturbation * np.eye(len(reduced)) if perturbation else reduced
+        return updated + perturbation * np.eye(len(updated)) if perturbation else updated
 
 
-_ALLOWANCE = 1.0  # standard deviations of a mean error that CUSUM ignores
-_MEMORY = 0.998  # forgetting factor of noise and column norms, per sample
+_SLACK = 1.0  # allowance of CUSUM per sample [standard deviations]
+_FORGETTING = 0.998  # forgetting factor of noise and column norms, per sample
 _WARM_UP = 20  # samples after a start that are not tested
-_FAR = 4.0  # standard deviations at which an error is clipped
+_CLIP_SIGMAS = 4.0  # standard deviations at which an error is clipped
 _ROUNDING2 = 1e-18  # rounding relative to the squared effort
 
 
@@ -170,7 +171,7 @@ class _Noise:
         """Return the variance of the noise at an effort.
 
         Args:
-            effort: measured effort.
+            effort: predicted effort.
         """
         return self._floor + self._share * effort * effort + _ROUNDING2 * effort * effort
 
@@ -179,22 +180,22 @@ class _Noise:
         """Weighted mean variance of the samples so far."""
         return self._errors / self._count if self._count else 0.0
 
-    def learn(self, error: float, effort: float, *, cut: bool) -> None:
-        """Update the noise by one error, clipped at `_FAR` deviations if `cut`.
+    def update(self, error: float, effort: float, *, clip: bool) -> None:
+        """Update the noise model with one error.
 
         Args:
             error: measured minus predicted effort.
-            effort: measured effort.
-            cut: whether the error may be an outlier.
+            effort: predicted effort.
+            clip: whether to clip the error at `_CLIP_SIGMAS` standard deviations, as a possible outlier.
         """
         square, error2 = effort * effort, error * error
-        if cut:
-            error2 = min(error2, _FAR**2 * self.variance(effort))
-        self._count = _MEMORY * self._count + 1.0
-        self._square = _MEMORY * self._square + square
-        self._fourth = _MEMORY * self._fourth + square * square
-        self._errors = _MEMORY * self._errors + error2
-        self._products = _MEMORY * self._products + error2 * square
+        if clip:
+            error2 = min(error2, _CLIP_SIGMAS**2 * self.variance(effort))
+        self._count = _FORGETTING * self._count + 1.0
+        self._square = _FORGETTING * self._square + square
+        self._fourth = _FORGETTING * self._fourth + square * square
+        self._errors = _FORGETTING * self._errors + error2
+        self._products = _FORGETTING * self._products + error2 * square
         # Least squares for share and floor, both nonnegative.
         determinant = self._count * self._fourth - self._square * self._square
         if determinant > 1e-6 * self._count * self._fourth:
@@ -242,27 +243,27 @@ class CusumRls(Rls):
 
     def update(self, row: FloatArray, effort: float) -> FloatArray:
         error = effort - float(row.dot(self._gains))
-        columns = row.tolist()
+        row_values = row.tolist()
         self._samples += 1
-        fresh = max(1.0 - _MEMORY, 1.0 / self._samples)
+        weight = max(1.0 - _FORGETTING, 1.0 / self._samples)
         self._size2 = [
-            size2 + fresh * (column * column - size2)
-            for size2, column in zip(self._size2, columns, strict=True)
+            size2 + weight * (column * column - size2)
+            for size2, column in zip(self._size2, row_values, strict=True)
         ]
         if self._samples > _WARM_UP:
-            learnt = self._samples > 2 * _WARM_UP or self.changes > 0
-            if learnt:
-                unsure = self._noise.mean_variance * float(row.dot(self._covariance.dot(row)))
-                variance = self._noise.variance(effort - error) + unsure  # rounding may take it below zero
-                noise = max(variance, 0.0) ** 0.5
-                standardised = min(max(error / noise, -_FAR), _FAR) if noise > 0.0 else 0.0
-                for index, (column, size2) in enumerate(zip(columns, self._size2, strict=True)):
-                    push = standardised * column / size2**0.5 if size2 > 0.0 else 0.0
-                    self._up[index] = max(self._up[index] + push - _ALLOWANCE, 0.0)
-                    self._down[index] = max(self._down[index] - push - _ALLOWANCE, 0.0)
+            noise_is_known = self._samples > 2 * _WARM_UP or self.changes > 0
+            if noise_is_known:
+                prediction_variance = self._noise.mean_variance * float(row.dot(self._covariance.dot(row)))
+                variance = self._noise.variance(effort - error) + prediction_variance
+                noise = max(variance, 0.0) ** 0.5  # rounding may make the variance negative
+                standardised = min(max(error / noise, -_CLIP_SIGMAS), _CLIP_SIGMAS) if noise > 0.0 else 0.0
+                for index, (column, size2) in enumerate(zip(row_values, self._size2, strict=True)):
+                    increment = standardised * column / size2**0.5 if size2 > 0.0 else 0.0
+                    self._up[index] = max(self._up[index] + increment - _SLACK, 0.0)
+                    self._down[index] = max(self._down[index] - increment - _SLACK, 0.0)
                 if max(*self._up, *self._down) > self.limit:
                     self._covariance = np.diag(self._initial_variance)
                     self.changes += 1
                     self._restart()
-            self._noise.learn(error, effort - error, cut=learnt)
+            self._noise.update(error, effort - error, clip=noise_is_known)
         return super().update(row, effort)

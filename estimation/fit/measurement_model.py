@@ -221,7 +221,7 @@ def _derivative_operator(
     time_s: IdentityKey, piece: IdentityKey, window: int, order: int
 ) -> "scipy.sparse.csr_array":
     """Return the derivative operator of a channel with uneven time steps, cached for simulated readings."""
-    return uneven_derivative_operator(time_s.thing, list(blocks(piece.thing)), window, order)
+    return uneven_derivative_operator(time_s.wrapped, list(blocks(piece.wrapped)), window, order)
 
 
 def _apply_filter(data: ChannelData, exact: FloatArray, window: int | None, order: int) -> FloatArray:

@@ -28,7 +28,7 @@ class HuntCrossleyModel(BaseModel):
     effects = (HuntCrossley,)
 
 
-_SPRINGY = 0.5  # correlation of force and displacement beyond the surface; free air has none
+_MIN_CORRELATION = 0.5  # least correlation of force and displacement outside the object of an attached spring
 
 
 class SpringMassDamper(BaseModel):
@@ -40,9 +40,9 @@ class SpringMassDamper(BaseModel):
 
     def prepare(self, data: ChannelData, context: ModelContext) -> ChannelData:
         """Mark all samples as in contact if the force outside the object follows the position."""
-        out = data.position < 0.0
-        x, force = data.position[out], data.effort[out]
+        is_outside = data.position < 0.0
+        x, force = data.position[is_outside], data.effort[is_outside]
         is_contact = data.kind is ChannelKind.CONTACT
-        if is_contact and len(x) >= 3 and correlation_coefficient(x, force) > _SPRINGY:
+        if is_contact and len(x) >= 3 and correlation_coefficient(x, force) > _MIN_CORRELATION:
             return replace(data, touching=np.ones(len(data), dtype=np.bool_))
         return data

@@ -95,8 +95,8 @@ class RigidBodyFittedModel(BaseModel):
     def build(self, context: ModelContext) -> Model:
         body, joint = arm_of(context, self.name)
         arm = base_parameters(body)
-        felt = tuple(arm.columns[arm.felt[joint]].tolist())
-        return Model(self.name, (RigidBodyFitted(felt, arm, body.parameters), ViscousFriction()))
+        columns = tuple(arm.columns[arm.affects_joint[joint]].tolist())
+        return Model(self.name, (RigidBodyFitted(columns, arm, body.parameters), ViscousFriction()))
 
     def prepare(self, data: ChannelData, context: ModelContext) -> ChannelData:
         return with_rigid_body(data, *arm_of(context, self.name), regressor=True)

@@ -18,9 +18,9 @@ if TYPE_CHECKING:
 TORQUE = "rigid_body_torque"
 REGRESSOR = "rigid_body_regressor"
 PAYLOAD = "payload_effort_per_kg"
-TOUCH = "contact_torque"
-LEVER = "contact_torque_per_newton"
-BEYOND = "force_beyond_reading"
+CONTACT_TORQUE = "contact_torque"
+CONTACT_LEVER = "contact_torque_per_newton"
+UNREAD_FORCE = "force_beyond_reading"
 TILT = "tilt_effort_per_rad"
 WEIGHT = "weight_effort"
 _MOTION = ("joint_position", "joint_velocity", "joint_acceleration")
@@ -66,22 +66,22 @@ def with_rigid_body(
     context = dict(data.context)
     if regressor:
 
-        def rows(*motion: FloatArray) -> FloatArray:
+        def along(*motion: FloatArray) -> FloatArray:
             return np.array([body.regressor(*row)[joint] for row in zip(*motion, strict=True)])
 
-        context |= _with_slopes(REGRESSOR, rows, (q, v, a), joint)
+        context |= _with_slopes(REGRESSOR, along, (q, v, a), joint)
     context |= _with_slopes(TORQUE, partial(_torque, body, joint), (q, v, a), joint)
     context[PAYLOAD] = _torque(body.with_load(1.0), joint, q, v, a) - context[TORQUE]
     if "contact_force" in data.context:
         # Torques (n, joints) [m] for one newton along the press direction p: J^T p.
         jacobians = np.array([body.tip_jacobian(row)[:3] for row in data.context["joint_position"]])
-        levers: FloatArray = np.einsum("nij,ni->nj", jacobians, data.context["press_direction_world"])
-        context[LEVER] = levers[:, joint]
-        context[TOUCH] = context[LEVER] * data.context["contact_force"]
+        levers_m: FloatArray = np.einsum("nij,ni->nj", jacobians, data.context["press_direction_world"])
+        context[CONTACT_LEVER] = levers_m[:, joint]
+        context[CONTACT_TORQUE] = context[CONTACT_LEVER] * data.context["contact_force"]
         if "joint_torque" in data.context:
-            rest = data.context["joint_torque"] - body.inverse_dynamics_along(q, v, a)
-            other_joints = np.delete(np.arange(body.joint_count), joint)
-            context[BEYOND] = _beyond_reading(data, levers[:, other_joints], rest[:, other_joints])
+            unexplained = data.context["joint_torque"] - body.inverse_dynamics_along(q, v, a)
+            others = np.delete(np.arange(body.joint_count), joint)
+            context[UNREAD_FORCE] = _unread_force(data, levers_m[:, others], unexplained[:, others])
     axis = body.joint_axes()[0].axis_world
     if abs(axis[2]) < 1e-6:
         quarter = np.zeros(body.joint_count)
@@ -97,17 +97,17 @@ def with_rigid_body(
 def _with_slopes(name: str, dynamics: Dynamics, motion: Motion, joint: int) -> dict[str, FloatArray]:
     """Return a signal along the motion and its derivatives by one joint's position and acceleration."""
     q, v, a = motion
-    step = np.zeros(q.shape[1])
-    step[joint] = 1.0
+    axis = np.zeros(q.shape[1])
+    axis[joint] = 1.0
 
-    def along(dq: float, da: float) -> FloatArray:
-        return dynamics(q + dq * step, v, a + da * step)
+    def signal_at(dq: float, da: float) -> FloatArray:
+        return dynamics(q + dq * axis, v, a + da * axis)
 
-    values = along(0.0, 0.0)
+    values = signal_at(0.0, 0.0)
     return {
         name: values,
-        name + BY_POSITION: (along(_STEP_RAD, 0.0) - along(-_STEP_RAD, 0.0)) / (2.0 * _STEP_RAD),
-        name + BY_ACCELERATION: along(0.0, 1.0) - values,
+        name + BY_POSITION: (signal_at(_STEP_RAD, 0.0) - signal_at(-_STEP_RAD, 0.0)) / (2.0 * _STEP_RAD),
+        name + BY_ACCELERATION: signal_at(0.0, 1.0) - values,
     }
 
 
@@ -116,7 +116,7 @@ def _torque(body: "RigidBody", joint: int, q: FloatArray, v: FloatArray, a: Floa
     return body.inverse_dynamics_along(q, v, a)[:, joint]
 
 
-def _beyond_reading(data: ChannelData, levers: FloatArray, unexplained: FloatArray) -> FloatArray:
+def _unread_force(data: ChannelData, levers_m: FloatArray, unexplained: FloatArray) -> FloatArray:
     """Estimate the force at the tip minus its reading from torques that the rigid bodies do not explain.
 
     Joints are weighted by their levers and their noise, estimated from neighboring samples. A normal prior
@@ -125,15 +125,15 @@ def _beyond_reading(data: ChannelData, levers: FloatArray, unexplained: FloatArr
 
     Args:
         data: the channel of any joint.
-        levers: torques per newton at the tip, shape (n, joints) [m].
+        levers_m: torques per newton at the tip, shape (n, joints) [m].
         unexplained: torques minus those of the rigid bodies, shape (n, joints) [N m].
 
     Returns:
         Force, shape (n,) [N].
     """
-    touching, force = data.context["touching"], data.context["contact_force"]
-    unexplained = unexplained - levers * force[:, None]
-    weights = levers / np.maximum(np.var(np.diff(unexplained, axis=0), axis=0), 1e-300)
-    prior = 1.0 / np.maximum(np.max(force**2), 1e-300)
-    beyond = np.sum(weights * unexplained, axis=1) / (np.sum(weights * levers, axis=1) + prior)
-    return smooth_jitter(np.where(touching, beyond, -force), data.time_s, data.run)
+    in_contact, force_n = data.context["touching"], data.context["contact_force"]
+    unexplained = unexplained - levers_m * force_n[:, None]
+    weights = levers_m / np.maximum(np.var(np.diff(unexplained, axis=0), axis=0), 1e-300)
+    prior = 1.0 / np.maximum(np.max(force_n**2), 1e-300)
+    unread_n = np.sum(weights * unexplained, axis=1) / (np.sum(weights * levers_m, axis=1) + prior)
+    return smooth_jitter(np.where(in_contact, unread_n, -force_n), data.time_s, data.run)

@@ -8,7 +8,7 @@ import numpy as np
 from palpate.estimation.signals.cache_by_array import cache_by_array
 from palpate.robot_io.types import BoolArray, FloatArray, IntArray
 
-_GAP = 3.5  # least gap in median steps; jitter and one or two lost samples cause shorter gaps
+_MIN_GAP = 3.5  # least gap in median steps; jitter and one or two lost samples cause shorter gaps
 
 
 def blocks(number: IntArray | BoolArray) -> Iterator[slice]:
@@ -58,9 +58,9 @@ def number_pieces(time_s: FloatArray, run: IntArray) -> IntArray:
     steps_s, same_run = np.diff(time_s), np.diff(run) == 0
     border = ~same_run
     if same_run.any():
-        beside = np.pad(np.where(same_run, steps_s, 0.0), 1)
-        usual = np.maximum(np.median(steps_s[same_run]), np.maximum(beside[:-2], beside[2:]))
-        border = border | (steps_s > _GAP * usual)
+        beside_s = np.pad(np.where(same_run, steps_s, 0.0), 1)
+        typical_s = np.maximum(np.median(steps_s[same_run]), np.maximum(beside_s[:-2], beside_s[2:]))
+        border = border | (steps_s > _MIN_GAP * typical_s)
     return np.concatenate([[0], np.cumsum(border)]).astype(np.int64)
 
 
@@ -99,10 +99,10 @@ def runs_by_time(time_s: FloatArray, run: IntArray) -> list[slice]:
         time_s: times, increasing within a run, shape (n,) [s].
         run: run number of each sample, in one block for each run, shape (n,).
     """
-    numbered = list(blocks(run))
-    sorted_rows = sorted(numbered, key=lambda rows: float(time_s[rows.start]))
+    runs = list(blocks(run))
+    sorted_rows = sorted(runs, key=lambda rows: float(time_s[rows.start]))
     is_one_clock = all(time_s[a.stop - 1] <= time_s[b.start] for a, b in pairwise(sorted_rows))
-    return sorted_rows if is_one_clock else numbered
+    return sorted_rows if is_one_clock else runs
 
 
 def split_columns(signal: FloatArray, length: int) -> FloatArray:
@@ -116,8 +116,8 @@ def split_columns(signal: FloatArray, length: int) -> FloatArray:
         Contiguous array, shape (length, pieces) or (length, pieces, k).
     """
     count = -(-len(signal) // length)
-    filled = np.concatenate([signal, np.repeat(signal[-1:], count * length - len(signal), axis=0)])
-    pieces: FloatArray = filled.reshape(count, length, *signal.shape[1:]).swapaxes(0, 1)
+    padded = np.concatenate([signal, np.repeat(signal[-1:], count * length - len(signal), axis=0)])
+    pieces: FloatArray = padded.reshape(count, length, *signal.shape[1:]).swapaxes(0, 1)
     return np.ascontiguousarray(pieces)
 
 
@@ -142,7 +142,7 @@ def time_in_run(time_s: FloatArray, run: IntArray) -> FloatArray:
         time_s: times [s], shape (n,).
         run: run of each sample, shape (n,).
     """
-    since_s = time_s.copy()
+    elapsed_s = time_s.copy()
     for rows in blocks(run):
-        since_s[rows] -= time_s[rows.start]
-    return since_s
+        elapsed_s[rows] -= time_s[rows.start]
+    return elapsed_s

@@ -15,9 +15,9 @@ from palpate.robot_io.types import FloatArray
 
 Function = TypeVar("Function", bound=Callable[..., Any])
 Result = TypeVar("Result")
-_MOST = 4  # results kept for each function
-_LONG = 500_000  # samples; longer arrays are not kept alive by a cache
-MOST_BYTES = 64_000_000
+_MAX_RESULTS = 4  # results kept for each function
+_MAX_SAMPLES = 500_000  # samples; longer arrays are not kept alive by a cache
+MAX_BYTES = 64_000_000
 
 
 class IdentityKey:
@@ -26,14 +26,14 @@ class IdentityKey:
     It is needed because a user-defined effect may be a dataclass, which can equal others and has no hash.
     """
 
-    def __init__(self, thing: Any) -> None:  # noqa: ANN401
-        self.thing = thing
+    def __init__(self, wrapped: Any) -> None:  # noqa: ANN401
+        self.wrapped = wrapped
 
     def __eq__(self, other: object) -> bool:
-        return isinstance(other, IdentityKey) and other.thing is self.thing
+        return isinstance(other, IdentityKey) and other.wrapped is self.wrapped
 
     def __hash__(self) -> int:
-        return id(self.thing)
+        return id(self.wrapped)
 
 
 def cache_by_array(compute: Function) -> Function:
@@ -42,14 +42,14 @@ def cache_by_array(compute: Function) -> Function:
     Args:
         compute: function whose arguments are arrays and numbers.
     """
-    cached = lru_cache(maxsize=_MOST)(
-        lambda *keys: compute(*(key.thing if isinstance(key, IdentityKey) else key for key in keys))
+    cached = lru_cache(maxsize=_MAX_RESULTS)(
+        lambda *keys: compute(*(key.wrapped if isinstance(key, IdentityKey) else key for key in keys))
     )
 
     @wraps(compute)
     def lookup(*arguments: NDArray[Any] | float) -> Any:  # noqa: ANN401
         arrays = [argument for argument in arguments if isinstance(argument, np.ndarray)]
-        if any(array.flags.writeable or len(array) > _LONG for array in arrays):
+        if any(array.flags.writeable or len(array) > _MAX_SAMPLES for array in arrays):
             return compute(*arguments)
         return cached(*(IdentityKey(each) if isinstance(each, np.ndarray) else each for each in arguments))
 
@@ -74,7 +74,7 @@ def cache_by_channel_arrays(
     """
 
     def decorate(compute: Callable[[ChannelData], Result]) -> Callable[[ChannelData], Result]:
-        cached = lru_cache(maxsize=_MOST)(lambda key: compute(key.data))
+        cached = lru_cache(maxsize=_MAX_RESULTS)(lambda key: compute(key.data))
 
         @wraps(compute)
         def lookup(data: ChannelData) -> Result:
@@ -90,29 +90,29 @@ def cache_by_channel_arrays(
 class FitCache:
     """Cache of arrays by key, which discards the least recently used arrays first."""
 
-    size: int = 0  # total size of the arrays [bytes]
-    _known: OrderedDict[Hashable, FloatArray] = field(default_factory=OrderedDict)
+    total_bytes: int = 0  # total size of the arrays [bytes]
+    _arrays: OrderedDict[Hashable, FloatArray] = field(default_factory=OrderedDict)
     _lock: Lock = field(default_factory=Lock)  # a page computes in several threads
 
     def __reduce__(self) -> tuple[type["FitCache"], tuple[()]]:
         """Pickle as an empty cache, since computing the arrays is faster than sending them."""
         return FitCache, ()
 
-    def get_or_compute(self, what: Hashable, compute: Callable[[], FloatArray]) -> FloatArray:
+    def get_or_compute(self, key: Hashable, compute: Callable[[], FloatArray]) -> FloatArray:
         """Return the cached result for a key, or compute it.
 
         Args:
-            what: key of the array.
+            key: key of the array.
             compute: function without arguments that computes the array if it is not cached.
         """
         with self._lock:
-            if what in self._known:
-                self._known.move_to_end(what)
-                return self._known[what]
+            if key in self._arrays:
+                self._arrays.move_to_end(key)
+                return self._arrays[key]
         array = compute()
         with self._lock:
-            self.size += array.nbytes - (self._known[what].nbytes if what in self._known else 0)
-            self._known[what] = array
-            while self.size > MOST_BYTES and len(self._known) > 1:
-                self.size -= self._known.popitem(last=False)[1].nbytes
+            self.total_bytes += array.nbytes - (self._arrays[key].nbytes if key in self._arrays else 0)
+            self._arrays[key] = array
+            while self.total_bytes > MAX_BYTES and len(self._arrays) > 1:
+                self.total_bytes -= self._arrays.popitem(last=False)[1].nbytes
         return array

@@ -10,10 +10,10 @@ from palpate.estimation.signals.cache_by_array import cache_by_array
 from palpate.estimation.signals.runwise import is_even, sample_time
 from palpate.robot_io.types import FloatArray, IntArray
 
-_LENGTH = 32  # samples of a piece whose relaxation is computed by one matrix product
-_LADDER = 1.4  # difference of adjacent rates in log u; a sum of five rates over three decades errs by 1e-3
+_PIECE_LENGTH = 32  # samples of a piece whose relaxation is computed by one matrix product
+_LOG_RATE_STEP = 1.4  # difference of log u between adjacent rates; the sum over rates errs by about 1e-3
 _SLOWEST, _FASTEST = 1e-2, 10.0  # end rates, relative to 1 / total duration and 1 / shortest step
-_LAGS = np.arange(_LENGTH)[None, :] - np.arange(_LENGTH)[:, None]
+_LAGS = np.arange(_PIECE_LENGTH)[None, :] - np.arange(_PIECE_LENGTH)[:, None]
 
 
 def relax(signal: FloatArray, time_s: FloatArray, run: IntArray, tau_s: float) -> FloatArray:
@@ -46,7 +46,7 @@ def low_pass(
     starts, piece = block_index(run)
     deviation = signal if from_rest else signal - signal[starts][piece]
     rate = np.array([1.0 / max(tau_s, 1e-300)])
-    return signal - fading_memory(deviation, time_s, run, rate, np.ones(1), alone=True)
+    return signal - fading_memory(deviation, time_s, run, rate, np.ones(1), independent_runs=True)
 
 
 def fading_memory(
@@ -56,7 +56,7 @@ def fading_memory(
     rates: FloatArray,
     weights: FloatArray,
     *,
-    alone: bool = False,
+    independent_runs: bool = False,
 ) -> FloatArray:
     """Compute a weighted sum of relaxing strains over several rates: z' = signal' - rate z, initially z = 0.
 
@@ -70,7 +70,7 @@ def fading_memory(
         run: run number of each sample, shape (n,).
         rates: relaxation rates, positive, shape (r,) [1/s].
         weights: weights of the rates, shape (r,).
-        alone: whether to treat all runs as recorded independently.
+        independent_runs: whether to treat all runs as recorded independently.
 
     Returns:
         Weighted sum in the shape of the signal.
@@ -78,22 +78,22 @@ def fading_memory(
     if signal.size == 0:
         return signal.astype(np.float64)
     runs = _runs(time_s, run)
-    if alone:
-        runs = replace(runs, pause_s=np.full(len(runs.start), np.inf))
+    if independent_runs:
+        runs = replace(runs, pause_s=np.full(len(runs.first_row), np.inf))
     strain = signal.reshape(len(signal), -1).T
     step_s = sample_time(time_s, run)
     if is_even(time_s, run):
         return _even_memory(strain, runs, step_s, rates, weights).T.reshape(signal.shape)
     steps_s = np.diff(time_s, prepend=time_s[:1])
-    steps_s[runs.start] = step_s
+    steps_s[runs.first_row] = step_s
     # Relax strains (k, n) with uneven steps (n,) [s]; the first step of each run is the usual one.
-    later, wait_s, change = runs.start[1:], steps_s.copy(), _changes(strain, runs)
-    wait_s[runs.start[:1]], wait_s[later] = np.inf, runs.pause_s[:-1]
-    memory, rows = np.zeros(strain.shape), runs.rows if np.any(np.diff(runs.start) < 0) else slice(None)
+    later, wait_s, change = runs.first_row[1:], steps_s.copy(), _changes(strain, runs)
+    wait_s[runs.first_row[:1]], wait_s[later] = np.inf, runs.pause_s[:-1]
+    memory, rows = np.zeros(strain.shape), runs.rows if np.any(np.diff(runs.first_row) < 0) else slice(None)
     for rate, weight in zip(rates.tolist(), weights.tolist(), strict=True):
-        over, added = np.exp(-wait_s * rate), _remaining_share(steps_s * rate) * change
-        added[:, later] -= over[later] * strain[:, runs.end[:-1]]
-        memory[:, rows] += weight * linear_recursion(over[rows], added.T[rows]).T
+        decay, added = np.exp(-wait_s * rate), _remaining_share(steps_s * rate) * change
+        added[:, later] -= decay[later] * strain[:, runs.last_row[:-1]]
+        memory[:, rows] += weight * linear_recursion(decay[rows], added.T[rows]).T
     return memory.T.reshape(signal.shape)
 
 
@@ -119,12 +119,12 @@ def springpot(signal: FloatArray, time_s: FloatArray, run: IntArray, alpha: floa
     if not 0.0 < shortest < np.inf:
         return np.zeros(signal.shape)
     lowest, highest = np.log(_SLOWEST / np.ptp(time_s)), np.log(_FASTEST / shortest)
-    rates = np.exp(np.arange(lowest, highest + _LADDER, _LADDER))
-    weights = _LADDER * rates**alpha / scipy.special.gamma(alpha)
-    slower = weights[0] / np.expm1(alpha * _LADDER)
-    faster = weights[-1] / rates[-1] / np.expm1((1.0 - alpha) * _LADDER)
+    rates = np.exp(np.arange(lowest, highest + _LOG_RATE_STEP, _LOG_RATE_STEP))
+    weights = _LOG_RATE_STEP * rates**alpha / scipy.special.gamma(alpha)
+    spring = weights[0] / np.expm1(alpha * _LOG_RATE_STEP)
+    dashpot = weights[-1] / rates[-1] / np.expm1((1.0 - alpha) * _LOG_RATE_STEP)
     slopes = np.diff(signal, axis=0, prepend=signal[:1]) / steps.reshape(-1, *([1] * (signal.ndim - 1)))
-    return np.asarray(slower * signal + faster * slopes + fading_memory(signal, time_s, run, rates, weights))
+    return np.asarray(spring * signal + dashpot * slopes + fading_memory(signal, time_s, run, rates, weights))
 
 
 @dataclass(frozen=True)
@@ -132,12 +132,12 @@ class _Runs:
     """Runs in order of time, with the positions of their samples in pieces of equal length."""
 
     rows: IntArray  # all samples in order of time, shape (n,)
-    start: IntArray  # first sample of each run, shape (r,)
-    end: IntArray  # last sample of each run, shape (r,)
+    first_row: IntArray  # first sample of each run, shape (r,)
+    last_row: IntArray  # last sample of each run, shape (r,)
     pause_s: FloatArray  # time from a run's end to the next run, shape (r,) [s]; infinite if independent
-    place: IntArray  # position of each sample in the concatenated pieces; a run's last piece is padded, (n,)
-    last: IntArray  # last piece of each run, shape (r,)
-    filled: IntArray  # number of samples in the last piece of each run, shape (r,)
+    padded_index: IntArray  # row of each sample after each run is padded to whole pieces, shape (n,)
+    last_piece: IntArray  # last piece of each run, shape (r,)
+    last_length: IntArray  # number of samples in the last piece of each run, shape (r,)
 
 
 @cache_by_array
@@ -145,25 +145,25 @@ def _runs(time_s: FloatArray, run: IntArray) -> _Runs:
     parts = runs_by_time(time_s, run)
     start, stop = np.array([(part.start, part.stop) for part in parts]).T
     pause_s = np.append(time_s[start[1:]] - time_s[stop[:-1] - 1], np.inf)
-    pieces = np.cumsum(-(-(stop - start) // _LENGTH))
+    pieces, filled = np.cumsum(-(-(stop - start) // _PIECE_LENGTH)), (stop - start - 1) % _PIECE_LENGTH + 1
     rows = np.concatenate([np.arange(part.start, part.stop) for part in parts])
-    offset = np.append(0, pieces[:-1]) * _LENGTH - start
-    place = np.empty(len(run), dtype=np.int64)
-    place[rows] = rows + np.repeat(offset, stop - start)
+    offset = np.append(0, pieces[:-1]) * _PIECE_LENGTH - start
+    padded_index = np.empty(len(run), dtype=np.int64)
+    padded_index[rows] = rows + np.repeat(offset, stop - start)
     pause_s[pause_s < 0.0] = np.inf
-    return _Runs(rows, start, stop - 1, pause_s, place, pieces - 1, (stop - start - 1) % _LENGTH + 1)
+    return _Runs(rows, start, stop - 1, pause_s, padded_index, pieces - 1, filled)
 
 
 def _changes(strain: FloatArray, runs: _Runs) -> FloatArray:
     """Return the change of strains (k, n) since the previous sample; at a run's start, since zero."""
     change = np.empty(strain.shape)
     np.subtract(strain[:, 1:], strain[:, :-1], out=change[:, 1:])
-    change[:, runs.start] = strain[:, runs.start]
+    change[:, runs.first_row] = strain[:, runs.first_row]
     return change
 
 
 def _remaining_share(ratio: FloatArray) -> FloatArray:
-    """Return the share of a linear change that remains at its end; `ratio` is step over time constant."""
+    """Return the share of a linear change that remains at its end, for the ratio of step to time constant."""
     return np.asarray(-np.expm1(-ratio) / ratio)
 
 
@@ -172,35 +172,34 @@ def _even_memory(
 ) -> FloatArray:
     """Relax evenly sampled strains (k, n); see `fading_memory`.
 
-    Within a piece of samples, one matrix product for all rates gives the response to its own changes. The
-    state from earlier pieces is propagated from piece to piece for each rate separately, and then added.
+    Within a piece of samples, one matrix product for all rates gives the response to the piece's changes.
+    The state from earlier pieces is propagated from piece to piece for each rate separately, and then added.
     """
-    powers, remaining = (
-        np.exp(-step_s * np.outer(rates, np.arange(_LENGTH))),
-        _remaining_share(step_s * rates),
-    )
-    count, last, columns = runs.last[-1] + 1, runs.last, len(strain)
-    padded = np.zeros((columns, count * _LENGTH))
-    padded[:, runs.place] = _changes(strain, runs)
-    new = padded.reshape(-1, _LENGTH)
-    gained = (new @ (powers[:, ::-1] * remaining[:, None]).T).reshape(columns, count, -1)
-    lags = runs.filled[:, None] - 1 - np.arange(_LENGTH)
-    ways = np.where(lags >= 0, powers[:, lags], 0.0) * remaining[:, None, None]
-    of_last = new.reshape(columns, count, -1)[:, last]
-    gained[:, last] = np.einsum("kql,rql->kqr", of_last, ways) - strain[:, runs.end, None]
-    wait_s = np.full(count, step_s)  # time to the first sample of the next piece
-    wait_s[last] = runs.pause_s
-    after = np.exp(-np.outer(wait_s, rates))
-    over = after * powers[:, -1]
-    over[last] = after[last] * powers[:, runs.filled - 1].T
+    powers = np.exp(-step_s * np.outer(rates, np.arange(_PIECE_LENGTH)))
+    remaining = _remaining_share(step_s * rates)
+    pieces, last_pieces, k = runs.last_piece[-1] + 1, runs.last_piece, len(strain)
+    padded = np.zeros((k, pieces * _PIECE_LENGTH))
+    padded[:, runs.padded_index] = _changes(strain, runs)
+    changes = padded.reshape(-1, _PIECE_LENGTH)
+    response = (changes @ (powers[:, ::-1] * remaining[:, None]).T).reshape(k, pieces, -1)
+    lags = runs.last_length[:, None] - 1 - np.arange(_PIECE_LENGTH)
+    kernels = np.where(lags >= 0, powers[:, lags], 0.0) * remaining[:, None, None]
+    last_changes = changes.reshape(k, pieces, -1)[:, last_pieces]
+    ends = np.einsum("kql,rql->kqr", last_changes, kernels)
+    response[:, last_pieces] = ends - strain[:, runs.last_row, None]
+    wait_s = np.full(pieces, step_s)  # time to the first sample of the next piece
+    wait_s[last_pieces] = runs.pause_s
+    pause_decay = np.exp(-np.outer(wait_s, rates))
+    decay = pause_decay * powers[:, -1]
+    decay[last_pieces] = pause_decay[last_pieces] * powers[:, runs.last_length - 1].T
     # State from earlier pieces at the first sample of each piece; it then decays within the piece.
-    initial = np.zeros((columns, count, len(rates)))
-    passed = (gained * after).swapaxes(0, 1)[:-1]
-    for number in range(len(rates)):
-        initial[:, 1:, number] = linear_recursion(over[:-1, number], passed[:, :, number]).T
-    memory = new @ np.where(_LAGS >= 0, ((weights * remaining) @ powers)[_LAGS], 0.0)
+    initial = np.zeros((k, pieces, len(rates)))
+    inflow = (response * pause_decay).swapaxes(0, 1)[:-1]
+    for rate_index in range(len(rates)):
+        initial[:, 1:, rate_index] = linear_recursion(decay[:-1, rate_index], inflow[:, :, rate_index]).T
+    memory = changes @ np.where(_LAGS >= 0, ((weights * remaining) @ powers)[_LAGS], 0.0)
     memory += initial.reshape(-1, len(rates)) @ (weights[:, None] * powers)
-    return memory.reshape(columns, -1).take(runs.place, axis=1)
+    return memory.reshape(k, -1).take(runs.padded_index, axis=1)
 
 
 def linear_recursion(decay: FloatArray, added: FloatArray) -> FloatArray:

@@ -7,11 +7,11 @@ import numpy as np
 from palpate.estimation.channel import ChannelData, ChannelKind
 from palpate.estimation.signals.blocks import rows_of_runs
 
-_FREE = 0.9  # share of the samples before a contact that is used; the last ones may be in contact
-_WINDOW = 50  # largest number of readings used at the end of a run
-_FEWEST = 5  # readings needed at each end
-_HIDDEN = 0.5  # least bias that is visible, relative to the noise
-_SIGMAS = 3.0  # standard errors below which a rate may be zero
+_FREE_SHARE = 0.9  # share of the samples before a contact that is used; the last ones may be in contact
+_MAX_READINGS = 50  # largest number of readings used at the end of a run
+_MIN_READINGS = 5  # least number of readings at the start and at the end of a run
+_VISIBLE_BIAS = 0.5  # least bias or drift that counts, relative to the noise
+_MIN_SIGMAS = 3.0  # least drift that counts, in standard errors
 
 
 @dataclass(frozen=True)
@@ -27,15 +27,15 @@ class FreeAirZero:
     @property
     def is_zero(self) -> bool:
         """Whether readings before the contact show no bias."""
-        return abs(self.bias) < _HIDDEN * self.noise
+        return abs(self.bias) < _VISIBLE_BIAS * self.noise
 
     @property
     def is_steady(self) -> bool:
         """Whether readings at the ends of runs show no drift over the recording."""
         if self.rate is None:
             return False
-        unseen = max(_HIDDEN * self.noise, _SIGMAS * self.rate_std_err * self.duration_s)
-        return abs(self.rate) * self.duration_s < unseen
+        threshold = max(_VISIBLE_BIAS * self.noise, _MIN_SIGMAS * self.rate_std_err * self.duration_s)
+        return abs(self.rate) * self.duration_s < threshold
 
 
 def zero_in_free_air(data: ChannelData) -> FreeAirZero | None:
@@ -49,23 +49,23 @@ def zero_in_free_air(data: ChannelData) -> FreeAirZero | None:
     """
     if data.kind is not ChannelKind.CONTACT:
         return None
-    before, apart_s, apart, spread = [], [], [], []
+    start_readings, elapsed_s, changes, relative_variances = [], [], [], []
     for rows in rows_of_runs(data.run):
-        touched = np.flatnonzero(data.engaged[rows])
-        first = rows[: int(_FREE * (touched[0] if len(touched) else len(rows)))]
-        if len(first) < _FEWEST:
+        in_contact = np.flatnonzero(data.engaged[rows])
+        start_rows = rows[: int(_FREE_SHARE * (in_contact[0] if len(in_contact) else len(rows)))]
+        if len(start_rows) < _MIN_READINGS:
             continue
-        before.append(data.effort[first])
-        last = rows[touched[-1] + 1 :][-_WINDOW:] if len(touched) else first[:0]
-        if len(last) >= _FEWEST:
-            start = first[: len(last)]
-            apart_s.append(data.time_s[last].mean() - data.time_s[start].mean())
-            apart.append(data.effort[last].mean() - data.effort[start].mean())
-            spread.append(2.0 / len(start))
-    if not before:
+        start_readings.append(data.effort[start_rows])
+        end_rows = rows[in_contact[-1] + 1 :][-_MAX_READINGS:] if len(in_contact) else start_rows[:0]
+        if len(end_rows) >= _MIN_READINGS:
+            compared_rows = start_rows[: len(end_rows)]
+            elapsed_s.append(data.time_s[end_rows].mean() - data.time_s[compared_rows].mean())
+            changes.append(data.effort[end_rows].mean() - data.effort[compared_rows].mean())
+            relative_variances.append(2.0 / len(compared_rows))
+    if not start_readings:
         return None
-    noise = float(np.std(np.concatenate([part - part.mean() for part in before])))
-    bias, energy = float(np.concatenate(before).mean()), float(np.vdot(apart_s, apart_s))
-    rate = float(np.vdot(apart_s, apart)) / energy if energy > 0.0 else None
-    error = noise * float(np.sqrt(max(spread) / energy)) if energy > 0.0 else np.inf
-    return FreeAirZero(noise, bias, rate, error, float(np.ptp(data.time_s)))
+    noise = float(np.std(np.concatenate([part - part.mean() for part in start_readings])))
+    bias, energy = float(np.concatenate(start_readings).mean()), float(np.vdot(elapsed_s, elapsed_s))
+    rate = float(np.vdot(elapsed_s, changes)) / energy if energy > 0.0 else None
+    rate_std_err = noise * float(np.sqrt(max(relative_variances) / energy)) if energy > 0.0 else np.inf
+    return FreeAirZero(noise, bias, rate, rate_std_err, float(np.ptp(data.time_s)))

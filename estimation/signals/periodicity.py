@@ -9,12 +9,12 @@ from palpate.estimation.signals.blocks import block_index, blocks, number_pieces
 from palpate.estimation.signals.cache_by_array import cache_by_channel_arrays
 from palpate.robot_io.types import FloatArray, IntArray
 
-_SLOWEST = 3.0  # least number of periods in the longest piece
-_FASTEST = 0.4  # largest number of periods per step
+_MIN_PERIODS = 3.0  # least number of periods in the longest piece
+_MAX_FREQUENCY = 0.4  # largest number of periods per step
 _FINENESS = 10  # grid frequencies per resolvable frequency
-_SHORTEST, _LONGEST = 10, 16384  # steps in a piece; longer pieces are split to limit memory
-_SHORT = 0.1  # least length of a piece, relative to the longest one
-_AROUND = 20 * _FINENESS  # number of frequencies on each side with which a peak is compared
+_MIN_STEPS, _MAX_STEPS = 10, 16384  # steps in a piece; longer pieces are split to limit memory
+_MIN_LENGTH = 0.1  # least length of a piece, relative to the longest one
+_NEIGHBORS = 20 * _FINENESS  # number of frequencies on each side with which a peak is compared
 _Piece = tuple[FloatArray, FloatArray]  # number of samples at each step, and their sum
 
 
@@ -38,11 +38,11 @@ def strongest_frequency(
     """
     pieces = _pieces(time_s, run, signal, step_s)
     longest = max((len(counts) for counts, _ in pieces), default=0)
-    if longest < _SHORTEST:
+    if longest < _MIN_STEPS:
         return None
-    pieces = [piece for piece in pieces if len(piece[0]) >= _SHORT * longest]
+    pieces = [piece for piece in pieces if len(piece[0]) >= _MIN_LENGTH * longest]
     size = 1 << int(np.ceil(np.log2(_FINENESS * longest)))
-    number = np.arange(int(np.ceil(_SLOWEST * size / longest)), int(_FASTEST * size))
+    number = np.arange(int(np.ceil(_MIN_PERIODS * size / longest)), int(_MAX_FREQUENCY * size))
     power = sum(float(values @ values) for _, values in pieces)
     if not len(number) or power == 0.0:
         return None
@@ -52,13 +52,13 @@ def strongest_frequency(
     explained = np.zeros(len(number))
     for counts, values in pieces:
         count = float(counts.sum())
-        swing, twice = np.fft.fft(values, size)[number], np.fft.fft(counts, size)[2 * number]
-        own = count * np.abs(swing) ** 2 - (swing**2 * twice.conj()).real
-        explained += 2.0 * own / np.maximum(count**2 - np.abs(twice) ** 2, 1e-9 * count**2)
+        transform, doubled = np.fft.fft(values, size)[number], np.fft.fft(counts, size)[2 * number]
+        power_at = count * np.abs(transform) ** 2 - (transform**2 * doubled.conj()).real
+        explained += 2.0 * power_at / np.maximum(count**2 - np.abs(doubled) ** 2, 1e-9 * count**2)
     best = int(np.argmax(explained))
-    around = explained[max(best - _AROUND, 0) : best + _AROUND + 1]
-    share, usual = float(explained[best] / power), float(np.median(around) / power)
-    return float(number[best] / (size * step_s)), share, share / max(usual, 1e-300)
+    neighbors = explained[max(best - _NEIGHBORS, 0) : best + _NEIGHBORS + 1]
+    share, typical = float(explained[best] / power), float(np.median(neighbors) / power)
+    return float(number[best] / (size * step_s)), share, share / max(typical, 1e-300)
 
 
 def _pieces(time_s: FloatArray, run: IntArray, signal: FloatArray, step_s: float) -> list[_Piece]:
@@ -66,28 +66,28 @@ def _pieces(time_s: FloatArray, run: IntArray, signal: FloatArray, step_s: float
     known = np.isfinite(signal)
     pieces: list[_Piece] = []
     for rows in blocks(number_pieces(time_s, run)):
-        for first in range(rows.start, rows.stop, _LONGEST):
-            chosen = first + np.flatnonzero(known[first : min(first + _LONGEST, rows.stop)])
-            if len(chosen):
-                place = np.rint((time_s[chosen] - time_s[chosen[0]]) / step_s).astype(np.int64)
-                values = signal[chosen] - signal[chosen].mean()
-                sums = np.bincount(place, values).astype(np.float64)
-                pieces.append((np.bincount(place).astype(np.float64), sums))
+        for first in range(rows.start, rows.stop, _MAX_STEPS):
+            known_rows = first + np.flatnonzero(known[first : min(first + _MAX_STEPS, rows.stop)])
+            if len(known_rows):
+                grid_index = np.rint((time_s[known_rows] - time_s[known_rows[0]]) / step_s).astype(np.int64)
+                values = signal[known_rows] - signal[known_rows].mean()
+                sums = np.bincount(grid_index, values).astype(np.float64)
+                pieces.append((np.bincount(grid_index).astype(np.float64), sums))
     return pieces
 
 
-_MOST_WAVES = 12  # largest number of tried wave numbers
-_LEAST_WAVES = 1.5  # least number of waves within the range of motion; a longer wave could be any curve
-_LEAST_SHARE = 0.02  # least share of the remaining energy that an additional wave must explain
-_APART_IN_HALVES = 0.8  # largest difference of a wave between halves of the data, relative to its amplitude
-_MOST_SAMPLES = 30_000  # longer data are decimated
+_MAX_WAVES = 12  # largest number of tried wave numbers
+_MIN_WAVES = 1.5  # least number of waves within the range of motion; a longer wave could be any curve
+_MIN_SHARE = 0.02  # least share of the remaining energy that an additional wave must explain
+_MAX_CHANGE = 0.8  # largest difference of a wave between halves of the data, relative to its amplitude
+_MAX_SAMPLES = 30_000  # longer data are decimated
 _BINS = 16384
-_PER_BIN = 4  # least number of bins per wave
-_APART = 1.3  # least difference between wave numbers, in periods within the range
-_FINER = 8  # points of the spectrum per independent wave
+_BINS_PER_WAVE = 4  # least number of bins per wave
+_MIN_SPACING = 1.3  # least difference between wave numbers, in periods within the range
+_OVERSAMPLING = 8  # points of the spectrum per independent wave
 _NEARLY_ALL = 0.98  # share of all waves' energy in the multiples of one wave number
 _WHOLE_TURN = 0.75  # share of a turn above which waves repeat with each turn
-_LEAST_PERIODS = 2.0  # least number of periods of the pattern within the range; fewer may be a smooth law
+_MIN_REPEATS = 2.0  # least number of periods of the pattern within the range; fewer may be a smooth law
 
 
 @cache_by_channel_arrays("run", "position", "velocity", "acceleration", "effort")
@@ -113,7 +113,7 @@ def harmonics(data: ChannelData) -> tuple[float, tuple[int, ...]]:
     if span == 0.0:
         return 0.0, ()
     whole_turn = data.kind.is_angle and span > _WHOLE_TURN * 2.0 * np.pi
-    data = data.select(np.arange(0, len(data), -(-len(data) // _MOST_SAMPLES)))
+    data = data.select(np.arange(0, len(data), -(-len(data) // _MAX_SAMPLES)))
     # Columns (n, k) of simple motion and direction, each of length 1.
     q, v = data.position, data.velocity
     parts = [np.ones(len(q)), q, np.sin(q), np.cos(q), v, np.sign(v), data.acceleration]
@@ -123,22 +123,20 @@ def harmonics(data: ChannelData) -> tuple[float, tuple[int, ...]]:
     residual, _ = _fit_waves(data, motion, waves)
     starts, piece = block_index(data.run)  # halves: odd and even runs, or the halves of a single run
     half = piece % 2 if len(starts) > 1 else np.arange(len(residual)) * 2 // len(residual)
-    for _ in range(_MOST_WAVES):
+    for _ in range(_MAX_WAVES):
         tried.append(_strongest_wave(data.position, residual, span, tried))
         after, energy = _fit_waves(data, motion, [*waves, tried[-1]])
-        if np.sum(after**2) > (1.0 - _LEAST_SHARE) * np.sum(residual**2):
+        if np.sum(after**2) > (1.0 - _MIN_SHARE) * np.sum(residual**2):
             break
         wave = np.column_stack([np.sin(tried[-1] * q), np.cos(tried[-1] * q)])
         first, second = (
             np.linalg.lstsq(wave[half == side], residual[half == side], rcond=None)[0] for side in (0, 1)
         )
-        if np.linalg.norm(first - second) <= _APART_IN_HALVES * 0.5 * np.linalg.norm(first + second):
+        if np.linalg.norm(first - second) <= _MAX_CHANGE * 0.5 * np.linalg.norm(first + second):
             waves.append(tried[-1])
             residual, sizes = after, energy
     if whole_turn:
-        per_turn = sorted(
-            {round(wave) for wave in waves if (round(wave) > 0 and abs(wave - round(wave)) * span < np.pi)}
-        )
+        per_turn = sorted({n for wave in waves if (n := round(wave)) > 0 and abs(wave - n) * span < np.pi})
         shared = gcd(*per_turn) or 1
         return float(shared), tuple(wave // shared for wave in per_turn)
     return _common_wave_number(np.array(waves), sizes, 2.0 * np.pi / span)
@@ -146,20 +144,20 @@ def harmonics(data: ChannelData) -> tuple[float, tuple[int, ...]]:
 
 def _strongest_wave(position: FloatArray, residual: FloatArray, span: float, known: list[float]) -> float:
     """Return the wave number of the largest peak of the spectrum over position, except known peaks."""
-    place = ((position - position.min()) / span * (_BINS - 1)).astype(np.int64)
-    count = np.bincount(place, minlength=_BINS)
-    total = np.bincount(place, weights=residual, minlength=_BINS)
+    bins = ((position - position.min()) / span * (_BINS - 1)).astype(np.int64)
+    count = np.bincount(bins, minlength=_BINS)
+    total = np.bincount(bins, weights=residual, minlength=_BINS)
     mean = np.where(count > 0, total / np.maximum(count, 1), 0.0)
-    height = np.abs(np.fft.rfft(mean, _FINER * _BINS))
-    waves = np.arange(len(height)) / _FINER * (_BINS - 1) / _BINS  # number of waves within the span
-    height[(waves < _LEAST_WAVES) | (waves > np.count_nonzero(count) / _PER_BIN)] = 0.0
+    height = np.abs(np.fft.rfft(mean, _OVERSAMPLING * _BINS))
+    waves = np.arange(len(height)) / _OVERSAMPLING * (_BINS - 1) / _BINS  # number of waves within the span
+    height[(waves < _MIN_WAVES) | (waves > np.count_nonzero(count) / _BINS_PER_WAVE)] = 0.0
     for wave in known:
-        height[np.abs(waves - wave * span / (2.0 * np.pi)) < _APART] = 0.0
-    top = int(np.argmax(height))
-    low, middle, high = height[[max(top - 1, 0), top, min(top + 1, len(height) - 1)]]
-    bend = 2.0 * middle - low - high  # curvature of the parabola through the three points
-    between = 0.5 * (high - low) / bend if low > 0.0 and high > 0.0 and bend > 0.0 else 0.0
-    return float((waves[top] + between * waves[1]) * 2.0 * np.pi / span)
+        height[np.abs(waves - wave * span / (2.0 * np.pi)) < _MIN_SPACING] = 0.0
+    peak = int(np.argmax(height))
+    low, middle, high = height[[max(peak - 1, 0), peak, min(peak + 1, len(height) - 1)]]
+    curvature = 2.0 * middle - low - high  # of a parabola through the three points
+    offset = 0.5 * (high - low) / curvature if low > 0.0 and high > 0.0 and curvature > 0.0 else 0.0
+    return float((waves[peak] + offset * waves[1]) * 2.0 * np.pi / span)
 
 
 def _fit_waves(data: ChannelData, motion: FloatArray, waves: list[float]) -> tuple[FloatArray, FloatArray]:
@@ -179,10 +177,10 @@ def _common_wave_number(
     The waves may deviate from multiples by a fifth of the resolution. Waves that are no multiples come from
     slow changes with position.
     """
-    most = int(waves[0] / (_LEAST_PERIODS * resolution)) if len(waves) else 0
-    for parts in range(1, most + 1):
-        multiples = np.round(waves * parts / waves[0])
-        fits = (np.abs(waves - multiples * waves[0] / parts) < resolution / 5.0) & (multiples > 0)
-        if np.sum(energy[fits]) >= _NEARLY_ALL * np.sum(energy):
-            return float(waves[0] / parts), tuple(sorted({int(m) for m in multiples[fits]}))
+    max_divisor = int(waves[0] / (_MIN_REPEATS * resolution)) if len(waves) else 0
+    for divisor in range(1, max_divisor + 1):
+        multiples = np.round(waves * divisor / waves[0])
+        is_multiple = (np.abs(waves - multiples * waves[0] / divisor) < resolution / 5.0) & (multiples > 0)
+        if np.sum(energy[is_multiple]) >= _NEARLY_ALL * np.sum(energy):
+            return float(waves[0] / divisor), tuple(sorted({int(m) for m in multiples[is_multiple]}))
     return 0.0, ()

@@ -16,10 +16,10 @@ from palpate.estimation.signals.cache_by_array import cache_by_array
 from palpate.robot_io.types import FloatArray, IntArray
 
 _WINDOW = 5  # samples over which a derivative is smoothed
-_EVEN = 0.01  # largest relative difference of steps in even sampling
-_ALL = slice(None)
-_STEADY_S = 0.025  # time in which a probing tip reverses at most once
-_MOST_CLAMPS = 32  # number of operations that are composed into one
+_UNEVENNESS = 0.01  # largest relative difference of steps in even sampling
+_ALL_ROWS = slice(None)
+_JITTER_WINDOW_S = 0.025  # time in which a probing tip reverses at most once
+_MAX_CLAMPS = 32  # number of operations that are composed into one
 
 
 @cache_by_array
@@ -76,7 +76,7 @@ def is_even(time_s: FloatArray, run: IntArray) -> bool:
     """
     step_s = sample_time(time_s, run)
     steps = (time_s[1:] - time_s[:-1])[run[1:] == run[:-1]]
-    return bool((np.abs(steps - step_s) <= _EVEN * step_s).all())
+    return bool((np.abs(steps - step_s) <= _UNEVENNESS * step_s).all())
 
 
 def shift(signal: FloatArray, time_s: FloatArray, run: IntArray, delay_s: float) -> FloatArray:
@@ -108,32 +108,32 @@ def shift(signal: FloatArray, time_s: FloatArray, run: IntArray, delay_s: float)
     newest = int(np.ceil(delay_s / step_s)) - 2  # age of the newest of the four samples
     weights = _cubic_weights(np.arange(4.0)[None, :], np.array([delay_s / step_s - newest]))[0]
     shifted = sum(weight * np.roll(signal, newest + i, axis=0) for i, weight in enumerate(weights.tolist()))
-    place, end = np.arange(len(signal)) - newest, np.append(starts[1:], len(run))[piece]
-    rows = np.flatnonzero((place - 3 < starts[piece]) | (place >= end))
-    shifted[rows] = _interpolation(time_s, run, delay_s, rows) @ signal
+    source, end = np.arange(len(signal)) - newest, np.append(starts[1:], len(run))[piece]
+    near_ends = np.flatnonzero((source - 3 < starts[piece]) | (source >= end))
+    shifted[near_ends] = _interpolation(time_s, run, delay_s, near_ends) @ signal
     return np.asarray(shifted)
 
 
 def _interpolation(
-    time_s: FloatArray, run: IntArray, delay_s: float, rows: IntArray | slice = _ALL
+    time_s: FloatArray, run: IntArray, delay_s: float, rows: IntArray | slice = _ALL_ROWS
 ) -> "scipy.sparse.csr_array":
     """Matrix (rows, n) from a signal to its delayed values, with samples at any times; see `shift`."""
     starts, piece = block_index(run)
     # Times [s] (n,) that also increase from run to run, by more than the delay.
     steps = np.diff(time_s, prepend=time_s[:1])
     steps[starts] = 2.0 * abs(delay_s) + 1.0
-    clock = np.cumsum(steps)
+    clock_s = np.cumsum(steps)
     first, last = starts[piece][rows], np.append(starts[1:], len(run))[piece][rows] - 1
-    at = np.clip(clock[rows] - delay_s, clock[first], clock[last])
-    alone = first == last
-    after = np.where(alone, first, np.clip(np.searchsorted(clock, at), first + 1, last))
-    before = np.where(alone, first, after - 1)
+    query_s = np.clip(clock_s[rows] - delay_s, clock_s[first], clock_s[last])
+    single = first == last
+    after = np.where(single, first, np.clip(np.searchsorted(clock_s, query_s), first + 1, last))
+    before = np.where(single, first, after - 1)
     inside = (before - 1 >= first) & (after + 1 <= last)
-    part = (clock[after] - at) / np.where(alone, 1.0, clock[after] - clock[before])
+    part = (clock_s[after] - query_s) / np.where(single, 1.0, clock_s[after] - clock_s[before])
     around = np.stack([before, before, after, after], axis=1)
     around[inside] = after[inside][:, None] + np.arange(-2, 2)
     weights = np.stack([np.zeros(len(part)), part, 1.0 - part, np.zeros(len(part))], axis=1)
-    weights[inside] = _cubic_weights(clock[around[inside]], at[inside])
+    weights[inside] = _cubic_weights(clock_s[around[inside]], query_s[inside])
     edges = np.arange(0, weights.size + 1, 4)
     return scipy.sparse.csr_array((weights.ravel(), around.ravel(), edges), shape=(len(part), len(run)))
 
@@ -141,11 +141,11 @@ def _interpolation(
 _cached_interpolation = cache_by_array(_interpolation)
 
 
-def _cubic_weights(times: FloatArray, at: FloatArray) -> FloatArray:
+def _cubic_weights(times: FloatArray, query: FloatArray) -> FloatArray:
     """Return Lagrange weights (n, 4) of samples at times (n, 4) for a cubic's values at times (n,)."""
     weights = np.ones_like(times)
     for i, j in permutations(range(4), 2):
-        weights[:, i] *= (at - times[:, j]) / (times[:, i] - times[:, j])
+        weights[:, i] *= (query - times[:, j]) / (times[:, i] - times[:, j])
     return weights
 
 
@@ -170,23 +170,23 @@ def play(signal: FloatArray, run: IntArray, half_width: float, start: FloatArray
     low, high = signal - half_width, signal + half_width
     start = signal[first] if start is None else np.clip(start, low[first], high[first])
     low[first] = high[first] = start
-    return _clamped(low, high)
+    return _apply_clamps(low, high)
 
 
-def _clamped(low: FloatArray, high: FloatArray) -> FloatArray:
+def _apply_clamps(low: FloatArray, high: FloatArray) -> FloatArray:
     """Return the state (n,) or (n, k) after each of n clamps, starting from the first clamp's lower end.
 
     Consecutive clamps compose to one clamp. Pieces are therefore first condensed to one clamp each, in
     parallel. These are applied in sequence, and then the clamps within each piece from the piece's state.
     """
-    length = min(int(np.sqrt(len(low))) + 1, _MOST_CLAMPS)
+    length = min(int(np.sqrt(len(low))) + 1, _MAX_CLAMPS)
     lows, highs = split_columns(low, length), split_columns(high, length)
     least, most = lows[0].copy(), highs[0].copy()
     for low_now, high_now in zip(lows[1:], highs[1:], strict=True):
-        for end in (least, most):
-            np.minimum(np.maximum(end, low_now, out=end), high_now, out=end)
-    if len(least) > _MOST_CLAMPS:
-        ends = _clamped(least, most)
+        for bound in (least, most):
+            np.minimum(np.maximum(bound, low_now, out=bound), high_now, out=bound)
+    if len(least) > _MAX_CLAMPS:
+        ends = _apply_clamps(least, most)
     else:
         ends = least
         for number in range(1, len(ends)):
@@ -208,26 +208,24 @@ def smooth_jitter(position: FloatArray, time_s: FloatArray, run: IntArray) -> Fl
         time_s: times, shape (n,) [s].
         run: run number of each sample, shape (n,).
     """
-    half = int(0.5 * _STEADY_S / sample_time(time_s, run))
-    window, steady = 2 * half + 1, np.array(position, dtype=np.float64)
+    half = int(0.5 * _JITTER_WINDOW_S / sample_time(time_s, run))
+    window, smoothed = 2 * half + 1, np.array(position, dtype=np.float64)
     if not 3 < window <= len(position):
-        return steady
-    weights = _cubic(window)
-    steady[half:-half] = np.convolve(position, weights[half, ::-1], mode="valid")
+        return smoothed
+    weights = _cubic_fit(window)
+    smoothed[half:-half] = np.convolve(position, weights[half, ::-1], mode="valid")
     for rows in blocks(run):
-        values, smooth = position[rows], steady[rows]
+        values, smooth = position[rows], smoothed[rows]
         if len(values) < window:
             smooth[:] = values
         else:
-            smooth[:half], smooth[-half:] = (
-                weights[:half] @ values[:window],
-                weights[-half:] @ values[-window:],
-            )
-    return steady
+            smooth[:half] = weights[:half] @ values[:window]
+            smooth[-half:] = weights[-half:] @ values[-window:]
+    return smoothed
 
 
 @cache
-def _cubic(window: int) -> FloatArray:
+def _cubic_fit(window: int) -> FloatArray:
     """Return the matrix (window, window) that maps the samples of a window to their cubic fit."""
     place = np.linspace(-1.0, 1.0, window)
     power = place[:, None] ** np.arange(4.0)
@@ -250,14 +248,16 @@ def direction(
     """
     first, _ = block_index(run)
     steps = np.diff(position, prepend=position[:1])
-    kept, state = np.exp(-np.abs(steps) / presliding), np.sign(steps) if way is None else way.copy()
-    kept[first] = state[first] = 0.0
-    state *= 1.0 - kept
-    reach = 1  # composes s = kept s_before + (1 - kept) way over twice as many steps in each iteration
-    while reach < len(state) and np.any(kept[reach:]):
-        state[reach:] += kept[reach:] * state[:-reach]
-        kept[reach:] *= kept[:-reach]
-        reach *= 2
+    remaining, state = np.exp(-np.abs(steps) / presliding), np.sign(steps) if way is None else way.copy()
+    remaining[first] = state[first] = 0.0
+    state *= 1.0 - remaining
+    span = (
+        1  # composes s = r s_before + (1 - r) way, r = remaining, over twice as many steps in each iteration
+    )
+    while span < len(state) and np.any(remaining[span:]):
+        state[span:] += remaining[span:] * state[:-span]
+        remaining[span:] *= remaining[:-span]
+        span *= 2
     return state
 
 
@@ -283,32 +283,32 @@ def derivative(signal: FloatArray, time_s: FloatArray, run: IntArray, order: int
     Returns:
         Derivative, shape (n,) [unit of the signal / s^order].
     """
-    slopes = _slopes(order) / sample_time(time_s, run) ** order
+    weights = _derivative_weights(order) / sample_time(time_s, run) ** order
     result = np.zeros(len(signal))
     if len(signal) < _WINDOW:
         return result
-    result[2:-2] = sum(weight * signal[i : len(signal) - 4 + i] for i, weight in enumerate(slopes[2]))
+    result[2:-2] = sum(w * signal[i : len(signal) - 4 + i] for i, w in enumerate(weights[2]))
     for rows in blocks(run):
-        values, own = signal[rows], result[rows]
+        values, slopes = signal[rows], result[rows]
         if len(values) < _WINDOW:
-            own[:] = 0.0
+            slopes[:] = 0.0
         else:
-            own[:2], own[-2:] = slopes[:2] @ values[:_WINDOW], slopes[-2:] @ values[-_WINDOW:]
+            slopes[:2], slopes[-2:] = weights[:2] @ values[:_WINDOW], weights[-2:] @ values[-_WINDOW:]
     return result
 
 
 @cache
-def _slopes(order: int) -> FloatArray:
+def _derivative_weights(order: int) -> FloatArray:
     """Return the matrix (5, 5) that maps five samples to the derivative of their cubic or quartic fit."""
     place = np.arange(_WINDOW) - _WINDOW // 2
     power = np.arange(4 if order == 1 else 5)
     fitted = np.linalg.pinv(place[:, None] ** power.astype(np.float64))
-    falling = np.array([float(perm(int(k), order)) for k in power])
-    derived: FloatArray = falling * place[:, None] ** np.maximum(power - order, 0.0)
+    factors = np.array([float(perm(int(k), order)) for k in power])
+    derived: FloatArray = factors * place[:, None] ** np.maximum(power - order, 0.0)
     return derived @ fitted
 
 
-_DEEPEST = 36.0  # -log(1 - w) at which w equals 1 in double precision
+_MAX_LOG = 36.0  # -log(1 - w) at which w equals 1 in double precision
 _GRID = 3000
 
 
@@ -339,12 +339,12 @@ def bouc_wen(
     starts, piece = block_index(2 * number + (sign > 0.0))
     way = np.cumsum(np.abs(steps))
     way -= np.concatenate([[0.0], way[starts[1:] - 1]])[piece]
-    flow = _flow(sharpness, unloading)
+    tables = _bouc_wen_tables(sharpness, unloading)
     lengths = way[np.append(starts[1:], len(steps)) - 1]
     is_new_run = np.append(True, np.diff(run[starts]) != 0)
-    from_zero = float(np.interp(0.0, flow.states, flow.ways))
+    from_zero = float(np.interp(0.0, tables.states, tables.paths))
     initial, reached = np.empty(len(starts)), 0.0
-    points, turned = flow.reached, flow.turned
+    points, turned = tables.reached, tables.turned
     for i, (length, is_new) in enumerate(zip(lengths.tolist(), is_new_run.tolist(), strict=True)):
         upper = bisect_right(points, reached)  # faster than calling `np.interp` for a scalar
         if is_new:
@@ -355,35 +355,35 @@ def bouc_wen(
             share = (reached - points[upper - 1]) / (points[upper] - points[upper - 1])
             initial[i] = turned[upper - 1] + share * (turned[upper] - turned[upper - 1])
         reached = initial[i] + length
-    return np.asarray(sign * np.interp(initial[piece] + way, flow.ways, flow.states))
+    return np.asarray(sign * np.interp(initial[piece] + way, tables.paths, tables.states))
 
 
 @dataclass(frozen=True)
-class _Flow:
+class _BoucWenTables:
     """Tables of Bouc-Wen states over the path, and of the path's value before and after a reversal."""
 
     states: FloatArray  # states w from -1 to 1
-    ways: FloatArray  # path from state -1 to each state
+    paths: FloatArray  # path from state -1 to each state
     reached: list[float]  # path from -1 at which the motion reverses
     turned: list[float]  # path from -1 in the new direction, at the same state
 
 
 @lru_cache(maxsize=64)
-def _flow(sharpness: float, unloading: float) -> _Flow:
-    back = np.linspace(-1.0, 0.0, _GRID // 4)
-    towards = -np.expm1(-np.linspace(0.0, _DEEPEST, _GRID))[1:]
-    states = np.unique(np.concatenate([back, towards]))
+def _bouc_wen_tables(sharpness: float, unloading: float) -> _BoucWenTables:
+    negative = np.linspace(-1.0, 0.0, _GRID // 4)
+    positive = -np.expm1(-np.linspace(0.0, _MAX_LOG, _GRID))[1:]
+    states = np.unique(np.concatenate([negative, positive]))
     middle = 0.5 * (states[1:] + states[:-1])
     slope = np.where(
         middle < 0.0,
         1.0 + unloading * np.abs(middle) ** sharpness,
         -np.expm1(sharpness * np.log(np.maximum(middle, 1e-300))),
     )
-    ways = np.concatenate([[0.0], np.cumsum(np.diff(states) / np.maximum(slope, 1e-16))])
+    paths = np.concatenate([[0.0], np.cumsum(np.diff(states) / np.maximum(slope, 1e-16))])
     # Both tables are piecewise linear, so their composition is linear between the points of both.
-    reached = np.union1d(ways, np.interp(-states, states, ways))
-    turned = np.interp(-np.interp(reached, ways, states), states, ways)
-    return _Flow(states, ways, reached.tolist(), turned.tolist())
+    reached = np.union1d(paths, np.interp(-states, states, paths))
+    turned = np.interp(-np.interp(reached, paths, states), states, paths)
+    return _BoucWenTables(states, paths, reached.tolist(), turned.tolist())
 
 
 BY_POSITION, BY_ACCELERATION = "_by_position", "_by_acceleration"  # suffixes of a signal's derivatives

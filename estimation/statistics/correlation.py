@@ -14,8 +14,8 @@ from palpate.estimation.signals.blocks import rows_of_runs
 from palpate.robot_io.types import BoolArray, FloatArray, IntArray
 
 SIGMAS_99 = NormalDist().inv_cdf(0.995)
-_SHARE = 0.9  # quantile of absolute residuals that is used; the largest occur at kinks of the motion
-_SIGMAS = 1.6448536269514722  # 90 % quantile of the absolute value of Gaussian noise
+_QUANTILE = 0.9  # quantile of absolute residuals that is used; the largest occur at kinks of the motion
+_QUANTILE_SIGMAS = 1.6448536269514722  # this quantile of the absolute value of standard Gaussian noise
 
 
 @dataclass(frozen=True)
@@ -33,7 +33,7 @@ class Correlation:
         return float(np.mean(np.abs(self.value[known]) > self.band[known])) if known.any() else float("nan")
 
 
-def autocorrelation(residual: FloatArray, run: IntArray, most: int) -> Correlation:
+def autocorrelation(residual: FloatArray, run: IntArray, max_lag: int) -> Correlation:
     """Compute the autocorrelation of a residual within runs, beginning at lag 0.
 
     r_k = mean(e_t e_(t+k)) / mean(e_t^2) over the available pairs; for white noise, 99 % of the values lie
@@ -42,17 +42,17 @@ def autocorrelation(residual: FloatArray, run: IntArray, most: int) -> Correlati
     Args:
         residual: residual, NaN if unknown, shape (n,); its mean is subtracted.
         run: run number of each sample, shape (n,).
-        most: largest lag [samples].
+        max_lag: largest lag [samples].
     """
-    products, pairs = _products(residual, residual, run, most)
+    products, pairs = _lag_products(residual, residual, run, max_lag)
     mean = products / np.maximum(pairs, 1)
-    value = np.where(pairs > 0, mean, np.nan)[most:] / (mean[most] or np.nan)
-    band = SIGMAS_99 / np.sqrt(np.maximum(pairs[most:], 1))
+    value = np.where(pairs > 0, mean, np.nan)[max_lag:] / (mean[max_lag] or np.nan)
+    band = SIGMAS_99 / np.sqrt(np.maximum(pairs[max_lag:], 1))
     band[0] = np.nan  # a signal is correlated with itself
-    return Correlation(np.arange(most + 1), value, band)
+    return Correlation(np.arange(max_lag + 1), value, band)
 
 
-def cross_correlation(residual: FloatArray, motion: FloatArray, run: IntArray, most: int) -> Correlation:
+def cross_correlation(residual: FloatArray, motion: FloatArray, run: IntArray, max_lag: int) -> Correlation:
     """Compute the cross-correlation of a residual with the motion `lag` samples earlier.
 
     r_k = mean(e_(t+k) u_t) / (rms(e) rms(u)). For independent signals, 99 % of the values lie within
@@ -62,47 +62,47 @@ def cross_correlation(residual: FloatArray, motion: FloatArray, run: IntArray, m
         residual: residual e, NaN if unknown, shape (n,); its mean is subtracted.
         motion: motion signal u, NaN if unknown, shape (n,); its mean is subtracted.
         run: run number of each sample, shape (n,).
-        most: largest lag [samples].
+        max_lag: largest lag [samples].
     """
     u = np.where(np.isfinite(residual), motion, np.nan)
-    products, pairs = _products(u, residual, run, most)
-    size = float(np.sqrt(_power(residual) * _power(u)))
-    value = np.where(pairs > 0, products / np.maximum(pairs, 1), np.nan) / (size or np.nan)
-    own = [autocorrelation(signal, run, most).value for signal in (residual, u)]
-    product = np.nan_to_num(own[0] * own[1])
-    inflation = max(2.0 * float(product[1:].sum()) + float(product[0]), 1.0)
+    products, pairs = _lag_products(u, residual, run, max_lag)
+    scale = float(np.sqrt(_variance(residual) * _variance(u)))
+    value = np.where(pairs > 0, products / np.maximum(pairs, 1), np.nan) / (scale or np.nan)
+    acfs = [autocorrelation(signal, run, max_lag).value for signal in (residual, u)]
+    acf_product = np.nan_to_num(acfs[0] * acfs[1])
+    inflation = max(2.0 * float(acf_product[1:].sum()) + float(acf_product[0]), 1.0)
     band = SIGMAS_99 * np.sqrt(inflation / np.maximum(pairs, 1))
-    return Correlation(np.arange(-most, most + 1), value, band)
+    return Correlation(np.arange(-max_lag, max_lag + 1), value, band)
 
 
-def _products(a: FloatArray, b: FloatArray, run: IntArray, most: int) -> tuple[FloatArray, FloatArray]:
-    """Return sums of a_t b_(t+k) after subtraction of means, and numbers of pairs, for |k| <= most."""
-    total, pairs = np.zeros(2 * most + 1), np.zeros(2 * most + 1)
-    first, second = _centred(a), _centred(b)
+def _lag_products(a: FloatArray, b: FloatArray, run: IntArray, max_lag: int) -> tuple[FloatArray, FloatArray]:
+    """Return sums of a_t b_(t+k) after subtraction of means, and numbers of pairs, for |k| <= max_lag."""
+    products, pairs = np.zeros(2 * max_lag + 1), np.zeros(2 * max_lag + 1)
+    centred_a, centred_b = _subtract_mean(a), _subtract_mean(b)
     for rows in rows_of_runs(run):
-        total += _lagged(first[rows], second[rows], most)
-        known, known_too = (np.isfinite(signal[rows]).astype(np.float64) for signal in (a, b))
-        pairs += _lagged(known, known_too, most)
-    return total, np.rint(pairs)
+        products += _sum_lagged(centred_a[rows], centred_b[rows], max_lag)
+        known_a, known_b = (np.isfinite(signal[rows]).astype(np.float64) for signal in (a, b))
+        pairs += _sum_lagged(known_a, known_b, max_lag)
+    return products, np.rint(pairs)
 
 
-def _centred(values: FloatArray) -> FloatArray:
+def _subtract_mean(values: FloatArray) -> FloatArray:
     """Return values (n,) minus their mean; unknown values become 0."""
     known = np.isfinite(values)
     mean = float(values[known].mean()) if known.any() else 0.0
     return np.where(known, values - mean, 0.0)
 
 
-def _lagged(a: FloatArray, b: FloatArray, most: int) -> FloatArray:
-    """Return the sums of a_t b_(t+k) for k from -most to most."""
+def _sum_lagged(a: FloatArray, b: FloatArray, max_lag: int) -> FloatArray:
+    """Return the sums of a_t b_(t+k) for k from -max_lag to max_lag."""
     correlations, n = scipy.signal.correlate(b, a, mode="full", method="auto"), len(a)
-    reach = min(most, n - 1)
-    sums = np.zeros(2 * most + 1)
-    sums[most - reach : most + reach + 1] = correlations[n - 1 - reach : n + reach]
+    reach = min(max_lag, n - 1)
+    sums = np.zeros(2 * max_lag + 1)
+    sums[max_lag - reach : max_lag + reach + 1] = correlations[n - 1 - reach : n + reach]
     return sums
 
 
-def _power(values: FloatArray) -> float:
+def _variance(values: FloatArray) -> float:
     known = values[np.isfinite(values)]
     return float(np.var(known)) if len(known) else 0.0
 
@@ -156,7 +156,7 @@ def residual_scale(residuals: FloatArray) -> float:
     Args:
         residuals: residuals, shape (n,).
     """
-    return float(np.quantile(np.abs(residuals), _SHARE)) / _SIGMAS
+    return float(np.quantile(np.abs(residuals), _QUANTILE)) / _QUANTILE_SIGMAS
 
 
 def fit_percent(measured: FloatArray, modelled: FloatArray) -> float:
@@ -172,7 +172,7 @@ def fit_percent(measured: FloatArray, modelled: FloatArray) -> float:
     Returns:
         The fit; negative for a model that is worse than the mean, NaN for a constant measurement.
     """
-    both = np.isfinite(measured) & np.isfinite(modelled)
-    y, ym = measured[both], modelled[both]
-    size = float(np.linalg.norm(y - y.mean())) if len(y) else 0.0
-    return 100.0 * (1.0 - float(np.linalg.norm(y - ym)) / size) if size > 0.0 else float("nan")
+    known = np.isfinite(measured) & np.isfinite(modelled)
+    y, ym = measured[known], modelled[known]
+    scale = float(np.linalg.norm(y - y.mean())) if len(y) else 0.0
+    return 100.0 * (1.0 - float(np.linalg.norm(y - ym)) / scale) if scale > 0.0 else float("nan")

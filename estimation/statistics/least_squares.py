@@ -8,21 +8,19 @@ import scipy
 from palpate.robot_io.errors import InputError
 from palpate.robot_io.types import FloatArray, IntArray
 
-# Condition number above which an orthogonal solution is used, because normal equations lose half of the
-# digits.
+# Condition number above which an orthogonal method is used, since normal equations lose half of the digits.
 _SAFE_CONDITION = 1e6
-_AT_REST = 1e-10  # gradient at a bound, relative to the largest moment, below which it is a rounding error
+_TOLERANCE = 1e-10  # gradient at a bound that may be a rounding error, relative to the largest moment
 _PATIENCE = 3  # unsuccessful block exchanges before single exchanges
-_MOST_EXCHANGES = 20  # largest number of exchanges per gain
-_DEGENERATE = 1e-12  # least ratio of the smallest to the largest eigenvalue of a subset's scaled X'X
+_MAX_EXCHANGES = 20  # largest number of exchanges per gain
+_MIN_RATIO = 1e-12  # least ratio of the smallest to the largest eigenvalue of a subset's scaled X'X
 
 
 @dataclass(frozen=True)
 class LinearSolution:
     """Gains that minimize the sum of squared weighted residuals."""
 
-    # Shape (p,); the minimum-norm solution (for scaled columns) if the columns do not determine it.
-    gains: FloatArray
+    gains: FloatArray  # shape (p,); of minimum norm for scaled columns if these do not determine it
     condition_number: float  # condition number of the weighted columns, each scaled to unit length
 
 
@@ -34,8 +32,6 @@ def solve(columns: FloatArray, effort: FloatArray, weights: FloatArray | None = 
         effort: effort to explain, shape (n,).
         weights: factor of each residual (1 / sigma), shape (n,); None for equal weights.
 
-    Returns:
-        The solution; of minimum norm (for scaled columns) if the columns do not determine it.
     """
     if weights is not None:
         columns, effort = columns * weights[:, None], effort * weights
@@ -101,26 +97,26 @@ def solve_within_bounds(
     Returns:
         The minimum, shape (q,); values at a bound are equal to it.
     """
-    count, patience = len(moment) + 1, _PATIENCE
+    fewest_wrong, patience = len(moment) + 1, _PATIENCE
     low, high = np.zeros((2, len(moment)), dtype=np.bool_)
     if guess is not None:
         low, high = guess <= lower, guess >= upper
     solution = np.zeros(len(moment))
-    rest = _AT_REST * np.max(np.abs(moment), initial=0.0)
-    for _ in range(_MOST_EXCHANGES * len(moment) + 1):
+    tolerance = _TOLERANCE * np.max(np.abs(moment), initial=0.0)
+    for _ in range(_MAX_EXCHANGES * len(moment) + 1):
         solution = np.where(low, lower, np.where(high, upper, 0.0))
         free = ~(low | high)
-        if len(places := np.flatnonzero(free)):
-            rows = system[places]
-            gradient = moment[places] - rows @ solution if solution.any() else moment[places]
-            solution[places] = solve_definite(rows[:, places], gradient)
-        slope = system @ solution - moment
+        if len(free_indices := np.flatnonzero(free)):
+            rows = system[free_indices]
+            right_side = moment[free_indices] - rows @ solution if solution.any() else moment[free_indices]
+            solution[free_indices] = solve_definite(rows[:, free_indices], right_side)
+        gradient = system @ solution - moment
         below, above = free & (solution < lower), free & (solution > upper)
-        wrong = below | above | (low & (slope < -rest)) | (high & (slope > rest))
+        wrong = below | above | (low & (gradient < -tolerance)) | (high & (gradient > tolerance))
         if not wrong.any():
             break
-        if wrong.sum() < count:
-            count, patience = int(wrong.sum()), _PATIENCE
+        if wrong.sum() < fewest_wrong:
+            fewest_wrong, patience = int(wrong.sum()), _PATIENCE
         elif patience:
             patience -= 1
         else:  # exchanging only the last wrong variable guarantees termination (K. G. Murty 1974)
@@ -134,7 +130,7 @@ class SubsetSolutions:
     """Least-squares solutions of random subsets that are not degenerate."""
 
     gains: FloatArray  # gains of each subset, shape (trials - skipped, p)
-    skipped: int  # number of degenerate subsets
+    skipped: int  # number of degenerate subsets, which have no solution
 
 
 def solve_subsets(
@@ -152,36 +148,37 @@ def solve_subsets(
     Raises:
         InputError: the size is out of range, or all subsets are degenerate.
     """
-    samples, gains = columns.shape
-    if not gains <= size <= samples:
+    sample_count, gain_count = columns.shape
+    if not gain_count <= size <= sample_count:
         raise InputError(
-            f"subsets of {size} samples: must be between {gains} (parameters) and {samples} (samples)"
+            f"subsets of {size} samples: must be between {gain_count} (parameters) and "
+            f"{sample_count} (samples)"
         )
     lengths = np.sqrt(np.mean(columns**2, axis=0))
     lengths[lengths == 0.0] = 1.0
-    picked = _draw(samples, size, trials, rng)
-    subset = columns[picked] / lengths
+    drawn = _draw_subsets(sample_count, size, trials, rng)
+    subset = columns[drawn] / lengths
     gram = np.einsum("tsi,tsj->tij", subset, subset)
     eigenvalues = np.linalg.eigvalsh(gram)
-    sound = eigenvalues[:, 0] > _DEGENERATE * np.maximum(eigenvalues[:, -1], np.finfo(float).tiny)
-    if not sound.any():
+    is_regular = eigenvalues[:, 0] > _MIN_RATIO * np.maximum(eigenvalues[:, -1], np.finfo(float).tiny)
+    if not is_regular.any():
         raise InputError(
             f"none of {trials} random subsets determines the parameters: the motion does not excite them "
             "enough"
         )
-    moment = np.einsum("tsi,ts->ti", subset, effort[picked])
-    solved = np.linalg.solve(gram[sound], moment[sound][..., None])[..., 0]
-    return SubsetSolutions(solved / lengths, int(np.count_nonzero(~sound)))
+    moment = np.einsum("tsi,ts->ti", subset, effort[drawn])
+    scaled_gains = np.linalg.solve(gram[is_regular], moment[is_regular][..., None])[..., 0]
+    return SubsetSolutions(scaled_gains / lengths, int(np.count_nonzero(~is_regular)))
 
 
-def _draw(samples: int, size: int, trials: int, rng: np.random.Generator) -> IntArray:
+def _draw_subsets(sample_count: int, size: int, trials: int, rng: np.random.Generator) -> IntArray:
     """Draw random subsets without replacement, shape (trials, size), by redrawing subsets with repeats."""
-    if size * size > samples:  # most subsets would have repeats: rank random numbers instead
-        return np.argpartition(rng.random((trials, samples)), size - 1, axis=1)[:, :size]
-    picked = rng.integers(samples, size=(trials, size))
+    if size * size > sample_count:  # most subsets would have repeats: rank random numbers instead
+        return np.argpartition(rng.random((trials, sample_count)), size - 1, axis=1)[:, :size]
+    drawn = rng.integers(sample_count, size=(trials, size))
     while True:
-        ordered = np.sort(picked, axis=1)
+        ordered = np.sort(drawn, axis=1)
         repeated = (np.diff(ordered, axis=1) == 0).any(axis=1)
         if not repeated.any():
-            return picked
-        picked[repeated] = rng.integers(samples, size=(np.count_nonzero(repeated), size))
+            return drawn
+        drawn[repeated] = rng.integers(sample_count, size=(np.count_nonzero(repeated), size))

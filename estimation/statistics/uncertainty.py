@@ -12,11 +12,11 @@ from palpate.robot_io.types import BoolArray, FloatArray, IntArray
 
 CONFIDENCE = 0.95
 _SINGULAR = 1e8  # condition number above which double precision leaves no correct digit
-_LOST_SHARE = 1.0  # uncertainty relative to the effort above which an inner parameter is undetermined
-_ROUGH = 0.25  # relative standard error above which a parameter is known only roughly
-_SURE = 1e-6  # least plausible standard error relative to the size of the residuals
-_DIGITS = 1e-9  # share of the effort below which residuals are rounding errors
-_MATTERS = 0.01  # uncertainty relative to the effort above which it is reported
+_UNDETERMINED_SHARE = 1.0  # uncertainty relative to the effort above which an inner parameter is undetermined
+_ROUGH_ERROR = 0.25  # relative standard error above which a parameter counts as known only roughly
+_MIN_ERROR = 1e-6  # least plausible standard error, scaled to effort, relative to the residuals
+_ROUNDING_SHARE = 1e-9  # share of the effort below which residuals are rounding errors
+_RELEVANT_SHARE = 0.01  # uncertainty relative to the effort above which it is reported
 
 
 @dataclass(frozen=True)
@@ -55,19 +55,19 @@ def sandwich(
         slope: derivative of the score by the residual, shape (n,); 1 for least squares.
         run: run number of each sample, shape (n,), see `Regression`.
     """
-    count, parameters = jacobian.shape
+    sample_count, parameter_count = jacobian.shape
     lengths = np.linalg.norm(jacobian, axis=0)
-    if not lengths.all() or condition_of_gram((jacobian / lengths).T @ (jacobian / lengths)) > _SINGULAR:
-        return unknown_covariance(parameters)
-    scaled = jacobian / lengths
+    scaled = jacobian / np.where(lengths > 0.0, lengths, 1.0)
+    if not lengths.all() or condition_of_gram(scaled.T @ scaled) > _SINGULAR:
+        return unknown_covariance(parameter_count)
     curvature = scaled.T @ (scaled * slope[:, None])
     if np.linalg.cond(curvature) > _SINGULAR**2:  # too few samples have weight, or all are alike
-        return unknown_covariance(parameters)
+        return unknown_covariance(parameter_count)
     bread = np.linalg.inv(curvature)
-    filling = sum_covariance(scaled * score[:, None], run)
-    freedom = max(1.0, filling.effective_count - parameters)
-    matrix = bread @ filling.matrix @ bread * (count / max(1, count - parameters))
-    return Covariance(matrix / np.outer(lengths, lengths), freedom)
+    meat = sum_covariance(scaled * score[:, None], run)
+    degrees_of_freedom = max(1.0, meat.effective_count - parameter_count)
+    matrix = bread @ meat.matrix @ bread * (sample_count / max(1, sample_count - parameter_count))
+    return Covariance(matrix / np.outer(lengths, lengths), degrees_of_freedom)
 
 
 def common_error_covariance(jacobian: FloatArray, group: IntArray, std_err: FloatArray) -> FloatArray:
@@ -90,13 +90,13 @@ def common_error_covariance(jacobian: FloatArray, group: IntArray, std_err: Floa
     return np.asarray(shifts @ shifts.T)
 
 
-def unknown_covariance(parameters: int) -> Covariance:
+def unknown_covariance(parameter_count: int) -> Covariance:
     """Return the covariance of undetermined values: all NaN.
 
     Args:
-        parameters: number of parameters.
+        parameter_count: number of parameters.
     """
-    return Covariance(np.full((parameters, parameters), np.nan), 1.0)
+    return Covariance(np.full((parameter_count, parameter_count), np.nan), 1.0)
 
 
 @dataclass(frozen=True)
@@ -134,54 +134,54 @@ def assess_parameters(
     Returns:
         Identifiability, a sentence on it, and the state of each parameter.
     """
-    level = np.sqrt(np.mean(jacobian**2, axis=0))
-    lengths = np.where(level > 0, level, 1.0) * np.sqrt(len(jacobian))
+    column_rms = np.sqrt(np.mean(jacobian**2, axis=0))
+    lengths = np.where(column_rms > 0, column_rms, 1.0) * np.sqrt(len(jacobian))
     correlation = (jacobian / lengths).T @ (jacobian / lengths)
     unknown = np.isnan(covariance.std_err)
-    none = (Determined.NO,) * len(names)
-    if not level.all():
-        silent = _those(names, level == 0)
-        return Assessment(Identifiability.NONE, f"{silent}: the motion does not excite it at all", none)
+    all_no = (Determined.NO,) * len(names)
+    if not column_rms.all():
+        unexcited = _join_names(names, column_rms == 0)
+        return Assessment(Identifiability.NONE, f"{unexcited}: the motion does not excite it at all", all_no)
     at_bound = unknown.any() and not unknown.all()
     if unknown.all() or (not at_bound and condition_of_gram(correlation) > _SINGULAR):
         note = f"{', '.join(names)} cannot be told apart: the motion excites them in a fixed ratio"
-        return Assessment(Identifiability.NONE, note, none)
-    share = np.nan_to_num(covariance.std_err * level / _rms(effort))
+        return Assessment(Identifiability.NONE, note, all_no)
+    effort_share = np.nan_to_num(covariance.std_err * column_rms / _rms(effort))
     low, high = covariance.intervals(values).T
-    relative = np.nan_to_num(covariance.std_err) / np.maximum(np.abs(values), np.finfo(float).tiny)
-    matters = share > _MATTERS
-    counts = np.where(np.arange(len(names)) < gain_count, share > _DIGITS, matters)
-    lost = (relative > 1.0) & (share > _LOST_SHARE)
-    spans_zero = lost | ((low < 0.0) & (high > 0.0) & counts)
-    rough = (relative > _ROUGH) & counts & ~spans_zero
+    relative_error = np.nan_to_num(covariance.std_err) / np.maximum(np.abs(values), np.finfo(float).tiny)
+    is_relevant = effort_share > _RELEVANT_SHARE
+    is_counted = np.where(np.arange(len(names)) < gain_count, effort_share > _ROUNDING_SHARE, is_relevant)
+    undetermined = (relative_error > 1.0) & (effort_share > _UNDETERMINED_SHARE)
+    spans_zero = undetermined | ((low < 0.0) & (high > 0.0) & is_counted)
+    rough = (relative_error > _ROUGH_ERROR) & is_counted & ~spans_zero
     determined = tuple(
         Determined.NO if is_no else Determined.ROUGHLY if is_rough else Determined.YES
         for is_no, is_rough in zip(spans_zero | unknown, rough, strict=True)
     )
-    if lost.any() and not at_bound:
-        advice = _advice(names, correlation, int(np.argmax(share * lost)))
-        note = f"{_those(names, lost)} cannot be determined: {advice}"
+    if undetermined.any() and not at_bound:
+        advice = _advice(names, correlation, int(np.argmax(effort_share * undetermined)))
+        note = f"{_join_names(names, undetermined)} cannot be determined: {advice}"
         return Assessment(Identifiability.NONE, note, determined)
     notes = []
     if at_bound:
-        notes.append(f"{_those(names, unknown)}: the search ended at a physical bound")
-    if (important := (spans_zero | rough) & matters).any():
-        advice = _advice(names, correlation, int(np.argmax(share * important)))
-        notes.append(f"{_those(names, important)}: known only roughly; {advice}")
-    if (minor := spans_zero & ~matters).any():
+        notes.append(f"{_join_names(names, unknown)}: the search ended at a physical bound")
+    if (important := (spans_zero | rough) & is_relevant).any():
+        advice = _advice(names, correlation, int(np.argmax(effort_share * important)))
+        notes.append(f"{_join_names(names, important)}: known only roughly; {advice}")
+    if (minor := spans_zero & ~is_relevant).any():
         notes.append(
-            f"{_those(names, minor)}: not significantly different from zero, of little influence on "
+            f"{_join_names(names, minor)}: not significantly different from zero, of little influence on "
             "this effort"
         )
-    if (minor := rough & ~matters).any():
-        notes.append(f"{_those(names, minor)}: known only roughly, of little influence on this effort")
+    if (minor := rough & ~is_relevant).any():
+        notes.append(f"{_join_names(names, minor)}: known only roughly, of little influence on this effort")
     if notes:
         return Assessment(Identifiability.WEAK, "; ".join(notes), determined)
     return Assessment(Identifiability.GOOD, "the data determine every parameter", determined)
 
 
-def _those(names: tuple[str, ...], chosen: BoolArray) -> str:
-    return ", ".join(name for name, is_chosen in zip(names, chosen, strict=True) if is_chosen)
+def _join_names(names: tuple[str, ...], is_listed: BoolArray) -> str:
+    return ", ".join(name for name, listed in zip(names, is_listed, strict=True) if listed)
 
 
 def _rms(effort: FloatArray) -> float:
@@ -198,7 +198,7 @@ def _advice(names: tuple[str, ...], correlation: FloatArray, index: int) -> str:
     return "excite it more (faster, deeper, longer) or measure with less noise"
 
 
-_TOO_SURE = "most samples are exactly alike, and the others do not fit: leave out samples at rest"
+_NOISE_FREE_NOTE = "most samples are exactly alike, and the others do not fit: leave out samples at rest"
 
 
 def assemble(
@@ -238,10 +238,9 @@ def assemble(
     # Check whether standard errors are implausibly small because most samples are free of noise.
     residual_rms = _rms(residuals)
     scaled_error = covariance.std_err * np.linalg.norm(jacobian, axis=0)
-    is_too_sure = residual_rms > _DIGITS * _rms(effort) and bool((scaled_error < _SURE * residual_rms).any())
-    if is_too_sure:
+    if residual_rms > _ROUNDING_SHARE * _rms(effort) and (scaled_error < _MIN_ERROR * residual_rms).any():
         covariance = unknown_covariance(len(values))
-        note = assessment.note if assessment.identifiability is Identifiability.NONE else _TOO_SURE
+        note = assessment.note if assessment.identifiability is Identifiability.NONE else _NOISE_FREE_NOTE
         assessment = Assessment(Identifiability.NONE, note, (Determined.NO,) * len(names))
     lengths = np.linalg.norm(jacobian[used], axis=0)
     scaled = jacobian[used] / np.where(lengths > 0, lengths, 1.0)

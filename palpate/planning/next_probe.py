@@ -16,7 +16,7 @@ from palpate.control.probing.plan import ProbingPlan
 from palpate.estimation.channel import ChannelData, ChannelKind
 from palpate.estimation.data.tick_channels import DIRECTION, contact_channels, joint_channels
 from palpate.estimation.design import Experiment, Rivals, choose
-from palpate.estimation.design.discrimination import NEARLY, SMALL
+from palpate.estimation.design.discrimination import EQUIVALENT, SMALL
 from palpate.estimation.design.next_experiment import FEW_READINGS, LONGEST_S, NextExperiment, NextProbe
 from palpate.estimation.diagnosis import ChannelDiagnosis, Verdict
 from palpate.estimation.study import ModelStudy, StudyChannel
@@ -117,7 +117,7 @@ def next_probe(
         (a.experiment.combined_with(b.experiment).separation, a, b) for a, b in combinations(single, 2)
     ]
     both_tell.sort(key=lambda pair: pair[0], reverse=True)
-    pairs = [(a.candidate, b.candidate) for tells, a, b in both_tell if tells * NEARLY > most]
+    pairs = [(a.candidate, b.candidate) for tells, a, b in both_tell if tells * EQUIVALENT > most]
     paired = feasible(study, progress, pairs=pairs, processes=processes)
     joint = _planned(_new(paired, ran), study, open_questions, longest_s)
     every = [*single, *(design.expected(open_questions) for design in joint)]

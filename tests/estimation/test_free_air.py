@@ -13,7 +13,7 @@ from palpate.estimation.effects import EFFECTS
 from palpate.estimation.fit.fit_result import fit_model
 from palpate.estimation.kinds import Kind
 from palpate.estimation.signals.free_air import zero_in_free_air
-from palpate.estimation.signals.motion import is_one_speed, is_one_way
+from palpate.estimation.signals.motion import has_constant_velocity, is_monotonic
 from tests.estimation.fits import MODEL
 from tests.estimation.presses import NOISE_N, kelvin_voigt, session
 from tests.estimation.swings import swings
@@ -72,9 +72,9 @@ def test_time_cannot_be_told_from_a_position_that_goes_one_way():
     ramp = replace(data, position=np.linspace(-0.01, 0.01, len(data)))
     assert [EFFECTS["drift"]().applies_to(one) for one in (data, ramp)] == [True, False]
     jitter = 1e-7 * np.random.default_rng(0).standard_normal(len(data))
-    assert is_one_way(ramp.position, data.run)
-    assert is_one_way(jitter - ramp.position, data.run)
-    assert not is_one_way(data.position, data.run)
+    assert is_monotonic(ramp.position, data.run)
+    assert is_monotonic(jitter - ramp.position, data.run)
+    assert not is_monotonic(data.position, data.run)
 
 
 @pytest.mark.parametrize(
@@ -96,7 +96,7 @@ def test_history_is_seen_by_a_hold_a_return_or_another_speed_alone(runs, seen):
         x = speed * np.minimum(t, 10.0) - speed * np.clip(t - 10.0 - hold_s, 0.0, None)
         parts.append((t + 100.0 * number, x, np.full(len(t), number)))
     time_s, x, run = map(np.concatenate, zip(*parts, strict=True))
-    assert is_one_speed(time_s, x, run) is not seen
+    assert has_constant_velocity(time_s, x, run) is not seen
     zeros = np.zeros(len(x))
     data = ChannelData("contact", ChannelKind.CONTACT, time_s, x, zeros, zeros, 1e3 * x, run, run - run - 1)
     names = ["stress_relaxation", "power_law_stiffness", "hysteresis", "dry_friction", "hunt_crossley"]

@@ -41,7 +41,7 @@ def test_base_parameters_give_every_torque(body):
         regressor = body.regressor(q, v, a)
         torque = regressor[:, base.columns] @ (base.grouping @ phi)
         np.testing.assert_allclose(torque, body.inverse_dynamics(q, v, a), atol=1e-9)
-        unfelt = ~base.felt
+        unfelt = ~base.affects_joint
         assert np.abs(regressor[:, base.columns][unfelt]).max(initial=0.0) < 1e-9
 
 

@@ -102,7 +102,7 @@ def test_one_joint_with_what_the_others_know_finds_what_all_find(arm, joint):
 @pytest.mark.parametrize("joint", range(JOINTS))
 def test_a_joint_needs_only_the_columns_that_it_feels(arm, joint):
     """Fitted with those alone, not divided by its noise, it predicts held-out folds as all together."""
-    felt = np.flatnonzero(arm.base.felt[joint])
+    felt = np.flatnonzero(arm.base.affects_joint[joint])
     others = information_of_others(arm.moments, arm.prior)[joint].about(felt).times(SIGMA[joint] ** 2)
     columns = np.column_stack([arm.columns[:, joint][:, felt], arm.own[joint]])
     for f in range(FOLDS):
@@ -119,7 +119,7 @@ def test_a_joint_needs_only_the_columns_that_it_feels(arm, joint):
 
 def test_moments_in_another_order_say_the_same(arm):
     joint, names = 4, list(arm.base.names)
-    felt = [names[i] for i in np.flatnonzero(arm.base.felt[joint])]
+    felt = [names[i] for i in np.flatnonzero(arm.base.affects_joint[joint])]
     mixed = ["coulomb", *reversed(felt)]
     picked = {
         **{name: arm.columns[:, joint, i] for i, name in enumerate(names)},

@@ -337,7 +337,7 @@ def test_models_that_share_their_work_are_fitted_as_by_themselves():
         together, alone = (fit_model(data, model, start, cache=cache) for cache in (shared, None))
         assert together.solution.parameters == pytest.approx(alone.solution.parameters, rel=1e-9)
         assert together.flexible.by_signal == pytest.approx(alone.flexible.by_signal, rel=1e-9, abs=1e-12)
-    assert shared.size > 0
+    assert shared.total_bytes > 0
 
 
 def test_the_floor_in_all_runs_is_the_floor_and_in_some_it_is_theirs():
@@ -354,7 +354,7 @@ def test_the_floor_in_all_runs_is_the_floor_and_in_some_it_is_theirs():
 
 
 def test_what_was_asked_for_longest_ago_is_forgotten_first(monkeypatch):
-    monkeypatch.setattr("palpate.estimation.signals.cache_by_array.MOST_BYTES", 3 * 80)
+    monkeypatch.setattr("palpate.estimation.signals.cache_by_array.MAX_BYTES", 3 * 80)
     cache, asked = FitCache(), []
 
     def made(number):
@@ -364,7 +364,7 @@ def test_what_was_asked_for_longest_ago_is_forgotten_first(monkeypatch):
     for number in (0, 1, 2, 0, 3, 0, 1):
         assert cache.get_or_compute(number, lambda n=number: made(n))[0] == number
     assert asked == [0, 1, 2, 3, 1]  # 1 had to go for 3, 0 had just been asked for again
-    assert cache.size == 3 * 80
+    assert cache.total_bytes == 3 * 80
 
 
 @pytest.mark.parametrize(
