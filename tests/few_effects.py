@@ -24,4 +24,4 @@ def try_few_effects(patch: pytest.MonkeyPatch, *more: str) -> None:
 def shorten_budget(patch: pytest.MonkeyPatch) -> None:
     """Error budgets that are made from now on try one ridge penalty instead of three, and sets of 3 kinds."""
     patch.setattr(held_out, "_RIDGES", (1e-4,))
-    patch.setattr(budget, "_MOST_KINDS", 3)
+    patch.setattr(budget, "_MAX_KINDS", 3)
