@@ -133,8 +133,8 @@ class LayeredStiffness(AdditiveEffect):
     inner = (Parameter("depth", "{position}", 0.0, 0.2, (0.001, 0.02)),)
     confused_with = {
         "exponential_stiffness": "press deeper: beyond the kink a layer is straight",
-        "cubic_stiffness": "press deeper: beyond the kink a layer is straight, a cubic bends on",
-        "hunt_crossley": "press deeper: beyond the kink a layer is straight, a power law bends on",
+        "cubic_stiffness": "press deeper: beyond the kink a layer is straight, a cubic keeps bending",
+        "hunt_crossley": "press deeper: beyond the kink a layer is straight, a power law keeps bending",
     }
 
     def columns(self, data: ChannelData, inner: Inner) -> FloatArray:
@@ -216,7 +216,7 @@ class JointElasticity(MotionEffect):
     needs = ("load",)
     confused_with = {
         "lag": "move slowly under a large load: a spring yields at rest too",
-        "inertia": "move at two frequencies: elasticity grows with the fourth power",
+        "inertia": "move at two frequencies: the effect of elasticity grows with their fourth power",
     }
 
     def __init__(self, form: int = 0) -> None:

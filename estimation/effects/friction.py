@@ -158,7 +158,7 @@ class PositionDependentFriction(AdditiveEffect):
     inner = (Parameter("cycles", "1/{position}", 1e-3, 1e5, (0.5, 10.0), log=True), TRANSITION)
     confused_with = {
         "torque_ripple": (
-            "compare both directions: ripple has one sign, friction changes sign with the motion"
+            "compare both directions: ripple keeps its sign, friction changes sign with the motion"
         ),
         "load_dependent_friction": "repeat with another load at the same places",
         "coulomb_friction": "move over a wide range",

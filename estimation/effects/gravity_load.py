@@ -24,7 +24,7 @@ class KnownRigidBody(AdditiveEffect):
     channels = frozenset({ChannelKind.REVOLUTE, ChannelKind.PRISMATIC})
     needs = ("rigid_body_torque",)
     confused_with = {
-        "payload": "weigh the tool: a payload acts on all joints in proportion",
+        "payload": "weigh the tool: a payload acts on all joints",
         "torque_gain": "hold a known weight: a wrong gain changes its torque too",
     }
 
@@ -158,7 +158,7 @@ class Payload(AdditiveEffect):
     gains = (Parameter("mass", "kg", -50.0, 50.0, (0.01, 5.0)),)
     needs = ("payload_effort_per_kg",)
     confused_with = {
-        "torque_gain": "change the posture: a payload loads the joints by posture",
+        "torque_gain": "change the posture: the torque of a payload depends on the posture",
         "gravity_tilt": "change the posture",
         "bias": "fit all joints together: a payload is in all of them; or change the posture",
     }

@@ -26,7 +26,7 @@ class Inertia(AdditiveEffect):
     gains = (Parameter("m", "{inertia}", 0.0, 1e12, (0.0001, 200.0)),)
     confused_with = {
         "armature": "not possible in one channel: a rotor adds to the inertia of its joint",
-        "lag": "move at two frequencies: a lag turns stiffness into apparent damping first",
+        "lag": "move at two frequencies: a lag first makes stiffness look like damping",
     }
 
     def columns(self, data: ChannelData, inner: Inner) -> FloatArray:
@@ -38,7 +38,7 @@ class Armature(AdditiveEffect):
 
     name = "armature"
     kind = Kind.INERTIA
-    physics = "The motor's rotor accelerates too; its inertia counts by the square of the gear ratio."
+    physics = "The motor's rotor accelerates too; its inertia is multiplied by the square of the gear ratio."
     equation = "effort = Ja a"
     source = "R. Featherstone, Rigid Body Dynamics Algorithms (2008), sec. 9.6"
     signature = "effort follows the joint's own acceleration, in any posture"
@@ -90,8 +90,8 @@ class JointCoupling(AdditiveEffect):
     inner = (Parameter("ratio", "1", -5.0, 5.0, (-1.0, 1.0)), TRANSITION)
     needs = ("joint_velocity", "joint_acceleration")
     confused_with = {
-        "coulomb_friction": "hold this joint still and move its neighbour",
-        "viscous_friction": "hold this joint still and move its neighbour",
+        "coulomb_friction": "hold this joint still and move its neighbor",
+        "viscous_friction": "hold this joint still and move its neighbor",
         "rigid_body_fitted": "move slowly: friction of the coupling stays, inertia of the links does not",
     }
 

@@ -43,7 +43,7 @@ class PreslidingFriction(AdditiveEffect):
             "stop and creep back and forth: presliding depends on the path, not on the speed"
         ),
         "load_dependent_presliding": "repeat with another load",
-        "bouc_wen_hysteresis": "reverse half way: the curves of Dahl's friction are exponentials",
+        "bouc_wen_hysteresis": "reverse half way: dry friction then approaches its limit exponentially",
         "backlash": "reverse slowly: in a gap the effort vanishes, and comes back",
         "hysteresis": "reverse slowly at several loads",
     }
@@ -125,7 +125,7 @@ class DryFriction(AdditiveEffect):
         Parameter("transition", "{position}/s", 1e-07, 0.1, (1e-05, 0.01), log=True),
     )
     confused_with = {
-        "bouc_wen_hysteresis": "reverse half way: the curves of Dahl's friction are exponentials",
+        "bouc_wen_hysteresis": "reverse half way: dry friction then approaches its limit exponentially",
         "damping": "probe at two speeds: friction does not grow with speed",
         "hysteresis": "press a spring alone: the sensor keeps its hysteresis there",
         "adhesion": "retract slowly beyond the surface",
@@ -182,7 +182,9 @@ class BoucWenHysteresis(AdditiveEffect):
         "Y.-K. Wen, J. Eng. Mech. Div. ASCE 102 (1976); normalised as in F. Ikhouane, J. Rodellar, Systems "
         "with Hysteresis (2007), ch. 2"
     )
-    signature = "loops of effort over position of the same height at any speed, small ones inside large ones"
+    signature = (
+        "effort over position forms loops of the same height at any speed; small loops lie inside large ones"
+    )
     signals = ("direction", "past motion")
     channels = frozenset(ChannelKind)
     gains = (Parameter("force", "{effort}", 0.0, 1e12, (0.001, 50.0)),)
@@ -193,9 +195,9 @@ class BoucWenHysteresis(AdditiveEffect):
     )
     path = "path"
     confused_with = {
-        "presliding_friction": "reverse half way: the curves of Dahl's friction are exponentials",
-        "dry_friction": "reverse half way: the curves of Dahl's friction are exponentials",
-        "hysteresis": "reverse slowly at several loads: a hysteresis of the sensor is one of effort",
+        "presliding_friction": "reverse half way: dry friction then approaches its limit exponentially",
+        "dry_friction": "reverse half way: dry friction then approaches its limit exponentially",
+        "hysteresis": "reverse slowly at several loads: a hysteresis of the sensor depends on the effort",
         "stress_relaxation": "hold: relaxation goes on at rest, hysteresis does not",
         "damping": "probe at two speeds: hysteresis does not depend on speed",
     }
@@ -240,7 +242,7 @@ class Backlash(MotionEffect):
     )
     confused_with = {
         "presliding_friction": "reverse slowly: friction changes sign, in a gap the effort vanishes",
-        "loaded_backlash": "reverse the motion with the load to one side: the link then stays on its flank",
+        "loaded_backlash": "reverse with the load to one side: the link then stays on one side of the gap",
         "hysteresis": "reverse slowly at several loads: a gap is crossed in position, a hysteresis in effort",
         "coulomb_friction": "reverse slowly",
         "joint_elasticity": "press against a stop: a spring yields in proportion, a gap by a fixed amount",
@@ -290,7 +292,7 @@ class LoadedBacklash(MotionEffect):
     )
     needs = ("load",)
     confused_with = {
-        "backlash": "reverse the motion with the load to one side: the link then stays on its flank",
+        "backlash": "reverse with the load to one side: the link then stays on one side of the gap",
         "joint_elasticity": "load it more: a spring yields in proportion, a gap by a fixed amount",
         "presliding_friction": "hold still and change the load",
     }

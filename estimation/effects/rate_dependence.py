@@ -18,7 +18,7 @@ class Damping(AdditiveEffect):
     physics = "A dashpot resists in proportion to speed."
     equation = "F = c v"
     source = "the viscous half of the Kelvin-Voigt body; W. Flügge, Viscoelasticity (1975), ch. 1"
-    signature = "effort is higher while moving in than while moving out at the same depth, more so with speed"
+    signature = "effort at the same depth is higher while moving in than out; the difference grows with speed"
     signals = ("velocity",)
     channels = frozenset(ChannelKind)
     gains = (Parameter("c", "{effort} s/{position}", 0.0, 1e12, (0.1, 500.0)),)
@@ -46,7 +46,7 @@ class ViscousFriction(AdditiveEffect):
     channels = JOINTS
     gains = (Parameter("d", "{effort} s/{position}", 0.0, 1e12, (0.001, 500.0)),)
     confused_with = {
-        "joint_coupling": "hold this joint still and move its neighbour",
+        "joint_coupling": "hold this joint still and move its neighbor",
         "delay": "move at two speeds with the same acceleration",
         "lag": "move at two speeds with the same acceleration",
         "damping": "not possible in one channel: it is the same term, named for a contact",

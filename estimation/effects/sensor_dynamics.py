@@ -60,7 +60,7 @@ class Lag(SensorEffect):
     physics = "A filter in the sensor smooths and delays its readings."
     equation = "reading' = (effort - reading)/tau"
     source = "E. O. Doebelin, Measurement Systems (2003), ch. 3: first-order instrument"
-    signature = "readings lag and are smoothed, more so where the effort changes faster"
+    signature = "readings lag and are smoothed; the error grows with the rate of the effort"
     signals = ("past effort",)
     channels = frozenset(ChannelKind)
     inner = (Parameter("tau", "s", 1e-05, 1.0, (0.001, 0.2), log=True),)

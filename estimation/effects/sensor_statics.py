@@ -98,7 +98,7 @@ class ForceSensorError(AdditiveEffect):
     gains = (Parameter("share", "1", 0.5, 1.5, (0.9, 1.1)),)
     needs = ("contact_torque_per_newton", "force_beyond_reading")
     confused_with = {
-        "force_deadband": "press at several forces: a dead band takes the same from all",
+        "force_deadband": "press at several forces: a dead band reduces all by the same amount",
         "payload": "compare free air with contact: a payload is there in both",
     }
 
@@ -157,8 +157,8 @@ class ForceDeadband(AdditiveEffect):
     gains = (Parameter("width", "N", 0.0, 1e12, (0.01, 10.0)),)
     needs = ("contact_torque_per_newton", "touching")
     confused_with = {
-        "torque_gain": "press at several forces: a dead band takes the same from all",
-        "force_sensor_error": "press at several forces: a dead band takes the same from all",
+        "torque_gain": "press at several forces: a dead band reduces all by the same amount",
+        "force_sensor_error": "press at several forces: a dead band reduces all by the same amount",
         "payload": "compare free air with contact: a payload is there in both",
     }
 

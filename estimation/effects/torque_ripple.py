@@ -46,7 +46,7 @@ class TorqueRipple(AdditiveEffect):
     confused_with = {
         "joint_spring": "move over a wide range: a spring does not repeat",
         "gravity_tilt": "move over a wide range: gravity repeats once a turn",
-        "position_dependent_friction": "compare both directions: ripple has one sign, friction changes sign",
+        "position_dependent_friction": "compare both directions: ripple keeps its sign, friction does not",
         "run_ripple": "go to one stop before each run: then the wave begins at one place",
     }
 

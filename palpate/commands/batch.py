@@ -62,8 +62,8 @@ def batch_command(
     model: Annotated[
         str | None,
         typer.Option(
-            help="Base model, or 'suggest' for the one that fits a sample best; default: the usual one of "
-            "each channel.",
+            help="Base model, or 'suggest' to choose the one that fits a few measurements best; default: the "
+            "usual one of each channel.",
             autocompletion=model_names,
         ),
     ] = None,

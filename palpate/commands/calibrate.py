@@ -51,7 +51,7 @@ Each calibration writes one YAML file; name it in the robot file to correct all 
 
 calibration: {force: force.yaml, encoder: encoder.yaml}
 
-Do [bold]encoder[/bold] first, then [bold]gravity[/bold] and [bold]torque[/bold]; force at any time.
+Run [bold]encoder[/bold] first, then [bold]gravity[/bold] and [bold]torque[/bold]; run force at any time.
 
 The arm moves under its guard. Ctrl-C brings it to rest, and no calibration is written."""
 )
@@ -90,7 +90,8 @@ def force(
     On the robot, put known weights on and take them off; the arm has no power, and the sensor's axis is
     vertical.
 
-    With --from, reads a table (CSV, Parquet, NPZ) with one row per sample and columns reading and reference.
+    With --from, reads a table (CSV, Parquet, NPZ) with one row per sample. It needs a column for the reading
+    and a column for the reference.
     """
 
     def record(job: runs.CalibrationJob) -> None:

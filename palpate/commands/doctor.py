@@ -57,7 +57,7 @@ def doctor_command(  # noqa: PLR0917, one parameter an option
     ] = False,
     as_json: Annotated[bool, typer.Option("--json", help="Print the findings as JSON.")] = False,
 ) -> None:
-    """Check this machine; with --robot, also an arm: limits, ports, devices, rates, and with --move signs.
+    """Check this machine, or with --robot an arm: limits, ports, devices and rates; with --move, also signs.
 
     The exit code is 0 if no check fails, else 1. The arm gets no power without --move and a confirmation.
     """

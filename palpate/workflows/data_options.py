@@ -131,8 +131,8 @@ class DataArguments(ReadOptions):
     held_out: Annotated[
         str | None,
         typer.Option(
-            help="Runs to exclude from fitting; the commands compare and add score models on them; "
-            "default: each run is predicted from the others.",
+            help="Runs to exclude from fitting, such as 2,5; compare and add score models on these only. "
+            "Default: each run is predicted from the others.",
             metavar="RUNS",
         ),
     ] = None
