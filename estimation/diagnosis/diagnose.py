@@ -151,10 +151,8 @@ def diagnose_channel(
         if not checks.is_complete(end):
             end, tests = _look_beyond_offset(search, end, tests, checks, kinds)
         evidence = evidence_of(end, tests)
-        shown = evidence.stages[-1]
-        if not evidence.complete or shown.rmse <= (1.0 + SMALL) * end.rmse or checks.is_complete(shown):
+        if not evidence.complete or _is_reached(evidence, checks):
             break
-        # Adding the effects one by one, as users do, does not reach this minimum.
         checks.mark_incomplete(end)
     else:
         evidence = evidence_of(end, tests)  # no longer complete
@@ -207,6 +205,12 @@ def _find_effects(
         reduced = reduce(search.without, names, end)
         end, tests = accept_forms(search, kinds(), reduced, checks.measurement) if names else (end, tests)
     return end, tests
+
+
+def _is_reached(evidence: Evidence, checks: "_Completeness") -> bool:
+    """Return whether a complete model is also complete if its effects are added one by one, as users do."""
+    shown = evidence.stages[-1]
+    return shown.rmse <= (1.0 + SMALL) * evidence.end.rmse or checks.is_complete(shown)
 
 
 def _look_beyond_offset(

@@ -97,6 +97,7 @@ FLOW = {  # what is true of a channel: what is answered
     "they leave more": ({"found": "a", "forms": "b", "complete": False}, ("a", False, None)),
     "only one effect bears a name": ({"single": "s", "complete": False}, ("s", False, None)),
     "an effect gains nothing in the shown steps": ({"found": "a+b", "idle": {"a+b": "b"}}, ("a", True, None)),
+    "a minimum that the shown steps miss": ({"found": "a", "missed": ("a",)}, ("a", False, None)),
     "it cannot say": ({"refused": "too short"}, "too short"),
 }  # fmt: skip
 
@@ -117,13 +118,16 @@ def test_a_channel_is_searched_varied_reduced_and_answered(name, monkeypatch):
 
     class Judge:
         def __init__(self, search):
-            self.measurement = "readings"
+            self.measurement, self.marked = "readings", set()
 
         def objection(self, one):
             return "objection" if one in objected else None
 
         def is_complete(self, one):
-            return given.get("complete", True)
+            return given.get("complete", True) and one not in self.marked
+
+        def mark_incomplete(self, one):
+            self.marked.add(one)
 
     def searching(tried, is_complete, sufficient, forms):
         assert not given.get("exact")  # nothing is left to be searched for
@@ -145,6 +149,7 @@ def test_a_channel_is_searched_varied_reduced_and_answered(name, monkeypatch):
         "reject_reason": lambda data: given.get("refused"),
         "prepare_search": lambda *_: search,
         "_Completeness": Judge,
+        "_is_reached": lambda evidence, judge: evidence.end not in given.get("missed", ()),
         "select_effects": searching,
         "add_run_variation": lambda tried, one: _Named(given["varied"]) if "varied" in given else one,
         "analyse_kinds": lambda *_: None,
