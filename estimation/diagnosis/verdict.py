@@ -45,7 +45,7 @@ _MOST_RANKED = 3  # most candidates that are added alone to the base model
 # If the share of a kind without an accepted effect exceeds this multiple of the error left by the accepted
 # effects, the kind's law imitates these effects.
 _IMITATION = 2.0
-_SLOW = 1.5  # ratio of the error to the noise above which what is left is slower than noise of the readings
+SLOW = 1.5  # ratio of the error to the noise above which what is left is slower than noise of the readings
 _LARGE = 99.5  # smallest value that two significant digits would write with an exponent
 _PEAKED = 0.8  # share of the squared error in its largest 5 %; normal noise has 0.28
 _Rivals = Mapping[str, Mapping[str, FitResult]]  # fits by replaced effect and replacing effect
@@ -351,7 +351,7 @@ def _reason(
         nothing = "only noise is left"
         if evidence.noise.is_bound:
             nothing = "what is left may be noise, of which only an upper bound is known"
-        elif last > _SLOW * noise > 0.0:
+        elif last > SLOW * noise > 0.0:
             nothing = (
                 f"what is left, {two_digits(last / noise)} times the noise, depends on no recorded signal"
             )

@@ -6,7 +6,7 @@ from math import nan
 
 from palpate.estimation.diagnosis import ChannelDiagnosis, Verdict
 from palpate.estimation.diagnosis.forms import Form
-from palpate.estimation.diagnosis.verdict import two_digits
+from palpate.estimation.diagnosis.verdict import SLOW, two_digits
 from palpate.estimation.effects import EFFECTS
 from palpate.estimation.estimate_channel import UNPHYSICAL
 from palpate.estimation.kinds import Kind
@@ -39,7 +39,8 @@ def _sentence(diagnosis: ChannelDiagnosis) -> str:
     if diagnosis.verdict is Verdict.INSUFFICIENT:
         return f"{diagnosis.channel}: no verdict is possible: {_ended(diagnosis.reason)}"
     if diagnosis.verdict is Verdict.ADEQUATE:
-        return f"{diagnosis.channel}: these data show no missing effect. {_error(diagnosis)}"
+        error = f"{_error(diagnosis)}{_unrelated(diagnosis)}"
+        return f"{diagnosis.channel}: these data show no missing effect. {error}"
     if not diagnosis.accepted and (kinds := _kinds_without_form(diagnosis)):
         return (
             f"{diagnosis.channel}: the kind of the missing effect is known, but not its form: "
@@ -62,7 +63,7 @@ def _sentence(diagnosis: ChannelDiagnosis) -> str:
     verb = "is" if len(diagnosis.accepted) == 1 else "are"
     missing = f"{diagnosis.channel}: {enumerated(names)} {verb} missing from the model. {_error(diagnosis)}"
     if diagnosis.complete is not False or diagnosis.remaining is None:
-        return missing
+        return f"{missing}{_unrelated(diagnosis)}"
     signals = diagnosis.remaining.depends_on
     on = f" and depends on {enumerated(signals)}" if signals else ""
     times = diagnosis.remaining.times_floor
@@ -70,6 +71,14 @@ def _sentence(diagnosis: ChannelDiagnosis) -> str:
     kinds = _kinds_without_form(diagnosis)
     unknown = f" The form of {enumerated(kinds)} is not known." if kinds else ""
     return f"{missing} An unexplained error{size} remains{on}.{unknown}"
+
+
+def _unrelated(diagnosis: ChannelDiagnosis) -> str:
+    """State that an error well above the noise depends on no signal; empty if there is none."""
+    left, floor = diagnosis.remaining, diagnosis.floor
+    if left is None or floor is None or floor.at_most or left.times_floor <= SLOW:
+        return ""
+    return f" What is left, {two_digits(left.times_floor)} times the noise, depends on no recorded signal."
 
 
 def _kinds_without_form(diagnosis: ChannelDiagnosis) -> list[str]:
@@ -199,9 +208,8 @@ def budget_view(diagnosis: ChannelDiagnosis) -> BudgetView | None:
     error = f"{diagnosis.baseline.rmse:.3g} {diagnosis.effort_unit}"
     shares = ", ".join(f"{part.word} {part.share_text}" for part in parts)
     sentence = f"Of the {error} error: {shares}." if kinds or len(parts) > 1 else ""
-    return BudgetView(
-        sentence or f"The whole error of {error} is within the noise.", tuple(parts), tuple(confusions)
-    )
+    what = "depends on no recorded signal" if _unrelated(diagnosis) else "is within the noise"
+    return BudgetView(sentence or f"The whole error of {error} {what}.", tuple(parts), tuple(confusions))
 
 
 _FONT = "Inter, Source Sans 3, Helvetica Neue, Liberation Sans, Arial, sans-serif"

@@ -9,6 +9,7 @@ from rerun.chunk import RrdReader
 from rich.console import Console
 
 from palpate.estimation.diagnosis import ChannelDiagnosis
+from palpate.estimation.diagnosis.result import Remaining
 from palpate.estimation.kinds import Kind
 from palpate.render import palette, terminal
 from palpate.render.diagnosis import budget_picture, budget_view, diagnosed
@@ -76,6 +77,9 @@ def test_noise_that_nothing_measured_is_an_upper_bound():
 def test_where_all_is_noise_the_sentence_says_so():
     view = budget_view(diagnosis(verdict="adequate", noise=1.0))
     assert view.sentence == "The whole error of 0.144 N is within the noise."
+    left = Remaining(rmse=0.144, times_floor=5.8, depends_on=[])
+    far = diagnosis(verdict="adequate", noise=1.0).model_copy(update={"remaining": left})
+    assert budget_view(far).sentence == "The whole error of 0.144 N depends on no recorded signal."
 
 
 def test_a_diagnosis_without_shares_has_no_budget():

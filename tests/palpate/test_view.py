@@ -83,7 +83,8 @@ def test_a_verdict_is_one_sentence_that_says_what_to_know(found, words, absent):
 @pytest.mark.parametrize(
     ("complete", "times", "words"),
     [
-        (True, 1.8, "(noise 0.1 N, from free air)."),
+        (True, 1.2, "(noise 0.1 N, from free air)."),
+        (True, 1.8, "What is left, 1.8 times the noise, depends on no recorded signal."),
         (False, 1.8, "An unexplained error of 1.8 times the noise remains and depends on a."),
         (False, 361.9, "An unexplained error of 362 times the noise remains and depends on a."),
     ],
