@@ -182,7 +182,8 @@ _OPTION = re.compile(
     rf"|--(?P<name>{'|'.join(_KEYWORDS)})(?: (?P<given>(?:\S+\.py:\w+|{_WORD})(?=:|$|\)| says)))?(?![\w-])"
 )
 _COMMAND = re.compile(r"palpate (diagnose|add) --(apply|fresh)")
-_ONE_AFTER_THE_OTHER = re.compile(r"(?<=\")\} (?:units|columns|where)=\{(?=\")")  # are merged into one
+_PAIR = rf"({'|'.join(_PAIRS.values())})=\{{(\".*?\")\}}"
+_ONE_AFTER_THE_OTHER = re.compile(rf"{_PAIR}(?: {_PAIR})+")
 Class = TypeVar("Class", bound=type)
 
 
@@ -209,7 +210,15 @@ def in_python(text: str) -> str:
         text: text of an error.
     """
     text = _OPTION.sub(_keyword, _COMMAND.sub(r"study.\1(\2=True)", text))
-    return _ONE_AFTER_THE_OTHER.sub(", ", text)
+    return _ONE_AFTER_THE_OTHER.sub(_joined, text)
+
+
+def _joined(pairs: re.Match[str]) -> str:
+    """Write one dictionary for each keyword of several pairs."""
+    entries: dict[str, list[str]] = {}
+    for keyword, entry in re.findall(_PAIR, pairs[0]):
+        entries.setdefault(keyword, []).append(entry)
+    return ", ".join(f"{keyword}={{{', '.join(own)}}}" for keyword, own in entries.items())
 
 
 def _keyword(option: re.Match[str]) -> str:

@@ -95,6 +95,8 @@ OPTION = re.compile(r"(?<![\w-])--[a-z][a-z-]+")
     [
         ("use --unit force=mN or --unit x=mm", 'use units={"force": "mN"} or units={"x": "mm"}'),
         ("as in --unit displacement=m --unit force=N", 'as in units={"displacement": "m", "force": "N"}'),
+        ("as in --column force='column 3' --unit force=N --column time=t",
+         'as in columns={"force": "column 3", "time": "t"}, units={"force": "N"}'),
         ("add --column run='no. 1', it says", 'add columns={"run": "no. 1"}, it says'),
         ("takes --where run=0,2; --column, --unit and --fresh-runs are",
          'takes where={"run": "0,2"}; columns=, units= and fresh=True are'),
