@@ -288,7 +288,7 @@ def _check(channel: str, what: str, values: FloatArray | IntArray, length: int) 
 
 def _read_only(values: NDArray[Any] | None) -> NDArray[Any] | None:
     """Return a read-only view of an array; its owner can still write to it. None stays None."""
-    if values is None or not values.flags.writeable:
+    if values is None or not (values := np.asarray(values)).flags.writeable:
         return values
     view = values.view()
     view.setflags(write=False)

@@ -148,7 +148,10 @@ def arrow_table(arrays: Mapping[str, NDArray[Any]], place: Path) -> pa.Table:
     columns = {}
     for name, array in arrays.items():
         try:
-            columns[name] = pa.array(array)
+            # Arrow takes neither the other byte order nor more than 64 bits.
+            is_long = array.dtype.kind == "f" and array.dtype.itemsize > _MOST_BYTES
+            kind = np.dtype(np.float64) if is_long else array.dtype.newbyteorder("=")
+            columns[name] = pa.array(array.astype(kind, copy=False))
         except (pa.ArrowException, TypeError, ValueError, OverflowError) as error:
             kinds = ", ".join(sorted({type(value).__name__ for value in array.tolist()})[:3])
             reason = f"holds values of type {kinds}, expected numbers or text"
@@ -156,6 +159,7 @@ def arrow_table(arrays: Mapping[str, NDArray[Any]], place: Path) -> pa.Table:
     return pa.table(columns)
 
 
+_MOST_BYTES = 8  # of a number
 _TIME, _EPISODE, _STATE = "timestamp", "episode_index", "observation.state"
 _CALLED = {  # quantity of each array; an action is a command and belongs to no channel
     _STATE: "position",

@@ -3,15 +3,17 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Collection, Mapping, Sequence
+import re
+from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from palpate.control.loop.task import Phase
 from palpate.estimation.base_model import NO_ARM, Arm
-from palpate.estimation.channel import ChannelData
+from palpate.estimation.channel import ChannelData, ChannelKind
 from palpate.estimation.data.array_files import arrow_table
 from palpate.estimation.data.arrow import pa
 from palpate.estimation.data.column_names import RUN
@@ -28,6 +30,7 @@ if TYPE_CHECKING:
 
 NO_OPTIONS = ImportOptions()
 IN_MEMORY = "data"  # name of measurements without a file
+_CHANNEL_NAME = re.compile(r"\w{1,64}", re.ASCII)
 
 
 @dataclass(frozen=True)
@@ -126,6 +129,8 @@ def limit_length(source: Source, held_out: Sequence[int] = ()) -> Source:
     Raises:
         InputError: there is no such run.
     """
+    if not isinstance(held_out, Iterable):
+        raise InputError(f"held_out={held_out!r}: give a list of run numbers, such as [2, 5]")
     if unknown := sorted(set(held_out).difference(source.runs)):
         named = ", ".join(map(str, source.runs))
         raise InputError(f"runs to hold out: there is no run {unknown[0]}. There are: {named}")
@@ -168,16 +173,53 @@ def _source_of(data: Any, options: ImportOptions) -> Source:  # noqa: ANN401
         case str() | os.PathLike():
             return _source_of_file(Path(data), options)
         case ChannelData():
-            return Source(IN_MEMORY, (data,))
+            return _source_of([data], options)
         case list() | tuple() if data and all(isinstance(item, str | os.PathLike) for item in data):
             return _source_of_import(IN_MEMORY, import_files([Path(path) for path in data], options))
         case list() | tuple() if data and all(isinstance(item, ChannelData) for item in data):
-            names = [channel.name for channel in data]
+            names = [str(channel.name) for channel in data]
             if twice := sorted({name for name in names if names.count(name) > 1}):
                 raise InputError(f"{IN_MEMORY}: several channels are called {', '.join(twice)}; rename them")
+            for channel in data:
+                _check_channel(channel)
             return Source(IN_MEMORY, tuple(data))
     imported = import_table(table_of(_as_arrow(data), Path(IN_MEMORY)), options)
     return _source_of_import(IN_MEMORY, imported)
+
+
+def _check_channel(channel: ChannelData) -> None:
+    """Check a channel that a program made.
+
+    Raises:
+        InputError: its name, kind, runs or phases are invalid, an array is not one-dimensional, or its times
+            do not increase within a run.
+    """
+    place = f"channel '{channel.name}'"
+    if not (isinstance(channel.name, str) and _CHANNEL_NAME.fullmatch(channel.name)):
+        raise InputError(f"channel name {channel.name!r}: give letters, digits and _, such as 'joint_1'")
+    if not isinstance(channel.kind, ChannelKind):
+        raise InputError(f"{place}: kind {channel.kind!r} is not known. Valid: {', '.join(ChannelKind)}")
+    arrays = ("time_s", "position", "velocity", "acceleration", "effort", "run", "phase")
+    if wide := [what for what in arrays if getattr(channel, what).ndim != 1]:
+        shape = getattr(channel, wide[0]).shape
+        raise InputError(f"{place}: {wide[0]} has shape {shape}, expected one value per sample")
+    for what in ("run", "phase"):
+        if getattr(channel, what).dtype.kind not in "iu":
+            raise InputError(f"{place}: {what} holds {getattr(channel, what).dtype}, expected integers")
+    if unknown := set(channel.phase.tolist()) - {-1, *Phase}:
+        raise InputError(f"{place}: there is no phase {min(unknown)}. Valid: -1 to {max(Phase)}")
+    changes = np.flatnonzero(np.diff(channel.run)) + 1
+    again = np.setdiff1d(np.arange(len(channel)), np.unique(channel.run, return_index=True)[1])
+    if len(scattered := np.intersect1d(changes, again)):
+        run = channel.run[scattered[0]]
+        raise InputError(f"{place}: run {run} continues at sample {scattered[0]}, after another run")
+    late = np.flatnonzero((np.diff(channel.time_s) <= 0.0) & (np.diff(channel.run) == 0))
+    if len(late):
+        before_s, after_s = channel.time_s[late[0] : late[0] + 2]
+        raise InputError(
+            f"{place}: time_s {after_s:.9g} of sample {late[0] + 1} does not come after {before_s:.9g}; "
+            "times must increase within a run"
+        )
 
 
 def _source_of_import(name: str, imported: Imported, path: Path | None = None) -> Source:

@@ -235,10 +235,11 @@ def early_server(port: int) -> EarlyServer:
         port: port on this machine; 0 for any free port.
 
     Raises:
-        InputError: the port is in use.
+        InputError: the port is in use, or there is none of this number.
     """
     try:
         return EarlyServer(LOOPBACK, port)
-    except OSError as error:
-        message = f"--port {port}: {error.strerror or error}; choose another port, or 0 for any free one"
+    except (OSError, OverflowError) as error:
+        reason = getattr(error, "strerror", "") or error
+        message = f"--port {port}: {reason}; choose another port, or 0 for any free one"
         raise InputError(message) from error

@@ -1,12 +1,13 @@
 """What a study refuses of measurements in memory."""
 
 import re
+from dataclasses import replace
 
 import numpy as np
 import pytest
 
 from palpate.estimation.data.import_options import ImportOptions
-from palpate.estimation.study.source import open_source
+from palpate.estimation.study.source import limit_length, open_source
 from palpate.robot_io.errors import InputError
 
 T = np.arange(200) * 0.01
@@ -38,6 +39,36 @@ N = len(T)
 def test_what_is_no_column_of_numbers_is_named(force, said):
     with pytest.raises(InputError, match=said):
         open_source({**COLUMNS, "force_N": force})
+
+
+@pytest.mark.parametrize("kind", [">f8", ">f4", np.longdouble])
+def test_numbers_of_other_byte_orders_and_lengths_are_read(kind):
+    (channel,) = open_source({**COLUMNS, "force_N": COLUMNS["force_N"].astype(kind)}).channels
+    np.testing.assert_allclose(channel.effort, COLUMNS["force_N"], rtol=1e-6)
+
+
+@pytest.mark.parametrize(
+    ("change", "said"),
+    [
+        ({"name": "<b>"}, "channel name '<b>': give letters"),
+        ({"name": 5}, "channel name 5: give letters"),
+        ({"kind": "x"}, "kind 'x' is not known. Valid: contact, revolute"),
+        ({"time_s": -T}, r"time_s -0.01 of sample 1 does not come after -?0; times must increase"),
+        ({"position": np.ones((N, 1))}, r"position has shape \(200, 1\), expected one value per sample"),
+        ({"run": np.full(N, 0.5)}, "run holds float64, expected integers"),
+        ({"run": np.repeat([0, 1, 0, 1], N // 4)}, "run 0 continues at sample 100, after another run"),
+        ({"phase": np.full(N, 99)}, "there is no phase 99. Valid: -1 to 8"),
+    ],
+)
+def test_channels_that_no_import_would_make_are_refused(change, said):
+    (channel,) = open_source(COLUMNS).channels
+    with pytest.raises(InputError, match=said):
+        open_source(replace(channel, **change))
+
+
+def test_runs_to_hold_out_are_a_list():
+    with pytest.raises(InputError, match="held_out=0: give a list of run numbers"):
+        limit_length(open_source(COLUMNS), 0)
 
 
 def test_masked_readings_are_left_out():

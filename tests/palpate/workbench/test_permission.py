@@ -13,8 +13,9 @@ import pytest
 from nicegui import Client, core, ui
 from nicegui.page import page
 
+from palpate.robot_io.errors import InputError
 from palpate.workbench.layout import _permitted
-from palpate.workbench.startup import EarlyServer
+from palpate.workbench.startup import EarlyServer, early_server
 
 
 def answered(capsys, typed, *, yes=True):
@@ -115,3 +116,9 @@ def test_the_first_answer_runs_its_own_script_alone_and_is_framed_by_none(early)
     assert b64encode(sha256(script.encode()).digest()).decode() in policy
     assert "frame-ancestors 'none'" in policy
     assert "unsafe-inline" not in policy.partition("script-src")[2]
+
+
+@pytest.mark.parametrize("port", [-5, 99_999_999])
+def test_a_port_that_cannot_exist_is_refused(port):
+    with pytest.raises(InputError, match=f"--port {port}: .*choose another port"):
+        early_server(port)
