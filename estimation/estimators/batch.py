@@ -4,7 +4,7 @@ import numpy as np
 
 from palpate.estimation.estimate import Estimate
 from palpate.estimation.estimator import Estimator
-from palpate.estimation.fit.irls import IrlsResult, Loss, absolute_share, irls
+from palpate.estimation.fit.irls import IrlsResult, Loss, absolute_loss_weights, irls
 from palpate.estimation.model import Regression
 from palpate.estimation.statistics.least_squares import solve, solve_subsets
 from palpate.estimation.statistics.noise import NoiseLevel, fit_noise_level, robust_sigma
@@ -95,7 +95,7 @@ class Robust(Estimator):
             for _ in range(_LAD_ROUNDS):
                 gains = solve(regression.columns, regression.effort, np.sqrt(residual_weights)).gains
                 residual = regression.effort - regression.columns @ gains
-                residual_weights = absolute_share(residual)
+                residual_weights = absolute_loss_weights(residual)
             least_absolute = gains, NoiseLevel(max(robust_sigma(residual), float(np.finfo(float).tiny)), 0.0)
             result = _irls(regression, *least_absolute)
         (psi, slope), sigma = result.influence, result.sigma

@@ -24,14 +24,14 @@ PIECES, _PIECE_FOLDS = 15, 5  # pieces of a single run, and pieces for each fold
 _CORNER = 0.06  # change between readings at a corner, relative to a run's range of velocities
 _SLOW_S = 0.011  # step between samples above which corners are not excluded
 _CORNER_REACH = 3  # samples on each side of a corner in which a derived velocity is wrong
-_MOST_CORNERS = 0.2  # largest share of blocks at corners; more indicate a coarsely sampled motion
+_MAX_CORNERS = 0.2  # largest share of blocks at corners; more indicate a coarsely sampled motion
 _BORDER = 3.0  # excluded distance from a contact boundary, in standard deviations of the position's error
 _SETTLING_S = 0.25  # time after the first sample in which filters settle
 _UNKNOWN_S = 0.1  # time at the start of a run in which delays and lags depend on the unknown past
 _UNKNOWN = 0.05  # largest share of a run that is excluded for this reason
-_WITHIN = 0.05  # share of the effort's variance that block averages may lose
+_MAX_LOST = 0.05  # share of the effort's variance that block averages may lose
 _SMOOTH = 0.75  # ratio to the step variance of white noise below which variation in a block is smooth
-_AGAIN = 0.9  # share of the first contact in a run's contact samples above which later ones are negligible
+_FIRST_SHARE = 0.9  # share of the first contact in a run's contact above which later contacts are negligible
 _REST = 0.05  # largest speed of a joint at rest, relative to its usual highest speed
 LOAD = "load"
 LUMPED = "lumped_inertia_effort"  # part of the load that may act on the drive's rotor before the gear
@@ -100,9 +100,9 @@ class BlockedData:
         acting, inner = model.acting, own(effect, parameters)
         needs = (*effect.needs, *(name for acts in acting for name in acts.needs))
         cache = self.load_cache if LOAD in needs else self.cache  # the load depends on the model
-        around = [(IdentityKey(acts), *own(acts, parameters).values()) for acts in acting]
+        acting_key = [(IdentityKey(acts), *own(acts, parameters).values()) for acts in acting]
 
-        def on_blocks() -> FloatArray:
+        def compute() -> FloatArray:
             moved = model.moved(self.data, parameters)
             columns = model.faded(effect, effect.columns(moved, inner), moved, parameters)
             signal = np.column_stack([columns, effect.known(moved, inner)])
@@ -111,7 +111,7 @@ class BlockedData:
                     signal = sensor.sense(signal, self.data, own(sensor, parameters))
             return self.reduce(signal)
 
-        return cache.get_or_compute((IdentityKey(effect), *inner.values(), *around), on_blocks)
+        return cache.get_or_compute((IdentityKey(effect), *inner.values(), *acting_key), compute)
 
     def at_full_rate(self, effect: AdditiveEffect, data: ChannelData, inner: Inner) -> FloatArray:
         """Return the columns of an effect at each sample, shape (n, k); cached for the measured motion.
@@ -142,18 +142,18 @@ def block_length(data: ChannelData) -> int:
     rate_hz = CONTACT_RATE_HZ if data.kind is ChannelKind.CONTACT else JOINT_RATE_HZ
     block = max(1, int(1.0 / (rate_hz * sample_time(data.time_s, data.run)) + 0.5))
     effort = data.effort[data.engaged] if data.kind is ChannelKind.CONTACT else data.effort
-    while block > 1 and (0 < len(effort) < block or _swings_within(effort, block)):
+    while block > 1 and (0 < len(effort) < block or _varies_within(effort, block)):
         block //= 2
     return block
 
 
-def _swings_within(effort: FloatArray, block: int) -> bool:
+def _varies_within(effort: FloatArray, block: int) -> bool:
     """Return whether averaging over blocks removes a part of an effort (n,) that is not noise."""
     blocks = effort[: len(effort) // block * block].reshape(-1, block)
     if not len(blocks):
         return False
     within = blocks - blocks.mean(axis=1, keepdims=True)
-    if np.mean(within**2) < _WITHIN * np.var(effort):
+    if np.mean(within**2) < _MAX_LOST * np.var(effort):
         return False
     steps = np.diff(blocks, axis=1)  # for white noise their variance is twice that of the noise
     return bool(np.mean(steps**2) < _SMOOTH * 2.0 * np.mean(within**2) * block / (block - 1.0))
@@ -177,12 +177,12 @@ def block_average(
     rows, folds = [], []
     runs = rows_of_runs(data.run)
     used = len(np.unique(data.run if good is None else data.run[good]))
-    pieces, most = (1, FOLDS) if used > 1 else (PIECES, _PIECE_FOLDS)
-    for number, of_run in enumerate(runs):
-        blocks = of_run[: len(of_run) // block * block].reshape(-1, block)
+    pieces, fold_count = (1, FOLDS) if used > 1 else (PIECES, _PIECE_FOLDS)
+    for number, run_rows in enumerate(runs):
+        blocks = run_rows[: len(run_rows) // block * block].reshape(-1, block)
         piece = np.arange(len(blocks)) * pieces // max(len(blocks), 1)
         rows.append(blocks)
-        folds.append((number * pieces + piece) % most)
+        folds.append((number * pieces + piece) % fold_count)
     grid = np.concatenate(rows)
     fold = np.unique(np.concatenate(folds), return_inverse=True)[1]
     trusted = np.ones(len(grid), dtype=np.bool_) if good is None else good[grid].all(axis=1)
@@ -199,11 +199,11 @@ def merge_blocks(blocked: BlockedData, most: int) -> BlockedData:
         most: largest number of blocks.
     """
     factor = -(-len(blocked) // most)
-    while factor > 1 and _swings_within(blocked.effort, factor):
+    while factor > 1 and _varies_within(blocked.effort, factor):
         factor //= 2
     if factor <= 1:
         return blocked
-    runs = [of_run[: len(of_run) // factor * factor] for of_run in rows_of_runs(blocked.run)]
+    runs = [run_rows[: len(run_rows) // factor * factor] for run_rows in rows_of_runs(blocked.run)]
     joined = np.concatenate(runs).reshape(-1, factor)
     return replace(
         blocked,
@@ -268,13 +268,13 @@ def _at_corners(data: ChannelData, rows: IntArray) -> BoolArray:
     if sample_time(data.time_s, data.run) > _SLOW_S:
         return np.zeros(len(rows), dtype=np.bool_)
     sharp = np.zeros(len(data), dtype=np.bool_)
-    for of_run in rows_of_runs(data.run) if data.kind is ChannelKind.CONTACT else ():
-        velocity = data.velocity[of_run]
+    for run_rows in rows_of_runs(data.run) if data.kind is ChannelKind.CONTACT else ():
+        velocity = data.velocity[run_rows]
         jumps = np.flatnonzero(np.abs(np.diff(velocity)) > _CORNER * data.averaged * np.ptp(velocity))
-        around = jumps[:, None] + np.arange(-_CORNER_REACH, _CORNER_REACH + 2)
-        sharp[of_run[np.clip(around.ravel(), 0, len(of_run) - 1)]] = True
+        near_rows = jumps[:, None] + np.arange(-_CORNER_REACH, _CORNER_REACH + 2)
+        sharp[run_rows[np.clip(near_rows.ravel(), 0, len(run_rows) - 1)]] = True
     corners = np.asarray(sharp[rows].any(axis=1))
-    return corners if np.mean(corners) <= _MOST_CORNERS else np.zeros(len(rows), dtype=np.bool_)
+    return corners if np.mean(corners) <= _MAX_CORNERS else np.zeros(len(rows), dtype=np.bool_)
 
 
 def _at_starts(data: ChannelData, rows: IntArray) -> BoolArray:
@@ -284,13 +284,13 @@ def _at_starts(data: ChannelData, rows: IntArray) -> BoolArray:
     negligible, the run is used as if the contact began with it.
     """
     starts, engaged = np.zeros(len(data), dtype=np.bool_), data.engaged
-    for of_run in rows_of_runs(data.run):
-        since_s = data.time_s[of_run] - data.time_s[of_run[0]]
-        starts[of_run] = since_s < min(_UNKNOWN_S, _UNKNOWN * float(since_s[-1]))
+    for run_rows in rows_of_runs(data.run):
+        elapsed_s = data.time_s[run_rows] - data.time_s[run_rows[0]]
+        starts[run_rows] = elapsed_s < min(_UNKNOWN_S, _UNKNOWN * float(elapsed_s[-1]))
         if data.kind is ChannelKind.CONTACT:
-            pressed = engaged[of_run]
+            pressed = engaged[run_rows]
             until = len(pressed) if pressed.all() else int(np.argmin(pressed))
-            starts[of_run[:until]] |= until < _AGAIN * np.sum(pressed)
+            starts[run_rows[:until]] |= until < _FIRST_SHARE * np.sum(pressed)
     return np.asarray(starts[rows].any(axis=1))
 
 

@@ -26,8 +26,8 @@ from palpate.robot_io.types import BoolArray, FloatArray, IntArray
 
 NOT_HELD: Mapping[str, float] = MappingProxyType({})
 NO_BOUNDS: Mapping[str, tuple[float, float]] = MappingProxyType({})
-_MOST_ROUNDS = 7
-_LOST = 1e6  # predictions above this multiple of the largest effort have diverged
+_MAX_STEPS = 7
+_DIVERGED = 1e6  # predictions above this multiple of the largest effort have diverged
 _NO_BOUND = (-np.inf, np.inf)
 _NO_SCALE = 1e-300  # norm below which a column counts as zero
 
@@ -106,8 +106,8 @@ class FitProblem:
             is_low, is_high = bounded == low, bounded == high
             at_bound, fixed = is_low | is_high, np.where(is_low, lower, np.where(is_high, upper, 0.0))
             fit = solve_normal_equations(equations.with_fixed(at_bound, fixed), dof=len(self._by_fold[0]))
-            places = np.flatnonzero(free)[at_bound]
-            gains[places], free[places] = fixed[at_bound], False
+            indices = np.flatnonzero(free)[at_bound]
+            gains[indices], free[indices] = fixed[at_bound], False
         return fit if free.all() else fit.beside(gains, np.flatnonzero(free).tolist())
 
     def normal_equations(
@@ -131,11 +131,11 @@ class FitProblem:
         shared = self.blocked.data.shared  # prior information on gains from other channels
         if shared is None or self.noise_model is not WHITE or not set(shared.names) <= set(names):
             return equations
-        place = [list(names).index(name) for name in shared.names]
+        indices = [list(names).index(name) for name in shared.names]
         size, count = len(shared.information.matrix), columns.shape[1]
         matrix, vector = np.zeros((size, count, count)), np.zeros((size, count))
-        matrix[:, np.array(place)[:, None], place] = shared.information.matrix
-        vector[:, place] = shared.information.vector
+        matrix[:, np.array(indices)[:, None], indices] = shared.information.matrix
+        vector[:, indices] = shared.information.vector
         return NormalEquations(equations.products, Information(matrix, vector))
 
 
@@ -219,7 +219,7 @@ def solve_gains(
     model: Model,
     parameters: Mapping[str, float],
     rounds: int | None = None,
-    arrived: float = 1.02,
+    max_ratio: float = 1.02,
     *,
     parts: Parts | None = None,
 ) -> Solution:
@@ -231,7 +231,7 @@ def solve_gains(
         parameters: inner parameters and start values of gains; missing gains start at zero.
         rounds: least number of steps; by default one, or two if the model is nonlinear in its effort. With a
             nonlinear sensor, steps are repeated until the error agrees with its prediction.
-        arrived: largest ratio of a squared error to its prediction at which a step has converged.
+        max_ratio: largest ratio of a squared error to its prediction at which a step has converged.
         parts: result of `Model.parts` at these inner parameters, if known.
     """
     data = problem.blocked.data
@@ -243,29 +243,29 @@ def solve_gains(
         fitted = dict(zip(model.gains, linear_fit.gains.tolist(), strict=True))
         return Solution(model, {**fitted, **inner}, columns, target, linear_fit)
     is_nonlinear = not model.is_linear_in_gains or data.kind is ChannelKind.CONTACT
-    now = {name: parameters.get(name, 0.0) for name in (*model.gains, *model.inner)}
+    values = {name: parameters.get(name, 0.0) for name in (*model.gains, *model.inner)}
     names = list(model.gains)
-    least = rounds or (2 if is_nonlinear else 1)
-    most = least if model.is_linear_in_gains else max(_MOST_ROUNDS, least)
-    expected, before = np.inf, np.empty(0, dtype=np.int64)
-    parts = parts or model.parts(data, now, problem.blocked.at_full_rate)
-    for number in range(most):
-        lifted = model.lifted(data, now, parts)
-        if number and model.is_linear_in_gains and np.array_equal(lifted, before):
+    min_steps = rounds or (2 if is_nonlinear else 1)
+    max_steps = min_steps if model.is_linear_in_gains else max(_MAX_STEPS, min_steps)
+    expected, previous_lifted = np.inf, np.empty(0, dtype=np.int64)
+    parts = parts or model.parts(data, values, problem.blocked.at_full_rate)
+    for i in range(max_steps):
+        lifted = model.lifted(data, values, parts)
+        if i and model.is_linear_in_gains and np.array_equal(lifted, previous_lifted):
             break  # the same samples lose contact, so the fit would be repeated
-        before = lifted
-        slopes, effort = model.linearise(data, now, parts, lifted)
-        by_gain, gains = problem.blocked.reduce(slopes), np.array([now[name] for name in names])
-        remaining = problem.blocked.reduce(data.effort - effort) + by_gain @ gains
-        if number and not np.abs(remaining).max() < _LOST * np.abs(data.effort).max():
+        previous_lifted = lifted
+        slopes, effort = model.linearise(data, values, parts, lifted)
+        block_slopes, gains = problem.blocked.reduce(slopes), np.array([values[name] for name in names])
+        remaining = problem.blocked.reduce(data.effort - effort) + block_slopes @ gains
+        if i and not np.abs(remaining).max() < _DIVERGED * np.abs(data.effort).max():
             break  # the last step diverged, and the next would overflow
-        target, columns = remaining, by_gain
-        if number >= least and np.sum(problem.whiten(target - columns @ gains) ** 2) <= arrived * expected:
+        target, columns = remaining, block_slopes
+        if i >= min_steps and np.sum(problem.whiten(target - columns @ gains) ** 2) <= max_ratio * expected:
             break
         linear_fit = problem.solve(columns, target, names, model.held, model.gain_bounds)
         expected = float(linear_fit.sse.sum())
-        now.update(zip(names, linear_fit.gains.tolist(), strict=True))
-    return Solution(model, now, columns, target, linear_fit)
+        values.update(zip(names, linear_fit.gains.tolist(), strict=True))
+    return Solution(model, values, columns, target, linear_fit)
 
 
 def _on_blocks(
@@ -323,11 +323,11 @@ def residual_slopes(problem: FitProblem, solution: Solution, ahead: Mapping[str,
     else:
         parts = model.parts(data, parameters, problem.blocked.at_full_rate)
         effort = model.linearise(data, parameters, parts)[1]
-        of_sensors = {f"{sensor.name}.{p.name}" for sensor in model.sensors for p in sensor.inner}
+        sensor_parameters = {f"{sensor.name}.{p.name}" for sensor in model.sensors for p in sensor.inner}
         for name, value in ahead.items():
-            moved = {**parameters, name: value}
-            same = parts if name in of_sensors else None  # they do not depend on parameters of sensors
-            changes.append(problem.blocked.reduce(effort - model.linearise(data, moved, same)[1]))
+            changed = {**parameters, name: value}
+            before = parts if name in sensor_parameters else None  # parts before the sensors do not change
+            changes.append(problem.blocked.reduce(effort - model.linearise(data, changed, before)[1]))
     change = problem.whiten(np.stack(changes, axis=1))
     fit = solution.linear_fit
     unit = problem.whiten(solution.columns) * fit.scale
@@ -356,20 +356,20 @@ def linearise_along(
     Returns:
         A function that returns the parts, or None if there is no faster evaluation.
     """
-    data, known = blocked.data, {name: parameters.get(name, 0.0) for name in model.inner}
+    data, inner_values = blocked.data, {name: parameters.get(name, 0.0) for name in model.inner}
     is_last = model.effects[-1] is effect
     if is_linear_on_blocks(data, model):
         return lambda inner: None
     if isinstance(effect, SensorEffect):  # the parts before the sensor do not depend on it
-        before = model.parts(data, known, blocked.at_full_rate)
+        before = model.parts(data, inner_values, blocked.at_full_rate)
         return lambda inner: before
     if not isinstance(effect, AdditiveEffect) or not is_last:
         return lambda inner: None
-    moved = model.moved(data, known)
-    columns, effort = model.without(effect.name).parts(data, known, blocked.at_full_rate)
+    moved = model.moved(data, inner_values)
+    columns, effort = model.without(effect.name).parts(data, inner_values, blocked.at_full_rate)
 
     def parts(inner: Inner) -> Parts:
-        values = known | {f"{effect.name}.{n}": v for n, v in inner.items()}
+        values = inner_values | {f"{effect.name}.{n}": v for n, v in inner.items()}
         own_columns = model.faded(effect, blocked.at_full_rate(effect, moved, inner), moved, values)
         return np.concatenate([columns.T, own_columns.T]).T, effort + effect.known(moved, inner)
 

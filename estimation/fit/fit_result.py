@@ -23,10 +23,10 @@ from palpate.robot_io.types import BoolArray, FloatArray, IntArray
 
 _ROUNDING = 1e-7  # share of the effort below which a residual is rounding: single precision resolves 6e-8
 _NAMED_SHARE = 0.4  # least share explained by a named signal, relative to that of the strongest signal
-_LEAST_SHARE = 0.01  # least share of the squared error that a named signal must explain
-_BETTER = 0.9  # ratio of squared held-out errors below which a correction of smoothing bias is used
-_PULLED = 5.0  # standard errors by which a gain must exceed its bound to be reported
-_NOISE_ALONE = 1.05  # ratio to the noise level up to which an error counts as noise
+_MIN_SHARE = 0.01  # least share of the squared error that a named signal must explain
+_MIN_IMPROVEMENT = 0.9  # ratio of squared held-out errors below which a correction of smoothing bias is used
+_MIN_PULL = 5.0  # standard errors by which the data must favor a gain beyond its bound to be reported
+_NOISE_RATIO = 1.05  # ratio to the noise level up to which an error counts as noise
 _RATE_SIGNALS = frozenset({"velocity", "direction"})
 
 
@@ -93,20 +93,20 @@ class FitResult(TableDisplay):
 
     @cached_property
     def unphysical(self) -> tuple[str, ...]:
-        """Descriptions of gains held at a physical bound although the data clearly pull beyond it."""
+        """Descriptions of gains held at a physical bound although the data clearly favor one beyond it."""
         solution, used = self.solution, self.problem.used
         residual = solution.residual[used]
         noise = float(np.sqrt(np.mean(residual**2)))
-        words = []
+        sentences = []
         for column, name in zip(solution.columns[used].T, solution.model.gains, strict=True):
             size = float(np.linalg.norm(column))
             if name in solution.fixed - solution.model.held.keys() and size > 0.0:
                 pull = float(column @ residual) / size  # standard errors of white noise, times the noise
-                if abs(pull) > _PULLED * noise:
+                if abs(pull) > _MIN_PULL * noise:
                     unit, side = self.parameters[name].unit, "below" if pull < 0.0 else "above"
                     value = solution.parameters[name]
-                    words.append(f"{name} would be {side} the physical bound, {value:.4g} {unit}")
-        return tuple(words)
+                    sentences.append(f"{name} would be {side} the physical bound, {value:.4g} {unit}")
+        return tuple(sentences)
 
     @cached_property
     def predicted(self) -> FloatArray:
@@ -126,11 +126,11 @@ class FitResult(TableDisplay):
         """Effort minus prediction from gains fitted to the other runs, shape (n,); NaN if not scored."""
         if self.validation is None:
             return held_out_residual(self.problem.blocked, self.solution)
-        whole, good = self.validation.data, self.validation.good
-        blocked = fit_problem(whole, self.model, self.solution.parameters, good, FitCache()).blocked
+        all_runs, good = self.validation.data, self.validation.good
+        blocked = fit_problem(all_runs, self.model, self.solution.parameters, good, FitCache()).blocked
         rows = blocked.rows[blocked.trusted].ravel()
-        rows = rows[~np.isin(whole.run[rows], self.training.runs)]
-        residual = np.full(len(whole), np.nan)
+        rows = rows[~np.isin(all_runs.run[rows], self.training.runs)]
+        residual = np.full(len(all_runs), np.nan)
         residual[rows] = (self.data.effort - self.predict(self.solution.parameters))[rows]
         return residual
 
@@ -164,13 +164,13 @@ class FitResult(TableDisplay):
         """Windows that derived velocity and acceleration, if the model depends on these signals."""
         measurement = identify_measurement_model(self.training)
         orders = 1, 1 if measurement.is_of_velocity else 2
-        first, second = (
+        of_velocity, of_acceleration = (
             () if half is None else ((half, order),)
             for half, order in zip(measurement.filters, orders, strict=True)
         )
         signals = {signal for effect in self.model.effects for signal in effect.signals}
-        both = (*first, *second) if measurement.is_of_velocity else second
-        return first if signals & _RATE_SIGNALS else (), both if "acceleration" in signals else ()
+        both = (*of_velocity, *of_acceleration) if measurement.is_of_velocity else of_acceleration
+        return of_velocity if signals & _RATE_SIGNALS else (), both if "acceleration" in signals else ()
 
     @cached_property
     def flexible(self) -> FlexibleRegression:
@@ -205,11 +205,11 @@ class FitResult(TableDisplay):
     def depends_on(self) -> list[str]:
         """Signals on which the remaining held-out error depends, the strongest first."""
         shares = self.flexible.by_signal
-        most = max(shares.values(), default=0.0)
-        if most < _LEAST_SHARE:
+        largest = max(shares.values(), default=0.0)
+        if largest < _MIN_SHARE:
             return []
-        least = max(_NAMED_SHARE * most, _LEAST_SHARE)
-        named = (name for name, share in shares.items() if share >= least)
+        min_share = max(_NAMED_SHARE * largest, _MIN_SHARE)
+        named = (name for name, share in shares.items() if share >= min_share)
         return sorted(named, key=lambda name: -shares[name])
 
     @cached_property
@@ -218,9 +218,9 @@ class FitResult(TableDisplay):
         with single_threaded():
             if self.validation is None:
                 return self.floor()
-            whole, good = self.validation.data, self.validation.good
-            every = fit_model(whole, self.model, self.solution.parameters, good)
-            return every.floor_in_runs(np.setdiff1d(whole.runs, self.training.runs))
+            all_runs, good = self.validation.data, self.validation.good
+            full_fit = fit_model(all_runs, self.model, self.solution.parameters, good)
+            return full_fit.floor_in_runs(np.setdiff1d(all_runs.runs, self.training.runs))
 
     def floor(self) -> float:
         """Return the cross-validated error that the flexible regression does not explain [effort]."""
@@ -236,8 +236,8 @@ class FitResult(TableDisplay):
         blocked = self.problem.blocked
         chosen = blocked.trusted & np.isin(blocked.run, runs)
         residual = held_out_residual(blocked, self.solution)[blocked.rows[chosen]]
-        without, beside = self.flexible.residual_before, self.flexible.residual
-        explainable = float(np.mean(without[chosen] ** 2 - beside[chosen] ** 2))
+        before, after = self.flexible.residual_before, self.flexible.residual
+        explainable = float(np.mean(before[chosen] ** 2 - after[chosen] ** 2))
         return float(np.sqrt(max(float(np.mean(residual**2)) - max(explainable, 0.0), 0.0)))
 
     def explainable_share(self) -> float:
@@ -269,14 +269,14 @@ def fit_model(
         cache: columns computed by other fits of this channel.
     """
     cache = cache or FitCache()
-    known = dict.fromkeys(model.gains, 0.0) | {n: inner.beginning for n, inner in model.inner.items()}
-    known |= {name: parameters[name] for name in known.keys() & parameters.keys()} | dict(model.held)
-    first = solve_gains(fit_problem(data, model, known, good, cache), model, known, rounds=3)
+    values = dict.fromkeys(model.gains, 0.0) | {n: inner.beginning for n, inner in model.inner.items()}
+    values |= {name: parameters[name] for name in values.keys() & parameters.keys()} | dict(model.held)
+    first = solve_gains(fit_problem(data, model, values, good, cache), model, values, rounds=3)
     problem = fit_problem(data, model, first.parameters, good, cache)
     solution = optimize_inner(problem, first)
-    again = fit_problem(data, model, solution.parameters, good, cache)
-    if not np.array_equal(again.blocked.trusted, problem.blocked.trusted):  # the contact boundary moved
-        problem, solution = again, optimize_inner(again, solution)
+    updated = fit_problem(data, model, solution.parameters, good, cache)
+    if not np.array_equal(updated.blocked.trusted, problem.blocked.trusted):  # the contact boundary moved
+        problem, solution = updated, optimize_inner(updated, solution)
     return FitResult(problem.blocked.data, problem, solution)
 
 
@@ -311,12 +311,12 @@ def final_solution(fit: FitResult) -> tuple[FitProblem, Solution]:
     Returns:
         The problem, with or without prewhitening, and its solution.
     """
-    if fit.training.shared is not None or fit.rmse > _NOISE_ALONE * fit.floor():
+    if fit.training.shared is not None or fit.rmse > _NOISE_RATIO * fit.floor():
         return fit.problem, fit.solution
     problem, used = fit.whitened_problem, fit.problem.used
     solution = optimize_inner(problem, solve_gains(problem, fit.model, fit.solution.parameters))
-    plain, whitened = (float(np.sum(solved.residual[used] ** 2)) for solved in (fit.solution, solution))
-    if whitened > _NOISE_ALONE**2 * plain:
+    ordinary, whitened = (float(np.sum(solved.residual[used] ** 2)) for solved in (fit.solution, solution))
+    if whitened > _NOISE_RATIO**2 * ordinary:
         return fit.problem, fit.solution
     return problem, _correct_smoothing_bias(problem, solution, fit.filters)
 
@@ -332,7 +332,7 @@ def _correct_smoothing_bias(
     if problem.blocked.data.kind is ChannelKind.CONTACT or filters == ((), ()):
         return solution
     _, fitted = fit_smoothing_bias(problem, solution, filters)
-    if fitted.held_out.sum() > _BETTER * solution.held_out:
+    if fitted.held_out.sum() > _MIN_IMPROVEMENT * solution.held_out:
         return solution
     gains = dict(zip(solution.model.gains, fitted.gains.tolist(), strict=False))
     return replace(solution, parameters={**solution.parameters, **gains})

@@ -20,8 +20,8 @@ from palpate.estimation.fit.smoothing_bias import DifferentiationFilter, fit_smo
 from palpate.robot_io.types import BoolArray, FloatArray, IntArray
 
 _RIDGES = (1e-6, 1e-4, 1e-3, 1e-2, 1e-1)
-_MOST_SIGNALS = 4  # signals that are selected one by one
-_WORTH = 0.005  # least share of the energy that an additional signal must explain
+_MAX_SIGNALS = 4  # signals that are selected one by one
+_MIN_GAIN = 0.005  # least share of the energy that an additional signal must explain
 
 
 @dataclass(frozen=True)
@@ -48,8 +48,8 @@ class FlexibleRegression:
             solution: the model.
             least: lower limit of the squared error to which the share refers.
         """
-        whole = max(solution.held_out, least)
-        unexplained = max(1.0 - self.explained / whole, 0.0) if whole > 0.0 else 1.0
+        error = max(solution.held_out, least)
+        unexplained = max(1.0 - self.explained / error, 0.0) if error > 0.0 else 1.0
         return float(1.0 - np.sqrt(unexplained))
 
 
@@ -67,8 +67,8 @@ def model_features(problem: FitProblem, solution: Solution) -> dict[str, FloatAr
     efforts = [blocked.effort - solution.residual]
     sensors = [sensor for sensor in model.sensors if not sensor.pointwise]
     if sensors:
-        before = model.without(*(sensor.name for sensor in sensors))
-        efforts.append(blocked.reduce(before.predict(blocked.data, solution.parameters)))
+        unsensed = model.without(*(sensor.name for sensor in sensors))
+        efforts.append(blocked.reduce(unsensed.predict(blocked.data, solution.parameters)))
     return smooth_features(blocked, efforts)
 
 
@@ -83,10 +83,10 @@ def fit_flexible(
         filters: windows that derived velocity and acceleration.
         without: signals that the regression must not use.
     """
-    blocked, every = problem.blocked, list(solution.model.gains)
-    names = [name for name in every if name not in solution.fixed]
-    free = np.array([name in names for name in every], dtype=np.bool_)
-    fixed = np.array([solution.parameters[name] for name in every]) * ~free
+    blocked, all_names = problem.blocked, list(solution.model.gains)
+    names = [name for name in all_names if name not in solution.fixed]
+    free = np.array([name in names for name in all_names], dtype=np.bool_)
+    fixed = np.array([solution.parameters[name] for name in all_names]) * ~free
     target = solution.target - solution.columns @ fixed
     blocks = {name: block for name, block in model_features(problem, solution).items() if name not in without}
     bias, _ = fit_smoothing_bias(problem, solution, filters)
@@ -129,11 +129,11 @@ class _RidgeFit:
 def _fit_ridge(equations: NormalEquations, owner: IntArray, signals: tuple[int, ...]) -> _RidgeFit:
     """Fit the given signals with the ridge penalty that predicts held-out folds best."""
     kept = (owner < 0) | np.isin(owner, signals)
-    some, free = equations.only(kept), owner[kept] >= 0
-    tried = np.where(free, np.array(_RIDGES)[:, None], 1e-9)
-    energy = held_out_sse(some, tried)
-    best = int(np.argmin(energy.sum(axis=1)))
-    return _RidgeFit(signals, kept, tried[best], energy[best])
+    kept_equations, is_penalized = equations.only(kept), owner[kept] >= 0
+    ridges = np.where(is_penalized, np.array(_RIDGES)[:, None], 1e-9)
+    sse = held_out_sse(kept_equations, ridges)
+    best = int(np.argmin(sse.sum(axis=1)))
+    return _RidgeFit(signals, kept, ridges[best], sse[best])
 
 
 def _select_signals(
@@ -141,15 +141,15 @@ def _select_signals(
 ) -> _RidgeFit:
     """Select all signals, or those of a forward selection, by the held-out error."""
     best = none
-    while len(best.signals) < _MOST_SIGNALS:
-        more = [
+    while len(best.signals) < _MAX_SIGNALS:
+        extended = [
             _fit_ridge(equations, owner, (*best.signals, n)) if best.signals else alone[n]
             for n in range(len(alone))
             if n not in best.signals
         ]
-        further = min(more, key=lambda fit: fit.energy)
-        if further.energy > best.energy - _WORTH * none.energy:
+        best_extended = min(extended, key=lambda fit: fit.energy)
+        if best_extended.energy > best.energy - _MIN_GAIN * none.energy:
             break
-        best = further
-    every = _fit_ridge(equations, owner, tuple(range(len(alone))))
-    return min(best, every, key=lambda fit: fit.energy)
+        best = best_extended
+    all_signals = _fit_ridge(equations, owner, tuple(range(len(alone))))
+    return min(best, all_signals, key=lambda fit: fit.energy)

@@ -20,13 +20,13 @@ from palpate.robot_io.types import FloatArray
 
 _HALVINGS = 3
 _PARABOLAS = 3
-_MOST_REPEATS = 4  # largest number of joint fits while the error still falls
+_MAX_REPEATS = 4  # largest number of joint fits while the error still falls
 _REPEAT_RATIO = 0.9  # ratio of squared errors below which the joint fit is repeated
 _EVALUATIONS = 40
 _SSE_TOLERANCE = 1e-5
 _STEP_TOLERANCE = 1e-4  # smallest step, relative to the distance from the start
 _CONVERGED_RATIO = 1.0001  # largest ratio to the predicted squared error at which a step has converged
-_AROUND = (-0.3, -0.1, 0.1, 0.3)  # changes of inner parameters that are tried, relative to their values
+_CHANGES = (-0.3, -0.1, 0.1, 0.3)  # tried changes of inner parameters, relative to their values
 _STEP = 2e-3  # step of a finite difference
 
 
@@ -34,8 +34,7 @@ _STEP = 2e-3  # step of a finite difference
 class GridSearch:
     """Solutions of one candidate effect at all tried inner parameters."""
 
-    # The first solutions are those at the start values. Only the best one keeps its arrays on blocks, to save
-    # memory.
+    # First the solutions at the start values. Only the best one keeps its arrays on blocks, to save memory.
     solutions: tuple[Solution, ...]
     start_count: int  # number of solutions at start values
 
@@ -78,10 +77,10 @@ def search_inner(
         parameters: known values by "effect.parameter".
         starts: inner parameters to try, by name.
     """
-    along = linearise_along(problem.blocked, model, effect, parameters)
-    places = list(starts)
-    solutions = (_solve_at(problem, model, effect, parameters, inner, along) for inner in places)
-    return grid_search(solutions, len(places))
+    parts_at = linearise_along(problem.blocked, model, effect, parameters)
+    points = list(starts)
+    solutions = (_solve_at(problem, model, effect, parameters, inner, parts_at) for inner in points)
+    return grid_search(solutions, len(points))
 
 
 def grid_search(solutions: Iterable[Solution], start_count: int) -> GridSearch:
@@ -112,7 +111,7 @@ def refine_inner(problem: FitProblem, model: Model, effect: Effect, searched: Gr
         searched: earlier search, which is extended.
     """
     solutions = list(searched.solutions)
-    along = linearise_along(problem.blocked, model, effect, solutions[0].parameters)
+    parts_at = linearise_along(problem.blocked, model, effect, solutions[0].parameters)
     grid = [
         {p.name: solution.parameters[f"{effect.name}.{p.name}"] for p in effect.inner}
         for solution in solutions
@@ -122,19 +121,18 @@ def refine_inner(problem: FitProblem, model: Model, effect: Effect, searched: Gr
             best = min(range(len(solutions)), key=lambda i: solutions[i].sse)
             # Points that differ from the best one only in this inner parameter, in ascending order.
             other_values = {name: value for name, value in grid[best].items() if name != inner.name}
-            same = [i for i, point in enumerate(grid) if point.items() >= other_values.items()]
-            line = sorted(same, key=lambda i: grid[i][inner.name])
-            values, at = [grid[i][inner.name] for i in line], line.index(best)
-            closer = _midpoints(values, at, inner)
-            if number >= _HALVINGS and 0 < at < len(line) - 1:
-                near = slice(at - 1, at + 2)
-                closer = (
-                    _parabola_minimum(values[near], [solutions[i].sse for i in line[near]], inner) or closer
-                )
+            on_line = [i for i, point in enumerate(grid) if point.items() >= other_values.items()]
+            line = sorted(on_line, key=lambda i: grid[i][inner.name])
+            values, index = [grid[i][inner.name] for i in line], line.index(best)
+            closer = _midpoints(values, index, inner)
+            if number >= _HALVINGS and 0 < index < len(line) - 1:
+                near = slice(index - 1, index + 2)
+                errors = [solutions[i].sse for i in line[near]]
+                closer = _parabola_minimum(values[near], errors, inner) or closer
             for value in closer:
                 grid.append(grid[best] | {inner.name: value})
                 known = solutions[best].parameters
-                solutions.append(_solve_at(problem, model, effect, known, grid[-1], along))
+                solutions.append(_solve_at(problem, model, effect, known, grid[-1], parts_at))
     return grid_search(solutions, searched.start_count)
 
 
@@ -144,29 +142,29 @@ def _solve_at(  # noqa: PLR0917
     effect: Effect,
     parameters: Mapping[str, float],
     inner: Mapping[str, float],
-    along: LinearisedParts,
+    parts_at: LinearisedParts,
 ) -> Solution:
     own_parameters = {f"{effect.name}.{name}": value for name, value in inner.items()}
     # One step from fitted gains is sufficient to rank candidates; promising ones are fitted completely later.
-    return solve_gains(problem, model, {**parameters, **own_parameters}, rounds=1, parts=along(inner))
+    return solve_gains(problem, model, {**parameters, **own_parameters}, rounds=1, parts=parts_at(inner))
 
 
-def _midpoints(values: list[float], at: int, inner: Parameter) -> list[float]:
+def _midpoints(values: list[float], index: int, inner: Parameter) -> list[float]:
     """Return the midpoints between a grid value and its neighbors; the values are in ascending order.
 
     At an end of the grid, a value beyond it at twice the last step is added, within the bounds.
     """
-    value, closer = values[at], list[float]()
+    value, closer = values[index], list[float]()
     for side, bound in ((-1, inner.lower), (1, inner.upper)):
-        if 0 <= at + side < len(values):
-            near = values[at + side]
+        if 0 <= index + side < len(values):
+            near = values[index + side]
             new = np.sqrt(value * near) if inner.log and value * near > 0.0 else 0.5 * (value + near)
         elif len(values) < 2:
             new = bound
         else:
-            before = values[at - side]
-            by_ratio = inner.log and before > 0.0
-            new = value * (value / before) ** 2 if by_ratio else value + 2.0 * (value - before)
+            previous = values[index - side]
+            by_ratio = inner.log and previous > 0.0
+            new = value * (value / previous) ** 2 if by_ratio else value + 2.0 * (value - previous)
         closer.append(float(np.clip(new, inner.lower, inner.upper)))
     return [new for new in closer if new != value]
 
@@ -174,14 +172,14 @@ def _midpoints(values: list[float], at: int, inner: Parameter) -> list[float]:
 def _parabola_minimum(values: list[float], sse: list[float], inner: Parameter) -> list[float]:
     """Return the minimum of the parabola through the errors at three values; empty without a minimum."""
     by_ratio = inner.log and values[0] > 0.0
-    along = np.log(values) if by_ratio else np.array(values)
+    x = np.log(values) if by_ratio else np.array(values)
     low, middle, high = sse
-    left, right = along[1] - along[0], along[2] - along[1]
-    bend = (low - middle) * right + (high - middle) * left
-    if not bend > 0.0:
+    left, right = x[1] - x[0], x[2] - x[1]
+    curvature = (low - middle) * right + (high - middle) * left
+    if not curvature > 0.0:
         return []
-    lowest = along[1] + 0.5 * ((low - middle) * right**2 - (high - middle) * left**2) / bend
-    return [float(np.exp(lowest) if by_ratio else lowest)]
+    minimum = x[1] + 0.5 * ((low - middle) * right**2 - (high - middle) * left**2) / curvature
+    return [float(np.exp(minimum) if by_ratio else minimum)]
 
 
 @dataclass(frozen=True)
@@ -226,48 +224,47 @@ class Scale:
 
 
 def optimize_inner(
-    problem: FitProblem, solution: Solution, settled: float = _SSE_TOLERANCE, step: float = _STEP
+    problem: FitProblem, solution: Solution, tolerance: float = _SSE_TOLERANCE, step: float = _STEP
 ) -> Solution:
     """Optimize all inner parameters of a solution jointly; gains follow by variable projection.
 
     If the error falls considerably, the search is repeated from the new parameters, since the gains may not
     have converged. The error often depends on the square of a gain, as that of a damping whose phase a delay
     can replace. It then has a saddle where the gain is zero, on which a search can end; if a gain ends at its
-    bound or within its standard error of it, points around the end are tried too.
+    bound or within its standard error of it, points around the result are tried too.
 
     Args:
         problem: data, noise weights and folds of the fit.
         solution: start of the search.
-        settled: relative decrease of the squared error below which the search ends.
+        tolerance: relative decrease of the squared error below which the search ends.
         step: step of the difference quotient, relative to a parameter's scale.
     """
-    for _ in range(_MOST_REPEATS):
-        before, solution = solution, _optimize_once(problem, solution, settled, step)
+    for _ in range(_MAX_REPEATS):
+        before, solution = solution, _optimize_once(problem, solution, tolerance, step)
         if solution.sse > _REPEAT_RATIO * before.sse:
             break
-    lower = next((near for near in _around(problem, solution) if near.sse < solution.sse), None)
+    lower = next((near for near in _nearby_solutions(problem, solution) if near.sse < solution.sse), None)
     if lower is not None:
-        solution = _optimize_once(problem, lower, settled, step)
+        solution = _optimize_once(problem, lower, tolerance, step)
     return replace(solution, parameters=solution.model.in_order(solution.parameters))
 
 
-def _around(problem: FitProblem, solution: Solution) -> Iterator[Solution]:
+def _nearby_solutions(problem: FitProblem, solution: Solution) -> Iterator[Solution]:
     """Yield solutions with one inner parameter changed, if a gain is not clearly away from a bound."""
-    model, now = solution.model, solution.parameters
+    model, values = solution.model, solution.parameters
     errors = solution.standard_errors
-    if all(
-        min(abs(now[name] - end) for end in ends) > errors[name] for name, ends in model.gain_bounds.items()
-    ):
+    distances = {n: min(abs(values[n] - end) for end in ends) for n, ends in model.gain_bounds.items()}
+    if all(distance > errors[name] for name, distance in distances.items()):
         return
     for name, inner in model.inner.items():
         if name in model.held:
             continue
-        for share in _AROUND:
-            value = float(np.clip(now[name] + share * abs(now[name]), inner.lower, inner.upper))
-            yield solve_gains(problem, model, {**now, name: value}, arrived=_CONVERGED_RATIO)
+        for share in _CHANGES:
+            value = float(np.clip(values[name] + share * abs(values[name]), inner.lower, inner.upper))
+            yield solve_gains(problem, model, {**values, name: value}, max_ratio=_CONVERGED_RATIO)
 
 
-def _optimize_once(problem: FitProblem, solution: Solution, settled: float, step: float) -> Solution:
+def _optimize_once(problem: FitProblem, solution: Solution, tolerance: float, step: float) -> Solution:
     """Optimize once; parameters at a bound are held there, since they would shorten the others' steps."""
     scales = {
         name: Scale(parameter, solution.parameters[name])
@@ -282,10 +279,10 @@ def _optimize_once(problem: FitProblem, solution: Solution, settled: float, step
 
     last: list[tuple[bytes, Solution]] = []
 
-    def at(numbers: FloatArray) -> Solution:
+    def solve_at(numbers: FloatArray) -> Solution:
         if not last or last[0][0] != numbers.tobytes():
-            moved = {**solution.parameters, **values(numbers)}
-            solved = solve_gains(problem, solution.model, moved, arrived=_CONVERGED_RATIO)
+            changed = {**solution.parameters, **values(numbers)}
+            solved = solve_gains(problem, solution.model, changed, max_ratio=_CONVERGED_RATIO)
             last[:] = [(numbers.tobytes(), solved)]
         return last[0][1]
 
@@ -293,21 +290,21 @@ def _optimize_once(problem: FitProblem, solution: Solution, settled: float, step
     low, high = (np.array(side) for side in zip(*(s.bounds for s in scales.values()), strict=True))
 
     def residual(numbers: FloatArray) -> FloatArray:
-        return problem.whiten(at(numbers).residual) / unit
+        return problem.whiten(solve_at(numbers).residual) / unit
 
     def jacobian(numbers: FloatArray) -> FloatArray:
         steps = np.where(numbers + step <= high, step, -step)
-        return residual_slopes(problem, at(numbers), values(numbers + steps)) / (unit * steps)
+        return residual_slopes(problem, solve_at(numbers), values(numbers + steps)) / (unit * steps)
 
     optimum = scipy.optimize.least_squares(
         residual,
         np.zeros(len(scales)),
         jac=jacobian,
         bounds=(low, high),
-        ftol=settled,
+        ftol=tolerance,
         xtol=_STEP_TOLERANCE,
         max_nfev=_EVALUATIONS,
         x_scale=0.1,
     )
-    polished = at(optimum.x)
-    return polished if polished.sse < solution.sse else solution
+    optimized = solve_at(optimum.x)
+    return optimized if optimized.sse < solution.sse else solution

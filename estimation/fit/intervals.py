@@ -52,12 +52,12 @@ def estimate_parameters(problem: FitProblem, solution: Solution) -> dict[str, Pa
         # Change of the prediction with the acceleration corrected by the positions, shape (m,).
         blocked = problem.blocked
         inflated = solution.model.predict(inflate_acceleration_noise(blocked.data), solution.parameters)
-        by_positions = blocked.reduce(inflated - solution.model.predict(blocked.data, solution.parameters))
-        errors = np.hypot(errors, _compensation(slopes, problem.whiten(by_positions)))
+        correction = blocked.reduce(inflated - solution.model.predict(blocked.data, solution.parameters))
+        errors = np.hypot(errors, _compensation(slopes, problem.whiten(correction)))
     known = {**solution.model.gains, **solution.model.inner}
     units = {name: parameter.unit_of(problem.blocked.data.kind) for name, parameter in known.items()}
-    widest = np.array([_widest(known[name], solution.parameters[name]) for name in names])
-    errors = np.where(errors < widest, errors, np.nan)
+    largest = np.array([_largest_error(known[name], solution.parameters[name]) for name in names])
+    errors = np.where(errors < largest, errors, np.nan)
     errors_by_name = dict.fromkeys(known, 0.0) | dict(zip(names, errors.tolist(), strict=True))
     estimates = {}
     for name, error in errors_by_name.items():
@@ -69,7 +69,7 @@ def estimate_parameters(problem: FitProblem, solution: Solution) -> dict[str, Pa
     return estimates
 
 
-def _widest(parameter: Parameter, value: float) -> float:
+def _largest_error(parameter: Parameter, value: float) -> float:
     """Return the largest plausible standard error; a larger one means that the data do not determine it."""
     return min(parameter.upper - parameter.lower, _WIDEST_RATIO * max(abs(value), *parameter.typical))
 
@@ -108,7 +108,7 @@ def _reading_errors(problem: FitProblem, solution: Solution, measurement: Measur
     """
     rng = np.random.default_rng(_SEED)
     expected = solution.model.predict(measurement.smoothed_motion, solution.parameters)
-    turned = []
+    compensations = []
     for _ in range(_READINGS):
         blocked = replace(
             problem.blocked,
@@ -116,36 +116,36 @@ def _reading_errors(problem: FitProblem, solution: Solution, measurement: Measur
             cache=FitCache(),
             load_cache=FitCache(),
         )
-        again = FitProblem(blocked, problem.noise_model)
-        read = replace(
+        simulated = FitProblem(blocked, problem.noise_model)
+        refitted = replace(
             solution, columns=blocked.reduce(solution.model.linearise(blocked.data, solution.parameters)[0])
         )
-        slopes = again.whiten(_free_slopes(again, read))
-        residual = again.whiten(
+        slopes = simulated.whiten(_free_slopes(simulated, refitted))
+        residual = simulated.whiten(
             blocked.reduce(expected - solution.model.predict(blocked.data, solution.parameters))
         )
-        turned.append(_compensation(slopes, residual))
-    return np.asarray(np.sqrt(np.mean(np.square(turned), axis=0)))
+        compensations.append(_compensation(slopes, residual))
+    return np.asarray(np.sqrt(np.mean(np.square(compensations), axis=0)))
 
 
 def _compensation(slopes: FloatArray, change: FloatArray) -> FloatArray:
     """Return the absolute change of the parameters (q,) that compensates a change (w,) of the prediction."""
-    width = np.sqrt(np.sum(slopes**2, axis=0))
-    width = np.where(width > 0.0, width, np.inf)
-    turned: FloatArray = np.linalg.lstsq(slopes / width, change, rcond=1e-5)[0] / width
-    return np.abs(turned)
+    lengths = np.sqrt(np.sum(slopes**2, axis=0))
+    lengths = np.where(lengths > 0.0, lengths, np.inf)
+    change_of_parameters: FloatArray = np.linalg.lstsq(slopes / lengths, change, rcond=1e-5)[0] / lengths
+    return np.abs(change_of_parameters)
 
 
 def _errors(slopes: FloatArray, residual: FloatArray, run: IntArray) -> FloatArray:
     """Compute sandwich standard errors (q,); NaN for parameters that the data do not determine."""
-    width = np.sqrt(np.sum(slopes**2, axis=0))
-    scaled = slopes / np.where(width > 0.0, width, 1.0)
-    size, ways = np.linalg.eigh(scaled.T @ scaled)
-    known = size > _NULL_EIGENVALUE * size.max(initial=0.0)
-    bread = (ways[:, known] / size[known]) @ ways[:, known].T
+    lengths = np.sqrt(np.sum(slopes**2, axis=0))
+    scaled = slopes / np.where(lengths > 0.0, lengths, 1.0)
+    eigenvalues, directions = np.linalg.eigh(scaled.T @ scaled)
+    known = eigenvalues > _NULL_EIGENVALUE * eigenvalues.max(initial=0.0)
+    bread = (directions[:, known] / eigenvalues[known]) @ directions[:, known].T
     meat = sum_covariance(scaled * residual[:, None], run).matrix
     count = len(residual)
     covariance = bread @ meat @ bread * (count / max(count - slopes.shape[1], 1))
-    free = np.sum(ways[:, ~known] ** 2, axis=1) > _NULL_SHARE
-    errors = np.sqrt(np.maximum(np.diag(covariance), 0.0)) / np.where(width > 0.0, width, 1.0)
-    return np.where(free, np.nan, errors)
+    undetermined = np.sum(directions[:, ~known] ** 2, axis=1) > _NULL_SHARE
+    errors = np.sqrt(np.maximum(np.diag(covariance), 0.0)) / np.where(lengths > 0.0, lengths, 1.0)
+    return np.where(undetermined, np.nan, errors)

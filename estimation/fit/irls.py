@@ -17,13 +17,13 @@ from palpate.robot_io.types import BoolArray, FloatArray
 
 CUT = 5.5  # cutoff of the biweight in sigmas: 97.5 % efficient for Gaussian noise
 _CAUCHY_CUT = 2.385  # cutoff of Cauchy's weight in sigmas: 95 % efficient for Gaussian noise
-_SMALLEST_RESIDUAL = 0.05  # least absolute residual in sigmas, which keeps 1 / |residual| finite
-_NO_NOISE = 1e-100  # least noise in any unit, so that the inverse of its square is finite
-_INSIDE = 4.0  # residuals above this number of sigmas are not used to estimate the noise
+_MIN_RESIDUAL = 0.05  # least absolute residual in sigmas, which keeps 1 / |residual| finite
+_MIN_SIGMA = 1e-100  # least noise in any unit, so that the inverse of its square is finite
+_INLIER_SIGMAS = 4.0  # residuals above this number of sigmas are not used to estimate the noise
 _LEVELS = 3  # number of noise level estimates
 _STEPS = 2  # number of reweighted fits for each noise level
-_SETTLED = 1e-4  # change in standard errors that ends the iteration
-_FEWEST_SHARE = 0.05  # share of samples needed to estimate the noise
+_CONVERGED = 1e-4  # change in standard errors that ends the iteration
+_MIN_SHARE = 0.05  # share of samples needed to estimate the noise
 
 Evaluate = Callable[[FloatArray], tuple[FloatArray, FloatArray]]
 """Function of parameters (p,) that returns the predicted effort (n,) and its derivatives (n, p)."""
@@ -47,13 +47,13 @@ def cauchy_influence(standardised: FloatArray) -> tuple[FloatArray, FloatArray]:
     return 1.0 / (1.0 + square), (1.0 - square) / (1.0 + square) ** 2
 
 
-def absolute_share(residuals: FloatArray) -> FloatArray:
+def absolute_loss_weights(residuals: FloatArray) -> FloatArray:
     """Return squared weights of the least-squares step that minimizes absolute residuals, shape (n,).
 
     Args:
         residuals: residuals of the previous step, shape (n,).
     """
-    smallest = max(_SMALLEST_RESIDUAL * robust_sigma(residuals), _NO_NOISE)
+    smallest = max(_MIN_RESIDUAL * robust_sigma(residuals), _MIN_SIGMA)
     return np.asarray(1.0 / np.maximum(np.abs(residuals), smallest))
 
 
@@ -95,17 +95,17 @@ def irls(
     predicted, slopes = evaluate(values)
     inside = np.ones(len(effort), dtype=np.bool_)
     for _ in range(_LEVELS):
-        if np.count_nonzero(inside) < _FEWEST_SHARE * len(inside):  # too few to estimate the noise
+        if np.count_nonzero(inside) < _MIN_SHARE * len(inside):  # too few to estimate the noise
             inside = np.ones_like(inside)
         level = known or fit_noise_level((effort - predicted)[inside], predicted[inside])
         sigma = level.sigma(predicted)
         for _ in range(_STEPS):
             weights = np.clip(1.0 - ((effort - predicted) / (CUT * sigma)) ** 2, 0.0, None) / sigma
             step = solve(slopes, effort - predicted, weights).gains
-            settled = float(np.abs(weights * (slopes @ step)).max()) * np.sqrt(len(effort)) < _SETTLED
+            has_converged = float(np.abs(weights * (slopes @ step)).max()) * np.sqrt(len(effort)) < _CONVERGED
             values = values + step
             predicted, slopes = evaluate(values)
-            if settled:
+            if has_converged:
                 break
-        inside = np.abs(effort - predicted) < _INSIDE * sigma
+        inside = np.abs(effort - predicted) < _INLIER_SIGMAS * sigma
     return IrlsResult(values, slopes, effort - predicted, sigma, level)

@@ -13,25 +13,25 @@ from palpate.estimation.signals.runwise import sample_time
 from palpate.robot_io.types import IntArray
 
 LONG = 500_000  # number of samples above which recordings are always averaged, and samples at rest dropped
-_ENOUGH = 25_000  # largest number of blocks of a recording that needs no averaging
-_MOST = 100_000  # largest number of samples that are searched in acceptable time
-_LOST_SHARE = 0.1  # largest variance of a signal within a block, relative to the noise variance of its mean
+_MAX_BLOCKS = 25_000  # largest number of blocks of a recording that needs no averaging
+_MAX_SAMPLES = 100_000  # largest number of samples that are searched in acceptable time
+_MAX_LOST = 0.1  # largest variance of a signal within a block, relative to the noise variance of its mean
 _STANDARD_ERRORS = 3.0  # standard errors for that test
-_FEWEST_IN_BLOCK = 4  # samples needed to tell noise from a signal by a third difference
-_FEWEST_IN_RUN = 50  # least number of means in a run
-_FEWEST_RUNS = 6  # runs that must remain, so that some can be held out
-_STRETCHES = 40  # least number of pieces into which a joint's runs are cut
-_COVERED = 0.3  # least share of the range of positions that each piece covers
+_MIN_IN_BLOCK = 4  # samples needed to tell noise from a signal by a third difference
+_MIN_IN_RUN = 50  # least number of means in a run
+_MIN_RUNS = 6  # runs that must remain, so that some can be held out
+_MIN_PIECES = 40  # least number of pieces into which a joint's runs are cut
+_MIN_COVERED = 0.3  # least share of the range of positions that each piece covers
 # Largest share of the range of positions that a joint at rest covers within `_NEAR_S` on both sides.
 _REST_RANGE = 0.002
 _NEAR_S = 0.5  # time before and after a motion that belongs to it
 _MOVING_SHARE = 0.5  # share of samples near a motion below which a joint is mostly at rest
-_MOST_EXCESS = 2  # multiple of `_MOST` above which some loss of information is accepted
+_MAX_EXCESS = 2  # multiple of `_MAX_SAMPLES` above which some loss of information is accepted
 _THIRD_DIFFERENCE = 20.0  # sum of the squares of (1, -3, 3, -1), the weights of a third difference
 
 
 @dataclass(frozen=True)
-class Within:
+class BlockVariation:
     """Variation of an effort within blocks."""
 
     # Root mean square deviation from a straight line, corrected for the degrees of freedom of the line.
@@ -46,7 +46,7 @@ class Within:
             block: number of samples in a block.
         """
         error = _STANDARD_ERRORS * np.sqrt(4.6 / self.count)  # error of a mean of squared third differences
-        return bool(self.departure**2 <= self.noise**2 * (1.0 + _LOST_SHARE / block + error))
+        return bool(self.departure**2 <= self.noise**2 * (1.0 + _MAX_LOST / block + error))
 
 
 def shortened(data: ChannelData, held_out: Sequence[int] = ()) -> tuple[ChannelData, str, Mapping[int, int]]:
@@ -69,7 +69,7 @@ def shortened(data: ChannelData, held_out: Sequence[int] = ()) -> tuple[ChannelD
         The channel with `averaged` set, a sentence, and the original run of each stretch by the stretch's new
         run number. A short channel is returned unchanged, with "" and no stretches.
     """
-    if len(data) <= min(LONG, _ENOUGH * block_length(data)):
+    if len(data) <= min(LONG, _MAX_BLOCKS * block_length(data)):
         return data, "", {}
     held = np.array(held_out, dtype=np.int64)
     moving, motions, run_of = data, "", dict[int, int]()
@@ -78,12 +78,12 @@ def shortened(data: ChannelData, held_out: Sequence[int] = ()) -> tuple[ChannelD
     # Samples in the longest block without loss, and the variation within it; None if it was not tested.
     block, seen = block_length(moving), None
     shortest = min(map(len, rows_of_runs(moving.run)))
-    while len(moving) > _ENOUGH * block and 2 * block * _FEWEST_IN_RUN <= shortest:
-        looked_at = max(2 * block, _FEWEST_IN_BLOCK)
-        moving_blocks = within_blocks(moving, looked_at)
-        if not moving_blocks.is_noise(looked_at):
+    while len(moving) > _MAX_BLOCKS * block and 2 * block * _MIN_IN_RUN <= shortest:
+        tested = max(2 * block, _MIN_IN_BLOCK)
+        variation = within_blocks(moving, tested)
+        if not variation.is_noise(tested):
             break
-        block, seen = 2 * block, moving_blocks
+        block, seen = 2 * block, variation
     short = _means(moving, block)
     rate_hz, unit = 1.0 / sample_time(data.time_s, data.run), data.kind.effort_unit
     note = f"{data.name}: {len(data):,} samples at {rate_hz:.4g} Hz{motions}"
@@ -98,10 +98,10 @@ def shortened(data: ChannelData, held_out: Sequence[int] = ()) -> tuple[ChannelD
             else f": within {length} the effort departs from a straight line by {seen.departure:.4g} {unit}, "
             f"and the noise between readings is {seen.noise:.4g} {unit}"
         )
-    for fewer in (_fewer_runs, _fewer_stretches, _average_further):
-        if _times_too_long(short, held) > 1:
-            short, more, cut = fewer(short, held)
-            note, run_of = note + more, run_of | {new: run_of.get(old, old) for new, old in cut.items()}
+    for shorten in (_fewer_runs, _fewer_stretches, _average_further):
+        if _excess(short, held) > 1:
+            short, more, stretches = shorten(short, held)
+            note, run_of = note + more, run_of | {new: run_of.get(old, old) for new, old in stretches.items()}
     return short, note, run_of
 
 
@@ -111,14 +111,14 @@ def _from_rest_to_rest(data: ChannelData, held: IntArray) -> tuple[ChannelData, 
     The torque at rest depends on how the joint stopped, and contains little information on the motion.
     """
     # Range of the position within `_NEAR_S` of each sample.
-    swept, width = np.zeros(len(data)), 2 * int(np.ceil(_NEAR_S / sample_time(data.time_s, data.run))) + 1
+    extent, width = np.zeros(len(data)), 2 * int(np.ceil(_NEAR_S / sample_time(data.time_s, data.run))) + 1
     for of_run in rows_of_runs(data.run):
         highest = scipy.ndimage.maximum_filter1d(data.position[of_run], width)
-        swept[of_run] = highest - scipy.ndimage.minimum_filter1d(data.position[of_run], width)
-    near = swept > _REST_RANGE * np.ptp(data.position)
-    parts = [rows for rows in blocks(2 * data.run + near) if near[rows.start]]
+        extent[of_run] = highest - scipy.ndimage.minimum_filter1d(data.position[of_run], width)
+    is_near = extent > _REST_RANGE * np.ptp(data.position)
+    parts = [rows for rows in blocks(2 * data.run + is_near) if is_near[rows.start]]
     parts = [rows for rows in parts if data.run[rows.start] not in held]
-    if data.kind is ChannelKind.CONTACT or np.mean(near) > _MOVING_SHARE or len(parts) < _FEWEST_RUNS:
+    if data.kind is ChannelKind.CONTACT or np.mean(is_near) > _MOVING_SHARE or len(parts) < _MIN_RUNS:
         return data, "", {}
     run, first = data.run.copy(), int(data.run.max()) + 1
     run_of = {first + number: int(data.run[rows.start]) for number, rows in enumerate(parts)}
@@ -128,7 +128,7 @@ def _from_rest_to_rest(data: ChannelData, held: IntArray) -> tuple[ChannelData, 
     return moving, f", of which the {len(moving):,} in {len(parts)} motions from rest to rest", run_of
 
 
-def within_blocks(data: ChannelData, block: int) -> Within:
+def within_blocks(data: ChannelData, block: int) -> BlockVariation:
     """Measure the variation of a channel's effort within blocks.
 
     Args:
@@ -140,7 +140,7 @@ def within_blocks(data: ChannelData, block: int) -> Within:
     residual = effort - effort.mean(axis=1, keepdims=True)
     residual -= np.outer(residual @ place / (place @ place), place)
     noise = float(np.mean(np.diff(effort, 3, axis=1) ** 2)) / _THIRD_DIFFERENCE
-    return Within(
+    return BlockVariation(
         float(np.sqrt(np.mean(residual**2) * block / (block - 2))), float(np.sqrt(noise)), effort.size
     )
 
@@ -162,11 +162,11 @@ def _means(data: ChannelData, block: int) -> ChannelData:
 def _fewer_runs(data: ChannelData, held: IntArray) -> tuple[ChannelData, str, dict[int, int]]:
     """Select every k-th run, with k such that the selected runs are few enough for the search."""
     runs = np.setdiff1d(data.runs, held)
-    every = min(_times_too_long(data, held), len(runs) // _FEWEST_RUNS)
-    if every < 2:
+    stride = min(_excess(data, held), len(runs) // _MIN_RUNS)
+    if stride < 2:
         return data, "", {}
-    some = data.of_runs(np.concatenate([runs[::every], held]))
-    return some, _describe_selection(f"{len(runs)} runs", data, some, held), {}
+    chosen = data.of_runs(np.concatenate([runs[::stride], held]))
+    return chosen, _describe_selection(f"{len(runs)} runs", data, chosen, held), {}
 
 
 def _fewer_stretches(data: ChannelData, held: IntArray) -> tuple[ChannelData, str, dict[int, int]]:
@@ -177,39 +177,39 @@ def _fewer_stretches(data: ChannelData, held: IntArray) -> tuple[ChannelData, st
     """
     if data.kind is ChannelKind.CONTACT:
         return data, "", {}
-    length = _fitted(data, held) // max(_STRETCHES, _FEWEST_RUNS * _times_too_long(data, held))
-    length = max(length, _FEWEST_IN_RUN)
+    length = _fitted(data, held) // max(_MIN_PIECES, _MIN_RUNS * _excess(data, held))
+    length = max(length, _MIN_IN_RUN)
     run, run_of, number = data.run.copy(), dict[int, int](), int(data.run.max())
     for rows in blocks(data.run):  # cut all but held-out runs into stretches of at least this length
         count, old = rows.stop - rows.start, int(data.run[rows.start])
         for part in [] if old in held else np.array_split(np.arange(count), max(count // length, 1)):
             number += 1
             run[rows.start + part], run_of[number] = number, old
-    whole = replace(data, run=run)
-    wide = _COVERED * float(np.ptp(data.position))
-    parts = [rows for rows in blocks(whole.run) if whole.run[rows.start] in run_of]
-    moving = np.array([whole.run[rows.start] for rows in parts if np.ptp(whole.position[rows]) >= wide])
-    if len(moving) < _FEWEST_RUNS:
+    cut = replace(data, run=run)
+    min_range = _MIN_COVERED * float(np.ptp(data.position))
+    parts = [rows for rows in blocks(cut.run) if cut.run[rows.start] in run_of]
+    moving = np.array([cut.run[rows.start] for rows in parts if np.ptp(cut.position[rows]) >= min_range])
+    if len(moving) < _MIN_RUNS:
         return data, "", {}
-    moving_stretches = whole.of_runs(np.concatenate([moving, held]))
-    every = max(1, min(_times_too_long(moving_stretches, held), len(moving) // _FEWEST_RUNS))
-    some, what = moving_stretches.of_runs(np.concatenate([moving[::every], held])), f"{len(parts)} stretches"
+    wide = cut.of_runs(np.concatenate([moving, held]))
+    stride = max(1, min(_excess(wide, held), len(moving) // _MIN_RUNS))
+    chosen, words = wide.of_runs(np.concatenate([moving[::stride], held])), f"{len(parts)} stretches"
     if len(moving) < len(parts):
-        what += f" {len(moving)} go through {100 * _COVERED:.0f} % of the motion or more, and of these"
-    return some, _describe_selection(what, moving_stretches, some, held), run_of
+        words += f" {len(moving)} go through {100 * _MIN_COVERED:.0f} % of the motion or more, and of these"
+    return chosen, _describe_selection(words, wide, chosen, held), run_of
 
 
 def _average_further(data: ChannelData, held: IntArray) -> tuple[ChannelData, str, dict[int, int]]:
     """Average over enough samples for a search in acceptable time, although information is lost."""
-    times = _times_too_long(data, held)
-    if times <= _MOST_EXCESS:
+    factor = _excess(data, held)
+    if factor <= _MAX_EXCESS:
         return data, "", {}
-    rate_hz = 1.0 / (sample_time(data.time_s, data.run) * times)
+    rate_hz = 1.0 / (sample_time(data.time_s, data.run) * factor)
     note = (
-        f"; this is too much for a search, so it is averaged further by {times} to {rate_hz:.4g} Hz, "
+        f"; this is too much for a search, so it is averaged further by {factor} to {rate_hz:.4g} Hz, "
         "which loses faster changes; choose a part with --where to keep them"
     )
-    return _means(data, times), note, {}
+    return _means(data, factor), note, {}
 
 
 def _fitted(data: ChannelData, held: IntArray) -> int:
@@ -217,14 +217,14 @@ def _fitted(data: ChannelData, held: IntArray) -> int:
     return len(data) - int(np.isin(data.run, held).sum())
 
 
-def _times_too_long(data: ChannelData, held: IntArray) -> int:
-    return -(-_fitted(data, held) // _MOST)
+def _excess(data: ChannelData, held: IntArray) -> int:
+    return -(-_fitted(data, held) // _MAX_SAMPLES)
 
 
-def _describe_selection(what: str, data: ChannelData, some: ChannelData, held: IntArray) -> str:
-    before, after = _fitted(data, held), _fitted(some, held)
+def _describe_selection(what: str, data: ChannelData, chosen: ChannelData, held: IntArray) -> str:
+    before, after = _fitted(data, held), _fitted(chosen, held)
     words = (
-        f"; of {'the fitted' if len(held) else 'its'} {what} {len(np.setdiff1d(some.runs, held))} are taken"
+        f"; of {'the fitted' if len(held) else 'its'} {what} {len(np.setdiff1d(chosen.runs, held))} are taken"
     )
     wider = f", evenly spread, which makes intervals {np.sqrt(before / after):.2g} times as wide"
     return words + (wider if after < before else "")

@@ -27,12 +27,12 @@ from palpate.estimation.signals.cache_by_array import IdentityKey, cache_by_arra
 from palpate.estimation.signals.runwise import is_even, shifted_motion
 from palpate.robot_io.types import FloatArray, IntArray
 
-_MOST_WEIGHTS = 4_000_000  # largest size of an operator that is kept in memory
-_PASSED_ON = 0.5  # tolerance on a derivative, relative to the filtered reading error
-_MOST_TRIED = 4000  # samples used to recognize the filter that derived a velocity
+_MAX_WEIGHTS = 4_000_000  # largest size of an operator that is kept in memory
+_NOISE_SHARE = 0.5  # tolerance on a derivative, relative to the filtered reading error
+_MAX_TRIED = 4000  # samples used to recognize the filter that derived a velocity
 _FORMULA_TOLERANCE = 1e-6  # relative tolerance on a derivative that another formula computed
 _REACH_S = 0.03  # time difference at which positions are compared; encoder noise is negligible there
-_FEWEST_STEPS = 3  # samples
+_MIN_STEPS = 3  # samples
 _pieces = cache_by_array(number_pieces)  # derivatives are computed separately between gaps in time
 
 
@@ -74,8 +74,8 @@ class MeasurementModel:
             noise = share * (shuffle_noise(self.velocity_error, data.run, rng) + slow)
         velocity, acceleration = self.bent[0] + noise, self.bent[1]
         if self.filters[1] is not None:
-            of, order = (noise, 1) if self.is_of_velocity else (error, 2)
-            acceleration = acceleration + channel_derivative(data, of, self.filters[1], order)
+            signal, order = (noise, 1) if self.is_of_velocity else (error, 2)
+            acceleration = acceleration + channel_derivative(data, signal, self.filters[1], order)
         return shifted_motion(
             data, error - self.error, velocity - data.velocity, acceleration - data.acceleration
         )
@@ -123,29 +123,29 @@ def _identify(data: ChannelData) -> MeasurementModel:
     piece = _pieces(data.time_s, data.run)
     rounding = rounding_variance(data.time_s, data.position, piece, step)
     error, half = position_error(data.time_s, data.position, piece, rounding)
-    few = data.select(np.arange(min(len(data), _MOST_TRIED)))
-    velocity, _ = _identify_window(few, few.position, error, few.velocity, 1)
-    of_velocity, half_of_velocity = np.zeros(len(data)), half
-    acceleration, difference = _identify_window(few, few.position, error, few.acceleration, 2)
+    start = data.select(np.arange(min(len(data), _MAX_TRIED)))
+    velocity, _ = _identify_window(start, start.position, error, start.velocity, 1)
+    velocity_error, velocity_half = np.zeros(len(data)), half
+    acceleration, difference = _identify_window(start, start.position, error, start.acceleration, 2)
     if velocity is None:
-        of_velocity, half_of_velocity = position_error(data.time_s, data.velocity, piece, 0.0)
-    noise = of_velocity if velocity is None else channel_derivative(data, error, velocity, 1)
-    of_it, difference_of_velocity = _identify_window(few, few.velocity, noise, few.acceleration, 1)
-    is_of_velocity = of_it is not None and difference_of_velocity < difference
-    acceleration = of_it if is_of_velocity else acceleration
+        velocity_error, velocity_half = position_error(data.time_s, data.velocity, piece, 0.0)
+    noise = velocity_error if velocity is None else channel_derivative(data, error, velocity, 1)
+    derived, excess = _identify_window(start, start.velocity, noise, start.acceleration, 1)
+    is_of_velocity = derived is not None and excess < difference
+    acceleration = derived if is_of_velocity else acceleration
     filters = velocity, acceleration
     is_staircase = step == 0.0 < rounding
-    halves, orders = (half, half_of_velocity), (1, 1 if is_of_velocity else 2)
+    halves, orders = (half, velocity_half), (1, 1 if is_of_velocity else 2)
     exact = (
-        _invert_filter(data, data.velocity - of_velocity, filters[0], orders[0]),
+        _invert_filter(data, data.velocity - velocity_error, filters[0], orders[0]),
         _invert_filter(data, data.acceleration, filters[1], orders[1]),
     )
     filtered = (
         _apply_filter(data, exact[0], filters[0], orders[0]),
         _apply_filter(data, exact[1], filters[1], orders[1]),
     )
-    how = halves, step, is_staircase, filters, is_of_velocity
-    return MeasurementModel(data, error, of_velocity, *how, exact, filtered)
+    settings = halves, step, is_staircase, filters, is_of_velocity
+    return MeasurementModel(data, error, velocity_error, *settings, exact, filtered)
 
 
 def shuffle_noise(noise: FloatArray, run: IntArray, rng: np.random.Generator) -> FloatArray:
@@ -159,12 +159,12 @@ def shuffle_noise(noise: FloatArray, run: IntArray, rng: np.random.Generator) ->
     Returns:
         Noise, shape (n,).
     """
-    made = np.empty_like(noise)
+    shuffled = np.empty_like(noise)
     for rows in equal_length_blocks(run):
         count = rows.shape[1]
         shift, sign = rng.integers(count, size=(len(rows), 1)), rng.choice([-1.0, 1.0], (len(rows), 1))
-        made[rows] = sign * np.take_along_axis(noise[rows], (np.arange(count) - shift) % count, axis=1)
-    return made
+        shuffled[rows] = sign * np.take_along_axis(noise[rows], (np.arange(count) - shift) % count, axis=1)
+    return shuffled
 
 
 def low_frequency_noise(error: FloatArray, run: IntArray, half: int, rng: np.random.Generator) -> FloatArray:
@@ -185,15 +185,15 @@ def low_frequency_noise(error: FloatArray, run: IntArray, half: int, rng: np.ran
     for rows in equal_length_blocks(run) if error.any() else ():
         count = rows.shape[1]
         spectrum, frequency = np.fft.rfft(error[rows]), np.fft.rfftfreq(count)
-        beside, below = (frequency >= edge) & (frequency < 2.0 * edge), (frequency > 0.0) & (frequency < edge)
-        if not beside.any() or not below.any():
+        above, below = (frequency >= edge) & (frequency < 2.0 * edge), (frequency > 0.0) & (frequency < edge)
+        if not above.any() or not below.any():
             continue
-        density = np.mean(np.abs(spectrum[:, beside]) ** 2, axis=1, keepdims=True)
-        lacking = np.maximum(density - np.abs(spectrum[:, below]) ** 2, 0.0)
-        parts = rng.standard_normal((2, *lacking.shape))
-        drawn = np.zeros_like(spectrum)
-        drawn[:, below] = np.sqrt(0.5 * lacking) * (parts[0] + 1j * parts[1])
-        slow[rows] = np.fft.irfft(drawn, count)
+        density = np.mean(np.abs(spectrum[:, above]) ** 2, axis=1, keepdims=True)
+        missing = np.maximum(density - np.abs(spectrum[:, below]) ** 2, 0.0)
+        parts = rng.standard_normal((2, *missing.shape))
+        added = np.zeros_like(spectrum)
+        added[:, below] = np.sqrt(0.5 * missing) * (parts[0] + 1j * parts[1])
+        slow[rows] = np.fft.irfft(added, count)
     return slow
 
 
@@ -207,13 +207,13 @@ def channel_derivative(data: ChannelData, signal: FloatArray, window: int, order
         order: order of the derivative.
     """
     piece = _pieces(data.time_s, data.run)
-    if len(signal) * (2 * window + 1) < _MOST_WEIGHTS and not is_even(data.time_s, piece):
+    if len(signal) * (2 * window + 1) < _MAX_WEIGHTS and not is_even(data.time_s, piece):
         times = IdentityKey(data.time_s), IdentityKey(piece)
         return np.asarray(_derivative_operator(*times, window, order) @ signal)
-    integral = np.empty(len(signal))
+    derivative = np.empty(len(signal))
     for rows in blocks(piece):
-        integral[rows] = local_derivative(data.time_s[rows], signal[rows], window, order)
-    return integral
+        derivative[rows] = local_derivative(data.time_s[rows], signal[rows], window, order)
+    return derivative
 
 
 @lru_cache(maxsize=8)
@@ -249,23 +249,21 @@ def _invert_filter(data: ChannelData, derivative: FloatArray, window: int | None
 
 
 def _identify_window(
-    data: ChannelData, signal: FloatArray, error: FloatArray, given: FloatArray, order: int
+    data: ChannelData, signal: FloatArray, error: FloatArray, target: FloatArray, order: int
 ) -> tuple[int | None, float]:
-    """Identify the window that derived a derivative (n,) from a signal (n,) with a reading error.
+    """Identify the window with which a target (n,) was derived from a signal (n,) with a reading error.
 
     Returns the half width of the window (None if no window fits) and the median squared difference during
     motion. The median ignores differences at the ends of pieces.
     """
     matches: list[tuple[float, int]] = []
-    moving = given != 0.0
+    moving = target != 0.0
     if not moving.any():
         return None, np.inf
     for window in HALF_WINDOWS:
-        passed_on = channel_derivative(data, error[: len(data)], window, order)
-        difference = float(np.median((channel_derivative(data, signal, window, order) - given)[moving] ** 2))
-        limit = max(
-            _PASSED_ON * float(np.median(passed_on**2)), _FORMULA_TOLERANCE * float(np.mean(given**2))
-        )
+        noise = channel_derivative(data, error[: len(data)], window, order)
+        difference = float(np.median((channel_derivative(data, signal, window, order) - target)[moving] ** 2))
+        limit = max(_NOISE_SHARE * float(np.median(noise**2)), _FORMULA_TOLERANCE * float(np.mean(target**2)))
         if difference <= limit:
             matches.append((difference, window))
     least, best = min(matches, default=(np.inf, None))
@@ -283,12 +281,12 @@ def inflate_acceleration_noise(data: ChannelData, reach_s: float = _REACH_S) -> 
         reach_s: time on each side over which positions are compared [s].
     """
     integrate = scipy.integrate.cumulative_trapezoid
-    missing = np.zeros(len(data))
+    change = np.zeros(len(data))
     for rows in blocks(_pieces(data.time_s, data.run)):
         time_s = data.time_s[rows]
         if len(time_s) < 2:
             continue
-        reach = max(int(reach_s / float(np.median(np.diff(time_s))) + 0.5), _FEWEST_STEPS)
+        reach = max(int(reach_s / float(np.median(np.diff(time_s))) + 0.5), _MIN_STEPS)
         if len(time_s) <= 2 * reach:
             continue
         velocity = data.velocity[rows.start] + integrate(data.acceleration[rows], time_s, initial=0.0)
@@ -296,7 +294,7 @@ def inflate_acceleration_noise(data: ChannelData, reach_s: float = _REACH_S) -> 
         before, middle, after = deviation[: -2 * reach], deviation[reach:-reach], deviation[2 * reach :]
         back = time_s[reach:-reach] - time_s[: -2 * reach]
         ahead = time_s[2 * reach :] - time_s[reach:-reach]
-        second = 2.0 * ((after - middle) / ahead - (middle - before) / back) / (ahead + back)
-        missing[rows.start + reach : rows.stop - reach] = second
-    still = np.zeros(len(data))
-    return shifted_motion(data, still, still, missing)
+        bend = 2.0 * ((after - middle) / ahead - (middle - before) / back) / (ahead + back)
+        change[rows.start + reach : rows.stop - reach] = bend
+    zero = np.zeros(len(data))
+    return shifted_motion(data, zero, zero, change)

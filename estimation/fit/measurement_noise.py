@@ -21,13 +21,13 @@ from palpate.estimation.signals.blocks import rows_of_runs
 from palpate.robot_io.types import FloatArray, IntArray
 
 _FREE_AIR_SHARE = 0.9  # share of the samples before a contact that is used; the last ones may be in contact
-_FEWEST_SAMPLES = 50  # samples needed for an estimate
+_MIN_SAMPLES = 50  # samples needed for an estimate
 _GROWTH = 1.2  # ratio of the noise of all readings to that in free air above which it grows with the effort
 _DIFFERENCES = (1.0, -3.0, 3.0, -1.0)  # third difference of neighboring readings, which removes smooth motion
 # Quantile up to which differences are used, and the RMS of normal noise up to it in standard deviations.
 _QUANTILE, _RMS_BELOW_QUANTILE = 0.99, 0.9616
-_STEP = 5.0  # ratio to the mean distance between readings above which the motion jumps
-_WHITE = 1.2  # ratio of differences at twice the distance up to which they contain no motion
+_JUMP_RATIO = 5.0  # ratio to the mean distance between readings above which the motion jumps
+_WHITE_RATIO = 1.2  # ratio of differences at twice the distance up to which they contain no motion
 _REPEATED = 0.01  # largest difference between runs with the same motion, relative to the range of positions
 # Ratio of the noise from repeated runs to that from neighboring readings above which part of it is slow.
 _SLOW_NOISE_RATIO = 1.5
@@ -86,7 +86,7 @@ def measurement_noise(base: FitResult) -> MeasurementNoise:
     for first, second in pairwise(rows_of_runs(base.data.run)):
         count = min(len(first), len(second))
         earlier, later = first[:count], second[:count]
-        distance = rmse(position[earlier] - position[later]) if count >= _FEWEST_SAMPLES else np.inf
+        distance = rmse(position[earlier] - position[later]) if count >= _MIN_SAMPLES else np.inf
         judged = base.judged[earlier] & base.judged[later]
         if distance <= _REPEATED * float(np.ptp(position)) and judged.any():
             differences.append((residual[earlier] - residual[later])[judged])
@@ -98,20 +98,20 @@ def measurement_noise(base: FitResult) -> MeasurementNoise:
         bound, source = alone.alone, NoiseSource.EACH_RUN
     # Compute the change of the prediction with a simulated measurement of the same motion.
     measurement = identify_measurement_model(base.data)
-    smooth, read = (
+    smooth, simulated = (
         base.model.predict(
             replace(motion, context={**base.data.context, **motion.context}), base.solution.parameters
         )
         for motion in (measurement.smoothed_motion, measurement.simulate(np.random.default_rng(_SEED)))
     )
-    motion_noise = rmse(np.where(base.judged, read - smooth, np.nan))
+    motion_noise = rmse(np.where(base.judged, simulated - smooth, np.nan))
     air, fast = free_air_noise(data), fast_noise(data)
     if air and air <= bound:  # a sensor that reads zero in free air does not show its noise
-        effort, known = air, NoiseSource.FREE_AIR
+        effort, effort_source = air, NoiseSource.FREE_AIR
         if fast and fast > _GROWTH * air:
-            effort, known = min(fast, bound), NoiseSource.NEIGHBORS
+            effort, effort_source = min(fast, bound), NoiseSource.NEIGHBORS
         value = min(float(np.hypot(effort, motion_noise)), bound)
-        return MeasurementNoise(value, known, effort, motion_noise)
+        return MeasurementNoise(value, effort_source, effort, motion_noise)
     is_slower = (
         source is NoiseSource.REPEATS and fast and bound > _SLOW_NOISE_RATIO * np.hypot(fast, motion_noise)
     )
@@ -132,7 +132,7 @@ def rows_before_contact(data: ChannelData) -> list[IntArray]:
         pressed = data.engaged[rows]
         before = rows[: int(np.argmax(pressed)) if pressed.any() else len(rows)]
         before = before[: int(_FREE_AIR_SHARE * len(before))]
-        if len(before) >= _FEWEST_SAMPLES:
+        if len(before) >= _MIN_SAMPLES:
             parts.append(before)
     return parts
 
@@ -161,9 +161,9 @@ def fast_noise(data: ChannelData) -> float | None:
     efforts = []  # effort in each stretch of smooth motion, without single steps between holds
     for rows in rows_of_runs(data.run):
         moved = np.abs(np.diff(data.position[rows], prepend=data.position[rows[0]]))
-        efforts += np.split(data.effort[rows], np.flatnonzero(moved > _STEP * moved.mean()))
+        efforts += np.split(data.effort[rows], np.flatnonzero(moved > _JUMP_RATIO * moved.mean()))
     near, far = (size_of_differences(efforts, distance) for distance in (1, 2))
-    return near if near and far and 0.0 < far <= _WHITE * near else None
+    return near if near and far and 0.0 < far <= _WHITE_RATIO * near else None
 
 
 def size_of_differences(signals: Sequence[FloatArray], distance: int) -> float | None:
@@ -185,7 +185,7 @@ def size_of_differences(signals: Sequence[FloatArray], distance: int) -> float |
         parts.append(np.array(_DIFFERENCES) @ shifted)
     sizes = np.abs(np.concatenate([np.empty(0), *parts]))
     sizes = np.sort(sizes[np.isfinite(sizes)])
-    if len(sizes) < _FEWEST_SAMPLES:
+    if len(sizes) < _MIN_SAMPLES:
         return None
     return (
         rmse(sizes[: int(_QUANTILE * len(sizes))]) / _RMS_BELOW_QUANTILE / float(np.linalg.norm(_DIFFERENCES))

@@ -12,7 +12,7 @@ from palpate.estimation.statistics.least_squares import solve_definite
 from palpate.robot_io.types import BoolArray, FloatArray, IntArray
 
 ORDER = 4
-_INDEPENDENT = 1e-4  # least ratio to the largest singular value of normalized columns
+_MIN_SINGULAR_VALUE = 1e-4  # least ratio to the largest singular value of normalized columns
 _RIDGE = 1e-9  # ridge penalty on columns of unit length, which only keeps collinear columns finite
 
 
@@ -22,7 +22,7 @@ class NormalEquations:
 
     products: FloatArray  # shape (folds, q + 1, q + 1); the last row and column belong to the target
     # Prior information on the gains, matrix (1 + folds, q, q), see `SharedGains`.
-    known: Information | None = None
+    prior: Information | None = None
 
     def only(self, columns: BoolArray) -> "NormalEquations":
         """Return the equations with only some columns and the target.
@@ -31,10 +31,10 @@ class NormalEquations:
             columns: mask of the columns to keep, shape (q,).
         """
         kept = np.append(np.flatnonzero(columns), len(columns))
-        known = self.known and Information(
-            self.known.matrix[:, kept[:-1, None], kept[None, :-1]], self.known.vector[:, kept[:-1]]
+        prior = self.prior and Information(
+            self.prior.matrix[:, kept[:-1, None], kept[None, :-1]], self.prior.vector[:, kept[:-1]]
         )
-        return NormalEquations(self.products[:, kept[:, None], kept[None, :]], known)
+        return NormalEquations(self.products[:, kept[:, None], kept[None, :]], prior)
 
     def with_fixed(self, columns: BoolArray, gains: FloatArray) -> "NormalEquations":
         """Return the equations without columns of fixed gains, whose effort is subtracted from the target.
@@ -45,10 +45,10 @@ class NormalEquations:
         """
         shift = np.eye(len(gains) + 1)
         shift[:-1, -1] = np.where(columns, -gains, 0.0)
-        known = self.known and Information(
-            self.known.matrix, self.known.vector + self.known.matrix @ shift[:-1, -1]
+        prior = self.prior and Information(
+            self.prior.matrix, self.prior.vector + self.prior.matrix @ shift[:-1, -1]
         )
-        return NormalEquations(shift.T @ self.products @ shift, known).only(~columns)
+        return NormalEquations(shift.T @ self.products @ shift, prior).only(~columns)
 
     def training(self, scale: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Return the linear systems for all folds, then leaving out each fold, with scaled columns.
@@ -59,11 +59,11 @@ class NormalEquations:
         Returns:
             Matrices (1 + folds, q, q) and right-hand sides (1 + folds, q).
         """
-        whole = self.products.sum(axis=0)
-        every = np.concatenate([whole[None], whole - self.products])
-        system, target = every[:, :-1, :-1], every[:, :-1, -1]
-        if self.known is not None:
-            system, target = system + self.known.matrix, target + self.known.vector
+        total = self.products.sum(axis=0)
+        sums = np.concatenate([total[None], total - self.products])
+        system, target = sums[:, :-1, :-1], sums[:, :-1, -1]
+        if self.prior is not None:
+            system, target = system + self.prior.matrix, target + self.prior.vector
         return system * scale[:, None] * scale, target * scale
 
 
@@ -92,10 +92,10 @@ class LinearFit:
     @property
     def standard_errors(self) -> FloatArray:
         """Standard errors of the gains for white noise, shape (q,); NaN if there are too few samples."""
-        free = self.dof - len(self.gains)
-        if free <= 0:
+        dof = self.dof - len(self.gains)
+        if dof <= 0:
             return np.full(len(self.gains), np.nan)
-        variance = np.diag(np.linalg.inv(self.system)) * self.sse.sum() / free
+        variance = np.diag(np.linalg.inv(self.system)) * self.sse.sum() / dof
         return np.asarray(np.sqrt(variance) * self.scale)
 
     def beside(self, gains: FloatArray, free: Sequence[int]) -> "LinearFit":
@@ -164,11 +164,11 @@ def _scaled(equations: NormalEquations) -> tuple[FloatArray, FloatArray]:
     """
     products = equations.products
     squares = products.sum(axis=0).diagonal().copy()
-    if equations.known is not None:
-        squares[:-1] += equations.known.matrix[0].diagonal()
-    width = np.sqrt(squares)
-    width[-1] = 1.0  # the target is not scaled
-    scale = np.divide(1.0, width, out=np.zeros_like(width), where=width > 0.0)
+    if equations.prior is not None:
+        squares[:-1] += equations.prior.matrix[0].diagonal()
+    lengths = np.sqrt(squares)
+    lengths[-1] = 1.0  # the target is not scaled
+    scale = np.divide(1.0, lengths, out=np.zeros_like(lengths), where=lengths > 0.0)
     return products * scale[:, None] * scale, scale[:-1]
 
 
@@ -212,10 +212,10 @@ class ArNoise:
         order = len(self.coefficients)
         if order == 0:
             return signal
-        new = np.array(signal, dtype=np.float64)
+        whitened = np.array(signal, dtype=np.float64)
         for lag, weight in enumerate(self.coefficients, start=1):
-            new[order:] -= weight * signal[order - lag : len(signal) - lag]
-        return new
+            whitened[order:] -= weight * signal[order - lag : len(signal) - lag]
+        return whitened
 
 
 WHITE = ArNoise(np.empty(0))
@@ -267,12 +267,12 @@ def nuisance_of(columns: FloatArray, by_run: FloatArray, run: IntArray, used: Bo
         run: run number of each block, shape (m,).
         used: mask of the blocks in use, shape (m,).
     """
-    own = np.zeros(by_run.shape)
+    run_basis = np.zeros(by_run.shape)
     for rows in rows_of_runs(run):
-        some = rows[used[rows]]
-        own[some, : min(by_run.shape[1], len(some))] = _orthonormal(by_run[some])[:, : by_run.shape[1]]
-    masked = _without_runs(columns * used[:, None], own, run)
-    return Nuisance(own, run, _orthonormal(masked, drop=True))
+        chosen = rows[used[rows]]
+        run_basis[chosen, : min(by_run.shape[1], len(chosen))] = _orthonormal(by_run[chosen])
+    masked = _without_runs(columns * used[:, None], run_basis, run)
+    return Nuisance(run_basis, run, _orthonormal(masked, drop=True))
 
 
 def _without_runs(blocks: FloatArray, by_run: FloatArray, run: IntArray) -> FloatArray:
@@ -280,15 +280,15 @@ def _without_runs(blocks: FloatArray, by_run: FloatArray, run: IntArray) -> Floa
         return blocks
     residual = blocks.astype(np.float64, copy=True)
     for rows in rows_of_runs(run):
-        own = by_run[rows]
-        residual[rows] -= own @ (own.T @ residual[rows])
+        run_basis = by_run[rows]
+        residual[rows] -= run_basis @ (run_basis.T @ residual[rows])
     return residual
 
 
 def _orthonormal(columns: FloatArray, *, drop: bool = False) -> FloatArray:
     """Return an orthonormal basis of columns (m, q); negligible directions are zero, or dropped."""
-    size = np.sqrt(np.sum(columns**2, axis=0))
-    unit = columns / np.where(size > 0.0, size, 1.0)
+    lengths = np.sqrt(np.sum(columns**2, axis=0))
+    unit = columns / np.where(lengths > 0.0, lengths, 1.0)
     left, values, _ = np.linalg.svd(unit, full_matrices=False)
-    exist = values > _INDEPENDENT * max(values.max(initial=0.0), 1e-300)
-    return np.asarray(left[:, exist] if drop else left * exist)
+    is_independent = values > _MIN_SINGULAR_VALUE * max(values.max(initial=0.0), 1e-300)
+    return np.asarray(left[:, is_independent] if drop else left * is_independent)

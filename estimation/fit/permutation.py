@@ -42,12 +42,12 @@ def null_improvements(
     Returns:
         For each surrogate, the largest share of its error that a candidate explains, shape (COUNT,).
     """
-    drawn = surrogate_residuals(noise, run, rng).astype(np.float32, order="C")
-    explained = _explained(drawn, base)
-    residual = np.sum(drawn**2, axis=0) - explained
-    best = np.zeros(drawn.shape[1])
+    surrogates = surrogate_residuals(noise, run, rng).astype(np.float32, order="C")
+    explained = _explained(surrogates, base)
+    residual = np.sum(surrogates**2, axis=0) - explained
+    best = np.zeros(surrogates.shape[1])
     for columns in candidates:
-        best = np.maximum(best, (_explained(drawn, columns) - explained) / residual)
+        best = np.maximum(best, (_explained(surrogates, columns) - explained) / residual)
         if np.sum(best >= observed) > most:
             break
     return best
@@ -61,21 +61,21 @@ def surrogate_residuals(noise: FloatArray, run: IntArray, rng: np.random.Generat
         run: run number of each residual, shape (w,).
         rng: random generator for the surrogates.
     """
-    made = np.empty((COUNT, len(noise)))
+    surrogates = np.empty((COUNT, len(noise)))
     for number in np.unique(run):
         rows = np.flatnonzero(run == number)
         shifts, signs = rng.integers(0, len(rows), COUNT), rng.choice([-1.0, 1.0], COUNT)
         shifted = np.lib.stride_tricks.sliding_window_view(np.tile(noise[rows], 2), len(rows))
-        made[:, rows] = shifted[shifts] * signs[:, None]
-    return made.T
+        surrogates[:, rows] = shifted[shifts] * signs[:, None]
+    return surrogates.T
 
 
 def _explained(noise: NDArray[np.float32], columns: FloatArray) -> FloatArray:
     """Return the sum of squares of each surrogate (w, s) within the span of columns (w, q), shape (s,)."""
     if columns.shape[1] == 0:
         return np.zeros(noise.shape[1])
-    width = np.sqrt(np.sum(columns**2, axis=0))
-    unit = columns / np.where(width > 0.0, width, 1.0)
+    lengths = np.sqrt(np.sum(columns**2, axis=0))
+    unit = columns / np.where(lengths > 0.0, lengths, 1.0)
     squares, directions = np.linalg.eigh(unit.T @ unit)  # far faster than a singular value decomposition
     independent = squares > 1e-12 * max(squares[-1], 1e-300)
     basis = (unit @ (directions[:, independent] / np.sqrt(squares[independent]))).astype(np.float32)

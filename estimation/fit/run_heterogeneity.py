@@ -9,8 +9,8 @@ from palpate.estimation.fit.fit_problem import Solution, held_out_residual, rmse
 from palpate.estimation.signals.blocks import rows_of_runs
 from palpate.robot_io.types import FloatArray, IntArray
 
-APART = 1.25  # least ratio of a run's predicted error to its own error; smaller ratios are not tested
-_ROWS = 30  # samples per gain needed to fit a run alone
+MIN_RATIO = 1.25  # least ratio of a run's predicted error to its own error; smaller ratios are not tested
+_SAMPLES_PER_GAIN = 30  # samples per gain needed to fit a run alone
 
 
 @dataclass(frozen=True)
@@ -26,7 +26,7 @@ class RunHeterogeneity:
 
 
 def run_heterogeneity(
-    blocked: BlockedData, solution: Solution, least: float = APART
+    blocked: BlockedData, solution: Solution, least: float = MIN_RATIO
 ) -> RunHeterogeneity | None:
     """Measure how much the runs disagree about the gains and the zero of a model.
 
@@ -45,21 +45,21 @@ def run_heterogeneity(
     slopes = np.column_stack([slopes[:, free], np.ones(len(data))])  # each run may have its own zero
     residual = data.effort - effort
     alone = np.full(len(data), np.nan)
-    judged: list[IntArray] = []
-    for of_run in rows_of_runs(data.run):
-        rows = of_run[np.isfinite(predicted[of_run])]
-        if len(rows) < _ROWS * slopes.shape[1]:
+    tested_rows: list[IntArray] = []
+    for run_rows in rows_of_runs(data.run):
+        rows = run_rows[np.isfinite(predicted[run_rows])]
+        if len(rows) < _SAMPLES_PER_GAIN * slopes.shape[1]:
             predicted[rows] = np.nan  # too short to be fitted alone
             continue
         scale = np.linalg.norm(slopes[rows], axis=0)
         columns = slopes[rows] / np.where(scale > 0.0, scale, 1.0)
         fitted = np.linalg.lstsq(columns, residual[rows], rcond=None)[0]
-        freedom = len(rows) / (len(rows) - slopes.shape[1])
-        alone[rows] = (residual[rows] - columns @ fitted) * np.sqrt(freedom)
-        judged.append(rows)
-    if len(judged) < 2 or not rmse(predicted) > least * rmse(alone):
+        inflation = len(rows) / (len(rows) - slopes.shape[1])
+        alone[rows] = (residual[rows] - columns @ fitted) * np.sqrt(inflation)
+        tested_rows.append(rows)
+    if len(tested_rows) < 2 or not rmse(predicted) > least * rmse(alone):
         return None
-    errors = [(rmse(predicted[rows]), rmse(alone[rows])) for rows in judged]
+    errors = [(rmse(predicted[rows]), rmse(alone[rows])) for rows in tested_rows]
     worst = int(np.argmax([together**2 - single**2 for together, single in errors]))
-    run = int(data.run[judged[worst][0]])
+    run = int(data.run[tested_rows[worst][0]])
     return RunHeterogeneity(run, rmse(predicted), rmse(alone), np.nan_to_num(alone), *errors[worst])

@@ -15,7 +15,7 @@ from palpate.estimation.channel import ChannelData
 from palpate.estimation.fit.blocks import BlockedData
 from palpate.estimation.fit.fit_problem import FitProblem, Solution, solve_gains
 from palpate.estimation.fit.inner_search import optimize_inner
-from palpate.estimation.fit.irls import Loss, absolute_share, cauchy_influence, irls
+from palpate.estimation.fit.irls import Loss, absolute_loss_weights, cauchy_influence, irls
 from palpate.estimation.fit.normal_equations import WHITE
 from palpate.estimation.model import Model
 from palpate.estimation.statistics.noise import robust_sigma
@@ -23,10 +23,10 @@ from palpate.estimation.statistics.uncertainty import Covariance, sandwich
 from palpate.robot_io.types import BoolArray, FloatArray
 
 _ROUNDS = 40
-_ABSOLUTE_ROUNDS = 5
+_LAD_ROUNDS = 5
 _TOLERANCE = 1e-7
 _STEP = 1e-5  # step of finite differences, relative to an inner parameter's value or typical range
-_INSIDE = 1e-3  # least distance of a start value from a bound, relative to the range
+_MARGIN = 1e-3  # least distance of a start value from a bound, relative to the range
 
 
 @dataclass(frozen=True)
@@ -79,7 +79,7 @@ def fit_samples(
                 solutions = [solve_gains(problem, model, _inside(model, proposal)) for proposal in proposals]
                 start_solution = min(solutions, key=lambda start: _cost(problem, start, loss))
                 inner = {name: start_solution.parameters[name] for name in model.inner}
-        search = _reweighted if robust else _finely
+        search = _reweighted if robust else _optimize_precisely
         searched[robust] = search(problem, start_solution)
     return _with_covariance(searched[robust], problem, loss)
 
@@ -96,8 +96,8 @@ def slopes_of(model: Model, data: ChannelData, parameters: Mapping[str, float]) 
     return np.column_stack([by_gain, *model.inner_slopes(data, parameters, _STEP)])
 
 
-def _finely(problem: FitProblem, solution: Solution) -> Solution:
-    return optimize_inner(problem, solution, settled=1e-10, step=_STEP)
+def _optimize_precisely(problem: FitProblem, solution: Solution) -> Solution:
+    return optimize_inner(problem, solution, tolerance=1e-10, step=_STEP)
 
 
 def _inside(model: Model, inner: Mapping[str, float]) -> dict[str, float]:
@@ -105,7 +105,7 @@ def _inside(model: Model, inner: Mapping[str, float]) -> dict[str, float]:
     inside = {}
     for name, value in inner.items():
         low, high = model.inner[name].lower, model.inner[name].upper
-        margin = _INSIDE * (high - low)
+        margin = _MARGIN * (high - low)
         inside[name] = float(np.clip(value, low + margin, high - margin))
     return inside
 
@@ -115,8 +115,8 @@ def _cost(problem: FitProblem, solution: Solution, loss: Loss) -> float:
     if loss is Loss.LINEAR:
         return solution.sse
     parts = solution.model.parts(problem.blocked.data, solution.parameters)
-    for _ in range(_ABSOLUTE_ROUNDS):
-        weighted = _weighted(problem, absolute_share(solution.residual[problem.used]))
+    for _ in range(_LAD_ROUNDS):
+        weighted = _weighted(problem, absolute_loss_weights(solution.residual[problem.used]))
         solution = solve_gains(weighted, solution.model, solution.parameters, parts=parts)
     return float(np.mean(np.abs(solution.residual[problem.used])))
 
@@ -124,35 +124,36 @@ def _cost(problem: FitProblem, solution: Solution, loss: Loss) -> float:
 def _reweighted(problem: FitProblem, solution: Solution) -> Solution:
     """Repeat the search with weights from the previous residuals: first absolute, then Cauchy's loss."""
     for number in range(_ROUNDS):
-        absolute = number < _ABSOLUTE_ROUNDS
+        absolute = number < _LAD_ROUNDS
         residual = solution.residual[problem.used]
-        weighted = _weighted(
-            problem, absolute_share(residual) if absolute else cauchy_influence(residual / _core(residual))[0]
+        weights = (
+            absolute_loss_weights(residual) if absolute else cauchy_influence(residual / _scale(residual))[0]
         )
-        search = optimize_inner if absolute else _finely
+        weighted = _weighted(problem, weights)
+        search = optimize_inner if absolute else _optimize_precisely
         start = solve_gains(weighted, solution.model, solution.parameters)
         before, solution = solution, search(weighted, start)
-        if not absolute and _is_settled(before, solution):
+        if not absolute and _has_converged(before, solution):
             break
     return solution
 
 
-def _is_settled(before: Solution, after: Solution) -> bool:
+def _has_converged(before: Solution, after: Solution) -> bool:
     """Check convergence: the largest change of gains and inner parameters is below a tolerance."""
-    model, now = after.model, after.parameters
-    size = dict.fromkeys(model.gains, max((abs(now[name]) for name in model.gains), default=0.0))
+    model, values = after.model, after.parameters
+    size = dict.fromkeys(model.gains, max((abs(values[name]) for name in model.gains), default=0.0))
     size |= {name: inner.typical[1] - inner.typical[0] for name, inner in model.inner.items()}
-    return all(abs(now[name] - before.parameters[name]) <= _TOLERANCE * size[name] for name in size)
+    return all(abs(values[name] - before.parameters[name]) <= _TOLERANCE * size[name] for name in size)
 
 
-def _weighted(problem: FitProblem, share: FloatArray) -> FitProblem:
-    """Return the fit problem with squared weights `share` of the samples in use."""
+def _weighted(problem: FitProblem, squared_weights: FloatArray) -> FitProblem:
+    """Return the fit problem with these squared weights of the samples in use."""
     weights = np.zeros(len(problem.blocked))
-    weights[problem.used] = np.sqrt(share)
+    weights[problem.used] = np.sqrt(squared_weights)
     return replace(problem, weights=weights)
 
 
-def _core(residuals: FloatArray) -> float:
+def _scale(residuals: FloatArray) -> float:
     return max(robust_sigma(residuals), float(np.finfo(float).tiny))
 
 
@@ -175,15 +176,15 @@ def _with_covariance(solution: Solution, problem: FitProblem, loss: Loss) -> Sam
             slopes[:, at_bound] = 0.0  # a parameter at a bound stays there
             return model.predict(data, named)[rows], slopes
 
-        settled = irls(evaluate, data.effort[rows], np.array(list(parameters.values())))
-        parameters = _named(model, settled.values)
-        psi, slope = settled.influence
-        score, slope = psi / settled.sigma, slope / settled.sigma**2
+        result = irls(evaluate, data.effort[rows], np.array(list(parameters.values())))
+        parameters = _named(model, result.values)
+        psi, slope = result.influence
+        score, slope = psi / result.sigma, slope / result.sigma**2
     residuals = (data.effort - model.predict(data, parameters))[rows]
     if loss is Loss.LINEAR:
         score, slope = residuals, np.ones(len(residuals))
     elif loss is Loss.CAUCHY:
-        weight, slope = cauchy_influence(residuals / _core(residuals))
+        weight, slope = cauchy_influence(residuals / _scale(residuals))
         score = weight * residuals
     jacobian = slopes_of(model, data, parameters)[rows]
     free = np.array(

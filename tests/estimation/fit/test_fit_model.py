@@ -13,7 +13,7 @@ from palpate.estimation.effects import EFFECTS
 from palpate.estimation.fit.blocks import block_average, with_load
 from palpate.estimation.fit.fit_problem import held_out_residual, linearise_along, solve_gains
 from palpate.estimation.fit.fit_result import final_solution, fit_model
-from palpate.estimation.fit.intervals import _widest, estimate_parameters, inner_slopes
+from palpate.estimation.fit.intervals import _largest_error, estimate_parameters, inner_slopes
 from palpate.estimation.fit.normal_equations import (
     estimate_ar_noise,
     gram_matrices,
@@ -65,7 +65,7 @@ def test_what_is_known_from_elsewhere_counts_as_samples_that_are_never_held_out(
     mine, others = fold < 3, fold == 3
     gram, told = columns[others].T @ columns[others], columns[others].T @ target[others]
     known = Information(np.tile(gram, (4, 1, 1)), np.tile(told, (4, 1)))
-    equations = replace(_moments(columns[mine], target[mine], fold[mine], 3), known=known)
+    equations = replace(_moments(columns[mine], target[mine], fold[mine], 3), prior=known)
     found = solve_normal_equations(equations)
     assert found.gains == pytest.approx(np.linalg.lstsq(columns, target, rcond=None)[0], rel=1e-6)
     for number in range(3):
@@ -403,7 +403,7 @@ def test_where_a_surface_lies_is_found_beside_a_spring_that_stiffens(names, offs
 @pytest.mark.parametrize(("value", "widest"), [(5e3, 2e5), (5e4, 5e5), (8e6, 8e7)])
 def test_an_error_far_beyond_all_that_is_met_determines_nothing(value, widest):
     (k,) = EFFECTS["stiffness"].gains
-    assert _widest(k, value) == widest
+    assert _largest_error(k, value) == widest
 
 
 @pytest.mark.parametrize("start_s", [0.02, 0.0475, 0.06])

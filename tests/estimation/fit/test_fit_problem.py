@@ -235,7 +235,7 @@ def test_gains_are_those_of_scipy_for_the_whole_model(name):
     [
         (("stiffness", "saturation"), {}, 3),  # two steps, and a look whether the last led where it was to
         (("stiffness", "saturation"), {"rounds": 4}, 5),
-        (("stiffness", "saturation"), {"arrived": 0.0}, 7),  # at most
+        (("stiffness", "saturation"), {"max_ratio": 0.0}, 7),  # at most
         (("stiffness", "delay"), {}, 0),  # linear: its columns are known on blocks
     ],
 )

@@ -5,7 +5,7 @@ import pytest
 from scipy.optimize import least_squares
 from scipy.stats import norm
 
-from palpate.estimation.fit.irls import CUT, IrlsResult, absolute_share, cauchy_influence, irls
+from palpate.estimation.fit.irls import CUT, IrlsResult, absolute_loss_weights, cauchy_influence, irls
 from palpate.estimation.statistics.noise import NoiseLevel
 
 U = np.linspace(-8.0, 8.0, 3201)  # residuals in standard deviations
@@ -49,12 +49,12 @@ def test_repeated_with_absolute_shares_least_squares_finds_the_median():
     values = np.random.default_rng(1).normal(size=101) ** 3
     middle = values.mean()
     for _ in range(200):
-        share = absolute_share(values - middle)
+        share = absolute_loss_weights(values - middle)
         middle = np.sum(share * values) / np.sum(share)
     assert middle == pytest.approx(np.median(values), abs=0.02)
     far = np.array([1.0, -2.0, 300.0])
-    assert absolute_share(far) * far**2 == pytest.approx(np.abs(far))
-    assert np.isfinite(1e200 * absolute_share(np.zeros(3))).all()
+    assert absolute_loss_weights(far) * far**2 == pytest.approx(np.abs(far))
+    assert np.isfinite(1e200 * absolute_loss_weights(np.zeros(3))).all()
 
 
 def decay(values):

@@ -23,7 +23,7 @@ TRUTH = {"stiffness.k": 800.0, "damping.c": 6.0, "cubic_stiffness.k3": 5e6}
 @pytest.fixture(autouse=True)
 def _soon_long(monkeypatch):
     """What is long after two minutes here takes an hour elsewhere."""
-    for name, samples in {"LONG": 50_000, "_ENOUGH": 2_000, "_MOST": 10**6}.items():
+    for name, samples in {"LONG": 50_000, "_MAX_BLOCKS": 2_000, "_MAX_SAMPLES": 10**6}.items():
         monkeypatch.setattr(long_data, name, samples)
 
 
@@ -118,7 +118,7 @@ def test_of_very_many_runs_evenly_spread_ones_are_taken(recording, monkeypatch):
         np.tile(recording.position, 2), np.tile(recording.effort, 2), np.repeat(np.arange(16), 20_000)
     )
     whole, *_ = shortened(long)
-    monkeypatch.setattr(long_data, "_MOST", len(whole) // 2)
+    monkeypatch.setattr(long_data, "_MAX_SAMPLES", len(whole) // 2)
     some, said, _ = shortened(long)
     assert some.runs.tolist() == list(range(0, 16, 2))
     assert "of its 16 runs 8 are taken, evenly spread, which makes intervals 1.4 times as wide" in said
@@ -130,7 +130,7 @@ def test_a_joints_single_run_is_thinned_by_stretches_that_go_through_its_motion(
     angle = np.sin(2 * np.pi * swing_hz * time_s)
     effort = 2.0 * angle + rng.normal(0, 0.01, len(angle))
     one = channel(angle, effort, np.zeros(len(angle), np.int64), ChannelKind.REVOLUTE)
-    monkeypatch.setattr(long_data, "_MOST", len(shortened(one)[0]) // 2 + 1)
+    monkeypatch.setattr(long_data, "_MAX_SAMPLES", len(shortened(one)[0]) // 2 + 1)
     assert len(shortened(one)[0].runs) == runs
 
 
@@ -154,7 +154,7 @@ def quick(time_s, runs, kind):
 def test_however_quick_and_long_a_recording_is_it_gets_short_enough_and_says_how(
     kind, runs, words, monkeypatch
 ):
-    monkeypatch.setattr(long_data, "_MOST", 3_000)
+    monkeypatch.setattr(long_data, "_MAX_SAMPLES", 3_000)
     whole = quick(np.arange(200_000) / RATE_HZ, runs, kind)
     short, said, _ = shortened(whole)
     assert len(short) <= 2 * 3_000
@@ -165,7 +165,7 @@ def test_however_quick_and_long_a_recording_is_it_gets_short_enough_and_says_how
 
 @pytest.mark.parametrize(("runs", "most"), [(1, 10**6), (2, 10**6), (2, 3_000)])
 def test_of_a_joint_that_mostly_rests_its_motions_are_taken_with_what_is_around_them(runs, most, monkeypatch):
-    monkeypatch.setattr(long_data, "_MOST", most)
+    monkeypatch.setattr(long_data, "_MAX_SAMPLES", most)
     time_s = np.arange(200_000) / RATE_HZ
     moves = (time_s % 25.0 > 5.0) & (time_s % 25.0 < 12.0)  # eight times
     noise = np.random.default_rng(1).normal(0.0, 2e-5, len(time_s))
@@ -204,7 +204,7 @@ def test_a_study_says_what_was_averaged(recording):
 
 @pytest.mark.parametrize("runs", [3, 40])
 def test_held_out_are_the_runs_that_were_recorded_and_all_of_them(runs, monkeypatch):
-    monkeypatch.setattr(long_data, "_MOST", 5_000)
+    monkeypatch.setattr(long_data, "_MAX_SAMPLES", 5_000)
     whole = quick(np.arange(200_000) / RATE_HZ, runs, ChannelKind.REVOLUTE)
     source = Source("swings.csv", (whole,))
     study = ModelStudy(source, held_out=(1,))
@@ -223,7 +223,7 @@ def test_held_out_are_the_runs_that_were_recorded_and_all_of_them(runs, monkeypa
 
 
 def test_of_a_recording_that_was_cut_a_recorded_run_is_left_out_or_held_out(monkeypatch):
-    monkeypatch.setattr(long_data, "_MOST", 5_000)
+    monkeypatch.setattr(long_data, "_MAX_SAMPLES", 5_000)
     whole = quick(np.arange(200_000) / RATE_HZ, 3, ChannelKind.REVOLUTE)
     source = ModelStudy(Source("swings.csv", (whole,))).source
     assert source.runs == (0, 1, 2)
@@ -234,7 +234,7 @@ def test_of_a_recording_that_was_cut_a_recorded_run_is_left_out_or_held_out(monk
 
 @pytest.mark.parametrize("cut", [True, False])
 def test_stretches_of_one_recording_have_no_zero_of_their_own(cut, monkeypatch):
-    monkeypatch.setattr(long_data, "_MOST", 5_000 if cut else 10**6)
+    monkeypatch.setattr(long_data, "_MAX_SAMPLES", 5_000 if cut else 10**6)
     tried = []
 
     def judge(data, models, effects, progress, file):

@@ -10,7 +10,7 @@ from palpate.estimation.effect import Parameter
 from palpate.estimation.effects import EFFECTS
 from palpate.estimation.estimate import Identifiability
 from palpate.estimation.fit.irls import Loss
-from palpate.estimation.fit.samples import _inside, _is_settled, fit_samples
+from palpate.estimation.fit.samples import _has_converged, _inside, fit_samples
 from palpate.estimation.model import Model
 from tests.estimation.contact_data import base_model, channel, estimated, swing
 
@@ -74,7 +74,7 @@ def test_a_search_is_settled_when_nothing_moves_by_much(stiffness, damping, expo
     before = {"e.k": 1000.0, "e.c": 0.1, "e.n": 1.5}
     after = {"e.k": 1000.0 + stiffness, "e.c": 0.1 + damping, "e.n": 1.5 + exponent}
     solutions = (SimpleNamespace(model=model, parameters=each) for each in (before, after))
-    assert _is_settled(*solutions) is settled
+    assert _has_converged(*solutions) is settled
 
 
 def test_least_squares_does_not_stand_outliers():

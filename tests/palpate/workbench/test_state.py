@@ -196,7 +196,7 @@ def test_a_page_opened_with_runs_held_out_says_so_once_and_can_let_them_in(press
 
 def test_of_a_recording_that_was_averaged_no_command_uses_the_same_runs(press, monkeypatch):
     monkeypatch.setattr(long_data, "LONG", 1000)
-    monkeypatch.setattr(long_data, "_MOST", 300)
+    monkeypatch.setattr(long_data, "_MAX_SAMPLES", 300)
     state = WorkbenchState(Study(press, keep=False), "press.csv")
     assert state.command()
     assert not state.with_runs((), (2,)).command()
