@@ -274,8 +274,8 @@ _DUTY = (
     "because the arm does not follow its reference"
 )
 _OLD_GOAL = (
-    "palpate accepts an answer that repeats any of the last 32 goals, and sends the last of them for up "
-    "to 10 ticks, because a goal moves by one count in 5 ticks and may go back by one. After that, the "
+    "palpate accepts an answer that repeats any of the last 32 goals. The repeated value may be sent for up "
+    "to 10 more ticks, because a goal moves by one count in 5 ticks and may go back by one. After that, the "
     "samples exceed their age limit within 4 ticks"
 )
 _PAIR_ROWS = {
