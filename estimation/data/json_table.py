@@ -27,17 +27,29 @@ def read_json(path: Path) -> FileColumns:
         path: path of the file.
 
     Raises:
-        InputError: the file is too large, is not JSON, or has no table.
+        InputError: the file is too large, is not JSON, names a key twice, or has no table.
     """
     check_size(path, path.stat().st_size)
     text = as_utf8(path.read_bytes(), path)[0].decode()
+
+    def unique(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
+        names = [name for name, _ in pairs]
+        if len(set(names)) < len(names):
+            twice = next(name for name in names if names.count(name) > 1)
+            raise InputError(f"{path}: the key '{twice:.60}' appears twice in one object; rename one")
+        return dict(pairs)
+
     try:
-        content = json.loads(text)
-    except ValueError as error:
-        try:
-            content = [json.loads(line) for line in text.splitlines() if line.strip()]
-        except ValueError:
-            raise InputError(f"{path}: is not valid JSON: {error}") from error
+        content = json.loads(text, object_pairs_hook=unique)
+    except json.JSONDecodeError as error:
+        content, lines = [], [(n, line) for n, line in enumerate(text.splitlines(), 1) if line.strip()]
+        for number, line in lines:
+            try:
+                content.append(json.loads(line, object_pairs_hook=unique))
+            except json.JSONDecodeError as of_line:
+                of_records = number > lines[0][0]  # the lines before it are records
+                problem = f"line {number}: {of_line}" if of_records else f"{error}"
+                raise InputError(f"{path}: is not valid JSON: {problem}") from error
     tables = list(_tables(content))
     if not tables:
         raise InputError(

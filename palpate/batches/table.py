@@ -167,9 +167,10 @@ def read_table(path: Path) -> pa.Table:
         raise InputError(f"table {file}: cannot be read (there is no such regular file)")
     try:
         table = pq.read_table(file) if file.suffix == ".parquet" else pyarrow.csv.read_csv(file)
-    except (OSError, pa.ArrowException) as error:
+        names = set(table.column_names)
+    except (OSError, pa.ArrowException, UnicodeDecodeError) as error:
         raise InputError(f"table {file}: cannot be read ({one_line(error)})") from error
-    if not {"measurement", "channel"} <= set(table.column_names):
+    if not {"measurement", "channel"} <= names:
         raise InputError(
             f"table {file}: lacks the columns measurement and channel; make it with palpate batch"
         )

@@ -54,7 +54,14 @@ def test_rows_that_nothing_names_are_called_by_their_places(tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("text", "words"), [("{", "is not valid JSON"), ('{"a": 1}', "holds no table"), ("[]", "no table")]
+    ("text", "words"),
+    [
+        ("{", "is not valid JSON"),
+        ('{"a": 1}', "holds no table"),
+        ("[]", "no table"),
+        ('{"a": [1, 2, 3], "force_N": [1, 2, 3], "force_N": [4, 5, 6]}', "the key 'force_N' appears twice"),
+        ('{"a": 1}\n\n{"a": 2}\n{"a": ', "is not valid JSON: line 4: "),
+    ],
 )
 def test_what_holds_no_table_is_refused(tmp_path, text, words):
     path = tmp_path / "a.json"

@@ -200,6 +200,8 @@ def test_what_is_no_table_no_date_or_too_short_is_said(tmp_path):
     )
     (tmp_path / "table.csv").write_text("a,b\n1,2\n")
     assert_refused(run("trend", tmp_path / "table.csv"), "lacks the columns")
+    (tmp_path / "table.csv").write_bytes(b"\xed\x92\xff,\xfe\n1,2\n")
+    assert_refused(run("trend", tmp_path / "table.csv"), "cannot be read")
 
 
 def test_a_cell_that_is_no_date_is_refused_among_dates_and_warned_of_if_none_is(tmp_path):
