@@ -323,7 +323,7 @@ class _Ahead(JointEffect, SensorHook):
 
 
 class HiddenBacklash(_Transmission):
-    """The encoder, on the drive's side, is ahead of the link by u within +- gap/2, on the side that pushes.
+    """The encoder, on the drive's side, leads the link by u, at most gap/2, towards the side that pushes.
 
     The drive crosses the gap when the torque changes sign, du/dt = tau / d, slowed by the grease: the
     physical model of Nordin and Gutman, Automatica 38 (2002), with a shaft that only damps.
