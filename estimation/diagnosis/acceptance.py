@@ -31,21 +31,19 @@ from palpate.estimation.fit.measurement_noise import measurement_noise
 from palpate.estimation.kinds import Kind
 from palpate.robot_io.types import FloatArray
 
-AS_GOOD = (
-    0.9  # a flexible regression with less than this share of a model's squared error outperforms the model
-)
+AS_GOOD = 0.9  # a flexible regression that leaves less than this share of a model's squared error is better
 CompletenessTest = Callable[[FitResult], bool]
-_MOST_RIVALS = 5  # most alternatives tested per effect; each must explain at least half as much
+_MAX_RIVALS = 5  # most alternatives tested per effect; each must explain at least half as much
 # Share of the squared error explained by the effects that a flexible regression must gain; no law is exact.
-_LEAST_GAIN = 0.01
+_MIN_GAIN = 0.01
 # Ratio of the interval at `LEVEL` to the 95 % interval.
 _INTERVAL_RATIO = NormalDist().inv_cdf(1.0 - 0.5 * LEVEL) / NormalDist().inv_cdf(0.975)
-_LEAST_SHARE = 0.02  # least share of the error that a kind must account for
-_LEAST_OF_UNEXPLAINED = 0.25  # least ratio of an effect's mean square to the unexplained one, else part of it
-_LITTLE_UNEXPLAINED = 0.1  # unexplained mean square relative to an effect's; above, another kind is possible
-_LEAST_RUNS = 5  # runs needed to accept a variation between runs in an incomplete model
-READER_KINDS = frozenset({Kind.SENSOR_STATICS, Kind.SENSOR_DYNAMICS})
-_PHYSICAL_KINDS = frozenset(Kind) - READER_KINDS - {Kind.RUN_DIFFERENCES, Kind.DRIFT, Kind.OTHER}
+_MIN_SHARE = 0.02  # least share of the error that a kind must account for
+_MIN_OF_UNEXPLAINED = 0.25  # least ratio of an effect's mean square to the unexplained one, else part of it
+_MAX_UNEXPLAINED = 0.1  # unexplained mean square relative to an effect's; above, another kind is possible
+_MIN_RUNS = 5  # runs needed to accept a variation between runs in an incomplete model
+SENSOR_KINDS = frozenset({Kind.SENSOR_STATICS, Kind.SENSOR_DYNAMICS})
+_PHYSICAL_KINDS = frozenset(Kind) - SENSOR_KINDS - {Kind.RUN_DIFFERENCES, Kind.DRIFT, Kind.OTHER}
 _SAME_CURVE = 1e-3  # energy of the difference of two curves, relative to what the effect adds
 
 
@@ -67,7 +65,7 @@ class AcceptanceCriteria:
         """
         gain = self.named_flexible - self.base_flexible
         is_lower = self.base_flexible < AS_GOOD * self.named_flexible
-        return is_lower and gain > _LEAST_GAIN * (self.base - self.named)
+        return is_lower and gain > _MIN_GAIN * (self.base - self.named)
 
 
 def acceptance_criteria(base: FitResult, fit: FitResult) -> AcceptanceCriteria:
@@ -128,30 +126,30 @@ def accept_forms(
     kinds = frozenset(effect.kind for effect in added) - {Kind.RUN_DIFFERENCES}
     while search.added_effects(fit):
         tests = form_tests(partial, fit, kinds)
-        left = held_out_of_all(fit.problem, fit.solution)
+        remaining = held_out_of_all(fit.problem, fit.solution)
         count = max(int(fit.problem.used.sum()), 1)
         explained = {}  # mean square that each effect removes [effort^2]
         for test in tests:
             reduced = search.without(fit, test.effect)
-            explained[test.effect] = (held_out_of_all(reduced.problem, reduced.solution) - left) / count
+            explained[test.effect] = (held_out_of_all(reduced.problem, reduced.solution) - remaining) / count
         effects = [fit.solution.model.effect(test.effect) for test in tests]
         budget = partial.budget_with(frozenset(map(partial.kind_of, effects)))
         entries = {entry.kind: entry for entry in budget.entries}
         unexplained = unexplained_mean_square(search, fit)
         # Check that the effects jointly leave as little error as the laws of all relevant kinds, and little
         # of the total error.
-        share_left = left / count / partial.budget.base**2
+        share_left = remaining / count / partial.budget.base**2
         is_as_good = share_left <= min(partial.budget.left / AS_GOOD, 1.0 - MOST_OF_LAW)
         least = least_explained(search, fit)
-        rest = max(unexplained, fit.flexible.explained / count)
+        unnamed = max(unexplained, fit.flexible.explained / count)
         failed = []
         for test in tests:
             size = explained[test.effect]
             is_possible = (test.is_known or is_as_good) and search.is_sound(fit, test.effect)
-            is_possible &= test.kind is not Kind.RUN_DIFFERENCES or len(fit.data.runs) >= _LEAST_RUNS
+            is_possible &= test.kind is not Kind.RUN_DIFFERENCES or len(fit.data.runs) >= _MIN_RUNS
             # If hardly anything is left, no other effect can explain the error in the place of this one.
             # Faults of the sensor and drifts are rare, and therefore need more evidence.
-            is_clear = is_as_good and rest < _LITTLE_UNEXPLAINED * size and test.kind in _PHYSICAL_KINDS
+            is_clear = is_as_good and unnamed < _MAX_UNEXPLAINED * size and test.kind in _PHYSICAL_KINDS
             is_needed = is_clear or (
                 size >= least
                 and not _repeats_another(fit, test.effect, explained)
@@ -201,7 +199,7 @@ def least_explained(search: Search, fit: FitResult) -> float:
     return max(
         SMALL * search.start.held_out_mean_square,
         fit.flexible.explained / max(int(fit.problem.used.sum()), 1),
-        _LEAST_OF_UNEXPLAINED * unexplained_mean_square(search, fit),
+        _MIN_OF_UNEXPLAINED * unexplained_mean_square(search, fit),
     )
 
 
@@ -243,17 +241,17 @@ def _accounts_for_error(
         unexplained: mean square above the noise that the model leaves [effort^2].
     """
     effect, base = fit.solution.model.effect(test.effect), search.start
-    own = [entries[kind] for kind in effect.also | {test.kind} if kind in entries]
-    if not own:
+    budget_entries = [entries[kind] for kind in effect.also | {test.kind} if kind in entries]
+    if not budget_entries:
         return True
-    entry = max(own, key=lambda entry: entry.share)
+    entry = max(budget_entries, key=lambda entry: entry.share)
     replacing = [partial.kinds - {entry.kind} | {kind} for kind in entry.replaceable_by]
     left_by_replacement = min(map(partial.error.mean_square, replacing), default=-np.inf)
-    is_told_apart = not entry.replaceable_by or unexplained < _LITTLE_UNEXPLAINED * explained
-    is_told_apart |= AS_GOOD * test.left_by_all <= left_by_replacement
+    is_distinct = not entry.replaceable_by or unexplained < _MAX_UNEXPLAINED * explained
+    is_distinct |= AS_GOOD * test.left_by_all <= left_by_replacement
     is_replacement = any(explained >= least for least in _least_in_place(partial, entry))
-    is_counted = (entry.kind in partial.kinds or is_replacement) and is_told_apart
-    if entry.necessary >= _LEAST_SHARE or (entry.share >= _LEAST_SHARE and is_counted):
+    is_counted = (entry.kind in partial.kinds or is_replacement) and is_distinct
+    if entry.necessary >= _MIN_SHARE or (entry.share >= _MIN_SHARE and is_counted):
         return True
     alone = search.fitted(base.solution.model.with_effect(effect), fit.solution.parameters)
     return bool(alone.held_out_mean_square < partial.budget.flexible * base.held_out_mean_square)
@@ -271,7 +269,7 @@ def _least_in_place(partial: PartiallyLinear, entry: BudgetEntry) -> Iterator[fl
     """
     order, left = list(Kind), partial.error.mean_square(partial.kinds)
     for replaced in partial.budget.entries:
-        if entry.kind in partial.stand_ins(replaced):
+        if entry.kind in partial.replacements(replaced):
             by_law = partial.error.mean_square(partial.kinds - {replaced.kind}) - left
             is_likelier = order.index(entry.kind) < order.index(replaced.kind)
             yield (MOST_OF_LAW if is_likelier else AS_MUCH) * by_law
@@ -427,8 +425,8 @@ def as_good_effects(search: Search, fit: FitResult, name: str) -> dict[str, FitR
         Fitted models by the name of the replacing effect.
     """
     effect = fit.solution.model.effect(name)
-    most = determined_count(effect, fit.solution, fit.problem)
-    as_much, alternatives = _alternatives(search, fit, name, most)
+    max_count = determined_count(effect, fit.solution, fit.problem)
+    as_much, alternatives = _alternatives(search, fit, name, max_count)
     limit = min(as_much, fit.solution.held_out / AS_GOOD)
     models = {
         candidate.effect.name: search.with_candidate(candidate)
@@ -444,7 +442,7 @@ def _physical_alternatives(search: Search, fit: FitResult, name: str) -> Iterato
     Sensor faults are rare. A sensor effect is accepted only if no effect of the object or the drive, with no
     more parameters, explains about as much.
     """
-    if fit.solution.model.effect(name).kind not in READER_KINDS:
+    if fit.solution.model.effect(name).kind not in SENSOR_KINDS:
         return
     limit, alternatives = _alternatives(search, fit, name)
     for candidate in alternatives:
@@ -455,28 +453,28 @@ def _physical_alternatives(search: Search, fit: FitResult, name: str) -> Iterato
 
 
 def _alternatives(
-    search: Search, fit: FitResult, name: str, most: int | None = None
+    search: Search, fit: FitResult, name: str, max_count: int | None = None
 ) -> tuple[float, list[Candidate]]:
-    """Return alternatives with at most `most` determined parameters, and the error of an equivalent one.
+    """Return alternatives with at most `max_count` determined parameters, and the error of an equivalent one.
 
-    By default, `most` is the number of the effect's parameters. The error is squared, in held-out runs.
+    By default, `max_count` is the number of the effect's parameters. The error is squared, in held-out runs.
     """
     without = search.without(fit, name).solution.held_out
-    most = parameter_count(fit.solution.model.effect(name)) if most is None else most
+    max_count = parameter_count(fit.solution.model.effect(name)) if max_count is None else max_count
     return without - AS_MUCH * (without - fit.solution.held_out), [
         candidate
         for candidate in search.alternatives(fit, name)
-        if candidate.effect.name != name and _has_at_most(most, candidate, fit)
+        if candidate.effect.name != name and _has_at_most(max_count, candidate, fit)
     ]
 
 
-def _has_at_most(most: float, candidate: Candidate, fit: FitResult) -> bool:
-    """Return whether the data determine at most `most` parameters of a candidate."""
-    if parameter_count(candidate.effect) <= most:
+def _has_at_most(max_count: float, candidate: Candidate, fit: FitResult) -> bool:
+    """Return whether the data determine at most `max_count` parameters of a candidate."""
+    if parameter_count(candidate.effect) <= max_count:
         return True
-    if len(candidate.effect.gains) > most:
+    if len(candidate.effect.gains) > max_count:
         return False
-    return determined_count(candidate.effect, candidate.search.best, fit.problem) <= most
+    return determined_count(candidate.effect, candidate.search.best, fit.problem) <= max_count
 
 
 def most_parsimonious(
@@ -496,15 +494,15 @@ def most_parsimonious(
     """
     for name in effects_by_importance(search, fit):
         effect = fit.solution.model.effect(name)
-        most = parameter_count(effect)
+        max_count = parameter_count(effect)
         estimates = estimate_parameters(*final_solution(fit))
         own = [estimates[f"{name}.{parameter.name}"] for parameter in (*effect.gains, *effect.inner)]
         # A parameter is undetermined if its interval contains zero or is unknown.
         if any(not abs(e.value) > 0.5 * np.ptp(e.interval) for e in own if not e.at_bound):
             simpler = [
                 search.with_candidate(candidate)
-                for candidate in search.alternatives(fit, name)[:_MOST_RIVALS]
-                if parameter_count(candidate.effect) < most
+                for candidate in search.alternatives(fit, name)[:_MAX_RIVALS]
+                if parameter_count(candidate.effect) < max_count
                 and candidate.followed(fit.problem) <= NEAR * fit.solution.held_out
             ]
             limit = (1.0 + SMALL) * fit.rmse
@@ -512,9 +510,9 @@ def most_parsimonious(
             if simpler:
                 fit = min(simpler, key=lambda model: (search.size(model), model.solution.held_out))
                 continue
-        candidates = list(_rivals(search, fit, name, measurement, most))
-        physical = [one for one in candidates if one.effect.kind in _PHYSICAL_KINDS]
-        if effect.kind in READER_KINDS and physical:
+        candidates = list(_rivals(search, fit, name, measurement, max_count))
+        physical = [candidate for candidate in candidates if candidate.effect.kind in _PHYSICAL_KINDS]
+        if effect.kind in SENSOR_KINDS and physical:
             better = [search.with_candidate(candidate) for candidate in physical]
         else:
             rivals = map(search.with_candidate, candidates)
@@ -525,9 +523,9 @@ def most_parsimonious(
 
 
 def _rivals(
-    search: Search, fit: FitResult, name: str, measurement: MeasurementModel, most: float = np.inf
+    search: Search, fit: FitResult, name: str, measurement: MeasurementModel, max_count: float = np.inf
 ) -> Iterator[Candidate]:
-    """Yield candidates with at most `most` parameters that the data do not reject in the place of an effect.
+    """Yield candidates with at most `max_count` parameters that may replace an effect without rejection.
 
     A law that describes the same curve with an additional term is not a rival, since the data set that term
     to zero.
@@ -537,15 +535,14 @@ def _rivals(
     alternatives = [
         candidate for candidate in search.alternatives(fit, name) if candidate.effect.name != name
     ]
-    for candidate in alternatives[:_MOST_RIVALS]:
-        if not _has_at_most(most, candidate, fit) or candidate.followed(fit.problem) > NEAR * half:
+    for candidate in alternatives[:_MAX_RIVALS]:
+        if not _has_at_most(max_count, candidate, fit) or candidate.followed(fit.problem) > NEAR * half:
             continue
         rival = search.with_candidate(candidate)
         if not search.is_sensible(rival):
             continue
-        is_larger = (
-            search.size(rival) > search.size(fit) + 1
-        )  # one additional parameter may be a position or a phase
+        # One additional parameter may be a position or a phase.
+        is_larger = search.size(rival) > search.size(fit) + 1
         if rival.solution.held_out > half or (is_larger and _is_same_curve(rival, fit, without)):
             continue
         if not improvement_test(rival, fit, measurement, search.rng).is_significant:
@@ -571,7 +568,7 @@ def _has_zero_size(reduced: FitResult, fit: FitResult, name: str) -> bool:
     """
     effect = fit.solution.model.effect(name)
     is_large = fit.flexible.before.sum() <= 0.5 * reduced.flexible.before.sum()
-    if is_large and effect.kind not in READER_KINDS | {Kind.DRIFT}:
+    if is_large and effect.kind not in SENSOR_KINDS | {Kind.DRIFT}:
         return False
     estimates = estimate_parameters(*final_solution(fit))
     sizes = [estimates[f"{name}.{parameter.name}"] for parameter in effect.gains or effect.inner[:1]]

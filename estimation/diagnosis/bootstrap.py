@@ -27,12 +27,12 @@ from palpate.robot_io.types import BoolArray, FloatArray
 
 SMALL = 0.05  # relative change of an error that is reported but changes no verdict
 DRAWS = 19  # largest number of bootstrap samples; the data exceed all 19 by chance once in twenty
-_LEAST_SAMPLES = 4  # least number of samples before a test may stop early
+_MIN_SAMPLES = 4  # least number of samples before a test may stop early
 _LEVEL_TO_STOP = 1e-3  # probability that one more sample exceeds the data, if samples are normal
 _FAR = 3.0  # ratio to the largest sample above which optimized inner parameters cannot change the result
 _STEP_GAIN = 1e-3  # least share of the error that an optimizer step must remove, far below `SMALL`
 _STARTS = 6  # additional start values of an effect's inner parameters on each sample
-_LEAST_NOISE = 0.05  # least share of the residual variance that is noise of the effort itself
+_MIN_NOISE = 0.05  # least share of the residual variance that is noise of the effort itself
 
 
 @dataclass(frozen=True)
@@ -54,7 +54,7 @@ class BootstrapTest:
         The data must exceed the prediction interval of one more normal sample (Student's t).
         """
         count = len(self.simulated)
-        if count < _LEAST_SAMPLES:
+        if count < _MIN_SAMPLES:
             return False
         spread = float(np.std(self.simulated, ddof=1)) * np.sqrt(1.0 + 1.0 / count)
         margin = scipy.special.stdtrit(count - 1, 1.0 - _LEVEL_TO_STOP) * spread
@@ -147,9 +147,9 @@ def improvement_test(
         added = model.effect(effect)
         starts = added.starts(before.data)
         start = {parameter.name: known[f"{effect}.{parameter.name}"] for parameter in added.inner}
-        tried = [start, *starts[:: max(len(starts) // _STARTS, 1)]]
+        start_values = [start, *starts[:: max(len(starts) // _STARTS, 1)]]
         searches = [
-            search_inner(problem, with_form, form, parameters, tried)
+            search_inner(problem, with_form, form, parameters, start_values)
             for with_form, form in _forms(model, added)
         ]
         best = min(searches, key=lambda search: search.best.sse)
@@ -159,11 +159,11 @@ def improvement_test(
         return 1.0 - float(np.sqrt(fit_sample(problem, solution)[1] / max(solution.held_out, 1e-300)))
 
     def optimized_improvement(problem: FitProblem, solution: Solution) -> float:
-        left, left_before = (
+        sse, sse_before = (
             optimize_inner(problem, start, _STEP_GAIN).held_out
             for start in (fit_sample(problem, solution)[0], solution)
         )
-        return 1.0 - float(np.sqrt(left / max(left_before, 1e-300)))
+        return 1.0 - float(np.sqrt(sse / max(sse_before, 1e-300)))
 
     def run_test(statistic: Callable[[FitProblem, Solution], float]) -> BootstrapTest:
         samples = bootstrap_samples(before, measurement, rng)
@@ -193,11 +193,11 @@ def bootstrap_samples(
     Yields:
         The simulated data as a fit problem, and the model fitted to them.
     """
-    blocked, model, known = fit.problem.blocked, fit.solution.model, fit.solution.parameters
-    expected = model.predict(_with_derived(measurement.smoothed_motion, fit.data), known)
+    blocked, model, parameters = fit.problem.blocked, fit.solution.model, fit.solution.parameters
+    expected = model.predict(_with_derived(measurement.smoothed_motion, fit.data), parameters)
     motion = _with_derived(measurement.simulate(rng), fit.data)
-    by_motion = blocked.reduce(model.predict(motion, known) - expected)
-    variances = [float(np.var(signal[blocked.trusted])) for signal in (by_motion, fit.solution.residual)]
+    motion_effect = blocked.reduce(model.predict(motion, parameters) - expected)
+    variances = [float(np.var(signal[blocked.trusted])) for signal in (motion_effect, fit.solution.residual)]
     # Errors of the motion cannot cause more than the residual; larger ones contain real motion.
     share = min(1.0, float(np.sqrt(variances[1] / max(variances[0], 1e-300))))
     noise = _estimate_noise(fit, share**2 * variances[0]) if effort_noise is None else effort_noise
@@ -212,7 +212,7 @@ def bootstrap_samples(
         problem = FitProblem(
             replace(blocked, data=data, cache=FitCache(), load_cache=FitCache()), fit.problem.noise_model
         )
-        yield problem, solve_gains(problem, model, known, rounds=2)
+        yield problem, solve_gains(problem, model, parameters, rounds=2)
 
 
 def _forms(model: Model, effect: Effect) -> list[tuple[Model, Effect]]:
@@ -228,7 +228,7 @@ def _estimate_noise(fit: FitResult, by_motion: float) -> FloatArray:
     """Scale the flexible regression's residual (m,) to its variance without that of errors of the motion."""
     residual = fit.flexible.residual
     variance = float(np.var(residual[fit.problem.blocked.trusted]))
-    noise: FloatArray = np.sqrt(max(1.0 - by_motion / max(variance, 1e-300), _LEAST_NOISE)) * residual
+    noise: FloatArray = np.sqrt(max(1.0 - by_motion / max(variance, 1e-300), _MIN_NOISE)) * residual
     return noise
 
 

@@ -29,11 +29,11 @@ REFINED = 5  # number of candidates that are always refined
 ESSENTIAL = 0.02  # least share of the squared error that the characteristic part of an effect must explain
 FAR_END = 0.99  # share of the upper bound above which a logarithmic parameter is undetermined
 _STEP = 1e-4  # step of a finite difference, relative to the deepest indentation
-_SNAPPING = 0.01  # tolerated share of unstable samples, since a corner of the law may be as steep
-OF_RUNS = "run_"  # prefix of effects that vary between runs; held-out runs cannot test them as candidates
+_MAX_UNSTABLE = 0.01  # tolerated share of unstable samples, since a corner of the law may be as steep
+RUN_PREFIX = "run_"  # prefix of effects that vary between runs; held-out runs cannot test them as candidates
 
 # Parts of base models, and effects that have another name for this kind of channel.
-_NOT_TRIED = {
+_EXCLUDED = {
     ChannelKind.CONTACT: frozenset({"inertia", "pendulum"}),
     ChannelKind.REVOLUTE: frozenset({"inertia", "pendulum", "stiffness", "damping"}),
     ChannelKind.PRISMATIC: frozenset({"inertia", "stiffness", "damping"}),
@@ -135,13 +135,13 @@ def applicable_effects(data: ChannelData, model: Model, effects: Iterable[Effect
     present = {effect.name for effect in model.effects}
     # If the model has a weight, a tilt changes its direction. Otherwise a tilt would be an arbitrary term in
     # sin and cos.
-    skipped = _NOT_TRIED[data.kind] | _BASES | present | {"weight" if present & HEAVY else "gravity_tilt"}
+    skipped = _EXCLUDED[data.kind] | _BASES | present | {"weight" if present & HEAVY else "gravity_tilt"}
     unseen = unseen_kinds(data)
     return tuple(
         effect.suited_to(data)
         for effect in effects
         if effect.name not in skipped
-        and not effect.name.startswith(OF_RUNS)
+        and not effect.name.startswith(RUN_PREFIX)
         and unseen.isdisjoint({effect.kind} | effect.also)
         and effect.applies_to(data)
     )
@@ -269,6 +269,6 @@ def _snaps(solution: Solution, problem: FitProblem) -> bool:
     if len(data) == 0:
         return False
     step = _STEP * deepest
-    further = replace(data, position=data.position + step)
-    slope = (rigid.predict(further, parameters) - rigid.predict(data, parameters)) / step
-    return float(np.mean(1.0 + compliance * slope < 0.0)) > _SNAPPING
+    deeper = replace(data, position=data.position + step)
+    slope = (rigid.predict(deeper, parameters) - rigid.predict(data, parameters)) / step
+    return float(np.mean(1.0 + compliance * slope < 0.0)) > _MAX_UNSTABLE

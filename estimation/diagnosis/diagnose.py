@@ -12,7 +12,7 @@ from palpate.estimation.channel import ChannelData
 from palpate.estimation.data_quality import reject_reason, usable
 from palpate.estimation.design.next_experiment import FEW_READINGS
 from palpate.estimation.diagnosis.acceptance import (
-    READER_KINDS,
+    SENSOR_KINDS,
     accept_effects,
     accept_forms,
     acceptance_criteria,
@@ -49,8 +49,8 @@ from palpate.estimation.workers import end_when_told, end_workers
 
 _FEW_LEVELS = 12  # distinct readings; with more, rounding errors average out
 _OFFSET = "bias"  # name of the effect that is a constant
-_MOST_SEARCHES = 3  # searches for a model that can be reached by adding its effects one by one
-_MOST_OF_ERROR = 0.5  # largest share of the squared error left by a constant that explains most of it
+_MAX_SEARCHES = 3  # searches for a model that can be reached by adding its effects one by one
+_MAX_LEFT = 0.5  # largest share of the squared error left by a constant that explains most of it
 
 
 def diagnose(
@@ -79,14 +79,14 @@ def diagnose(
     """
     channels = [data] if isinstance(data, ChannelData) else list(data)
     models = [model] * len(channels) if isinstance(model, Model) else list(model)
-    known = effect_library() if effects is None else tuple(effects)
+    library = effect_library() if effects is None else tuple(effects)
     channels = with_shared_gains(channels, models)
     seed = int(rng.integers(2**32))  # makes a channel's result independent of the other channels
     seeds = [np.random.default_rng([seed, crc32(channel.name.encode())]) for channel in channels]
     jobs = list(zip(channels, models, seeds, strict=True))
-    work = partial(_diagnose_job, known)
+    work = partial(_diagnose_job, library)
     if processes == 1 or len(jobs) == 1:
-        diagnoses = [diagnose_channel(*job[:2], known, job[2], progress) for job in jobs]
+        diagnoses = [diagnose_channel(*job[:2], library, job[2], progress) for job in jobs]
     else:
         with ProcessPoolExecutor(
             min(processes, len(jobs)), get_context("fork"), initializer=end_when_told
@@ -146,10 +146,10 @@ def diagnose_channel(
         partials = (None, None) if complete else (kinds(), coarse_kinds())
         return Evidence(search, checks.measurement, end, complete, checks.objection(end), tests, *partials)
 
-    for _ in range(_MOST_SEARCHES):
+    for _ in range(_MAX_SEARCHES):
         end, tests = _find_effects(search, checks, kinds, coarse_kinds)
         if not checks.is_complete(end):
-            end, tests = _look_beyond_offset(search, end, tests, checks, kinds)
+            end, tests = _search_with_offset(search, end, tests, checks, kinds)
         evidence = evidence_of(end, tests)
         if not evidence.complete or _is_reached(evidence, checks):
             break
@@ -188,9 +188,9 @@ def _find_effects(
         fit = varied
     end, tests = _accept(search, fit, checks, kinds)
     if not fit.is_exact and not checks.is_complete(end):
-        rough = forms()
-        by_forms = search.fitted(rough.solution.model, rough.solution.parameters)
-        rival, rival_tests = accept_forms(search, kinds(), by_forms, checks.measurement)
+        coarse_forms = forms()
+        forms_fit = search.fitted(coarse_forms.solution.model, coarse_forms.solution.parameters)
+        rival, rival_tests = accept_forms(search, kinds(), forms_fit, checks.measurement)
         if search.is_better(rival, end):
             end, tests = rival, rival_tests
         if end is search.start:  # a single effect may be accepted although several jointly were not
@@ -198,7 +198,7 @@ def _find_effects(
                 end, tests = accept_forms(search, kinds(), search.with_candidate(single), checks.measurement)
     # A sensor fault follows its law exactly. If only noise is left but the flexible law of its kind still
     # adds more than noise and encoder steps cause, the sensor effect imitates another effect.
-    imitations = [test for test in tests if test.kind in READER_KINDS and test.is_imitation]
+    imitations = [test for test in tests if test.kind in SENSOR_KINDS and test.is_imitation]
     if imitations and checks.is_complete(end):
         by_steps = encoder_step_error(end, checks.measurement) ** 2
         names = [test.effect for test in imitations if test.added > by_steps]
@@ -213,7 +213,7 @@ def _is_reached(evidence: Evidence, checks: "_Completeness") -> bool:
     return shown.rmse <= (1.0 + SMALL) * evidence.end.rmse or checks.is_complete(shown)
 
 
-def _look_beyond_offset(
+def _search_with_offset(
     search: Search,
     end: FitResult,
     tests: list[FormTest],
@@ -240,30 +240,30 @@ def _look_beyond_offset(
     present = {effect.name for effect in search.model.effects}
     if bias is None or _OFFSET in present or not bias.applies_to(search.data):
         return end, tests
-    level = search.fitted(search.model.with_effect(bias), search.start.solution.parameters)
-    if level.held_out_mean_square > _MOST_OF_ERROR * search.start.held_out_mean_square:
+    constant = search.fitted(search.model.with_effect(bias), search.start.solution.parameters)
+    if constant.held_out_mean_square > _MAX_LEFT * search.start.held_out_mean_square:
         return end, tests
-    beside = prepare_search(
-        search.data, level.solution.model, search.good, search.effects, search.rng, search.progress
+    offset_search = prepare_search(
+        search.data, constant.solution.model, search.good, search.effects, search.rng, search.progress
     )
-    checks_beside = _Completeness(beside)
-    found, tests_beside = _find_effects(
-        beside,
-        checks_beside,
-        cache(lambda: analyse_kinds(beside)),
-        cache(lambda: analyse_kinds(beside.coarse or beside)),
+    offset_checks = _Completeness(offset_search)
+    offset_end, offset_tests = _find_effects(
+        offset_search,
+        offset_checks,
+        cache(lambda: analyse_kinds(offset_search)),
+        cache(lambda: analyse_kinds(offset_search.coarse or offset_search)),
     )
-    if found is beside.start:
+    if offset_end is offset_search.start:
         return end, tests
-    joint = search.fitted(found.solution.model, found.solution.parameters)
+    joint = search.fitted(offset_end.solution.model, offset_end.solution.parameters)
     alone = search.without(joint, _OFFSET)
     if alone.held_out_mean_square - joint.held_out_mean_square < least_explained(search, joint):
         # The effects found in addition to the constant explain most of its part of the error.
-        joint, tests_beside = accept_forms(search, kinds(), alone, checks.measurement)
+        joint, offset_tests = accept_forms(search, kinds(), alone, checks.measurement)
     if not search.is_better(joint, end) or not search.is_sensible(joint):
         return end, tests
-    of_offset = [test for test in form_tests(kinds(), joint) if test.effect == _OFFSET]
-    return joint, of_offset + tests_beside
+    constant_tests = [test for test in form_tests(kinds(), joint) if test.effect == _OFFSET]
+    return joint, constant_tests + offset_tests
 
 
 def _accept(

@@ -17,7 +17,7 @@ from palpate.estimation.workers import single_threaded
 from palpate.robot_io.types import BoolArray, FloatArray
 
 _FEW_INNER = 2  # largest number of inner parameters for which a single minimum is likely
-_MOST_STARTS = 3  # additional start values from which a fit is repeated
+_MAX_STARTS = 3  # additional start values from which a fit is repeated
 
 
 def fit_extended(data: ChannelData, parent: FitResult, effect: Effect) -> FitResult:
@@ -42,22 +42,22 @@ def fit_extended(data: ChannelData, parent: FitResult, effect: Effect) -> FitRes
         # plausible values.
         best_start, before = search.best.parameters, parent.solution
         starts = [best_start, {**best_start, **{n: before.parameters[n] for n in before.model.inner}}]
-        tried = sorted(search.starts, key=lambda solution: solution.sse)
+        start_solutions = sorted(search.starts, key=lambda solution: solution.sse)
         if not search.best.is_physical:
-            tried = [solution for solution in tried if solution.is_physical]
-        further = [solution.parameters for solution in tried[:_MOST_STARTS]]
-        several = not search.best.is_physical or len(effect.inner) > _FEW_INNER
-        starts += further if several else []
+            start_solutions = [solution for solution in start_solutions if solution.is_physical]
+        other_starts = [solution.parameters for solution in start_solutions[:_MAX_STARTS]]
+        has_several_minima = not search.best.is_physical or len(effect.inner) > _FEW_INNER
+        starts += other_starts if has_several_minima else []
         starts = [start for number, start in enumerate(starts) if start not in starts[:number]]
         fits = [fit_model(data, search.best.model, start, good, cache) for start in starts]
-        if not several and min(fit.rmse for fit in fits) > parent.rmse:
-            fits += [fit_model(data, search.best.model, start, good, cache) for start in further]
+        if not has_several_minima and min(fit.rmse for fit in fits) > parent.rmse:
+            fits += [fit_model(data, search.best.model, start, good, cache) for start in other_starts]
         fits += [
             _with_restarted(min(fits, key=lambda fit: fit.solution.held_out), name, good)
             for name in _at_ends(parent)
         ]
-        left = [fit.solution.held_out * (1.0 + SMALL * (not fit.solution.is_physical)) ** 2 for fit in fits]
-        best = fits[int(np.argmin(left))]
+        errors = [fit.solution.held_out * (1.0 + SMALL * (not fit.solution.is_physical)) ** 2 for fit in fits]
+        best = fits[int(np.argmin(errors))]
         return replace(best, validation=parent.validation)
 
 
@@ -76,8 +76,8 @@ def _with_restarted(fit: FitResult, name: str, good: BoolArray) -> FitResult:
     """Fit a model again from the start values at which one of its effects fits best beside the others."""
     problem, model = fit.problem, fit.solution.model
     without = solve_gains(problem, model.without(name), fit.solution.parameters)
-    beside = FitResult(fit.data, problem, without)
-    best = screen_effects(beside, [model.effect(name)])[0].search.best
+    reduced = FitResult(fit.data, problem, without)
+    best = screen_effects(reduced, [model.effect(name)])[0].search.best
     return fit_model(fit.data, best.model, best.parameters, good, problem.blocked.cache)
 
 

@@ -37,10 +37,10 @@ from palpate.robot_io.types import FloatArray
 _RIDGES = (1e-6, 1e-4, 1e-2)  # tried ridge penalties of a law
 _COLLINEAR = 1e-9  # ridge penalty of the model's own columns
 MOST_OF_LAW = 0.8  # least ratio of the mean squares explained by an accepted form and by its kind's law
-_HALF = 0.5  # the same for a form that is tried in a model with the forms of all kinds
+_MIN_TRIED = 0.5  # the same for a form that is tried in a model with the forms of all kinds
 AS_MUCH = 0.95  # ratio of explained mean squares above which forms or kinds count as equivalent
 _EXACT = 0.01  # largest mean square that the kind's law adds to an exact form, relative to the form's own
-_MOST_SETS = 4  # sets of kinds whose forms are compared
+_MAX_SETS = 4  # sets of kinds whose forms are compared
 _ROUNDS = 2  # of backfitting
 
 
@@ -77,7 +77,7 @@ class FormTest:
         The threshold is lower for variation between runs, since the effect estimates a run's value from the
         first part of the run, but the law from one half of it.
         """
-        return self.share >= (_HALF if self.kind is Kind.RUN_DIFFERENCES else MOST_OF_LAW)
+        return self.share >= (_MIN_TRIED if self.kind is Kind.RUN_DIFFERENCES else MOST_OF_LAW)
 
     @property
     def is_closed(self) -> bool:
@@ -116,7 +116,7 @@ class PartiallyLinear:
         own = effect.also | {effect.kind}
         return next((kind for kind in self.budget.kinds if kind in own), effect.kind)
 
-    def stand_ins(self, entry: BudgetEntry) -> Kinds:
+    def replacements(self, entry: BudgetEntry) -> Kinds:
         """Return the kinds that can replace a kind: together with the other kinds they explain as much.
 
         Args:
@@ -137,7 +137,7 @@ class PartiallyLinear:
         Args:
             named: kinds of the named effects.
         """
-        replaced = {e.kind for e in self.budget.entries if named & self.stand_ins(e)} - named
+        replaced = {e.kind for e in self.budget.entries if named & self.replacements(e)} - named
         return error_budget(self.error, np.random.default_rng(0), self.kinds - replaced | named)
 
     def beside(self, own: Kinds, kinds: Kinds, problem: FitProblem, base: Solution) -> FitProblem:
@@ -239,9 +239,7 @@ def named_forms(partial: PartiallyLinear) -> FitResult:
         for other in entry.replaceable_by
     ]
     budget = partial.budget
-    sets = list(dict.fromkeys((partial.kinds, budget.thorough, *budget.alternatives, *exchanged)))[
-        :_MOST_SETS
-    ]
+    sets = list(dict.fromkeys((partial.kinds, budget.thorough, *budget.alternatives, *exchanged)))[:_MAX_SETS]
     search, fits = partial.search, [_forms_of(partial, kinds) for kinds in sets]
     sound = [fit for fit in fits if search.is_sensible(fit)] or fits
     least = min(fit.solution.held_out for fit in sound)
@@ -259,10 +257,10 @@ def _forms_of(partial: PartiallyLinear, kinds: Kinds) -> FitResult:
             if kind in {Kind.RUN_DIFFERENCES, Kind.RECORDED_CONTEXT}:
                 continue
             others = [pair for other, pair in chosen.items() if other is not kind]
-            found = _best_form(partial, kind, kinds, others)
+            form = _best_form(partial, kind, kinds, others)
             chosen.pop(kind, None)
-            if found is not None:
-                chosen[kind] = found
+            if form is not None:
+                chosen[kind] = form
         if before == {kind: effect.name for kind, (effect, _) in chosen.items()}:
             break
     model, parameters = search.model, dict(search.start.solution.parameters)
@@ -275,15 +273,15 @@ def _forms_of(partial: PartiallyLinear, kinds: Kinds) -> FitResult:
 def _with_run_differences(partial: PartiallyLinear, kinds: Kinds, fit: FitResult) -> FitResult:
     if Kind.RUN_DIFFERENCES not in kinds or run_heterogeneity(fit.problem.blocked, fit.solution) is None:
         return fit
-    search, tried = partial.search, [fit]
+    search, fits = partial.search, [fit]
     for effect in search.effects:
         is_of_runs = isinstance(effect, RunVariation) and effect.applies_to(fit.data)
         if is_of_runs and (effect.name != "run_ripple" or Kind.PERIODIC in kinds):
             start = {f"{effect.name}.{n}": v for n, v in effect.starts(fit.data)[-1].items()}
             model = fit.solution.model.with_effect(effect)
-            made = search.fitted(model, {**fit.solution.parameters, **start})
-            tried += [made] if search.is_sound(made, effect.name) else []
-    best = min(tried, key=lambda candidate: candidate.solution.held_out)
+            extended = search.fitted(model, {**fit.solution.parameters, **start})
+            fits += [extended] if search.is_sound(extended, effect.name) else []
+    best = min(fits, key=lambda candidate: candidate.solution.held_out)
     return best if best.rmse < (1.0 - SMALL) * fit.rmse else fit
 
 
@@ -296,21 +294,21 @@ def _best_form(
     for effect, inner in others:
         model, parameters = model.with_effect(effect), {**parameters, **inner}
     problem = partial.beside(frozenset({kind}), kinds, start.problem, start.solution)
-    none = solve_gains(problem, model, parameters, rounds=2)
+    null = solve_gains(problem, model, parameters, rounds=2)
     library = applicable_effects(start.data, model, partial.search.effects)
     effects = [effect for effect in library if kind in effect.also | {effect.kind}]
     if not effects:
         return None
-    tried = [
+    candidates = [
         candidate
-        for candidate in screen_effects(FitResult(start.data, problem, none), effects)
+        for candidate in screen_effects(FitResult(start.data, problem, null), effects)
         if candidate.possible
     ]
-    taken = none.held_out - _with_law(problem, none, partial.law_columns(frozenset({kind}), kinds))
-    most = max((none.held_out - candidate.held_out for candidate in tried), default=0.0)
-    if most <= _HALF * taken or most <= 0.0:
+    law_gain = null.held_out - _with_law(problem, null, partial.law_columns(frozenset({kind}), kinds))
+    largest = max((null.held_out - candidate.held_out for candidate in candidates), default=0.0)
+    if largest <= _MIN_TRIED * law_gain or largest <= 0.0:
         return None
-    near = [candidate for candidate in tried if none.held_out - candidate.held_out >= AS_MUCH * most]
+    near = [candidate for candidate in candidates if null.held_out - candidate.held_out >= AS_MUCH * largest]
     best = min(near, key=lambda candidate: (parameter_count(candidate.effect), candidate.held_out))
     solution = best.search.best
     effect = next(candidate for candidate in solution.model.effects if candidate.name == best.effect.name)
@@ -330,16 +328,16 @@ def closest_forms(partial: PartiallyLinear, kind: Kind, kinds: Kinds, count: int
     """
     start = partial.search.start
     problem = partial.beside(frozenset({kind}), kinds, start.problem, start.solution)
-    none = solve_gains(problem, start.solution.model, start.solution.parameters, rounds=2)
+    null = solve_gains(problem, start.solution.model, start.solution.parameters, rounds=2)
     library = applicable_effects(start.data, start.solution.model, partial.search.effects)
     effects = [effect for effect in library if kind in effect.also | {effect.kind}]
-    tried = screen_effects(FitResult(start.data, problem, none), effects, refined=0) if effects else []
-    telling = [
+    candidates = screen_effects(FitResult(start.data, problem, null), effects, refined=0) if effects else []
+    helpful = [
         candidate
-        for candidate in tried
-        if candidate.possible and candidate.held_out < (1.0 - SMALL) * none.held_out
+        for candidate in candidates
+        if candidate.possible and candidate.held_out < (1.0 - SMALL) * null.held_out
     ]
-    return [candidate.effect.name for candidate in telling[:count]]
+    return [candidate.effect.name for candidate in helpful[:count]]
 
 
 def _with_law(problem: FitProblem, solution: Solution, columns: FloatArray) -> float:
@@ -413,8 +411,8 @@ def _run_test(partial: PartiallyLinear, end: FitResult, kinds: Kinds, name: str)
     problem = partial.beside(own, kinds, end.problem, end.solution)
     with_it = solve_gains(problem, model, known, rounds=2).held_out
     without = solve_gains(problem, model.without(name), known, rounds=2).held_out
-    of_each = partial.beside(frozenset(), kinds | own, end.problem, end.solution)
-    law = solve_gains(of_each, model.without(name), known, rounds=2).held_out
+    free_problem = partial.beside(frozenset(), kinds | own, end.problem, end.solution)
+    law = solve_gains(free_problem, model.without(name), known, rounds=2).held_out
     count = max(int(end.problem.used.sum()), 1)
     taken = (without - with_it) / count
     return FormTest(

@@ -35,17 +35,15 @@ _CLEARLY = 0.5  # largest error of separately fitted runs, relative to the noise
 # Least ratio of a residual to bootstrap samples. The second applies if only white noise could be estimated,
 # because slower noise is then missing from the samples.
 _EXCESS, _EXCESS_OF_WHITE = 2.5, 3.0
-_OUTLYING = 4.0  # greatest deviation that counts as noise, in robust standard deviations
+_MAX_DEVIATION = 4.0  # greatest deviation that counts as noise, in robust standard deviations
 _EXCESS_OF_LINE = 3.0  # least ratio of an error to its part without an oscillation
-_LEAST_SHARED = 0.5  # least share of the residual's variance that neighboring blocks have in common
+_MIN_SHARED = 0.5  # least share of the residual's variance that neighboring blocks have in common
 _SAMPLES = 4  # number of bootstrap samples; the largest one is compared
-_SMOOTH_GROWTH = (
-    1.6  # growth of differences at twice the distance; a random walk, the slowest noise, has sqrt(2)
-)
-_LEAST_REACH = 0.05  # least share of the longest run over which differences must grow
-_LEAST_BLOCKS = 40  # blocks needed in contact and in free air, or in motion and at rest
+_SMOOTH_GROWTH = 1.6  # growth of differences at twice the distance; a random walk, the slowest noise: sqrt(2)
+_MIN_REACH = 0.05  # least share of the longest run over which differences must grow
+_MIN_BLOCKS = 40  # blocks needed in contact and in free air, or in motion and at rest
 _PROMINENT = 40.0  # height of a spectral line relative to the median around it; noise reaches 10
-_MOST_RUNS = 30  # largest number of runs that are fitted with separate waves
+_MAX_RUNS = 30  # largest number of runs that are fitted with separate waves
 _GAIN_OF_WAVES = 0.7  # largest error with waves fitted to each run, relative to the model's error
 _PEAK = 0.2  # least share of the variance at a reported frequency
 
@@ -107,7 +105,7 @@ def _error_with_own_waves(end: FitResult) -> float | None:
     """Return the error with position-periodic waves fitted to each run [effort]; None without improvement."""
     blocked, used = end.problem.blocked, end.problem.used
     runs = len(np.unique(blocked.run[used]))
-    if end.data.kind is ChannelKind.CONTACT or not 1 < runs <= _MOST_RUNS:
+    if end.data.kind is ChannelKind.CONTACT or not 1 < runs <= _MAX_RUNS:
         return None
     run, position = blocked.run[used], blocked.reduce(end.data.position)[used]
     residual = end.solution.residual[used]
@@ -240,7 +238,7 @@ def _conditions(blocked: BlockedData, usable: BoolArray) -> list[_Condition]:
     early = np.zeros(len(blocked.data), dtype=np.bool_)
     early[np.concatenate([np.empty(0, dtype=np.int64), *rows_before_contact(blocked.data)])] = True
     before = usable & early[blocked.rows].all(axis=1)
-    if before.sum() < _LEAST_BLOCKS:
+    if before.sum() < _MIN_BLOCKS:
         return [contact]
     # Compare stretches of equal length about their means: slow noise grows with the length of a stretch, and
     # the zero of a sensor may drift during a contact.
@@ -250,8 +248,8 @@ def _conditions(blocked: BlockedData, usable: BoolArray) -> list[_Condition]:
     stretch = number_stretches(after, blocked.run)
     first, number = block_index(stretch)
     run = np.unique(blocked.run, return_inverse=True)[1]
-    near = np.arange(len(blocked)) - first[number] < np.bincount(run, weights=before)[run]
-    return [contact, _Condition("after contact", usable & after & near, before, "in free air", stretch)]
+    is_early = np.arange(len(blocked)) - first[number] < np.bincount(run, weights=before)[run]
+    return [contact, _Condition("after contact", usable & after & is_early, before, "in free air", stretch)]
 
 
 def _excess(
@@ -263,14 +261,14 @@ def _excess(
 ) -> ExcessVariance | None:
     """Compare the residual (m,), which is NaN on unused blocks, with the noise under one condition."""
     blocked, acting = fit.problem.blocked, condition.acting
-    if acting.sum() < _LEAST_BLOCKS:
+    if acting.sum() < _MIN_BLOCKS:
         return None
     left = condition.residual(residual)
     slow = _shared_by_neighbors(left, blocked.run, acting)
-    if slow**2 < _LEAST_SHARED * rmse(left[acting]) ** 2:
+    if slow**2 < _MIN_SHARED * rmse(left[acting]) ** 2:
         return None
     reference, least = condition.reference, _EXCESS
-    if condition.still.sum() >= _LEAST_BLOCKS:
+    if condition.still.sum() >= _MIN_BLOCKS:
         noise = _without_outliers(residual, blocked.run, condition.still)
     elif len(air := _free_air_on_blocks(blocked)):
         noise = air
@@ -300,8 +298,8 @@ def _free_air_on_blocks(blocked: BlockedData) -> FloatArray:
     data, block, means = blocked.data, blocked.rows.shape[1], [np.empty(0)]
     if data.kind is ChannelKind.CONTACT:
         for rows in rows_before_contact(data):
-            of_run = data.effort[rows[: len(rows) // block * block]].reshape(-1, block).mean(axis=1)
-            means.append(of_run - of_run.mean())
+            block_means = data.effort[rows[: len(rows) // block * block]].reshape(-1, block).mean(axis=1)
+            means.append(block_means - block_means.mean())
     return np.concatenate(means)
 
 
@@ -330,9 +328,9 @@ def _white_noise(fit: FitResult, residual: FloatArray) -> float | None:
     grows = [after > _SMOOTH_GROWTH * before for (_, before), (_, after) in pairwise(sizes)]
     if not any(grows):
         return None
-    most = max(size for _, size in sizes)
-    reach = next(distance for distance, size in sizes if size >= 0.5 * most)
-    return sizes[grows.index(True)][1] if 3 * reach >= _LEAST_REACH * longest else None
+    largest = max(size for _, size in sizes)
+    reach = next(distance for distance, size in sizes if size >= 0.5 * largest)
+    return sizes[grows.index(True)][1] if 3 * reach >= _MIN_REACH * longest else None
 
 
 def _about_means(residual: FloatArray, run: IntArray, chosen: BoolArray) -> FloatArray:
@@ -349,13 +347,13 @@ def _without_outliers(residual: FloatArray, run: IntArray, chosen: BoolArray) ->
     """
     parts = [residual[chosen & (run == number)] for number in np.unique(run[chosen])]
     noise = np.concatenate([part - np.median(part) for part in parts])
-    most = _OUTLYING * robust_sigma(noise) or np.inf
-    return np.asarray(np.clip(noise, -most, most))
+    limit = _MAX_DEVIATION * robust_sigma(noise) or np.inf
+    return np.asarray(np.clip(noise, -limit, limit))
 
 
 def _shared_by_neighbors(residual: FloatArray, run: IntArray, chosen: BoolArray) -> float:
     """Return the root mean square of the part that neighboring blocks share [effort]; 0 for white noise."""
     pairs = chosen[1:] & chosen[:-1] & (run[1:] == run[:-1])
-    if pairs.sum() < _LEAST_BLOCKS // 2:
+    if pairs.sum() < _MIN_BLOCKS // 2:
         return 0.0
     return float(np.sqrt(max(np.mean(residual[1:][pairs] * residual[:-1][pairs]), 0.0)))

@@ -43,16 +43,16 @@ _PAIR = 2
 BESIDE, PAIRS = 3, 4  # second effects tried with each first effect, and pairs that are fitted jointly
 _FOLDS = 0.6  # least share of the folds in which an effect must lower the error
 # Improvement, relative to the residual energy, above which no permutation test is needed: `_CLEAR` with
-# `_MANY` blocks, inversely proportional to the number of blocks, at least `_LEAST_CLEAR`.
-_CLEAR, _LEAST_CLEAR = 0.5, 0.1
-_MANY = 1000
+# `_MANY_BLOCKS` blocks, inversely proportional to the number of blocks, at least `_MIN_CLEAR`.
+_CLEAR, _MIN_CLEAR = 0.5, 0.1
+_MANY_BLOCKS = 1000
 SHORTLIST = 8  # best candidates of the coarse copy that are tried on all samples
 _FINE = 4  # duration in blocks below which a coarse copy does not resolve times
 NEAR = 1.5  # ratio of squared errors up to which a joint fit may still make an alternative better
 _LITTLE = 0.2  # explainable share of the error above which a nonsignificant bootstrap test may lack power
 FEW_STARTS = 4  # start values in a quick screening
-_ENOUGH, _ENOUGH_RUNS = 2000, 12  # blocks and runs of a coarse copy
-_MOST_BLOCKS = 12000  # largest number of blocks of a coarse copy before runs are selected
+_COARSE_BLOCKS, _COARSE_RUNS = 2000, 12  # blocks and runs of a coarse copy
+_MAX_BLOCKS = 12000  # largest number of blocks of a coarse copy before runs are selected
 Progress = Callable[[str, float], None]
 _Key = tuple[frozenset[tuple[str, int]], tuple[str, ...]]
 
@@ -117,12 +117,12 @@ class Search:
             model: the model to fit.
             parameters: start values by "effect.parameter".
         """
-        key, anew = _key(model), fit_model(self.data, model, parameters, self.good, self._cache)
+        key, new_fit = _key(model), fit_model(self.data, model, parameters, self.good, self._cache)
         known = self._fits.get(key)
-        if known is None or anew.solution.sse < (1.0 - TIE) * known.solution.sse:
-            self._fits[key] = anew
+        if known is None or new_fit.solution.sse < (1.0 - TIE) * known.solution.sse:
+            self._fits[key] = new_fit
             self._screened.pop(key, None)
-            for name in self.added_effects(anew):
+            for name in self.added_effects(new_fit):
                 self._alternatives.pop((key, name), None)
         return self._fits[key]
 
@@ -139,7 +139,7 @@ class Search:
             starts = self._shortlist(fit)
             tried = applicable_effects(fit.data, fit.solution.model, self.effects)
 
-            def places(effect: Effect) -> Sequence[Inner]:
+            def start_values(effect: Effect) -> Sequence[Inner]:
                 known = [] if starts is None else starts[effect.name]
                 # The form for another model's signals may have other parameters.
                 fitting = [start for start in known if start.keys() == {p.name for p in effect.inner}]
@@ -149,7 +149,7 @@ class Search:
                 fit,
                 [effect for effect in tried if starts is None or effect.name in starts],
                 lambda share, name: self.progress(f"{what}: {name}", share),
-                starts=places,
+                starts=start_values,
             )
         return self._screened[key]
 
@@ -160,9 +160,9 @@ class Search:
         """
         if self.coarse is None:
             return None
-        rough = self.coarse.screen(self.coarse.fitted(fit.solution.model, fit.solution.parameters))
+        ranked = self.coarse.screen(self.coarse.fitted(fit.solution.model, fit.solution.parameters))
         starts = {}
-        for number, candidate in enumerate(rough):
+        for number, candidate in enumerate(ranked):
             effect, best = candidate.effect, candidate.search.best.parameters
             fine = self.fine_starts(fit, effect)
             if fine or number < SHORTLIST:
@@ -229,8 +229,8 @@ class Search:
             tried = applicable_effects(fit.data, model, self.effects)
             if self.coarse is not None:
                 rough = self.coarse.alternatives(self.coarse.fitted(fit.solution.model, known), name)
-                likely = {candidate.effect.name for candidate in rough[:SHORTLIST]} | {name}
-                tried = tuple(candidate for candidate in tried if candidate.name in likely)
+                promising = {candidate.effect.name for candidate in rough[:SHORTLIST]} | {name}
+                tried = tuple(candidate for candidate in tried if candidate.name in promising)
             self._alternatives[key] = _quick_screen(reduced, tried)
         return self._alternatives[key]
 
@@ -289,8 +289,8 @@ class Search:
         left = [candidate.followed(fit.problem) if follow else candidate.held_out for candidate in possible]
         order = sorted(range(len(possible)), key=lambda number: left[number])
         limit = (1.0 - TIE) * fit.solution.held_out
-        made = (self.with_candidate(possible[i]) for i in [i for i in order if left[i] < limit][:count])
-        return self.ordered([extension for extension in made if self.is_sensible(extension)])
+        fits = (self.with_candidate(possible[i]) for i in [i for i in order if left[i] < limit][:count])
+        return self.ordered([extension for extension in fits if self.is_sensible(extension)])
 
     def is_sensible(self, fit: FitResult) -> bool:
         """Check that each added effect is plausible and does not imitate another one, see `is_sound`.
@@ -313,8 +313,8 @@ class Search:
             inner = {
                 parameter.name: solution.parameters[f"{name}.{parameter.name}"] for parameter in effect.inner
             }
-            less = solve_gains(problem, solution.model.without(name), solution.parameters)
-            expected = less.model.predict(fit.data, less.parameters)
+            reduced = solve_gains(problem, solution.model.without(name), solution.parameters)
+            expected = reduced.model.predict(fit.data, reduced.parameters)
             if effect.is_common(expected, fit.data, inner) or effect.is_gradual(expected, fit.data, inner):
                 return False
         return is_possible(effect, solution, problem) and not is_misnamed(effect, solution, problem)
@@ -327,20 +327,19 @@ class Search:
             name: name of the effect to replace.
         """
         tried = self.alternatives(fit, name)
-        own = [
-            candidate.held_out for candidate in tried if candidate.effect.name == name
-        ]  # the effect itself with equally few start values
+        # The effect itself, also with few start values.
+        own = [candidate.held_out for candidate in tried if candidate.effect.name == name]
         near = NEAR * max([fit.solution.held_out, *own])
         others = [
             candidate for candidate in tried if _key(candidate.search.best.model) != _key(fit.solution.model)
         ]
-        made = [self.with_candidate(candidate) for candidate in others[:2] if candidate.held_out < near]
+        fits = [self.with_candidate(candidate) for candidate in others[:2] if candidate.held_out < near]
         # A composite effect may also be replaced by its parts.
         effect = fit.solution.model.effect(name)
         present = {effect.name for effect in fit.solution.model.effects}
         parts = [part for part in self.effects if part.name in effect.parts and part.name not in present]
-        made += [self.with_each(self.without(fit, name), parts)] if parts else []
-        return self.ordered([substitute for substitute in made if self.is_sensible(substitute)])
+        fits += [self.with_each(self.without(fit, name), parts)] if parts else []
+        return self.ordered([substitute for substitute in fits if self.is_sensible(substitute)])
 
     def with_each(self, fit: FitResult, effects: Sequence[Effect]) -> FitResult:
         """Add the effects that apply to the channel, one after the other.
@@ -351,8 +350,8 @@ class Search:
         """
         for effect in effects:
             if effect.applies_to(fit.data):
-                (tried,) = screen_effects(fit, [effect.suited_to(fit.data)])
-                fit = self.with_candidate(tried)
+                (candidate,) = screen_effects(fit, [effect.suited_to(fit.data)])
+                fit = self.with_candidate(candidate)
         return fit
 
     def is_better(self, fit: FitResult, reference: FitResult) -> bool:
@@ -368,19 +367,19 @@ class Search:
         limit = (1.0 - SMALL) ** (2.0 * more) if more else 1.0 - TIE
         return bool(fit.solution.held_out < limit * reference.solution.held_out)
 
-    def ordered(self, made: Sequence[FitResult]) -> list[FitResult]:
+    def ordered(self, fits: Sequence[FitResult]) -> list[FitResult]:
         """Sort by held-out error; models about as good as the best are sorted by number of parameters.
 
         Args:
-            made: fitted models of the channel.
+            fits: fitted models of the channel.
         """
-        limit = (1.0 + TIE) * min((fit.solution.held_out for fit in made), default=0.0)
+        limit = (1.0 + TIE) * min((fit.solution.held_out for fit in fits), default=0.0)
 
         def rank(fit: FitResult) -> tuple[bool, int, float]:
             tied = fit.solution.held_out <= limit
             return not tied, self.size(fit) if tied else 0, fit.solution.held_out
 
-        return sorted(made, key=rank)
+        return sorted(fits, key=rank)
 
     def is_needed(self, before: FitResult, after: FitResult) -> bool:
         """Check whether an effect lowers the error by a relevant share and significantly.
@@ -406,19 +405,19 @@ class Search:
         Returns:
             The p-value; 0 for an improvement that is clear without a test.
         """
-        kept = after.problem.used
-        noise = after.flexible.residual[kept]
+        used = after.problem.used
+        noise = after.flexible.residual[used]
         observed = (before.solution.sse - after.solution.sse) / max(float(noise @ noise), 1e-300)
-        if len(noise) > _MANY and observed > max(_CLEAR * _MANY / len(noise), _LEAST_CLEAR):
+        if len(noise) > _MANY_BLOCKS and observed > max(_CLEAR * _MANY_BLOCKS / len(noise), _MIN_CLEAR):
             return 0.0
         starts = (solution for candidate in self.screen(before) for solution in candidate.search.starts)
         columns = (
-            columns_at(before.problem, solution.model, solution.parameters)[kept] for solution in starts
+            columns_at(before.problem, solution.model, solution.parameters)[used] for solution in starts
         )
-        run, base = after.problem.blocked.run[kept], before.solution.columns[kept]
+        run, base = after.problem.blocked.run[used], before.solution.columns[used]
         most = int(level * (1 + COUNT)) - 1
-        chance = null_improvements(noise, run, base, columns, self.rng, observed=observed, most=most)
-        return float((1 + np.sum(chance >= observed)) / (1 + len(chance)))
+        null = null_improvements(noise, run, base, columns, self.rng, observed=observed, most=most)
+        return float((1 + np.sum(null >= observed)) / (1 + len(null)))
 
 
 def prepare_search(  # noqa: PLR0917
@@ -439,15 +438,15 @@ def prepare_search(  # noqa: PLR0917
         rng: random generator for permutation and bootstrap tests.
         progress: callback that receives the current step and its completed share.
     """
-    whole = Search(data, model, good, effects, rng, progress)
-    blocked = merge_blocks(whole.start.problem.blocked, _MOST_BLOCKS)
+    full_search = Search(data, model, good, effects, rng, progress)
+    blocked = merge_blocks(full_search.start.problem.blocked, _MAX_BLOCKS)
     chosen = _some_runs(blocked)
     if blocked.rows.shape[1] == 1 and chosen.all():
-        return whole
-    rough, rough_good = replace(decimate(blocked).select(chosen), shared=data.shared), blocked.trusted[chosen]
-    if not block_average(rough, rough_good).can_hold_out:
-        return whole
-    return replace(whole, coarse=Search(rough, model, rough_good, effects, rng, progress))
+        return full_search
+    copy, good_copy = replace(decimate(blocked).select(chosen), shared=data.shared), blocked.trusted[chosen]
+    if not block_average(copy, good_copy).can_hold_out:
+        return full_search
+    return replace(full_search, coarse=Search(copy, model, good_copy, effects, rng, progress))
 
 
 def _some_runs(blocked: BlockedData) -> BoolArray:
@@ -456,12 +455,12 @@ def _some_runs(blocked: BlockedData) -> BoolArray:
     If there are many runs, only runs with a trusted block are selected.
     """
     runs = [rows for rows in rows_of_runs(blocked.run) if blocked.trusted[rows].any()]
-    every = min(len(blocked) // _ENOUGH, len(runs) // _ENOUGH_RUNS)
-    if every <= 1:
+    stride = min(len(blocked) // _COARSE_BLOCKS, len(runs) // _COARSE_RUNS)
+    if stride <= 1:
         return np.ones(len(blocked), dtype=np.bool_)
     by_effort = sorted(runs, key=lambda rows: float(np.ptp(blocked.effort[rows])))
     chosen = np.zeros(len(blocked), dtype=np.bool_)
-    chosen[np.concatenate(by_effort[every // 2 :: every])] = True
+    chosen[np.concatenate(by_effort[stride // 2 :: stride])] = True
     return chosen
 
 
@@ -495,8 +494,8 @@ def select_effects(
         best = whole.ordered([best, refine(_forward_selection(coarse, backward_step(coarse, forms())))])[0]
     enough = is_enough(best)
     if enough and len(whole.added_effects(best)) > _PAIR:
-        less = backward_step(whole, sufficient(best))
-        best = less if is_enough(less) else best
+        smaller = backward_step(whole, sufficient(best))
+        best = smaller if is_enough(smaller) else best
     if not enough or len(whole.added_effects(best)) <= _PAIR:
         return best
     for first in _pairs(coarse):
@@ -515,15 +514,15 @@ def select_effects(
 
 def _pairs(coarse: Search) -> Iterator[FitResult]:
     """Yield pairs of effects, the best first; a pair can succeed where neither effect does alone."""
-    beside = [
+    pairs = [
         (first, second)
         for first in coarse.screen(coarse.start)
         if first.possible
         for second in coarse.quick_screen(coarse.with_candidate(first))[:BESIDE]
     ]
-    beside.sort(key=lambda pair: pair[1].held_out)
-    made = (coarse.with_candidate(second) for _, second in beside[:LOOKED_AT])
-    yield from islice((fit for fit in made if coarse.is_sensible(fit)), PAIRS)
+    pairs.sort(key=lambda pair: pair[1].held_out)
+    fits = (coarse.with_candidate(second) for _, second in pairs[:LOOKED_AT])
+    yield from islice((fit for fit in fits if coarse.is_sensible(fit)), PAIRS)
 
 
 def _refined(whole: Search, rough: FitResult) -> FitResult:
@@ -537,14 +536,14 @@ def _refined(whole: Search, rough: FitResult) -> FitResult:
 def _forward_selection(search: Search, fit: FitResult) -> FitResult:
     """Add the best effect as long as one is needed, with a backward step after each addition."""
     while len(search.added_effects(fit)) < MOST_EFFECTS:
-        further = (extension for extension in search.extensions(fit) if search.is_needed(fit, extension))
-        extension = next(further, None)
+        needed = (extension for extension in search.extensions(fit) if search.is_needed(fit, extension))
+        extension = next(needed, None)
         if extension is None:
             break
-        settled = backward_step(search, extension)
-        if settled.solution.held_out >= fit.solution.held_out:
+        reduced = backward_step(search, extension)
+        if reduced.solution.held_out >= fit.solution.held_out:
             break
-        fit = settled
+        fit = reduced
     return fit
 
 
@@ -574,13 +573,13 @@ def backward_step(search: Search, fit: FitResult) -> FitResult:
 def _quick_screen(beside: FitResult, effects: Sequence[Effect]) -> list[Candidate]:
     """Fit extensions of a model at few start values; return the possible ones, the best first."""
 
-    def few(effect: Effect) -> Sequence[Inner]:
+    def few_starts(effect: Effect) -> Sequence[Inner]:
         starts = effect.starts(beside.data)
         return starts[:: max(len(starts) // FEW_STARTS, 1)]
 
     return [
         candidate
-        for candidate in screen_effects(beside, effects, starts=few, refined=0)
+        for candidate in screen_effects(beside, effects, starts=few_starts, refined=0)
         if candidate.possible
     ]
 

@@ -345,7 +345,7 @@ def test_what_stands_in_for_a_law_takes_most_of_it_and_the_less_likely_as_much(k
         kinds=frozenset({Kind.TIME_MEMORY}),
         error=SimpleNamespace(mean_square=left.__getitem__),
         budget=SimpleNamespace(entries=[SimpleNamespace(kind=Kind.TIME_MEMORY)]),
-        stand_ins=lambda entry: frozenset({Kind.FRICTION, Kind.DRIFT}),
+        replacements=lambda entry: frozenset({Kind.FRICTION, Kind.DRIFT}),
     )
     needed = list(module._least_in_place(partial, SimpleNamespace(kind=kind)))
     assert needed == ([] if least is None else [pytest.approx(0.9 * least)])

@@ -319,7 +319,7 @@ def test_where_a_few_draws_are_not_clear_all_inner_parameters_are_fitted_to_each
     friction_nm, unusual, monkeypatch
 ):
     monkeypatch.setattr(bootstrap, "DRAWS", 5)
-    monkeypatch.setattr(bootstrap, "_LEAST_SAMPLES", 6)  # so that they never are
+    monkeypatch.setattr(bootstrap, "_MIN_SAMPLES", 6)  # so that they never are
     effect = EFFECTS["coulomb_friction"]()
     data = swings(3, lambda q, v, a: friction_nm * np.tanh(v / 0.01), runs=3, seconds=1.5)
     before, after = fit_model(data, SWING, {}), fit_model(data, SWING.with_effect(effect), {})

@@ -288,7 +288,7 @@ def test_a_constant_is_dropped_that_explains_little_beside_what_was_found_next_t
     monkeypatch.setattr(module, "least_explained", lambda *_: 1.0)
     monkeypatch.setattr(module, "accept_forms", lambda _, __, fit, ___: (reduced, [fit]))
     monkeypatch.setattr(module, "form_tests", lambda *_: [SimpleNamespace(effect="bias")])
-    end, tests = module._look_beyond_offset(search, Mock(), [], Mock(), Mock())
+    end, tests = module._search_with_offset(search, Mock(), [], Mock(), Mock())
     assert end is (joint if kept else reduced)
     assert tests[-1] == ("beside" if kept else alone)
 
