@@ -36,8 +36,8 @@ else:
 
 Name = Annotated[str, matching(r"[A-Za-z][A-Za-z0-9_]{0,63}", "1 to 64 letters, digits or _, a letter first")]
 _POSTURES = 5  # besides the home position
-_APART_M = 1e-4
-_TURNED = 1e-3  # largest difference between elements of two rotation matrices
+_MAX_DISTANCE_M = 1e-4  # largest distance between the tips of table and URDF
+_MAX_ROTATION = 1e-3  # largest difference between elements of two rotation matrices
 
 
 class DhRow(FileModel):
@@ -147,10 +147,10 @@ def check_dh_table(robot_file: RobotFile, body: RigidBody) -> None:
     for position_rad in (np.array(robot_file.home_rad), *np.linspace(low, high, _POSTURES)):
         frame = table.tip_frame(position_rad)
         tip_m, rotation = body.tip_pose(position_rad)
-        apart_m = float(np.linalg.norm(frame[:3, 3] - tip_m))
-        turned = float(np.abs(frame[:3, :3] - rotation).max())
-        if apart_m > _APART_M or turned > _TURNED:
-            what = f"{apart_m * 1e3:.3g} mm from" if apart_m > _APART_M else "turned against"
+        distance_m = float(np.linalg.norm(frame[:3, 3] - tip_m))
+        difference = float(np.abs(frame[:3, :3] - rotation).max())
+        if distance_m > _MAX_DISTANCE_M or difference > _MAX_ROTATION:
+            what = f"{distance_m * 1e3:.3g} mm from" if distance_m > _MAX_DISTANCE_M else "turned against"
             raise InputError(
                 f"{path}: at joint positions {np.round(position_rad, 3).tolist()} rad it puts the tip {what} "
                 f"where the URDF puts '{robot_file.tip_frame}'; correct one of them"

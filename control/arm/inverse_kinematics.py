@@ -181,8 +181,8 @@ class PlanarArm:
         """
         angles = np.cumsum(position_rad * self.signs, axis=1) + self._rest
         lengths_m = np.array(self.lengths_m)
-        across = np.column_stack((np.cos(angles) @ lengths_m, np.sin(angles) @ lengths_m))
-        return across + self._shoulder
+        from_shoulder_m = np.column_stack((np.cos(angles) @ lengths_m, np.sin(angles) @ lengths_m))
+        return from_shoulder_m + self._shoulder
 
     def plane_direction(self, direction_world: FloatArray) -> tuple[float, float, float]:
         """Project a world direction onto the plane.

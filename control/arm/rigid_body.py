@@ -60,22 +60,22 @@ class RigidBody:
     Args:
         model: Pinocchio's model.
         tip_frame: name of the tip's frame.
-        place: origin of the model, for errors.
+        source: origin of the model, for errors.
 
     Raises:
         InputError: the frame is unknown, or a joint has more than one coordinate.
     """
 
-    def __init__(self, model: "pin.Model", tip_frame: str, place: str = "URDF") -> None:
+    def __init__(self, model: "pin.Model", tip_frame: str, source: str = "URDF") -> None:
         for index in range(1, model.njoints):
             if model.joints[index].nq != 1:
                 raise InputError(
-                    f"{place}, joint '{model.names[index]}': only revolute (with limits) and prismatic "
+                    f"{source}, joint '{model.names[index]}': only revolute (with limits) and prismatic "
                     "joints; write a 'continuous' joint as 'revolute' with wide limits"
                 )
         if not model.existFrame(tip_frame):
             valid = ", ".join(frame.name for frame in model.frames if frame.type == pin.FrameType.BODY)
-            raise InputError(f"{place}: no frame is called '{tip_frame}'. Valid: {valid}")
+            raise InputError(f"{source}: no frame is called '{tip_frame}'. Valid: {valid}")
         self._model = model
         self._data = model.createData()
         self._tip = model.getFrameId(tip_frame)
@@ -124,20 +124,20 @@ class RigidBody:
                 of other types.
         """
         is_text = isinstance(urdf, str) and "<" in urdf
-        place = origin if is_text else str(urdf)
+        source = origin if is_text else str(urdf)
         try:
             text = str(urdf) if is_text else read_text(Path(urdf))
             parse_urdf(text)  # Pinocchio accepts a mass of -1 kg, and ignores invalid numbers
-            model = _built(text)
+            model = _parse_model(text)
         except (OSError, ValueError, RuntimeError) as error:
             reason = getattr(error, "strerror", None) or " ".join(str(error).split())
-            raise InputError(f"{place}: not a readable URDF ({reason:.100})") from error
+            raise InputError(f"{source}: not a readable URDF ({reason:.100})") from error
         if model.nq == 0:
-            raise InputError(f"{place}: has no movable joint")
+            raise InputError(f"{source}: has no movable joint")
         model.gravity.linear = frozen_array(gravity_m_s2, (3,), what="gravity")
         if len(rotor_inertia_kg_m2):
             model.armature = frozen_array(rotor_inertia_kg_m2, (model.nv,), what="rotor inertia").copy()
-        return cls(model, tip_frame, place)
+        return cls(model, tip_frame, source)
 
     @property
     def joint_count(self) -> int:
@@ -157,8 +157,8 @@ class RigidBody:
     @property
     def weightless_joint(self) -> str:
         """Name of the first joint that moves neither mass nor inertia; empty if there is none."""
-        inertia = np.diag(self.mass_matrix(pin.neutral(self._model)))
-        return next((name for name, own in zip(self.joint_names, inertia, strict=True) if own <= 0.0), "")
+        diagonal = np.diag(self.mass_matrix(pin.neutral(self._model)))
+        return next((name for name, i in zip(self.joint_names, diagonal, strict=True) if i <= 0.0), "")
 
     @property
     def position_limits_rad(self) -> tuple[FloatArray, FloatArray]:
@@ -356,7 +356,7 @@ class RigidBody:
         return tuple(axes)
 
 
-def _built(text: str) -> "pin.Model":
+def _parse_model(text: str) -> "pin.Model":
     """Parse a URDF; an error quotes the C++ parser's printed messages."""
     printed: list[str] = []
     try:

@@ -76,11 +76,11 @@ class Pid:
             error_rate_rad_s: rate of the error, shape (n,) [rad/s].
             dt_s: length of the step [s].
         """
-        followed = dt_s / (dt_s + self._filter_s)
+        filter_share = dt_s / (dt_s + self._filter_s)
         output: list[float] = []  # for few joints, a loop is several times faster than arrays
         errors = zip(error_rad.tolist(), error_rate_rad_s.tolist(), strict=True)
         for joint, (error, error_rate) in enumerate(errors):
-            self._rate[joint] += (error_rate - self._rate[joint]) * followed
+            self._rate[joint] += (error_rate - self._rate[joint]) * filter_share
             growth = error * (self._ki * dt_s)
             unlimited = self._kp * error + self._kd * self._rate[joint] + self._integral[joint] + growth
             limited = clip(unlimited, -self._limit, self._limit)

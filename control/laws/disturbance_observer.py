@@ -38,7 +38,7 @@ class DisturbanceObserver:
         self._threshold_n = gains.share * force_limit_n + gains.floor_n
         self._opposed_n = 0.5 * gains.floor_n
         self._filter_s, self._samples = gains.filter_s, gains.samples
-        self._left_to_pid = 1.0 - force_feedforward
+        self._pid_share = 1.0 - force_feedforward
         self.restart()
 
     def restart(self) -> None:
@@ -49,7 +49,7 @@ class DisturbanceObserver:
 
     def pause(self) -> None:
         """Reset the free-air baseline to the disturbance of the next tick."""
-        self._free_n = self._beyond_n = math.nan
+        self._baseline_n = self._unread_n = math.nan
         self._sensed_n, self._count = 0.0, 0
 
     def update(
@@ -70,22 +70,22 @@ class DisturbanceObserver:
         if self._ticks % _MASS_TICKS == 0:
             self._mass_kg = self._body.mass_along(measurement.joint_position_rad, output.push_lever_m)
         self._ticks += 1
-        beyond_n = self._mass_kg * float(output.push_lever_m.dot(output.correction_rad_s2))
-        beyond_n -= self._left_to_pid * output.force_n
-        if math.isnan(self._free_n):
-            self._free_n, self._beyond_n, self._sensed_n = beyond_n, beyond_n, output.force_n
-        share = dt_s / (dt_s + self._filter_s)
-        self._beyond_n += (beyond_n - self._beyond_n) * share
-        self._sensed_n += (output.force_n - self._sensed_n) * share
+        unread_n = self._mass_kg * float(output.push_lever_m.dot(output.correction_rad_s2))
+        unread_n -= self._pid_share * output.force_n
+        if math.isnan(self._baseline_n):
+            self._baseline_n, self._unread_n, self._sensed_n = unread_n, unread_n, output.force_n
+        filter_share = dt_s / (dt_s + self._filter_s)
+        self._unread_n += (unread_n - self._unread_n) * filter_share
+        self._sensed_n += (output.force_n - self._sensed_n) * filter_share
         if in_free_air:
-            self._free_n += (beyond_n - self._free_n) * dt_s / (dt_s + _FREE_FILTER_S)
-        unexplained_n = self._beyond_n - self._free_n
+            self._baseline_n += (unread_n - self._baseline_n) * dt_s / (dt_s + _FREE_FILTER_S)
+        unexplained_n = self._unread_n - self._baseline_n
         # With a wrong sign, the sensor reads a pull while the joints indicate a push. Both must exceed
         # half of what weight and friction may leave unexplained.
         is_opposed = self._sensed_n < -self._opposed_n and self._sensed_n + unexplained_n > self._opposed_n
-        contradicted = abs(unexplained_n) > self._threshold_n or is_opposed
-        suspicious = contradicted and not self._is_stalled(dt_s)
-        self._count = self._count + 1 if suspicious else 0
+        contradicts = abs(unexplained_n) > self._threshold_n or is_opposed
+        is_suspicious = contradicts and not self._is_stalled(dt_s)
+        self._count = self._count + 1 if is_suspicious else 0
         if self._count >= self._samples:
             raise SafetyTripError(
                 f"the joint torques indicate about {output.force_n + unexplained_n:.1f} N, but the force "

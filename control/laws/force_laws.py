@@ -11,7 +11,7 @@ object's spring alone reaches the limit, and on the way spring and damping toget
     v <= sqrt(2 a room / k),    v <= room / c,    room = F_limit - k x
 
 Two hold laws are adaptive: they use the estimate of an online estimator as if it were true (certainty
-equivalence). Before there is an estimate they use the controller's own quick guess.
+equivalence). Before its first estimate they use that of the controller's `QuickEstimator`.
 """
 
 import math
@@ -30,7 +30,7 @@ _STIFFNESS_SPREAD_N_M = 3000.0  # standard deviation before the first sample
 _DAMPING_SPREAD_N_S_M = 100.0
 _FORCE_NOISE_N = 0.05
 _MEMORY_N = 3.0  # change of the spring's force over which older samples fade
-_STILL_M_S = 0.002  # slower samples are ignored
+_MIN_SPEED_M_S = 0.002  # slower samples are ignored
 
 
 class Compliance(NamedTuple):
@@ -81,7 +81,7 @@ class QuickEstimator:
             force_n: positive in compression [N].
             dt_s: time since the last sample [s].
         """
-        if abs(speed_m_s) < _STILL_M_S:
+        if abs(speed_m_s) < _MIN_SPEED_M_S:
             return
         gain_k = self._p_kk * depth_m + self._p_kc * speed_m_s
         gain_c = self._p_kc * depth_m + self._p_cc * speed_m_s
@@ -93,15 +93,15 @@ class QuickEstimator:
         # The spread is limited to its initial value, because forgetting would inflate it without bound.
         self._p_kk = min((self._p_kk - gain_k**2 / spread) / forget, _STIFFNESS_SPREAD_N_M**2)
         self._p_cc = min((self._p_cc - gain_c**2 / spread) / forget, _DAMPING_SPREAD_N_S_M**2)
-        most = math.sqrt(max(self._p_kk * self._p_cc, 0.0))
-        self._p_kc = clip((self._p_kc - gain_k * gain_c / spread) / forget, -most, most)
+        bound = math.sqrt(max(self._p_kk * self._p_cc, 0.0))
+        self._p_kc = clip((self._p_kc - gain_k * gain_c / spread) / forget, -bound, bound)
 
 
-_OWN_DAMPING = 0.4  # share of the object's damping that is used; all of it would overshoot, none would creep
+_DAMPING_SHARE = 0.4  # used share of the object's damping; all of it would overshoot, none would creep
 _FOLLOW_S = 0.004  # time constant with which the speed follows the braking curve
 _BRAKING_RESERVE = 2.0  # multiple of the planned or needed braking; more only if the force exceeds the limit
-_LEAST_ROOM_N = 0.1
-_BACK_OUT = 0.1  # largest outward speed while loading, as a share of the speed limit
+_MIN_ROOM_N = 0.1
+_MAX_OUTWARD = 0.1  # largest outward speed while loading, as a share of the speed limit
 
 
 @dataclass(frozen=True, slots=True)
@@ -139,7 +139,7 @@ def scheduled_admittance(compliance: Compliance, gains: ContactGains) -> Admitta
     stiffness_n_m, damping_n_s_m = compliance
     mass_kg = max(gains.mass_kg, damping_n_s_m / gains.reaction_rad_s)
     critical = 2.0 * gains.damping_ratio * math.sqrt(stiffness_n_m * mass_kg)
-    return Admittance(mass_kg, max(critical - _OWN_DAMPING * damping_n_s_m, gains.damping_min_n_s_m))
+    return Admittance(mass_kg, max(critical - _DAMPING_SHARE * damping_n_s_m, gains.damping_min_n_s_m))
 
 
 def loading_acceleration(
@@ -164,13 +164,13 @@ def loading_acceleration(
         if damping_n_s_m * goal_m_s > room_n:
             goal_m_s = room_n / damping_n_s_m
     else:
-        goal_m_s = max(room_n / (stiffness_n_m * _FOLLOW_S), -_BACK_OUT * speed_limit_m_s)
+        goal_m_s = max(room_n / (stiffness_n_m * _FOLLOW_S), -_MAX_OUTWARD * speed_limit_m_s)
     excess_n = max(damping_n_s_m * speed_m_s - room_n, 0.0)
-    stopping = stiffness_n_m * speed_m_s**2 / (2.0 * max(room_n, _LEAST_ROOM_N))
-    hardest = _BRAKING_RESERVE * max(gains.braking_m_s2, stopping) + excess_n / gains.mass_kg
-    hardest = min(hardest, gains.yielding_m_s2)
+    stopping = stiffness_n_m * speed_m_s**2 / (2.0 * max(room_n, _MIN_ROOM_N))
+    max_braking_m_s2 = _BRAKING_RESERVE * max(gains.braking_m_s2, stopping) + excess_n / gains.mass_kg
+    max_braking_m_s2 = min(max_braking_m_s2, gains.yielding_m_s2)
     change = (goal_m_s - speed_m_s) / _FOLLOW_S
-    return clip(change, -hardest, gains.braking_m_s2)
+    return clip(change, -max_braking_m_s2, gains.braking_m_s2)
 
 
 _IMPEDANCE_N_M = 300.0  # stiffness of the impedance that tracks a force
@@ -191,7 +191,7 @@ class HoldState(NamedTuple):
     desired_n: float  # force to hold [N]
     force_n: float  # measured [N]
     state: LineState  # reference along the press line
-    known: Environment
+    environment: Environment
 
     @property
     def error_n(self) -> float:
@@ -205,7 +205,7 @@ HoldLaw = Callable[[HoldState, ContactGains, float], float]
 
 def _admittance(hold: HoldState, gains: ContactGains, dt_s: float) -> float:
     """Compute a from M a = F_d - F - D v, with M and D scaled to the object."""
-    law = scheduled_admittance(hold.known.compliance, gains)
+    law = scheduled_admittance(hold.environment.compliance, gains)
     return law.acceleration(hold.error_n, hold.state.speed_m_s, dt_s)
 
 
@@ -216,8 +216,8 @@ def _force_tracking(hold: HoldState, gains: ContactGains, dt_s: float) -> float:
     surface. Seraji and Colbaugh, "Force Tracking in Impedance Control", IJRR 16 (1997), indirect adaptive
     scheme.
     """
-    stiffness_n_m, damping_n_s_m = hold.known.compliance
-    rest_m = hold.known.surface_travel_m + hold.desired_n / stiffness_n_m
+    stiffness_n_m, damping_n_s_m = hold.environment.compliance
+    rest_m = hold.environment.surface_travel_m + hold.desired_n / stiffness_n_m
     pull_n = _IMPEDANCE_N_M * (rest_m - hold.state.travel_m)
     law = scheduled_admittance(Compliance(stiffness_n_m + _IMPEDANCE_N_M, damping_n_s_m), gains)
     return law.acceleration(hold.error_n + pull_n, hold.state.speed_m_s, dt_s)
@@ -230,7 +230,7 @@ def _constant_force(hold: HoldState, gains: ContactGains, dt_s: float) -> float:
     Impedance Behavior", IEEE Trans. Robotics and Automation 11 (1995). On a damped object the speed is
     limited so that the damper's force does not exceed the error.
     """
-    stiffness_n_m, damping_n_s_m = hold.known.compliance
+    stiffness_n_m, damping_n_s_m = hold.environment.compliance
     rate = stiffness_n_m / _REFERENCE_RAD_S + damping_n_s_m
     return (hold.error_n / rate - hold.state.speed_m_s) / (_HOLD_FOLLOW_S + dt_s)
 

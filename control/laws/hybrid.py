@@ -84,8 +84,8 @@ class ContactSwitch:
         Returns:
             Whether there is contact.
         """
-        against = force_n < self.release_force_n if self.in_contact else force_n > self.touch_force_n
-        self._count = self._count + 1 if against else 0
+        is_change = force_n < self.release_force_n if self.in_contact else force_n > self.touch_force_n
+        self._count = self._count + 1 if is_change else 0
         if self._count >= self._debounce:
             self.in_contact = not self.in_contact
             self._count = 0

@@ -47,17 +47,17 @@ def free_air_problem(force_n: float, touch_n: float, force_limit_n: float, gains
         Problem and remedy, or None.
     """
     limit = f"force_limit_n {force_limit_n:g} N"
-    most_n = gains.bias_share * force_limit_n
-    if not abs(force_n) <= most_n:
+    limit_n = gains.bias_share * force_limit_n
+    if not abs(force_n) <= limit_n:
         return (
-            f"the force in free air is {force_n:.3g} N; with {limit}, at most {most_n:.3g} N is "
+            f"the force in free air is {force_n:.3g} N; with {limit}, at most {limit_n:.3g} N is "
             "allowed: is the tool touched? If not, tare the force sensor, or allow more "
             "(gains.touch.bias_share in the robot file)"
         )
-    most_n = gains.limit_share * force_limit_n
-    if not touch_n <= most_n:
+    limit_n = gains.limit_share * force_limit_n
+    if not touch_n <= limit_n:
         return (
-            f"a touch would count above {touch_n:.3g} N; with {limit}, at most {most_n:.3g} N is "
+            f"a touch would count above {touch_n:.3g} N; with {limit}, at most {limit_n:.3g} N is "
             "allowed: the sensor is too noisy (or gains.touch.touch_force_n of the robot file too "
             f"high); a force_limit_n of {touch_n / gains.limit_share:.3g} N is enough"
         )
@@ -75,9 +75,9 @@ class RunningMean:
     def add(self, value: float) -> None:
         """Add one sample."""
         self.count += 1
-        before = value - self.mean
-        self.mean += before / self.count
-        self._squares += before * (value - self.mean)
+        deviation = value - self.mean
+        self.mean += deviation / self.count
+        self._squares += deviation * (value - self.mean)
 
     @property
     def standard_deviation(self) -> float:

@@ -36,8 +36,7 @@ def realtime(priority: int = 80) -> Iterator[RealtimeReport]:
     """Enable real-time features for the calling thread within the context; restore everything afterwards.
 
     Use it only for loops on a real clock: on simulated time the thread never sleeps and would starve others.
-        A
-    refused feature is not an error.
+    A refused feature is not an error.
 
     Args:
         priority: SCHED_FIFO priority, 1 to 99; 80 is above the usual 50 of interrupt threads.
@@ -90,7 +89,7 @@ def _fifo(priority: int) -> Iterator[None]:
 
 @contextmanager
 def _locked_memory() -> Iterator[None]:
-    """Lock all pages in memory once used, and future pages unless a limit would make allocations fail.
+    """Lock all pages in memory once they are used; future pages only if no limit makes allocations fail.
 
     Locking pages before their use would fill the gigabyte that Arrow's allocator only reserves.
     """

@@ -39,8 +39,8 @@ class LoopResult:
     @property
     def is_clean(self) -> bool:
         """Whether no tick was late, no record lost and the torque confirmed off."""
-        troubles = self.log_error or self.observer_error or self.deactivation_error
-        return not (troubles or self.overruns or self.dropped or self.unsent)
+        problems = self.log_error or self.observer_error or self.deactivation_error
+        return not (problems or self.overruns or self.dropped or self.unsent)
 
     def one_line(self) -> str:
         """Summarize outcome and problems in one line."""
@@ -51,12 +51,12 @@ class LoopResult:
             (self.unsent, "commands not sent"),
         ):
             text += f", {count} {what}" if count else ""
-        for trouble, what in (
+        for problem, what in (
             (self.log_error, "the log is not complete"),
             (self.observer_error, "online estimation was switched off"),
             (self.deactivation_error, "the torque may still be on"),
         ):
-            text += f"; {what}: {trouble}" if trouble else ""
+            text += f"; {what}: {problem}" if problem else ""
         return text
 
     def raise_for_trip(self) -> None:
@@ -67,10 +67,10 @@ class LoopResult:
             PalpateError: a device or the task failed; chained to the original exception.
         """
         if self.deactivation_error:
-            said = not self.cause or self.deactivation_error in self.cause
-            why = "" if said else f"; the arm was stopped: {self.cause}"
+            is_in_cause = not self.cause or self.deactivation_error in self.cause
+            reason = "" if is_in_cause else f"; the arm was stopped: {self.cause}"
             raise SafetyTripError(
-                f"the torque may still be on, cut the power: {self.deactivation_error}{why}"
+                f"the torque may still be on, cut the power: {self.deactivation_error}{reason}"
             ) from self.error
         if self.outcome is Outcome.TRIPPED:
             kind = PalpateError if self.error else SafetyTripError
