@@ -117,9 +117,9 @@ def make_output(
         The output, with the measured tip motion.
     """
     position_m, velocity_m_s = tip.position_world_m, tip.velocity_world_m_s
-    aimed = (motion.position_rad, motion.velocity_rad_s)
+    reference = (motion.position_rad, motion.velocity_rad_s)
     return TaskOutput(
-        command, *aimed, position_m, velocity_m_s, direction, desired_force_n, phase, run, done, events
+        command, *reference, position_m, velocity_m_s, direction, desired_force_n, phase, run, done, events
     )
 
 
@@ -169,9 +169,9 @@ def checked_output(output: object, joints: tuple[int]) -> TaskOutput:
     )
     expected = (joints, joints, joints, _SPACE, _SPACE, _SPACE)
     if shapes != expected:
-        for name, shape, right in zip(TaskOutput._fields, shapes, expected, strict=False):
-            if shape != right:
-                raise ValueError(f"step returned {name} of shape {shape}, expected {right}")
+        for name, shape, expected_shape in zip(TaskOutput._fields, shapes, expected, strict=False):
+            if shape != expected_shape:
+                raise ValueError(f"step returned {name} of shape {shape}, expected {expected_shape}")
     for event in output.events:
         if not isinstance(event, TaskEvent):
             raise _wrong_type("events", event, "TaskEvent")

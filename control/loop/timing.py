@@ -24,10 +24,8 @@ class TickDurations(NamedTuple):
     guard_s: float
     write_s: float
     observer_s: float
-    log_s: float  # of the tick before
-    lateness_s: (
-        float  # delay of the wake-up after the tick was due, on the loop's clock; zero on simulated time
-    )
+    log_s: float  # duration of logging the previous tick
+    lateness_s: float  # delay of the wake-up on the loop's clock; zero on simulated time
 
 
 SECTIONS = (*(name.removesuffix("_s") for name in TickDurations._fields), "tick")
@@ -106,9 +104,9 @@ class LoopTiming:
         """
         self._recent.append(durations)
         if len(self._recent) == _BATCH:
-            self._sort_in()
+            self._count_recent()
 
-    def _sort_in(self) -> None:
+    def _count_recent(self) -> None:
         durations_s = np.array(self._recent).reshape(-1, len(TickDurations._fields))
         self._recent.clear()
         tick_s = durations_s.sum(axis=1) - durations_s[:, TickDurations._fields.index("lateness_s")]
@@ -117,7 +115,7 @@ class LoopTiming:
 
     def summary(self) -> Mapping[str, SectionTiming]:
         """Compute the figures by section, in the order of `SECTIONS`."""
-        self._sort_in()
+        self._count_recent()
         return MappingProxyType({name: histogram.summary() for name, histogram in self._histograms.items()})
 
 

@@ -16,7 +16,7 @@ from palpate.robot_io.files.file_model import FileModel, Positive
 
 _RAMP_SHARE = 0.2  # share of the duration for the fade-in
 _PEAK_SAMPLES_PER_PERIOD = 50
-_SINES = 8  # number of sines in a multisine
+_SINE_COUNT = 8  # number of sines in a multisine
 
 
 class Excitation(FileModel):
@@ -79,9 +79,9 @@ class Profile:
         else:
             # Logarithmically spaced, with phases that keep the peak low: Schroeder, IEEE Trans. Information
             # Theory 16(1), 1970.
-            index = np.arange(_SINES)
-            self._rates = math.tau * np.geomspace(excitation.low_hz, excitation.high_hz, _SINES)
-            self._phases = -math.pi * index * (index + 1) / _SINES
+            index = np.arange(_SINE_COUNT)
+            self._rates = math.tau * np.geomspace(excitation.low_hz, excitation.high_hz, _SINE_COUNT)
+            self._phases = -math.pi * index * (index + 1) / _SINE_COUNT
             self._sweep = 0.0
             count = math.ceil(_PEAK_SAMPLES_PER_PERIOD * excitation.high_hz * excitation.duration_s)
             times = np.linspace(0.0, excitation.duration_s, count)[:, None]
@@ -106,11 +106,11 @@ class Profile:
             -self._scale * float(rate**2 @ cosine + self._sweep * sine.sum()),
         )
         fade, fade_rate, fade_acceleration = quintic(time_s, self._ramp_s)
-        below = wave - self._offset
+        shifted_wave = wave - self._offset
         return ProfilePoint(
-            fade * below,
-            fade_rate * below + fade * wave_rate,
-            fade_acceleration * below + 2.0 * fade_rate * wave_rate + fade * wave_acceleration,
+            fade * shifted_wave,
+            fade_rate * shifted_wave + fade * wave_rate,
+            fade_acceleration * shifted_wave + 2.0 * fade_rate * wave_rate + fade * wave_acceleration,
         )
 
 
@@ -142,5 +142,5 @@ def position_amplitude_m(
     impedance_n_m = math.hypot(stiffness_n_m, rate * damping_n_s_m)
     offset = impedance_n_m / stiffness_n_m
     fade_m_s = min(speed_limit_m_s, 0.3 * force_limit_n / max(damping_n_s_m, 1e-9))
-    slowest_m = min(speed_limit_m_s / rate, fade_m_s * excitation.ramp_s / (PEAK_SPEED * offset))
-    return min(excitation.amplitude_n / impedance_n_m, slowest_m), offset
+    speed_limited_m = min(speed_limit_m_s / rate, fade_m_s * excitation.ramp_s / (PEAK_SPEED * offset))
+    return min(excitation.amplitude_n / impedance_n_m, speed_limited_m), offset

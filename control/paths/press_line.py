@@ -58,7 +58,7 @@ class PressLine:
         """Compute how far the tip can travel from the start, to within 2 mm.
 
         Args:
-            goal_m: farthest travel of interest [m]; negative: back.
+            goal_m: farthest travel of interest, negative for a travel backwards [m].
             near_rad: joint positions near the start, shape (3,) [rad].
             limits_rad: lowest and highest joint positions, shape (3,) each [rad].
 
@@ -75,7 +75,7 @@ class PressLine:
             except InputError:
                 break
             positions = self._positions(angles, positions)
-            is_within = all(low <= at <= high for at, (low, high) in zip(positions, bounds, strict=True))
+            is_within = all(low <= q <= high for q, (low, high) in zip(positions, bounds, strict=True))
             if not is_within or abs(math.sin(angles[1] - angles[0])) < NEAR_SINGULAR:
                 break
             reached_m = travel_m
@@ -120,7 +120,7 @@ class PressLine:
     def _positions(self, angles: tuple[float, float, float], near_rad: list[float]) -> list[float]:
         """Joint positions [rad] from the links' absolute angles, each in the turn nearest to `near_rad`."""
         positions = zip(self._arm.joint_positions(angles), near_rad, strict=True)
-        return [at + math.tau * round((near - at) / math.tau) for at, near in positions]
+        return [q + math.tau * round((near - q) / math.tau) for q, near in positions]
 
     def _per_joint(self, first: float, second: float) -> FloatArray:
         """Rates of the joints from absolute rates of the first two links, the third standing still."""

@@ -77,8 +77,8 @@ class JointMove:
                 "must be positive"
             )
         self._start = frozen_array(start_rad, what="start of the move")
-        self._way = frozen_array(end_rad, self._start.shape, what="end of the move") - self._start
-        longest_rad = float(np.abs(self._way).max())
+        self._change = frozen_array(end_rad, self._start.shape, what="end of the move") - self._start
+        longest_rad = float(np.abs(self._change).max())
         self.duration_s = max(
             PEAK_SPEED * longest_rad / speed_limit_rad_s,
             math.sqrt(_PEAK_ACCELERATION * longest_rad / acceleration_limit_rad_s2),
@@ -91,37 +91,37 @@ class JointMove:
         Args:
             time_s: time since the start [s]; at rest at the end afterwards.
         """
-        return _on_way(self._start, self._way, quintic(time_s, self.duration_s))
+        return _scaled(self._start, self._change, quintic(time_s, self.duration_s))
 
     def brake_at(self, time_s: float, acceleration_limit_rad_s2: float) -> "JointBrake":
-        """Return a motion that comes to rest on the way.
+        """Return a motion that comes to rest during the move.
 
         Args:
             time_s: time at which the braking begins [s].
             acceleration_limit_rad_s2: limit of every joint [rad/s^2].
         """
-        along = LineState(*quintic(time_s, self.duration_s))
-        return JointBrake(self._start, self._way, along, acceleration_limit_rad_s2)
+        share = LineState(*quintic(time_s, self.duration_s))
+        return JointBrake(self._start, self._change, share, acceleration_limit_rad_s2)
 
 
 class JointBrake:
-    """All joints come to rest together on their way; see `JointMove.brake_at`.
+    """All joints come to rest together during a move; see `JointMove.brake_at`.
 
     No joint decelerates more than the limit, if none accelerates when the braking begins.
 
     Args:
-        start_rad: start of the way, shape (n,) [rad].
-        way_rad: end minus start, shape (n,) [rad].
-        along: share of the way, and its derivatives, when the braking begins.
-        acceleration_limit_rad_s2: limit of every joint [rad/s^2].
+        start_rad: start of the move, shape (n,) [rad].
+        change_rad: end minus start, shape (n,) [rad].
+        share: completed share of the move, and its derivatives, when the braking begins.
+        limit_rad_s2: largest acceleration of every joint [rad/s^2].
     """
 
     def __init__(
-        self, start_rad: FloatArray, way_rad: FloatArray, along: LineState, acceleration_limit_rad_s2: float
+        self, start_rad: FloatArray, change_rad: FloatArray, share: LineState, limit_rad_s2: float
     ) -> None:
-        self._start, self._way = start_rad, way_rad
-        longest_rad = max(float(np.abs(way_rad).max()), 1e-9)
-        self._blend = SpeedBlend(along, 0.0, acceleration_limit_rad_s2 / longest_rad)
+        self._start, self._change = start_rad, change_rad
+        longest_rad = max(float(np.abs(change_rad).max()), 1e-9)
+        self._blend = SpeedBlend(share, 0.0, limit_rad_s2 / longest_rad)
         self.duration_s = self._blend.duration_s
 
     def at(self, time_s: float) -> JointMotion:
@@ -130,12 +130,12 @@ class JointBrake:
         Args:
             time_s: time since the braking began [s]; at rest afterwards.
         """
-        return _on_way(self._start, self._way, self._blend.at(time_s))
+        return _scaled(self._start, self._change, self._blend.at(time_s))
 
 
-def _on_way(start_rad: FloatArray, way_rad: FloatArray, along: tuple[float, float, float]) -> JointMotion:
-    share, rate_1_s, acceleration_1_s2 = along
-    return JointMotion(start_rad + share * way_rad, rate_1_s * way_rad, acceleration_1_s2 * way_rad)
+def _scaled(start_rad: FloatArray, change_rad: FloatArray, share: tuple[float, float, float]) -> JointMotion:
+    value, rate_1_s, acceleration_1_s2 = share
+    return JointMotion(start_rad + value * change_rad, rate_1_s * change_rad, acceleration_1_s2 * change_rad)
 
 
 class JointPath:
@@ -162,18 +162,18 @@ class JointPath:
         Args:
             time_s: time since the start [s]; at rest at the end afterwards.
         """
-        number, since_s = self._move_at(time_s)
-        return self._moves[number].at(since_s)
+        index, since_s = self._move_at(time_s)
+        return self._moves[index].at(since_s)
 
     def brake_at(self, time_s: float, acceleration_limit_rad_s2: float) -> JointBrake:
-        """Return a motion that comes to rest on the way; see `JointMove.brake_at`.
+        """Return a motion that comes to rest during the move; see `JointMove.brake_at`.
 
         Args:
             time_s: time at which the braking begins [s].
             acceleration_limit_rad_s2: limit of every joint [rad/s^2].
         """
-        number, since_s = self._move_at(time_s)
-        return self._moves[number].brake_at(since_s, acceleration_limit_rad_s2)
+        index, since_s = self._move_at(time_s)
+        return self._moves[index].brake_at(since_s, acceleration_limit_rad_s2)
 
     def passed_rad(self, time_s: float) -> tuple[FloatArray, ...]:
         """List the points already passed, the last one first, as a path back.
@@ -189,9 +189,9 @@ class JointPath:
     def _move_at(self, time_s: float) -> tuple[int, float]:
         """Return the index of the current move, and the time since its start [s]."""
         last = len(self._moves) - 1
-        for number, move in enumerate(self._moves[:last]):
+        for index, move in enumerate(self._moves[:last]):
             if time_s < move.duration_s:
-                return number, time_s
+                return index, time_s
             time_s -= move.duration_s
         return last, time_s
 

@@ -45,18 +45,16 @@ class ProbingPlan(FileModel):
     hold_law: Literal["admittance", "force_tracking_impedance", "constant_force"] = "admittance"
     excitation: Excitation | None = None  # profile that is added to the hold afterwards, or None
     approach_clearance_m: Positive = 0.03  # an approach starts this far before the target [m]
-    search_depth_m: Positive = (
-        0.2  # distance from the approach start within which the surface must be touched [m]
-    )
+    search_depth_m: Positive = 0.2  # distance from the approach start in which the surface must lie [m]
     max_depth_m: Positive = 0.15  # deepest indentation [m]
     retract_m: Positive = 0.03  # way out of the object between runs [m]
     settle_s: NotNegative = 0.2  # rest before the free-air record [s]
     # free-air record before each approach, for bias and noise of the force [s].
     free_air_s: Annotated[float, Field(ge=0.05, le=60.0)] = 0.3
-    # before each run the tip swings up by this from where the approach starts, and back down, once at each of
-    # the next speeds: the joints turn round in free air; 0: not at all [m].
+    # height of a swing of the tip up from the approach start and back down, before each run once at each
+    # of the next speeds, so that the joints reverse in free air; 0 for no swings [m].
     free_air_swing_m: Annotated[NotNegative, Field(le=0.5)] = 0.0
-    # fastest joint in these swings, as far as joint_acceleration_rad_s2 lets it come up to speed [rad/s].
+    # speeds of the fastest joint in these swings, if joint_acceleration_rad_s2 allows them [rad/s].
     free_air_swing_speeds_rad_s: Annotated[tuple[JointSpeed, ...], Field(min_length=1, max_length=10)] = (
         0.3,
         1.0,

@@ -84,8 +84,8 @@ class ReplayTask:
         """
         self._torque.reset()
         begin_rad = self._references.position_rad[0]
-        here_rad = measurement.joint_position_rad.copy()
-        self._move_to_start = JointMove(here_rad, begin_rad, SPEED_RAD_S, ACCELERATION_RAD_S2)
+        position_rad = measurement.joint_position_rad.copy()
+        self._move_to_start = JointMove(position_rad, begin_rad, SPEED_RAD_S, ACCELERATION_RAD_S2)
         self._time_s, self._tick = 0.0, 0
 
     def step(self, measurement: Measurement, dt_s: float) -> TaskOutput:
@@ -102,11 +102,11 @@ class ReplayTask:
         since_s = self._time_s - self._move_to_start.duration_s - _SETTLE_S
         if since_s < 0.0:
             return self._output(measurement, self._move_to_start.at(self._time_s), dt_s, Phase.MOVE, NO_RUN)
-        known = self._references
-        while self._tick < len(known.time_s) - 1 and known.time_s[self._tick + 1] <= since_s:
+        references = self._references
+        while self._tick < len(references.time_s) - 1 and references.time_s[self._tick + 1] <= since_s:
             self._tick += 1
-        phase, run = Phase(int(known.phase[self._tick])), int(known.run[self._tick])
-        done = since_s >= known.duration_s + _SETTLE_S
+        phase, run = Phase(int(references.phase[self._tick])), int(references.run[self._tick])
+        done = since_s >= references.duration_s + _SETTLE_S
         motion = self._motion(since_s)
         return self._output(
             measurement, motion, dt_s, Phase.IDLE if done else phase, NO_RUN if done else run, done=done
@@ -114,13 +114,13 @@ class ReplayTask:
 
     def _motion(self, since_s: float) -> JointMotion:
         """Interpolate the references linearly at a time; at rest after the last."""
-        known, tick = self._references, self._tick
-        if tick == len(known.time_s) - 1:
-            still = np.zeros(known.joint_count)
-            return JointMotion(known.position_rad[-1], still, still)
-        share = (since_s - known.time_s[tick]) / (known.time_s[tick + 1] - known.time_s[tick])
-        tracks = known.position_rad, known.velocity_rad_s, self._acceleration_rad_s2
-        return JointMotion(*((1.0 - share) * track[tick] + share * track[tick + 1] for track in tracks))
+        references, tick = self._references, self._tick
+        if tick == len(references.time_s) - 1:
+            zero = np.zeros(references.joint_count)
+            return JointMotion(references.position_rad[-1], zero, zero)
+        share = (since_s - references.time_s[tick]) / (references.time_s[tick + 1] - references.time_s[tick])
+        signals = references.position_rad, references.velocity_rad_s, self._acceleration_rad_s2
+        return JointMotion(*((1.0 - share) * signal[tick] + share * signal[tick + 1] for signal in signals))
 
     def _output(
         self,

@@ -23,8 +23,8 @@ from palpate.robot_io.errors import InputError
 from palpate.robot_io.types import FloatArray
 
 _STEPS = 40  # checked points of a route, and checked times of a swing
-_KEPT_SHARE = 0.5  # share of the clearance that a route must keep
-_MOST_LIFTS = 5  # attempts to lift a route
+_MIN_CLEARANCE_SHARE = 0.5  # share of the clearance that a route must keep
+_MAX_LIFTS = 5  # attempts to lift a route
 _LIFT_MARGIN_M = 0.002
 _ROUNDING_M = 1e-6
 
@@ -90,7 +90,7 @@ class Routes:
         self._arm, self._plan = arm, plan
         u, w, _ = arm.plane_direction(np.array(plan.press_direction_world))
         self._down = np.array((u, w))
-        self._spare_m = (1.0 - _KEPT_SHARE) * min(plan.retract_m, plan.approach_clearance_m)
+        self._spare_m = (1.0 - _MIN_CLEARANCE_SHARE) * min(plan.retract_m, plan.approach_clearance_m)
         self._shares = np.linspace(0.0, 1.0, _STEPS)[:, None]
 
     def find(self, start: Place, end: Place) -> Route:
@@ -102,7 +102,7 @@ class Routes:
         depths_m = self._depths_m(np.array([start.position_rad, end.position_rad]))
         top_m = float(depths_m.min() if start.site and end.site else depths_m.max())
         best, level_m = self._at_level(ends, math.inf, top_m), top_m
-        for _ in range(_MOST_LIFTS):
+        for _ in range(_MAX_LIFTS):
             if best.too_low_m <= 0.0:
                 break
             route = self._at_level(ends, level_m, top_m)
@@ -120,12 +120,12 @@ class Routes:
         Raises:
             InputError: the tip comes too near to an expected object.
         """
-        here, where = start, ""
+        place, where = start, ""
         for number, site in enumerate(sites, 1):
-            here, before = Place(site.joint_position_rad(here.position_rad), site), here
+            place, previous = Place(site.joint_position_rad(place.position_rad), site), place
             where = f"target {number}"
-            self.find(before, here).refuse_if_low(f"to {where}")
-        self.find(here, start).refuse_if_low(f"back from {where}")
+            self.find(previous, place).refuse_if_low(f"to {where}")
+        self.find(place, start).refuse_if_low(f"back from {where}")
 
     def swings_at(self, site: ProbingSite, near_rad: FloatArray) -> list[Swing]:
         """List all swings before a run at a site.
@@ -187,12 +187,12 @@ class Routes:
     def _at_level(self, ends: tuple[Place, Place], level_m: float, top_m: float) -> Route:
         """Return the route with lower ends lifted to a level [m], as far as the sites allow it."""
         start, end = ends
-        up, over = self._lifted_rad(start, level_m), self._lifted_rad(end, level_m)
-        across = up + self._shares * (over - up)
-        too_low_m = float(self._depths_m(across).max()) - top_m - self._spare_m
+        above_start, above_end = self._lifted_rad(start, level_m), self._lifted_rad(end, level_m)
+        points_rad = above_start + self._shares * (above_end - above_start)
+        too_low_m = float(self._depths_m(points_rad).max()) - top_m - self._spare_m
         points = [start.position_rad]
-        points += [up] if up is not start.position_rad else []
-        points += [over] if over is not end.position_rad else []
+        points += [above_start] if above_start is not start.position_rad else []
+        points += [above_end] if above_end is not end.position_rad else []
         return Route((*points, end.position_rad), max(too_low_m, 0.0))
 
     def _lifted_rad(self, place: Place, level_m: float) -> FloatArray:

@@ -16,12 +16,11 @@ from palpate.control.probing.plan import ProbingPlan, ProbingRunSpec
 from palpate.control.probing.sites import ProbingSite
 from palpate.robot_io.types import Measurement
 
-_LOADED_SHARE = 0.95  # share of the force limit, and
-_SLOW_SHARE = 0.1  # share of the set speed, but at least
-_SLOW_M_S = 0.002  # this speed; loading ends at a larger force and a lower speed
+# Loading ends above this share of the force limit, below this share of the set speed or this speed.
+_LOADED_SHARE, _SLOW_SHARE, _SLOW_M_S = 0.95, 0.1, 0.002
 _HOLD_M_S = 0.02  # speed limit of a hold, so that the tip does not follow an object that has moved away
 _LOST_S = 0.01  # time without contact in hold or excitation after which contact is lost
-_TOO_STRONG = 1.1  # share of the force limit that ends an excitation by position
+_MAX_FORCE_SHARE = 1.1  # share of the force limit that ends an excitation by position
 
 
 class ProbingRun:
@@ -73,13 +72,13 @@ class ProbingRun:
         self.events = []
         return self._step(measurement, dt_s)
 
-    def cancel(self, why: str) -> None:
+    def cancel(self, reason: str) -> None:
         """Leave the object at once, and return to the start of the approach.
 
         Args:
-            why: reason, for the failure.
+            reason: reason, for the failure.
         """
-        self.failure = self.failure or f"run {self.spec.run}: {why}"
+        self.failure = self.failure or f"run {self.spec.run}: {reason}"
         if self.phase is Phase.FREE_AIR:
             self.finished = True
         elif self.phase is Phase.APPROACH:
@@ -130,9 +129,9 @@ class ProbingRun:
         elif output.state.travel_m >= self._site.search_travel_m or self._must_turn(output):
             line, from_m = self._site.line, self._site.approach_travel_m
             start, end = line.point_at(from_m), line.point_at(output.state.travel_m)
-            way_mm = 1e3 * (output.state.travel_m - from_m)
+            searched_mm = 1e3 * (output.state.travel_m - from_m)
             self.failure = (
-                f"run {self.spec.run}: no touch within {way_mm:.0f} mm, from z = "
+                f"run {self.spec.run}: no touch within {searched_mm:.0f} mm, from z = "
                 f"{1e3 * start[2]:.0f} mm to {1e3 * end[2]:.0f} mm: is the object there? "
                 "(search_depth_m, targets_world_m)"
             )
@@ -149,12 +148,12 @@ class ProbingRun:
         if self._is_too_deep(output):
             self._leave()
         elif output.force_n >= _LOADED_SHARE * limit_n and is_slow:
-            self._loaded("limit_reached", output)
+            self._end_loading("limit_reached", output)
         elif self._time_s >= self._plan.load_time_limit_s:
-            self._loaded("load_time_limit", output)
+            self._end_loading("load_time_limit", output)
         return output
 
-    def _loaded(self, kind: str, output: ControlOutput) -> None:
+    def _end_loading(self, kind: str, output: ControlOutput) -> None:
         depth_m = output.state.travel_m - self._control.surface_travel_m
         text = f"{output.force_n:.2f} N at {1e3 * depth_m:.2f} mm depth after {self._time_s:.3f} s of loading"
         self._event(kind, text, force_n=output.force_n, depth_m=depth_m, loading_s=self._time_s)
@@ -243,7 +242,7 @@ class ProbingRun:
         output = self._control.step(measurement, HybridReference(free=free), dt_s)
         if self._is_lost(output, dt_s):
             self._leave()
-        elif output.force_n > _TOO_STRONG * self._plan.force_limit_n:
+        elif output.force_n > _MAX_FORCE_SHARE * self._plan.force_limit_n:
             text = f"excitation ended early: {output.force_n:.2f} N is above the force limit"
             self._event("excitation_too_strong", text, force_n=output.force_n)
             self._leave()

@@ -80,11 +80,11 @@ def probing_sites(
     direction = frozen_array(plan.press_direction_world)
     starts = [frozen_array(target) - plan.approach_clearance_m * direction for target in plan.targets_world_m]
     elbow = arm.elbow_of(position_rad)
-    places = starts or [tip_position_world_m]
-    highest_m = min(float(start @ direction) for start in places)
+    approach_starts = starts or [tip_position_world_m]
+    highest_m = min(float(start @ direction) for start in approach_starts)
     room_m = max(_LIFT_ROOM_M, plan.free_air_swing_m)
     sites = []
-    for number, start in enumerate(places, 1):
+    for number, start in enumerate(approach_starts, 1):
         millimetres = ", ".join(f"{1e3 * value:.0f}" for value in start)
         name = f"target {number} ({millimetres} mm)" if starts else "below the tip"
         try:
@@ -117,22 +117,22 @@ def check_against_guard(plan: ProbingPlan, robot_file: RobotFile) -> None:
         InputError: the guard would trip; the error names the largest valid value.
     """
     limits = robot_file.limits
-    most_n = limits.force_n / _FORCE_MARGIN  # applies to an excitation too, which only reduces the force
-    if plan.force_limit_n > most_n:
+    max_force_n = limits.force_n / _FORCE_MARGIN  # applies to an excitation too, which only reduces the force
+    if plan.force_limit_n > max_force_n:
         raise InputError(
             f"force_limit_n {plan.force_limit_n:g} N: the guard of '{robot_file.name}' trips at "
-            f"{limits.force_n:g} N (limits.force_n); at most {most_n:.3g} N"
+            f"{limits.force_n:g} N (limits.force_n); at most {max_force_n:.3g} N"
         )
     trips_rad_s = min(limits.velocity_rad_s)
-    most_rad_s = trips_rad_s / _SPEED_MARGIN
+    max_speed_rad_s = trips_rad_s / _SPEED_MARGIN
     speeds_rad_s = {"joint_speed_rad_s": plan.joint_speed_rad_s}
     if plan.free_air_swing_m:
         speeds_rad_s["free_air_swing_speeds_rad_s"] = max(plan.free_air_swing_speeds_rad_s)
     for name, speed_rad_s in speeds_rad_s.items():
-        if speed_rad_s > most_rad_s:
+        if speed_rad_s > max_speed_rad_s:
             raise InputError(
                 f"{name} {speed_rad_s:g}: the guard of '{robot_file.name}' trips at "
-                f"{trips_rad_s:g} rad/s (limits.velocity_rad_s); at most {most_rad_s:.3g} rad/s"
+                f"{trips_rad_s:g} rad/s (limits.velocity_rad_s); at most {max_speed_rad_s:.3g} rad/s"
             )
 
 
@@ -153,10 +153,10 @@ def check_tip_speeds(
     speeds_m_s = {"speeds_m_s": max(plan.speeds_m_s), "travel_speed_m_s": plan.travel_speed_m_s}
     name, speed_m_s = max(speeds_m_s.items(), key=lambda item: item[1])
     for number, site in enumerate(sites, 1):
-        here_rad = near_rad
+        position_rad = near_rad
         for travel_m in np.linspace(0.0, site.deepest_travel_m, _STEPS):
-            motion = site.line.joint_motion(LineState(float(travel_m), speed_m_s), here_rad)
-            here_rad = motion.position_rad
+            motion = site.line.joint_motion(LineState(float(travel_m), speed_m_s), position_rad)
+            position_rad = motion.position_rad
             share = np.abs(motion.velocity_rad_s) * _SPEED_MARGIN / velocity_limits_rad_s
             joint = int(share.argmax())
             if share[joint] > 1.0:

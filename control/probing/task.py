@@ -56,7 +56,7 @@ class ProbingTask:
     Attributes:
         failures: one line for each run that gave no data.
         runs_done: number of runs that gave data.
-        canceled: whether the task was canceled.
+        cancelled: whether the task was canceled.
 
     Raises:
         InputError: the arm is not planar, or the tool does not lie in its plane.
@@ -83,7 +83,7 @@ class ProbingTask:
         self._gains = gains
         self._plan = plan
         self._limits_rad = position_limits_rad or body.position_limits_rad
-        self._fastest_rad_s, self._strongest_nm = velocity_limits_rad_s, torque_limits_nm
+        self._velocity_limits_rad_s, self._torque_limits_nm = velocity_limits_rad_s, torque_limits_nm
         self._direction = frozen_array(plan.press_direction_world)
         self._phase = Phase.IDLE
         self.failures: tuple[str, ...] = ()
@@ -144,11 +144,11 @@ class ProbingTask:
         self._start = self._place = Place(position_rad.copy())
         tip, _ = self._body.tip_pose(position_rad)
         self._sites = probing_sites(self._arm, self._plan, tip, position_rad, self._limits_rad)
-        if self._fastest_rad_s is not None:
-            check_tip_speeds(self._sites, self._plan, position_rad, self._fastest_rad_s)
+        if self._velocity_limits_rad_s is not None:
+            check_tip_speeds(self._sites, self._plan, position_rad, self._velocity_limits_rad_s)
         self._routes = Routes(self._arm, self._plan)
         self._routes.check(self._start, self._sites)
-        self._routes.check_swings(self._sites, position_rad, self._body, self._strongest_nm)
+        self._routes.check_swings(self._sites, position_rad, self._body, self._torque_limits_nm)
         self._control.start(measurement)
         self._disturbance.restart()
         self._specs = deque(self._plan.runs())
