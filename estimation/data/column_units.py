@@ -17,6 +17,7 @@ from palpate.estimation.data.column_names import (
     guess_column,
     role_of_option,
     si_unit,
+    split_unit,
     unit_in_name,
     unknown_unit,
 )
@@ -47,6 +48,9 @@ _LARGE = {  # largest plausible range in SI, and the likely unit of a larger ran
 _FACTOR = re.compile(  # as in "Load x1000 (N)" and "Force*10^3"
     r"(?:(?<=[\W_])x|[×*]) ?1(?:0{2,6}|0? ?(?:\^|\*\*) ?[+-]?\d+|e[+-]?\d+)(?![^\W_])", re.IGNORECASE
 )
+
+
+_PREPOSITION = "in"  # "Weg in [mm]" is not in inches
 
 
 @dataclass(frozen=True)
@@ -131,6 +135,14 @@ class ColumnUnits:
             raise InputError(f"{place}: unit '{user_unit}' cannot be converted")
         if not user_unit and named_unit and dimension_of(named_unit) not in dimensions:
             note = f"column '{column}' is read as {role.quantity} in {unit}, whatever its name says"
+        other = unit_in_name(split_unit(column)[0])  # "force_N [kN]", where a row of units contradicts
+        other = "" if other == _PREPOSITION else other
+        of_other = SI.get(dimension_of(other) or "", {})
+        if not user_unit and of_other.get(named_unit, of_other.get(other)) != of_other.get(other):
+            raise InputError(
+                f"{place} states two units, {other} and {named_unit}; give the right one, as in "
+                f"--unit {role.numbered}={other}"
+            )
         if not user_unit and (factor_named := _FACTOR.search(column)):
             note = (
                 f"the factor '{factor_named[0].strip()}' in the name of column '{column}' is ignored: it is "

@@ -18,6 +18,7 @@ from palpate.estimation.data.arrow import pa, pc
 from palpate.estimation.data.file_columns import BAGS, FileColumns, is_bag
 from palpate.estimation.data.json_table import read_json
 from palpate.estimation.data.table_layout import find_tests, is_filled, is_text, stack_tests, with_seconds
+from palpate.estimation.data.text_dialect import LEAST_UNMARKED
 from palpate.estimation.data.text_table import as_utf8, number_of, read_text_table
 from palpate.estimation.data.units import describe_fault, invalid_rows
 from palpate.robot_io.errors import InputError, UnknownNameError
@@ -33,7 +34,6 @@ _GROUPED = {  # numbers with thousands separators, by the separator
     ",": r"^[+-]?[1-9]\d{0,2}(,\d{3})+(\.\d*)?$",
     ".": r"^[+-]?[1-9]\d{0,2}(\.\d{3})+(,\d*)?$",
 }
-_LEAST_UNMARKED = 100.0  # least number without a decimal mark that may come before "1.000"
 _BLANKS = "[ \u00a0\u202f]"  # blanks used as thousands separators
 _BLANKS_GROUP = rf"^[+-]?[1-9]\d{{0,2}}({_BLANKS}\d{{3}})+([.,]\d*)?([eE][+-]?\d+)?$"
 _HAS_POINT_TOO = r",\d{3}\.\d+$"  # a comma before a decimal point is not a decimal comma
@@ -110,11 +110,11 @@ class Table:
         """
         trimmed, mark = pc.utf8_trim_whitespace(self._column(name)), re.escape(self.decimal)
         marked = np.asarray(pc.match_substring(trimmed, self.decimal).fill_null(False))
-        if not 0 < marked.sum() < len(marked) or np.abs(values[~marked]).max() < _LEAST_UNMARKED:
+        if not 0 < marked.sum() < len(marked) or np.abs(values[~marked]).max() < LEAST_UNMARKED:
             return
         grouped = np.asarray(pc.match_substring_regex(trimmed, rf"^[+-]?[1-9]\d{{0,2}}{mark}\d{{3}}$"))
         if np.array_equal(grouped.astype(np.bool_), marked):
-            row, whole = np.argmax(marked), np.argmax(~marked & (np.abs(values) >= _LEAST_UNMARKED))
+            row, whole = np.argmax(marked), np.argmax(~marked & (np.abs(values) >= LEAST_UNMARKED))
             raise InputError(
                 f"{self.path}: {self.row_word} {self.rows[row]}, column '{name}': '{trimmed[int(row)]}' may "
                 f"mean {values[row]:g} or {1000.0 * values[row]:g}, since numbers such as "

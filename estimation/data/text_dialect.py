@@ -27,6 +27,7 @@ NUMBER = {  # pattern by decimal mark; the other mark may separate thousands
     ".": re.compile(_NUMBER.format(",", r"\."), re.IGNORECASE),
     ",": re.compile(_NUMBER.format(r"\.", ","), re.IGNORECASE),
 }
+LEAST_UNMARKED = 100.0  # least number without a decimal mark that may come before "1.000"
 _ALIKE = 3  # consecutive lines that are checked to be a table
 FEWEST_NUMBERS = 2  # least number of numbers in such a line
 _MOST_SETTINGS = 4  # most rows between the names and the numbers

@@ -1,6 +1,7 @@
 """Tables that could be read as other numbers, or with fewer rows: each is refused or has a note."""
 
 import numpy as np
+import openpyxl
 import pytest
 
 from palpate.estimation.data.import_file import import_file
@@ -62,6 +63,35 @@ def test_quoted_remarks_of_several_lines_are_no_rows(tmp_path):
     assert len(import_file(path).channels[0].effort) == len(TIME_S)
 
 
+def workbook(path, *header_rows, force):
+    book = openpyxl.Workbook()
+    for row in (*header_rows, *zip(TIME_S.tolist(), DEPTH_M.tolist(), force, strict=True)):
+        book.active.append(row)
+    book.save(path)
+    return path
+
+
+def test_text_with_thousands_separators_among_numbers_is_refused(tmp_path):
+    force_mn = [f"{force:,.0f}" if force >= 1000.0 else force for force in (1e3 * FORCE_N).tolist()]
+    path = workbook(tmp_path / "press.xlsx", ["time_s", "displacement_m", "force_mN"], force=force_mn)
+    with pytest.raises(InputError, match=r"column 'force_mN': the text '1,\d{3}' may mean 1.\d+ or 1\d{3}"):
+        import_file(path)
+
+
+def test_a_row_of_units_that_contradicts_the_names_is_refused(tmp_path):
+    header = ["time_s", "displacement_m", "force_N"]
+    path = workbook(tmp_path / "press.xlsx", header, ["s", "m", "kN"], force=FORCE_N.tolist())
+    with pytest.raises(InputError, match=r"column 'force_N \[kN\]' states two units, N and kN"):
+        import_file(path)
+    (channel,) = import_file(path, ImportOptions(units={"force": "N"})).channels
+    np.testing.assert_allclose(channel.effort, FORCE_N)
+    path = workbook(
+        tmp_path / "press.xlsx", ["Zeit in [s]", "Weg in [mm]", "Kraft N [N]"], force=FORCE_N.tolist()
+    )
+    (channel,) = import_file(path).channels
+    np.testing.assert_allclose(channel.position, 1e-3 * DEPTH_M)
+
+
 @pytest.mark.parametrize("name", ["Load x1000 (N)", "Load*10^3 [N]", "load_x1000_N"])
 def test_factors_in_names_are_reported(tmp_path, name):
     notes = notes_of(
@@ -97,5 +127,5 @@ def test_a_pause_longer_than_the_rest_of_the_run_is_reported(tmp_path):
 def test_a_unit_that_makes_numbers_too_large_is_refused(tmp_path):
     path = tmp_path / "press.csv"
     path.write_text("\n".join([HEADER, *rows(TIME_S, DEPTH_M, FORCE_N)]), encoding="utf-8")
-    with pytest.raises(InputError, match=r"column 'force_N' in 1e200N: .*N is too large a number"):
-        import_file(path, ImportOptions(units={"force": "1e200N"}))
+    with pytest.raises(InputError, match=r"column 'force_N' in 1e30N: .*N is too large a number"):
+        import_file(path, ImportOptions(units={"force": "1e30N"}))
