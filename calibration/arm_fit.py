@@ -2,8 +2,8 @@
 
     torque_j = I_j(q, v, a) + G_j(q) g
 
-I is the inertial part, and G the torque per component of the fall acceleration g in the base's axes: gravity
-acts linearly. The masses are those of the URDF and taken as exact.
+I is the inertial part, and G the torque per component of the gravitational acceleration g in the base's axes,
+in which the torque is linear. The masses of the URDF are assumed to be exact.
 
 The fit finds gains, offsets and friction of the drives, and the base's tilt, from one motion in free air.
 
@@ -115,8 +115,8 @@ def design(bodies: GravityBodies, q: FloatArray, v: FloatArray, a: FloatArray) -
     count, joints = q.shape
     columns = np.zeros((joints, count, 4 * joints + 2))
     for joint in range(joints):
-        own = np.column_stack([torque[:, joint], np.sign(v[:, joint]), v[:, joint], -np.ones(count)])
-        columns[joint, :, 4 * joint : 4 * joint + 4] = own
+        block = np.column_stack([torque[:, joint], np.sign(v[:, joint]), v[:, joint], -np.ones(count)])
+        columns[joint, :, 4 * joint : 4 * joint + 4] = block
         columns[joint, :, -2:] = slopes[:, joint]
     return columns.reshape(joints * count, -1)
 
@@ -124,12 +124,12 @@ def design(bodies: GravityBodies, q: FloatArray, v: FloatArray, a: FloatArray) -
 STANDSTILL_RAD_S = 0.03
 _EDGE = 30  # samples at either end, where derivatives are one-sided
 BLOCK = 50  # samples whose mean is one observation
-_FEWEST = 500  # samples of a motion
-_FEWEST_BLOCKS = 50  # of each joint, in motion
-_STEPS = 12
+_MIN_SAMPLES = 500  # samples of a motion
+_MIN_BLOCKS = 50  # of each joint, in motion
+_MAX_STEPS = 12
 _CONVERGED = 1e-10
-_UNFELT = 1e-3  # relative to the larger effect; a tilt with less effect on the torques is not identifiable
-_FEWEST_LOADED = 1e-9
+_MIN_TILT_EFFECT = 1e-3  # least effect of an identifiable tilt on the torques, relative to the larger effect
+_MIN_TORQUE_NM = 1e-9  # least range of a joint's torque, and least effect of a tilt
 
 
 UncertainArray = UncertainValue[FloatArray]
@@ -171,13 +171,13 @@ def motion_of(ticks: Samples) -> ArmMotion:
     """
     excited = ticks.select(ticks["run"] == 0)
     channels = joint_channels(excited)
-    if not channels or len(channels[0]) < _FEWEST:
+    if not channels or len(channels[0]) < _MIN_SAMPLES:
         raise InputError(
             "the session holds too little motion to calibrate from: its calibration was interrupted"
         )
     context, inner = channels[0].context, slice(_EDGE, -_EDGE)
-    before = np.searchsorted(excited["time_s"], channels[0].time_s, side="right") - 1
-    sent = excited.vector("torque_sent_nm")[np.maximum(before, 0)]
+    sent_rows = np.searchsorted(excited["time_s"], channels[0].time_s, side="right") - 1
+    sent = excited.vector("torque_sent_nm")[np.maximum(sent_rows, 0)]
     return ArmMotion(
         channels[0].time_s[inner],
         context["joint_position"][inner],
@@ -203,47 +203,47 @@ def fit_arm(motion: ArmMotion, bodies: GravityBodies) -> ArmFit:
     """
     inertial, gravity = bodies.parts(motion.position_rad, motion.velocity_rad_s, motion.acceleration_rad_s2)
     # Samples near standstill and their neighbors are left out: derivatives smear the jump of friction.
-    still = np.abs(motion.velocity_rad_s) <= STANDSTILL_RAD_S
-    near = np.ones(2 * _EDGE + 1)
-    away = np.column_stack([np.convolve(joint, near, mode="same") < 0.5 for joint in still.T])
-    moving = _means(away.astype(np.float64)) == 1.0
+    is_slow = np.abs(motion.velocity_rad_s) <= STANDSTILL_RAD_S
+    window = np.ones(2 * _EDGE + 1)
+    is_moving = np.column_stack([np.convolve(joint, window, mode="same") < 0.5 for joint in is_slow.T])
+    moving = _means(is_moving.astype(np.float64)) == 1.0
     inertial, gravity = _means(inertial), _means(gravity)
     motion = ArmMotion(*(_means(getattr(motion, field.name)) for field in fields(motion)))
     torque_nm = inertial + gravity @ fall(np.zeros(2))
     for joint, (count, spread) in enumerate(
         zip(moving.sum(axis=0), np.ptp(torque_nm, axis=0), strict=True), 1
     ):
-        if count < _FEWEST_BLOCKS:
+        if count < _MIN_BLOCKS:
             raise InputError(
                 f"joint {joint} hardly moves: only {count} blocks of {BLOCK} samples are faster than "
                 f"{STANDSTILL_RAD_S} rad/s"
             )
-        if spread < _FEWEST_LOADED:
+        if spread < _MIN_TORQUE_NM:
             raise InputError(
                 f"joint {joint} carries the same load everywhere: its torque gain cannot be identified"
             )
-    size = np.linalg.norm((gravity @ fall_slopes(np.zeros(2))).reshape(-1, 2), axis=0)
-    felt = np.asarray(size > _UNFELT * max(float(size.max()), _FEWEST_LOADED))
-    solver = _Solver(motion, inertial, gravity, moving, felt)
-    return _unpacked(solver, *solver.solve())
+    tilt_effect = np.linalg.norm((gravity @ fall_slopes(np.zeros(2))).reshape(-1, 2), axis=0)
+    axes = np.asarray(tilt_effect > _MIN_TILT_EFFECT * max(float(tilt_effect.max()), _MIN_TORQUE_NM))
+    solver = _Solver(motion, inertial, gravity, moving, axes)
+    return _arm_fit(solver, *solver.solve())
 
 
 class _Solver:
     """Gauss-Newton over (1/gain, coulomb/gain, viscous/gain, offset/gain) of each joint, and the tilt."""
 
     def __init__(
-        self, motion: ArmMotion, inertial: FloatArray, gravity: FloatArray, moving: BoolArray, felt: BoolArray
+        self, motion: ArmMotion, inertial: FloatArray, gravity: FloatArray, moving: BoolArray, axes: BoolArray
     ) -> None:
-        self.motion, self.moving, self.felt = motion, moving, felt
+        self.motion, self.moving, self.axes = motion, moving, axes  # `axes`: mask of the fitted tilts, (2,)
         self._inertial, self._gravity = inertial, gravity
         self.joints = inertial.shape[1]
         self.delay = 4 * self.joints  # index of the delay; the tilts follow
 
     def solve(self) -> tuple[FloatArray, FloatArray]:
         """Return values and covariance, without tilts that are not identifiable."""
-        values = np.zeros(self.delay + 1 + int(self.felt.sum()))
+        values = np.zeros(self.delay + 1 + int(self.axes.sum()))
         values[: self.delay : 4] = 1.0
-        for _ in range(_STEPS):
+        for _ in range(_MAX_STEPS):
             columns, residual, w, _ = self._linearised(values)
             step = solve(columns, residual, w).gains
             values = values + step
@@ -259,49 +259,49 @@ class _Solver:
             values: values of all free parameters.
         """
         tilt = np.zeros(2)
-        tilt[self.felt] = values[self.delay + 1 :]
+        tilt[self.axes] = values[self.delay + 1 :]
         return tilt
 
     def predicted_nm(self, values: FloatArray) -> FloatArray:
-        """Torques that the drives should have measured, shape (m, n) [N m].
+        """Predict the torques that the drives measure, shape (m, n) [N m].
 
         Args:
             values: values of all free parameters.
         """
-        known, _ = self._known_and_rate(values)
+        rigid_nm, _ = self._rigid_torque_and_rate(values)
         s, c, b, o = values[: self.delay].reshape(-1, 4).T
         speed = self.motion.velocity_rad_s
-        return np.asarray(s * known + c * np.sign(speed) + b * speed - o)
+        return np.asarray(s * rigid_nm + c * np.sign(speed) + b * speed - o)
 
-    def _known_and_rate(self, values: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """The rigid body's torques with this tilt and delay, (m, n), and their rate without the delay."""
-        known = np.asarray(self._inertial + self._gravity @ fall(self.tilt(values)))
-        rate = np.gradient(known, self.motion.time_s, axis=0)
-        return known - values[self.delay] * rate, rate
+    def _rigid_torque_and_rate(self, values: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Return rigid-body torques with this tilt and delay, (m, n), and their rate without the delay."""
+        rigid_nm = np.asarray(self._inertial + self._gravity @ fall(self.tilt(values)))
+        rate = np.gradient(rigid_nm, self.motion.time_s, axis=0)
+        return rigid_nm - values[self.delay] * rate, rate
 
     def _linearised(self, values: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray, IntArray]:
-        """Columns (k, p), residuals, weights and joint numbers (k,) of all samples that count."""
-        known, rate = self._known_and_rate(values)
-        slopes = self._gravity @ fall_slopes(self.tilt(values))[:, self.felt]
+        """Return columns (k, p), residuals, weights and joint numbers (k,) of all samples in use."""
+        rigid_nm, rate = self._rigid_torque_and_rate(values)
+        slopes = self._gravity @ fall_slopes(self.tilt(values))[:, self.axes]
         blocks, residuals, weights, joints = [], [], [], []
         for j in range(self.joints):
             rows, (s, c, b, o) = self.moving[:, j], values[4 * j : 4 * j + 4]
             speed = self.motion.velocity_rad_s[rows, j]
-            own = np.column_stack([known[rows, j], np.sign(speed), speed, -np.ones(len(speed))])
+            base = np.column_stack([rigid_nm[rows, j], np.sign(speed), speed, -np.ones(len(speed))])
             block = np.zeros((len(speed), len(values)))
-            block[:, 4 * j : 4 * j + 4] = own
+            block[:, 4 * j : 4 * j + 4] = base
             block[:, self.delay] = -s * rate[rows, j]
             block[:, self.delay + 1 :] = s * slopes[rows, j]
             blocks.append(block)
-            residuals.append(self.motion.measured_nm[rows, j] - own @ np.array([s, c, b, o]))
+            residuals.append(self.motion.measured_nm[rows, j] - base @ np.array([s, c, b, o]))
             weights.append(np.full(len(speed), 1.0 / residuals[-1].std()))
             joints.append(np.full(len(speed), j))
         columns, residual, weight = map(np.concatenate, (blocks, residuals, weights))
         return columns, residual, weight, np.concatenate(joints)
 
 
-def _unpacked(solver: _Solver, values: FloatArray, covariance: FloatArray) -> ArmFit:
-    """Gain, offset and friction out of their ratios, with uncertainties to the first order."""
+def _arm_fit(solver: _Solver, values: FloatArray, covariance: FloatArray) -> ArmFit:
+    """Compute gain, offset and friction from their ratios, with uncertainties to first order."""
     motion, delay = solver.motion, solver.delay
     ratios, std = values[:delay].reshape(-1, 4), np.sqrt(np.diag(covariance))
     gain = 1.0 / ratios[:, 0]
@@ -317,7 +317,7 @@ def _unpacked(solver: _Solver, values: FloatArray, covariance: FloatArray) -> Ar
 
     offset = times_gain(3)
     tilt, tilt_std = np.full(2, np.nan), np.full(2, np.nan)
-    tilt[solver.felt], tilt_std[solver.felt] = values[delay + 1 :], std[delay + 1 :]
+    tilt[solver.axes], tilt_std[solver.axes] = values[delay + 1 :], std[delay + 1 :]
     difference = motion.measured_nm - motion.sent_nm
     shift = difference.mean(axis=0)
     shift_std = np.sqrt(np.diag(sum_covariance(difference - shift).matrix)) / len(difference)
@@ -339,10 +339,10 @@ def _unpacked(solver: _Solver, values: FloatArray, covariance: FloatArray) -> Ar
 
 
 def _means(values: FloatArray) -> FloatArray:
-    """Means of blocks of `BLOCK` samples, along the first axis.
+    """Return the means of blocks of `BLOCK` samples, along the first axis.
 
-    Both sides of a linear equation may be filtered alike. It takes away the controller's answer to the
-    encoders' noise, which is in the measured torque and, smoothed differently, in the acceleration.
+    Both sides of a linear equation may be filtered alike. This removes the controller's response to the
+    encoders' noise, which affects the measured torque and, smoothed differently, the acceleration.
     """
     count = len(values) // BLOCK
     return np.asarray(values[: count * BLOCK].reshape(count, BLOCK, *values.shape[1:]).mean(axis=1))

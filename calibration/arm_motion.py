@@ -27,12 +27,12 @@ SHARE = 0.5  # of a limit; the rest is for noise, friction and the controller's 
 _TORQUE_SHARE = 0.8  # share of the torque limit, mostly for the known weight
 _TRAVEL_RAD_S = 0.6
 ACCELERATION_RAD_S2 = 2.0
-_WAY_POSTURES = 60  # postures of the way that are checked
-_TRIES = 61  # angles of each joint
+_MOVE_POSTURES = 60  # postures of the way that are checked
+_ANGLES = 61  # angles of each joint
 
 
 def lowest_m(body: RigidBody, postures_rad: Iterable[FloatArray]) -> float:
-    """Compute the height of the lowest joint (but the first) or tip over some postures [m].
+    """Compute the height of the lowest joint (except the first) or tip over some postures [m].
 
     Args:
         body: model of the arm.
@@ -143,7 +143,7 @@ def check_way_up(body: RigidBody, start_rad: FloatArray, up_rad: FloatArray, lim
     if not is_clear(body, straight_way(start_rad, up_rad), floor_m):
         raise InputError("the way up from the present pose leads below this pose: raise the arm by hand")
     move = JointMove(start_rad, up_rad, travel_speed_rad_s(limits), ACCELERATION_RAD_S2)
-    motions = (move.at(time_s) for time_s in np.linspace(0.0, move.duration_s, _WAY_POSTURES))
+    motions = (move.at(time_s) for time_s in np.linspace(0.0, move.duration_s, _MOVE_POSTURES))
     joint = overloaded_joint(body, motions, limits)
     if joint is not None:
         raise InputError(
@@ -164,21 +164,21 @@ def highest_posture(body: RigidBody, low: FloatArray, high: FloatArray) -> Float
         Joint positions, shape (n,) [rad].
     """
     posture = np.clip(np.zeros(body.joint_count), low, high)
-    for _ in range(2):  # joint by joint: for a chain the sum of heights has one top
+    for _ in range(2):  # joint by joint, since for a chain the sum of heights has one maximum
         for joint in range(body.joint_count):
-            tries = np.repeat(posture[None], _TRIES, axis=0)
-            tries[:, joint] = np.linspace(low[joint], high[joint], _TRIES)
-            posture = max(tries, key=lambda q: float(body.heights_m(q).sum()))
+            candidates = np.repeat(posture[None], _ANGLES, axis=0)
+            candidates[:, joint] = np.linspace(low[joint], high[joint], _ANGLES)
+            posture = max(candidates, key=lambda q: float(body.heights_m(q).sum()))
     return posture
 
 
-_FADE_SHARE = 0.1  # of the duration, from rest to the full motion and back
+_FADE_SHARE = 0.1  # share of the duration for the fade-in, and for the fade-out
 HARMONICS = 4
 _SLOWEST_RAD_S = 0.1  # friction near standstill hides the torques of slower motions
 _LIMIT_MARGIN_RAD = 0.15  # distance to the position limits
 _CANDIDATES = 24
 _POSTURES = 120  # postures of a candidate that are checked
-_SHRINKING = (1.0, 0.8, 0.6, 0.45, 0.3, 0.2)
+_SIZES = (1.0, 0.8, 0.6, 0.45, 0.3, 0.2)
 
 
 class FourierPath:
@@ -227,7 +227,7 @@ class FourierPath:
         return self._faded(times_s[:, None, None] * self._rate + self._phase, fade, rate, spin)
 
     def _fade(self, time_s: float) -> tuple[float, float, float]:
-        """The share of the full motion and its derivatives; the second half fades as the first, backwards."""
+        """Return the share of the full motion and its derivatives; the fade-out mirrors the fade-in."""
         is_first = time_s <= 0.5 * self.duration_s
         since_s = time_s if is_first else self.duration_s - time_s
         fade, rate, spin = quintic(since_s, _FADE_SHARE * self.duration_s)
@@ -303,7 +303,7 @@ def choose_path(
             rng.uniform(0.3, 1.0, (body.joint_count, HARMONICS)),
             rng.uniform(-math.pi, math.pi, (body.joint_count, HARMONICS)),
         )
-        for path in _shrinking(centre, shape, settings, (low, high), speed):
+        for path in _shrunk_paths(centre, shape, settings, (low, high), speed):
             motion = path.along(times)
             each = (JointMotion(*row) for row in zip(*motion, strict=True))
             if is_clear(body, motion.position_rad, floor_m) and overloaded_joint(body, each, limits) is None:
@@ -321,7 +321,7 @@ def choose_path(
     return best[1]
 
 
-def _shrinking(
+def _shrunk_paths(
     centre: FloatArray,
     shape: tuple[FloatArray, FloatArray],
     settings: ExcitationSettings,
@@ -334,14 +334,14 @@ def _shrinking(
     times = np.linspace(0.0, settings.duration_s, 10 * _POSTURES)
     unit = FourierPath(np.zeros(len(centre)), amplitude, phase, period_s, settings.duration_s)
     motion = unit.along(times)
-    reach, rate = np.abs(motion.position_rad).max(axis=0), np.abs(motion.velocity_rad_s).max(axis=0)
+    peak_rad, peak_rad_s = np.abs(motion.position_rad).max(axis=0), np.abs(motion.velocity_rad_s).max(axis=0)
     room = np.minimum(np.minimum(high - centre, centre - low), settings.amplitude_rad)
-    scale = np.minimum(room / reach, speed / rate)
-    for share in _SHRINKING:
+    scale = np.minimum(room / peak_rad, speed / peak_rad_s)
+    for share in _SIZES:
         yield FourierPath(centre, share * scale[:, None] * amplitude, phase, period_s, settings.duration_s)
 
 
-TOUCH_N = 5.0  # away from what the force sensor showed at the start
+TOUCH_N = 5.0  # largest difference of the force from its value at the start [N]
 _TOUCH_TICKS = 3
 _REST_RAD_S = 0.05
 _REST_WAIT_S = 2.0
@@ -361,7 +361,7 @@ class FreeMotion:
         self._torque = ComputedTorque(body, gains)
         self._no_contact = np.zeros(body.joint_count)
         self._touched_ticks = 0
-        self._air_n = 0.0
+        self._free_air_n = 0.0
 
     def start(self, measurement: Measurement) -> None:
         """Begin from rest; the present force counts as that of free air.
@@ -371,10 +371,10 @@ class FreeMotion:
         """
         self._torque.reset()
         self._touched_ticks = 0
-        self._air_n = measurement.force_n if math.isfinite(measurement.force_n) else 0.0
+        self._free_air_n = measurement.force_n if math.isfinite(measurement.force_n) else 0.0
 
     def forget(self) -> None:
-        """Clear the feedback's integral, such as that of a stop that was pressed on."""
+        """Clear the feedback's integral, for example after pressing on a stop."""
         self._torque.reset()
 
     def torque_nm(self, measurement: Measurement, motion: JointMotion, dt_s: float) -> FloatArray:
@@ -388,11 +388,11 @@ class FreeMotion:
         Raises:
             SafetyTripError: the force sensor reads more than `TOUCH_N` away from free air.
         """
-        away_n = measurement.force_n - self._air_n
-        self._touched_ticks = self._touched_ticks + 1 if abs(away_n) > TOUCH_N else 0
+        difference_n = measurement.force_n - self._free_air_n
+        self._touched_ticks = self._touched_ticks + 1 if abs(difference_n) > TOUCH_N else 0
         if self._touched_ticks >= _TOUCH_TICKS:
             raise SafetyTripError(
-                f"{away_n:.1f} N on the tool: something is in the way; remove it. If nothing is, "
+                f"{difference_n:.1f} N on the tool: something is in the way; remove it. If nothing is, "
                 "remove what is attached to the tool: its weight changes direction with the tool"
             )
         return self._torque.step(measurement, motion, self._no_contact, dt_s)
@@ -407,13 +407,13 @@ class FreeMotion:
         Raises:
             SafetyTripError: the arm still moves after `_REST_WAIT_S`.
         """
-        stands = float(np.abs(measurement.joint_velocity_rad_s).max()) < _REST_RAD_S
-        if not stands and waited_s > _REST_WAIT_S:
+        is_at_rest = float(np.abs(measurement.joint_velocity_rad_s).max()) < _REST_RAD_S
+        if not is_at_rest and waited_s > _REST_WAIT_S:
             raise SafetyTripError(
                 "the arm has returned but does not come to rest; if it shakes, lower "
                 "gains.tracking.bandwidth_rad_s in the robot file"
             )
-        return stands
+        return is_at_rest
 
     def output(
         self,

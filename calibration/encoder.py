@@ -34,8 +34,8 @@ from palpate.robot_io.types import FloatArray, Measurement, Status, clip
 
 _NEAR_RAD = 0.12  # distance to the stop at which the approach begins
 _LIMIT_MARGIN_RAD = 0.1  # distance of poses from the position limits
-_INSTEAD = "or calibrate in a known pose instead, without power: --pose home"
-_TRIES = 5  # number of tried positions of each other joint
+_ALTERNATIVE = "or calibrate in a known pose instead, without power: --pose home"
+_COUNT = 5  # number of tried positions of each other joint
 
 
 @dataclass(frozen=True)
@@ -82,20 +82,20 @@ def plan_stops(
         ways = _candidates(body, up, joint, bounds=(low, high), stops_rad=stops_rad, reach_rad=reach_rad)
         at_rest = np.zeros(body.joint_count)
         candidates = (
-            (lowest_m(body, way), it)
-            for way, it in ways
+            (lowest_m(body, way), approach)
+            for way, approach in ways
             if overloaded_joint(body, (JointMotion(q, at_rest, at_rest) for q in way), limits) is None
         )
         lowest, approach = max(candidates, key=lambda candidate: candidate[0], default=(None, None))
         if lowest is None or approach is None:
             raise InputError(
                 f"joint {joint + 1}: its stops are not stated, or limits.torque_nm hardly carries the "
-                f"arm there: state the stops, or raise the limit; {_INSTEAD}"
+                f"arm there: state the stops, or raise the limit; {_ALTERNATIVE}"
             )
         if lowest < floor_m - MARGIN_M:
             raise InputError(
                 f"joint {joint + 1}: on the way to its stops the arm would come {floor_m - lowest:.2g} m "
-                f"closer to the ground than its present position: start that much higher; {_INSTEAD}"
+                f"closer to the ground than its present position: start that much higher; {_ALTERNATIVE}"
             )
         approaches.append(approach)
     return up, tuple(approaches)
@@ -128,9 +128,9 @@ def _candidates(
     stops_rad: tuple[FloatArray, FloatArray],
     reach_rad: float,
 ) -> Iterator[tuple[FloatArray, StopApproach]]:
-    """Postures on the way, (k, n), and approach, for both sides and some postures of the joints behind."""
+    """Yield postures on the way, (k, n), and approach, for both sides and postures of the joints behind."""
     low, high = bounds
-    behind = [np.linspace(0.6 * low[j], 0.6 * high[j], _TRIES) for j in range(joint + 1, body.joint_count)]
+    behind = [np.linspace(0.6 * low[j], 0.6 * high[j], _COUNT) for j in range(joint + 1, body.joint_count)]
     for side, stops in ((-1, stops_rad[0]), (1, stops_rad[1])):
         if not np.isfinite(stops[joint]):
             continue
@@ -148,8 +148,8 @@ EVENT = "stop_touched"
 PUSH_SHARE = 0.075  # share of the torque limit, below the guard's threshold for a stuck encoder
 _PRESS_RAD_S = 0.05
 _LEAD_RAD = 0.03
-_STILL_S = 0.3  # a joint that is pushed for this time
-_STILL_RAD = 0.003  # and moves less than this is at a stop
+# A joint is at a stop if it moves less than this distance while it is pushed for this time.
+_STILL_RAD, _STILL_S = 0.003, 0.3
 _BACK_RAD = 0.08  # retreat between two touches
 _SETTLE_S = 0.3
 
@@ -255,15 +255,15 @@ class StopTask:
     def _press(self, measurement: Measurement, dt_s: float) -> TaskOutput:
         approach, settings = self._approach, self._settings
         joint, position = approach.joint, float(measurement.joint_position_rad[approach.joint])
-        ahead = approach.side * (self._reference_rad[joint] - position)
+        lead_rad = approach.side * (self._reference_rad[joint] - position)
         speed = np.zeros(self._body.joint_count)
-        if ahead < settings.lead_rad[joint]:
+        if lead_rad < settings.lead_rad[joint]:
             speed[joint] = approach.side * settings.speed_rad_s
             self._reference_rad = self._reference_rad + speed * dt_s
         motion = JointMotion(self._reference_rad.copy(), speed, np.zeros_like(speed))
-        torque_nm = self._pushed(measurement, motion, dt_s)
+        torque_nm = self._pushing_torque_nm(measurement, motion, dt_s)
         position_rad = float(measurement.joint_position_rad[self._approach.joint])
-        pushed = ahead >= 0.9 * self._settings.lead_rad[self._approach.joint]
+        pushed = lead_rad >= 0.9 * self._settings.lead_rad[self._approach.joint]
         if pushed and abs(position_rad - self._still_rad) < _STILL_RAD:
             self._still_s += dt_s
         else:
@@ -279,19 +279,19 @@ class StopTask:
             stop = {"run": self._touch, "joint": joint, "stop_rad": approach.stop_rad, "shown_rad": position}
             events = (TaskEvent(EVENT, text, stop),)
             # Back off, and continue with the next touch, the next stop, or the return.
-            before, here = self._approach, self._reference_rad.copy()
-            here[before.joint] = measurement.joint_position_rad[before.joint]
-            back = here.copy()
-            back[before.joint] -= before.side * _BACK_RAD
+            finished, here_rad = self._approach, self._reference_rad.copy()
+            here_rad[finished.joint] = measurement.joint_position_rad[finished.joint]
+            back_rad = here_rad.copy()
+            back_rad[finished.joint] -= finished.side * _BACK_RAD
             self._touch += 1
             self._pressing = False
             self._free.forget()
             if self._touch >= self._touches:
-                self._move_along([here, back, self._up_rad, self._start_rad])
-            elif self._approach is before:
-                self._move_along([here, back])
+                self._move_along([here_rad, back_rad, self._up_rad, self._start_rad])
+            elif self._approach is finished:
+                self._move_along([here_rad, back_rad])
             else:
-                self._move_along([here, back, self._up_rad, self._approach.posture_rad])
+                self._move_along([here_rad, back_rad, self._up_rad, self._approach.posture_rad])
         return self._free.output(measurement, motion, torque_nm, phase, run, events=events)
 
     def _check_stop(self, position_rad: float, at_stop: bool) -> None:
@@ -310,8 +310,8 @@ class StopTask:
                 "(--pose)"
             )
 
-    def _pushed(self, measurement: Measurement, motion: JointMotion, dt_s: float) -> FloatArray:
-        """Compute torques that hold the other joints and push this one gently towards its reference.
+    def _pushing_torque_nm(self, measurement: Measurement, motion: JointMotion, dt_s: float) -> FloatArray:
+        """Compute torques that hold the other joints and push this one towards its reference.
 
         The tracking of this joint must not act on the others through the mass matrix, because a stop would
         shake them.
@@ -322,14 +322,14 @@ class StopTask:
         own_position[joint], own_speed[joint] = position, speed
         free_joints = JointMotion(own_position, own_speed, motion.acceleration_rad_s2)
         torque_nm = self._free.torque_nm(measurement, free_joints, dt_s).copy()
-        most_nm = float(self._settings.push_nm[joint])
-        ahead, faster = motion.position_rad[joint] - position, motion.velocity_rad_s[joint] - speed
+        max_push_nm = float(self._settings.push_nm[joint])
+        lead_rad, speed_error = motion.position_rad[joint] - position, motion.velocity_rad_s[joint] - speed
         inertia = float(self._body.mass_matrix(measurement.joint_position_rad)[joint, joint])
         # Pulls the joint towards its reference.
-        spring_nm_rad = most_nm / float(self._settings.lead_rad[joint])
+        spring_nm_rad = max_push_nm / float(self._settings.lead_rad[joint])
         damping_nms_rad = 2.0 * math.sqrt(inertia * spring_nm_rad)  # critical damping
-        push_nm = spring_nm_rad * float(ahead) + damping_nms_rad * float(faster)
-        torque_nm[joint] += clip(push_nm, -most_nm, most_nm)
+        push_nm = spring_nm_rad * float(lead_rad) + damping_nms_rad * float(speed_error)
+        torque_nm[joint] += clip(push_nm, -max_push_nm, max_push_nm)
         return torque_nm
 
 
@@ -358,14 +358,14 @@ def fit_stops(session: Session, joint_count: int, stop_std_rad: float) -> Encode
     Raises:
         InputError: a joint's stop was not touched at least twice.
     """
-    ticks = _fresh(session.samples("tick"))
+    ticks = _valid_samples(session.samples("tick"))
     position = ticks.vector("joint_position_rad")
     shown: list[list[float]] = [[] for _ in range(joint_count)]
-    known = np.full(joint_count, np.nan)
+    nominal_rad = np.full(joint_count, np.nan)
     for event in session.events:
         if event.kind == EVENT and event.data:
             joint = int(event.data["joint"])
-            known[joint] = float(event.data["stop_rad"])
+            nominal_rad[joint] = float(event.data["stop_rad"])
             shown[joint].append(float(position[ticks["run"] == event.data["run"], joint].mean()))
     missing = [joint + 1 for joint, touches in enumerate(shown) if len(touches) < 2]
     if missing:
@@ -377,7 +377,7 @@ def fit_stops(session: Session, joint_count: int, stop_std_rad: float) -> Encode
     errors = np.array([few_sample_factor(count - 1) for count in counts]) * scatter / np.sqrt(counts)
     resolution = _resolution(session.samples("tick"))
     std = np.sqrt(errors**2 + (resolution / _UNIFORM) ** 2 + stop_std_rad**2)
-    return EncoderFit(known - means, std, tuple(np.array(t) for t in shown), scatter)
+    return EncoderFit(nominal_rad - means, std, tuple(np.array(t) for t in shown), scatter)
 
 
 def fit_pose(session: Session, pose_rad: FloatArray, pose_std_rad: float) -> EncoderFit:
@@ -391,23 +391,23 @@ def fit_pose(session: Session, pose_rad: FloatArray, pose_std_rad: float) -> Enc
     Raises:
         InputError: the session has no samples, or the arm moved.
     """
-    position = _fresh(session.samples("tick")).vector("joint_position_rad")
+    position = _valid_samples(session.samples("tick")).vector("joint_position_rad")
     if not len(position):
         raise InputError(f"{session.path}: holds no fresh encoder samples")
     resolution = _resolution(session.samples("tick"))
-    moved = np.ptp(position, axis=0)
-    if np.any(moved > max(10 * resolution, 2e-3)):
-        joint = int(np.argmax(moved))
+    range_rad = np.ptp(position, axis=0)
+    if np.any(range_rad > max(10 * resolution, 2e-3)):
+        joint = int(np.argmax(range_rad))
         raise InputError(
-            f"joint {joint + 1} moved by {moved[joint]:.2g} rad: the arm must stand still in the pose"
+            f"joint {joint + 1} moved by {range_rad[joint]:.2g} rad: the arm must stand still in the pose"
         )
     means = position.mean(axis=0)
-    half_ranges = 0.5 * moved / np.sqrt(3.0)
+    half_ranges = 0.5 * range_rad / np.sqrt(3.0)
     std = np.sqrt(half_ranges**2 + (resolution / _UNIFORM) ** 2 + pose_std_rad**2)
     return EncoderFit(pose_rad - means, std, tuple(means[:, None]), np.zeros(len(means)))
 
 
-def _fresh(ticks: Samples) -> Samples:
+def _valid_samples(ticks: Samples) -> Samples:
     return ticks.select(ticks["encoder_status"] == Status.OK)
 
 

@@ -30,7 +30,7 @@ from palpate.robot_io.session import Session
 from palpate.robot_io.types import BoolArray, FloatArray, Status
 
 _SETTLING_SHARE = 0.25  # share of a plateau that is left out if there is no information about settling
-_FEWEST = 3  # fewest samples of a plateau
+_MIN_SAMPLES = 3  # fewest samples of a plateau
 _OUTLIER = 8.0  # robust standard deviations from which a sample is a converter's glitch
 _NORMAL = 1.4826  # standard deviation of normal noise over its median absolute deviation
 STANDARD_GRAVITY_M_S2 = 9.80665
@@ -71,10 +71,10 @@ def find_plateaus(reading: FloatArray, reference_n: FloatArray, settled: BoolArr
     else:
         pieces = [piece[settled[rows]] for piece, rows in zip(pieces, blocks(steps), strict=True)]
     references = [float(reference_n[rows][0]) for rows in blocks(steps)]
-    long_enough = [number for number, piece in enumerate(pieces) if len(piece) >= _FEWEST]
+    long_enough = [number for number, piece in enumerate(pieces) if len(piece) >= _MIN_SAMPLES]
     if not long_enough:
         raise InputError(
-            f"no plateau has {_FEWEST} settled samples: the reference must stay constant for a while"
+            f"no plateau has {_MIN_SAMPLES} settled samples: the reference must stay constant for a while"
         )
     return plateaus_of([references[i] for i in long_enough], [pieces[i] for i in long_enough])
 
@@ -99,10 +99,10 @@ def plateaus_of(references_n: Sequence[float], pieces: Sequence[FloatArray]) -> 
 
 def _is_glitch(piece: FloatArray) -> BoolArray:
     """Return samples far from the median, if most agree; the resolution counts as noise."""
-    off = np.abs(piece - np.median(piece))
+    distance = np.abs(piece - np.median(piece))
     steps = np.diff(np.unique(piece))
-    noise = max(_NORMAL * float(np.median(off)), float(steps.min()) if len(steps) else 0.0)
-    return np.asarray(off > _OUTLIER * noise if noise else np.zeros(len(piece), dtype=np.bool_))
+    noise = max(_NORMAL * float(np.median(distance)), float(steps.min()) if len(steps) else 0.0)
+    return np.asarray(distance > _OUTLIER * noise if noise else np.zeros(len(piece), dtype=np.bool_))
 
 
 def read_reference_file(
@@ -131,9 +131,9 @@ def read_reference_file(
         InputError: the file cannot be read, a column is missing or has no known unit, or no plateau is
             steady.
     """
-    wrong = [role for role in columns if role not in _ROLES]
-    if wrong:
-        raise InputError(f"--column {wrong[0]}: valid are {', '.join(_ROLES)}")
+    unknown = [role for role in columns if role not in _ROLES]
+    if unknown:
+        raise InputError(f"--column {unknown[0]}: valid are {', '.join(_ROLES)}")
     table = read_table(path)
     reading = _column(table, "reading", columns)
     reference = _column(table, "reference", columns)
@@ -179,7 +179,7 @@ EVENT = "reference_force"
 def weigh(
     still: StillRobot,
     forces_n: Sequence[float],
-    place: Callable[[int, float], None],
+    apply: Callable[[int, float], None],
     *,
     settle_s: float,
     measure_s: float,
@@ -190,7 +190,7 @@ def weigh(
     Args:
         still: the robot, without power.
         forces_n: forces to apply, positive in compression [N].
-        place: called with index and force [N]; returns when the force is there.
+        apply: called with index and force [N]; returns when the force is there.
         settle_s: time before each measurement [s].
         measure_s: length of each measurement [s].
         progress: called with the share that is done.
@@ -200,7 +200,7 @@ def weigh(
         KeyboardInterrupt: the user stopped it.
     """
     for number, force_n in enumerate(forces_n):
-        place(number, force_n)
+        apply(number, force_n)
         still.settle(settle_s)
         text = f"{force_n:.4f} N on the sensor"
         still.log.event(still.clock.now_s(), EVENT, text, {"run": number, "force_n": force_n})
@@ -223,17 +223,17 @@ def read_weighing(session: Session) -> Plateaus:
     ticks = session.samples("tick")
     fresh = ticks.select(ticks["force_status"] == Status.OK)
     pieces = [fresh["force_n"][fresh["run"] == run] for run in forces_n]
-    whole = [number for number, piece in enumerate(pieces) if len(piece) >= 3]
-    levels = np.array(list(forces_n.values()))[whole]
-    return plateaus_of(levels.tolist(), [pieces[number] for number in whole])
+    usable = [number for number, piece in enumerate(pieces) if len(piece) >= 3]
+    levels = np.array(list(forces_n.values()))[usable]
+    return plateaus_of(levels.tolist(), [pieces[number] for number in usable])
 
 
 _SIGNIFICANT = 0.01
-_SPARE = 2  # plateaus beyond the number of parameters
-_FEWEST_LEVELS = 3
-_FEWEST_LEVELS_OF_A_CURVE = 4  # three points lie on a parabola, whatever the sensor's shape is
+_MIN_SPARE = 2  # plateaus beyond the number of parameters
+_MIN_LEVELS = 3
+_MIN_CURVE_LEVELS = 4  # three points lie on a parabola for any shape of the characteristic
 _CURVATURE, _CUBIC, _HYSTERESIS = 2, 3, 4  # places among the parameters
-_SUSPECT = 5.0  # times the other plateaus' scatter
+_SUSPECT = 5.0  # least ratio of an outlying plateau's residual to the scatter of the others
 
 
 @dataclass(frozen=True)
@@ -242,7 +242,7 @@ class ForceFit:
 
     zero: UncertainValue[float]  # reading without force [u]
     scale: UncertainValue[float]  # [N/u]
-    curvature: UncertainValue[float] | None  # [N/u^2]; None where none is shown
+    curvature: UncertainValue[float] | None  # [N/u^2]; None if it is not significant
     # excess of the reading on the way down over that on the way up, at the same force [N].
     hysteresis_n: UncertainValue[float]
     # largest distance of the characteristic from its chord over the range, as a share of it.
@@ -276,10 +276,10 @@ def fit_force(plateaus: Plateaus, reference_rel_std: float = 0.0) -> ForceFit:
         raise InputError("the reading is the same under every force: the sensor does not respond")
     has_branches = bool(np.any(plateaus.direction < 0) and np.any(plateaus.direction > 0))
     used = np.array([True, True, True, False, has_branches])
-    full_values, full_errors, freedom = _solve(plateaus, used)
-    shown = np.abs(full_values) > t.ppf(1 - _SIGNIFICANT / 2, freedom) * full_errors
-    shown[_CURVATURE] &= _levels(plateaus.reference_n) >= _FEWEST_LEVELS_OF_A_CURVE
-    used &= np.array([True, True, shown[_CURVATURE], False, shown[_HYSTERESIS]])
+    full_values, full_errors, dof = _solve(plateaus, used)
+    is_significant = np.abs(full_values) > t.ppf(1 - _SIGNIFICANT / 2, dof) * full_errors
+    is_significant[_CURVATURE] &= _levels(plateaus.reference_n) >= _MIN_CURVE_LEVELS
+    used &= np.array([True, True, is_significant[_CURVATURE], False, is_significant[_HYSTERESIS]])
     values, errors, _ = _solve(plateaus, used)
     if not values[1] > 0.0:
         raise InputError(
@@ -293,9 +293,9 @@ def fit_force(plateaus: Plateaus, reference_rel_std: float = 0.0) -> ForceFit:
     bow = span_n / (4.0 * scale**2)  # of a parabola over its chord, as a share of the range
     residual = _residuals(values, plateaus, hysteresis=False)
     # A plateau whose residual is much larger than the others' scatter, as from a wrong weight.
-    left = _residuals(values, plateaus)
-    worst = int(np.argmax(np.abs(left)))
-    scatter = float(np.sqrt(np.mean(np.delete(left, worst) ** 2)))
+    hysteresis_residual = _residuals(values, plateaus)
+    worst = int(np.argmax(np.abs(hysteresis_residual)))
+    scatter = float(np.sqrt(np.mean(np.delete(hysteresis_residual, worst) ** 2)))
     return ForceFit(
         zero=UncertainValue(zero, zero_err),
         scale=UncertainValue(scale, scale_err),
@@ -305,7 +305,7 @@ def fit_force(plateaus: Plateaus, reference_rel_std: float = 0.0) -> ForceFit:
         plateaus=plateaus,
         residual_n=residual,
         range_n=(float(plateaus.reference_n.min()), float(plateaus.reference_n.max())),
-        suspect=worst if abs(left[worst]) > _SUSPECT * scatter > 0.0 else None,
+        suspect=worst if abs(hysteresis_residual[worst]) > _SUSPECT * scatter > 0.0 else None,
     )
 
 
@@ -319,10 +319,10 @@ def check_references(reference_n: Sequence[float] | FloatArray) -> None:
         InputError: there are too few plateaus or different forces.
     """
     levels = _levels(reference_n)
-    if levels < _FEWEST_LEVELS or len(reference_n) < 4 + _SPARE:
+    if levels < _MIN_LEVELS or len(reference_n) < 4 + _MIN_SPARE:
         raise InputError(
-            f"{len(reference_n)} plateaus at {levels} different forces: at least {4 + _SPARE} at "
-            f"{_FEWEST_LEVELS} are needed, such as 0, 1, 2, 3, 2, 1, 0 kg"
+            f"{len(reference_n)} plateaus at {levels} different forces: at least {4 + _MIN_SPARE} at "
+            f"{_MIN_LEVELS} are needed, such as 0, 1, 2, 3, 2, 1, 0 kg"
         )
 
 
@@ -335,40 +335,40 @@ def _shape_errors(plateaus: Plateaus, used: BoolArray, values: FloatArray) -> Fl
 
     The mean slope does not depend on the shape; all other values refer to one point, the zero.
     """
-    richer, curved = used.copy(), bool(used[_CURVATURE])
-    richer[_CUBIC if curved else _CURVATURE] = True
-    if len(plateaus) <= richer.sum():
+    extended, has_curvature = used.copy(), bool(used[_CURVATURE])
+    extended[_CUBIC if has_curvature else _CURVATURE] = True
+    if len(plateaus) <= extended.sum():
         return np.zeros(len(used))
-    change = np.abs(_solve(plateaus, richer)[0] - values)
-    return np.where([True, curved, curved, False, False], change, 0.0)
+    change = np.abs(_solve(plateaus, extended)[0] - values)
+    return np.where([True, has_curvature, has_curvature, False, False], change, 0.0)
 
 
 def _solve(plateaus: Plateaus, used: BoolArray) -> tuple[FloatArray, FloatArray, int]:
-    """Values and standard errors of zero, scale, curvature, cubic, half hysteresis; 0 where not used."""
+    """Return values and standard errors of zero, scale, curvature, cubic, half hysteresis; 0 if not used."""
     slope, intercept = (float(value) for value in np.polyfit(plateaus.reading, plateaus.reference_n, 1))
     zero = -intercept / slope if slope else 0.0
     width = np.ptp(plateaus.reading)
     typical = np.array([width, slope, slope / width, slope / width**2, width])
     values = np.zeros(len(used))
 
-    def unpacked(free: FloatArray) -> FloatArray:
+    def unscaled(free: FloatArray) -> FloatArray:
         values[used] = free * typical[used]
         return values
 
     start = (np.array([zero, slope, 0.0, 0.0, 0.0]) / typical)[used]
-    fit = least_squares(lambda free: _residuals(unpacked(free), plateaus), start, x_scale="jac", xtol=1e-14)
-    freedom = len(plateaus) - int(used.sum())
-    own_n = slope * plateaus.std_err
-    variance = max(2.0 * fit.cost / freedom, float(np.mean(own_n**2)))
+    fit = least_squares(lambda free: _residuals(unscaled(free), plateaus), start, x_scale="jac", xtol=1e-14)
+    dof = len(plateaus) - int(used.sum())
+    reading_error_n = slope * plateaus.std_err
+    variance = max(2.0 * fit.cost / dof, float(np.mean(reading_error_n**2)))
     covariance = np.linalg.pinv(fit.jac.T @ fit.jac) * variance
     errors = np.zeros(len(used))
-    errors[used] = np.sqrt(np.diag(covariance)) * np.abs(typical[used]) * few_sample_factor(freedom)
-    return unpacked(fit.x).copy(), errors, freedom
+    errors[used] = np.sqrt(np.diag(covariance)) * np.abs(typical[used]) * few_sample_factor(dof)
+    return unscaled(fit.x).copy(), errors, dof
 
 
 def _residuals(
     values: Sequence[float] | FloatArray, plateaus: Plateaus, *, hysteresis: bool = True
 ) -> FloatArray:
     zero, scale, curvature, cubic, half = values
-    above = plateaus.reading - zero - (half * plateaus.direction if hysteresis else 0.0)
-    return np.asarray(plateaus.reference_n - above * (scale + above * (curvature + above * cubic)))
+    excess = plateaus.reading - zero - (half * plateaus.direction if hysteresis else 0.0)
+    return np.asarray(plateaus.reference_n - excess * (scale + excess * (curvature + excess * cubic)))
