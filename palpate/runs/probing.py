@@ -123,6 +123,24 @@ class ProbingOutcome:
         }
 
 
+def check_duration(plan: ProbingPlan, rate_hz: float) -> None:
+    """Check that a session can hold a plan.
+
+    Args:
+        plan: the plan.
+        rate_hz: control rate [Hz].
+
+    Raises:
+        InputError: the plan takes too long.
+    """
+    if plan.shortest_s * rate_hz > MOST_TICKS:
+        raise InputError(
+            f"the plan takes {plan.shortest_s / 3600:.3g} h or more, and a session holds "
+            f"{MOST_TICKS / rate_hz / 3600:.3g} h at {rate_hz:g} Hz: plan fewer runs, shorter holds "
+            "or faster approaches"
+        )
+
+
 def run_probing(job: ProbingJob, watcher: Watcher = NOBODY) -> ProbingOutcome:
     """Run a probing and write the session file, which is complete on return.
 
@@ -135,12 +153,7 @@ def run_probing(job: ProbingJob, watcher: Watcher = NOBODY) -> ProbingOutcome:
             nothing has moved then, and no session is left. Also if a device could not be opened.
     """
     robot_file, rate_hz = job.robot_file, job.robot_file.control_rate_hz
-    if job.plan.shortest_s * rate_hz > MOST_TICKS:
-        raise InputError(
-            f"the plan takes {job.plan.shortest_s / 3600:.3g} h or more, and a session holds "
-            f"{MOST_TICKS / rate_hz / 3600:.3g} h at {rate_hz:g} Hz: plan fewer runs, shorter holds "
-            "or faster approaches"
-        )
+    check_duration(job.plan, rate_hz)
     online = None
     if job.online is not None:
         registry = CONTACT_ESTIMATORS if job.online in CONTACT_ESTIMATORS else ESTIMATORS

@@ -17,6 +17,7 @@ from palpate.control.probing.plan import ProbingPlan
 from palpate.estimation.models import MODELS
 from palpate.robot_io.errors import InputError
 from palpate.robot_io.files.file_model import FileModel, NotNegative, Number, Positive, load_yaml, validate
+from palpate.runs.probing import check_duration
 from palpate.runs.robots import find_robot
 from palpate.sim_backend.contact_laws.standard import HuntCrossleyLaw
 from palpate.sweep.case import Case
@@ -102,7 +103,7 @@ class GridFile(FileModel):
 
     @model_validator(mode="after")
     def _every_world_can_be_made(self) -> "GridFile":
-        find_robot(self.robot)
+        rate_hz = find_robot(self.robot).control_rate_hz
         laws = self.laws()
         for law, hidden in (
             *((law, NOTHING) for law in laws),
@@ -110,7 +111,7 @@ class GridFile(FileModel):
         ):
             world(self._parameters(law, self.speeds_mm_s[0], 0.0, 0.0, hidden), self.seed)
         for speeds in self.speeds_mm_s:
-            validate(ProbingPlan, self._plan(speeds))
+            check_duration(validate(ProbingPlan, self._plan(speeds)), rate_hz)
         return self
 
     def laws(self) -> list[dict[str, Any]]:

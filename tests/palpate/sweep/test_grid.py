@@ -99,6 +99,7 @@ def objects(**numbers):
         ({"robot": "nobody"}, "nobody"),
         ({"scenario": "nowhere"}, "nowhere"),
         ({"plan": {"hold": 1}}, "hold_s"),
+        ({"plan": {"hold_s": 1e9}}, "the plan takes 8.33e.05 h or more"),
         ({"repeats": 0}, "repeats"),
         ({"repeats": 1_000_000, "noise_percent": [0, 1]}, "2000000 cases"),
     ],
