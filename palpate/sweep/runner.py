@@ -5,6 +5,7 @@ Local processes communicate over pipes, which no other program can open; no port
 
 import os
 import signal
+import sys
 import time
 from collections import Counter, deque
 from collections.abc import Callable, Iterator, Mapping, Sequence
@@ -15,6 +16,7 @@ from itertools import islice
 from multiprocessing.connection import Connection, wait
 from multiprocessing.process import BaseProcess
 from pathlib import Path
+from types import ModuleType
 from typing import Any
 from uuid import uuid4
 
@@ -85,11 +87,18 @@ class _Worker:
     def start(cls, run: Run, folder: Path) -> "_Worker":
         """Start a process that waits for its first case.
 
+        It does not import the main script, which therefore need not guard its calls by `__name__`.
+
         Args:
             run: runs a case.
             folder: folder of the results.
         """
-        return cls(*start_worker(_serve, run, folder))
+        main = sys.modules["__main__"]
+        sys.modules["__main__"] = ModuleType("__main__")
+        try:
+            return cls(*start_worker(_serve, run, folder))
+        finally:
+            sys.modules["__main__"] = main
 
     def give(self, case: Case, address: str) -> None:
         """Send a case to the worker; a dead worker is detected when its answer is read.

@@ -525,3 +525,17 @@ def test_names_that_are_no_utf8_are_rows_too(tmp_path):
     run("batch", good, broken, "--out", tmp_path / "out", "--workers", 1)
     told = {row["measurement"]: bool(row["error"]) for row in rows(tmp_path / "out")}
     assert told == {"good?.csv": False, "broken?.csv": True}
+
+
+def test_a_script_that_calls_a_batch_needs_no_guard(specimens, tmp_path):
+    file = next(specimens.glob("[!b]*.csv"))
+    script = tmp_path / "script.py"
+    script.write_text(
+        f"import palpate\nresult = palpate.batch({str(file)!r}, out='out', workers=1)\n"
+        "print(result.table.num_rows, result.errors)\n"
+    )
+    ended = subprocess.run(
+        [sys.executable, script], cwd=tmp_path, capture_output=True, text=True, check=False, timeout=100
+    )
+    assert "Traceback" not in ended.stderr
+    assert (ended.returncode, ended.stdout) == (0, "1 {}\n")
