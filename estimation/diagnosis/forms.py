@@ -47,7 +47,7 @@ _ROUNDS = 2  # of backfitting
 class Form(StrEnum):
     """How well the form of an effect is known."""
 
-    EXACT = "exact"  # the model leaves only noise, and a flexible law of the kind adds nothing
+    EXACT = "exact"  # the model leaves only measured noise, and a flexible law of the kind adds nothing
     APPROXIMATE = "approximate"  # the form explains most of the error that its kind's flexible law explains
     UNKNOWN = "unknown"  # the kind is known, but no form explains most of its law's part of the error
 

@@ -40,6 +40,7 @@ from palpate.estimation.fit.fit_result import FitResult
 from palpate.estimation.fit.measurement_model import MeasurementModel
 from palpate.estimation.fit.measurement_noise import MeasurementNoise, free_air_noise, measurement_noise
 from palpate.estimation.kinds import Kind, separating_experiment
+from palpate.estimation.statistics.correlation import misfit
 
 _MOST_RANKED = 3  # most candidates that are added alone to the base model
 # If the share of a kind without an accepted effect exceeds this multiple of the error left by the accepted
@@ -115,7 +116,15 @@ class Evidence:
             effect: name of the effect.
         """
         is_closed = next((test.is_closed for test in self.tests if test.effect == effect), True)
-        return Form.EXACT if self.complete and is_closed else Form.APPROXIMATE
+        return Form.EXACT if self.leaves_only_noise and is_closed else Form.APPROXIMATE
+
+    @cached_property
+    def leaves_only_noise(self) -> bool:
+        """Whether the model is complete and its error is noise, as measured or from neighboring residuals."""
+        level, last = self.noise.value, self.stages[-1]
+        if self.noise.is_bound:  # a bound may contain more than noise
+            level = misfit(last.residual[last.judged], last.data.run[last.judged]).noise
+        return self.complete and (self.end.is_exact or last.rmse <= SLOW * level)
 
     @property
     def signals(self) -> list[str]:
@@ -348,13 +357,13 @@ def _reason(
         left = evidence.objection.reason
     if verdict is Verdict.MISSING:
         decrease = error_decrease(accepted, evidence.stages[0].rmse, last, unit)
-        nothing = "only noise is left"
-        if evidence.noise.is_bound:
+        if evidence.leaves_only_noise:
+            nothing = "only noise is left"
+        elif evidence.noise.is_bound:
             nothing = "what is left may be noise, of which only an upper bound is known"
-        elif last > SLOW * noise > 0.0:
-            nothing = (
-                f"what is left, {two_digits(last / noise)} times the noise, depends on no recorded signal"
-            )
+        else:
+            times = f", {two_digits(last / noise)} times the noise," if noise > 0.0 else ""
+            nothing = f"what is left{times} depends on no recorded signal"
         nothing += f"{_steps(evidence)}{_hum(end)}{_peaks(end)}"
         return f"{decrease}, and {nothing}" if evidence.complete else f"{decrease}; {left}"
     reason = f"the error is {last:.3g} {unit}; {left}"

@@ -127,7 +127,7 @@ class Misfit:
     times: float  # ratio of the residual's size to this noise; about 1 for a complete model
 
 
-def misfit(residuals: FloatArray, run: IntArray, inliers: BoolArray) -> Misfit:
+def misfit(residuals: FloatArray, run: IntArray, inliers: BoolArray | None = None) -> Misfit:
     """Compare the residuals with their noise.
 
     Noise changes from sample to sample, but the error of a model usually does not. The noise is estimated
@@ -138,12 +138,14 @@ def misfit(residuals: FloatArray, run: IntArray, inliers: BoolArray) -> Misfit:
     Args:
         residuals: effort minus prediction, in order of time within each run, shape (n,).
         run: run of each sample, shape (n,).
-        inliers: mask of the samples kept by a robust method, shape (n,).
+        inliers: mask of the samples kept by a robust method, shape (n,); None for all.
 
     Returns:
         Noise and ratio; both are NaN without two neighboring inliers, and the ratio is NaN for zero noise.
     """
-    pairs = inliers[1:] & inliers[:-1] & (run[1:] == run[:-1])
+    pairs = run[1:] == run[:-1]
+    if inliers is not None:
+        pairs &= inliers[1:] & inliers[:-1]
     if not pairs.any():
         return Misfit(float("nan"), float("nan"))
     noise = float(np.sqrt(np.mean(np.diff(residuals)[pairs] ** 2) / 2))

@@ -10,6 +10,7 @@ import pytest
 from palpate.estimation.channel import ChannelKind
 from palpate.estimation.design.next_experiment import exploring, separating, sufficient
 from palpate.estimation.diagnosis import diagnose, verdict
+from palpate.estimation.diagnosis.forms import Form
 from palpate.estimation.diagnosis.random_effects import add_run_variation, run_standard_deviation
 from palpate.estimation.diagnosis.residual_checks import ResidualFinding
 from palpate.estimation.diagnosis.result import Verdict
@@ -104,18 +105,29 @@ def test_where_nothing_is_left_nothing_is_to_be_recorded(swung):
 
 
 @pytest.mark.parametrize(
-    ("ratio", "effort_nm", "left"),
+    ("ratio", "effort_nm", "left", "form"),
     [
-        (1.2, 0.02, "only noise is left"),
-        (4.0, 0.02, "what is left, 4 times the noise, depends on no recorded signal"),
-        (4.0, None, "what is left may be noise, of which only an upper bound is known"),
+        (1.2, 0.02, "only noise is left", Form.EXACT),
+        (4.0, 0.02, "what is left, 4 times the noise, depends on no recorded signal", Form.APPROXIMATE),
+        (4.0, None, "only noise is left", Form.EXACT),  # a bound, but neighboring residuals show the noise
     ],
 )
-def test_what_is_left_far_above_the_noise_is_not_called_noise(swung, ratio, effort_nm, left):
+def test_what_is_left_far_above_the_noise_is_not_called_noise(swung, ratio, effort_nm, left, form):
     search, end, measurement = swung
     evidence = Evidence(search, measurement, end, True, None)
     vars(evidence)["noise"] = MeasurementNoise(end.rmse / ratio, NoiseSource.NEIGHBORS, effort_nm, 0.0)
-    assert decide_verdict(evidence).reason.endswith(left)
+    diagnosis = decide_verdict(evidence)
+    assert diagnosis.reason.endswith(left)
+    assert {effect.form for effect in diagnosis.accepted} == {form}
+
+
+def test_a_bound_of_the_noise_does_not_show_that_a_smooth_residual_is_noise(swung):
+    search, _, measurement = swung
+    evidence = Evidence(search, measurement, reached(search, "joint_spring"), True, None)  # lacks a friction
+    vars(evidence)["noise"] = MeasurementNoise(2.0 * evidence.end.rmse, NoiseSource.EACH_RUN, None, 0.0)
+    diagnosis = decide_verdict(evidence)
+    assert diagnosis.reason.endswith("what is left may be noise, of which only an upper bound is known")
+    assert {effect.form for effect in diagnosis.accepted} == {Form.APPROXIMATE}
 
 
 def test_a_kind_is_replaceable_if_another_kind_is_indistinguishable_from_its_effects(swung, monkeypatch):
