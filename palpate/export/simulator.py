@@ -79,7 +79,7 @@ def write_simulator(
         mounting = Mounting(mounted.tip_frame, tip, axis, np.array(mounted.gravity_m_s2))
         if patch is None and (target is SimulatorFormat.MJCF or not mounted.urdf):
             raise InputError(f"--format {target} changes a copy of your file: name it with --patch FILE")
-        text, place = (mounted.urdf, mounted.origin) if patch is None else (read_text(patch), str(patch))
+        text, place = (mounted.urdf, mounted.origin) if patch is None else (_patch_text(patch), str(patch))
         if target is SimulatorFormat.MJCF:
             patched = patch_mjcf(text, place, arm, mounting, by_name=body is not None)
         else:
@@ -92,3 +92,11 @@ def write_simulator(
     for file, text in texts.items():
         write_text(file, text)
     return Written(tuple(texts), tuple(used), arm.left_out)
+
+
+def _patch_text(patch: Path) -> str:
+    """Read the file to patch; raise `InputError` if it is not text."""
+    try:
+        return read_text(patch)
+    except (OSError, ValueError) as error:
+        raise InputError(f"--patch {patch}: cannot be read ({error})") from error

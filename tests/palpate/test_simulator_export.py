@@ -226,6 +226,14 @@ def exported(swinging, form, *options):
     return out.read_text(), said
 
 
+def test_a_file_to_patch_that_is_no_text_is_refused(swinging, tmp_path):
+    data, folder = swinging
+    (tmp_path / "arm.xml").write_bytes(b"\xff\xfe\x00")
+    study = Study(data, "inertia", folder=folder / "study")
+    with pytest.raises(InputError, match=r"--patch .*arm.xml: cannot be read \(not UTF-8 text"):
+        study.export_simulator(tmp_path / "better.xml", "mjcf", patch=tmp_path / "arm.xml")
+
+
 def test_isaac_lab_gets_static_and_dynamic_friction(swinging, monkeypatch):
     text, said = exported(swinging, "isaaclab")
     package, module = ModuleType("isaaclab"), ModuleType("isaaclab.actuators")
