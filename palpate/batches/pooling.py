@@ -16,6 +16,7 @@ from scipy.stats import t as student_t
 from palpate.batches.common_effects import CommonEffect
 from palpate.batches.statistics import RandomEffects, holm, random_effects, shrunk
 from palpate.batches.table import ParameterColumn, texts
+from palpate.estimation.estimate import DisplayTable, TableDisplay
 from palpate.estimation.fit.intervals import SIGMAS_95
 from palpate.estimation.statistics.noise import MAD_TO_SIGMA
 from palpate.robot_io.errors import InputError
@@ -81,9 +82,9 @@ class Outlier:
     z: float  # distance from the group's median, over scatter and standard error
 
 
-@dataclass(frozen=True)
-class BatchResult:
-    """Result of a batch."""
+@dataclass(frozen=True, repr=False)
+class BatchResult(TableDisplay):
+    """Result of a batch; prints as the table of its pooled parameters."""
 
     folder: Path  # of the page, the tables, and the results by content
     table: pa.Table  # a row for each channel of each measurement
@@ -107,6 +108,19 @@ class BatchResult:
         """Why a measurement could not be judged, by its name."""
         pairs = zip(texts(self.table, "measurement"), texts(self.table, "error"), strict=True)
         return {name: error for name, error in pairs if error}
+
+    def _table(self) -> DisplayTable:
+        rows = [
+            (
+                *(entry.channel, entry.parameter, entry.group, entry.effects.count),
+                f"{entry.effects.mean:.5g} {entry.unit}",
+                "{:.5g} to {:.5g}".format(*entry.effects.interval) if entry.effects.count > 1 else "",
+            )
+            for entry in self.pooled
+        ]
+        caption = f"{self.finished} of {self.measurements} measurements done, {len(self.errors)} unreadable"
+        columns = ("channel", "parameter", "group", "measurements", "mean", "95 % interval")
+        return DisplayTable(caption, columns, rows)
 
     def as_data(self) -> dict[str, Any]:
         """The outcome as plain data; the keys are stable."""

@@ -128,7 +128,9 @@ def test_the_same_batch_repeats_nothing_wherever_the_files_lie_and_a_changed_fil
         (copy / name).write_bytes((specimens / name).read_bytes())
     done("batch", specimens / "s0_soft.csv", specimens / "s0_hard.csv", "--out", out, "--workers", 1)
     before = ResultStore(out / "results").finished()
-    palpate.batch(copy, out=out, workers=1)
+    result = palpate.batch(copy, out=out, workers=1)
+    assert result._repr_html_().startswith("<table><caption>2 of 2 measurements done, 0 unreadable")
+    assert re.search(r"contact +stiffness.k +all +2 +\S+ N/m +\S+ to \S+", str(result))
     assert ResultStore(out / "results").finished() == before
     write_presses(copy / "s0_soft.csv", speeds_m_s=SPEEDS, seed=77)
     result = palpate.batch(copy, out=out, workers=1)
