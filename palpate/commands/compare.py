@@ -76,7 +76,8 @@ class ComparedPair:
         if all(side.is_same_data and side.first.model == side.second.model for side in self.sides):
             raise InputError(
                 f"{files[1]}: is the same measurement as {files[0]}, with the same model: name another file, "
-                "or another model of it with --other-model or --other-revision"
+                "or another model of it with --other-model or --other-revision; palpate batch FILE --split "
+                "COLUMN compares the specimens of one file"
             )
         self._studies = (first, second)
 

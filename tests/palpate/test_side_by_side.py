@@ -285,7 +285,7 @@ def test_of_a_fit_that_noise_keeps_low_that_is_said(soft, tmp_path):
 @pytest.mark.parametrize(
     ("arguments", "words"),
     [
-        (("SOFT", "SOFT"), ("the same measurement", "--other-model")),
+        (("SOFT", "SOFT"), ("the same measurement", "--other-model", "--split")),
         (("SOFT", "none.csv"), ("none.csv: no such file",)),
         (("SOFT", "STIFF", "--revision", 7), ("no revision 7",)),
         (("SOFT", "STIFF", "--revision", 7, "--model", "kelvin_voigt"), ("leave out --model",)),
