@@ -17,8 +17,8 @@ _ARRAYS = ("time_s", "position", "velocity", "acceleration", "effort", "run", "p
 
 
 # Encoder steps that a press must span: an error of half a step at each end changes the slope by a quarter.
-FEWEST_STEPS = 4.0
-_NO_DIRECTION = 1e-13  # eigenvalue relative to the largest below which columns are linearly dependent
+MIN_STEPS = 4.0
+_MIN_EIGENVALUE = 1e-13  # eigenvalue relative to the largest below which columns are linearly dependent
 # Arrays already checked, by `id`, because a fit makes thousands of channels from the same arrays.
 _checked: WeakValueDictionary[int, NDArray[Any]] = WeakValueDictionary()
 
@@ -108,7 +108,7 @@ def pseudo_inverse(matrices: FloatArray) -> FloatArray:
     scale = np.sqrt(np.diagonal(matrices, axis1=-2, axis2=-1))
     scale = np.divide(1.0, scale, out=np.zeros_like(scale), where=scale > 0.0)
     scaled = matrices * scale[..., :, None] * scale[..., None, :]
-    inverse = np.linalg.pinv(scaled, rcond=_NO_DIRECTION, hermitian=True)
+    inverse = np.linalg.pinv(scaled, rcond=_MIN_EIGENVALUE, hermitian=True)
     return np.asarray(inverse * scale[..., :, None] * scale[..., None, :])
 
 
@@ -273,15 +273,15 @@ class ChannelData:
         return self.select(np.isin(self.run, runs))
 
 
-def _check(channel: str, what: str, values: FloatArray | IntArray, length: int) -> None:
+def _check(channel: str, name: str, values: FloatArray | IntArray, length: int) -> None:
     if len(values) != length:
-        raise InputError(f"channel '{channel}': {what} has {len(values)} samples, time_s has {length}")
+        raise InputError(f"channel '{channel}': {name} has {len(values)} samples, time_s has {length}")
     if _checked.get(id(values)) is values:
         return
     if not np.isfinite(values).all():
         bad = np.flatnonzero(~np.isfinite(values.reshape(length, -1)).all(axis=1))
         raise InputError(
-            f"channel '{channel}': {what} is not finite at sample {bad[0]} (and {len(bad) - 1} more)"
+            f"channel '{channel}': {name} is not finite at sample {bad[0]} (and {len(bad) - 1} more)"
         )
     _checked[id(values)] = values
 

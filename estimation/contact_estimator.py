@@ -8,7 +8,7 @@ import numpy as np
 from palpate.robot_io.errors import InputError
 from palpate.robot_io.types import FloatArray
 
-_NO_DEPTH_M = 1e-9  # smallest depth whose powers do not underflow
+_MIN_DEPTH_M = 1e-9  # smallest depth whose powers do not underflow
 
 
 class ContactLaw(NamedTuple):
@@ -29,9 +29,9 @@ class ContactLaw(NamedTuple):
         Args:
             depth_m: indentation at rest, positive into the object [m].
         """
-        deep = max(depth_m - self.surface_m, _NO_DEPTH_M)
-        stiffness = self.stiffness * self.exponent * deep ** (self.exponent - 1.0)
-        return stiffness, self.damping * deep**self.damping_exponent
+        indentation_m = max(depth_m - self.surface_m, _MIN_DEPTH_M)
+        stiffness = self.stiffness * self.exponent * indentation_m ** (self.exponent - 1.0)
+        return stiffness, self.damping * indentation_m**self.damping_exponent
 
 
 def check_samples(name: str, *columns: FloatArray) -> None:

@@ -73,8 +73,8 @@ class Parameter:
         Args:
             value: value of the parameter, in its unit.
         """
-        near = 1e-3 * abs(value) if self.log else 1e-6 * (self.upper - self.lower)
-        return not self.lower + near < value < self.upper - near
+        margin = 1e-3 * abs(value) if self.log else 1e-6 * (self.upper - self.lower)
+        return not self.lower + margin < value < self.upper - margin
 
     def spread(self, count: int) -> FloatArray:
         """Return evenly spaced values over the typical range, on a logarithmic scale if `log` is set.
@@ -101,7 +101,7 @@ def start_grid(**values: Iterable[float]) -> tuple[Inner, ...]:
 class Effect(ABC):
     """One physical effect; class attributes describe it, in the same form for all effects."""
 
-    name: ClassVar[str]  # snake_case, from the vocabulary if it has the effect
+    name: ClassVar[str]  # snake_case
     kind: ClassVar[Kind] = Kind.OTHER  # category of physics, see `palpate.estimation.kinds`
     also: ClassVar[frozenset[Kind]] = frozenset()  # further kinds, if the law is a product of several
     physics: ClassVar[str]  # one-line description of the physics
@@ -171,9 +171,9 @@ class Effect(ABC):
         """
         if not self.path:
             return self
-        least, suited = least_path(data), copy(self)
+        shortest, suited = least_path(data), copy(self)
         suited.inner = tuple(  # type: ignore[misc]  # the bound depends on the data
-            replace(p, lower=min(max(p.lower, least), p.upper)) if p.name == self.path else p
+            replace(p, lower=min(max(p.lower, shortest), p.upper)) if p.name == self.path else p
             for p in self.inner
         )
         return suited

@@ -13,7 +13,7 @@ import numpy as np
 from palpate.robot_io.types import BoolArray, FloatArray
 
 _WIDTH = 110  # width of the text in characters
-_NARROWEST = 30  # columns for the last cell of a row, which is wrapped
+_MIN_WIDTH = 30  # columns for the last cell of a row, which is wrapped
 
 
 class Identifiability(StrEnum):
@@ -124,9 +124,9 @@ class TableDisplay(ABC):
         start = sum(widths) + 2 * len(widths)
         lines = wrap(caption.strip(), _WIDTH)
         for row in cells:
-            first, *rest = wrap(row[-1], max(_WIDTH - start, _NARROWEST)) or [""]
-            begin = "".join(f"{cell:<{width}}  " for cell, width in zip(row, widths, strict=False))
-            lines += [(begin + first).rstrip(), *(" " * start + more for more in rest)]
+            first, *rest = wrap(row[-1], max(_WIDTH - start, _MIN_WIDTH)) or [""]
+            prefix = "".join(f"{cell:<{width}}  " for cell, width in zip(row, widths, strict=False))
+            lines += [(prefix + first).rstrip(), *(" " * start + continuation for continuation in rest)]
         return "\n".join(lines)
 
     __repr__ = __str__

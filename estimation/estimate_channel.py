@@ -6,7 +6,7 @@ from dataclasses import replace
 import numpy as np
 import scipy
 
-from palpate.estimation.channel import FEWEST_STEPS, ChannelData, ChannelKind
+from palpate.estimation.channel import MIN_STEPS, ChannelData, ChannelKind
 from palpate.estimation.data.contact import contact_rows
 from palpate.estimation.data.derivatives import differentiate
 from palpate.estimation.data.units import SMALLEST
@@ -24,9 +24,9 @@ from palpate.robot_io.errors import InputError
 from palpate.robot_io.types import BoolArray, FloatArray
 
 _OFFSET = f"{ContactOffset.name}.offset"
-_NOWHERE_M = 1e-9  # distances below this are zero
-_MANY_STEPS = 1000.0  # encoder steps from which rounding changes less than 0.1 %
-_DRAWS = 16
+_ZERO_M = 1e-9  # distances below this are zero
+_MAX_STEPS = 1000.0  # encoder steps from which rounding changes less than 0.1 %
+_DRAW_COUNT = 16
 _SEED = 1
 UNPHYSICAL = "the model lacks an effect, or the sign of effort or motion is reversed"  # possible causes
 _ROUNDING = 1e-9  # share of the effort below which a gain is a rounding error
@@ -87,8 +87,8 @@ def estimate_channel(
             # The contact gives only a lower bound of the surface's coordinate: with an unmodeled pull the
             # surface may be deeper. If the press spans too few encoder steps for a slope, it is held fixed.
             within[_OFFSET] = (data.surface.highest_m - data.surface.position_m, float("inf"))
-            if steps_spanned(data, used) < FEWEST_STEPS:
-                within[_OFFSET] = (-_NOWHERE_M, _NOWHERE_M)
+            if steps_spanned(data, used) < MIN_STEPS:
+                within[_OFFSET] = (-_ZERO_M, _ZERO_M)
         narrowed = replace(model, within=within)
         narrowed_fit = fit_samples(narrowed, data, used, estimator.loss, searched)
         regression = model.regression(data, narrowed_fit.parameters).select(used)
@@ -102,12 +102,12 @@ def estimate_channel(
     )
     estimate = replace(estimate, parameters=parameters)
     # Report gains that are outside their physical bounds by more than rounding errors.
-    beyond = unphysical(model.gains, estimate.parameters, regression.columns, regression.effort)
-    if beyond:
-        note = f"{', '.join(beyond)}: outside the physical bounds; {UNPHYSICAL}"
+    unphysical_gains = unphysical(model.gains, estimate.parameters, regression.columns, regression.effort)
+    if unphysical_gains:
+        note = f"{', '.join(unphysical_gains)}: outside the physical bounds; {UNPHYSICAL}"
         if estimate.identifiability is not Identifiability.GOOD:
             note = f"{estimate.note}; {note}"
-        estimate = replace(estimate, note=note, unphysical=tuple(beyond))
+        estimate = replace(estimate, note=note, unphysical=tuple(unphysical_gains))
     return mark_coarse(estimate, data, used)
 
 
@@ -132,7 +132,7 @@ def _check_samples(data: ChannelData, model: Model, used: BoolArray) -> None:
             )
 
 
-def _combine(searched: SampleFit, data: ChannelData, rows: BoolArray, given: Estimate) -> Estimate:
+def _combine(searched: SampleFit, data: ChannelData, rows: BoolArray, estimate: Estimate) -> Estimate:
     """Combine an estimator's gains and the inner parameters from the search into one estimate.
 
     At fixed inner parameters p, the gains g have the estimator's covariance. Gains depend on p through
@@ -141,44 +141,44 @@ def _combine(searched: SampleFit, data: ChannelData, rows: BoolArray, given: Est
     The mean bias due to encoder steps is subtracted from all parameters. Its spread is added to the
     covariance, since the motion is known only through these steps.
     """
-    gain_count = len(given.parameters)
+    gain_count = len(estimate.parameters)
     values = np.array(list(searched.parameters.values()))
-    values[:gain_count] = [parameter.value for parameter in given.parameters]
+    values[:gain_count] = [parameter.value for parameter in estimate.parameters]
     columns, slopes = searched.jacobian[:, :gain_count], searched.jacobian[:, gain_count:]
-    follow = -np.array([solve(columns, slope).gains for slope in slopes.T]).reshape(-1, gain_count).T
+    gain_slopes = -np.array([solve(columns, slope).gains for slope in slopes.T]).reshape(-1, gain_count).T
     matrix = searched.covariance.matrix.copy()
-    spread = np.nan_to_num(searched.unbounded.matrix[gain_count:, gain_count:])
-    matrix[:gain_count, :gain_count] = given.covariance + follow @ spread @ follow.T
-    matrix[:gain_count, gain_count:] = follow @ spread
-    matrix[gain_count:, :gain_count] = (follow @ spread).T
+    inner_covariance = np.nan_to_num(searched.unbounded.matrix[gain_count:, gain_count:])
+    matrix[:gain_count, :gain_count] = estimate.covariance + gain_slopes @ inner_covariance @ gain_slopes.T
+    matrix[:gain_count, gain_count:] = gain_slopes @ inner_covariance
+    matrix[gain_count:, :gain_count] = (gain_slopes @ inner_covariance).T
     free = np.isfinite(searched.covariance.std_err)
     if data.tare is not None and free.any():  # errors of the tare, propagated through least squares
         matrix[np.ix_(free, free)] += common_error_covariance(
-            searched.jacobian[given.inliers][:, free],
-            data.tare.index(data.run[rows])[given.inliers],
+            searched.jacobian[estimate.inliers][:, free],
+            data.tare.index(data.run[rows])[estimate.inliers],
             data.tare.std_err,
         )
     used = rows.copy()
-    used[used] = given.inliers
-    gains = {parameter.name: parameter.value for parameter in given.parameters}
+    used[used] = estimate.inliers
+    gains = {parameter.name: parameter.value for parameter in estimate.parameters}
     rounding = rounding_errors(searched.model, data, used, searched.parameters | gains)
-    if rounding.size and steps_spanned(data, rows) >= FEWEST_STEPS:
+    if rounding.size and steps_spanned(data, rows) >= MIN_STEPS:
         rounding[~free] = 0.0
         values -= rounding.mean(axis=1)
         matrix += rounding @ rounding.T / rounding.shape[1]
     return assemble(
-        given.estimator,
+        estimate.estimator,
         tuple(searched.parameters),
         searched.model.units(data),
         values,
         jacobian=searched.jacobian,
         effort=data.effort[rows],
-        residuals=given.residuals,
+        residuals=estimate.residuals,
         covariance=Covariance(matrix, searched.covariance.degrees_of_freedom),
         gain_count=gain_count,
-        inliers=given.inliers,
-        history=given.history,
-        details=given.details,
+        inliers=estimate.inliers,
+        history=estimate.history,
+        details=estimate.details,
     )
 
 
@@ -191,12 +191,11 @@ def mark_coarse(estimate: Estimate, data: ChannelData, rows: BoolArray) -> Estim
         rows: samples that were fitted, a mask of shape (n,).
     """
     steps = steps_spanned(data, rows)
-    if steps >= FEWEST_STEPS:
+    if steps >= MIN_STEPS:
         return estimate
     unknown = float("nan")
-    note = (
-        f"{in_steps(data, rows)}, too few for a slope: press harder, take a softer object, or a finer encoder"
-    )
+    remedy = "press harder, take a softer object, or a finer encoder"
+    note = f"{describe_steps(data, rows)}, too few for a slope: {remedy}"
     parameters = tuple(
         replace(p, std_err=unknown, interval=(unknown, unknown), determined=Determined.NO)
         for p in estimate.parameters
@@ -223,7 +222,7 @@ def steps_spanned(data: ChannelData, rows: BoolArray) -> float:
     return float(np.ptp(data.position[rows])) / data.position_step
 
 
-def in_steps(data: ChannelData, rows: BoolArray) -> str:
+def describe_steps(data: ChannelData, rows: BoolArray) -> str:
     """Describe the number of encoder steps that the position spans.
 
     Args:
@@ -253,25 +252,25 @@ def rounding_errors(model: Model, data: ChannelData, rows: BoolArray, parameters
         Errors of the m gains and inner parameters in r simulations, shape (m, r); r = 0 if the grid is fine
         enough.
     """
-    if steps_spanned(data, rows) > _MANY_STEPS:
+    if steps_spanned(data, rows) > _MAX_STEPS:
         return np.zeros((len(parameters), 0))
     rng = np.random.default_rng(_SEED)
     pieces = number_pieces(data.time_s, data.run)
-    without_steps = np.empty(len(data))  # the integral of the velocity, piece by piece
+    smooth_position = np.empty(len(data))  # the integral of the velocity, piece by piece
     for piece in blocks(pieces):
-        way = scipy.integrate.cumulative_trapezoid(data.velocity[piece], data.time_s[piece], initial=0.0)
-        without_steps[piece] = way + np.mean(data.position[piece] - way)
-    smooth = replace(data, position=without_steps)
+        path = scipy.integrate.cumulative_trapezoid(data.velocity[piece], data.time_s[piece], initial=0.0)
+        smooth_position[piece] = path + np.mean(data.position[piece] - path)
+    smooth = replace(data, position=smooth_position)
     effort = model.predict(smooth, parameters)
     half, errors = None, []
-    for shift in (rng.random(_DRAWS) + np.arange(_DRAWS)) / _DRAWS:
-        moved = smooth.position + shift * data.position_step
-        position = np.round(moved / data.position_step) * data.position_step - shift * data.position_step
+    for shift in (rng.random(_DRAW_COUNT) + np.arange(_DRAW_COUNT)) / _DRAW_COUNT:
+        shifted = smooth.position + shift * data.position_step
+        position = np.round(shifted / data.position_step) * data.position_step - shift * data.position_step
         motion = differentiate(data.time_s, position, pieces, half, rounding=data.position_step**2 / 12)
         half = motion.half_windows[0]
-        again = replace(data, position=position, velocity=motion.velocity, effort=effort)
-        residual = effort - model.predict(again, parameters)
-        errors.append(solve(slopes_of(model, again, parameters)[rows], residual[rows]).gains)
+        rounded = replace(data, position=position, velocity=motion.velocity, effort=effort)
+        residual = effort - model.predict(rounded, parameters)
+        errors.append(solve(slopes_of(model, rounded, parameters)[rows], residual[rows]).gains)
     return np.column_stack(errors)
 
 
@@ -293,14 +292,14 @@ def unphysical(
         A sentence for each unphysical gain, by "effect.parameter".
     """
     parts = np.sqrt(np.mean(columns**2, axis=0) / max(float(np.mean(effort**2)), 1e-300))
-    shares, beyond = dict(zip(gains, parts.tolist(), strict=True)), {}
+    shares, descriptions = dict(zip(gains, parts.tolist(), strict=True)), {}
     for estimate in estimates:
         limits = gains.get(estimate.name)
         if limits is None or abs(estimate.value) * shares[estimate.name] <= _ROUNDING:
             continue
-        if (below := estimate.interval[1] < limits.lower) or estimate.interval[0] > limits.upper:
-            side = "below" if below else "above"
-            beyond[estimate.name] = (
+        if (is_below := estimate.interval[1] < limits.lower) or estimate.interval[0] > limits.upper:
+            side = "below" if is_below else "above"
+            descriptions[estimate.name] = (
                 f"{estimate.name} = {estimate.value:.4g} {estimate.unit} is {side} the physical bound"
             )
-    return beyond
+    return descriptions

@@ -83,10 +83,10 @@ class Model:
             InputError: an effect occurs twice.
         """
         names = [effect.name for effect in self.effects]
-        twice = {name for name in names if names.count(name) > 1}
-        if twice:
+        duplicates = {name for name in names if names.count(name) > 1}
+        if duplicates:
             raise InputError(
-                f"model '{self.name}' would have {', '.join(sorted(twice))} more than once: "
+                f"model '{self.name}' would have {', '.join(sorted(duplicates))} more than once: "
                 "an effect of the base model or of an earlier revision is not added again"
             )
 
@@ -138,11 +138,11 @@ class Model:
     @cached_property
     def inner(self) -> dict[str, Parameter]:
         """Nonlinear parameters by "effect.parameter"."""
-        known = {f"{e.name}.{p.name}": p for e in self.effects for p in e.inner}
-        for name in known.keys() & self.within.keys():
-            (low, high), p = self.within[name], known[name]
-            known[name] = replace(p, lower=max(low, p.lower), upper=min(high, p.upper))
-        return known
+        parameters_by_name = {f"{e.name}.{p.name}": p for e in self.effects for p in e.inner}
+        for name in parameters_by_name.keys() & self.within.keys():
+            (low, high), p = self.within[name], parameters_by_name[name]
+            parameters_by_name[name] = replace(p, lower=max(low, p.lower), upper=min(high, p.upper))
+        return parameters_by_name
 
     def at_bound(self, name: str, value: float) -> bool:
         """Return whether an inner parameter is at a search bound; False for gains.
@@ -222,12 +222,10 @@ class Model:
         slopes = []
         for name, parameter in self.inner.items():
             value, (low, high) = parameters[name], parameter.typical
-            reach = step * (abs(value) if parameter.log and value else high - low)
-            ahead, behind = min(value + reach, parameter.upper), max(value - reach, parameter.lower)
-            change = self.predict(data, {**parameters, name: ahead}) - self.predict(
-                data, {**parameters, name: behind}
-            )
-            slopes.append(change / (ahead - behind))
+            half_step = step * (abs(value) if parameter.log and value else high - low)
+            upper, lower = min(value + half_step, parameter.upper), max(value - half_step, parameter.lower)
+            above, below = (self.predict(data, {**parameters, name: end}) for end in (upper, lower))
+            slopes.append((above - below) / (upper - lower))
         return slopes
 
     def lifted(self, data: ChannelData, parameters: Parameters, parts: Parts) -> IntArray:
@@ -247,8 +245,8 @@ class Model:
         if data.kind is not ChannelKind.CONTACT:
             return np.empty(0, dtype=np.int64)
         pushing = [parameters[name] * sign for name, sign in zip(self.gains, self.one_sided, strict=True)]
-        lets_go = parts[0] @ np.array(pushing) < 0.0
-        return np.flatnonzero(lets_go if data.touching is None else lets_go & ~data.touching)
+        lifts = parts[0] @ np.array(pushing) < 0.0
+        return np.flatnonzero(lifts if data.touching is None else lifts & ~data.touching)
 
     def linearise(
         self,

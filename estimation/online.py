@@ -14,10 +14,10 @@ from palpate.estimation.data.derivatives import even_coefficients
 from palpate.estimation.estimator import OnlineEstimator
 from palpate.robot_io.types import Measurement, Status
 
-_GAINS = 3
-_ENOUGH = 30  # samples needed to determine three gains
+_GAIN_COUNT = 3
+_MIN_SAMPLES = 30  # samples needed to determine three gains
 _AIR_SAMPLES = 20  # initial samples that are assumed to be in free air and determine the sensor's zero
-_GAP = 1.5  # ratio to the previous sample interval above which there is a gap
+_GAP_RATIO = 1.5  # ratio to the previous sample interval above which there is a gap
 _DEFAULT_TOUCH = TouchGains()
 
 
@@ -34,7 +34,7 @@ class LinearKelvinVoigt:
         self._estimator = estimator
 
     def start(self) -> None:
-        self._estimator.start(_GAINS)
+        self._estimator.start(_GAIN_COUNT)
 
     def update(self, depth_m: float, speed_m_s: float, force_n: float) -> ContactLaw | None:
         row = np.array([depth_m, speed_m_s, 1.0])
@@ -61,8 +61,8 @@ class OnlineContactEstimator:
         touch: TouchGains = _DEFAULT_TOUCH,
         half_window: int = 5,
     ) -> None:
-        self._learner = estimator if isinstance(estimator, OnlineContactLaw) else LinearKelvinVoigt(estimator)
-        self._learner.start()
+        self._updater = estimator if isinstance(estimator, OnlineContactLaw) else LinearKelvinVoigt(estimator)
+        self._updater.start()
         self._touch_gains = touch
         self._release_n = 0.0
         self._slope: list[float] = even_coefficients(2 * half_window + 1, half_window)[1].tolist()
@@ -96,10 +96,10 @@ class OnlineContactEstimator:
         Returns:
             See `observe`.
         """
-        above_n = force_n - self._air.mean
+        net_force_n = force_n - self._air.mean
         if self.in_contact:
-            self._follow(time_s, along_m, above_n)
-        elif self._air.count >= _AIR_SAMPLES and above_n > (
+            self._update_in_contact(time_s, along_m, net_force_n)
+        elif self._air.count >= _AIR_SAMPLES and net_force_n > (
             touch_n := touch_force_n(self._air.standard_deviation, self._touch_gains.touch_force_n)
         ):
             # The first sample is excluded: it was selected by its force, which biases it.
@@ -112,20 +112,20 @@ class OnlineContactEstimator:
             self._air.add(force_n)
         return self.estimates
 
-    def _follow(self, time_s: float, along_m: float, above_n: float) -> None:
-        if above_n < self._release_n:
+    def _update_in_contact(self, time_s: float, along_m: float, net_force_n: float) -> None:
+        if net_force_n < self._release_n:
             self.in_contact = False
             return
         window = self._window
-        if len(window) > 1 and time_s - window[-1][0] > _GAP * (window[-1][0] - window[-2][0]):
+        if len(window) > 1 and time_s - window[-1][0] > _GAP_RATIO * (window[-1][0] - window[-2][0]):
             window.clear()
-        window.append((time_s, along_m - self._first_touch_m, above_n))
+        window.append((time_s, along_m - self._first_touch_m, net_force_n))
         if len(window) < 2 * self._half + 1:
             return
         step_s = (window[-1][0] - window[0][0]) / (len(window) - 1)
         _, depth_m, force_n = window[self._half]
-        moved_m = sum([slope * depth_m for slope, (_, depth_m, _) in zip(self._slope, window, strict=True)])
-        law = self._learner.update(depth_m, moved_m / step_s, force_n)
+        slope_m = sum([slope * depth_m for slope, (_, depth_m, _) in zip(self._slope, window, strict=True)])
+        law = self._updater.update(depth_m, slope_m / step_s, force_n)
         self._samples += 1
-        if self._samples >= _ENOUGH and law is not None:
+        if self._samples >= _MIN_SAMPLES and law is not None:
             self.estimates = (*law.compliance(depth_m), self._first_touch_m + law.surface_m)

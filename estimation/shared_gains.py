@@ -1,7 +1,7 @@
 """Information on gains that joints of one arm share.
 
 Parameters that the motion does not excite stay physically consistent and near the URDF. A fit of one joint
-whose normal equations include the information of the other joints equals the joint fit of all of them, see
+whose normal equations include the information of the other joints equals a fit of all joints together, see
 `palpate.estimation.arm.consistent_fit`.
 """
 
@@ -40,49 +40,49 @@ def with_shared_gains(channels: Sequence[ChannelData], models: Sequence[Model]) 
     """
     if any(channel.shared is not None for channel in channels):
         return list(channels)
-    of_arm = [
+    arm_channels = [
         number
         for number, (data, model) in enumerate(zip(channels, models, strict=True))
-        if _body_of(model) is not None and reject_reason(data) is None
+        if _rigid_body(model) is not None and reject_reason(data) is None
     ]
-    effect = _body_of(models[of_arm[0]]) if of_arm else None
+    effect = _rigid_body(models[arm_channels[0]]) if arm_channels else None
     if effect is None or effect.arm is None or effect.urdf is None:
         return list(channels)
     names = [f"{effect.name}.{name}" for name in effect.arm.names]
-    alone = []
-    for number in of_arm:  # without these two effects, friction or an offset biases the base parameters
+    fits = []
+    for number in arm_channels:  # without these two effects, friction or an offset biases the base parameters
         model, data = models[number], channels[number]
         present = {term.kind for term in model.effects}
-        lacking = [term for term in (CoulombFriction(), Bias()) if term.kind not in present]
-        model = reduce(Model.with_effect, lacking, model)
-        alone.append(fit_model(data, model, {}, usable(data)))
-    if len({fit.problem.blocked.folds for fit in alone}) > 1:
+        missing = [term for term in (CoulombFriction(), Bias()) if term.kind not in present]
+        model = reduce(Model.with_effect, missing, model)
+        fits.append(fit_model(data, model, {}, usable(data)))
+    if len({fit.problem.blocked.folds for fit in fits}) > 1:
         return list(channels)
     joints = [
         arranged(
             fit.problem.normal_equations(fit.solution.columns, fit.solution.target).products,
             list(fit.solution.model.gains),
             names,
-            _noise(fit),
+            _residual_rms(fit),
         )
-        for fit in alone
+        for fit in fits
     ]
     by_joint = [shared_information(joint) for joint in joints]
-    pull = consistent_information(effect.arm, effect.urdf, reduce(add, by_joint))
-    information = information_of_others(joints, pull)
+    prior = consistent_information(effect.arm, effect.urdf, reduce(add, by_joint))
+    information = information_of_others(joints, prior)
     prepared = list(channels)
-    for number, fit, others_say in zip(of_arm, alone, information, strict=True):
-        felt = [name for name in names if name in fit.solution.model.gains]
-        kept = np.array([name in felt for name in names])
-        shared = SharedGains(tuple(felt), others_say.about(kept).times(_noise(fit) ** 2))
+    for number, fit, others in zip(arm_channels, fits, information, strict=True):
+        shared_names = [name for name in names if name in fit.solution.model.gains]
+        is_shared = np.array([name in shared_names for name in names])
+        shared = SharedGains(tuple(shared_names), others.about(is_shared).times(_residual_rms(fit) ** 2))
         prepared[number] = replace(channels[number], shared=shared)
     return prepared
 
 
-def _body_of(model: Model) -> RigidBodyFitted | None:
+def _rigid_body(model: Model) -> RigidBodyFitted | None:
     return next((effect for effect in model.effects if isinstance(effect, RigidBodyFitted)), None)
 
 
-def _noise(fitted: FitResult) -> float:
+def _residual_rms(fitted: FitResult) -> float:
     """Return the root mean square residual of a joint's own fit on blocks."""
     return float(np.sqrt(np.mean(fitted.solution.residual[fitted.problem.used] ** 2)))

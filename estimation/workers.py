@@ -23,7 +23,7 @@ def end_workers(pool: ProcessPoolExecutor) -> None:
     pool.shutdown(cancel_futures=True)
 
 
-def end_when_told() -> None:
+def prepare_worker() -> None:
     """Prepare a worker: restore the default signal handlers and exit when the parent process exits."""
     end_with_parent()
     for number in (signal.SIGTERM, signal.SIGHUP):

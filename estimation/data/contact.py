@@ -6,7 +6,7 @@ import numpy as np
 
 from palpate.control.laws.touch import touch_force_n
 from palpate.control.loop.task import Phase
-from palpate.estimation.channel import FEWEST_STEPS, Surface, Tare
+from palpate.estimation.channel import MIN_STEPS, Surface, Tare
 from palpate.estimation.signals.blocks import block_index
 from palpate.estimation.statistics.least_squares import solve
 from palpate.estimation.statistics.noise import sum_covariance
@@ -140,7 +140,7 @@ def find_surface(  # noqa: PLR0917
         tare: offset subtracted from the force.
         touch: result of `touch_of`.
     """
-    if np.ptp(along_m) < FEWEST_STEPS * touch.step_m:
+    if np.ptp(along_m) < MIN_STEPS * touch.step_m:
         return touch.alone()
     columns = np.column_stack([along_m - touch.first_m, speed_m_s, np.ones(len(along_m))])
     stiffness, _, offset_n = gains = solve(columns, force_n).gains

@@ -45,7 +45,7 @@ from palpate.estimation.fit.measurement_model import identify_measurement_model
 from palpate.estimation.fit.measurement_noise import measurement_noise
 from palpate.estimation.model import Model
 from palpate.estimation.shared_gains import with_shared_gains
-from palpate.estimation.workers import end_when_told, end_workers
+from palpate.estimation.workers import end_workers, prepare_worker
 
 _FEW_LEVELS = 12  # distinct readings; with more, rounding errors average out
 _OFFSET = "bias"  # name of the effect that is a constant
@@ -89,7 +89,7 @@ def diagnose(
         diagnoses = [diagnose_channel(*job[:2], library, job[2], progress) for job in jobs]
     else:
         with ProcessPoolExecutor(
-            min(processes, len(jobs)), get_context("fork"), initializer=end_when_told
+            min(processes, len(jobs)), get_context("fork"), initializer=prepare_worker
         ) as pool:
             try:
                 diagnoses = list(_report_each(pool.map(work, jobs), channels, progress))

@@ -23,7 +23,7 @@ LOOSE_JOINT_MODEL = "inertia"
 SERVO_MODEL = "position_servo"
 ChannelKey = tuple[str, str, str]  # channel, base model, SHA-256 of the data
 ALL_CHANNELS = "all"
-_IN_WORDS = {
+_KIND_NAMES = {
     ChannelKind.CONTACT: "contact",
     ChannelKind.PRISMATIC: "prismatic joint",
     ChannelKind.REVOLUTE: "revolute joint",
@@ -161,7 +161,7 @@ def described_by(source: Source, model: str) -> tuple[ChannelData, ...]:
         channels = tuple(channel for channel in source.channels if channel.kind is ChannelKind.PRISMATIC)
     if channels:
         return channels
-    expected = " or ".join(_IN_WORDS[kind] for kind in sorted(kinds))
+    expected = " or ".join(_KIND_NAMES[kind] for kind in sorted(kinds))
     listed = ", ".join(f"{channel.name} ({channel.kind})" for channel in source.channels)
     hint = "." if source.session is None or ChannelKind.CONTACT not in kinds else "; was anything touched?"
     valid = [n for n in MODELS if MODELS[n].channels & {channel.kind for channel in source.channels}]
@@ -180,10 +180,10 @@ def unapplicable(effect: Effect, data: ChannelData) -> str:
     """
     if effect.applies_to(data):
         return ""
-    lacking = [signal for signal in effect.needs if signal not in data.context]
+    missing = [signal for signal in effect.needs if signal not in data.context]
     which = "this" if data.kind in effect.channels else f"a {data.kind.value}"
-    why = f"needs {', '.join(lacking)}" if lacking else f"is not for {which} channel"
-    return f"effect '{effect.name}' {why} (channel '{data.name}')"
+    reason = f"needs {', '.join(missing)}" if missing else f"is not for {which} channel"
+    return f"effect '{effect.name}' {reason} (channel '{data.name}')"
 
 
 def suited_names(name: str, effects: Sequence[Effect], channels: Sequence[ChannelData]) -> str:
@@ -198,10 +198,10 @@ def suited_names(name: str, effects: Sequence[Effect], channels: Sequence[Channe
     """
     kinds = {channel.kind for channel in channels}
     names = [effect.name for effect in effects if effect.channels & kinds]
-    meant = get_close_matches(name, [effect.name for effect in effects], n=1)
-    words = {word for text in (name, *meant) for word in text.split("_")}
-    likely = [name for name in names if name in meant or words & set(name.split("_"))]
-    hint = f"Did you mean {' or '.join(likely)}? " if likely else ""
+    closest = get_close_matches(name, [effect.name for effect in effects], n=1)
+    words = {word for text in (name, *closest) for word in text.split("_")}
+    suggestions = [name for name in names if name in closest or words & set(name.split("_"))]
+    hint = f"Did you mean {' or '.join(suggestions)}? " if suggestions else ""
     where = " and ".join(f"a {kind.value}" for kind in sorted(kinds))
     return f"{hint}In {where} there are: {', '.join(names)}"
 
@@ -217,32 +217,32 @@ def data_sha256(data: ChannelData, arm: Arm) -> str:
         64 hexadecimal digits.
     """
     digest = hashlib.sha256()
-    _feed(digest, data)
+    _update_digest(digest, data)
     if data.kind is not ChannelKind.CONTACT:
-        _feed(digest, (arm.urdf, arm.tip_frame, arm.gravity_m_s2))
+        _update_digest(digest, (arm.urdf, arm.tip_frame, arm.gravity_m_s2))
         if arm.rotor_inertia_kg_m2:
-            _feed(digest, arm.rotor_inertia_kg_m2)
+            _update_digest(digest, arm.rotor_inertia_kg_m2)
     return digest.hexdigest()
 
 
-def _feed(digest: "hashlib._Hash", value: object) -> None:
+def _update_digest(digest: "hashlib._Hash", value: object) -> None:
     """Update a digest with a value, its type and its size, so that different values give different bytes."""
     match value:
         case np.ndarray():
             digest.update(f"{value.dtype.str}{value.shape}".encode())
             digest.update(np.ascontiguousarray(value).tobytes())
         case Mapping():
-            _feed(digest, [(key, value[key]) for key in sorted(value)])
+            _update_digest(digest, [(key, value[key]) for key in sorted(value)])
         case frozenset():
-            _feed(digest, sorted(value))
+            _update_digest(digest, sorted(value))
         case str():
             digest.update(f"{len(value)}:{value}".encode())
         case Sequence():
             digest.update(f"[{len(value)}".encode())
             for item in value:
-                _feed(digest, item)
+                _update_digest(digest, item)
         case _ if is_dataclass(value):
             for field in fields(value):
-                _feed(digest, (field.name, getattr(value, field.name)))
+                _update_digest(digest, (field.name, getattr(value, field.name)))
         case _:
             digest.update(f"{type(value).__name__}={value!r};".encode())

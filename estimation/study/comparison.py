@@ -20,8 +20,8 @@ from palpate.robot_io.types import BoolArray
 
 AT_NOISE = 1.1  # ratio to the noise below which an error is within the noise
 FAR = 3.0  # ratio to the noise above which a model is far off
-_MOST_SPLITS = 3  # largest number of splits that are described
-_LEAST_MEAN_SHARE = 0.1  # mean relative to a part's error below which it is not described
+_MAX_SPLITS = 3  # largest number of splits that are described
+_MIN_MEAN_SHARE = 0.1  # mean relative to a part's error below which it is not described
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -134,16 +134,16 @@ def compare(fitted: FitResult, model: str, noise: MeasurementNoise) -> Compariso
     for by, masks in splits(fitted.data).items():
         occupied = list[Part]()
         for label, mask in masks.items():
-            own = fitted.residual[mask & fitted.judged]
-            if len(own):
-                size = float(np.sqrt(np.mean(own**2)))
-                energy = float(np.sum(own**2) / np.nansum(fitted.residual**2))
+            residuals = fitted.residual[mask & fitted.judged]
+            if len(residuals):
+                size = float(np.sqrt(np.mean(residuals**2)))
+                energy = float(np.sum(residuals**2) / np.nansum(fitted.residual**2))
                 excess = size / noise.value if noise.value > 0.0 else float("inf")
-                occupied.append(Part(label, len(own), size, float(own.mean()), energy, excess))
+                occupied.append(Part(label, len(residuals), size, float(residuals.mean()), energy, excess))
         if len(occupied) > 1:
             parts[by] = tuple(occupied)
     is_noise = fitted.rmse < AT_NOISE * noise.value
-    seen = () if is_noise else patterns(parts, fitted.rmse)
+    found_patterns = () if is_noise else patterns(parts, fitted.rmse)
     kinds: tuple[BudgetEntry, ...] = ()
     if not is_noise:  # find the kinds whose flexible laws explain the held-out error
         with single_threaded():
@@ -151,7 +151,7 @@ def compare(fitted: FitResult, model: str, noise: MeasurementNoise) -> Compariso
     first, *where = _words(fitted.rmse, noise, parts, unit)
     if fitted.unphysical:
         first = f"{first} But {', '.join(fitted.unphysical)}: {UNPHYSICAL}."
-    words = [first, *where, *(pattern.sentence for pattern in seen)]
+    words = [first, *where, *(pattern.sentence for pattern in found_patterns)]
     if kinds:
         shares = []
         for entry in kinds:
@@ -160,7 +160,7 @@ def compare(fitted: FitResult, model: str, noise: MeasurementNoise) -> Compariso
             shares.append(f"{share} (or {replacing})" if replacing else share)
         listed = ", ".join(shares)
         words.append(f"Kinds of effects that would explain it, as shares of the squared error: {listed}.")
-    return Comparison(data.name, unit, model, fitted, noise, parts, tuple(words), seen, kinds)
+    return Comparison(data.name, unit, model, fitted, noise, parts, tuple(words), found_patterns, kinds)
 
 
 def _words(
@@ -172,7 +172,7 @@ def _words(
         return (f"The error of {error:.3g} {unit} is within the noise ({level}).",)
     times = error / noise.value if noise.value > 0.0 else float("inf")
     sentences = [f"The error of {error:.3g} {unit} is {times:.1f} times the noise ({level})."]
-    for by in sorted(parts, key=lambda by: -_contrast(parts[by]))[:_MOST_SPLITS]:
+    for by in sorted(parts, key=lambda by: -_contrast(parts[by]))[:_MAX_SPLITS]:
         worst, least = (pick(parts[by], key=lambda part: part.rmse) for pick in (max, min))
         if worst.rmse <= (1.0 + SMALL) * least.rmse:  # all errors are equally large: compare their means
             high, low = (pick(parts[by], key=lambda part: part.mean) for pick in (max, min))
@@ -182,7 +182,7 @@ def _words(
             )
             continue
         largest = f"By {by}, the error is largest for {worst.label}: {worst.rmse:.3g} {unit}"
-        if abs(worst.mean) > _LEAST_MEAN_SHARE * worst.rmse:
+        if abs(worst.mean) > _MIN_MEAN_SHARE * worst.rmse:
             side = "above" if worst.mean > 0.0 else "below"
             largest += f"; the measurement is {abs(worst.mean):.3g} {unit} {side} the model on average"
         sentences.append(f"{largest}.")
@@ -193,5 +193,5 @@ def _contrast(parts: tuple[Part, ...]) -> float:
     """Return a measure of how unevenly the error is distributed over the parts."""
     sizes = np.array([part.rmse for part in parts])
     means = np.array([part.mean for part in parts])
-    whole = float(np.sqrt(np.mean(sizes**2))) or 1.0
-    return float((np.std(sizes) + np.std(means)) / whole)
+    total = float(np.sqrt(np.mean(sizes**2))) or 1.0
+    return float((np.std(sizes) + np.std(means)) / total)

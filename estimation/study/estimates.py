@@ -109,8 +109,8 @@ def choose_estimators(names: str | Sequence[str]) -> list[str]:
     chosen = [part.strip() for part in parts if part.strip()]
     if not chosen:
         raise InputError(f"estimator '{names}': give names separated by commas, or {ALL}")
-    if twice := {name for name in chosen if chosen.count(name) > 1}:
-        raise InputError(f"estimator '{names}': {min(twice)} appears twice")
+    if duplicates := {name for name in chosen if chosen.count(name) > 1}:
+        raise InputError(f"estimator '{names}': {min(duplicates)} appears twice")
     return [ESTIMATORS[name].name for name in chosen]
 
 

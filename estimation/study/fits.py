@@ -40,7 +40,7 @@ from palpate.robot_io.errors import InputError
 
 _FitKey = tuple[ChannelKey, tuple[str, ...]]  # a channel with its base model, and the added effects
 NO_BOUNDS: Mapping[str, tuple[float, float]] = MappingProxyType({})
-_MOST_FITS = 90  # size of the cache; the least recently used fits are dropped and computed again
+_MAX_FITS = 90  # size of the cache; the least recently used fits are dropped and computed again
 
 
 class StudyFits(TableDisplay):
@@ -56,12 +56,12 @@ class StudyFits(TableDisplay):
         effects: Mapping[str, Effect] | None = None,
         held_out: Sequence[int] = (),
     ) -> None:
-        own = effects or {}
+        user_effects = effects or {}
         self.source = limit_length(open_source(data, options, arm), held_out)
         self.held_out = tuple(sorted(set(held_out)))
         self.model = model
-        self._library = {effect.name: effect for effect in (*effect_library(), *own.values())}
-        self._own = {effect.name: place for place, effect in own.items()}
+        self._library = {effect.name: effect for effect in (*effect_library(), *user_effects.values())}
+        self._own = {effect.name: place for place, effect in user_effects.items()}
         self._lock = RLock()
         self._channels: dict[tuple[str, str], StudyChannel] = {}
         self._fits: dict[_FitKey, FitResult] = {}
@@ -229,8 +229,8 @@ class StudyFits(TableDisplay):
         channel = self._resolve(channel)
         with self._lock:
             free = self.fit(channel, effects)
-            given = [*held.items(), *((name, value) for name, pair in bounds.items() for value in pair)]
-            for name, value in given:
+            settings = [*held.items(), *((name, value) for name, pair in bounds.items() for value in pair)]
+            for name, value in settings:
                 if name not in free.values:
                     raise InputError(f"no parameter '{name}'. There are: {', '.join(free.values)}")
                 if not math.isfinite(value):
@@ -317,15 +317,15 @@ class StudyFits(TableDisplay):
     def _remember(self, key: _FitKey, fit: FitResult) -> None:
         """Add a fit to the cache as the most recently used one, and drop the least recently used fits."""
         self._fits[key] = fit
-        while len(self._fits) > _MOST_FITS:
+        while len(self._fits) > _MAX_FITS:
             oldest = next(iter(self._fits))
             del self._fits[oldest]
             self._comparisons.pop(oldest, None)
 
     def _effect(self, name: str) -> Effect:
         if name not in self._library:
-            known = suited_names(name, self.effects, [member.data for member in self.channels])
-            raise InputError(f"no effect is called '{name}'. {known}")
+            suggestion = suited_names(name, self.effects, [member.data for member in self.channels])
+            raise InputError(f"no effect is called '{name}'. {suggestion}")
         return self._library[name]
 
     def _suited_effect(self, name: str, parent: FitResult) -> Effect:
@@ -335,8 +335,8 @@ class StudyFits(TableDisplay):
             InputError: the effect is unknown or does not apply.
         """
         effect = self._effect(name)
-        if why := unapplicable(effect, parent.data):
-            raise InputError(why)
+        if reason := unapplicable(effect, parent.data):
+            raise InputError(reason)
         return effect.suited_to(parent.training)
 
 

@@ -14,22 +14,22 @@ from palpate.estimation.study.fitting import fit_base
 from palpate.estimation.study.study import ModelStudy
 from palpate.robot_io.errors import InputError
 
-_FAR_BETTER = 0.5  # ratio of held-out errors below which another base model is suggested
-_NO_WORSE = 1.02  # largest ratio to the error of a complete model at which another model fits equally well
+_FAR_RATIO = 0.5  # ratio of held-out errors below which another base model is suggested
+_EQUAL_RATIO = 1.02  # largest ratio to the error of a complete model at which another model fits equally well
 
 
 def better_model(
-    study: ModelStudy, channel: StudyChannel, most: float, parameters: int | None = None
+    study: ModelStudy, channel: StudyChannel, max_error: float, parameters: int | None = None
 ) -> tuple[str, float] | None:
     """Return the base model that fits a channel best and its held-out error; None if the error is too large.
 
     Args:
         study: the measurement and its fits.
         channel: the channel with its present base model, which is excluded.
-        most: upper limit of the held-out error [effort].
+        max_error: upper limit of the held-out error [effort].
         parameters: largest number of parameters; None for any number.
     """
-    good = []
+    suitable = []
     for name in MODELS:
         if name == channel.model.name or channel.kind not in MODELS[name].channels:
             continue
@@ -39,9 +39,9 @@ def better_model(
         except InputError:  # the model lacks information, such as a URDF
             continue
         count = len(variant.model.gains) + len(variant.model.inner)
-        if error < most and count <= (parameters or count):
-            good.append((name, error))
-    return min(good, key=lambda tried: tried[1], default=None)
+        if error < max_error and count <= (parameters or count):
+            suitable.append((name, error))
+    return min(suitable, key=lambda model_and_error: model_and_error[1], default=None)
 
 
 def far_better_model(
@@ -58,7 +58,7 @@ def far_better_model(
     """
     if usual is None or usual.lack_of_fit < FAR:
         return None
-    return better_model(study, channel, _FAR_BETTER * usual.rmse)
+    return better_model(study, channel, _FAR_RATIO * usual.rmse)
 
 
 def better_explanation(
@@ -79,12 +79,12 @@ def better_explanation(
     if base is None or final is None or diagnosis.verdict is Verdict.ADEQUATE:
         return None
     if diagnosis.verdict is Verdict.UNEXPLAINED or diagnosis.complete is False:
-        return better_model(study, channel, _FAR_BETTER * final.rmse)
-    most = min(_FAR_BETTER * base.rmse, _NO_WORSE * final.rmse)
-    return better_model(study, channel, most, len(final.parameters))
+        return better_model(study, channel, _FAR_RATIO * final.rmse)
+    max_error = min(_FAR_RATIO * base.rmse, _EQUAL_RATIO * final.rmse)
+    return better_model(study, channel, max_error, len(final.parameters))
 
 
-_BETTER = 0.95  # ratio of held-out errors below which independent runs are suggested
+_FRESH_RATIO = 0.95  # ratio of held-out errors below which independent runs are suggested
 
 
 def on_clocks_of_their_own(data: ChannelData) -> ChannelData:
@@ -103,12 +103,12 @@ def relaxes_afresh(data: ChannelData, model: Model) -> bool:
         data: a contact channel; the result is false for other channels.
         model: the model, with or without relaxation.
     """
-    afresh = on_clocks_of_their_own(data)
-    if data.kind is not ChannelKind.CONTACT or (afresh.time_s == data.time_s).all():
+    independent = on_clocks_of_their_own(data)
+    if data.kind is not ChannelKind.CONTACT or (independent.time_s == data.time_s).all():
         return False
     relaxing = model.without(StressRelaxation.name).with_effect_first(StressRelaxation())
-    one_clock, own_clocks = (fit_base(way, relaxing).rmse for way in (data, afresh))
-    return own_clocks < _BETTER * one_clock
+    one_clock, own_clocks = (fit_base(channel, relaxing).rmse for channel in (data, independent))
+    return own_clocks < _FRESH_RATIO * one_clock
 
 
 def explained_by_fresh_runs(study: ModelStudy, diagnosis: ChannelDiagnosis) -> bool:

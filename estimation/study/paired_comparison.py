@@ -27,11 +27,11 @@ from palpate.robot_io.types import FloatArray
 
 Grown = Sequence[tuple[StudyChannel, Sequence[str]]]  # channels with the effects added to their base models
 # Largest lag as a share of the median run, with its lower and upper limit in samples.
-_LAG_SHARE, _FEWEST_LAGS, _MOST_LAGS = 0.1, 25, 400
-_LEAST_OVERLAP = 0.9  # least ratio of the shorter to the longer run for a comparison over time
+_LAG_SHARE, _MIN_LAGS, _MAX_LAGS = 0.1, 25, 400
+_MIN_OVERLAP = 0.9  # least ratio of the shorter to the longer run for a comparison over time
 _SAME_MOTION = 0.1  # largest relative difference of two motions that count as equal
 # Least change of the effort by a parameter's difference that is reported, in noise levels.
-_LEAST_NOISE_LEVELS = 0.05
+_MIN_NOISE_LEVELS = 0.05
 
 
 @dataclass(frozen=True, eq=False)
@@ -68,7 +68,7 @@ class Side:
     def lags(self) -> int:
         """Largest lag of the correlations [samples]."""
         length = float(np.median([len(rows) for rows in rows_of_runs(self.data.run)]))
-        return int(np.clip(_LAG_SHARE * length, _FEWEST_LAGS, _MOST_LAGS))
+        return int(np.clip(_LAG_SHARE * length, _MIN_LAGS, _MAX_LAGS))
 
     @property
     def step_s(self) -> float:
@@ -160,7 +160,7 @@ class ParameterDifference:
         """Whether the difference is significant and changes the effort; None if there is no interval."""
         if not np.isfinite(self.half):
             return None
-        return bool(abs(self.value) > self.half) and self.floors > _LEAST_NOISE_LEVELS
+        return bool(abs(self.value) > self.half) and self.floors > _MIN_NOISE_LEVELS
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -208,10 +208,10 @@ class Sides(TableDisplay):
         position = self._at_times_of_first(self.second.data.position)
         if a is None or b is None or position is None or list(a.parameters) != list(b.parameters):
             return {}
-        left = b.fitted.data.effort - b.fitted.predicted
-        left_b = self._at_times_of_first(np.where(b.fitted.judged, left, np.nan))
-        assert left_b is not None  # noqa: S101, as the position
-        residual = left_b - (a.fitted.data.effort - a.fitted.predicted)
+        residual_b = b.fitted.data.effort - b.fitted.predicted
+        aligned_b = self._at_times_of_first(np.where(b.fitted.judged, residual_b, np.nan))
+        assert aligned_b is not None  # noqa: S101, as the position
+        residual = aligned_b - (a.fitted.data.effort - a.fitted.predicted)
         rows = a.fitted.judged & np.isfinite(residual)
         distance = np.nanstd(position - self.first.data.position)
         if not rows.any() or distance > _SAME_MOTION * np.std(self.first.data.position):
@@ -259,7 +259,7 @@ class Sides(TableDisplay):
         for run, run_of_b in zip(a.runs, b.runs, strict=True):
             rows, rows_of_b = a.run == run, b.run == run_of_b
             t, u = a.time_s[rows] - a.time_s[rows][0], b.time_s[rows_of_b] - b.time_s[rows_of_b][0]
-            if min(t[-1], u[-1]) < _LEAST_OVERLAP * max(t[-1], u[-1]):
+            if min(t[-1], u[-1]) < _MIN_OVERLAP * max(t[-1], u[-1]):
                 return None
             matched[rows] = np.interp(t, u, values[rows_of_b], right=np.nan)
         return matched

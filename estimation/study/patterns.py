@@ -10,12 +10,12 @@ from palpate.control.loop.task import Phase
 from palpate.estimation.channel import ChannelData, ChannelKind
 from palpate.robot_io.types import BoolArray, FloatArray
 
-_LEAST_SHARE = 0.5  # least share of the error in the means of the parts for a pattern
-_LEAST_DIRECTION_SHARE = 0.3  # least share for a dependence on the direction alone
+_MIN_SHARE = 0.5  # least share of the error in the means of the parts for a pattern
+_MIN_DIRECTION_SHARE = 0.3  # least share for a dependence on the direction alone
 _GROWTH_RATIO = 2.0  # least ratio of the errors in the last and first parts for a growing error
 _ONE_SIDED_SHARE = 0.7  # least share of the error in its mean for an error of one sign
-_LEAST_ADVANTAGE = 1.2  # least ratio by which another split must explain more
-_MOST_PATTERNS = 2  # largest number of reported patterns
+_MIN_ADVANTAGE = 1.2  # least ratio by which another split must explain more
+_MAX_PATTERNS = 2  # largest number of reported patterns
 
 # Effort and phase depend on position and direction, so a pattern in these explains one in effort or phase.
 _IMPLIED_BY = dict.fromkeys(("effort", "phase"), ("depth", "position", "direction"))
@@ -55,19 +55,19 @@ def patterns(parts: Mapping[str, Sequence[Part]], rmse: float) -> tuple[Pattern,
         rmse: total error [effort].
     """
     # Ratio of the mean residual to the total error; 0 if the error was not split.
-    widest = max(parts.values(), key=lambda own: sum(part.samples for part in own), default=())
-    whole = sum(part.samples * part.mean for part in widest)
-    samples = sum(part.samples for part in widest)
-    one_sided = abs(whole) / (rmse * samples) if widest and rmse > 0.0 else 0.0
+    largest_split = max(parts.values(), key=lambda split: sum(part.samples for part in split), default=())
+    residual_sum = sum(part.samples * part.mean for part in largest_split)
+    samples = sum(part.samples for part in largest_split)
+    one_sided = abs(residual_sum) / (rmse * samples) if largest_split and rmse > 0.0 else 0.0
     # Subtract the overall mean from the parts, and compute the correlation ratio of each split: root mean
     # square of the parts' means over the total error.
     centred_rmse = rmse * float(np.sqrt(1.0 - min(one_sided, 1.0) ** 2))
     varying, means = dict[str, list[Part]](), dict[str, float]()
-    for by, own in parts.items():
-        weights = [part.samples for part in own]
-        mean = float(np.average([part.mean for part in own], weights=weights))
-        sizes = [float(np.sqrt(max(part.rmse**2 + mean**2 - 2.0 * mean * part.mean, 0.0))) for part in own]
-        centred = zip(own, sizes, strict=True)
+    for by, split in parts.items():
+        weights = [part.samples for part in split]
+        mean = float(np.average([part.mean for part in split], weights=weights))
+        sizes = [float(np.sqrt(max(part.rmse**2 + mean**2 - 2.0 * mean * part.mean, 0.0))) for part in split]
+        centred = zip(split, sizes, strict=True)
         varying[by] = [replace(part, mean=part.mean - mean, rmse=size) for part, size in centred]
         deviations = np.array([part.mean for part in varying[by]])
         deviations -= np.average(deviations, weights=weights)
@@ -75,14 +75,14 @@ def patterns(parts: Mapping[str, Sequence[Part]], rmse: float) -> tuple[Pattern,
         means[by] = spread / centred_rmse if centred_rmse > 0.0 else 0.0
     patterns = [
         Pattern(by, words, share)
-        for by, own in varying.items()
+        for by, split in varying.items()
         if means[by]
-        > _LEAST_ADVANTAGE * max((means.get(name, 0.0) for name in _IMPLIED_BY.get(by, ())), default=-1.0)
-        for words, share in _pattern_of_split(by, own, means[by])
+        > _MIN_ADVANTAGE * max((means.get(name, 0.0) for name in _IMPLIED_BY.get(by, ())), default=-1.0)
+        for words, share in _pattern_of_split(by, split, means[by])
     ]
     if one_sided > _ONE_SIDED_SHARE:
         patterns.append(Pattern("all", "has one sign throughout", one_sided))
-    return tuple(sorted(patterns, key=lambda pattern: -pattern.share)[:_MOST_PATTERNS])
+    return tuple(sorted(patterns, key=lambda pattern: -pattern.share)[:_MAX_PATTERNS])
 
 
 def _pattern_of_split(by: str, parts: Sequence[Part], share: float) -> Iterator[tuple[str, float]]:
@@ -90,16 +90,16 @@ def _pattern_of_split(by: str, parts: Sequence[Part], share: float) -> Iterator[
     match by:
         case "direction":
             moving = [part.mean for part in parts if part.label.startswith("moving")]
-            if len(moving) == 2 and moving[0] * moving[1] < 0.0 and share > _LEAST_DIRECTION_SHARE:
+            if len(moving) == 2 and moving[0] * moving[1] < 0.0 and share > _MIN_DIRECTION_SHARE:
                 yield "changes with the direction of motion", share
         case "speed":
             growth = parts[-1].rmse / parts[0].rmse if parts[0].rmse > 0.0 else np.inf
             if not 1.0 / _GROWTH_RATIO < growth < _GROWTH_RATIO:
                 end = "high" if growth >= _GROWTH_RATIO else "low"
-                yield f"is largest at {end} speed", _LEAST_DIRECTION_SHARE
-        case "run" if share > _LEAST_SHARE:
+                yield f"is largest at {end} speed", _MIN_DIRECTION_SHARE
+        case "run" if share > _MIN_SHARE:
             yield "differs from run to run", share
-        case _ if share > _LEAST_SHARE:
+        case _ if share > _MIN_SHARE:
             known = by in {"depth", "position", "phase", "effort", "load"}
             yield f"varies with {'the ' if known else ''}{by}", share
 
@@ -119,9 +119,9 @@ def splits(data: ChannelData) -> dict[str, dict[str, BoolArray]]:
     known = {int(phase): phase.name.lower().replace("_", " ") for phase in Phase}
     phases = {known[p]: data.phase == p for p in np.unique(data.phase).tolist() if p in known}
     slow = 0.02 * (float(np.quantile(np.abs(data.velocity), 0.95)) or 1.0)
-    place, inwards, outwards = "position", "moving forwards", "moving backwards"
+    position_name, inwards, outwards = "position", "moving forwards", "moving backwards"
     if data.kind is ChannelKind.CONTACT:
-        place, inwards, outwards = "depth", "moving in", "moving out"
+        position_name, inwards, outwards = "depth", "moving in", "moving out"
     directions = {
         inwards: data.velocity > slow,
         outwards: data.velocity < -slow,
@@ -133,7 +133,7 @@ def splits(data: ChannelData) -> dict[str, dict[str, BoolArray]]:
         "run": {f"run {run}": data.run == run for run in data.runs},
         "direction": directions,
         "speed": _bins(np.abs(data.velocity), f"{unit}/s", pressed),
-        place: _bins(data.position, unit, pressed),
+        position_name: _bins(data.position, unit, pressed),
         "effort": _bins(data.effort, effort_unit, pressed),
     }
     if "load" in data.context:
@@ -155,6 +155,6 @@ def _bins(signal: FloatArray, unit: str, engaged: BoolArray) -> dict[str, BoolAr
     if not high > low:
         return {}
     edges = np.linspace(low, high, _BINS + 1)
-    place = np.clip(np.digitize(signal, edges[1:-1]), 0, _BINS - 1)
+    bin_index = np.clip(np.digitize(signal, edges[1:-1]), 0, _BINS - 1)
     labels = [f"{low:.3g} to {high:.3g} {unit}".strip() for low, high in pairwise(edges)]
-    return {label: (place == i) & engaged for i, label in enumerate(labels)}
+    return {label: (bin_index == i) & engaged for i, label in enumerate(labels)}

@@ -84,9 +84,9 @@ class Revisions:
         if self._folder is None:
             return tuple(self._in_memory)
         files = self._folder.glob("[0-9]*.json") if self._folder.is_dir() else ()
-        own = [file for file in files if file.stem.isdecimal() and file.name == _name(int(file.stem))]
+        numbered = [file for file in files if file.stem.isdecimal() and file.name == _name(int(file.stem))]
         revisions = []
-        for file in sorted(own, key=lambda file: int(file.stem)):
+        for file in sorted(numbered, key=lambda file: int(file.stem)):
             try:
                 revision = read_kept(file, Revision)
             except ValueError as error:
@@ -169,8 +169,8 @@ def _name(number: int) -> str:
     return f"{number:04d}.json"
 
 
-def _damaged(file: Path, why: str) -> InputError:
-    return InputError(f"revision {file}: is damaged: {why}; delete it to continue without it")
+def _damaged(file: Path, reason: str) -> InputError:
+    return InputError(f"revision {file}: is damaged: {reason}; delete it to continue without it")
 
 
 def _flaws(revision: Revision, number: int) -> Iterator[str]:
@@ -197,8 +197,8 @@ def _flaws(revision: Revision, number: int) -> Iterator[str]:
     with suppress(InputError):  # the parameters of some base models depend on the arm
         base = MODELS[revision.model]().build(ModelContext())
         expected |= {*base.gains, *base.inner}
-    if lacking := sorted(expected - set(revision.parameters)):
-        yield f"its parameter {lacking[0]} is missing"
+    if missing := sorted(expected - set(revision.parameters)):
+        yield f"its parameter {missing[0]} is missing"
     for name in (name for name in effects if name in EFFECTS):
         for parameter in EFFECTS[name].inner:
             value = revision.parameters[f"{name}.{parameter.name}"].value

@@ -62,8 +62,8 @@ def read_diagnosis(folder: Path | None) -> dict[tuple[str, str, str], ChannelDia
         about = [(channel, saved.judged[channel.channel]) for channel in saved.channels]
         return {(channel.channel, its.model, its.data_sha256): channel for channel, its in about}
     except (ValueError, KeyError) as error:
-        why = error if isinstance(error, ValueError) else f"judged.{error}: is missing"
-        raise InputError(f"{file}: is damaged ({why}); delete it, or run palpate diagnose again") from error
+        flaw = error if isinstance(error, ValueError) else f"judged.{error}: is missing"
+        raise InputError(f"{file}: is damaged ({flaw}); delete it, or run palpate diagnose again") from error
 
 
 def is_other(saved: float, fitted: float, std_err: float = 0.0) -> bool:
@@ -74,8 +74,8 @@ def is_other(saved: float, fitted: float, std_err: float = 0.0) -> bool:
         fitted: number from the repeated fit, in the same unit.
         std_err: standard error of that number; 0 if there is none.
     """
-    slack = max(abs(fitted), std_err if isfinite(std_err) else 0.0)
-    return not abs(saved - fitted) <= _TOLERANCE * slack
+    scale = max(abs(fitted), std_err if isfinite(std_err) else 0.0)
+    return not abs(saved - fitted) <= _TOLERANCE * scale
 
 
 MOST_BYTES = 16_000_000

@@ -21,7 +21,7 @@ from palpate.control.loop.tick_record import tick_stream
 from palpate.control.probing.plan import ProbingPlan
 from palpate.control.probing.task import ProbingTask
 from palpate.estimation.design.next_experiment import LONGEST_S
-from palpate.estimation.workers import end_when_told, end_workers
+from palpate.estimation.workers import end_workers, prepare_worker
 from palpate.robot_io.errors import InputError, PalpateError
 from palpate.robot_io.files.file_model import validate
 from palpate.robot_io.robot_file import RobotFile, parse_robot_file
@@ -215,7 +215,7 @@ def rehearse_all(rehearsals: Sequence[Rehearsal], processes: int = 1) -> Iterato
             yield _remembered(trial, known[trial] if trial in known else _tried(trial))
         return
     context = get_context("fork")
-    with ProcessPoolExecutor(min(processes, len(new)), context, initializer=end_when_told) as pool:
+    with ProcessPoolExecutor(min(processes, len(new)), context, initializer=prepare_worker) as pool:
         coming = {trial: pool.submit(_tried, trial) for trial in new}
         try:
             for trial in rehearsals:

@@ -11,11 +11,11 @@ from rich.table import Table
 from rich.text import Text
 
 from palpate.common.console import AT_BOUND, NOT_DETERMINED, count, natural_width, safe, significant, table
-from palpate.estimation.channel import FEWEST_STEPS
+from palpate.estimation.channel import MIN_STEPS
 from palpate.estimation.data_quality import contaminated
 from palpate.estimation.diagnosis.verdict import two_digits
 from palpate.estimation.estimate import Determined, Estimate, Identifiability, ParameterEstimate
-from palpate.estimation.estimate_channel import in_steps, steps_spanned
+from palpate.estimation.estimate_channel import describe_steps, steps_spanned
 from palpate.estimation.fit.intervals import SIGMAS_95
 from palpate.estimation.study.estimates import BEST, MOST, OFFSET, ChannelEstimates
 from palpate.render.build import channel_view, stage_view
@@ -183,8 +183,8 @@ def remarks(estimates: ChannelEstimates, truth: Truth) -> list[str]:
     if tare is not None and np.any(np.abs(tare.effort) > NOTABLE * tare.std_err):
         mean = significant(float(np.mean(tare.effort)), float(np.max(tare.std_err)))
         remarks.append(f"the force in free air, {mean} N, was subtracted")
-    if FEWEST_STEPS <= steps_spanned(channel, estimates.rows) < FEW_STEPS:
-        steps = in_steps(channel, estimates.rows)
+    if MIN_STEPS <= steps_spanned(channel, estimates.rows) < FEW_STEPS:
+        steps = describe_steps(channel, estimates.rows)
         remarks.append(
             f"{steps}: the intervals include this error, but from so few steps the damping is "
             "estimated too low"

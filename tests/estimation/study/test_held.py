@@ -72,7 +72,7 @@ def test_the_model_is_evaluated_at_any_parameters(study: ModelStudy) -> None:
 
 
 def test_fits_that_were_forgotten_come_again_the_same(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("palpate.estimation.study.fits._MOST_FITS", 2)
+    monkeypatch.setattr("palpate.estimation.study.fits._MAX_FITS", 2)
     study = ModelStudy(presses(np.random.default_rng(2)))
     first = study.fit("contact", ["delay"]).rmse
     for effect in ("adhesion", "contact_offset", "quadratic_damping"):
