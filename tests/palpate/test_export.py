@@ -297,9 +297,11 @@ def test_parquet_keeps_the_units(session, tmp_path):
     assert table.schema.field("torque_sent_nm_3").metadata[b"unit"] == b"N m"
 
 
-def test_events_are_a_table_with_their_text_as_it_is(session, tmp_path):
-    table = exported(session, "events", tmp_path / "e.csv").to_pydict()
+def test_events_are_a_table_with_their_text_as_it_is_but_for_controls_in_a_csv_file(session, tmp_path):
+    table = exported(session, "events", tmp_path / "e.parquet").to_pydict()
     assert table["text"] == [event.text for event in EVENTS]
+    table = exported(session, "events", tmp_path / "e.csv").to_pydict()
+    assert table["text"] == [event.text.replace("\x1b", " ") for event in EVENTS]
     assert json.loads(table["data"][0]) == {"run": 0}
 
 
