@@ -270,11 +270,11 @@ class Backlash(MotionEffect):
 
 
 class LoadedBacklash(MotionEffect):
-    """q_true = q - gap/2 s; s becomes 1 if the load exceeds `threshold`, and -1 below -threshold.
+    """q_true = q - gap/2 s; s, from -1 to 1, is the side of the gap to which the load moved the link.
 
-    Between these loads friction holds the link in place: s is a play operator on the load, limited to
-    [-1, 1]. At a reversal of the load, s changes from -1 to 1 while the load rises from half to one and a
-    half times the threshold. A load of constant sign keeps the link on one flank, so that the gap has no
+    Friction holds the link in place at small loads: s is a play operator on the load, limited to [-1, 1].
+    At a reversal of the load, s changes from -1 to 1 while the load rises from 0.5 to 1.5 times
+    `threshold`. A load of constant sign keeps the link on one flank, so that the gap has no
     effect. The motion of the link across the gap is not modeled.
     """
 
