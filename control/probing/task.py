@@ -174,7 +174,7 @@ class ProbingTask:
             if run.finished:  # begin the next; a target without a touch is dropped
                 if run.failure:
                     self.failures += (run.failure,)
-                    self._leave_out(run.spec.target)
+                    self._drop_target(run.spec.target)
                 else:
                     self.runs_done += 1
                 self._run = None
@@ -205,8 +205,8 @@ class ProbingTask:
         Args:
             why: reason, for the failure.
         """
-        on_the_way_back = self._run is None and not self._specs
-        if self.cancelled or on_the_way_back:
+        returning = self._run is None and not self._specs
+        if self.cancelled or returning:
             return
         self.cancelled = True
         self._specs.clear()
@@ -239,14 +239,14 @@ class ProbingTask:
             return route
         text = route.problem(f"to target {target + 1}")
         self._fail("no_way", text)
-        self._leave_out(target)
+        self._drop_target(target)
         return None
 
     def _fail(self, kind: str, text: str) -> None:
         self.failures += (text,)
         self._events.append(TaskEvent(kind, text))
 
-    def _leave_out(self, target: int) -> None:
+    def _drop_target(self, target: int) -> None:
         self._specs = deque(spec for spec in self._specs if spec.target != target)
 
     def _follow(self, points_rad: Sequence[FloatArray], speed_rad_s: float | None = None) -> None:
@@ -254,15 +254,15 @@ class ProbingTask:
         self._phase = Phase.MOVE
         self._move_s = 0.0
         self._blocked_ticks = 0
-        self._way = JointPath(
+        self._path = JointPath(
             points_rad, speed_rad_s or plan.joint_speed_rad_s, plan.joint_acceleration_rad_s2
         )
         self._brake: JointBrake | None = None
 
     def _move(self, measurement: Measurement, dt_s: float) -> ControlOutput:
         self._move_s += dt_s
-        path = self._brake or self._way
-        output = self._control.step_joints(measurement, path.at(self._move_s), dt_s)
+        current_path = self._brake or self._path
+        output = self._control.step_joints(measurement, current_path.at(self._move_s), dt_s)
         share = abs(output.force_n) / self._plan.force_limit_n
         if share < _OBSTACLE_SHARE:
             self._obstacle_share = _OBSTACLE_SHARE
@@ -272,10 +272,10 @@ class ProbingTask:
         is_blocked = self._blocked_ticks >= _OBSTACLE_TICKS
         if is_blocked:
             # Return without the remaining runs; if already returning, trip the guard.
-            what = f"{output.force_n:.1f} N on the way"
+            reason = f"{output.force_n:.1f} N on the way"
             if not self._specs:
-                raise SafetyTripError(f"{what} back to the start of the task: something is in the way")
-            text = f"{what} to a target: something is in the way"
+                raise SafetyTripError(f"{reason} back to the start of the task: something is in the way")
+            text = f"{reason} to a target: something is in the way"
             self._fail("obstacle", text)
             self._specs.clear()
             self._obstacle_share = _LEAVING_SHARE
@@ -285,11 +285,11 @@ class ProbingTask:
                 home = self._routes.find(self._place, self._start).points_rad
                 self._follow((self._control.reference_rad, *self._passed_rad, *home[1:]))
         elif self._swings:
-            if self._move_s >= self._way.duration_s:
+            if self._move_s >= self._path.duration_s:
                 swing = self._swings.popleft()
                 self._place = swing.start
                 self._follow(swing.points_rad, swing.speed_rad_s)
-        elif self._move_s >= self._way.duration_s + self._plan.settle_s:
+        elif self._move_s >= self._path.duration_s + self._plan.settle_s:
             if self._specs:
                 spec = self._specs.popleft()
                 site = self._sites[spec.target]
@@ -301,7 +301,7 @@ class ProbingTask:
                     self._phase = Phase.IDLE
                     text = f"{self.runs_done} runs done, {len(self.failures)} failures"
                     self._events.append(TaskEvent("probing_done", text, {"runs": self.runs_done}))
-                elif self._move_s > self._way.duration_s + self._plan.settle_s + _REST_WAIT_S:
+                elif self._move_s > self._path.duration_s + self._plan.settle_s + _REST_WAIT_S:
                     raise SafetyTripError(
                         f"after the return to the start, a joint still moves at {fastest_rad_s:.3g} "
                         f"rad/s after {_REST_WAIT_S} s: the arm does not come to rest"
@@ -312,6 +312,6 @@ class ProbingTask:
         """Brake, and return along the path that the arm came."""
         self._swings.clear()
         self._blocked_ticks = 0
-        self._passed_rad = self._way.passed_rad(self._move_s)
+        self._passed_rad = self._path.passed_rad(self._move_s)
         limit_rad_s2 = _BRAKE_FACTOR * self._plan.joint_acceleration_rad_s2
-        self._brake, self._move_s = self._way.brake_at(self._move_s, limit_rad_s2), 0.0
+        self._brake, self._move_s = self._path.brake_at(self._move_s, limit_rad_s2), 0.0

@@ -36,7 +36,7 @@ from palpate.robot_io.errors import InputError
 from palpate.robot_io.types import clip
 
 Packet = tuple[float, ...]  # what one side sends the other in a step
-_LONGEST = 10_000  # largest age behind the newest packet, in steps; older packets are ignored
+_MAX_AGE_STEPS = 10_000  # largest age behind the newest packet, in steps; older packets are ignored
 
 
 class Channel(ABC):
@@ -88,20 +88,20 @@ class Playout(Channel):
     def __init__(self) -> None:
         self._waiting: list[tuple[int, Packet]] = []
         self._step = self._played = self._newest = -1
-        self._oldest = -math.inf  # steps from sending to arrival, by counts that may begin apart
+        self._delay_steps = -math.inf  # from sending to arrival, in steps counted from different starts
         self._packet: Packet | None = None
 
     def _take(self, number: int, packet: Packet) -> None:
-        if number <= self._played or number < self._newest - _LONGEST:
+        if number <= self._played or number < self._newest - _MAX_AGE_STEPS:
             return
         self._newest = max(self._newest, number)
-        self._oldest = max(self._oldest, self._step + 1 - number)
+        self._delay_steps = max(self._delay_steps, self._step + 1 - number)
         heapq.heappush(self._waiting, (number, packet))
 
     def packet(self) -> Packet | None:
         """See `Channel.packet`."""
         self._step += 1
-        while self._waiting and self._waiting[0][0] + self._oldest <= self._step:
+        while self._waiting and self._waiting[0][0] + self._delay_steps <= self._step:
             self._played, self._packet = heapq.heappop(self._waiting)
         return self._packet
 
@@ -189,8 +189,8 @@ class DirectFollower(CouplingSide):
     """Follower that tracks the received position and velocity, and sends the measured force."""
 
     def _step(self, port: DevicePort, newest: Packet | None, dt_s: float) -> tuple[float, Packet]:
-        wanted_m, wanted_m_s = newest or (port.position_m, 0.0)
-        force_n = TRACKING.force_n(wanted_m - port.position_m, wanted_m_s - port.velocity_m_s)
+        desired_m, desired_m_s = newest or (port.position_m, 0.0)
+        force_n = TRACKING.force_n(desired_m - port.position_m, desired_m_s - port.velocity_m_s)
         return force_n, (port.force_n,)
 
 
@@ -216,7 +216,7 @@ FOUR_CHANNEL = Coupling(
 
 DRAG_N_S_M = 10.0
 RESERVE_J = 1e-3  # energy that each end may initially take, before any is put in
-_FASTEST_M_S = 0.5  # largest speed of a point of the link, mainly after a gap in the packets
+_MAX_SPEED_M_S = 0.5  # largest speed of a point of the link, mainly after a gap in the packets
 
 
 class Account:
@@ -224,7 +224,7 @@ class Account:
 
     def __init__(self) -> None:
         self.put_in_j = 0.0  # by this end
-        self._taken_j = 0.0
+        self._withdrawn_j = 0.0
 
     def book(self, work_j: float) -> None:
         """Add the work that this end did on the link in a step; negative if the link did work on this end.
@@ -235,17 +235,17 @@ class Account:
         if work_j > 0.0:
             self.put_in_j += work_j
         else:
-            self._taken_j -= work_j
+            self._withdrawn_j -= work_j
 
-    def share_allowed(self, taking_j: float, other_put_in_j: float) -> float:
+    def share_allowed(self, withdrawal_j: float, other_put_in_j: float) -> float:
         """Return the share, 0 to 1, of a withdrawal that is covered by the other end's known input.
 
         Args:
-            taking_j: energy to be taken out [J].
+            withdrawal_j: energy to be taken out [J].
             other_put_in_j: energy put in by the other end, as known here [J].
         """
-        left_j = max(0.0, RESERVE_J + other_put_in_j - self._taken_j)
-        return 1.0 if taking_j <= left_j else left_j / taking_j
+        available_j = max(0.0, RESERVE_J + other_put_in_j - self._withdrawn_j)
+        return 1.0 if withdrawal_j <= available_j else available_j / withdrawal_j
 
 
 class TimeDomainLeader(CouplingSide):
@@ -262,12 +262,12 @@ class TimeDomainLeader(CouplingSide):
         force_n, other_put_in_j = newest or (0.0, 0.0)
         stiffness = TRACKING.stiffness_n_m
         ahead_m = port.position_m - self._point_m
-        way_m = clip(ahead_m - force_n / stiffness, -_FASTEST_M_S * dt_s, _FASTEST_M_S * dt_s)
-        way_m *= self._account.share_allowed(-stiffness * (ahead_m - way_m) * way_m, other_put_in_j)
-        spring_n = stiffness * (ahead_m - way_m)  # after the step: less is put in, more taken, than really is
-        self._account.book(spring_n * way_m)
+        step_m = clip(ahead_m - force_n / stiffness, -_MAX_SPEED_M_S * dt_s, _MAX_SPEED_M_S * dt_s)
+        step_m *= self._account.share_allowed(-stiffness * (ahead_m - step_m) * step_m, other_put_in_j)
+        spring_n = stiffness * (ahead_m - step_m)  # after the step: understates input, overstates output
+        self._account.book(spring_n * step_m)
         self._account.book(self._drag_n * (port.position_m - self._position_m))
-        self._point_m += way_m
+        self._point_m += step_m
         self._position_m, self._drag_n = port.position_m, DRAG_N_S_M * port.velocity_m_s
         return -spring_n - self._drag_n, (port.position_m, self._account.put_in_j)
 
@@ -281,22 +281,22 @@ class TimeDomainFollower(CouplingSide):
 
     def __init__(self) -> None:
         self._account = Account()
-        self._wanted_m = math.nan
+        self._desired_m = math.nan
 
     def _step(self, port: DevicePort, newest: Packet | None, dt_s: float) -> tuple[float, Packet]:
-        if math.isnan(self._wanted_m):
-            self._wanted_m = port.position_m
-        goal_m, other_put_in_j = newest or (self._wanted_m, 0.0)
-        way_m = clip(goal_m - self._wanted_m, -_FASTEST_M_S * dt_s, _FASTEST_M_S * dt_s)
-        way_m *= self._account.share_allowed(self._force_n(port, way_m, dt_s) * way_m, other_put_in_j)
-        force_n = self._force_n(port, way_m, dt_s)  # smaller by more than the share, if that is below 1
-        self._account.book(-force_n * way_m)
-        self._wanted_m += way_m
+        if math.isnan(self._desired_m):
+            self._desired_m = port.position_m
+        goal_m, other_put_in_j = newest or (self._desired_m, 0.0)
+        step_m = clip(goal_m - self._desired_m, -_MAX_SPEED_M_S * dt_s, _MAX_SPEED_M_S * dt_s)
+        step_m *= self._account.share_allowed(self._force_n(port, step_m, dt_s) * step_m, other_put_in_j)
+        force_n = self._force_n(port, step_m, dt_s)  # smaller by more than the share, if that is below 1
+        self._account.book(-force_n * step_m)
+        self._desired_m += step_m
         return force_n, (force_n, self._account.put_in_j)
 
-    def _force_n(self, port: DevicePort, way_m: float, dt_s: float) -> float:
-        """Return the tracking force [N] after the desired position has moved by `way_m` [m]."""
-        return TRACKING.force_n(self._wanted_m + way_m - port.position_m, way_m / dt_s - port.velocity_m_s)
+    def _force_n(self, port: DevicePort, step_m: float, dt_s: float) -> float:
+        """Return the tracking force [N] after the desired position has moved by `step_m` [m]."""
+        return TRACKING.force_n(self._desired_m + step_m - port.position_m, step_m / dt_s - port.velocity_m_s)
 
 
 TIME_DOMAIN = Coupling("time-domain passivity", TimeDomainLeader, TimeDomainFollower)
@@ -334,11 +334,11 @@ class WaveEnd:
         if newest is None:
             return 0.0
         wave, sent, sent_j = newest
-        left_j = max(0.0, sent_j - self._used_j)
-        if left_j > _GAP_STEPS * 0.5 * wave * wave * dt_s:
+        available_j = max(0.0, sent_j - self._used_j)
+        if available_j > _GAP_STEPS * 0.5 * wave * wave * dt_s:
             wave += _CATCH_UP_1_S * (sent - self._used)
-        most = math.sqrt(2.0 * left_j / dt_s)
-        wave = math.copysign(min(abs(wave), most), wave)
+        wave_limit = math.sqrt(2.0 * available_j / dt_s)
+        wave = math.copysign(min(abs(wave), wave_limit), wave)
         self._used += wave * dt_s
         self._used_j += 0.5 * wave * wave * dt_s
         return wave
@@ -367,18 +367,18 @@ class WaveFollower(CouplingSide):
     def __init__(self) -> None:
         self._end = WaveEnd()
         self._root = math.sqrt(2.0 * IMPEDANCE_N_S_M)
-        self._wanted_m = math.nan
+        self._desired_m = math.nan
 
     def _step(self, port: DevicePort, newest: Packet | None, dt_s: float) -> tuple[float, Packet]:
         wave = self._end.receive(newest, dt_s)
-        ahead_m = 0.0 if math.isnan(self._wanted_m) else self._wanted_m - port.position_m
+        ahead_m = 0.0 if math.isnan(self._desired_m) else self._desired_m - port.position_m
         yielding_n_s_m = IMPEDANCE_N_S_M + TRACKING.stiffness_n_m * dt_s
         free_m_s = self._root * wave / IMPEDANCE_N_S_M  # desired velocity without force
         force_n = (TRACKING.stiffness_n_m * ahead_m + yielding_n_s_m * (free_m_s - port.velocity_m_s)) / (
             1.0 + yielding_n_s_m / IMPEDANCE_N_S_M
         )
-        wanted_m_s = free_m_s - force_n / IMPEDANCE_N_S_M
-        self._wanted_m = port.position_m + ahead_m + wanted_m_s * dt_s
+        desired_m_s = free_m_s - force_n / IMPEDANCE_N_S_M
+        self._desired_m = port.position_m + ahead_m + desired_m_s * dt_s
         return force_n, self._end.send(wave - self._root * force_n / IMPEDANCE_N_S_M, dt_s)
 
 

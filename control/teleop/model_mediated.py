@@ -114,18 +114,18 @@ class ModelMediatedFollower(CouplingSide):
     _answer: Packet = (0.0,)
     _target: float = 0.0
     _presses: int = 0
-    _wanted_m: float | None = None
+    _desired_m: float | None = None
     _touched_m: float = 0.0
     _samples: list[DevicePort] = field(default_factory=list)
 
     def _step(self, port: DevicePort, newest: Packet | None, dt_s: float) -> tuple[float, Packet]:
-        if self._wanted_m is None:
-            self._wanted_m = port.position_m
+        if self._desired_m is None:
+            self._desired_m = port.position_m
         if newest is not None and newest[0] > self._target:
             self._target, self._presses, self.stage = newest[0], 0, ProbingStage.PRESS
         speed_m_s = self._work(port)
-        self._wanted_m += speed_m_s * dt_s
-        force_n = TRACKING.force_n(self._wanted_m - port.position_m, speed_m_s - port.velocity_m_s)
+        self._desired_m += speed_m_s * dt_s
+        force_n = TRACKING.force_n(self._desired_m - port.position_m, speed_m_s - port.velocity_m_s)
         return force_n, self._answer
 
     def _work(self, port: DevicePort) -> float:

@@ -22,7 +22,7 @@ from palpate.robot_io.errors import InputError
 from palpate.robot_io.link.frame import Frame
 
 _WINDOW_S = 2.0
-_MOST = 512
+_MAX_EXCHANGES = 512
 
 
 class Offset(NamedTuple):
@@ -61,7 +61,7 @@ class ClockOffset:
         while kept and kept[-1].round_trip_s >= round_trip_s:
             kept.pop()
         kept.append(Offset(0.5 * ((t1_s - t0_s) + (t2_s - t3_s)), round_trip_s, t3_s))
-        while kept[0].at_s < t3_s - _WINDOW_S or len(kept) > _MOST:
+        while kept[0].at_s < t3_s - _WINDOW_S or len(kept) > _MAX_EXCHANGES:
             kept.popleft()
 
 
@@ -114,9 +114,8 @@ class Peer:
         self._clocks = ClockOffset()
         self._sender: int | None = None
         self._newest, self._seen = -1, 0
-        self._fastest_s = (
-            inf  # smallest arrival minus time stamp: the clocks' offset plus the shortest transit time
-        )
+        # Smallest arrival minus time stamp: the clocks' offset plus the shortest transit time.
+        self._min_lag_s = inf
         self._fresh_at_s = self._sent_s = nan
 
     @property
@@ -174,7 +173,7 @@ class Peer:
                 return Arrival.FOREIGN
             self.restarts += self._sender is not None
             self._sender, self._newest, self._seen = frame.sender, -1, 0
-            self._clocks, self._fastest_s = ClockOffset(), inf
+            self._clocks, self._min_lag_s = ClockOffset(), inf
         behind = self._newest - frame.sequence
         if behind >= 0:
             if behind >= _WINDOW or self._seen >> behind & 1:
@@ -187,7 +186,7 @@ class Peer:
         self._newest = frame.sequence
         self._clocks.update(frame.heard_sent_s, frame.heard_at_s, frame.sent_s, arrived_s)
         # Before the offset is known, the transit time is compared with that of the fastest frame.
-        way_s, best = arrived_s - frame.sent_s, self._clocks.best
-        self._fastest_s = min(self._fastest_s, way_s)
-        way_s += -self._fastest_s if best is None else best.offset_s
-        return Arrival.LATE if way_s > self._limits.late_s else Arrival.FRESH
+        transit_s, best = arrived_s - frame.sent_s, self._clocks.best
+        self._min_lag_s = min(self._min_lag_s, transit_s)
+        transit_s += -self._min_lag_s if best is None else best.offset_s
+        return Arrival.LATE if transit_s > self._limits.late_s else Arrival.FRESH

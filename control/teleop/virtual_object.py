@@ -36,8 +36,8 @@ from palpate.robot_io.types import FloatArray, clip, frozen_array
 # step, with and without contact, so that a law may have memory.
 ForceLaw = Callable[[float, float, float], float]
 
-_STEEPEST = 4.0  # p: laws up to depth^3 are rendered unchanged
-_WAYS = 2.0  # number of steps of the way out for which the energy must last
+_ENERGY_EXPONENT = 4.0  # p: laws up to depth^3 are rendered unchanged
+_ENERGY_STEPS = 2.0  # number of steps of a retracting tip for which the energy must last
 
 
 def kelvin_voigt(stiffness_n_m: float, damping_n_s_m: float) -> ForceLaw:
@@ -158,24 +158,24 @@ class VirtualObject:
         # A surface without contact moves at once; with contact it moves at a limited speed.
         if tip_m >= max(self._height_m, self._next_height_m):
             self._height_m = self._next_height_m
-        most_m = self._surface_m_s * dt_s
-        self._height_m += clip(self._next_height_m - self._height_m, -most_m, most_m)
+        max_motion_m = self._surface_m_s * dt_s
+        self._height_m += clip(self._next_height_m - self._height_m, -max_motion_m, max_motion_m)
         depth_m = self._height_m - tip_m
-        own_n = self._law(depth_m, rate_m_s, dt_s)
+        law_n = self._law(depth_m, rate_m_s, dt_s)
         if depth_m > 0.0:
             if self._force_n > 0.0:
                 self._energy_j += self._force_n * (self._tip_m - tip_m)
             if self._updated:
-                self._fading_n = self._force_n - own_n  # difference to the former law's force
+                self._fading_n = self._force_n - law_n  # difference to the former law's force
             self._fading_n -= clip(self._fading_n, -self._jump_n, self._jump_n)
-            way_m = max(depth_m / _STEEPEST, -_WAYS * rate_m_s * dt_s)
-            most_n = max(0.0, self._reserve_j + self._energy_j) / way_m
-            self._force_n = min(max(0.0, own_n + self._fading_n), most_n, self._limit_n)
+            distance_m = max(depth_m / _ENERGY_EXPONENT, -_ENERGY_STEPS * rate_m_s * dt_s)
+            energy_limit_n = max(0.0, self._reserve_j + self._energy_j) / distance_m
+            self._force_n = min(max(0.0, law_n + self._fading_n), energy_limit_n, self._limit_n)
         else:
-            self._force_n = self._energy_j = self._fading_n = own_n = 0.0
+            self._force_n = self._energy_j = self._fading_n = law_n = 0.0
         self._tip_m, self._updated = tip_m, False
         force_world_n = self._normal * self._force_n
-        return RenderedForce(force_world_n, self._force_n, depth_m, self._energy_j, own_n - self._force_n)
+        return RenderedForce(force_world_n, self._force_n, depth_m, self._energy_j, law_n - self._force_n)
 
     def _along_normal(self, point_world_m: FloatArray) -> float:
         return float(self._normal.dot(frozen_array(point_world_m, (3,), what="point of the surface")))
