@@ -139,9 +139,9 @@ class ColumnUnits:
         other = "" if other == _PREPOSITION else other
         of_other = SI.get(dimension_of(other) or "", {})
         if not user_unit and of_other.get(named_unit, of_other.get(other)) != of_other.get(other):
-            raise InputError(
-                f"{place} states two units, {other} and {named_unit}; give the right one, as in "
-                f"--unit {role.numbered}={other}"
+            note = (
+                f"column '{column}' may state two units: it is read in {named_unit}; if {other} is right, "
+                f"add --unit {role.numbered}={other}"
             )
         if not user_unit and (factor_named := _FACTOR.search(column)):
             note = (

@@ -155,7 +155,8 @@ def diagnose_channel(
             break
         checks.mark_incomplete(end)
     else:
-        evidence = evidence_of(end, tests)  # no longer complete
+        evidence = evidence_of(*accept_forms(search, kinds(), end, checks.measurement))  # no longer complete
+        end = evidence.end
     while name := effect_without_gain(evidence):
         end = search.without(end, name)
         evidence = evidence_of(end, form_tests(kinds(), end))

@@ -123,7 +123,7 @@ class Evidence:
         """Whether the model is complete and its error is noise, as measured or from neighboring residuals."""
         level, last = self.noise.value, self.stages[-1]
         if self.noise.is_bound:  # a bound may contain more than noise
-            level = misfit(last.residual[last.judged], last.data.run[last.judged]).noise
+            level = misfit(np.where(last.judged, last.residual, 0.0), last.data.run, last.judged).noise
         return self.complete and (self.end.is_exact or last.rmse <= SLOW * level)
 
     @property
@@ -236,8 +236,8 @@ def _budget(evidence: Evidence, others: _Rivals) -> tuple[list[BudgetShare], Res
     Returns:
         Shares of kinds, and the remaining shares. The kinds are those of the accepted effects if these leave
         no more error than the laws of all relevant kinds, or if a kind without an accepted effect only
-        imitates them. Otherwise they are all relevant kinds. In a complete model the remainder is noise, and
-    a kind is replaceable if effects of another kind are indistinguishable from all its effects.
+        imitates them. Otherwise they are all relevant kinds. In a complete model, a kind is replaceable if
+        effects of another kind are indistinguishable from all its effects.
     """
     search, end, partial = evidence.search, evidence.end, evidence.partial
     effects = [end.solution.model.effect(name) for name in search.added_effects(end)]
@@ -281,7 +281,7 @@ def _budget(evidence: Evidence, others: _Rivals) -> tuple[list[BudgetShare], Res
             )
         )
     noise = budget.left
-    if partial is not None:
+    if partial is not None or not evidence.leaves_only_noise:
         noise = min((evidence.noise.value / max(search.start.rmse, 1e-300)) ** 2, budget.left)
     return shares, Rest(noise=noise, unexplained=budget.left - noise)
 

@@ -7,6 +7,7 @@ import numpy as np
 from palpate.estimation.channel import ChannelData, ChannelKind
 from palpate.estimation.effect import AdditiveEffect, Inner, MemoryEffect, Parameter, start_grid
 from palpate.estimation.kinds import Kind
+from palpate.estimation.signals.blocks import block_index
 from palpate.estimation.signals.exponential_memory import fading_memory, low_pass, relax, springpot
 from palpate.estimation.signals.runwise import finest_step
 from palpate.robot_io.types import FloatArray
@@ -46,16 +47,21 @@ class StressRelaxation(AdditiveEffect):
         return relax(pressed, data.time_s, data.run, inner["tau"])[:, None]
 
     def forms(self) -> tuple["StressRelaxation", ...]:
-        """See `Effect.forms`: an object that a run presses from zero, or that rested pressed before it."""
-        return self, _FromRest()
+        """See `Effect.forms`: runs that begin pressed begin with a sudden press, or relaxed."""
+        return self, _RelaxedAtStart()
 
 
-class _FromRest(StressRelaxation):
+class _RelaxedAtStart(StressRelaxation):
+    """Runs that begin pressed begin relaxed; no state carries over to them."""
+
     form = 1
 
     def columns(self, data: ChannelData, inner: Inner) -> FloatArray:
         pressed = np.where(data.engaged, data.position, 0.0)
-        return (pressed - low_pass(pressed, data.time_s, data.run, inner["tau"]))[:, None]
+        starts, piece = block_index(data.run)
+        relaxed = pressed - low_pass(pressed, data.time_s, data.run, inner["tau"])
+        begins_pressed = (pressed[starts] > 0.0)[piece]
+        return np.where(begins_pressed, relaxed, super().columns(data, inner)[:, 0])[:, None]
 
 
 class PowerLawRelaxation(MemoryEffect):

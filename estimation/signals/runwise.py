@@ -251,9 +251,8 @@ def direction(
     remaining, state = np.exp(-np.abs(steps) / presliding), np.sign(steps) if way is None else way.copy()
     remaining[first] = state[first] = 0.0
     state *= 1.0 - remaining
-    span = (
-        1  # composes s = r s_before + (1 - r) way, r = remaining, over twice as many steps in each iteration
-    )
+    # Each iteration composes s = r s_before + (1 - r) way, r = remaining, over twice as many steps.
+    span = 1
     while span < len(state) and np.any(remaining[span:]):
         state[span:] += remaining[span:] * state[:-span]
         remaining[span:] *= remaining[:-span]

@@ -15,10 +15,15 @@ def harmless_table(table: pa.Table) -> pa.Table:
         table: columns of any types; text may come from files or their names.
     """
     for place, column in enumerate(table.columns):
-        if pa.types.is_string(column.type):
-            line = pc.replace_substring_regex(column, _CONTROLS, " ")
-            is_number = pc.match_substring_regex(line, _NUMBER)
-            is_formula = pc.and_not(pc.match_substring_regex(line, _FORMULA), is_number)
-            quoted = pc.binary_join_element_wise("'", line, "")
-            table = table.set_column(place, table.column_names[place], pc.if_else(is_formula, quoted, line))
-    return table
+        kind = column.type.value_type if pa.types.is_dictionary(column.type) else column.type
+        if pa.types.is_string(kind) or pa.types.is_large_string(kind):
+            text = _harmless(column.cast(pa.string()))
+            table = table.set_column(place, table.column_names[place], text)
+    return table.rename_columns(_harmless(pa.array(table.column_names, pa.string())).to_pylist())
+
+
+def _harmless(text: pa.Array | pa.ChunkedArray) -> pa.Array | pa.ChunkedArray:
+    line = pc.replace_substring_regex(text, _CONTROLS, " ")
+    is_number = pc.match_substring_regex(line, _NUMBER)
+    is_formula = pc.and_not(pc.match_substring_regex(line, _FORMULA), is_number)
+    return pc.if_else(is_formula, pc.binary_join_element_wise("'", line, ""), line)

@@ -130,7 +130,6 @@ class RequestQueue:
     def __init__(self, margin_s: float, latest_s: float, usual_s: float = 0.0) -> None:
         self._margin_s, self._latest_s, self._usual_s = margin_s, latest_s, usual_s
         self._asked_s: deque[float] = deque()
-        self._knows_usual = False  # whether an answer has shown it
         self.answered_s = -inf
         self._unsure = 0  # how many of the oldest requests may be lost
         self._due_s = 0.0  # when the answer to the first of them is due
@@ -177,25 +176,24 @@ class RequestQueue:
             self._due_s = arrived_s + self._asked_s[0] - asked_s + self._margin_s
         else:
             self._usual_s = max(delay_s, self._usual_s + _ADAPTATION * (delay_s - self._usual_s))
-            self._knows_usual = True
         return True
 
     def settle(self, now_s: float) -> float | None:
-        """Give up requests if an answer is missing: the one it belongs to, and all that are overdue as usual.
+        """Give up the oldest request if its answer is overdue.
+
+        Only one is given up at a time. If the delay has grown, giving up more would date all later answers
+        too new, which is worse than too old.
 
         Args:
             now_s: Now, after all answers that have arrived were taken [s].
 
         Returns:
-            When the newest request was sent that was given up [s]; None if none was. As a rule the last
-            answer was to this one, and the answers to those before it are lost.
+            When the request was sent that was given up [s]; None if none was. As a rule the last answer was
+            to this one, and the answer to one before it is lost.
         """
         if not self._unsure or now_s <= self._due_s:
             return None
         given_up_s = self._take_oldest()
-        overdue_s = self._usual_s + self._margin_s if self._knows_usual else inf
-        while self._asked_s and now_s > self._asked_s[0] + overdue_s:
-            given_up_s = self._take_oldest()
         if self._asked_s:
             self._due_s += self._asked_s[0] - given_up_s
         return given_up_s

@@ -157,3 +157,9 @@ def test_a_run_that_begins_pressed_may_begin_with_a_relaxed_object():
     assert rested.rmse == pytest.approx(NOISE_N, rel=0.03)
     assert rested.solution.parameters["stress_relaxation.k1"] == pytest.approx(600.0, rel=0.02)
     assert rested.solution.parameters["stress_relaxation.tau"] == pytest.approx(0.3, rel=0.02)
+
+
+def test_a_run_that_begins_in_air_relaxes_alike_in_both_forms():
+    data = session(2)
+    pressed, relaxed = (form.columns(data, {"tau": 5.0}) for form in EFFECTS["stress_relaxation"]().forms())
+    np.testing.assert_array_equal(pressed, relaxed)

@@ -32,3 +32,12 @@ def test_text_is_no_formula_and_no_command(tmp_path, write):
     as_text = pa.csv.ConvertOptions(column_types={"measurement": pa.string()}, strings_can_be_null=True)
     cells = pa.csv.read_csv(tmp_path / "table.csv", convert_options=as_text)["measurement"].to_pylist()
     assert [cell or None for cell in cells] == [*CASES.values(), None]
+
+
+def test_names_of_columns_and_dictionaries_of_text_are_harmless_too(tmp_path):
+    table = pa.table(
+        {"=1+1": pa.array(["=2+2", "a"]).dictionary_encode(), "b": pa.array(["@S", "c"], pa.large_string())}
+    )
+    write_export(table, tmp_path / "table.csv")
+    lines = (tmp_path / "table.csv").read_text(encoding="utf-8").replace('"', "").splitlines()
+    assert lines == ["'=1+1,b", "'=2+2,'@S", "a,c"]

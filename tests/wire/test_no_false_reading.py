@@ -18,6 +18,7 @@ if settings.default.max_examples >= 100:  # in `make test-all`
     DAMAGED, SHARE, FIRST_TICK, TICKS, AFTER = (25, 0.04, 60, 2600, 60)
 CAN = ("odrive", "mit", "damiao", "robstride", "moteus")  # CORRUPT cuts: a frame that lost a byte is none
 CAN_RAD, SERVO_RAD = 1e-3, 0.01  # frames on CAN are dated by the sample, servos' answers by the tick [rad]
+TOO_OLD_TICKS = 3  # how much older than a sample its stated time may be after losses
 JUMP_N = 1.0  # 1 % of the capacity: smaller jumps are served, as not every protocol has checksums [N]
 PLAIN = (("fast_sync_read: true", "fast_sync_read: false"),)
 CASES = [
@@ -54,12 +55,13 @@ class Course:
     def radians_off(self, measurement):
         """By how much positions are off what was true.
 
-        A measurement has the time of its oldest sample: after a lost frame, other joints are newer. So each
-        value must have been true since then, and one of them at that time.
+        A measurement has the time of its oldest sample: after a lost frame, other joints are newer. Answers
+        of CAN motors do not say what they answer, so that after losses their stated times may be too old, but
+        never too new. So each value must have been true since the stated time, and one of them soon after it.
         """
         values, true = measurement.joint_position_rad, self._since(measurement.encoder_at_s)
         outside = np.maximum(values - true.max(axis=1), true.min(axis=1) - values)
-        return max(*outside, np.min(np.abs(values - true[:, 0])))
+        return max(*outside, np.min(np.abs(values - true[:, : TOO_OLD_TICKS + 1].T)))
 
     def newtons_off(self, measurement):
         """By how much a force is off what was true, beyond its change since the last trusted sample."""

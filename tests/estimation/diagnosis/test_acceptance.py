@@ -88,6 +88,7 @@ def test_a_complete_model_keeps_the_effects_that_it_needs(searches, law, found, 
         ("a spring and a friction", (RUB, SPRING), {RUB, SPRING}),
         ("a spring, a friction and what nobody knows", (RUB, SPRING), {SPRING}),
         ("a friction", (SPRING,), set()),
+        ("a friction", (RUB, SQUARE), {RUB}),  # a needless effect, beside which nothing is left either
         ("a friction", (SQUARE,), set()),  # another kind's law does not stand for it
         ("a friction and what nobody knows", (RUB,), {RUB}),  # it is found, whatever remains
         ("a friction and what nobody knows", (RUB, BIAS), {RUB}),

@@ -119,6 +119,7 @@ def test_what_is_left_far_above_the_noise_is_not_called_noise(swung, ratio, effo
     diagnosis = decide_verdict(evidence)
     assert diagnosis.reason.endswith(left)
     assert {effect.form for effect in diagnosis.accepted} == {form}
+    assert (diagnosis.rest.unexplained > 0.0) == (ratio > 1.5 and effort_nm is not None)
 
 
 def test_a_bound_of_the_noise_does_not_show_that_a_smooth_residual_is_noise(swung):
