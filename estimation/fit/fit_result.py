@@ -332,7 +332,7 @@ def _correct_smoothing_bias(
     if problem.blocked.data.kind is ChannelKind.CONTACT or filters == ((), ()):
         return solution
     _, fitted = fit_smoothing_bias(problem, solution, filters)
-    if fitted.held_out.sum() > _MIN_IMPROVEMENT * solution.held_out:
+    if fitted is None or fitted.held_out.sum() > _MIN_IMPROVEMENT * solution.held_out:
         return solution
     gains = dict(zip(solution.model.gains, fitted.gains.tolist(), strict=False))
     return replace(solution, parameters={**solution.parameters, **gains})

@@ -26,7 +26,7 @@ DifferentiationFilter = tuple[tuple[DerivativeWindow, ...], tuple[DerivativeWind
 
 def fit_smoothing_bias(
     problem: FitProblem, solution: Solution, filters: DifferentiationFilter
-) -> tuple[FloatArray, LinearFit]:
+) -> tuple[FloatArray, LinearFit | None]:
     """Fit a model's gains jointly with the smoothing bias of its motion, if that reduces the held-out error.
 
     Args:
@@ -35,21 +35,18 @@ def fit_smoothing_bias(
         filters: the windows that derived velocity and acceleration.
 
     Returns:
-        Columns of smoothing bias [effort], shape (m, k), with k = 0 if none improve the model, and the fit of
-        q + k gains.
+        Columns of smoothing bias [effort], shape (m, k), and the fit of q + k gains; k = 0 and None if the
+        columns do not improve the model or are implausibly large.
     """
-    names = list(solution.model.gains)
-    held = {name: solution.parameters[name] for name in solution.fixed}
-    effort = problem.blocked.effort - solution.residual
-    none = np.empty((len(effort), 0))
-    plain = problem.solve(solution.columns, solution.target, names, held)
-    bias = smoothing_bias(problem.blocked, effort, filters)
-    if bias.size == 0:
-        return none, plain
-    fit = problem.solve(np.hstack([solution.columns, bias]), solution.target, names, held)
-    is_better = fit.held_out.sum() <= plain.held_out.sum()
-    is_taken = is_better and is_plausible_bias(bias, fit.gains[len(names) :])
-    return (bias, fit) if is_taken else (none, plain)
+    bias = smoothing_bias(problem.blocked, problem.blocked.effort - solution.residual, filters)
+    if bias.size:
+        names = list(solution.model.gains)
+        held = {name: solution.parameters[name] for name in solution.fixed}
+        fit = problem.solve(np.hstack([solution.columns, bias]), solution.target, names, held)
+        is_better = fit.held_out.sum() <= solution.held_out
+        if is_better and is_plausible_bias(bias, fit.gains[len(names) :]):
+            return bias, fit
+    return bias[:, :0], None
 
 
 def is_plausible_bias(bias: FloatArray, gains: FloatArray) -> bool:

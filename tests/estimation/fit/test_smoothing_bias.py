@@ -24,6 +24,7 @@ def errors(data, half, good):
     """Held-out error of the model on blocks, without and with smoothing bias, relative to the noise."""
     fit = fit_model(data, SWING, {}, good)
     _, beside = fit_smoothing_bias(fit.problem, fit.solution, windows(half))
+    assert beside is not None
     count, noise = fit.problem.used.sum(), NOISE_NM / np.sqrt(fit.problem.blocked.rows.shape[1])
     return [np.sqrt(left / count) / noise for left in (fit.solution.held_out, beside.held_out.sum())]
 
