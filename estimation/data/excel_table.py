@@ -129,10 +129,10 @@ def _check_thousands(path: Path, name: str, cells: Sequence[object], decimal: st
     marked = [cell.strip() for cell in cells if isinstance(cell, str) and decimal in cell]
     numbers = [abs(cell) for cell in cells if isinstance(cell, int | float)]
     if marked and all(map(grouped.fullmatch, marked)) and max(numbers, default=0.0) >= LEAST_UNMARKED:
-        one = float(marked[0].replace(decimal, "."))
+        value = float(marked[0].replace(decimal, "."))
         raise InputError(
-            f"{path}: column '{name}': the text '{marked[0]}' may mean {one:g} or {1000.0 * one:g}; store "
-            "all cells of the column as numbers"
+            f"{path}: column '{name}': the text '{marked[0]}' may mean {value:g} or {1000.0 * value:g}; "
+            "store all cells of the column as numbers"
         )
 
 

@@ -149,8 +149,12 @@ def accept_forms(
             is_possible &= test.kind is not Kind.RUN_DIFFERENCES or len(fit.data.runs) >= _MIN_RUNS
             # If hardly anything is left, no other effect can explain the error in the place of this one.
             # Faults of the sensor and drifts are rare, and therefore need more evidence.
-            is_clear = is_as_good and unnamed < _MAX_UNEXPLAINED * size and test.kind in _PHYSICAL_KINDS
-            is_clear = is_clear and search.is_needed(search.without(fit, test.effect), fit)
+            is_clear = (
+                is_as_good
+                and unnamed < _MAX_UNEXPLAINED * size
+                and test.kind in _PHYSICAL_KINDS
+                and search.is_needed(search.without(fit, test.effect), fit)
+            )
             is_needed = is_clear or (
                 size >= least
                 and not _repeats_another(fit, test.effect, explained)

@@ -276,8 +276,8 @@ def _number(text: str) -> float | None:
 def least_for_step(tested: int) -> int:
     """Return how many measurements a series needs for a step in its middle to be significant.
 
-    A step in the middle separates the values as 2 in binomial(n, n/2) of their orders do. A permutation test
-    gives it no smaller p-value.
+    Of the binomial(n, n/2) ways to divide n values into halves, only two separate them as completely as a
+    step in the middle. The p-value of a permutation test is therefore at least 2 / binomial(n, n/2).
 
     Args:
         tested: number of series of the table that are tested.
