@@ -87,11 +87,6 @@ def travel_speed_rad_s(limits: Limits) -> float:
 def overloaded_joint(body: RigidBody, motions: Iterable[JointMotion], limits: Limits) -> int | None:
     """Find the first joint that would need nearly all of its torque limit.
 
-    Args:
-        body: model of the arm.
-        motions: motions of all joints.
-        limits: limits of the guard.
-
     Returns:
         Index of the joint from 0; None if there is none.
     """
@@ -364,11 +359,7 @@ class FreeMotion:
         self._free_air_n = 0.0
 
     def start(self, measurement: Measurement) -> None:
-        """Begin from rest; the present force counts as that of free air.
-
-        Args:
-            measurement: state of the arm.
-        """
+        """Begin from rest; the present force counts as that of free air."""
         self._torque.reset()
         self._touched_ticks = 0
         self._free_air_n = measurement.force_n if math.isfinite(measurement.force_n) else 0.0
@@ -462,11 +453,7 @@ class PathTask:
         self.duration_s = path.duration_s  # including the moves to the path and back, once started
 
     def start(self, measurement: Measurement) -> None:
-        """Plan the moves from the measured pose to the path's center and back.
-
-        Args:
-            measurement: state of the arm.
-        """
+        """Plan the moves from the measured pose to the path's center and back."""
         self._free.start(measurement)
         self._time_s = 0.0
         start_rad, centre_rad = measurement.joint_position_rad.copy(), self._path.centre_rad

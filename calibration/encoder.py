@@ -206,11 +206,7 @@ class StopTask:
         self._touches = len(approaches) * settings.touches
 
     def start(self, measurement: Measurement) -> None:
-        """Plan the move from the measured pose to the first stop.
-
-        Args:
-            measurement: state of the arm.
-        """
+        """Plan the move from the measured pose to the first stop."""
         self._free.start(measurement)
         self._start_rad = measurement.joint_position_rad.copy()
         self._touch = 0

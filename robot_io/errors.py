@@ -66,9 +66,6 @@ def describe_error(error: BaseException, own_file: str = "") -> str:
 def one_line(text: object) -> str:
     """Write foreign text for a message: one line, without control characters.
 
-    Args:
-        text: anything.
-
     Returns:
         Printable text.
     """

@@ -165,11 +165,6 @@ def start_all(
 
     The failing component is undone too: a drive may have powered two of three motors before it failed.
 
-    Args:
-        components: components with their names for messages.
-        step: step to apply.
-        undo: the reverse step.
-
     Raises:
         DeviceError: a component failed. Other interruptions (such as Ctrl-C) pass unchanged.
     """
@@ -193,10 +188,6 @@ def undo_all(components: Sequence[Labelled], step: Literal["close", "deactivate"
 
     After a Ctrl-C, the interrupted step is repeated, the others follow, and then the interrupt is raised
     again.
-
-    Args:
-        components: components with their names for messages.
-        step: step to apply.
 
     Raises:
         DeviceError: some components failed; the error names all of them.

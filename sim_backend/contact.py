@@ -93,9 +93,6 @@ class ComplianceObject:
     def set_law(self, law: ObjectLaw) -> None:
         """Change the law from the next physics step on.
 
-        Args:
-            law: contact law.
-
         Raises:
             InputError: the engine has no such contact.
         """

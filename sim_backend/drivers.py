@@ -63,9 +63,6 @@ class SimulatedBus(JointBus):
     def use_scenario(self, scenario: Scenario) -> None:
         """Replace the robot file's scenario.
 
-        Args:
-            scenario: new scenario.
-
         Raises:
             LifecycleError: the world exists already.
         """

@@ -41,11 +41,7 @@ def hidden_effects(imperfections: Sequence[Imperfection], joint_count: int) -> H
 
 
 def noise_scale(scenario: Scenario) -> NoiseScale:
-    """Compute noise floors and motion of a probing run.
-
-    Args:
-        scenario: the world.
-    """
+    """Compute noise floors and motion of a probing run."""
     return NoiseScale.of(scenario.object.law, scenario.sensors)
 
 
@@ -114,9 +110,6 @@ class SealedAnswer:
 def sealed_path(session: str | Path) -> Path:
     """Return the path of a session's sealed answer.
 
-    Args:
-        session: path of the session file.
-
     Returns:
         The session's whole name with a suffix.
     """
@@ -125,10 +118,6 @@ def sealed_path(session: str | Path) -> Path:
 
 def seal(session: str | Path, answer: SealedAnswer) -> Path:
     """Write the sealed answer beside a session file, completely or not at all, without replacing a file.
-
-    Args:
-        session: path of the session file.
-        answer: answer to seal.
 
     Raises:
         InputError: the file exists already, or cannot be written.
@@ -159,9 +148,6 @@ def seal(session: str | Path, answer: SealedAnswer) -> Path:
 
 def unseal(path: str | Path) -> SealedAnswer:
     """Open a sealed answer.
-
-    Args:
-        path: path of the sealed file.
 
     Raises:
         InputError: the sealed answer does not exist, is damaged, or has another version.

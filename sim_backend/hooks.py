@@ -62,9 +62,6 @@ class MaterialEffect(ContactEffect):
     def felt(self, state: ContactState) -> ContactState:
         """Compute the motion that acts on law and effects; a changed geometry enters here.
 
-        Args:
-            state: motion of the tip.
-
         Returns:
             Motion that acts on the material.
         """

@@ -86,12 +86,7 @@ class NoiseScale:
 
     @classmethod
     def of(cls, law: ObjectLaw, sensors: ArmSensorSettings) -> "NoiseScale":
-        """Compute the scale of the shipped follower that probes an object up to 10 N.
-
-        Args:
-            law: contact law of the object.
-            sensors: settings of the sensors.
-        """
+        """Compute the scale of the shipped follower that probes an object up to 10 N."""
         force, torque = sensors.force, sensors.torque
         return cls(
             contact_noise_n=_floor(force.noise_std_n, force.resolution_n),
@@ -134,9 +129,6 @@ class NoiseScale:
     def noise(self, channel: str) -> float:
         """Return the noise floor of a sample.
 
-        Args:
-            channel: channel of the sensor.
-
         Returns:
             Standard deviation in the unit of the channel.
         """
@@ -145,9 +137,6 @@ class NoiseScale:
     def peak(self, channel: str) -> float:
         """Return the largest magnitude of the signal.
 
-        Args:
-            channel: channel of the sensor.
-
         Returns:
             In the unit of the channel.
         """
@@ -155,9 +144,6 @@ class NoiseScale:
 
     def rate(self, channel: str) -> float:
         """Return the root mean square of the signal's rate.
-
-        Args:
-            channel: channel of the sensor.
 
         Returns:
             In the unit of the channel per second.

@@ -87,11 +87,7 @@ class LowPass:
         self._output: list[float] | None = None
 
     def filter(self, signal: Sequence[float]) -> list[float]:
-        """Compute the output after one more step; the first call starts settled.
-
-        Args:
-            signal: input.
-        """
+        """Compute the output after one more step; the first call starts settled."""
         if self._output is None:
             self._output = list(signal)
         else:
@@ -204,9 +200,6 @@ class GaussianNoise:
 
     def added_to(self, signal: Sequence[float]) -> Sequence[float]:
         """Add the next numbers to a signal.
-
-        Args:
-            signal: clean signal.
 
         Returns:
             Noisy signal.

@@ -130,11 +130,7 @@ class HybridController:
         self._clear_travel_m = 0.0  # last travel without force
 
     def start(self, measurement: Measurement) -> None:
-        """Begin from the measured joint positions, with the measured force as the free-air force.
-
-        Args:
-            measurement: state of the arm.
-        """
+        """Begin from the measured joint positions, with the measured force as the free-air force."""
         self._torque.reset()
         self.reference_rad = measurement.joint_position_rad.copy()
         self.force_bias_n = measurement.force_n if math.isfinite(measurement.force_n) else 0.0

@@ -94,9 +94,6 @@ _values = attrgetter(*(attribute for attribute, *_ in _COLUMNS))
 def tick_stream(joint_count: int) -> Stream:
     """Describe the columns of a tick.
 
-    Args:
-        joint_count: number of joints n of the arm.
-
     Returns:
         The stream "tick", whose records `tick_record` makes.
     """
@@ -175,10 +172,6 @@ class Journal:
 
     def observe(self, measurement: Measurement, output: TaskOutput) -> Estimates:
         """Ask the observer for its estimates.
-
-        Args:
-            measurement: state of the arm.
-            output: the task's output for this measurement.
 
         Returns:
             Online estimates, NaN if there are none.

@@ -77,11 +77,7 @@ class ReplayTask:
         self._time_s = 0.0
 
     def start(self, measurement: Measurement) -> None:
-        """Plan the move from the measured posture to the first reference.
-
-        Args:
-            measurement: state of the arm.
-        """
+        """Plan the move from the measured posture to the first reference."""
         self._torque.reset()
         begin_rad = self._references.position_rad[0]
         position_rad = measurement.joint_position_rad.copy()

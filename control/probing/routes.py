@@ -113,10 +113,6 @@ class Routes:
     def check(self, start: Place, sites: Sequence[ProbingSite]) -> None:
         """Check the routes from the start to all sites in order and back.
 
-        Args:
-            start: present place of the arm.
-            sites: sites of the plan, in order.
-
         Raises:
             InputError: the tip comes too near to an expected object.
         """

@@ -73,11 +73,7 @@ class ProbingRun:
         return self._step(measurement, dt_s)
 
     def cancel(self, reason: str) -> None:
-        """Leave the object at once, and return to the start of the approach.
-
-        Args:
-            reason: reason, for the failure.
-        """
+        """Leave the object at once, and return to the start of the approach."""
         self.failure = self.failure or f"run {self.spec.run}: {reason}"
         if self.phase is Phase.FREE_AIR:
             self.finished = True

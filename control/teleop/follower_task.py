@@ -89,12 +89,7 @@ class TargetQueue:
             return self._targets[number]
 
     def finish(self, state: TargetState, remark: str = "") -> None:
-        """Set the state of the target that was being probed.
-
-        Args:
-            state: final state.
-            remark: reason why it was refused or failed.
-        """
+        """Set the state of the target that was being probed."""
         with self._lock:
             if self._current in self._states:
                 self._states[self._current] = state
@@ -131,10 +126,6 @@ class OnSilence(StrEnum):
 
 def plan_for(target: Target, plan: ProbingPlan) -> ProbingPlan:
     """Copy the follower's plan with a target's place and direction.
-
-    Args:
-        target: place and direction.
-        plan: all other settings.
 
     Returns:
         The plan for the target.
@@ -177,11 +168,7 @@ class FollowerTask:
         self._events: list[TaskEvent] = []
 
     def start(self, measurement: Measurement) -> None:
-        """Hold the measured posture.
-
-        Args:
-            measurement: state of the arm.
-        """
+        """Hold the measured posture."""
         still = np.zeros_like(measurement.joint_position_rad)
         self._posture = JointMotion(measurement.joint_position_rad.copy(), still, still)
         self._direction = np.array((0.0, 0.0, -1.0))

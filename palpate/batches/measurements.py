@@ -50,10 +50,6 @@ class MetadataTable:
     def read(cls, path: Path, fields: Iterable[Mapping[str, str]]) -> "MetadataTable":
         """Read a table.
 
-        Args:
-            path: a CSV file.
-            fields: those of each file.
-
         Raises:
             InputError: no column tells the files apart, or two lines are of the same file.
         """
@@ -191,11 +187,7 @@ WORK = "palpate.batches.works.measuring:measure"
 
 
 def content_hash(path: Path) -> str:
-    """SHA-256 of a file with the ending of its name, or of the files in a folder. OSError: not readable.
-
-    Args:
-        path: of the file or folder.
-    """
+    """SHA-256 of a file with the ending of its name, or of the files in a folder. OSError: not readable."""
     if path.is_dir():
         parts = sorted(file for file in path.rglob("*") if file.is_file())
         return sha256(

@@ -50,11 +50,7 @@ class PageSection:
 
 
 def write_page(batch: BatchResult) -> None:
-    """Write the page; InputError if that is not possible.
-
-    Args:
-        batch: its table, pooled parameters, differences and outliers.
-    """
+    """Write the page; InputError if that is not possible."""
     spent: dict[str, float] = {}  # the channels of a measurement state the same time
     if batch.finished:
         spent = dict(zip(texts(batch.table, "measurement"), floats(batch.table, "seconds"), strict=True))
@@ -103,11 +99,6 @@ def _link_to_report(batch: BatchResult, name: str, files: str) -> str:
 
 def write_trend(path: Path, tested: Sequence[tuple[Series, Sequence[TrendChange]]], what: str) -> None:
     """Write the page of all series over time, those that change first.
-
-    Args:
-        path: of the page.
-        tested: series with their changes.
-        what: the times count.
 
     Raises:
         InputError: it cannot be written.
@@ -274,11 +265,7 @@ class _EntryTable:
     words: str  # below the table
 
     def section(self, entries: Sequence[Any]) -> PageSection:
-        """Tabulate entries.
-
-        Args:
-            entries: in the order of the rows.
-        """
+        """Tabulate entries."""
         rows = [[cell(entry) for cell in self.columns.values()] for entry in entries]
         return PageSection(self.title, tuple(self.columns), rows, words=(self.words,))
 

@@ -115,10 +115,6 @@ class ComparedPair:
 def chosen_revisions(study: Study, numbers: Sequence[int]) -> list[Revision]:
     """Look up revisions by number.
 
-    Args:
-        study: the measurement and its revisions.
-        numbers: numbers of the revisions.
-
     Returns:
         each revision once, in the order of the numbers.
 
@@ -309,11 +305,7 @@ def _side_by_side(
 
 
 def comparison_data(comparison: Comparison) -> dict[str, Any]:
-    """The comparison as plain data; the keys are stable.
-
-    Args:
-        comparison: comparison of one channel.
-    """
+    """The comparison as plain data; the keys are stable."""
     return {
         "channel": comparison.channel,
         "model": comparison.model,

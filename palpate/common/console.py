@@ -215,11 +215,7 @@ def say_read(read: str, notes: Iterable[str]) -> None:
 
 
 def command_group(about: str) -> typer.Typer:
-    """Make a group of commands that prints its help if called without a command.
-
-    Args:
-        about: help text of the group.
-    """
+    """Make a group of commands that prints its help if called without a command."""
     group = typer.Typer(
         rich_markup_mode="rich",
         add_completion=False,
@@ -246,11 +242,7 @@ _MOST_DIGITS = 8
 
 
 def safe(text: str) -> str:
-    """Make text from a file safe for a console: one line without escapes, direction marks or markup.
-
-    Args:
-        text: untrusted text from a file.
-    """
+    """Make text from a file safe for a console: one line without escapes, direction marks or markup."""
     line = "".join(char if char.isprintable() else " " if char in "\t\n" else "�" for char in text)
     last = line[len(line.rstrip("\\")) :]  # a trailing backslash would escape the markup that follows
     return escape(line.rstrip("\\")) + 2 * last
@@ -306,11 +298,7 @@ def as_shell_word(text: str) -> str:
 
 
 def as_command(arguments: Iterable[str]) -> str:
-    """Return the command line of this call, ready to be pasted into a shell.
-
-    Args:
-        arguments: the arguments after the program's name.
-    """
+    """Return the command line of this call, ready to be pasted into a shell."""
     return " ".join(map(as_shell_word, ["palpate", *arguments]))
 
 

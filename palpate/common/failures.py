@@ -204,11 +204,7 @@ def command_line_wording() -> Iterator[None]:
 
 
 def in_python(text: str) -> str:
-    """Replace each command-line option by the equivalent keyword of `palpate.Study`.
-
-    Args:
-        text: text of an error.
-    """
+    """Replace each command-line option by the equivalent keyword of `palpate.Study`."""
     text = _OPTION.sub(_keyword, _COMMAND.sub(r"study.\1(\2=True)", text))
     return _ONE_AFTER_THE_OTHER.sub(_joined, text)
 

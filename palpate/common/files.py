@@ -46,20 +46,12 @@ def existing_file(path: Path, what: str) -> Path:
 
 
 def existing_data(path: Path) -> Path:
-    """Return the path if it is a folder or a readable file; raise `InputError` otherwise.
-
-    Args:
-        path: path from the user.
-    """
+    """Return the path if it is a folder or a readable file; raise `InputError` otherwise."""
     return path if path.is_dir() else existing_file(path, "session or data file")
 
 
 def open_session(path: Path) -> Session:
-    """Read a session file; raise `InputError` if it does not exist or is not a session.
-
-    Args:
-        path: path from the user.
-    """
+    """Read a session file; raise `InputError` if it does not exist or is not a session."""
     try:
         return Session.open(existing_file(path, "session"))
     except SessionError as error:
@@ -123,9 +115,6 @@ def output_session(path: Path, keep: Iterable[Path] = ()) -> Path:
 
 def output_folder(folder: Path) -> Path:
     """Return the folder if it is writable; create it if needed.
-
-    Args:
-        folder: path from the user.
 
     Raises:
         InputError: the folder cannot be created or written to.
@@ -199,12 +188,7 @@ def whole_set(texts: Mapping[Path, str]) -> Iterator[None]:
 
 
 def write_text(path: Path, text: str) -> None:
-    """Write a text file, completely or not at all; raise `InputError` if it cannot be written.
-
-    Args:
-        path: path of the file.
-        text: content of the file.
-    """
+    """Write a text file, completely or not at all; raise `InputError` if it cannot be written."""
     with whole_set({path: text}):
         pass
 

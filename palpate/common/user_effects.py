@@ -148,11 +148,7 @@ _NAME = re.compile(r"[a-z][a-z0-9_]*")
 
 
 def flaw(effect_type: type[Effect]) -> str | None:
-    """Describe the first error in a class's attributes, with its line; None if there is none.
-
-    Args:
-        effect_type: class from the user.
-    """
+    """Describe the first error in a class's attributes, with its line; None if there is none."""
     return next(
         (problem + place_of(effect_type, attribute) for attribute, problem in _flaws(effect_type)), None
     )
@@ -239,11 +235,7 @@ _Shape = tuple[int, ...]
 
 
 def watched(effect: Effect) -> Effect:
-    """Wrap an effect so that its methods raise `InputError` on failure or unusable results.
-
-    Args:
-        effect: effect from the user.
-    """
+    """Wrap an effect so that its methods raise `InputError` on failure or unusable results."""
     effect_type = type(effect)
 
     def watch(method: str) -> Callable[..., Any]:

@@ -24,12 +24,7 @@ _WARN, _FAIL = Level.WARN, Level.FAIL
 
 
 def examine_limits(robot_file: RobotFile, body: RigidBody) -> Iterator[Finding]:
-    """Check torque, brake, ages, watchdogs and the other limits of a robot file.
-
-    Args:
-        robot_file: robot file of the arm.
-        body: rigid-body model of the arm.
-    """
+    """Check torque, brake, ages, watchdogs and the other limits of a robot file."""
     if joint := body.weightless_joint:
         remedy = "give its links an <inertial>: gravity compensation needs it, also in a stop"
         yield fail("masses", f"{robot_file.urdf_path}: joint '{joint}' moves no mass", remedy)

@@ -67,11 +67,7 @@ class Hand:
         console.stderr().print(f"[bold]Turn joint {joint + 1} by hand[/bold], by about 15 degrees: {words}")
 
     def press(self, words: str) -> None:
-        """Ask for a press against the tool.
-
-        Args:
-            words: where and how to press.
-        """
+        """Ask for a press against the tool."""
         console.stderr().print(f"[bold]Press gently with a finger[/bold] {words}")
 
     def go_on(self, elapsed_s: float) -> None:
@@ -198,9 +194,6 @@ def is_still(measurements: list[Measurement]) -> bool:
     """Return whether no joint moved in the valid samples; False without any valid sample.
 
     A sample is valid if encoders and force sensor have new readings and report no fault.
-
-    Args:
-        measurements: measurements in time order.
     """
     fresh = all(any(getattr(m, device) is Status.OK for m in measurements) for device in _DEVICES)
     good = fresh and all(
@@ -325,11 +318,6 @@ class NudgeTask:
 def examine_powered(robot: Robot, robot_file: RobotFile, body: RigidBody) -> Iterator[Finding]:
     """Move a configured robot a little and check its signs; the torque is always off at the end.
 
-    Args:
-        robot: configured robot.
-        robot_file: robot file of this robot.
-        body: rigid-body model of the arm.
-
     Raises:
         DeviceError: a device failed before the first tick.
         KeyboardInterrupt: the user stopped the check; the arm is at rest.
@@ -350,12 +338,7 @@ def examine_powered(robot: Robot, robot_file: RobotFile, body: RigidBody) -> Ite
 
 
 def gentle(limits: Limits, body: RigidBody) -> Limits:
-    """Return limits that trip after little motion or force of a held joint.
-
-    Args:
-        limits: limits of the robot file.
-        body: rigid-body model of the arm.
-    """
+    """Return limits that trip after little motion or force of a held joint."""
     weight_nm = np.abs([body.gravity(pose) for pose in random_poses_rad(limits)]).max(axis=0)
     torque_nm = np.minimum(limits.torque_nm, weight_nm + _PUSH_SHARE * np.array(limits.torque_nm))
     tracking_rad = np.minimum(limits.tracking_rad, _TRACKING_RAD)

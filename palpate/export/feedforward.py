@@ -105,10 +105,6 @@ class Feedforward:
     def write(self, path: Path, source: str) -> None:
         """Write the table (.yaml), and the functions (.py, .c) beside it.
 
-        Args:
-            path: of the table.
-            source: what was measured, for people.
-
         Raises:
             InputError: a file cannot be written.
         """
@@ -157,11 +153,7 @@ def _literals(terms: JointTerms) -> str:
 
 
 def make_feedforward(joints: Sequence[FittedJoint]) -> Feedforward:
-    """Make the feedforward of fitted joints, ordered by number.
-
-    Args:
-        joints: with their fits.
-    """
+    """Make the feedforward of fitted joints, ordered by number."""
     ordered = sorted(joints, key=lambda joint: joint.number)
     terms, used, left_out = [], list[str](), list[str]()
     for joint in ordered:

@@ -60,11 +60,7 @@ def recorded_table(path: Path, options: ImportOptions, name: str) -> pa.Table:
 
 
 def stream_table(samples: Samples) -> pa.Table:
-    """Return every column of a stream; wide ones as several, numbered from 1. Fields keep their units.
-
-    Args:
-        samples: of the stream.
-    """
+    """Return every column of a stream; wide ones as several, numbered from 1. Fields keep their units."""
     fields, arrays = list[pa.Field](), list[pa.Array]()
     for column in samples.stream.columns:
         values, about = samples.vector(column.name), {"unit": column.unit, "doc": column.doc}
@@ -76,11 +72,7 @@ def stream_table(samples: Samples) -> pa.Table:
 
 
 def channel_table(channel: ChannelData) -> pa.Table:
-    """A channel of n samples with the names and units that `palpate import` takes; no rows before run 0.
-
-    Args:
-        channel: n samples.
-    """
+    """A channel of n samples with the names and units that `palpate import` takes; no rows before run 0."""
     motion = (channel.position, channel.velocity, channel.acceleration, channel.effort)
     columns = {"time_s": channel.time_s, "run": channel.run}
     columns |= dict(zip(_NAMES[channel.kind], motion, strict=True))
@@ -93,11 +85,7 @@ def channel_table(channel: ChannelData) -> pa.Table:
 
 
 def events_table(session: Session) -> pa.Table:
-    """Return the events, one a row, with their data as JSON.
-
-    Args:
-        session: the session.
-    """
+    """Return the events, one a row, with their data as JSON."""
     events = session.events
     return pa.table(
         {
@@ -129,11 +117,7 @@ def write_table(table: pa.Table, path: Path) -> None:
 
 
 def check_ending(path: Path) -> None:
-    """Refuse other formats. InputError: the ending is neither CSV's nor Parquet's.
-
-    Args:
-        path: of the output.
-    """
+    """Refuse other formats. InputError: the ending is neither CSV's nor Parquet's."""
     if path.suffix not in ENDINGS:
         raise InputError(f"output {path}: a table is written as {' or '.join(ENDINGS)}")
 

@@ -167,12 +167,7 @@ class _Mjcf:
         return self._joints[joint.number - 1]
 
     def set_joint(self, element: Element, joint: TargetJoint) -> None:
-        """Write one joint's values.
-
-        Args:
-            element: hinge or slide joint.
-            joint: with the target's values.
-        """
+        """Write one joint's values."""
         number = {key: value.number for key, value in joint.values.items()}
         is_hinge = self.value(element, "type", "hinge") == "hinge"
         angles = [each.get("angle") for each in self._root.findall("compiler") if each.get("angle")]

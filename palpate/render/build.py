@@ -171,11 +171,7 @@ def axes_of(kind: ChannelKind) -> Axes:
 
 
 def one_after_the_other(data: ChannelData) -> FloatArray:
-    """Place all runs, each of which may start at zero, one after the other on one time axis, shape (n,) [s].
-
-    Args:
-        data: the channel, n samples.
-    """
+    """Place all runs, which may all start at zero, one after the other on one time axis, shape (n,) [s]."""
     own_s, (first, run) = time_in_run(data.time_s, data.run), block_index(data.run)
     lengths_s = np.maximum.reduceat(own_s, first)
     steps_s = lengths_s + (_GAP * np.mean(lengths_s) if len(first) else 0.0)
@@ -184,9 +180,6 @@ def one_after_the_other(data: ChannelData) -> FloatArray:
 
 def run_speeds(data: ChannelData) -> dict[int, str]:
     """Describe each run's speed, the slowest first; empty if all runs have the same speed.
-
-    Args:
-        data: the channel, n samples.
 
     Returns:
         Descriptions by run number.
@@ -282,11 +275,7 @@ def view_of(
 
 
 def result_view(result: ChannelResult) -> ChannelView:
-    """Make the view of one channel.
-
-    Args:
-        result: fits, comparison and diagnosis of the channel.
-    """
+    """Make the view of one channel."""
     compared, diagnosis = result.shown, result.diagnosis
     is_said = diagnosis is not None and diagnosis.reason in result.reason
     stages, name = list[StageView](), ""
@@ -350,13 +339,6 @@ def write_outcome(
     """Write the report, and a recording of diagnosed or added effects; return paths by kind.
 
     All files appear together, or none of them.
-
-    Args:
-        folder: existing folder for the files.
-        study: study with its measurements.
-        results: results of its channels.
-        commands: commands that repeat the results.
-        texts: texts of further files, by name.
 
     Raises:
         InputError: a file cannot be written.

@@ -17,12 +17,7 @@ _NO_FALL = 0.98  # ratio to the previous error above which the error counts as u
 
 
 def enumerated(names: Sequence[str], last: str = "and") -> str:
-    """Join names with commas, and with a word before the last.
-
-    Args:
-        names: names, in order.
-        last: word before the last name.
-    """
+    """Join names with commas, and with a word before the last."""
     return "".join(names) if len(names) < 2 else f"{', '.join(names[:-1])} {last} {names[-1]}"
 
 
@@ -139,11 +134,7 @@ def compared(
 
 
 def impossible(unphysical: Sequence[str]) -> tuple[str, ...]:
-    """Report physically impossible parameters in one sentence; empty if there are none.
-
-    Args:
-        unphysical: descriptions of parameters outside their physical bounds.
-    """
+    """Report physically impossible parameters in one sentence; empty if there are none."""
     return (f"But {enumerated(unphysical)}: {UNPHYSICAL}.",) if unphysical else ()
 
 

@@ -56,12 +56,7 @@ class Example:
 
     @classmethod
     def beside(cls, fitted: FitResult, effect: Effect) -> "Example":
-        """Add an effect to a fitted model, on a few runs of its motion.
-
-        Args:
-            fitted: the base model's fit.
-            effect: effect to add.
-        """
+        """Add an effect to a fitted model, on a few runs of its motion."""
         runs = fitted.data.runs
         few = runs[np.unique(np.linspace(0, len(runs) - 1, _RUNS).astype(int))]
         moved = fitted.data.of_runs(few)

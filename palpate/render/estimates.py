@@ -319,11 +319,7 @@ def markdown_summary(estimates: ChannelEstimates, truth: Truth, heading: str) ->
 
 
 def shown_parameters(estimate: Estimate) -> list[ParameterEstimate]:
-    """Return all parameters except the surface, which has its own sentence.
-
-    Args:
-        estimate: estimate by one estimator.
-    """
+    """Return all parameters except the surface, which has its own sentence."""
     return [parameter for parameter in estimate.parameters if parameter.name != OFFSET]
 
 
@@ -351,23 +347,13 @@ def with_interval(parameter: ParameterEstimate) -> str:
 
 
 def error_percent(parameter: ParameterEstimate, truth: Truth) -> float:
-    """Return the deviation from the truth [%]; NaN where the truth is zero.
-
-    Args:
-        parameter: estimate.
-        truth: true parameters by name.
-    """
+    """Return the deviation from the truth [%]; NaN where the truth is zero."""
     true = truth[parameter.name]
     return PERCENT * (parameter.value - true) / true if true else float("nan")
 
 
 def error_text(parameter: ParameterEstimate, truth: Truth) -> str:
-    """Format the deviation from the truth in percent, absolute where the truth is zero.
-
-    Args:
-        parameter: estimate.
-        truth: true parameters by name.
-    """
+    """Format the deviation from the truth in percent, absolute where the truth is zero."""
     if truth[parameter.name] == 0:
         return f"{parameter.value:+z.2g}"
     return f"{error_percent(parameter, truth):+z.2f} %"

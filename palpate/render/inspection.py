@@ -40,9 +40,6 @@ class Inspection:
     def record(self, path: Path) -> float:
         """Write the Rerun recording.
 
-        Args:
-            path: path of the .rrd file.
-
         Returns:
             Time to use for a screenshot [s].
 

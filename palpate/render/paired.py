@@ -92,12 +92,7 @@ class PairView:
 
 
 def sides_view(sides: Sides, views: tuple[ChannelView, ChannelView]) -> PairedView:
-    """Make the view of one channel's comparison.
-
-    Args:
-        sides: both sides of one channel, compared.
-        views: views of both sides.
-    """
+    """Make the view of one channel's comparison."""
     return PairedView(sides.channel, views, sides, tuple(_words(sides)))
 
 
@@ -244,11 +239,7 @@ def percent_text(fit: float) -> str:
 
 
 def as_data(sides: Sides) -> dict[str, Any]:
-    """Return one channel as plain data; the keys are stable.
-
-    Args:
-        sides: both sides of one channel, compared.
-    """
+    """Return one channel as plain data; the keys are stable."""
     pair = (sides.first, sides.second)
     parameters = [
         {

@@ -35,9 +35,6 @@ def diagnosis_progress(channels: Sequence[str]) -> Iterator[Report]:
     """Show the current step of a diagnosis, with a bar for each channel.
 
     A bar fills once for each effect found, so it cannot show the remaining time.
-
-    Args:
-        channels: names of the channels.
     """
     columns = BarColumn(bar_width=24), TimeElapsedColumn(), TextColumn("{task.description}")
     with Progress(*columns, console=console.stderr(), transient=True) as progress:

@@ -71,11 +71,7 @@ class PlotStyle:
 
 
 def figure(channel: ChannelView | StudyView) -> go.Figure:
-    """Draw everything about one channel in one figure, for a notebook.
-
-    Args:
-        channel: one channel, or a study.
-    """
+    """Draw everything about one channel in one figure, for a notebook."""
     if isinstance(channel, StudyView):
         channel = channel.channels[0]
     specs = [[{}, {}], [{"colspan": 2}, None], [{"colspan": 2}, None]]
@@ -98,11 +94,7 @@ def fall_figure(channel: ChannelView) -> go.Figure:
 
 
 def time_figure(channel: ChannelView) -> go.Figure:
-    """Draw effort and models over time, and residuals below; gray marks samples excluded from scoring.
-
-    Args:
-        channel: channel with its stages.
-    """
+    """Draw effort and models over time, and residuals below; gray marks samples excluded from scoring."""
     if not channel.stages:
         made = make_subplots(1, 1)
         _draw_time(made, channel, (1, 1))
@@ -114,11 +106,7 @@ def time_figure(channel: ChannelView) -> go.Figure:
 
 
 def position_figure(channel: ChannelView) -> go.Figure:
-    """Draw measured effort and each model over position.
-
-    Args:
-        channel: channel with its stages.
-    """
+    """Draw measured effort and each model over position."""
     made = make_subplots(1, 1)
     _draw_state(made, channel, (1, 1), channel.position, channel.axes.position)
     return styled(made, 400)
@@ -297,14 +285,7 @@ def _shade(made: go.Figure, channel: ChannelView, place: Place) -> None:
 
 
 def title_axes(made: go.Figure, place: Place, x: str, y: str) -> None:
-    """Set the titles of both axes of a subplot.
-
-    Args:
-        made: figure that is drawn into.
-        place: row and column of the subplot.
-        x: title of the horizontal axis.
-        y: title of the vertical axis.
-    """
+    """Set the titles of both axes of a subplot."""
     made.update_xaxes(title_text=x, row=place[0], col=place[1])
     made.update_yaxes(title_text=y, row=place[0], col=place[1])
 
@@ -351,22 +332,13 @@ _GREEK = {"tau": "τ", "mu": "μ", "pi": "π", "alpha": "α", "beta": "β", "ome
 
 
 def write_report(view: StudyView, path: Path) -> Path:
-    """Write the report, completely or not at all. InputError: it cannot be written.
-
-    Args:
-        view: all channels.
-        path: path of the .html file.
-    """
+    """Write the report, completely or not at all. InputError: it cannot be written."""
     write_text(path, document(view))
     return path
 
 
 def document(view: StudyView) -> str:
-    """Return the HTML page.
-
-    Args:
-        view: all channels.
-    """
+    """Return the HTML page."""
     draw = {"fall": fall_figure, "map": map_figure, "time": time_figure, "state": state_figure}
 
     def plots(channel: ChannelView) -> dict[str, Markup]:
@@ -392,12 +364,7 @@ def as_html(figure: go.Figure) -> Markup:
 
 
 def bold(sentence: str, names: Iterable[str]) -> Markup:
-    """Escape a sentence and set names in bold.
-
-    Args:
-        sentence: plain text.
-        names: words that are set in bold.
-    """
+    """Escape a sentence and set names in bold."""
     text = escape(sentence)
     for name in dict.fromkeys(filter(None, names)):
         text = re.sub(rf"(?<![\w>]){re.escape(escape(name))}(?!\w)", f"<b>{escape(name)}</b>", text)
@@ -405,11 +372,7 @@ def bold(sentence: str, names: Iterable[str]) -> Markup:
 
 
 def typeset(equation: str) -> Markup:
-    """Escape a formula; typeset powers, indices and Greek letters.
-
-    Args:
-        equation: plain text.
-    """
+    """Escape a formula; typeset powers, indices and Greek letters."""
     raised = re.sub(r"\^(\([^)]*\)|[\w.]+)", r"<sup>\1</sup>", escape(equation, quote=False))
     lowered = re.sub(r"\b([A-Za-z])(\d)\b", r"\1<sub>\2</sub>", raised)
     greek = re.sub(rf"\b({'|'.join(_GREEK)})\b", lambda match: _GREEK[match[1]], lowered)

@@ -172,11 +172,7 @@ def _print_verdict(console: Console, verdict: VerdictView) -> None:
 
 
 def headline(verdict: VerdictView) -> Text:
-    """Return the verdict as a coloured word, and its sentence with the effects in bold.
-
-    Args:
-        verdict: verdict on one channel.
-    """
+    """Return the verdict as a coloured word, and its sentence with the effects in bold."""
     color = f"bold {COLORS.get(verdict.word, '')}"
     text = emphasised(verdict.sentence, (*verdict.names, verdict.sentence.partition(":")[0]))
     if verdict.tag:
@@ -186,12 +182,7 @@ def headline(verdict: VerdictView) -> Text:
 
 
 def emphasised(sentence: str, names: Iterable[str]) -> Text:
-    """Return a sentence with names in bold.
-
-    Args:
-        sentence: plain text.
-        names: words that are set in bold.
-    """
+    """Return a sentence with names in bold."""
     text = Text(safe_text(sentence))
     for name in filter(None, names):
         text.highlight_regex(rf"(?<!\w){re.escape(name)}(?!\w)", "bold")

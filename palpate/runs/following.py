@@ -129,11 +129,7 @@ class JointFollowingTask:
         self._ending = False
 
     def start(self, measurement: Measurement) -> None:
-        """Hold the measured posture.
-
-        Args:
-            measurement: state of the arm.
-        """
+        """Hold the measured posture."""
         self._rest = measurement.joint_position_rad.copy()
         self._reference = GoalReference(self._rest, *self._limits)
         self._controller.start(measurement)
@@ -177,10 +173,6 @@ class JointFollowingTask:
 
 def run_following(job: FollowingJob, line: Connection) -> None:
     """Follow goals until the program ends or the guard trips; the session is then complete.
-
-    Args:
-        job: the arm and its speed.
-        line: see `JointFollowingTask`.
 
     Raises:
         InputError: robot file, drivers and scenario do not fit each other; nothing has moved.

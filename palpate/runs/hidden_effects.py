@@ -74,9 +74,6 @@ def was_sealed(session: Session) -> bool:
 def open_answer(session: Session) -> SealedAnswer:
     """Open a session's sealed answer.
 
-    Args:
-        session: session with a sealed answer beside it.
-
     Raises:
         InputError: there is no sealed answer, or it is damaged or belongs to another session.
     """
@@ -119,9 +116,6 @@ SURFACE = "surface"
 def scenario_of(session: Session) -> Scenario | None:
     """Return the simulated world of a session; None if it was not simulated.
 
-    Args:
-        session: the session.
-
     Raises:
         InputError: the session's copy of the scenario is not valid.
     """
@@ -133,9 +127,6 @@ def true_parameters(session: Session) -> dict[str, float]:
     """Return a session's true values by "effect.parameter"; empty if it was not simulated.
 
     `SURFACE` is the surface's coordinate along the press direction (downwards) [m].
-
-    Args:
-        session: the session.
     """
     scenario = scenario_of(session)
     return {} if scenario is None else truth_of(scenario)

@@ -60,20 +60,10 @@ class Watcher:
         """Called when the arm is ready, before it moves."""
 
     def tick(self, measurement: Measurement, output: TaskOutput) -> None:
-        """Called after each tick; must return quickly with a real arm.
-
-        Args:
-            measurement: measurement of this tick.
-            output: the task's output for this measurement.
-        """
+        """Called after each tick; must return quickly with a real arm."""
 
     def observe(self, measurement: Measurement, output: TaskOutput) -> Estimates:
-        """Observe a tick for the loop, without estimates.
-
-        Args:
-            measurement: measurement of this tick.
-            output: the task's output for this measurement.
-        """
+        """Observe a tick for the loop, without estimates."""
         self.tick(measurement, output)
         return NO_ESTIMATE
 
@@ -143,10 +133,6 @@ def check_duration(plan: ProbingPlan, rate_hz: float) -> None:
 
 def run_probing(job: ProbingJob, watcher: Watcher = NOBODY) -> ProbingOutcome:
     """Run a probing and write the session file, which is complete on return.
-
-    Args:
-        job: settings of the probing.
-        watcher: observer of the run.
 
     Raises:
         InputError: robot file, plan and scenario do not fit each other, or the session cannot be written;
@@ -233,9 +219,6 @@ class ReplayJob(ArmJob):
 def references_of(session: Session) -> References:
     """Return a session's references up to its last rest between runs, where the torque can safely go off.
 
-    Args:
-        session: session of a probing.
-
     Raises:
         InputError: the session is not a probing, or contains no complete run.
     """
@@ -264,11 +247,6 @@ def run_replay(
     job: ReplayJob, references: References, watcher: Watcher = NOBODY
 ) -> tuple[LoopResult, Path | None]:
     """Repeat the references and write a session; return the result and the sealed answer.
-
-    Args:
-        job: arm and output file.
-        references: joint positions and velocities over time.
-        watcher: observer of the run.
 
     Raises:
         InputError: the references are of another arm, or the job's files do not fit each other; nothing
@@ -320,22 +298,13 @@ class TickRecords:
         """Discard events."""
 
     def samples(self, joint_count: int) -> Samples:
-        """Return all ticks in the form in which a session returns them.
-
-        Args:
-            joint_count: number of joints of the arm.
-        """
+        """Return all ticks in the form in which a session returns them."""
         stream = tick_stream(joint_count)
         return Samples.from_records(stream, np.array(self.records, stream.dtype))
 
 
 def probe_in_memory(robot_file: RobotFile, scenario: Scenario, plan: ProbingPlan) -> Samples:
     """Probe a simulated object as fast as possible; return the stream "tick".
-
-    Args:
-        robot_file: robot file of a simulated arm.
-        scenario: the world.
-        plan: speeds, forces, repeats.
 
     Raises:
         InputError: robot file, scenario and plan do not fit each other, or the robot is not simulated.

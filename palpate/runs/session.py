@@ -192,9 +192,6 @@ def arm_session(
 def raise_for_end(result: LoopResult) -> None:
     """Raise an error if the arm was stopped before the task was done.
 
-    Args:
-        result: result of the loop.
-
     Raises:
         SafetyTripError: the torque may still be on, or a limit was exceeded.
         KeyboardInterrupt: the user stopped it.

@@ -71,9 +71,6 @@ class Case:
 def code_version(module: str) -> str:
     """Return the SHA-256 of the code that determines results: palpate's physics, the work and the libraries.
 
-    Args:
-        module: import name of the work's module.
-
     Raises:
         InputError: there is no such module.
     """
@@ -144,9 +141,6 @@ class ResultStore:
 
         A pack has the columns of all its cases; columns that a case does not have are None.
 
-        Args:
-            addresses: addresses of the cases.
-
         Raises:
             InputError: a file is damaged, or two of them disagree about a case.
         """
@@ -165,9 +159,6 @@ class ResultStore:
 
     def table(self, addresses: Iterable[str]) -> pa.Table:
         """Return rows of these cases as one Arrow table, each with its `ADDRESS`.
-
-        Args:
-            addresses: addresses of the cases.
 
         Raises:
             InputError: a file is damaged.
@@ -302,12 +293,7 @@ class Errors:
 
 
 def errors_of(rows: Iterable[Row], parameter: str) -> Errors:
-    """Collect the errors of a parameter, such as "stiffness.k".
-
-    Args:
-        rows: rows of one or several cases.
-        parameter: name of the parameter.
-    """
+    """Collect the errors of a parameter, such as "stiffness.k"."""
     known = [row for row in rows if row.get(parameter) is not None and row.get(TRUE + parameter) is not None]
     estimated, true = column(known, parameter), column(known, TRUE + parameter)
     bound, error = column(known, BOUND + parameter), estimated - true
@@ -325,12 +311,7 @@ def errors_of(rows: Iterable[Row], parameter: str) -> Errors:
 
 
 def column(rows: Sequence[Row], name: str) -> FloatArray:
-    """Return a column's values, shape (n,), NaN where missing. InputError: one is not a number.
-
-    Args:
-        rows: rows of any cases.
-        name: name of the column.
-    """
+    """Return a column's values, shape (n,), NaN where missing. InputError: one is not a number."""
     values = [np.nan if row.get(name) is None else row[name] for row in rows]
     for value in values:
         if isinstance(value, bool) or not isinstance(value, int | float):
@@ -341,22 +322,13 @@ def column(rows: Sequence[Row], name: str) -> FloatArray:
 
 
 def parameters_of(rows: Iterable[Row]) -> list[str]:
-    """Return the parameters with known true values, except the surface.
-
-    Args:
-        rows: rows of any cases.
-    """
+    """Return the parameters with known true values, except the surface."""
     names = dict.fromkeys(key.removeprefix(TRUE) for row in rows for key in row if key.startswith(TRUE))
     return [name for name in names if name != SURFACE]
 
 
 def grouped(rows: Iterable[T], key: Callable[[T], Hashable]) -> dict[Any, list[T]]:
-    """Group rows by a key, in order of first appearance.
-
-    Args:
-        rows: items to group.
-        key: returns the key of an item.
-    """
+    """Group rows by a key, in order of first appearance."""
     groups: dict[Any, list[T]] = {}
     for row in rows:
         groups.setdefault(key(row), []).append(row)
@@ -364,11 +336,7 @@ def grouped(rows: Iterable[T], key: Callable[[T], Hashable]) -> dict[Any, list[T
 
 
 def estimated(rows: Iterable[Row]) -> list[Row]:
-    """Select the rows in which an estimator had a result.
-
-    Args:
-        rows: rows of any cases.
-    """
+    """Select the rows in which an estimator had a result."""
     return [row for row in rows if row.get("estimator") and not row.get("problem") and not row["error"]]
 
 

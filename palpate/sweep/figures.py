@@ -70,12 +70,7 @@ class Drawing:
             return self._draw()
 
     def save(self, figure: Figure, path: str) -> None:
-        """Write the figure, as PNG or SVG by the path's extension; raise `OSError` if it cannot be written.
-
-        Args:
-            figure: figure to write.
-            path: ends in .png or .svg.
-        """
+        """Write the figure as PNG or SVG, by the ending; raise `OSError` if it cannot be written."""
         with mpl.rc_context(_STYLE):
             figure.savefig(path, metadata={"Date": None} if path.endswith("svg") else None)
 
@@ -95,11 +90,7 @@ def _drawing(name: str) -> Callable[[Callable[P, Figure]], Callable[P, Drawing]]
 
 @_drawing("fig3a_torque")
 def torques(ticks: Sequence[Row]) -> Figure:
-    """Draw figure 3a: commanded and measured torque of each joint over the first run.
-
-    Args:
-        ticks: rows of one probing.
-    """
+    """Draw figure 3a: commanded and measured torque of each joint over the first run."""
     own = [row for row in ticks if row["run"] == 0]
     time_s = column(own, "time_s")
     time_s -= time_s[0]
@@ -122,11 +113,7 @@ def torques(ticks: Sequence[Row]) -> Figure:
 
 @_drawing("fig3b_transition")
 def transition(ticks: Sequence[Row]) -> Figure:
-    """Draw figure 3b: torques around the first contact, at the middle speed.
-
-    Args:
-        ticks: rows of one probing.
-    """
+    """Draw figure 3b: torques around the first contact, at the middle speed."""
     own = [row for row in ticks if row["run"] == 1]
     touch = next(i for i, row in enumerate(own) if row["phase"] == Phase.LOADING)
     own = own[touch - 60 : touch + 200]
@@ -265,12 +252,7 @@ def noise(lines: Sequence[Sequence[Any]]) -> Figure:
 
 @_drawing("ransac_map")
 def ransac_map(rows: Sequence[Row], names: Sequence[str]) -> Figure:
-    """Draw the ratio of k's error to its bound over RANSAC's threshold and subset, and threshold and trials.
-
-    Args:
-        rows: rows of all settings and noises.
-        names: names of the noises.
-    """
+    """Draw the ratio of k's error to its bound over RANSAC's threshold, subset size and number of trials."""
     figure, all_axes = _panels(2, 3, TWO_COLUMNS_IN, 4.4)
     norm = LogNorm(1, 100)
     by_noise = grouped(
@@ -307,12 +289,7 @@ def ransac_map(rows: Sequence[Row], names: Sequence[str]) -> Figure:
 
 @_drawing("hunt_crossley")
 def hunt_crossley(rows: Sequence[Row], best: str) -> Figure:
-    """Draw the best estimator's errors of k, b and n by object, with plus and minus one bound.
-
-    Args:
-        rows: rows of all objects.
-        best: name of the estimator.
-    """
+    """Draw the best estimator's errors of k, b and n by object, with plus and minus one bound."""
     figure, all_axes = _panels(1, 3, TWO_COLUMNS_IN, 2.7)
     own = [row for row in estimated(rows) if row["estimator"] == best]
     colors = dict(
@@ -341,11 +318,7 @@ def hunt_crossley(rows: Sequence[Row], best: str) -> Figure:
 
 @_drawing("errors")
 def error_spread(rows: Sequence[Row]) -> Figure:
-    """Draw the distribution of relative errors by estimator, one panel per parameter, for any sweep.
-
-    Args:
-        rows: rows of any cases.
-    """
+    """Draw the distribution of relative errors by estimator, one panel per parameter, for any sweep."""
     good = estimated(rows)
     parameters = [name for name in parameters_of(good) if any(row.get(name) is not None for row in good)]
     groups = grouped(good, lambda row: row["estimator"])

@@ -37,15 +37,7 @@ class Section:
 def write_page(
     folder: Path, title: str, summary: str, facts: Mapping[str, str], sections: Sequence[Section]
 ) -> Path:
-    """Write all files; return the page. InputError: a file cannot be written.
-
-    Args:
-        folder: destination.
-        title: title of the page.
-        summary: text below the title.
-        facts: facts to list, by name.
-        sections: sections in order.
-    """
+    """Write all files; return the page. InputError: a file cannot be written."""
     for name in (FIGURES, TABLES):
         output_folder(folder / name)
     pictures = {}
@@ -101,15 +93,7 @@ _WORDS = (
 def write_grid(
     folder: Path, title: str, grid: GridFile, rows: Sequence[Row], facts: Mapping[str, str]
 ) -> Path:
-    """Write figures, tables and page of a grid; return the page. InputError: a file cannot be written.
-
-    Args:
-        folder: destination.
-        title: title of the page.
-        grid: the sweep's file.
-        rows: rows of all finished cases.
-        facts: facts to list, by name.
-    """
+    """Write figures, tables and page of a grid; return the page. InputError: a file cannot be written."""
     if grid.diagnose:
         verdicts = grouped(
             (row for row in rows if not row["error"]),

@@ -36,12 +36,6 @@ Run = Callable[[Case, str, Path], None]  # runs a case with its address and stor
 def run_in_processes(run: Run, todo: Mapping[str, Case], folder: Path, workers: int) -> Iterator[str]:
     """Run all cases; if a worker dies, replace it and restart its case.
 
-    Args:
-        run: runs a case.
-        todo: cases by address.
-        folder: folder of the results.
-        workers: number of worker processes.
-
     Yields:
         An empty string for each finished case, or the reason why it failed.
     """
@@ -88,10 +82,6 @@ class _Worker:
         """Start a process that waits for its first case.
 
         It does not import the main script, which therefore need not guard its calls by `__name__`.
-
-        Args:
-            run: runs a case.
-            folder: folder of the results.
         """
         main = sys.modules["__main__"]
         sys.modules["__main__"] = ModuleType("__main__")
@@ -101,12 +91,7 @@ class _Worker:
             sys.modules["__main__"] = main
 
     def give(self, case: Case, address: str) -> None:
-        """Send a case to the worker; a dead worker is detected when its answer is read.
-
-        Args:
-            case: the case.
-            address: address of the case's result.
-        """
+        """Send a case to the worker; a dead worker is detected when its answer is read."""
         with suppress(OSError):
             self.pipe.send((case, address))
 

@@ -325,10 +325,6 @@ class FollowerOutcome:
 def run_follower(job: FollowerJob, say: Say) -> FollowerOutcome:
     """Follow until the leader ends, the user stops it, or the guard trips; the session is then complete.
 
-    Args:
-        job: the job.
-        say: called with each event, as one line.
-
     Raises:
         InputError: robot file, plan, link and scenario do not fit each other; nothing has moved.
     """

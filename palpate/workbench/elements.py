@@ -18,22 +18,13 @@ def set_props(element: AnyElement, **values: str | bool) -> AnyElement:
     """Set properties by key (aria_label sets aria-label), and return the element.
 
     `Element.props("key=value")` parses its text, so a quote in a value could inject further properties.
-
-    Args:
-        element: element to change.
-        values: property values by key.
     """
     element.props.update({key.replace("_", "-"): value for key, value in values.items()})
     return element
 
 
 def heading(text: str, title: str = "") -> None:
-    """Add a heading.
-
-    Args:
-        text: text of the heading.
-        title: text shown on hover.
-    """
+    """Add a heading."""
     element = TextElement(tag="h2", text=text)
     if title:
         set_props(element, title=title)
@@ -59,11 +50,7 @@ class Plot(Element, component="plot.js"):
         self.on("ready", begin)
 
     def replace(self, figure: Figure) -> None:
-        """Draw another figure.
-
-        Args:
-            figure: figure in plotly's JSON format.
-        """
+        """Draw another figure."""
         self.figure = figure
         self._send("replace", figure)
 
@@ -79,11 +66,7 @@ class Plot(Element, component="plot.js"):
         self._send("restyle", values, traces)
 
     def relayout(self, layout: Figure) -> None:
-        """Change the layout.
-
-        Args:
-            layout: changed layout keys.
-        """
+        """Change the layout."""
         self.figure["layout"] |= layout
         self._send("relayout", layout)
 
@@ -119,12 +102,7 @@ def curve(  # noqa: PLR0917, what a line is made of
 
 
 def axis(title: str, **more: object) -> dict[str, Any]:
-    """Return an axis with its title for plotly.
-
-    Args:
-        title: title with unit.
-        more: further keys of plotly's axis.
-    """
+    """Return an axis with its title for plotly."""
     return {**_AXIS, "title": {"text": title, "standoff": 6}, **more}
 
 

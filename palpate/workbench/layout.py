@@ -32,11 +32,7 @@ _CODE_DIGITS = 6
 
 
 async def lay_out_page(home: AppState) -> None:
-    """Build the page for the server's state.
-
-    Args:
-        home: state of the server.
-    """
+    """Build the page for the server's state."""
     if home.state is None:
         # Start page without data: drop a file, choose one, or probe.
         with ui.element("div").classes("begin"):
@@ -101,11 +97,7 @@ def _choose(home: AppState) -> FileDrop:
 
 
 def is_data(file: Path) -> bool:
-    """Return whether to offer a file of a folder.
-
-    Args:
-        file: file in the folder of sessions.
-    """
+    """Return whether to offer a file of a folder."""
     is_table = file.name.lower().removesuffix(".gz").endswith((".csv", ".tsv", ".xlsx", ".parquet", ".npz"))
     return file.is_file() and (is_table or is_session(file))
 

@@ -121,19 +121,11 @@ class Page:
         await self._change(lambda: self.state.choose(toggled()), toggled)
 
     async def choose(self, choice: ModelSelection) -> None:
-        """Show another selection.
-
-        Args:
-            choice: the model to fit and show.
-        """
+        """Show another selection."""
         await self._change(lambda: self.state.choose(choice), lambda: choice)
 
     async def add(self, effects: Sequence[str]) -> None:
-        """Select effects, as a diagnosis proposes.
-
-        Args:
-            effects: their names, in order.
-        """
+        """Select effects, as a diagnosis proposes."""
         choice = self.state.choice
         await self.choose(choice.with_effects(list(dict.fromkeys([*choice.effects, *effects]))))
 
@@ -338,11 +330,7 @@ def _button(text: str, icon: str, work: Callable[[], object], about: str, look: 
 
 
 def gates(state: WorkbenchState) -> None:
-    """Make the checklist of the data checks.
-
-    Args:
-        state: state of the page.
-    """
+    """Make the checklist of the data checks."""
     from palpate.estimation.data_quality import checklist  # noqa: PLC0415
 
     reasons = checklist(state.channel.to_fit, state.channel.model)

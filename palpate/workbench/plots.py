@@ -162,9 +162,6 @@ def _state_rows(motion: DrawnMotion) -> IntArray:
 def near(motion: DrawnMotion) -> BoolArray:
     """Select the samples around a contact; for a joint, all samples.
 
-    Args:
-        motion: motion to draw, n samples.
-
     Returns:
         Shape (n,).
     """

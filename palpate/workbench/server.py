@@ -109,12 +109,7 @@ _AWAY_S = 30.0  # time that a browser may be disconnected before the page restar
 
 
 def serve(home: AppState, listening: socket) -> None:
-    """Serve at an open socket until interrupted.
-
-    Args:
-        home: state of the server.
-        listening: open socket.
-    """
+    """Serve at an open socket until interrupted."""
 
     @ui.page("/", title="palpate workbench", response_timeout=_CONNECT_S)
     async def page() -> None:

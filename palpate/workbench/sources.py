@@ -278,12 +278,7 @@ class Feed:
         return bool(self._channel.has_sinks())
 
     def send(self, session: Path, ticks: Samples) -> None:
-        """Send ticks that were not sent before; do nothing without subscribers.
-
-        Args:
-            session: session that is being written.
-            ticks: newest ticks of it.
-        """
+        """Send ticks that were not sent before; do nothing without subscribers."""
         if not self.is_watched:
             return
         time_s = ticks["time_s"]

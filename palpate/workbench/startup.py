@@ -56,12 +56,7 @@ class AppState:
         return f"/report/{key}"
 
     def read(self, make: "Callable[[], WorkbenchState]", what: str) -> None:
-        """Read data in another thread; meanwhile the page shows the raw curves.
-
-        Args:
-            make: reads the data.
-            what: description of the data.
-        """
+        """Read data in another thread; meanwhile the page shows the raw curves."""
 
         def run() -> None:
             try:
@@ -198,9 +193,6 @@ def picture(
 
 def raw_curves(file: Path) -> str:
     """Draw a probing's measured force and torques over time; empty for other files.
-
-    Args:
-        file: session or data file.
 
     Raises:
         SessionError: the file is a session that cannot be read.

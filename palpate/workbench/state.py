@@ -46,11 +46,7 @@ class ModelSelection:
         return replace(self, pulled={})
 
     def with_effects(self, effects: Sequence[str]) -> "ModelSelection":
-        """Return the selection with other effects, and without settings of removed parameters.
-
-        Args:
-            effects: their names, in order.
-        """
+        """Return the selection with other effects, and without settings of removed parameters."""
         gone = set(self.effects) - set(effects)
         held = {name: value for name, value in self.held.items() if name.partition(".")[0] not in gone}
         bounds = {name: pair for name, pair in self.bounds.items() if name.partition(".")[0] not in gone}
@@ -150,9 +146,6 @@ class WorkbenchState:
     def preview(self, choice: ModelSelection) -> DisplayedFit | None:
         """Predict the result of `show` roughly; None if it is known, or with held or bounded parameters.
 
-        Args:
-            choice: the model.
-
         Raises:
             InputError: the selection cannot be fitted.
         """
@@ -165,9 +158,6 @@ class WorkbenchState:
     def choose(self, choice: ModelSelection) -> DisplayedFit:
         """Fit a selection and make it the current one; nothing changes if it cannot be fitted.
 
-        Args:
-            choice: channel, effects and held parameters.
-
         Raises:
             InputError: the selection cannot be fitted.
         """
@@ -176,11 +166,7 @@ class WorkbenchState:
         return shown
 
     def set_choice(self, choice: ModelSelection) -> None:
-        """Make a selection the current one without a fit; undo restores the previous one.
-
-        Args:
-            choice: channel, effects and held parameters.
-        """
+        """Make a selection the current one without a fit; undo restores the previous one."""
         self._pulling = ""
         if choice != self.choice:
             self._past.append(self._step)
@@ -208,11 +194,7 @@ class WorkbenchState:
         self._pulling = ""
 
     def toggled(self, effect: str) -> ModelSelection:
-        """Return the selection with an effect added, or removed if it is selected.
-
-        Args:
-            effect: name of the effect.
-        """
+        """Return the selection with an effect added, or removed if it is selected."""
         now = self.choice.effects
         return self.choice.with_effects(
             [name for name in now if name != effect] if effect in now else [*now, effect]
@@ -290,9 +272,6 @@ class WorkbenchState:
     def to_revision(self, revision: Revision) -> DisplayedFit:
         """Select a saved revision.
 
-        Args:
-            revision: revision saved in the study's folder.
-
         Raises:
             InputError: the revision is of other data or of another base model.
         """
@@ -327,9 +306,6 @@ class WorkbenchState:
 
     def joined_with(self, path: Path) -> "WorkbenchState":
         """Return a state, in memory, with the runs of another session after those of this one.
-
-        Args:
-            path: path of the other session.
 
         Raises:
             InputError: the session cannot be read, or has no channel of this one.

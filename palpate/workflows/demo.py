@@ -90,9 +90,6 @@ def probe_demo(
 def show_demo(session: Path) -> Demo:
     """Estimate, and write recording and plots into the session's folder.
 
-    Args:
-        session: file of the first part.
-
     Raises:
         InputError: something cannot be written.
     """
@@ -113,13 +110,7 @@ def drawn_seed() -> int:
 
 
 def hide_one(scenario: Scenario, rng: np.random.Generator, among: tuple[str, ...] = HIDDEN) -> Scenario:
-    """Return the world with one random effect hidden in its object.
-
-    Args:
-        scenario: the world.
-        rng: draws the effect and its values.
-        among: names of the effects.
-    """
+    """Return the world with one random effect hidden in its object."""
     effect = IMPERFECTIONS[str(rng.choice(among))]
     return scenario.with_hidden([effect.at_strength(STRENGTH, CONTACT, noise_scale(scenario), rng)])
 

@@ -65,11 +65,6 @@ def first_difference(
 ) -> str | None:
     """Describe the first setting in which two identities differ.
 
-    Args:
-        expected: identity in the calibration.
-        actual: identity of the robot.
-        at: prefix of the keys.
-
     Returns:
         Key and both values, or None.
     """

@@ -134,22 +134,12 @@ class MoteusState:
 
 
 def encode_stop(host_id: int, motor_id: int) -> CanFrame:
-    """Make the frame that stops a controller and clears its faults.
-
-    Args:
-        host_id: CAN id of the sender.
-        motor_id: CAN id of the controller.
-    """
+    """Make the frame that stops a controller and clears its faults."""
     return _frame(host_id, motor_id, _STOP)
 
 
 def encode_question(host_id: int, motor_id: int) -> CanFrame:
-    """Make the frame that requests the state and changes nothing.
-
-    Args:
-        host_id: CAN id of the sender.
-        motor_id: CAN id of the controller.
-    """
+    """Make the frame that requests the state and changes nothing."""
     return _frame(host_id, motor_id, _ASK)
 
 
@@ -175,9 +165,6 @@ def encode_torque(host_id: int, motor_id: int, torque_nm: float, watchdog_s: flo
 
 def decode_state(frame: CanFrame) -> MoteusState:
     """Decode the answer of a controller.
-
-    Args:
-        frame: received frame.
 
     Raises:
         ProtocolError: the length is wrong, or the frame is not the requested answer.

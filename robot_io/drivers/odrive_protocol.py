@@ -183,10 +183,6 @@ def decode_heartbeat(frame: CanFrame, firmware: Firmware) -> Heartbeat:
     Bytes 0 to 3 are the axis error and byte 4 the state. Then 0.5 has flags for motor, encoder and controller
     (bit 7 of the last: trajectory done), 0.6 the procedure result and the trajectory flag.
 
-    Args:
-        frame: received frame.
-        firmware: generation of the axis.
-
     Raises:
         ProtocolError: wrong length, or a state that does not exist.
     """
@@ -227,9 +223,6 @@ def decode_pair(frame: CanFrame, what: str) -> tuple[float, float]:
 def decode_version(frame: CanFrame) -> tuple[int, int, int]:
     """Decode the firmware version: major, minor, revision (0.6).
 
-    Args:
-        frame: received frame.
-
     Raises:
         ProtocolError: wrong length.
     """
@@ -243,21 +236,12 @@ def ask(node_id: int, command: OdriveCommand) -> CanFrame:
 
 
 def encode_axis_state(node_id: int, state: AxisState) -> CanFrame:
-    """Request a change of an axis' state.
-
-    Args:
-        node_id: of the axis.
-        state: to enter.
-    """
+    """Request a change of an axis' state."""
     return CanFrame(odrive_id(node_id, OdriveCommand.SET_AXIS_STATE), _WORD.pack(state))
 
 
 def encode_controller_mode(node_id: int) -> CanFrame:
-    """Select torque control with input mode "passthrough".
-
-    Args:
-        node_id: of the axis.
-    """
+    """Select torque control with input mode "passthrough"."""
     data = _TWO_WORDS.pack(TORQUE_CONTROL, PASSTHROUGH)
     return CanFrame(odrive_id(node_id, OdriveCommand.SET_CONTROLLER_MODE), data)
 

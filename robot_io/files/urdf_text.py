@@ -25,9 +25,6 @@ _ROUNDING = 1e-4  # rounding of published tensors, as a share of the largest mom
 def parse_urdf(text: str) -> Element:
     """Parse a URDF; its links must be a tree, its numbers finite and its masses possible.
 
-    Args:
-        text: XML.
-
     Raises:
         ValueError: the text is not such a URDF, or is larger than any arm needs.
     """
@@ -77,9 +74,6 @@ def parse_xml(text: str, *, comments: bool = False) -> Element:
 
 def last_link(robot: Element) -> str:
     """Find the link at the end of the longest chain of joints; of several, the one named last.
-
-    Args:
-        robot: root of the URDF.
 
     Returns:
         Name of the link.

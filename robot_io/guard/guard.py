@@ -185,9 +185,6 @@ class Guard:
     def too_old(self, measurement: Measurement) -> tuple[str, ...]:
         """Describe each device without a young enough sample; never trips.
 
-        Args:
-            measurement: measurement to check.
-
         Returns:
             One line per device.
         """
@@ -231,10 +228,6 @@ class Guard:
         """Latch a trip from outside, such as Ctrl-C or an exception; an earlier one stays.
 
         An encoder that is suspect at this time is named as well.
-
-        Args:
-            cause: one sentence.
-            remedy: what the user can do.
         """
         if self._trip is None:
             suspicion = self._stuck_encoders.suspicion
@@ -268,9 +261,6 @@ class Guard:
 
     def rearm(self, measurement: Measurement) -> None:
         """Let commands through again, starting from the measured state and torque.
-
-        Args:
-            measurement: measurement of this tick.
 
         Raises:
             SafetyTripError: the stop is not over, or a problem persists; the trip stays.

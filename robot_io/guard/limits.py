@@ -168,9 +168,6 @@ class LimitChecks:
     def too_old(self, measurement: Measurement) -> tuple[str, ...]:
         """Describe each device without a young enough sample, whatever the sample holds.
 
-        Args:
-            measurement: measurement to check.
-
         Returns:
             One line a device.
         """
@@ -184,9 +181,6 @@ class LimitChecks:
 
     def motion_is_known(self, measurement: Measurement) -> bool:
         """Return whether position and velocity can be acted on, wherever they are.
-
-        Args:
-            measurement: measurement to check.
 
         Returns:
             True if they are young, healthy and finite.

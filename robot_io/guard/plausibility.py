@@ -157,9 +157,6 @@ class StuckEncoders:
     def trusted(self, measurement: Measurement) -> list[bool]:
         """Determine for which joints the velocity can be trusted.
 
-        Args:
-            measurement: measurement of this tick.
-
         Returns:
             False for suspect joints whose reading has not changed since, shape (n,).
         """
@@ -254,9 +251,6 @@ class StuckForce:
 
     def problem(self, measurement: Measurement) -> Problem | None:
         """Check one tick; a repeated sample is ignored.
-
-        Args:
-            measurement: measurement of this tick.
 
         Returns:
             The problem of a stuck force, or None.
@@ -442,9 +436,6 @@ class UnresponsiveDrives:
 
     def problem(self, measurement: Measurement) -> Problem | None:
         """Check one tick; a repeated sample is ignored.
-
-        Args:
-            measurement: measurement of this tick.
 
         Returns:
             The problem of the first drive that has not obeyed for `deaf_drive_s`, or None.

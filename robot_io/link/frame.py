@@ -42,11 +42,7 @@ CHECKSUM = Seal(
 
 
 def key_seal(key: bytes) -> Seal:
-    """Make the seal of a key.
-
-    Args:
-        key: the secret.
-    """
+    """Make the seal of a key."""
     broken = "it was not made with this side's key"
     return Seal(16, lambda frame: hmac.digest(key, frame, "sha256")[:16], broken)
 
@@ -80,10 +76,6 @@ def load_seal(path: Path, topic: str) -> Seal:
 
 def check_secret(path: Path, what: str) -> None:
     """Raise an error if other users can read a file with a secret.
-
-    Args:
-        path: the file.
-        what: name of the file in the error.
 
     Raises:
         InputError: other users can read it, or it does not exist.
@@ -181,10 +173,6 @@ def encode(  # noqa: PLR0917
 
 def decode(data: bytes, seal: Seal = CHECKSUM) -> Frame:
     """Read a frame; its message is decoded on access.
-
-    Args:
-        data: received bytes.
-        seal: seal of the other side.
 
     Raises:
         FrameError: the bytes are too many, of another version, damaged, or made without the key.

@@ -176,11 +176,7 @@ class Line:
         self._put: Callable[[bytes], object] = self._publisher.put
 
     def send(self, message: Message) -> None:
-        """Send one message without waiting for the other side.
-
-        Args:
-            message: the content.
-        """
+        """Send one message without waiting for the other side."""
         now_s = self._clock.now_s()
         data = encode(self.sender, self._sequence, now_s, self._heard, message, self._mine)
         self._sequence += 1
@@ -209,11 +205,7 @@ class Line:
         self._subscriber = self._session.declare_subscriber(self._subscribed, self._arrived)
 
     def refuse(self, why: str) -> None:
-        """Count received bytes that are not a valid frame or message.
-
-        Args:
-            why: reason.
-        """
+        """Count received bytes that are not a valid frame or message."""
         self.malformed, self.refused = self.malformed + 1, why
 
     @property

@@ -44,19 +44,12 @@ class WireType(Generic[T]):
         self._name = kind.__name__
 
     def encode(self, value: T) -> bytes:
-        """Encode a value.
-
-        Args:
-            value: value of the class.
-        """
+        """Encode a value."""
         data: bytes = self._codec.build(value).SerializeToString()
         return data
 
     def decode(self, data: bytes) -> T:
         """Decode what `encode` made.
-
-        Args:
-            data: a protobuf message.
 
         Raises:
             ProtocolError: the bytes are not such a message, or a value is invalid.

@@ -33,9 +33,6 @@ _TOO_LONG = 0x3FF  # no servo takes more
 def checksum(data: bytes) -> int:
     """Compute the CRC-16 of x^16 + x^15 + x^2 + 1, most significant bit first, 0 at the start.
 
-    Args:
-        data: bytes that it covers.
-
     Returns:
         The remainder, from 0 to FFFF.
     """

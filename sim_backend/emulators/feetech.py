@@ -49,9 +49,6 @@ class FeetechReceiver(Receiver):
 def inverted_sum(content: bytes | bytearray) -> int:
     """Compute the checksum of the bytes between header and checksum.
 
-    Args:
-        content: bytes between header and checksum.
-
     Returns:
         One byte: all bits of their sum inverted.
     """
@@ -146,10 +143,6 @@ class EmulatedSts(LineServo):
     def get(self, address: int, size: int = 2) -> int:
         """Return a value of the memory.
 
-        Args:
-            address: address of the first byte.
-            size: bytes.
-
         Returns:
             The value, without a sign.
         """
@@ -174,21 +167,11 @@ class EmulatedSts(LineServo):
         return 2e-6 * self.get(7, 1)
 
     def read(self, address: int, size: int) -> bytes:
-        """Answer a read.
-
-        Args:
-            address: address of the first byte.
-            size: bytes.
-        """
+        """Answer a read."""
         return bytes(self._memory[address : address + size])
 
     def write(self, address: int, data: bytes) -> None:
-        """Execute a write; registers that cannot be written are unchanged.
-
-        Args:
-            address: address of the first byte.
-            data: bytes to write.
-        """
+        """Execute a write; registers that cannot be written are unchanged."""
         was_on = self.get(40, 1)
         for place, byte in enumerate(data, address):
             if place < len(self._memory) and place not in _READ_ONLY:

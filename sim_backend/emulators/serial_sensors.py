@@ -258,9 +258,6 @@ _RAIL = 0x7FFFFF  # of a 24 bit converter
 def cell_crc(data: bytes) -> int:
     """Compute the CRC-16 of x^16 + x^12 + x^5 + 1, most significant bit first, FFFF at the start.
 
-    Args:
-        data: bytes that it covers.
-
     Returns:
         The remainder, from 0 to FFFF.
     """
@@ -274,9 +271,6 @@ def cell_crc(data: bytes) -> int:
 
 def cell_line(text: str) -> bytes:
     """Make a line of the firmware.
-
-    Args:
-        text: text without checksum and line end.
 
     Returns:
         The line, with checksum and end.
@@ -317,9 +311,6 @@ _STEP_US = 19.53125  # of one conversion
 
 def bota_crc(data: bytes) -> int:
     """Compute the CRC-16 of X.25: x^16 + x^12 + x^5 + 1, reflected, FFFF at the start.
-
-    Args:
-        data: bytes that it covers.
 
     Returns:
         The remainder, inverted, from 0 to FFFF.
@@ -433,9 +424,6 @@ class SensorSettings(FileModel, extra="ignore"):
 
     def signed(self, sensor: SerialSensor) -> SerialSensor:
         """Give a sensor the sign with which it is mounted.
-
-        Args:
-            sensor: sensor to mount.
 
         Returns:
             The same sensor.

@@ -159,11 +159,7 @@ class Receiver(ABC):
         self._pending = bytearray()
 
     def take(self, data: bytes) -> Iterator[Instruction]:
-        """Yield the instructions that are complete now.
-
-        Args:
-            data: received bytes.
-        """
+        """Yield the instructions that are complete now."""
         self._pending += data
         while (instruction := self._next()) is not None:
             yield instruction

@@ -30,9 +30,6 @@ def default_engine() -> EngineName:
 def engine_class(name: EngineName) -> type[Engine]:
     """Import an engine.
 
-    Args:
-        name: name of the engine.
-
     Raises:
         InputError: it is not installed.
     """

@@ -157,9 +157,6 @@ class _Higher(MaterialEffect):
     def felt(self, state: ContactState) -> ContactState:
         """Raise the surface by d.
 
-        Args:
-            state: motion of the tip.
-
         Returns:
             Motion that the material feels.
         """
@@ -356,9 +353,6 @@ class _Dent(_Memory[float], MaterialEffect):
 
     def felt(self, state: ContactState) -> ContactState:
         """Lower the surface to the dent, which deepens to s x and fades while nothing presses.
-
-        Args:
-            state: motion of the tip.
 
         Returns:
             Motion that the material feels.

@@ -135,9 +135,6 @@ _TOAST_S = 7.0  # the viewer first shows a notification in its upper right corne
 def open_window(recording: Path) -> None:
     """Show a recording in a window that outlives this program.
 
-    Args:
-        recording: .rrd file.
-
     Raises:
         PalpateError: the viewer's program cannot be started.
     """

@@ -161,12 +161,7 @@ def _probed(text: str, seed: int, engine: EngineName | None) -> tuple[Samples, S
 
 
 def world(parameters: Mapping[str, Any], seed: int) -> Scenario:
-    """Make the simulated world of a case. InputError: the parameters conflict.
-
-    Args:
-        parameters: parameters of the case.
-        seed: seed of the world's noise.
-    """
+    """Make the simulated world of a case. InputError: the parameters conflict."""
     data = load_scenario(parameters["scenario"]).model_dump()
     data["object"]["law"] = parameters["law"]
     data["sensors"]["force"]["noise_std_n"] = parameters["noise_std_n"]
@@ -180,11 +175,7 @@ def world(parameters: Mapping[str, Any], seed: int) -> Scenario:
 
 
 def contact_channel(samples: Samples) -> ChannelData:
-    """Return the contact with its force in free air subtracted; raise `InputError` if nothing was touched.
-
-    Args:
-        samples: ticks of a probing run.
-    """
+    """Return the contact with its force in free air subtracted; raise `InputError` if nothing was touched."""
     channels = contact_channels(samples, tared=True)
     if not channels:
         raise InputError("nothing was touched, or only for too short a time")
@@ -198,9 +189,6 @@ def estimators_for(model: str) -> list[str]:
 
 def made_estimator(spec: str | Mapping[str, Any]) -> tuple[str, Estimator | ContactEstimator]:
     """Make an estimator from its name, or from a mapping with `name`, settings and perhaps `label`.
-
-    Args:
-        spec: name of the estimator, or mapping.
 
     Raises:
         InputError: the estimator does not exist or does not accept these settings.

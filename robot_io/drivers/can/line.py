@@ -63,9 +63,6 @@ def encode_line(message: "can.Message") -> bytes:
 def decode_line(line: bytes) -> "can.Message":
     """Return the frame in a line without its end; a time stamp is left out.
 
-    Args:
-        line: received line.
-
     Raises:
         ValueError: the line is not a frame, or is damaged.
     """

@@ -64,9 +64,6 @@ def code_of(command: bytes, received: bytes | bytearray) -> int | None:
 def crc16(data: bytes) -> int:
     """Compute the CRC-16 of X.25, least significant bit first.
 
-    Args:
-        data: bytes covered by the checksum.
-
     Returns:
         The checksum, from 0 to FFFF.
     """
@@ -88,9 +85,6 @@ class Sample(NamedTuple):
 
 def decode_frame(frame: bytes) -> Sample:
     """Decode a frame.
-
-    Args:
-        frame: received frame, with header and CRC.
 
     Raises:
         ProtocolError: another size or header, a wrong CRC, or a value is not a number.

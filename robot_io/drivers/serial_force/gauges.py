@@ -29,9 +29,6 @@ _REPEATED_GROUP = re.compile(r"\)[*+{]")  # the only construct that can backtrac
 def compile_pattern(pattern: str) -> re.Pattern[str]:
     """Compile a pattern that must match a whole line, with a group `value` and perhaps a group `unit`.
 
-    Args:
-        pattern: regular expression.
-
     Raises:
         InputError: the pattern is not a regular expression, lacks `value`, or has a repeated group, which can
             backtrack endlessly.
@@ -243,9 +240,6 @@ _GAUGE_ANSWER_S, _TWICE = 0.3, 2
 def reading_of(line: str) -> tuple[str, str]:
     """Return the number as text, and its unit.
 
-    Args:
-        line: received line.
-
     Raises:
         ProtocolError: the line is not a reading.
     """
@@ -293,11 +287,7 @@ class Mark10Stream(LineStream):
 
 
 def error_name(code: int) -> str:
-    """Name an error code.
-
-    Args:
-        code: number after the star.
-    """
+    """Name an error code."""
     return f"*{code} {ERRORS.get(code, 'unknown error')}"
 
 

@@ -83,9 +83,6 @@ def checksums(content: bytes) -> tuple[int, int]:
 def encode_telegram(telegram: Telegram) -> bytes:
     """Encode a telegram.
 
-    Args:
-        telegram: telegram to send.
-
     Returns:
         Its bytes, stuffed.
 

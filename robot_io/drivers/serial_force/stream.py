@@ -206,9 +206,6 @@ def known_unit(unit: str | None) -> str | None:
 def text_of(line: bytes) -> str:
     """Decode a line as text, stripped.
 
-    Args:
-        line: received line.
-
     Raises:
         ProtocolError: the line contains characters other than printable ASCII.
     """

@@ -25,11 +25,7 @@ class Register:
     sign_bit: int | None = None  # sign bit, if the other bits are the magnitude
 
     def encode(self, value: int) -> bytes:
-        """Encode a value. ProtocolError: it does not fit.
-
-        Args:
-            value: number to write.
-        """
+        """Encode a value. ProtocolError: it does not fit."""
         number = value
         if self.sign_bit is not None:
             number = abs(value) | (value < 0) << self.sign_bit
@@ -43,21 +39,13 @@ class Register:
             raise ProtocolError(f"{value} does not fit into {self.name} ({self.size} bytes)") from error
 
     def decode(self, data: bytes) -> int:
-        """Decode a value. ProtocolError: not as many bytes as it has.
-
-        Args:
-            data: bytes as they were read.
-        """
+        """Decode a value. ProtocolError: not as many bytes as it has."""
         if len(data) != self.size:
             raise ProtocolError(f"{self.name} came with {len(data)} bytes instead of {self.size}")
         return self.signed_value(int.from_bytes(data, "little", signed=self.signed))
 
     def signed_value(self, number: int) -> int:
-        """Convert a number with an optional sign bit.
-
-        Args:
-            number: the raw number.
-        """
+        """Convert a number with an optional sign bit."""
         if self.sign_bit is None:
             return number
         magnitude = number & ((1 << self.sign_bit) - 1)
@@ -105,10 +93,6 @@ class RegisterAccess:
     def ping(self, servo_id: int, size: int = 0) -> bytes:
         """Request the identity of a servo.
 
-        Args:
-            servo_id: id of the servo.
-            size: Number of bytes of its answer.
-
         Returns:
             Data of the answer.
 
@@ -122,10 +106,6 @@ class RegisterAccess:
 
     def count_answers(self, servo_id: int, size: int = 0) -> tuple[int, int]:
         """Count the answers to one ping, which are two where two servos have the same id.
-
-        Args:
-            servo_id: id of the servo.
-            size: Number of bytes of an answer.
 
         Returns:
             Number of answers, and of damaged ones: two servos that answer at once spoil each other's.
@@ -145,10 +125,6 @@ class RegisterAccess:
     def read(self, servo_id: int, register: Register) -> int:
         """Read a register.
 
-        Args:
-            servo_id: id of the servo.
-            register: register of the servo.
-
         Raises:
             DeviceTimeoutError: No answer.
             DeviceError: The port failed, or the servo refused.
@@ -160,11 +136,6 @@ class RegisterAccess:
 
     def write(self, servo_id: int, register: Register, value: int) -> None:
         """Set a register, and wait for the confirmation.
-
-        Args:
-            servo_id: id of the servo.
-            register: register of the servo.
-            value: New value, in the servo's unit.
 
         Raises:
             DeviceTimeoutError: No answer.
@@ -196,13 +167,7 @@ class RegisterAccess:
         self._confirm(servo_id, register, value)
 
     def settle_unanswered(self, servo_id: int, register: Register, value: int) -> None:
-        """Set a register of a servo that may not answer to writing, and read it back; see `settle`.
-
-        Args:
-            servo_id: id of the servo.
-            register: register of the servo.
-            value: value in the servo's unit.
-        """
+        """Set a register of a servo that may not answer to writing, and read it back; see `settle`."""
         self._port.write(self._dialect.write(servo_id, register.address, register.encode(value)))
         self._confirm(servo_id, register, value)
 
@@ -263,9 +228,6 @@ class Survey(NamedTuple):
 
 def listed(ids: Iterable[int]) -> str:
     """Join ids for a message.
-
-    Args:
-        ids: ids of servos.
 
     Returns:
         Text such as "1, 2, 3".

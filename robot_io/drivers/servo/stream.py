@@ -102,11 +102,7 @@ class ServoDialect(ABC):
 
     @abstractmethod
     def packet_reader(self, request: bytes) -> PacketStream[Any]:
-        """Make the reader that finds the answers to a request, but not its echo.
-
-        Args:
-            request: packet that the servos were sent.
-        """
+        """Make the reader that finds the answers to a request, but not its echo."""
 
     def encode_packet(self, servo_id: int, instruction: int, parameters: bytes = b"") -> bytes:
         """Encode an instruction packet.
@@ -150,10 +146,6 @@ class ServoDialect(ABC):
     def sync_write(self, address: int, data: Mapping[int, bytes]) -> bytes:
         """Write at the same address of several servos, different bytes to each, without answers.
 
-        Args:
-            address: address of the first byte.
-            data: Bytes by servo id.
-
         Raises:
             ProtocolError: The bytes are not of equal number.
         """
@@ -165,12 +157,7 @@ class ServoDialect(ABC):
 
 
 def bit_names(value: int, names: Mapping[int, str]) -> str:
-    """Name the bits that are set, or say "none".
-
-    Args:
-        value: Bits of a device's status.
-        names: Name of each bit, by its value.
-    """
+    """Name the bits that are set, or say "none"."""
     known = [name for bit, name in names.items() if value & bit]
     unknown = value & ~sum(names)
     return ", ".join([*known, *([f"unknown bits {unknown:#04x}"] if unknown else [])]) or "none"
