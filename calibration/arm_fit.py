@@ -186,13 +186,6 @@ def motion_of(ticks: Samples) -> ArmMotion:
 def fit_arm(motion: ArmMotion, bodies: GravityBodies) -> ArmFit:
     """Fit drives, friction, delay and tilt to a motion.
 
-    Args:
-        motion: motion and torques.
-        bodies: the arm without gravity, and with gravity along each axis.
-
-    Returns:
-        The parameters with their uncertainties.
-
     Raises:
         InputError: a joint hardly moved, or its load does not change, so that its gain is not identifiable.
     """

@@ -59,9 +59,6 @@ def is_clear(body: RigidBody, postures_rad: Iterable[FloatArray], floor_m: float
         body: model of the arm.
         postures_rad: joint positions, shape (n,) each [rad].
         floor_m: height of the floor, which the arm has reached already [m].
-
-    Returns:
-        True if all postures are clear.
     """
     return lowest_m(body, postures_rad) >= floor_m - MARGIN_M
 
@@ -469,9 +466,6 @@ class PathTask:
         Args:
             measurement: state of the arm.
             dt_s: time since the last tick [s].
-
-        Returns:
-            Command, reference and events.
         """
         self._time_s += dt_s
         if self._time_s < self._begin_s:

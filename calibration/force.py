@@ -265,9 +265,6 @@ def fit_force(plateaus: Plateaus, reference_rel_std: float = 0.0) -> ForceFit:
         plateaus: mean readings under known forces.
         reference_rel_std: standard uncertainty of all references together, as a share of them [-].
 
-    Returns:
-        The characteristic with its uncertainties.
-
     Raises:
         InputError: too few plateaus or forces, or the sensor answers with the wrong sign or not at all.
     """

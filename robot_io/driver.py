@@ -40,9 +40,6 @@ class DriverContext:
     def bus_as(self, bus_type: type[BusType]) -> BusType:
         """Return the device's bus, checked.
 
-        Args:
-            bus_type: class that the bus must have.
-
         Raises:
             InputError: the device has no bus, or a bus of another class.
         """

@@ -64,9 +64,5 @@ def describe_error(error: BaseException, own_file: str = "") -> str:
 
 
 def one_line(text: object) -> str:
-    """Write foreign text for a message: one line, without control characters.
-
-    Returns:
-        Printable text.
-    """
+    """Write foreign text for a message: one line, without control characters."""
     return "".join(char if char.isprintable() else "?" for char in " ".join(str(text).split()))

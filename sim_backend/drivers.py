@@ -140,11 +140,7 @@ class SimulatedBus(JointBus):
             self._world.set_torque(np.zeros(self._world.joint_count))
 
     def flush(self, deadline_s: float) -> None:
-        """Apply the staged torques from now on, once the world has caught up with the clock.
-
-        Args:
-            deadline_s: not used.
-        """
+        """Apply the staged torques from now on, once the world has caught up with the clock."""
         if self._staged_torque_nm is not None:
             self.world.advance_to(self._clock.now_s())
             self.world.set_torque(self._staged_torque_nm)

@@ -60,11 +60,7 @@ class MaterialEffect(ContactEffect):
     """Part of the object's material, which is added to the law before the limit to pushing."""
 
     def felt(self, state: ContactState) -> ContactState:
-        """Compute the motion that acts on law and effects; a changed geometry enters here.
-
-        Returns:
-            Motion that acts on the material.
-        """
+        """Compute the motion that acts on law and effects; a changed geometry enters here."""
         return state
 
     def contact_force_n(self, state: ContactState, force_n: float) -> float:

@@ -219,9 +219,5 @@ def parse_imperfection(value: object) -> Imperfection:
 
 
 def describe_imperfection(imperfection: Imperfection) -> dict[str, object]:
-    """Convert a hidden effect to what `parse_imperfection` reads.
-
-    Returns:
-        Its name, place and parameters.
-    """
+    """Convert a hidden effect to what `parse_imperfection` reads."""
     return {"effect": imperfection.name, **imperfection.model_dump()}

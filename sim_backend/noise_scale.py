@@ -16,9 +16,6 @@ LOADED = ("joint_1", "joint_2")
 def channel_of(joint: int) -> str:
     """Return the channel of a joint.
 
-    Args:
-        joint: number from 1.
-
     Returns:
         Such as "joint_1".
     """
@@ -27,9 +24,6 @@ def channel_of(joint: int) -> str:
 
 def joint_of(channel: str) -> int:
     """Return the joint of a channel, the inverse of `channel_of`.
-
-    Args:
-        channel: such as "joint_1".
 
     Returns:
         Number from 1.
@@ -101,9 +95,6 @@ class NoiseScale:
 
     def joint(self, channel: str) -> JointScale:
         """Return the scale of a channel's joint.
-
-        Args:
-            channel: such as "joint_1".
 
         Raises:
             InputError: there is no such joint.

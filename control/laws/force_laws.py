@@ -41,11 +41,7 @@ class Compliance(NamedTuple):
 
 
 def within_bounds(compliance: Compliance) -> Compliance:
-    """Clip a compliance to the range in which the force laws are stable.
-
-    Returns:
-        The nearest compliance within the bounds.
-    """
+    """Clip a compliance to the range in which the force laws are stable."""
     stiffness_n_m, damping_n_s_m = compliance
     return Compliance(
         clip(stiffness_n_m, *_STIFFNESS_BOUNDS_N_M), clip(damping_n_s_m, *_DAMPING_BOUNDS_N_S_M)

@@ -92,11 +92,7 @@ _values = attrgetter(*(attribute for attribute, *_ in _COLUMNS))
 
 
 def tick_stream(joint_count: int) -> Stream:
-    """Describe the columns of a tick.
-
-    Returns:
-        The stream "tick", whose records `tick_record` makes.
-    """
+    """Describe the columns of a tick."""
     columns = (
         Column(name, unit, width or joint_count, text, dtype)
         for _, name, unit, width, text, dtype in _COLUMNS
@@ -107,11 +103,7 @@ def tick_stream(joint_count: int) -> Stream:
 
 
 def tick_record(tick: Tick) -> tuple[object, ...]:
-    """Make one record of `tick_stream`.
-
-    Returns:
-        A value for each column, in their order.
-    """
+    """Make one record of `tick_stream`."""
     return (*_values(tick), *tick.estimates, *tick.durations)
 
 
@@ -171,11 +163,7 @@ class Journal:
         return self._log.dropped
 
     def observe(self, measurement: Measurement, output: TaskOutput) -> Estimates:
-        """Ask the observer for its estimates.
-
-        Returns:
-            Online estimates, NaN if there are none.
-        """
+        """Ask the observer for its estimates."""
         if self._observer is None:
             return NO_ESTIMATE
         try:

@@ -92,9 +92,6 @@ class Profile:
 
         Args:
             time_s: time since its start [s].
-
-        Returns:
-            Value and derivatives.
         """
         # The wave between -1 and 1, with its derivatives by time.
         angle = self._phases + time_s * (self._rates + 0.5 * self._sweep * time_s)

@@ -226,9 +226,6 @@ class SpeedBlend:
 
         Args:
             time_s: time since the start [s].
-
-        Returns:
-            Motion along the line.
         """
         if time_s >= self.duration_s:
             after_s = time_s - self.duration_s
@@ -298,9 +295,6 @@ class LineReturn:
 
         Args:
             time_s: time since the start [s].
-
-        Returns:
-            Motion along the line.
         """
         if time_s < self._stop_at_s:
             return self._cruise.at(time_s)

@@ -125,11 +125,7 @@ class OnSilence(StrEnum):
 
 
 def plan_for(target: Target, plan: ProbingPlan) -> ProbingPlan:
-    """Copy the follower's plan with a target's place and direction.
-
-    Returns:
-        The plan for the target.
-    """
+    """Copy the follower's plan with a target's place and direction."""
     place = {"targets_world_m": (target.position_world_m,), "press_direction_world": target.direction_world}
     return plan.model_copy(update=place)
 

@@ -172,12 +172,7 @@ def find_measurements(
 
 
 def case_of(measurement: BatchMeasurement, options: Mapping[str, Any]) -> MeasurementCase:
-    """The case of a measurement. OSError: a file cannot be read.
-
-    Args:
-        measurement: its files.
-        options: how to read and judge it; what JSON can hold.
-    """
+    """The case of a measurement. OSError: a file cannot be read."""
     content = [content_hash(Path(file)) for file in measurement.files]
     parameters = {"content": content, "where": measurement.where, "options": options}
     return MeasurementCase(WORK, parameters, files=tuple(map(os.path.abspath, measurement.files)))

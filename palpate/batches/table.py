@@ -61,10 +61,6 @@ def head(name: str, unit: str, end: str = "") -> str:
 def field_names(measurements: Sequence[BatchMeasurement], group: str | None) -> list[str]:
     """Return the names of all fields of the measurements.
 
-    Args:
-        measurements: of the batch.
-        group: field that tells groups apart; None for one group.
-
     Raises:
         InputError: a field is called as a column of the table, or no measurement has the group's field.
     """

@@ -82,11 +82,7 @@ class ComparedPair:
         self._studies = (first, second)
 
     def view(self, commands: Sequence[str] = ()) -> PairView:
-        """Build the view that terminal, report and recording share.
-
-        Args:
-            commands: commands that show the same comparison again.
-        """
+        """Build the view that terminal, report and recording share."""
         first, second = self._studies
         channels = [
             sides_view(
@@ -139,11 +135,6 @@ def _grown(study: Study, kept: Sequence[Revision]) -> Grown:
 
 def write_pair(folder: Path, pair: ComparedPair, view: PairView) -> dict[str, Path]:
     """Write result, report and recording, all or none; return their paths by kind.
-
-    Args:
-        folder: folder of the files, created if needed.
-        pair: the comparison.
-        view: view of the comparison.
 
     Raises:
         InputError: a file cannot be written.

@@ -46,11 +46,7 @@ def _console(*, stderr: bool) -> Console:
 
 
 def print_json(data: Any) -> None:  # noqa: ANN401
-    """Print `data` as strict JSON on stdout; arrays become lists, NaN and infinity become null.
-
-    Args:
-        data: mappings, sequences, arrays and scalars; anything else is converted by `str`.
-    """
+    """Print `data` as strict JSON on stdout; arrays become lists, NaN and infinity become null."""
     JsonOutput.was_printed = True
     readable = "utf" in (sys.stdout.encoding or "").lower()
     text = json.dumps(plain(data), indent=2, ensure_ascii=not readable, allow_nan=False)
@@ -266,20 +262,12 @@ def duration(seconds: float) -> str:
 
 
 def shown(path: Path) -> str:
-    """Return a path relative to the current folder, on one line, for a console.
-
-    Args:
-        path: absolute, or relative to the current folder.
-    """
+    """Return a path relative to the current folder, on one line, for a console."""
     return safe(_from_here(path))
 
 
 def typed(path: Path) -> str:
-    """Return a path relative to the current folder, quoted for a shell.
-
-    Args:
-        path: absolute, or relative to the current folder.
-    """
+    """Return a path relative to the current folder, quoted for a shell."""
     return as_shell_word(_from_here(path))
 
 
@@ -312,11 +300,7 @@ def _from_here(path: Path) -> str:
 
 
 def chance(p_value: float) -> str:
-    """Format a p value from surrogates; the smallest possible one is shown as an upper bound.
-
-    Args:
-        p_value: between 0 and 1.
-    """
+    """Format a p value from surrogates; the smallest possible one is shown as an upper bound."""
     return f"≤ {_LEAST_P:g}" if p_value <= _LEAST_P else f"{p_value:.3f}"
 
 

@@ -60,12 +60,7 @@ class OneLineGroup(TyperGroup):
 
 
 def report_error(error: Exception, *, as_json: bool = False) -> int:
-    """Print one line for `error` and return the exit code that goes with it; see `report`.
-
-    Args:
-        error: the exception that ended the command.
-        as_json: whether to print JSON.
-    """
+    """Print one line for `error` and return the exit code that goes with it; see `report`."""
     if os.environ.get(DEBUG_VARIABLE):
         traceback.print_exception(error)
     if isinstance(error, BrokenPipeError):
@@ -105,11 +100,6 @@ def report(text: str, code: int, *, as_json: bool = False) -> int:
 
     With `as_json`, also print one line on stdout, `{"error": ..., "exit_code": ...}`, for programs that read
     JSON. Nothing is added after a JSON result, which states its own outcome.
-
-    Args:
-        text: error message.
-        code: exit code.
-        as_json: whether to print JSON.
     """
     line = one_line(text)
     if as_json and not JsonOutput.was_printed:
@@ -147,9 +137,6 @@ _made: list[Path] = []  # folders created in this process, innermost first
 
 def make_folder(folder: Path) -> None:
     """Create a folder with its parents, and record which of them are new.
-
-    Args:
-        folder: absolute, or relative to the current folder.
 
     Raises:
         OSError: the folder cannot be created.

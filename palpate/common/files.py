@@ -25,10 +25,6 @@ SESSION = ".mcap"
 def existing_file(path: Path, what: str) -> Path:
     """Return the path if it is a readable regular file, not a device or a pipe.
 
-    Args:
-        path: path from the user.
-        what: noun for the error message, such as "session".
-
     Raises:
         InputError: the path does not exist, is not a file, or is not readable.
     """
@@ -99,12 +95,7 @@ def output_file(
 
 
 def output_session(path: Path, keep: Iterable[Path] = ()) -> Path:
-    """Check the path of a new session as `output_file` does; raise `InputError` for a wrong file extension.
-
-    Args:
-        path: path from the user.
-        keep: input files, which are never replaced.
-    """
+    """Check the path of a new session like `output_file`; raise `InputError` for a wrong file extension."""
     if path.suffix != SESSION and not path.is_dir():
         raise InputError(
             f"output {path}: a session's name ends in {SESSION}, such as {path.with_suffix(SESSION)}; "
@@ -160,9 +151,6 @@ def different_files(*paths: Path | None) -> None:
 @contextmanager
 def whole_file(path: Path) -> Iterator[Path]:
     """Yield a temporary path to write to; on success, rename the file to its final name.
-
-    Args:
-        path: final path; the file is written completely or not at all.
 
     Raises:
         InputError: the file cannot be written.
@@ -226,10 +214,6 @@ def folder_to_fill(path: Path, out: Path | None, names: Iterable[str], *, force:
 
 def folder_to_read(path: Path, folder: Path | None) -> Path:
     """Return the folder of saved revisions; it may hold none yet.
-
-    Args:
-        path: session or data file.
-        folder: folder from the user; None for the usual one.
 
     Raises:
         InputError: the folder that the user named does not exist.

@@ -182,13 +182,7 @@ def make_feedforward(joints: Sequence[FittedJoint]) -> Feedforward:
 
 
 def reason_left_out(effect: str, reasons: Mapping[str, str], target: str) -> str:
-    """Say why a target has no term for an effect.
-
-    Args:
-        effect: its name.
-        reasons: of effects with a reason of their own.
-        target: what is written, such as "table".
-    """
+    """Say why a target has no term for an effect."""
     if effect in reasons:
         return reasons[effect]
     if effect not in EFFECTS:

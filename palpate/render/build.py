@@ -179,11 +179,7 @@ def one_after_the_other(data: ChannelData) -> FloatArray:
 
 
 def run_speeds(data: ChannelData) -> dict[int, str]:
-    """Describe each run's speed, the slowest first; empty if all runs have the same speed.
-
-    Returns:
-        Descriptions by run number.
-    """
+    """Describe each run's speed, the slowest first; empty if all runs have the same speed."""
     if data.kind is not ChannelKind.CONTACT:
         return {}
     speeds = dict[int, float]()
@@ -249,13 +245,7 @@ def _verdict(view: ChannelView, words: Sequence[str], diagnosis: ChannelDiagnosi
 def view_of(
     study: ModelStudy, results: Sequence[ChannelResult] | None = None, commands: Sequence[str] = ()
 ) -> StudyView:
-    """Make the view of a study.
-
-    Args:
-        study: study of the measurement.
-        results: channels to show; None for all.
-        commands: commands that repeat the results.
-    """
+    """Make the view of a study."""
     shown = study.results() if results is None else results
     source = study.source
     warnings = (f"{name}: {warning}" for name, several in study.warnings.items() for warning in several)
@@ -318,11 +308,7 @@ _HEAD, _MARK = 200, b'<meta name="generator" content="palpate '
 
 
 def is_own_page(path: Path) -> bool:
-    """Return whether a file is a page that palpate made.
-
-    Args:
-        path: path of the file; it need not exist.
-    """
+    """Return whether a file is a page that palpate made."""
     if not path.is_file():
         return False
     with path.open("rb") as file:
@@ -366,9 +352,5 @@ def write_outcome(
 
 
 def as_json(data: Mapping[str, object]) -> str:
-    """Format plain data as the text of a JSON file.
-
-    Args:
-        data: numbers, texts, lists and dicts; arrays are written as lists.
-    """
+    """Format plain data as the text of a JSON file."""
     return json.dumps(console.plain(data), indent=2, ensure_ascii=False, allow_nan=False) + "\n"

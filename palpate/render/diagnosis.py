@@ -117,14 +117,6 @@ def compared(
     """Judge whether a model fits by its held-out error relative to the noise.
 
     A model with impossible parameters never fits, however small its error.
-
-    Args:
-        channel: name of the channel.
-        model: name of the model.
-        error: held-out error with its unit, as text.
-        times: ratio of error to noise.
-        noise: noise level with its unit, as text.
-        possible: whether all parameters are physical.
     """
     word = "fits" if times < NOISE and possible else "misses"
     errors = f"{error} in held-out runs, noise {noise}"

@@ -90,12 +90,6 @@ def plain(kind: ChannelKind) -> tuple[ChannelData, Model, dict[str, float]]:
 def sized(data: ChannelData, model: Model, base: Mapping[str, float], effect: Effect) -> dict[str, float]:
     """Add an effect to a model's parameters, large enough to be seen beside the data's effort.
 
-    Args:
-        data: the motion and its effort without the effect.
-        model: model without the effect.
-        base: parameters of that model by "effect.parameter".
-        effect: effect that is added.
-
     Returns:
         All parameters by "effect.parameter".
     """
@@ -233,13 +227,7 @@ def print_library(console: Console, effects: Sequence[Effect]) -> None:
 
 
 def print_effect(console: Console, effect: Effect, example: Example | None) -> None:
-    """Print one effect: physics, equation, signature, drawing, parameters and similar effects.
-
-    Args:
-        console: console to print to.
-        effect: effect to explain.
-        example: example to draw; None for no drawing.
-    """
+    """Print one effect: physics, equation, signature, drawing, parameters and similar effects."""
     console.print(f"[bold]{safe(effect.name)}[/bold]  [dim]{safe(', '.join(_channels(effect)))}[/dim]")
     lines = {
         "physics": effect.physics,

@@ -38,17 +38,11 @@ _COLORS = {
     Determined.NO: "bold red",
     _IMPOSSIBLE: "bold red",
 }
-Truth = Mapping[str, float]
+Truth = Mapping[str, float]  # true parameters by name; unknown ones are missing
 
 
 def print_estimates(console: Console, estimates: ChannelEstimates, truth: Truth) -> None:
-    """Print one channel's parameters by every estimator, and remarks.
-
-    Args:
-        console: console to print to.
-        estimates: the channel with its estimates.
-        truth: true parameters by name; unknown ones are missing.
-    """
+    """Print one channel's parameters by every estimator, and remarks."""
     runs, samples = len(estimates.channel.runs), int(np.count_nonzero(estimates.rows))
     title = (
         f"{estimates.channel.name}: {estimates.model.name}, {count(runs, 'run')}, {count(samples, 'sample')}"
@@ -60,12 +54,7 @@ def print_estimates(console: Console, estimates: ChannelEstimates, truth: Truth)
 
 
 def estimates_view(estimates: ChannelEstimates, truth: Truth) -> ChannelView:
-    """Make the view of the best estimate, with the residual of the fitted samples.
-
-    Args:
-        estimates: estimates of one channel.
-        truth: true parameters by name; unknown ones are missing.
-    """
+    """Make the view of the best estimate, with the residual of the fitted samples."""
     best, predicted = estimates.best, estimates.prediction()
     residual = np.where(estimates.rows, estimates.channel.effort - predicted, np.nan)
     parameters = {p.name: p for p in best.parameters}
@@ -163,12 +152,7 @@ def _in_color(state: str, text: str = "") -> str:
 
 
 def remarks(estimates: ChannelEstimates, truth: Truth) -> list[str]:
-    """Describe the surface, and list objections to the estimates.
-
-    Args:
-        estimates: estimates of one channel.
-        truth: true parameters by name; unknown ones are missing.
-    """
+    """Describe the surface, and list objections to the estimates."""
     remarks = []
     reason, surface, channel = spoilt_by(estimates), estimates.surface_of(estimates.best), estimates.channel
     if reason is not None:
@@ -229,11 +213,7 @@ def _remarks_on_fits(estimates: ChannelEstimates) -> Iterator[str]:
 
 
 def calibration_remark(session: Session | None) -> list[str]:
-    """Describe the calibration uncertainty, a systematic error that the intervals do not include.
-
-    Args:
-        session: measured session; None for data from elsewhere.
-    """
+    """Describe the calibration uncertainty, a systematic error that the intervals do not include."""
     if session is None:
         return []
     used = parse_calibrations(session.metadata.calibration, f"{session.path}, its calibration")
@@ -252,12 +232,7 @@ def calibration_remark(session: Session | None) -> list[str]:
 
 
 def as_data(estimates: ChannelEstimates, truth: Truth) -> dict[str, Any]:
-    """Return one channel's estimates as plain data; the keys are stable.
-
-    Args:
-        estimates: estimates of one channel.
-        truth: true parameters by name; unknown ones are missing.
-    """
+    """Return one channel's estimates as plain data; the keys are stable."""
     tare, outcomes = estimates.channel.tare, []
     for estimate in estimates.estimates:
         surface, parameters = estimates.surface_of(estimate), dict[str, dict[str, Any]]()
@@ -299,13 +274,7 @@ def as_data(estimates: ChannelEstimates, truth: Truth) -> dict[str, Any]:
 
 
 def markdown_summary(estimates: ChannelEstimates, truth: Truth, heading: str) -> str:
-    """Tabulate the best estimate for Rerun's summary.
-
-    Args:
-        estimates: estimates of one channel.
-        truth: true parameters by name; unknown ones are missing.
-        heading: heading of the table.
-    """
+    """Tabulate the best estimate for Rerun's summary."""
     best = estimates.best
     rows = [f"**{heading}**: model `{estimates.model.name}`, estimator `{best.estimator}`", ""]
     rows += ["| | found | 95 % interval | truth | error |", "|---|---|---|---|---|"]
@@ -333,11 +302,7 @@ def short_name(parameter: str) -> str:
 
 
 def with_interval(parameter: ParameterEstimate) -> str:
-    """Format a value and half of its 95 % interval, with the justified number of digits.
-
-    Args:
-        parameter: estimate with its 95 % interval.
-    """
+    """Format a value and half of its 95 % interval, with the justified number of digits."""
     half = parameter.half_interval
     if parameter.at_bound:
         return f"{significant(parameter.value)} ({AT_BOUND})"

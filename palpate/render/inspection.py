@@ -66,10 +66,6 @@ class Inspection:
 def look_into(session: Session, estimates: ChannelEstimates | None = None) -> Inspection:
     """Estimate a session's channels, and collect the data to show.
 
-    Args:
-        session: a probing session or an imported one.
-        estimates: estimates, if they were made already.
-
     Raises:
         InputError: the session contains no data that can be shown.
     """

@@ -52,11 +52,7 @@ def rgb(color: str) -> tuple[int, int, int]:
 
 
 def speed_colors(words: list[str]) -> dict[str, str]:
-    """Return a color for each speed, from slow to fast.
-
-    Args:
-        words: description of each speed, from slow to fast.
-    """
+    """Return a color for each speed, from slow to fast."""
     last = max(len(words) - 1, 1)
     return {word: SPEEDS[round(i * (len(SPEEDS) - 1) / last)] for i, word in enumerate(words)}
 

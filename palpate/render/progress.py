@@ -61,13 +61,7 @@ def import_progress() -> Iterator[Report]:
 
 @contextmanager
 def probing_progress(plan: ProbingPlan, *, live: bool, remark: str = "") -> Iterator[Watcher]:
-    """Show the progress of the runs.
-
-    Args:
-        plan: plan that is run.
-        live: whether to draw a moving bar; never with a real arm.
-        remark: line to print first, once the arm is ready.
-    """
+    """Show the progress of the runs."""
     runs = list(plan.runs())
     if not live:
         yield _Announcer(f"probing, {count(len(runs), 'run')}; Ctrl-C brings the arm to rest")
@@ -90,12 +84,7 @@ def probing_progress(plan: ProbingPlan, *, live: bool, remark: str = "") -> Iter
 
 @contextmanager
 def motion_progress(what: str, *, live: bool) -> Iterator[MakeWatcher]:
-    """Show the progress of a motion.
-
-    Args:
-        what: description of the motion.
-        live: whether to draw a moving bar; never with a real arm.
-    """
+    """Show the progress of a motion."""
     if not live:
         yield lambda _duration_s: _Announcer(f"{what}; keep clear. Ctrl-C brings the arm to rest")
         return
@@ -111,12 +100,7 @@ def motion_progress(what: str, *, live: bool) -> Iterator[MakeWatcher]:
 
 @contextmanager
 def weighing_progress(number: int, *, live: bool) -> Iterator[Callable[[float], None] | None]:
-    """Show how many weights have been read; with hardware the prompts show this.
-
-    Args:
-        number: number of weights.
-        live: whether to draw a bar; not with hardware.
-    """
+    """Show how many weights have been read; with hardware the prompts show this."""
     if not live:
         yield None
         return
@@ -133,12 +117,7 @@ class _Drawn:
         self._share = 0.0
 
     def update(self, share: float, words: str) -> None:
-        """Advance the bar to a fraction, and show the current step; the bar never moves back.
-
-        Args:
-            share: fraction that is done, from 0 to 1.
-            words: the current step.
-        """
+        """Advance the bar to a fraction, and show the current step; the bar never moves back."""
         self._share = max(self._share, share)
         self.progress.update(self._task, completed=self._share, description=words)
         self.progress.refresh()

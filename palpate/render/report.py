@@ -296,9 +296,6 @@ def styled(made: go.Figure, height: int) -> go.Figure:
     Args:
         made: the figure.
         height: height [px].
-
-    Returns:
-        The same figure.
     """
     made.update_layout(
         template="none",

@@ -94,12 +94,7 @@ def hidden_names() -> list[str]:
 
 
 def command_line(arguments: Sequence[str], hidden: str | None) -> str:
-    """Return the command line for the session to store, without what is hidden.
-
-    Args:
-        arguments: arguments of the program.
-        hidden: hidden effects as typed; None if none.
-    """
+    """Return the command line for the session to store, without what is hidden."""
     words = list(arguments)
     for number, word in enumerate(words):
         if hidden not in (None, "", RANDOM):

@@ -176,14 +176,6 @@ def run_guarded(  # noqa: PLR0917, what a run is made of
 ) -> tuple[LoopResult, Path | None]:
     """Run a job's task under its guard and write the session; return the result and the sealed answer.
 
-    Args:
-        job: arm and output file.
-        task: task of the arm.
-        calibrations: calibrations of its readings and commands.
-        extra: further texts for the session's metadata.
-        observe: called in each tick; returns estimates.
-        watcher: notified when the arm begins to move.
-
     Raises:
         InputError: job, task and calibrations do not fit each other; nothing has moved, no session is left.
     """
@@ -286,12 +278,7 @@ class TickRecords:
         self.records: list[tuple[object, ...]] = []
 
     def append(self, stream_name: str, record: tuple[object, ...]) -> None:
-        """Keep a tick's record.
-
-        Args:
-            stream_name: name of the stream; not used.
-            record: record of one tick.
-        """
+        """Keep a tick's record."""
         self.records.append(record)
 
     def event(self, time_s: float, kind: str, text: str, data: Mapping[str, object] | None = None) -> None:

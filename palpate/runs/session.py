@@ -121,10 +121,6 @@ class ArmSession:
 def checked_body(robot_file: RobotFile, calibrations: Calibrations) -> RigidBody:
     """Return the arm's rigid-body model once its masses and DH table are checked.
 
-    Args:
-        robot_file: robot file of the arm.
-        calibrations: deviations of its base and drives from the URDF.
-
     Raises:
         InputError: the URDF is not valid, lacks the arm's masses, or does not match the DH table.
     """
@@ -146,13 +142,6 @@ def arm_session(
     streams: Sequence[Stream] = (),
 ) -> Iterator[ArmSession]:
     """Open the robot and begin the session file, which is complete when the context ends.
-
-    Args:
-        job: arm and output file.
-        calibrations: calibrations of readings and commands.
-        extra: further texts for the session's metadata.
-        now_utc: current time; None for the machine's wall clock.
-        streams: further streams besides the ticks.
 
     Raises:
         InputError: robot file, drivers and scenario do not fit each other, a device could not be opened, or
@@ -214,13 +203,6 @@ def begun_session(
 
     The session file is created before the sealed answer, and neither replaces a file. If two programs want
     the same name, one of them fails before it has written anything.
-
-    Args:
-        job: arm and output file.
-        joint_count: number of joints of the arm.
-        metadata: metadata of the session.
-        scenario: the simulated world; None with hardware.
-        streams: further streams besides the ticks.
 
     Raises:
         InputError: raised here or within the context if nothing has moved; both files are then removed.

@@ -341,14 +341,7 @@ def estimated(rows: Iterable[Row]) -> list[Row]:
 
 
 def error_table(name: str, title: str, rows: Sequence[Row], best_first: bool = False) -> SweepTable:
-    """Tabulate worst and mean error, ratio to the bound, and coverage, for each estimator and parameter.
-
-    Args:
-        name: name of the table's file.
-        title: title above the table.
-        rows: rows of any cases.
-        best_first: whether to sort by the worst error rather than by name.
-    """
+    """Tabulate worst and mean error, ratio to the bound, and coverage, for each estimator and parameter."""
     parameters = [p for p in parameters_of(rows) if any(row.get(p) is not None for row in rows)]
     lines = []
     for estimator, own in grouped(estimated(rows), lambda row: row["estimator"]).items():

@@ -68,11 +68,7 @@ def write_page(
 
 
 def cell(value: Any) -> str:  # noqa: ANN401, any value of a table
-    """Format a cell.
-
-    Args:
-        value: text, number or None.
-    """
+    """Format a cell."""
     if value is None or (isinstance(value, float) and math.isnan(value)):
         return "–"
     if not isinstance(value, float):

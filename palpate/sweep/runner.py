@@ -150,12 +150,6 @@ def run_cases(
     A case whose work raises has one row with the message in column `error`. Each row also has the case's
     `seed`, its processor time in `seconds`, and in `first` whether it is the case's first row.
 
-    Args:
-        cases: cases in order.
-        store: store of the results.
-        cluster: processes or machines that run the cases.
-        progress: called with the numbers of finished and of all cases.
-
     Raises:
         InputError: the scheduler does not exist or has no workers, or the workers cannot access the store's
             folder or run different code.

@@ -120,14 +120,7 @@ class FollowerMessaging(threading.Thread):
         return bool(self.error) or not ((waiting and now_s < self._asked_s + _SETTLE_S) or unseen)
 
     def look(self, stream: Stream, records: RecordArray, target: int, *, last: bool) -> None:
-        """Request an estimate for a target's samples; returns at once.
-
-        Args:
-            stream: columns of the records.
-            records: samples of one target.
-            target: number of the target.
-            last: whether its last run is over.
-        """
+        """Request an estimate for a target's samples; returns at once."""
         self._work.append((stream, records, target, last))
 
     def run(self) -> None:
@@ -142,11 +135,7 @@ class FollowerMessaging(threading.Thread):
             self.queue.linked = False
 
     def farewell(self, cause: str) -> None:
-        """Report that the arm has ended, and the reason if it was stopped.
-
-        Args:
-            cause: reason of the stop; empty if the arm was not stopped.
-        """
+        """Report that the arm has ended, and the reason if it was stopped."""
         self.close()
         with suppress(Exception):  # errors no longer matter
             for _ in range(_FAREWELLS):

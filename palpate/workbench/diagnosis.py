@@ -163,9 +163,6 @@ HIDDEN = (
 def pose(folder: Path) -> Path:
     """Probe an object with one of `HIDDEN` hidden; the answer is sealed beside the session.
 
-    Returns:
-        Path of the session file.
-
     Raises:
         PalpateError: the session cannot be written.
     """

@@ -171,11 +171,7 @@ class Parameters:
                 ui.label("nothing is fitted in this model").classes("quiet")
 
     def show_intervals(self, estimates: Mapping[str, ParameterEstimate]) -> None:
-        """Show the 95 % intervals.
-
-        Args:
-            estimates: estimates by "effect.parameter".
-        """
+        """Show the 95 % intervals."""
         assert self._shown is not None  # noqa: S101, set by `show`
         self._estimates = dict(estimates)
         self._values = {name: p.value for name, p in estimates.items()} | dict(self._shown.choice.pulled)

@@ -38,12 +38,7 @@ class DrawnMotion:
 
     @classmethod
     def of(cls, data: ChannelData, runs: Sequence[int] = ()) -> "DrawnMotion":
-        """Select the motion of some runs.
-
-        Args:
-            data: the channel, n samples.
-            runs: numbers of the runs to draw; empty for all.
-        """
+        """Select the motion of some runs."""
         axes = axes_of(data.kind)
         scale = _MILLI if "mm" in axes.position else 1.0
         return cls(

@@ -94,11 +94,7 @@ def options_of(columns: Sequence[ColumnGuess]) -> ImportOptions:
 
 
 def units_of(quantity: str) -> list[str]:
-    """Return the units that a quantity may have.
-
-    Args:
-        quantity: quantity, such as force or position_2.
-    """
+    """Return the units that a quantity may have."""
     return [
         unit for dimension in QUANTITIES.get(re.sub(r"_\d+$", "", quantity), ()) for unit in SI[dimension]
     ]

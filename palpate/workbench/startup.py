@@ -223,9 +223,6 @@ def _panel(title: str, time_s: FloatArray, curves: Sequence[tuple[FloatArray, st
 def early_server(port: int) -> EarlyServer:
     """Open the page's port.
 
-    Args:
-        port: port on this machine; 0 for any free port.
-
     Raises:
         InputError: the port is in use, or there is none of this number.
     """

@@ -71,14 +71,7 @@ class DisplayedFit:
         return {**self.fitted.values, **self.choice.pulled}
 
     def error_at(self, values: Mapping[str, float]) -> float:
-        """Return the root mean square error at other parameters, on the scored samples.
-
-        Args:
-            values: values by "effect.parameter".
-
-        Returns:
-            The error in the effort's unit.
-        """
+        """Return the root mean square error at other parameters, on the scored samples."""
         judged = self.base.judged
         left = self.fitted.data.effort[judged] - self.fitted.predict(values)[judged]
         return float(np.sqrt(np.mean(left**2)))
@@ -120,9 +113,6 @@ class WorkbenchState:
 
     def show(self, choice: ModelSelection | None = None) -> DisplayedFit:
         """Fit a selection, by default the current one, in the same way as the commands.
-
-        Args:
-            choice: channel, effects and held parameters; None for the present choice.
 
         Raises:
             InputError: the selection cannot be fitted.
@@ -296,11 +286,7 @@ class WorkbenchState:
         return newest is not None and tuple(newest.effects) == self.choice.effects
 
     def parameter(self, name: str) -> Parameter:
-        """Return facts about a parameter of the selected model that need no fit.
-
-        Args:
-            name: "effect.parameter".
-        """
+        """Return facts about a parameter of the selected model that need no fit."""
         model = self.study.fit(self.channel, self.choice.effects).model
         return {**model.gains, **model.inner}[name]
 

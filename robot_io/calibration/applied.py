@@ -46,11 +46,7 @@ _PASSING = frozenset(
 
 
 def device_identity(robot_file: RobotFile, kind: str) -> dict[str, object]:
-    """Describe the device that a calibration belongs to, with its bus; gravity belongs to the drives.
-
-    Returns:
-        Driver and settings.
-    """
+    """Describe the device that a calibration belongs to, with its bus; gravity belongs to the drives."""
     key = "torque" if kind == "gravity" else kind
     section: DeviceSection = getattr(robot_file, key)
     identity: dict[str, object] = {"driver": section.driver, **_lasting(section.settings)}

@@ -15,11 +15,6 @@ from palpate.robot_io.types import FloatArray, Reading
 def check_one_per_joint(context: DriverContext, count: int, devices: str) -> None:
     """Check that a bus has as many drives as the arm has joints.
 
-    Args:
-        context: Context of the bus.
-        count: Number of its drives.
-        devices: Name for messages, such as "motors".
-
     Raises:
         InputError: There are more or fewer.
     """

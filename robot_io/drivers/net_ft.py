@@ -149,9 +149,6 @@ class Configuration(NamedTuple):
 def parse_configuration(page: bytes) -> Configuration:
     """Return the configuration on a page.
 
-    Args:
-        page: netftapi2.xml.
-
     Raises:
         ProtocolError: a value is missing or invalid.
     """

@@ -207,9 +207,6 @@ def decode_pair(frame: CanFrame, what: str) -> tuple[float, float]:
         frame: received frame.
         what: name of its content in errors.
 
-    Returns:
-        Both numbers.
-
     Raises:
         ProtocolError: wrong length, or not finite.
     """

@@ -73,11 +73,7 @@ def parse_xml(text: str, *, comments: bool = False) -> Element:
 
 
 def last_link(robot: Element) -> str:
-    """Find the link at the end of the longest chain of joints; of several, the one named last.
-
-    Returns:
-        Name of the link.
-    """
+    """Find the link at the end of the longest chain of joints; of several, the one named last."""
     parents = {_linked(joint, "child"): _linked(joint, "parent") for joint in robot.findall("joint")}
     names = [link.get("name", "") for link in robot.findall("link")]
     return max(reversed(names), key=lambda name: _depth(name, parents), default="")
@@ -95,9 +91,6 @@ def without_files(robot: Element) -> Element:
 
     Args:
         robot: root of the URDF; it is changed.
-
-    Returns:
-        The same element.
     """
     for link in robot.iter("link"):
         for shape in (*link.findall("visual"), *link.findall("collision")):

@@ -19,11 +19,7 @@ def most_unpacked(packed_bytes: int) -> int:
 
 
 def as_utf8(text: str) -> str:
-    """Replace bytes of a file's name that UTF-8 cannot hold by question marks.
-
-    Returns:
-        Text that can be encoded.
-    """
+    """Replace bytes of a file's name that UTF-8 cannot hold by question marks."""
     return text.encode("utf-8", "replace").decode("utf-8")
 
 

@@ -183,11 +183,7 @@ class Guard:
         return self._finished
 
     def too_old(self, measurement: Measurement) -> tuple[str, ...]:
-        """Describe each device without a young enough sample; never trips.
-
-        Returns:
-            One line per device.
-        """
+        """Describe each device without a young enough sample; never trips."""
         return self._checks.too_old(measurement)
 
     def watch(self, measurement: Measurement, reference_position_rad: FloatArray | None = None) -> None:
@@ -246,9 +242,6 @@ class Guard:
             command: command of the controller.
             measurement: measurement of this tick.
             dt_s: time since the previous tick [s].
-
-        Returns:
-            The command that may be sent.
         """
         if measurement is not self._watched:
             self.watch(measurement)

@@ -166,11 +166,7 @@ class LimitChecks:
         return None
 
     def too_old(self, measurement: Measurement) -> tuple[str, ...]:
-        """Describe each device without a young enough sample, whatever the sample holds.
-
-        Returns:
-            One line a device.
-        """
+        """Describe each device without a young enough sample, whatever the sample holds."""
         time_s, ok = measurement.time_s, Status.OK
         problems = (
             _sample_problem("encoder", ok, time_s - measurement.encoder_at_s, self._encoder_age_s),

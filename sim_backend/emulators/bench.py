@@ -83,9 +83,6 @@ class Plant:
 
         Args:
             joint: index of the joint, from 0.
-
-        Returns:
-            Its position, velocity and torque.
         """
         return self._joints[joint]
 

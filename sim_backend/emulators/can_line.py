@@ -201,9 +201,6 @@ def open_virtual_bus(*, in_lock_step: bool) -> tuple[can.BusABC, dict[str, Any]]
 
     In lock-step frames carry the time of the simulated clock; else the wall clock's, as on a real adapter.
 
-    Args:
-        in_lock_step: whether the clock is a simulated one.
-
     Returns:
         The opened end, and the driver's settings for the other.
     """
@@ -223,9 +220,6 @@ def wire_of(
         request: the bus to emulate.
         motors: settings of each, from base to tip.
         make: makes a node from joint (from 0) and settings.
-
-    Returns:
-        Wire and settings.
     """
     nodes = [make(joint, motor) for joint, motor in enumerate(motors)]
     bus, reach = open_virtual_bus(in_lock_step=request.in_lock_step)

@@ -31,11 +31,7 @@ _TOO_LONG = 0x3FF  # no servo takes more
 
 
 def checksum(data: bytes) -> int:
-    """Compute the CRC-16 of x^16 + x^15 + x^2 + 1, most significant bit first, 0 at the start.
-
-    Returns:
-        The remainder, from 0 to FFFF.
-    """
+    """Compute the CRC-16 of x^16 + x^15 + x^2 + 1, most significant bit first, 0 at the start."""
     remainder = 0
     for byte in data:
         remainder = (remainder << 8 & 0xFFFF) ^ _QUOTIENTS[remainder >> 8 ^ byte]
@@ -89,9 +85,6 @@ def status(servo_id: int, error: int, data: bytes = b"") -> bytes:
         servo_id: id of the sender.
         error: number, with the alert bit.
         data: parameters.
-
-    Returns:
-        The packet, with its checksum.
     """
     body = (bytes((STATUS_INSTRUCTION, error)) + data).replace(_START, _STUFFED)
     length = len(body) + 2

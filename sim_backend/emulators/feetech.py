@@ -65,9 +65,6 @@ def status(servo_id: int, error: int, data: bytes = b"") -> bytes:
         servo_id: id of the sender.
         error: bits.
         data: parameters.
-
-    Returns:
-        The packet, with its checksum.
     """
     content = bytes((servo_id, len(data) + 2, error)) + data
     return b"\xff\xff" + content + bytes((inverted_sum(content),))

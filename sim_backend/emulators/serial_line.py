@@ -99,9 +99,6 @@ class SerialSensor(ABC):
 
         Args:
             force_n: force with the sensor's own sign [N]; NaN if there is none.
-
-        Returns:
-            The bytes that the sensor sends.
         """
 
     def restart(self, now_s: float, silent_s: float) -> None:

@@ -108,9 +108,6 @@ def telegram(command: int, to: int, parameters: bytes = b"", sender: int = ADDRE
         to: receiver.
         parameters: bytes.
         sender: address of the sensor.
-
-    Returns:
-        The telegram, with both checksums.
     """
     content = bytes((command, to, sender, len(parameters))) + parameters
     stuffed = b"".join(
@@ -270,11 +267,7 @@ def cell_crc(data: bytes) -> int:
 
 
 def cell_line(text: str) -> bytes:
-    """Make a line of the firmware.
-
-    Returns:
-        The line, with checksum and end.
-    """
+    """Make a line of the firmware."""
     return text.encode() + f"*{cell_crc(text.encode()):04X}\n".encode()
 
 
@@ -331,9 +324,6 @@ def bota_frame(status: int, values: list[float], time_us: int, temperature_c: fl
         values: three forces [N], three torques [N m].
         time_us: sensor's clock [us].
         temperature_c: temperature of the sensor [deg C].
-
-    Returns:
-        The frame, with its checksum.
     """
     data = struct.pack("<H", status) + b"".join(struct.pack("<f", value) for value in values)
     data += struct.pack("<If", time_us % 2**32, temperature_c)
@@ -406,9 +396,6 @@ _NEWTONS = {"N": 1.0, "kN": 1e3, "lbf": LBF_N, "klbf": 4448.2216152605, "kgf": 9
 def newtons_per(unit: str) -> float:
     """Return the newtons in one unit.
 
-    Args:
-        unit: such as "lbf".
-
     Raises:
         InputError: no emulated sensor counts in it.
     """
@@ -423,11 +410,7 @@ class SensorSettings(FileModel, extra="ignore"):
     reversed: bool = False
 
     def signed(self, sensor: SerialSensor) -> SerialSensor:
-        """Give a sensor the sign with which it is mounted.
-
-        Returns:
-            The same sensor.
-        """
+        """Give a sensor the sign with which it is mounted."""
         sensor.sign = -1.0 if self.reversed else 1.0
         return sensor
 

@@ -69,9 +69,6 @@ def wire_up(
 
     Faults are given by bus name; effects are hidden in plant and sensors.
 
-    Returns:
-        The arm with its bench, which the caller closes.
-
     Raises:
         InputError: a bus has no emulator, or its settings are not valid.
     """

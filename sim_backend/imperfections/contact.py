@@ -155,11 +155,7 @@ class _Higher(MaterialEffect):
         self._offset_m = offset_m
 
     def felt(self, state: ContactState) -> ContactState:
-        """Raise the surface by d.
-
-        Returns:
-            Motion that the material feels.
-        """
+        """Raise the surface by d."""
         return state._replace(depth_m=state.depth_m + self._offset_m)
 
 
@@ -352,11 +348,7 @@ class _Dent(_Memory[float], MaterialEffect):
         self._surface = surface
 
     def felt(self, state: ContactState) -> ContactState:
-        """Lower the surface to the dent, which deepens to s x and fades while nothing presses.
-
-        Returns:
-            Motion that the material feels.
-        """
+        """Lower the surface to the dent, which deepens to s x and fades while nothing presses."""
         share, recovery_s = self._surface.share, self._surface.recovery_s
         dent_m, dent_rate_m_s = self.kept, 0.0
         if recovery_s:

@@ -41,11 +41,6 @@ Line = tuple[FloatArray, str, float]  # values (n,), colour, width in points
 def recording_file(name: str, path: Path, blueprint: rrb.Blueprint) -> Iterator[rr.RecordingStream]:
     """Open a new .rrd file for writing.
 
-    Args:
-        name: name of the recording.
-        path: the file; replaced if it exists.
-        blueprint: layout of the recording.
-
     Raises:
         InputError: the file cannot be written.
     """

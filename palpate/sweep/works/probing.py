@@ -1,4 +1,7 @@
-"""Work functions that probe a simulated object, and estimate its parameters or diagnose its model."""
+"""Work functions that probe a simulated object, and estimate its parameters or diagnose its model.
+
+Each takes the parameters of a case (keys: see `palpate.sweep.grid`) and the seed of all random numbers.
+"""
 
 import json
 from collections.abc import Mapping, Sequence
@@ -44,10 +47,6 @@ NOTHING = "none"  # no hidden effects
 def estimate(parameters: Mapping[str, Any], seed: int) -> list[Row]:
     """Probe once, and return one row per estimator and draw of the force noise.
 
-    Args:
-        parameters: parameters of the case; see `palpate.sweep.grid` for the keys.
-        seed: seed of all random numbers.
-
     Raises:
         PalpateError: the object could not be probed.
     """
@@ -80,10 +79,6 @@ def diagnosed(parameters: Mapping[str, Any], seed: int) -> list[Row]:
     """Probe and diagnose once, and return one row per diagnosed channel.
 
     The parameter `channels` selects channels; by default all are diagnosed.
-
-    Args:
-        parameters: parameters of the case; see `palpate.sweep.grid` for the keys.
-        seed: seed of all random numbers.
     """
     samples, scenario = probed(parameters, seed)
     robot = find_robot(parameters["robot"])
@@ -106,12 +101,7 @@ def diagnosed(parameters: Mapping[str, Any], seed: int) -> list[Row]:
 
 
 def ticks(parameters: Mapping[str, Any], seed: int) -> list[Row]:
-    """Probe once, and return one row per tick of a run, for figures over time.
-
-    Args:
-        parameters: parameters of the case; see `palpate.sweep.grid` for the keys.
-        seed: seed of all random numbers.
-    """
+    """Probe once, and return one row per tick of a run, for figures over time."""
     samples, _ = probed(parameters, seed)
     contact = contact_channel(samples)
     names = ("time_s", "run", "phase", "force_n", "desired_force_n")
@@ -132,10 +122,6 @@ def probed(parameters: Mapping[str, Any], seed: int) -> tuple[Samples, Scenario]
     """Return the ticks of a probing run, and its simulated world.
 
     The parameter `engine` replaces the scenario's physics engine; world and noise stay the same.
-
-    Args:
-        parameters: parameters of the case; see `palpate.sweep.grid` for the keys.
-        seed: seed of all random numbers.
 
     Raises:
         PalpateError: the object could not be probed, or the parameters do not fit each other.
@@ -265,10 +251,6 @@ def ransac_errors(parameters: Mapping[str, Any], seed: int) -> list[Row]:
 
     Motion and surface are known exactly, so that errors depend on the settings only. A share of
     `outliers_percent` of the samples has errors up to the largest force; the bound excludes these samples.
-
-    Args:
-        parameters: parameters of the case; see `palpate.sweep.grid` for the keys.
-        seed: seed of all random numbers.
     """
     ticks, scenario = probed(parameters, seed)
     truth, channel = truth_of(scenario), contact_channel(ticks)

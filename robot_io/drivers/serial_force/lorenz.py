@@ -83,9 +83,6 @@ def checksums(content: bytes) -> tuple[int, int]:
 def encode_telegram(telegram: Telegram) -> bytes:
     """Encode a telegram.
 
-    Returns:
-        Its bytes, stuffed.
-
     Raises:
         InputError: more than 255 parameters.
     """
@@ -112,11 +109,7 @@ class TelegramReader:
         self.rejected = 0
 
     def feed(self, data: bytes) -> list[Telegram]:
-        """Process received bytes, and return the telegrams that are now complete.
-
-        Returns:
-            The telegrams, oldest first.
-        """
+        """Process received bytes, and return the telegrams that are now complete."""
         telegrams = []
         for byte in data:
             if not self._take(byte):
@@ -150,9 +143,6 @@ def encode_start_stream(address: int, rate_hz: int) -> bytes:
     Args:
         address: address of the sensor.
         rate_hz: sample rate [Hz].
-
-    Returns:
-        The bytes of the telegram.
 
     Raises:
         InputError: the sensor has no such rate.

@@ -170,9 +170,6 @@ NEWTONS = {
 def newtons_per(unit: str) -> float:
     """Return the newtons in one unit; case does not matter, except that MN is not mN.
 
-    Args:
-        unit: unit, such as "lbF".
-
     Raises:
         ProtocolError: unknown unit.
     """
@@ -185,12 +182,6 @@ def newtons_per(unit: str) -> float:
 
 def known_unit(unit: str | None) -> str | None:
     """Check a unit from a robot file, for pydantic.
-
-    Args:
-        unit: unit in the robot file, or None.
-
-    Returns:
-        The same.
 
     Raises:
         ValueError: the unit is unknown.

@@ -93,9 +93,6 @@ class RegisterAccess:
     def ping(self, servo_id: int, size: int = 0) -> bytes:
         """Request the identity of a servo.
 
-        Returns:
-            Data of the answer.
-
         Raises:
             DeviceTimeoutError: No answer.
             DeviceError: The port failed, or the servo refused.

@@ -42,9 +42,6 @@ class PacketStream(ABC, Generic[PacketType]):
     def feed(self, data: bytes) -> list[PacketType]:
         """Process received bytes.
 
-        Args:
-            data: Bytes in the order of their arrival, cut anywhere.
-
         Returns:
             The packets that are complete now, oldest first.
         """
