@@ -341,12 +341,7 @@ _SETTLE_S = 0.3
 
 
 class FreeMotion:
-    """Base class of motions without contact: tracking, monitoring of the force, and the output.
-
-    Args:
-        body: model of the arm.
-        gains: gains of the tracking.
-    """
+    """Base class of motions without contact: tracking, monitoring of the force, and the output."""
 
     def __init__(self, body: RigidBody, gains: TrackingGains) -> None:
         self.body = body

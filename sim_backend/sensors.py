@@ -186,12 +186,7 @@ _BLOCK = 1024
 
 
 class GaussianNoise:
-    """An endless sequence of independent N(0, std^2) numbers, in the unit of the signal.
-
-    Args:
-        std: standard deviation.
-        generator: random numbers.
-    """
+    """An endless sequence of independent N(0, std^2) numbers, in the unit of the signal."""
 
     def __init__(self, std: float, generator: np.random.Generator) -> None:
         self._std = std

@@ -58,11 +58,6 @@ class ReplayTask:
     Joints are followed by computed torque, which compensates the measured force as a load. The force is
     not controlled: on a stiffer object it can grow up to the guard's limit.
 
-    Args:
-        body: model of the arm.
-        gains: gains of the computed torque.
-        references: references of an arm with as many joints.
-
     Raises:
         InputError: the references are of an arm with another number of joints.
     """

@@ -79,12 +79,7 @@ class Swing(NamedTuple):
 
 
 class Routes:
-    """Finds routes and swings for a plan, whose press direction is "down".
-
-    Args:
-        arm: geometry of the arm.
-        plan: press direction and clearances.
-    """
+    """Finds routes and swings for a plan, whose press direction is "down"."""
 
     def __init__(self, arm: PlanarArm, plan: ProbingPlan) -> None:
         self._arm, self._plan = arm, plan

@@ -26,13 +26,6 @@ _MAX_FORCE_SHARE = 1.1  # share of the force limit that ends an excitation by po
 class ProbingRun:
     """State machine of one run, from rest at a site's approach start to rest at the next approach start.
 
-    Args:
-        control: position and force controller.
-        site: target, and limits along its press line.
-        spec: number and speed of the run.
-        plan: forces, times and distances.
-        gains: gains of contact detection.
-
     Attributes:
         phase: phase of the last tick.
         desired_force_n: desired force in the last tick [N]; NaN if the force is free.

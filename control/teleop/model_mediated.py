@@ -73,11 +73,7 @@ class ProbingMotion:
 
 
 class ModelMediatedLeader(CouplingSide):
-    """Leader that renders the model, and requests a probing at its first touch.
-
-    Args:
-        model: kind of model.
-    """
+    """Leader that renders the model, and requests a probing at its first touch."""
 
     def __init__(self, model: ObjectModel) -> None:
         self._law = model.law

@@ -97,9 +97,6 @@ class PeerLimits:
 class Peer:
     """Classifies frames by their time stamps, without I/O; times are on the own clock [s].
 
-    Args:
-        limits: limits on age and silence.
-
     Attributes:
         counts: frames by class.
         lost: gaps in the sequence so far; frames that arrive late are subtracted again.

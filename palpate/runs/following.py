@@ -198,9 +198,6 @@ def run_following(job: FollowingJob, line: Connection) -> None:
 class FollowingArm:
     """Client of an arm that runs in a separate process.
 
-    Args:
-        job: the arm and its speed.
-
     Attributes:
         low_rad: lowest goals that are followed, shape (n,) [rad].
         high_rad: highest goals that are followed, shape (n,) [rad].

@@ -108,9 +108,6 @@ _ROUNDING = 1e-6  # relative difference that is tolerated between machines
 class ResultStore:
     """Stored results of one sweep.
 
-    Args:
-        folder: folder of the results, created if needed.
-
     Raises:
         InputError: the folder cannot be created.
     """

@@ -54,11 +54,7 @@ class Impairment:
 
 
 class BadNetwork:
-    """Delays and loses frames; frames may overtake each other.
-
-    Args:
-        impairment: delay, jitter, loss and seed.
-    """
+    """Delays and loses frames; frames may overtake each other."""
 
     def __init__(self, impairment: Impairment) -> None:
         self._is, self._rng = impairment, np.random.default_rng(impairment.seed)
@@ -124,11 +120,6 @@ class LineSettings:
 
 class Line:
     """One end of the line; sends and receives frames.
-
-    Args:
-        role: role of this side.
-        settings: name, port, configuration and key.
-        clock: clock of this side.
 
     Attributes:
         role: role of this side.

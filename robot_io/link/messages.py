@@ -33,11 +33,7 @@ T = TypeVar("T")
 
 
 class WireType(Generic[T]):
-    """Encodes and decodes one dataclass or named tuple; its own checks run on every decoded value.
-
-    Args:
-        kind: the class.
-    """
+    """Encodes and decodes one dataclass or named tuple; its own checks run on every decoded value."""
 
     def __init__(self, kind: type[T]) -> None:
         self._codec = _Codec(kind, descriptor_of(_describe(kind)))

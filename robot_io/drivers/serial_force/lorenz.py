@@ -197,9 +197,6 @@ class LorenzStream:
     lost before it. The sample is then left out, unless it is near the last one and the force after such a
     loss would be far from it. After a gap, the stream is accepted again once five consecutive counters fit. A
     flipped bit in a value is not detected.
-
-    Args:
-        newtons_per_count: newtons in one count.
     """
 
     complaint = ""  # the protocol reports no errors

@@ -233,14 +233,7 @@ def listed(ids: Iterable[int]) -> str:
 
 
 class ServoLine(ABC):
-    """Configures servos and switches their torque, which may take milliseconds; base of each maker's line.
-
-    Args:
-        settings: Settings in the robot file.
-        registers: Access to single servos on `port`.
-        port: Port of the line; it may be opened later.
-        clock: Clock of the deadlines.
-    """
+    """Configures servos and switches their torque, which may take milliseconds; base of each maker's line."""
 
     dialect: ClassVar[ServoDialect]
     torque_enable: ClassVar[Register]  # 0 is off
