@@ -66,10 +66,6 @@ def is_clear(body: RigidBody, postures_rad: Iterable[FloatArray], floor_m: float
 def paced(speed_rad_s: float, limits: Limits) -> FloatArray:
     """Limit a speed to a share of the joints' velocity limits.
 
-    Args:
-        speed_rad_s: intended speed [rad/s].
-        limits: limits of the guard.
-
     Returns:
         Speed of each joint, shape (n,) [rad/s].
     """
@@ -199,11 +195,7 @@ class FourierPath:
         self._rate = math.tau / period_s * np.arange(1, amplitude_rad.shape[1] + 1)
 
     def at(self, time_s: float) -> JointMotion:
-        """Compute the motion at a time; at rest before the start and after the end.
-
-        Args:
-            time_s: time since the start [s].
-        """
+        """Compute the motion at a time; at rest before the start and after the end."""
         return self._faded(self._rate * time_s + self._phase, *self._fade(time_s))
 
     def along(self, times_s: FloatArray) -> JointMotion:
@@ -363,11 +355,6 @@ class FreeMotion:
     def torque_nm(self, measurement: Measurement, motion: JointMotion, dt_s: float) -> FloatArray:
         """Compute joint torques that follow a motion, shape (n,) [N m].
 
-        Args:
-            measurement: state of the arm.
-            motion: reference of the joints.
-            dt_s: time since the last tick [s].
-
         Raises:
             SafetyTripError: the force sensor reads more than `TOUCH_N` away from free air.
         """
@@ -456,12 +443,7 @@ class PathTask:
         self.duration_s = self._end_s + self._back.duration_s + _SETTLE_S
 
     def step(self, measurement: Measurement, dt_s: float) -> TaskOutput:
-        """Move to the path's center, follow the path once, and return.
-
-        Args:
-            measurement: state of the arm.
-            dt_s: time since the last tick [s].
-        """
+        """Move to the path's center, follow the path once, and return."""
         self._time_s += dt_s
         if self._time_s < self._begin_s:
             motion, phase, run = self._move_to_start.at(self._time_s), Phase.MOVE, NO_RUN

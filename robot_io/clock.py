@@ -16,11 +16,7 @@ class Clock(ABC):
 
     @abstractmethod
     def sleep_until(self, time_s: float) -> None:
-        """Wait until a time on this clock; return at once if it has passed.
-
-        Args:
-            time_s: the time [s].
-        """
+        """Wait until a time on this clock; return at once if it has passed."""
 
 
 class MonotonicClock(Clock):

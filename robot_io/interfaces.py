@@ -63,9 +63,6 @@ class Bus(Component, ABC):
     def flush(self, deadline_s: float) -> None:
         """Send the commands staged by the devices on this bus.
 
-        Args:
-            deadline_s: end of waiting, robot's clock [s].
-
         Raises:
             DeviceError: the bus itself failed.
         """

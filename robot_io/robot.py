@@ -146,9 +146,6 @@ class Robot(Opened):
         bus has failed (`bus_errors` says why). A sample from after the poll is a `FAULT` too: some clock is
         wrong. One from after the start of the tick is valid, because polling takes time.
 
-        Args:
-            deadline_s: end of the wait, robot's clock [s].
-
         Raises:
             LifecycleError: the robot is not configured.
             DeviceError: a device returned a wrong shape.

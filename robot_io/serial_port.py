@@ -136,9 +136,6 @@ class SerialPort:
     def wait(self, deadline_s: float) -> bytes:
         """Wait for bytes.
 
-        Args:
-            deadline_s: end of the wait, robot's clock [s].
-
         Returns:
             Received bytes; empty at the deadline.
 

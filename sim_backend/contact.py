@@ -148,11 +148,7 @@ class TipContact:
         self._speed_before_m_s: float | None = None
 
     def update(self, time_s: float) -> None:
-        """Compute depth, rate and force in the arm's current state.
-
-        Args:
-            time_s: time of that state [s].
-        """
+        """Compute depth, rate and force in the arm's current state."""
         self.tip_position_m, velocity, self._quaternion = self._engine.tip_state()
         speed, before = -velocity[2], self._speed_before_m_s
         self._speed_before_m_s = speed

@@ -164,9 +164,6 @@ class SampledSensor(ABC):
     def read(self, time_s: float) -> SensorSample | None:
         """Return the newest sample that has arrived; stale if it was returned before.
 
-        Args:
-            time_s: now [s].
-
         Returns:
             The sample; None before the first.
         """
@@ -275,10 +272,6 @@ class _Amplifier:
 
     def output(self, time_s: float, signal: Sequence[float]) -> list[float]:
         """Compute the sample that the converter makes of a signal.
-
-        Args:
-            time_s: time of the sample [s].
-            signal: clean signal, in the unit of the sensor.
 
         Returns:
             In the same unit, rounded to the converter's steps.

@@ -156,13 +156,7 @@ class HybridController:
         self.switch = ContactSwitch(self._touch_gains, touch_force_n)
 
     def step_joints(self, measurement: Measurement, motion: JointMotion, dt_s: float) -> ControlOutput:
-        """Follow a joint motion in free air.
-
-        Args:
-            measurement: state of the arm.
-            motion: reference of the joints.
-            dt_s: time since the last tick [s].
-        """
+        """Follow a joint motion in free air."""
         tip = self._body.tip_motion(measurement.joint_position_rad, measurement.joint_velocity_rad_s)
         force_n = measurement.force_n - self.force_bias_n
         if self._is_new(measurement):
@@ -171,11 +165,6 @@ class HybridController:
 
     def step(self, measurement: Measurement, reference: HybridReference, dt_s: float) -> ControlOutput:
         """Follow the press line.
-
-        Args:
-            measurement: state of the arm.
-            reference: motion before contact, force in contact.
-            dt_s: time since the last tick [s].
 
         Raises:
             InputError: no line is set, or the reference left the arm's reach.

@@ -86,20 +86,11 @@ class JointMove:
         )
 
     def at(self, time_s: float) -> JointMotion:
-        """Compute the motion at a time.
-
-        Args:
-            time_s: time since the start [s]; at rest at the end afterwards.
-        """
+        """Compute the motion at a time."""
         return _scaled(self._start, self._change, quintic(time_s, self.duration_s))
 
     def brake_at(self, time_s: float, acceleration_limit_rad_s2: float) -> "JointBrake":
-        """Return a motion that comes to rest during the move.
-
-        Args:
-            time_s: time at which the braking begins [s].
-            acceleration_limit_rad_s2: limit of every joint [rad/s^2].
-        """
+        """Return a motion that comes to rest during the move."""
         share = LineState(*quintic(time_s, self.duration_s))
         return JointBrake(self._start, self._change, share, acceleration_limit_rad_s2)
 
@@ -125,11 +116,7 @@ class JointBrake:
         self.duration_s = self._blend.duration_s
 
     def at(self, time_s: float) -> JointMotion:
-        """Compute the motion at a time.
-
-        Args:
-            time_s: time since the braking began [s]; at rest afterwards.
-        """
+        """Compute the motion at a time."""
         return _scaled(self._start, self._change, self._blend.at(time_s))
 
 
@@ -157,29 +144,17 @@ class JointPath:
         self.duration_s = sum(move.duration_s for move in self._moves)
 
     def at(self, time_s: float) -> JointMotion:
-        """Compute the motion at a time.
-
-        Args:
-            time_s: time since the start [s]; at rest at the end afterwards.
-        """
+        """Compute the motion at a time."""
         index, since_s = self._move_at(time_s)
         return self._moves[index].at(since_s)
 
     def brake_at(self, time_s: float, acceleration_limit_rad_s2: float) -> JointBrake:
-        """Return a motion that comes to rest during the move; see `JointMove.brake_at`.
-
-        Args:
-            time_s: time at which the braking begins [s].
-            acceleration_limit_rad_s2: limit of every joint [rad/s^2].
-        """
+        """Return a motion that comes to rest during the move; see `JointMove.brake_at`."""
         index, since_s = self._move_at(time_s)
         return self._moves[index].brake_at(since_s, acceleration_limit_rad_s2)
 
     def passed_rad(self, time_s: float) -> tuple[FloatArray, ...]:
         """List the points already passed, the last one first, as a path back.
-
-        Args:
-            time_s: time since the start [s].
 
         Returns:
             Joint positions, shape (n,) each [rad].
@@ -222,11 +197,7 @@ class SpeedBlend:
         self._end_travel_m = self._during(total_s).travel_m
 
     def at(self, time_s: float) -> LineState:
-        """Compute the motion at a time.
-
-        Args:
-            time_s: time since the start [s].
-        """
+        """Compute the motion at a time."""
         if time_s >= self.duration_s:
             after_s = time_s - self.duration_s
             return LineState(self._end_travel_m + self.speed_m_s * after_s, self.speed_m_s)
@@ -242,12 +213,7 @@ class SpeedBlend:
 
 
 def blend_distance_m(speed_m_s: float, acceleration_limit_m_s2: float) -> float:
-    """Compute the distance that a `SpeedBlend` needs between rest and a speed [m].
-
-    Args:
-        speed_m_s: the speed [m/s].
-        acceleration_limit_m_s2: largest acceleration [m/s^2].
-    """
+    """Compute the distance that a `SpeedBlend` needs between rest and a speed [m]."""
     return 0.75 * speed_m_s**2 / acceleration_limit_m_s2
 
 
@@ -291,11 +257,7 @@ class LineReturn:
         self.duration_s = self._stop_at_s + self._stop.duration_s
 
     def at(self, time_s: float) -> LineState:
-        """Compute the motion at a time.
-
-        Args:
-            time_s: time since the start [s].
-        """
+        """Compute the motion at a time."""
         if time_s < self._stop_at_s:
             return self._cruise.at(time_s)
         return self._stop.at(time_s - self._stop_at_s)

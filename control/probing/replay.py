@@ -80,12 +80,7 @@ class ReplayTask:
         self._time_s, self._tick = 0.0, 0
 
     def step(self, measurement: Measurement, dt_s: float) -> TaskOutput:
-        """Move to the first reference, then follow the recorded references at their times.
-
-        Args:
-            measurement: state of the arm.
-            dt_s: time since the last tick [s].
-        """
+        """Move to the first reference, then follow the recorded references at their times."""
         self._time_s += dt_s
         since_s = self._time_s - self._move_to_start.duration_s - _SETTLE_S
         if since_s < 0.0:

@@ -54,12 +54,7 @@ class ProbingRun:
         self.finished = False
 
     def step(self, measurement: Measurement, dt_s: float) -> ControlOutput:
-        """Compute one tick.
-
-        Args:
-            measurement: state of the arm.
-            dt_s: time since the last tick [s].
-        """
+        """Compute one tick."""
         self._time_s += dt_s
         self.desired_force_n = math.nan
         self.events = []

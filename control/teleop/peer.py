@@ -121,18 +121,11 @@ class Peer:
         return self._clocks.best
 
     def silent(self, now_s: float) -> bool:
-        """Return whether no fresh frame has arrived for `silent_s`, or ever.
-
-        Args:
-            now_s: own clock [s].
-        """
+        """Return whether no fresh frame has arrived for `silent_s`, or ever."""
         return not now_s - self._fresh_at_s <= self._limits.silent_s  # true for NaN as well
 
     def age_s(self, now_s: float) -> float:
         """Compute the age of the newest fresh frame's content.
-
-        Args:
-            now_s: own clock [s].
 
         Returns:
             Age [s]; NaN before the first frame, or if the offset is unknown.
@@ -152,12 +145,7 @@ class Peer:
         return nan if self.offset is None else now_s - (peer_s - self.offset.offset_s)
 
     def judge(self, frame: Frame, arrived_s: float) -> Arrival:
-        """Classify a frame, and count it.
-
-        Args:
-            frame: received frame.
-            arrived_s: arrival time, own clock [s].
-        """
+        """Classify a frame, and count it."""
         arrival = self._judge(frame, arrived_s)
         self.counts[arrival] += 1
         if arrival is Arrival.FRESH:

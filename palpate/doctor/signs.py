@@ -71,11 +71,7 @@ class Hand:
         console.stderr().print(f"[bold]Press gently with a finger[/bold] {words}")
 
     def go_on(self, elapsed_s: float) -> None:
-        """Advance the current action; a person needs no such call.
-
-        Args:
-            elapsed_s: time since the current action began [s].
-        """
+        """Advance the current action; a person needs no such call."""
 
     def rest(self) -> None:
         """Ask to let the arm go back and hold still."""
@@ -86,11 +82,7 @@ class Hand:
         console.stderr().print("[bold]Hands away from the arm[/bold]")
 
     def count(self, left_s: int) -> None:
-        """Announce the seconds left until the arm gets power.
-
-        Args:
-            left_s: remaining time [s].
-        """
+        """Announce the seconds left until the arm gets power."""
         console.stderr().print(f"[bold]Hands away:[/bold] power in {left_s} s")
 
 

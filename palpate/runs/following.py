@@ -80,11 +80,7 @@ class GoalReference:
         self._goal, self._left_s, self._since_s = goal_rad, min(self._since_s, _LONGEST_S), 0.0
 
     def step(self, dt_s: float) -> JointMotion:
-        """Advance by one step.
-
-        Args:
-            dt_s: length of the step [s].
-        """
+        """Advance by one step."""
         share = dt_s / self._left_s if self._left_s > dt_s else 1.0
         self._way_point = self._way_point + share * (self._goal - self._way_point)
         self._left_s, self._since_s = self._left_s - dt_s, self._since_s + dt_s
@@ -137,10 +133,6 @@ class JointFollowingTask:
 
     def step(self, measurement: Measurement, dt_s: float) -> TaskOutput:
         """Compute one tick.
-
-        Args:
-            measurement: state of the arm.
-            dt_s: time since the last tick [s].
 
         Returns:
             Command and reference; done once the task was told to end and the arm is back at its start.

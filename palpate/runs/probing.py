@@ -116,10 +116,6 @@ class ProbingOutcome:
 def check_duration(plan: ProbingPlan, rate_hz: float) -> None:
     """Check that a session can hold a plan.
 
-    Args:
-        plan: the plan.
-        rate_hz: control rate [Hz].
-
     Raises:
         InputError: the plan takes too long.
     """

@@ -150,11 +150,7 @@ class FollowerMessaging(threading.Thread):
         self._estimator.close()
 
     def record(self, now_s: float) -> tuple[object, ...]:
-        """Return the state of the link as one record of `LINK_STREAM`.
-
-        Args:
-            now_s: time of the session [s].
-        """
+        """Return the state of the link as one record of `LINK_STREAM`."""
         return self._messaging.record(now_s)
 
     def _exchange(self) -> None:

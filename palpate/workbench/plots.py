@@ -253,11 +253,7 @@ def map_figure(motion: DrawnMotion, before: FloatArray, now: FloatArray) -> Figu
 
 
 def cursor_shapes(times_s: Mapping[str, float]) -> dict[str, Any]:
-    """Return the cursors A and B as lines with their letters.
-
-    Args:
-        times_s: time of each cursor, by its letter [s].
-    """
+    """Return the cursors A and B as lines with their letters."""
     colors = {"A": "#1d2733", "B": palette.TRUTH}
     lines = [
         {"type": "line", "xref": "x", "yref": "paper", "x0": t, "x1": t, "y0": 0, "y1": 1,

@@ -141,19 +141,12 @@ class RequestQueue:
         return skips
 
     def ask(self, now_s: float) -> None:
-        """Note a request that is sent now [s].
-
-        Args:
-            now_s: robot's clock [s].
-        """
+        """Note a request that is sent now [s]."""
         self._expire(now_s)
         self._asked_s.append(now_s)
 
     def answer(self, arrived_s: float) -> bool:
         """Remove the request to which an answer belongs; `answered_s` becomes its time.
-
-        Args:
-            arrived_s: When the answer arrived [s].
 
         Returns:
             Whether a request was open.

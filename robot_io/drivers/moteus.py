@@ -146,12 +146,6 @@ def encode_question(host_id: int, motor_id: int) -> CanFrame:
 def encode_torque(host_id: int, motor_id: int, torque_nm: float, watchdog_s: float) -> CanFrame:
     """Command a torque at the output that holds for a time.
 
-    Args:
-        host_id: CAN id of the sender.
-        motor_id: CAN id of the controller.
-        torque_nm: torque at the output [N m].
-        watchdog_s: time for which the torque holds [s].
-
     Raises:
         InputError: it is not a number.
     """

@@ -246,10 +246,6 @@ def encode_controller_mode(node_id: int) -> CanFrame:
 def encode_input_torque(node_id: int, torque_nm: float) -> CanFrame:
     """Command a motor torque [N m]; it feeds the axis's watchdog.
 
-    Args:
-        node_id: node id of the axis.
-        torque_nm: torque of the motor [N m].
-
     Raises:
         InputError: the torque cannot be represented by a 32 bit float.
     """

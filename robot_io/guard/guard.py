@@ -237,11 +237,6 @@ class Guard:
         """Limit a command, or replace it by the safe state once tripped.
 
         Trips on a command that is not finite. A measurement that was not checked yet is checked first.
-
-        Args:
-            command: command of the controller.
-            measurement: measurement of this tick.
-            dt_s: time since the previous tick [s].
         """
         if measurement is not self._watched:
             self.watch(measurement)

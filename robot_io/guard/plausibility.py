@@ -104,22 +104,12 @@ class _Joint:
         return max(self.least_rad, _STEPS * self.step_rad) if known else self.unknown_rad
 
     def is_suspect(self, time_s: float, moved_rad: float) -> bool:
-        """Whether a sound encoder would have shown that the reference has moved so far, friction aside.
-
-        Args:
-            time_s: robot's clock [s].
-            moved_rad: motion of the reference [rad].
-        """
+        """Whether a sound encoder would have shown that the reference has moved so far, friction aside."""
         still = self.samples >= _SAMPLES and time_s - self.since_s >= self.still_s - 1e-9
         return still and abs(moved_rad) > self.most_rad
 
     def was_stopped(self, time_s: float, moved_rad: float) -> bool:
-        """Return whether the joint followed its reference until it stopped, while the reference continued.
-
-        Args:
-            time_s: robot's clock [s].
-            moved_rad: motion of the reference [rad].
-        """
+        """Return whether the joint followed its reference until it stopped, while the reference continued."""
         way_rad = self.followed_rad
         if abs(way_rad) <= self.most_rad or not _FOLLOWED[0] < self.before_rad / way_rad < _FOLLOWED[1]:
             return False
@@ -348,12 +338,7 @@ class _Drive:
         self.count = self.jumps = 0
 
     def widen(self, torque_nm: float, *, is_next: bool) -> None:
-        """Include a command in the range, in this interval or as the first of the next one.
-
-        Args:
-            torque_nm: commanded torque [N m].
-            is_next: whether a new interval begins with this command.
-        """
+        """Include a command in the range, in this interval or as the first of the next one."""
         if is_next:
             self.before_nm, self.sent_nm = self.sent_nm, (torque_nm, torque_nm)
         low_nm, high_nm = self.sent_nm
@@ -365,11 +350,7 @@ class _Drive:
         self.high_nm = high_nm if high_nm > before_high_nm else before_high_nm
 
     def shows(self, measured_nm: float) -> None:
-        """Store the newest reading, and update the mean jump.
-
-        Args:
-            measured_nm: measured torque of the drive [N m].
-        """
+        """Store the newest reading, and update the mean jump."""
         jump_nm = abs(measured_nm - self.measured_nm)
         self.measured_nm = measured_nm
         if jump_nm > 0.0:

@@ -146,16 +146,7 @@ class Frame(NamedTuple):
 def encode(  # noqa: PLR0917
     sender: int, sequence: int, sent_s: float, heard: Heard, message: Message, seal: Seal = CHECKSUM
 ) -> bytes:
-    """Put a message into a frame.
-
-    Args:
-        sender: random number of this program.
-        sequence: number of the frame.
-        sent_s: time of sending on this side's clock [s].
-        heard: newest frame of the peer.
-        message: the content.
-        seal: seal of this side.
-    """
+    """Put a message into a frame."""
     kind = _KINDS[type(message)]
     content = _WIRE[kind].encode(message)
     t1, t2, t3, t4, t5, t6, t7, t8, t9 = _TAGS

@@ -62,23 +62,14 @@ class BadNetwork:
         self._count = 0
 
     def put(self, data: bytes, now_s: float) -> None:
-        """Add a frame that is sent now.
-
-        Args:
-            data: the frame.
-            now_s: time [s].
-        """
+        """Add a frame that is sent now."""
         self._count += 1
         if self._rng.random() >= self._is.loss:
             delay_s = max(0.0, self._rng.normal(self._is.delay_s, self._is.jitter_s))
             heapq.heappush(self._held, (now_s + delay_s, self._count, data))
 
     def due(self, now_s: float) -> list[bytes]:
-        """Return frames that have arrived, in the order of their arrival.
-
-        Args:
-            now_s: time [s].
-        """
+        """Return frames that have arrived, in the order of their arrival."""
         arrived = []
         while self._held and self._held[0][0] <= now_s:
             arrived.append(heapq.heappop(self._held)[2])
@@ -212,12 +203,7 @@ class Line:
         )
 
     def heard(self, frame: Frame, at_s: float) -> None:
-        """Record the newest frame of the peer; the next frame sent refers to it.
-
-        Args:
-            frame: received frame.
-            at_s: arrival time on this side's clock [s].
-        """
+        """Record the newest frame of the peer; the next frame sent refers to it."""
         self._heard = Heard(frame.sender, frame.sent_s, at_s)
 
     def close(self) -> None:

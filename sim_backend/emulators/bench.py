@@ -61,11 +61,7 @@ class Plant:
         self.world.set_torque(self._torque_nm)
 
     def advance_to(self, time_s: float) -> None:
-        """Advance the physics to a time, and sample all sensors.
-
-        Args:
-            time_s: bench's clock [s].
-        """
+        """Advance the physics to a time, and sample all sensors."""
         world = self.world
         world.advance_to(time_s)
         motion, torque = world.encoder.read(time_s), world.torque_sensor.read(time_s)
@@ -109,11 +105,7 @@ class Shaft:
         self.limp = self.backwards = False
 
     def exert(self, torque_nm: float) -> None:
-        """Set the motor's torque, to which that of a second motor on the joint is added.
-
-        Args:
-            torque_nm: torque of this motor at the joint [N m].
-        """
+        """Set the motor's torque, to which that of a second motor on the joint is added."""
         self.torque_nm = 0.0 if self.limp else -torque_nm if self.backwards else torque_nm
         self._plant.set_torque(self._joint, self._together_nm)
 
@@ -140,19 +132,11 @@ class EmulatedWire(ABC):
 
     @abstractmethod
     def receive(self, now_s: float) -> None:
-        """Process received bytes or frames.
-
-        Args:
-            now_s: bench's clock [s].
-        """
+        """Process received bytes or frames."""
 
     @abstractmethod
     def send(self, now_s: float) -> None:
-        """Send due bytes or frames.
-
-        Args:
-            now_s: bench's clock [s].
-        """
+        """Send due bytes or frames."""
 
     @abstractmethod
     def close(self) -> None:
@@ -186,11 +170,7 @@ class Bench:
             clock.subscribe(self.advance_to)
 
     def advance_to(self, time_s: float) -> None:
-        """Advance plant and wires to a time.
-
-        Args:
-            time_s: bench's clock [s].
-        """
+        """Advance plant and wires to a time."""
         while not self._closed and self._now_s < time_s - 1e-9:
             for wire in self._wires:
                 wire.receive(self._now_s)

@@ -70,12 +70,7 @@ class EmulatedMotor(ABC):
         self._plant.set_torque(self._joint, shaft_nm * self._gear_ratio)
 
     def hear(self, message: can.Message, now_s: float) -> list[can.Message]:
-        """Act on a frame on the bus, unless the motor is starting.
-
-        Args:
-            message: for this motor or another.
-            now_s: bench's clock [s].
-        """
+        """Act on a frame on the bus, unless the motor is starting."""
         return [] if now_s < self._silent_until_s else self._hear(message, now_s)
 
     @abstractmethod
@@ -84,19 +79,10 @@ class EmulatedMotor(ABC):
 
     @abstractmethod
     def tell(self, now_s: float) -> list[can.Message]:
-        """Check the watchdog, and return the frames that the motor sends without a request; none as a rule.
-
-        Args:
-            now_s: bench's clock [s].
-        """
+        """Check the watchdog, and return the frames that the motor sends without a request, if any."""
 
     def strike(self, fault: Fault, now_s: float) -> None:
-        """Apply a fault of the motor itself: alert, reboot, or an encoder that is stuck from now on.
-
-        Args:
-            fault: fault to apply.
-            now_s: bench's clock [s].
-        """
+        """Apply a fault of the motor itself: alert, reboot, or an encoder that is stuck from now on."""
         if fault.kind is FaultKind.ALERT:
             self._fail()
         elif fault.kind is FaultKind.STUCK:

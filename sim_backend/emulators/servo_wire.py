@@ -99,11 +99,7 @@ class LineServo(ABC):
         return JointState(angle_rad, self._direction * speed_rad_s, state.torque_nm)
 
     def hear(self, now_s: float) -> None:
-        """Receive any instruction on the line, which feeds the watchdog.
-
-        Args:
-            now_s: bench's clock [s].
-        """
+        """Receive any instruction on the line, which feeds the watchdog."""
         self._heard_s = now_s
 
     @property
@@ -118,11 +114,7 @@ class LineServo(ABC):
 
     @abstractmethod
     def watch(self, now_s: float) -> None:
-        """Advance the servo by one step.
-
-        Args:
-            now_s: bench's clock [s].
-        """
+        """Advance the servo by one step."""
 
     @abstractmethod
     def fail(self) -> None:
@@ -130,12 +122,7 @@ class LineServo(ABC):
 
     @abstractmethod
     def reboot(self, now_s: float, away_s: float) -> None:
-        """Lose power for `away_s` [s].
-
-        Args:
-            now_s: bench's clock [s].
-            away_s: duration without power [s].
-        """
+        """Lose power for `away_s` [s]."""
 
 
 ServoType = TypeVar("ServoType", bound=LineServo)

@@ -188,10 +188,6 @@ class _LinkTorque(JointImperfection, ABC):
     def _torque_nm(self, position_rad: float, drive_nm: float) -> float:
         """Compute the torque on the link, see `AddedTorque`.
 
-        Args:
-            position_rad: positions of the joint [rad].
-            drive_nm: torque of the drive [N m].
-
         Returns:
             Along the joint's axis [N m].
         """

@@ -45,11 +45,7 @@ class MotorMounting(FileModel):
         return -self.gear_ratio if self.reversed else self.gear_ratio
 
     def joint_angle_rad(self, shaft_rad: float) -> float:
-        """Convert an angle of the motor's shaft to one of the joint [rad].
-
-        Args:
-            shaft_rad: angle of the motor's shaft [rad].
-        """
+        """Convert an angle of the motor's shaft to one of the joint [rad]."""
         return self.zero_rad + shaft_rad / self.signed_ratio
 
 

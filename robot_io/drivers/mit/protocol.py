@@ -67,11 +67,6 @@ def encode_torque(motor_id: int, torque_nm: float, ranges: MitRanges) -> tuple[C
 
     Zero torque has an error of half a step, because 4095 is odd.
 
-    Args:
-        motor_id: id of the receiver.
-        torque_nm: torque at the output shaft [N m].
-        ranges: ranges of the motor's model.
-
     Returns:
         The frame, and the torque after rounding [N m].
 
@@ -195,11 +190,6 @@ class MitFrames:
 
     def torque(self, motor_id: int, torque_nm: float, ranges: MitRanges) -> tuple[CanFrame, float]:
         """Make the frame for a torque at the output shaft.
-
-        Args:
-            motor_id: id of the receiver.
-            torque_nm: torque at the output shaft [N m].
-            ranges: ranges of the motor's model.
 
         Returns:
             The frame, and the torque after rounding [N m].

@@ -47,11 +47,7 @@ def communication_setup(baud_rate: int) -> bytes:
 
 
 def filter_setup(rate_hz: int) -> bytes:
-    """Return the command that sets the filter for a sample rate; chopping, fast mode and FIR filter are off.
-
-    Args:
-        rate_hz: sample rate [Hz].
-    """
+    """Return the command that sets the filter for a sample rate, without chopping, fast mode and FIR."""
     return f"f,{_CONVERSIONS_HZ // rate_hz},0,0,1".encode()
 
 

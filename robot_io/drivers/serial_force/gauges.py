@@ -151,12 +151,7 @@ def number_of(text: str) -> float:
 
 
 def loadstar_stream(newtons_per_unit: float, capacity_n: float) -> LineStream:
-    """Make a stream of readings in continuous mode; twice the capacity [N] is not accepted as a reading.
-
-    Args:
-        newtons_per_unit: newtons in one unit of the readings.
-        capacity_n: of the load cell [N].
-    """
+    """Make a stream of readings in continuous mode; twice the capacity [N] is not accepted as a reading."""
 
     def parse(line: str) -> tuple[str, float]:
         number_of(line)

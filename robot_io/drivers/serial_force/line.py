@@ -122,11 +122,7 @@ class SerialReader:
             self._thread = None
 
     def look(self, wait_s: float = 0.0) -> None:
-        """Process received bytes after waiting for them at most `wait_s` [s].
-
-        Args:
-            wait_s: longest wait [s].
-        """
+        """Process received bytes after waiting for them at most `wait_s` [s]."""
         if self.failure is not None or self._stop.is_set():
             return
         try:

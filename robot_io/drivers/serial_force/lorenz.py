@@ -140,10 +140,6 @@ class TelegramReader:
 def encode_start_stream(address: int, rate_hz: int) -> bytes:
     """Encode the request for an endless stream of channel A.
 
-    Args:
-        address: address of the sensor.
-        rate_hz: sample rate [Hz].
-
     Raises:
         InputError: the sensor has no such rate.
     """

@@ -113,11 +113,7 @@ class Poll:
         self._deaf_until_s = -float("inf")
 
     def to_send(self, now_s: float) -> bytes:
-        """Return the bytes to send now; may be empty.
-
-        Args:
-            now_s: robot's clock [s].
-        """
+        """Return the bytes to send now; may be empty."""
         if now_s < self._deaf_until_s:
             return b""
         if self._asked_s is None:
@@ -136,11 +132,7 @@ class Poll:
         self._awaits_marker = False
 
     def answered(self, arrived_s: float) -> float | None:
-        """Return when the reading that has arrived was requested [s]; None if unknown.
-
-        Args:
-            arrived_s: robot's clock [s].
-        """
+        """Return when the reading that has arrived was requested [s]; None if unknown."""
         if self._awaits_marker:
             return None
         asked_s, self._asked_s = self._asked_s, None
