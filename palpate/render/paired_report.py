@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import plotly.graph_objects as go
 from markupsafe import Markup
@@ -16,14 +16,9 @@ from palpate.estimation.estimate import ParameterEstimate
 from palpate.render import palette
 from palpate.render.paired import LETTERS, PairedView, PairView, difference_text
 from palpate.render.recording.file import TIME, plot, recording_file, send_lines, shown_on
+from palpate.render.recording.rerun_modules import rrb
 from palpate.render.report import RUN_TIME, PlotStyle, as_html, draw_curves, rendered, styled, title_axes
 from palpate.render.thinning import rows_by_run, run_curves
-from palpate.robot_io.extras import LazyModule
-
-if TYPE_CHECKING:
-    import rerun.blueprint as rrb
-else:
-    rrb = LazyModule("rerun.blueprint")
 
 COLORS = (palette.MEASURED, palette.OTHER)
 

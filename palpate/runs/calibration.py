@@ -1,9 +1,10 @@
 """Record data for calibrations: motions in free air, touches of hard stops, a known pose, and weights."""
 
 from collections.abc import Callable, Iterator, Sequence
-from contextlib import ExitStack, contextmanager
+from contextlib import contextmanager
 from dataclasses import dataclass
 from datetime import UTC, datetime
+from functools import partial
 
 import numpy as np
 
@@ -22,7 +23,6 @@ from palpate.calibration.force import check_references, weigh
 from palpate.calibration.standstill import StillRobot
 from palpate.control.arm.rigid_body import RigidBody
 from palpate.control.laws.gains import gains_of
-from palpate.control.loop.realtime import realtime
 from palpate.control.loop.result import Outcome
 from palpate.control.loop.task import Task
 from palpate.robot_io.calibration.applied import load_calibrations
@@ -83,10 +83,7 @@ class CalibrationSetup:
         """
         guard, rate_hz = self.guard(limits), self.job.robot_file.control_rate_hz
         watcher.started()
-        with ExitStack() as stack:
-            if not self.job.simulated:
-                stack.enter_context(realtime())
-            result = self.arm.run(task, guard, rate_hz, watcher.observe)
+        result = self.arm.run(task, guard, rate_hz, watcher.observe)
         if result.outcome is Outcome.STOPPED and not (result.deactivation_error or self.arm.unlogged()):
             raise KeyboardInterrupt
         result.raise_for_trip()
@@ -112,12 +109,7 @@ def calibration_setup(job: CalibrationJob) -> Iterator[CalibrationSetup]:
 
 
 def motion_in_words(kind: str, limits: Limits) -> str:
-    """Describe the calibration motion, for the confirmation before it starts.
-
-    Args:
-        kind: kind of the calibration: encoder, torque or gravity.
-        limits: limits of the arm.
-    """
+    """Describe the calibration motion, for the confirmation before it starts."""
     travel_rad_s = travel_speed_rad_s(limits)
     if kind in MOTIONS:
         motion = MOTIONS[kind]
@@ -236,21 +228,12 @@ def run_weighing(
     with calibration_setup(job) as setup:
         still = setup.still()
         still.await_samples()
-
-        def put(number: int, force_n: float) -> None:
-            place(setup, number, force_n)
-
+        put = partial(place, setup)
         weigh(still, forces_n, put, settle_s=settle_s, measure_s=measure_s, progress=progress)
 
 
 def put_simulated_weight(setup: CalibrationSetup, number: int, force_n: float) -> None:
-    """Apply a force to the simulated sensor.
-
-    Args:
-        setup: the robot that is calibrated.
-        number: number of the force, from 0; not used.
-        force_n: force, positive in compression [N].
-    """
+    """Apply a force to the simulated sensor."""
     if setup.arm.world is not None:
         setup.arm.world().sensor_load_n = force_n
 

@@ -8,7 +8,7 @@ and its torque is switched off.
 
 import subprocess
 import sys
-from contextlib import ExitStack, suppress
+from contextlib import suppress
 from dataclasses import dataclass
 from multiprocessing import Pipe
 from multiprocessing.connection import Connection
@@ -18,7 +18,6 @@ import numpy as np
 from palpate.control.arm.rigid_body import RigidBody
 from palpate.control.laws.gains import gains_of
 from palpate.control.laws.hybrid import HybridController
-from palpate.control.loop.realtime import realtime
 from palpate.control.loop.stop_handler import one_line
 from palpate.control.loop.task import Phase, TaskOutput, make_output
 from palpate.control.loop.tick_record import NO_ESTIMATE
@@ -177,10 +176,7 @@ def run_following(job: FollowingJob, line: Connection) -> None:
     controller = HybridController(body, np.array(robot_file.sensor_axis_tip), gains_of(robot_file))
     speed_rad_s = job.speed_share * np.array(robot_file.limits.velocity_rad_s)
     task = JointFollowingTask(controller, line, speed_rad_s, job.acceleration_rad_s2)
-    with ExitStack() as stack:
-        arm = stack.enter_context(arm_session(job, calibrations, {}))
-        if not job.simulated:
-            stack.enter_context(realtime())
+    with arm_session(job, calibrations, {}) as arm:
         result = arm.run(task, guard, robot_file.control_rate_hz, lambda *_: NO_ESTIMATE)
     result.raise_for_trip()
     if result.cause:

@@ -1,7 +1,6 @@
 """Assemble a probing or replay run: robot, clock, guard, task, loop, session log, online estimation."""
 
 from collections.abc import Mapping
-from contextlib import ExitStack
 from dataclasses import KW_ONLY, dataclass, field
 from pathlib import Path
 from typing import Any
@@ -13,7 +12,6 @@ from palpate.common.console import count
 from palpate.control.arm.rigid_body import RigidBody
 from palpate.control.laws.gains import gains_of
 from palpate.control.loop.loop import run_loop
-from palpate.control.loop.realtime import realtime
 from palpate.control.loop.result import LoopResult
 from palpate.control.loop.task import NO_RUN, Phase, Task, TaskOutput
 from palpate.control.loop.tick_record import NO_ESTIMATE, STREAM_NAME, Estimates, Observer, tick_stream
@@ -178,10 +176,7 @@ def run_guarded(  # noqa: PLR0917, what a run is made of
     robot_file = job.robot_file
     body = checked_body(robot_file, calibrations)  # the guard has its own model of the arm's weight
     guard = Guard(robot_file.limits, robot_file.safe_state, robot_file.joint_count, body.gravity)
-    with ExitStack() as stack:
-        arm = stack.enter_context(arm_session(job, calibrations, extra))
-        if not job.simulated:
-            stack.enter_context(realtime())
+    with arm_session(job, calibrations, extra) as arm:
         watcher.started()
         return arm.run(task, guard, robot_file.control_rate_hz, observe), arm.sealed
 

@@ -38,11 +38,7 @@ def robot_names() -> list[str]:
 
 
 def find_robot(robot: str) -> RobotFile:
-    """Load a robot file by the name of a shipped arm or by path; raise `InputError` if there is none.
-
-    Args:
-        robot: name of a shipped arm, or path of a robot file.
-    """
+    """Load a robot file by the name of a shipped arm or by path; raise `InputError` if there is none."""
     shipped = shipped_robots()
     if robot in shipped:
         return load_robot_file(shipped[robot])
@@ -55,9 +51,6 @@ def find_robot(robot: str) -> RobotFile:
 
 def importable(packages: list[str]) -> tuple[str, ...]:
     """Return the package names if Python finds the packages and they contain drivers.
-
-    Args:
-        packages: names of the packages, as Python imports them.
 
     Raises:
         InputError: a package is not found, fails to import, or contains no driver.

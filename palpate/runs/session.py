@@ -3,7 +3,7 @@
 import secrets
 import sys
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from contextlib import ExitStack, contextmanager, suppress
+from contextlib import ExitStack, contextmanager, nullcontext, suppress
 from dataclasses import KW_ONLY, dataclass, replace
 from datetime import UTC, datetime
 from importlib.metadata import version
@@ -13,6 +13,7 @@ from palpate.common.console import as_shell_word
 from palpate.control.arm.dh import check_dh_table
 from palpate.control.arm.rigid_body import RigidBody
 from palpate.control.loop.loop import run_loop
+from palpate.control.loop.realtime import realtime
 from palpate.control.loop.result import LoopResult, Outcome
 from palpate.control.loop.task import Task
 from palpate.control.loop.tick_record import Observer, tick_stream
@@ -85,14 +86,9 @@ class ArmSession:
     def run(self, task: Task, guard: Guard, rate_hz: float, observer: Observer) -> LoopResult:
         """Run a task in the loop until it ends or logging ends (see `unlogged`); then release the robot.
 
-        If the torque could not be switched off, the release tries again. The robot is released before the
-        session is closed, because closing may wait for the disk.
-
-        Args:
-            task: task of the arm.
-            guard: guard with the arm's limits.
-            rate_hz: control rate [Hz].
-            observer: called in each tick; returns estimates.
+        With hardware, real-time features are enabled. If the torque could not be switched off, the release
+        tries again. The robot is released before the session is closed, because closing may wait for the
+        disk.
 
         Raises:
             InputError: the task cannot start from the arm's current pose; nothing has moved.
@@ -100,21 +96,22 @@ class ArmSession:
                 stopped.
         """
         robot, stop = self.robot, self.unlogged
-        result = run_loop(
-            robot, guard, task, self.clock, self.log, rate_hz=rate_hz, observer=observer, stop=stop
-        )
-        try:
-            robot.deactivate()
-        except DeviceError as error:
-            with suppress(DeviceError):
+        with realtime() if self.world is None else nullcontext():
+            result = run_loop(
+                robot, guard, task, self.clock, self.log, rate_hz=rate_hz, observer=observer, stop=stop
+            )
+            try:
+                robot.deactivate()
+            except DeviceError as error:
+                with suppress(DeviceError):
+                    robot.close()
+                return replace(result, deactivation_error=str(error))
+            try:
                 robot.close()
-            return replace(result, deactivation_error=str(error))
-        try:
-            robot.close()
-        except DeviceError as error:
-            if not result.cause:
-                raise
-            raise DeviceError(f"the arm was stopped: {result.cause}; then: {error}") from error
+            except DeviceError as error:
+                if not result.cause:
+                    raise
+                raise DeviceError(f"the arm was stopped: {result.cause}; then: {error}") from error
         return replace(result, deactivation_error="")
 
 

@@ -81,12 +81,7 @@ class TeleopDemo:
 
 
 def script(surface_m: float, last_s: float = _LAST_S) -> dict[str, object]:
-    """Make the operator's script: choose two places, then press on both until the end.
-
-    Args:
-        surface_m: height of the surface [m].
-        last_s: latest start of the last press [s].
-    """
+    """Make the operator's script: choose two places, then press on both until the end."""
     high_m, low_m = surface_m + _ABOVE_M, surface_m - _BELOW_M
     path: list[dict[str, object]] = []
     at_s = 0.0

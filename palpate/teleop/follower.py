@@ -19,7 +19,6 @@ import yaml
 from palpate.control.arm.rigid_body import RigidBody
 from palpate.control.laws.gains import gains_of
 from palpate.control.laws.touch import RunningMean
-from palpate.control.loop.realtime import realtime
 from palpate.control.loop.result import LoopResult
 from palpate.control.loop.stop_handler import one_line
 from palpate.control.loop.task import NO_RUN, Phase, TaskOutput
@@ -332,8 +331,6 @@ def run_follower(job: FollowerJob, say: Say) -> FollowerOutcome:
         task = FollowerTask(
             body, axis, gains_of(robot_file), messaging.queue, probing, messaging.settled, job.on_silence
         )
-        if not job.simulated:
-            stack.enter_context(realtime())
         observer = Observer(messaging, arm.log, robot_file.joint_count, len(list(job.plan.runs())))
         messaging.start()
         if line.is_open_here:

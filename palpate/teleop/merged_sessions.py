@@ -11,6 +11,7 @@ from palpate.common.console import significant
 from palpate.control.loop.task import Phase
 from palpate.control.loop.tick_record import STREAM_NAME as TICK
 from palpate.control.teleop.messaging import STREAM_NAME as LINK
+from palpate.control.teleop.virtual_object import ForceLaw
 from palpate.robot_io.errors import InputError
 from palpate.robot_io.link.messages import short_number
 from palpate.robot_io.session import Event, Samples, Session
@@ -52,11 +53,7 @@ class ForceComparison:
         return self.select((since_s >= TOUCH_S) & ~self.stalled)
 
     def select(self, kept: BoolArray) -> "ForceComparison":
-        """Return the comparison with the selected samples.
-
-        Args:
-            kept: mask of the samples to keep, shape (n,).
-        """
+        """Return the comparison with the selected samples."""
         return ForceComparison(self.time_s[kept], self.felt_n[kept], self.real_n[kept], self.stalled[kept])
 
     def summary(self) -> str:
@@ -180,8 +177,7 @@ class MergedSessions:
         depth_m = real.object.surface_height_m - haptic["tip_position_world_m"][:, 2]
         rate_m_s, step_s = -haptic["tip_velocity_world_m_s"][:, 2], np.diff(haptic["time_s"], prepend=np.nan)
         step_s[:1] = 1e-3
-        motion = zip(depth_m.tolist(), rate_m_s.tolist(), step_s.tolist(), strict=True)
-        real_n = np.array([law(*state) for state in motion])
+        real_n = _along(law, depth_m, rate_m_s, step_s)
         touching = haptic["force_n"] > 0.0
         # start of each touch, and number of the newest touch, 0 before the first
         begins = touching & ~np.concatenate([[False], touching[:-1]])
@@ -198,7 +194,7 @@ class MergedSessions:
 
     def modelled_and_measured(self) -> ForceComparison:
         """Compare each target's newest model with the measured forces, on the follower's presses."""
-        ticks, parts = self.ticks, []
+        ticks, parts = self.ticks, [(np.zeros(0),) * 3]
         newest = {data["target"]: data for _, data in self.feels()}
         pressed = np.isin(ticks["phase"], _PRESSED) & (ticks["run"] >= 0)
         begun = [
@@ -219,16 +215,17 @@ class MergedSessions:
             depth_m = np.einsum("ij,ij->i", tip - np.array(data["surface_world_m"]), direction)
             rate_m_s = np.einsum("ij,ij->i", ticks["tip_velocity_world_m_s"][rows], direction)
             step_s = np.diff(ticks["time_s"][rows], prepend=ticks["time_s"][rows[:1]] - 1e-3)
-            motion = zip(depth_m.tolist(), rate_m_s.tolist(), step_s.tolist(), strict=True)
-            modelled_n = np.array([law(*state) for state in motion])
+            modelled_n = _along(law, depth_m, rate_m_s, step_s)
             kept = pressed[rows] & (depth_m > 0.0)
             measured_n = ticks["force_n"][rows] - air_n
             parts.append((ticks["time_s"][rows][kept], modelled_n[kept], measured_n[kept]))
-        if not parts:
-            nothing = np.zeros(0)
-            return ForceComparison(nothing, nothing, nothing, nothing > 0.0)
         time_s, modelled_n, measured_n = (np.concatenate(column) for column in zip(*parts, strict=True))
         return ForceComparison(self.to_leader(time_s), modelled_n, measured_n, np.zeros(len(time_s), bool))
+
+
+def _along(law: ForceLaw, depth_m: FloatArray, rate_m_s: FloatArray, step_s: FloatArray) -> FloatArray:
+    """Return the forces of a law along a motion, shape (n,) [N]."""
+    return np.array([law(*state) for state in np.column_stack([depth_m, rate_m_s, step_s]).tolist()])
 
 
 def merge_sessions(first: Session, second: Session) -> MergedSessions:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -18,19 +17,12 @@ from palpate.render.recording.file import (
     shown_on,
     time_column,
 )
+from palpate.render.recording.rerun_modules import rr, rrb
 from palpate.render.recording.scene import log_moving_arm, picture_rows, solid_shapes
 from palpate.render.recording.session import log_phases
-from palpate.robot_io.extras import LazyModule
 from palpate.teleop.haptics import GUESS
 from palpate.teleop.merged_sessions import ForceComparison, MergedSessions
 from palpate.teleop.virtual_object import GEOMETRY
-
-if TYPE_CHECKING:
-    import rerun as rr
-    import rerun.blueprint as rrb
-else:
-    rr = LazyModule("rerun")
-    rrb = LazyModule("rerun.blueprint")
 
 _LEADER_BASE_M = (0.0, 0.5, 0.0)  # position beside the follower, for display only
 _FORCE, _DEPTH, _PHASE, _LINK, _EVENTS = "force", "depth", "phase", "link", "events"
@@ -143,12 +135,6 @@ def _blueprint(merged: MergedSessions) -> rrb.Blueprint:
 
 def draw(path: Path, merged: MergedSessions, felt: ForceComparison, modelled: ForceComparison) -> Path:
     """Write a PNG with forces over time, felt over real force, and the link; return its path.
-
-    Args:
-        path: path of the file, replaced if it exists.
-        merged: both sessions.
-        felt: felt force, and force of the real object.
-        modelled: force of the models in the follower's presses, and measured force.
 
     Raises:
         InputError: the file cannot be written.

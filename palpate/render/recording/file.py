@@ -10,27 +10,16 @@ from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
 from tempfile import TemporaryDirectory
-from typing import TYPE_CHECKING, Literal
+from typing import Literal
 
 import numpy as np
 
 from palpate.common.files import whole_file
 from palpate.render import palette
+from palpate.render.recording.rerun_modules import experimental, rerun_cli, rr, rrb
 from palpate.robot_io.errors import PalpateError
-from palpate.robot_io.extras import LazyModule
 from palpate.robot_io.files.whole_file import as_utf8
 from palpate.robot_io.types import FloatArray
-
-if TYPE_CHECKING:
-    import rerun as rr
-    import rerun.blueprint as rrb
-    import rerun_cli  # type: ignore[import-untyped]
-    from rerun import experimental
-else:
-    rr = LazyModule("rerun")
-    rrb = LazyModule("rerun.blueprint")
-    experimental = LazyModule("rerun.experimental")
-    rerun_cli = LazyModule("rerun_cli")
 
 TIME, REVISION = "time", "revision"  # timelines
 BACKGROUND = (24, 29, 36)

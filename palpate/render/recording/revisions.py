@@ -9,7 +9,6 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -23,18 +22,11 @@ from palpate.render.recording.file import (
     send_lines,
     shown_on,
 )
+from palpate.render.recording.rerun_modules import rr, rrb
 from palpate.render.terminal import with_interval
 from palpate.render.thinning import rows_by_run, run_curves
 from palpate.render.view import BudgetView, ChannelView, StudyView
-from palpate.robot_io.extras import LazyModule
 from palpate.robot_io.types import FloatArray
-
-if TYPE_CHECKING:
-    import rerun as rr
-    import rerun.blueprint as rrb
-else:
-    rr = LazyModule("rerun")
-    rrb = LazyModule("rerun.blueprint")
 
 WIDTH, HEIGHT = 160.0, 90.0  # size of the frame in the view's units
 _RULE, _INK = (62, 72, 84), (190, 200, 210)
@@ -101,12 +93,7 @@ class Chart:
 
 
 def span_of(values: FloatArray, margin: float = 0.06) -> tuple[float, float]:
-    """Return the smallest and largest finite value, with a margin.
-
-    Args:
-        values: values, shape (n,); some may be non-finite.
-        margin: share of the range added at both ends.
-    """
+    """Return the smallest and largest finite value, with a margin."""
     finite = values[np.isfinite(values)]
     low, high = (float(finite.min()), float(finite.max())) if len(finite) else (0.0, 1.0)
     room = margin * (high - low) or 1.0

@@ -7,7 +7,7 @@ import warnings
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 from xml.etree.ElementTree import tostring
 
 import numpy as np
@@ -18,20 +18,11 @@ from palpate.control.loop.tick_record import STREAM_NAME
 from palpate.estimation.data.tick_channels import checked_ticks
 from palpate.estimation.estimate import Estimate, ParameterEstimate
 from palpate.render.recording.file import BACKGROUND, time_column
+from palpate.render.recording.rerun_modules import rr, rrb, urdf_reader
 from palpate.robot_io.errors import InputError
-from palpate.robot_io.extras import LazyModule
 from palpate.robot_io.files.urdf_text import parse_urdf, without_files
 from palpate.robot_io.session import Event, Session
 from palpate.robot_io.types import FloatArray, IntArray
-
-if TYPE_CHECKING:
-    import rerun as rr
-    import rerun.blueprint as rrb
-    import rerun.urdf as urdf_reader
-else:
-    rr = LazyModule("rerun")
-    rrb = LazyModule("rerun.blueprint")
-    urdf_reader = LazyModule("rerun.urdf")
 
 Columns = Mapping[str, NDArray[Any]]
 IN_CONTACT = (Phase.LOADING, Phase.HOLD, Phase.UNLOADING)
@@ -69,11 +60,7 @@ class Scene:
         return int(self.ticks["joint_position_rad"].shape[1])
 
     def found(self, parameter: str) -> ParameterEstimate | None:
-        """Return the offline estimate of a parameter; None if there is none.
-
-        Args:
-            parameter: "effect.parameter".
-        """
+        """Return the offline estimate of a parameter; None if there is none."""
         parameters = self.estimate.parameters if self.estimate is not None else ()
         return next((entry for entry in parameters if entry.name == parameter), None)
 

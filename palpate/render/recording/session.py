@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from itertools import cycle
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -12,16 +11,9 @@ from palpate.estimation.signals.blocks import block_index
 from palpate.render import palette
 from palpate.render.palette import phase
 from palpate.render.recording.file import TIME, plot, recording_file, send_lines, shown_on, time_column
+from palpate.render.recording.rerun_modules import rr, rrb
 from palpate.render.recording.scene import Scene, log_arm, log_object, view_3d
-from palpate.robot_io.extras import LazyModule
 from palpate.robot_io.types import FloatArray, IntArray
-
-if TYPE_CHECKING:
-    import rerun as rr
-    import rerun.blueprint as rrb
-else:
-    rr = LazyModule("rerun")
-    rrb = LazyModule("rerun.blueprint")
 
 _MILLI, _MICRO = 1e3, 1e6
 _FORCE, _DEPTH, _PHASE = "contact/force", "contact/displacement", "phase"
