@@ -370,10 +370,6 @@ class FreeMotion:
     def at_rest(self, measurement: Measurement, waited_s: float) -> bool:
         """Return whether the arm stands still.
 
-        Args:
-            measurement: state of the arm.
-            waited_s: time since its motion should have ended [s].
-
         Raises:
             SafetyTripError: the arm still moves after `_REST_WAIT_S`.
         """

@@ -102,13 +102,7 @@ def plan_stops(
 
 
 def with_room_for_stops(limits: Limits, approaches: Iterable[StopApproach], beyond_rad: float) -> Limits:
-    """Widen the position limits so that each joint can reach its stop.
-
-    Args:
-        limits: limits of the guard.
-        approaches: approaches to the stops.
-        beyond_rad: largest apparent motion of a joint beyond its stop [rad].
-    """
+    """Widen the position limits so that each joint can reach its stop."""
     low, high = list(limits.position_min_rad), list(limits.position_max_rad)
     for approach in approaches:
         joint, end_rad = approach.joint, approach.stop_rad + approach.side * beyond_rad

@@ -309,9 +309,6 @@ def fit_force(plateaus: Plateaus, reference_rel_std: float = 0.0) -> ForceFit:
 def check_references(reference_n: Sequence[float] | FloatArray) -> None:
     """Check that the planned forces suffice for a fit.
 
-    Args:
-        reference_n: force of each plateau [N].
-
     Raises:
         InputError: there are too few plateaus or different forces.
     """

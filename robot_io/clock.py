@@ -48,11 +48,7 @@ class SimulatedClock(Clock):
         self._pace_ahead_s: float | None = None  # lead of the real clock over this clock
 
     def subscribe(self, on_advance: Callable[[float], None]) -> None:
-        """Call a function each time the clock has advanced.
-
-        Args:
-            on_advance: called with the new time [s].
-        """
+        """Call a function each time the clock has advanced."""
         self._listeners.append(on_advance)
 
     def now_s(self) -> float:

@@ -145,12 +145,7 @@ class SampledSensor(ABC):
         """Make a sample of the true signal."""
 
     def observe(self, time_s: float, signal: Sequence[float]) -> None:
-        """Show the true signal at a physics step; it is sampled if an instant has come.
-
-        Args:
-            time_s: time of the step [s].
-            signal: true signal.
-        """
+        """Show the true signal at a physics step; it is sampled if an instant has come."""
         if self._low_pass:
             signal = self._low_pass.filter(signal)
         if time_s < self._sample_s:

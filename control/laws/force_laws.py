@@ -125,10 +125,6 @@ class Admittance:
 def scheduled_admittance(compliance: Compliance, gains: ContactGains) -> Admittance:
     """Choose virtual mass and damping for an object.
 
-    Args:
-        compliance: compliance of the object, or an estimate of it.
-        gains: gains of the force law.
-
     Returns:
         An admittance with the damping ratio of the gains.
     """

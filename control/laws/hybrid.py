@@ -136,22 +136,12 @@ class HybridController:
         self.force_bias_n = measurement.force_n if math.isfinite(measurement.force_n) else 0.0
 
     def set_line(self, line: PressLine, travel_m: float) -> None:
-        """Follow a press line from now on, at rest.
-
-        Args:
-            line: the press line.
-            travel_m: travel of the joints' present reference [m].
-        """
+        """Follow a press line from now on, at rest."""
         self._line = line
         self.state = LineState(travel_m)
 
     def tare(self, force_bias_n: float, touch_force_n: float) -> None:
-        """Set the free-air force and the touch force; the contact state is cleared.
-
-        Args:
-            force_bias_n: force in free air [N].
-            touch_force_n: force above it that counts as contact [N].
-        """
+        """Set the free-air force and the touch force; the contact state is cleared."""
         self.force_bias_n = force_bias_n
         self.switch = ContactSwitch(self._touch_gains, touch_force_n)
 

@@ -34,10 +34,6 @@ class JointMotion(NamedTuple):
 def quintic(time_s: float, duration_s: float) -> tuple[float, float, float]:
     """Compute 10 s^3 - 15 s^4 + 6 s^5 with s = t / T, from 0 to 1, at rest at both ends.
 
-    Args:
-        time_s: t [s].
-        duration_s: T [s].
-
     Returns:
         Value, rate [1/s] and acceleration [1/s^2].
     """
@@ -218,12 +214,7 @@ def blend_distance_m(speed_m_s: float, acceleration_limit_m_s2: float) -> float:
 
 
 def turning_distance_m(speed_m_s: float, acceleration_limit_m_s2: float) -> float:
-    """Compute the forward distance of a `SpeedBlend` to the opposite speed [m]; 0 for a negative speed.
-
-    Args:
-        speed_m_s: speed at its start [m/s].
-        acceleration_limit_m_s2: largest acceleration [m/s^2].
-    """
+    """Compute the forward distance of a `SpeedBlend` to the opposite speed [m]; 0 for a negative speed."""
     return 0.9375 * max(speed_m_s, 0.0) ** 2 / acceleration_limit_m_s2
 
 

@@ -46,11 +46,7 @@ class Route(NamedTuple):
     too_low_m: float
 
     def problem(self, where: str) -> str:
-        """Describe that the route is too low, with a remedy.
-
-        Args:
-            where: part of the route for messages, such as "to target 2".
-        """
+        """Describe that the route is too low, with a remedy."""
         return (
             f"on the way {where} the tip would come {1e3 * self.too_low_m:.1f} mm too near to the object and "
             "cannot be lifted more: give targets nearer to each other, or more approach_clearance_m and "
@@ -59,9 +55,6 @@ class Route(NamedTuple):
 
     def refuse_if_low(self, where: str) -> None:
         """Raise an error if the route is too low.
-
-        Args:
-            where: part of the route for messages, such as "to target 2".
 
         Raises:
             InputError: the route is too low.

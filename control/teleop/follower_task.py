@@ -44,11 +44,7 @@ class TargetQueue:
         self.remark = ""
 
     def take(self, intent: Intent) -> None:
-        """Update the queue from the leader's intent; targets beyond its capacity are left for later.
-
-        Args:
-            intent: targets, cancellations and whether the leader has ended.
-        """
+        """Update the queue from the leader's intent; targets beyond its capacity are left for later."""
         with self._lock:
             for target in intent.targets:
                 if target.number > self._newest:

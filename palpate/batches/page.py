@@ -362,12 +362,7 @@ def _rows(batch: BatchResult) -> PageSection:
 
 
 def range_text(interval: tuple[float, float], std_err: float) -> str:
-    """Format an interval; a dash if there is none.
-
-    Args:
-        interval: lower and upper end.
-        std_err: standard error of the value, which determines the number of digits.
-    """
+    """Format an interval; a dash if there is none."""
     if not np.isfinite(interval).all():
         return "–"
     return " to ".join(significant(end, std_err) for end in interval)

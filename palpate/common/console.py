@@ -72,13 +72,7 @@ def plain(value: Any) -> Any:  # noqa: ANN401
 
 
 def table(title: str, *columns: str, right: Iterable[str] = ()) -> Table:
-    """Make a table in the house style: light rules, numbers right-aligned, long cells folded.
-
-    Args:
-        title: title above the table; empty for none.
-        columns: column headings.
-        right: headings of the numeric columns, which are right-aligned.
-    """
+    """Make a table in the house style: light rules, numbers right-aligned, long cells folded."""
     made = Table(
         title=title or None, title_style="bold", title_justify="left", header_style="bold", box=SIMPLE
     )
@@ -96,11 +90,7 @@ def natural_width(made: Table) -> int:
 
 
 def as_typed(command: str) -> str:
-    """Return a command that can be typed here; include the program's folder if it is not on the PATH.
-
-    Args:
-        command: command line that starts with the program's name.
-    """
+    """Return a command that can be typed here; include the program's folder if it is not on the PATH."""
     program, _, rest = command.partition(" ")
     folder = Path(sys.argv[0]).parent
     started = folder / program
@@ -110,11 +100,7 @@ def as_typed(command: str) -> str:
 
 
 def next_steps(*commands: tuple[str, str]) -> None:
-    """Show commands to try next, each with what it does.
-
-    Args:
-        commands: pairs of a command that can be pasted into a shell (see `typed` for paths) and its purpose.
-    """
+    """Show commands to try next, each with what it does."""
     console = stderr()
     console.print("\n[bold]Next[/bold]")
     runnable = [(as_typed(command), purpose) for command, purpose in commands]
@@ -198,12 +184,7 @@ def warn(remark: str, more: str = "") -> None:
 
 
 def say_read(read: str, notes: Iterable[str]) -> None:
-    """Report on stderr how the columns of a data file were interpreted; print nothing for a session.
-
-    Args:
-        read: the file's columns and their roles; empty for a session.
-        notes: sentences that the reader should see.
-    """
+    """Report on stderr how the columns of a data file were interpreted; print nothing for a session."""
     if read:
         stderr().print(f"[dim]read: {safe(read)}[/dim]")
     for note in notes:
@@ -250,11 +231,7 @@ def count(number: int, noun: str) -> str:
 
 
 def duration(seconds: float) -> str:
-    """Format a duration for people.
-
-    Args:
-        seconds: duration [s].
-    """
+    """Format a duration for people."""
     if seconds < 60:
         return f"{seconds:.1f} s"
     minutes, rest = divmod(seconds, 60)

@@ -163,12 +163,7 @@ def file_of(effect_type: type) -> str:
 
 
 def place_of(effect_type: type, attribute: str) -> str:
-    """Return where a class defines a name, such as " (mine.py, line 14)", or else where the class begins.
-
-    Args:
-        effect_type: a class.
-        attribute: name of the attribute or method; empty for the class itself.
-    """
+    """Return where a class defines a name, such as " (mine.py, line 14)", or else where the class begins."""
     try:
         lines, first = inspect.getsourcelines(effect_type)
         (made,) = ast.parse(textwrap.dedent("".join(lines))).body

@@ -79,11 +79,7 @@ def examine_limits(robot_file: RobotFile, body: RigidBody) -> Iterator[Finding]:
 
 
 def random_poses_rad(limits: Limits) -> FloatArray:
-    """Draw poses over the joints' ranges, shape (poses, n) [rad].
-
-    Args:
-        limits: limits with the joints' ranges [rad].
-    """
+    """Draw poses over the joints' ranges, shape (poses, n) [rad]."""
     low, high = np.array(limits.position_min_rad), np.array(limits.position_max_rad)
     return np.random.default_rng(0).uniform(low, high, (POSES, len(low)))
 

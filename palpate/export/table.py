@@ -137,12 +137,7 @@ LAYOUT_ENDINGS = {Program.FOXGLOVE: ".json", Program.PLOTJUGGLER: ".xml"}
 
 
 def layout_of(session: Session, program: Program) -> str:
-    """Return a viewer's layout as text. InputError: the session has nothing to plot.
-
-    Args:
-        session: whose streams are shown.
-        program: that shows them.
-    """
+    """Return a viewer's layout as text. InputError: the session has nothing to plot."""
     streams = [session.samples(name).stream for name in session.stream_names]
     plots: dict[str, list[tuple[Stream, Column]]] = {}
     for stream in streams:

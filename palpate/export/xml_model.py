@@ -77,12 +77,6 @@ def patch_mjcf(text: str, place: str, arm: TargetArm, mounting: Mounting, *, by_
 def patch_urdf(text: str, place: str, arm: TargetArm, mounting: Mounting) -> Patched:
     """Write the values of an arm into the text of a URDF.
 
-    Args:
-        text: of the URDF.
-        place: where it comes from, for errors.
-        arm: expressed for `SimulatorFormat.URDF`.
-        mounting: of the arm.
-
     Raises:
         InputError: the file cannot be read, is no URDF, or lacks a joint.
     """
@@ -134,13 +128,7 @@ class _Mjcf:
         ]
 
     def value(self, element: Element, name: str, absent: str) -> str:
-        """Return an attribute of an element, from the element itself or its default class.
-
-        Args:
-            element: of the MJCF.
-            name: of the attribute.
-            absent: value where neither states it.
-        """
+        """Return an attribute of an element or else of its default class; `absent` if neither states it."""
         if (own := element.get(name)) is not None:
             return own
         tags = {element.tag} if element.tag == "joint" else {element.tag, *_SCALED}

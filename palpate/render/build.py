@@ -122,19 +122,7 @@ def stage_view(
     number: int | None = None,
     unphysical: Sequence[str] = (),
 ) -> StageView:
-    """Make the view of one stage of a model from its fit; the label of a base model is its name.
-
-    Args:
-        model: base model with the effects of the stage.
-        parameters: parameter estimates by "effect.parameter".
-        predicted: effort (n,).
-        residual: measured less predicted in held-out runs (n,).
-        rmse: held-out error, in the effort's unit.
-        label: short description of the added effects.
-        name: name of the whole model.
-        number: number of the revision; None where it is not kept.
-        unphysical: descriptions of parameters outside their physical bounds.
-    """
+    """Make the view of one stage of a model from its fit; the label of a base model is its name."""
     return StageView(
         number=number,
         label=label,

@@ -131,15 +131,7 @@ def impossible(unphysical: Sequence[str]) -> tuple[str, ...]:
 
 
 def falling(channel: str, errors: Sequence[float], added: Sequence[str], noise: float, unit: str) -> str:
-    """Describe in one or two sentences how added effects changed the error.
-
-    Args:
-        channel: name of the channel.
-        errors: errors of each stage, the base model's first.
-        added: added effects, one fewer than errors.
-        noise: error of a complete model.
-        unit: unit of the errors.
-    """
+    """Describe in one or two sentences how added effects changed the error."""
     first, last = errors[0], errors[-1]
     subject = f"{channel} with {enumerated(added)}: the error in held-out runs"
     if last > _NO_FALL * first:

@@ -121,14 +121,7 @@ Curve = tuple[FloatArray, FloatArray, str]  # x (n,), y (n,), colour
 
 
 def drawing(first: Curve, second: Curve, width: int, height: int) -> list[Text]:
-    """Draw two curves in one frame, line by line: the first as points "·", the second in Braille.
-
-    Args:
-        first: reference curve, which can be told apart without colors too.
-        second: curve to show.
-        width: width of the drawing [characters].
-        height: height of the drawing [lines].
-    """
+    """Draw two curves in one frame, line by line: the first as points "·", the second in Braille."""
     frame = []
     for axis in (0, 1):
         values = np.concatenate([first[axis], second[axis]])
@@ -148,13 +141,7 @@ def drawing(first: Curve, second: Curve, width: int, height: int) -> list[Text]:
 
 
 def beside(titles: Sequence[str], drawings: Sequence[Sequence[Text]], gap: int = 3) -> Iterator[Text]:
-    """Place drawings of the same height side by side, each below its title.
-
-    Args:
-        titles: title of each drawing.
-        drawings: lines of each.
-        gap: between two drawings [characters].
-    """
+    """Place drawings of the same height side by side, each below its title."""
     width = max(len(line) for lines in drawings for line in lines)
     yield Text((" " * gap).join(title.ljust(width) for title in titles), style="dim")
     for lines in zip(*drawings, strict=True):
@@ -187,20 +174,12 @@ def library() -> tuple[Effect, ...]:
 
 
 def kind_of(effect: Effect) -> ChannelKind:
-    """Return the kind of channel in which to draw an effect: a contact if it occurs there.
-
-    Args:
-        effect: effect of the library or the user's own.
-    """
+    """Return the kind of channel in which to draw an effect: a contact if it occurs there."""
     return next(kind for kind in ChannelKind if kind in effect.channels)
 
 
 def as_data(effect: Effect) -> dict[str, Any]:
-    """Return an effect as plain data with the units of that kind; the keys are stable.
-
-    Args:
-        effect: effect of the library or the user's own.
-    """
+    """Return an effect as plain data with the units of that kind; the keys are stable."""
     words = ("name", "physics", "equation", "source", "signature", "confused_with", "needs")
     kind = kind_of(effect)
     parameters = [
@@ -258,12 +237,7 @@ def print_effect(console: Console, effect: Effect, example: Example | None) -> N
 
 
 def drawn(example: Example, width: int) -> Iterator[Text]:
-    """Draw an example with characters: effort over position or velocity and, if there is room, over time.
-
-    Args:
-        example: motion and model to draw.
-        width: width of the terminal [characters].
-    """
+    """Draw an example with characters: effort over position or velocity and, if there is room, over time."""
     data, axes = example.data, axes_of(example.data.kind)
     before, after = data.effort, example.effort()
     room = width - 4
@@ -293,11 +267,7 @@ def _channels(effect: Effect) -> list[str]:
 
 
 def group_of(effect: Effect) -> str:
-    """Return the effect's group, one of `GROUPS`.
-
-    Args:
-        effect: effect of the library or the user's own.
-    """
+    """Return the effect's group, one of `GROUPS`."""
     if isinstance(effect, RunVariation):
         return "From run to run"
     if isinstance(effect, SensorEffect) or effect.name in {"bias", "drift"}:

@@ -78,13 +78,7 @@ def estimates_view(estimates: ChannelEstimates, truth: Truth) -> ChannelView:
 
 
 def estimate_table(estimates: ChannelEstimates, truth: Truth, width: int) -> Table:
-    """Tabulate every estimator's parameters with 95 % intervals, and errors where the truth is known.
-
-    Args:
-        estimates: a channel with its estimates.
-        truth: true parameters, as far as they are known.
-        width: width of the terminal [characters]; a narrow one gets fewer columns.
-    """
+    """Tabulate every estimator's parameters with 95 % intervals, and errors where the truth is known."""
     if len(shown_parameters(estimates.estimates[0])) <= _MOST_ABREAST:
         for columns in (width, min(width, _NARROW - 1)):
             made = _one_row_an_estimator(estimates, truth, columns)
@@ -293,11 +287,7 @@ def shown_parameters(estimate: Estimate) -> list[ParameterEstimate]:
 
 
 def short_name(parameter: str) -> str:
-    """Return the symbol that equations use, such as "k" for "stiffness.k".
-
-    Args:
-        parameter: "effect.parameter".
-    """
+    """Return the symbol that equations use, such as "k" for "stiffness.k"."""
     return parameter.rpartition(".")[2]
 
 

@@ -189,12 +189,7 @@ def print_pair(console: Console, view: PairView) -> None:
 
 
 def difference_table(differences: Sequence[ParameterDifference], width: int) -> Table:
-    """Tabulate the parameters of both sides with their differences, stacked on a narrow terminal.
-
-    Args:
-        differences: difference of each parameter.
-        width: width of the terminal [characters].
-    """
+    """Tabulate the parameters of both sides with their differences, stacked on a narrow terminal."""
     names = ("A", "B", "B − A")
     beside = _table_of_differences(differences, names)
     below = _table_of_differences(differences, names, "\n")
@@ -230,11 +225,7 @@ def _table_of_differences(
 
 
 def percent_text(fit: float) -> str:
-    """Format a fit [%], or state that there is none.
-
-    Args:
-        fit: [%]; NaN where there is none.
-    """
+    """Format a fit [%], or state that there is none."""
     return "–" if np.isnan(fit) else f"{fit:.1f}"
 
 

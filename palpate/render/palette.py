@@ -58,11 +58,7 @@ def speed_colors(words: list[str]) -> dict[str, str]:
 
 
 def phase(number: int) -> tuple[str, str]:
-    """Return name and color of a phase.
-
-    Args:
-        number: number of the phase in the session's column.
-    """
+    """Return name and color of a phase."""
     if number not in set(Phase):
         return UNKNOWN_PHASE
     return Phase(number).name.lower().replace("_", " "), PHASES.get(Phase(number), UNKNOWN_PHASE[1])

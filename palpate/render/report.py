@@ -291,12 +291,7 @@ def title_axes(made: go.Figure, place: Place, x: str, y: str) -> None:
 
 
 def styled(made: go.Figure, height: int) -> go.Figure:
-    """Apply the common style: thin rules, transparent background, colors for light and dark.
-
-    Args:
-        made: the figure.
-        height: height [px].
-    """
+    """Apply the common style: thin rules, transparent background, colors for light and dark."""
     made.update_layout(
         template="none",
         paper_bgcolor="rgba(0,0,0,0)",

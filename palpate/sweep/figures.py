@@ -136,12 +136,7 @@ def transition(ticks: Sequence[Row]) -> Figure:
 
 @_drawing("fig4a_force_displacement")
 def force_displacement(ticks: Sequence[Row], grid: Sequence[Row]) -> Figure:
-    """Draw figure 4a: force over displacement at three speeds, and peak forces over c v.
-
-    Args:
-        ticks: rows of one probing.
-        grid: rows of the grid, one for each probing.
-    """
+    """Draw figure 4a: force over displacement at three speeds, and peak forces over c v."""
     figure, (left, right) = _panels(1, 2, TWO_COLUMNS_IN, 2.7)
     for run, (speed_mm_s, color) in enumerate(zip((150, 90, 60), SPEEDS, strict=True)):
         own = [
@@ -222,11 +217,7 @@ def grid_estimates(rows: Sequence[Row]) -> Figure:
 
 @_drawing("fig4d_noise")
 def noise(lines: Sequence[Sequence[Any]]) -> Figure:
-    """Draw figure 4d: mean error over the noise.
-
-    Args:
-        lines: rows of the table in `palpate.sweep.paper`, by estimator and noise.
-    """
+    """Draw figure 4d: mean error over the noise."""
     figure, all_axes = _panels(1, 2, TWO_COLUMNS_IN, 2.8)
     for index, (axes, what) in enumerate(zip(all_axes, ("k", "c"), strict=True)):
         for number, (name, own) in enumerate(grouped(lines, lambda line: line[0]).items()):

@@ -82,17 +82,7 @@ _AXIS = {"gridcolor": "#e8ecf0", "zerolinecolor": "#c3cbd3", "automargin": True,
 def curve(  # noqa: PLR0917, what a line is made of
     name: str, x: np.ndarray, y: np.ndarray, color: str, width: float, unit: str, **more: object
 ) -> dict[str, Any]:
-    """Return a curve over x (n,) for plotly.
-
-    Args:
-        name: name in the legend.
-        x: shape (n,).
-        y: shape (n,).
-        color: CSS color.
-        width: width of the line [px].
-        unit: unit of y.
-        more: further keys of plotly's trace.
-    """
+    """Return a curve over x (n,) for plotly."""
     dash = more.pop("dash", "solid")
     return {
         "type": "scatter", "mode": "lines", "name": name, "x": x, "y": y, "connectgaps": False,
@@ -107,12 +97,7 @@ def axis(title: str, **more: object) -> dict[str, Any]:
 
 
 def layout_of(height: int, **more: object) -> dict[str, Any]:
-    """Return the layout that all figures share.
-
-    Args:
-        height: height of the figure [px].
-        more: further keys of plotly's layout.
-    """
+    """Return the layout that all figures share."""
     return {
         "height": height, "margin": {"l": 56, "r": 12, "t": 24, "b": 40}, "font": _FONT,
         "paper_bgcolor": "#fff", "plot_bgcolor": "#fff", "hovermode": "closest",

@@ -35,14 +35,7 @@ class Page:
         show_state: Callable[[WorkbenchState], None],
         serve_report: Callable[[Path], str],
     ) -> None:
-        """Show a state of the workbench.
-
-        Args:
-            state: state to show.
-            opening: called to offer another file.
-            show_state: shows another state instead.
-            serve_report: makes a report available to the browser; returns its address.
-        """
+        """Show a state of the workbench."""
         self.state, self._opening = state, opening
         self._show_state, self._serve_report = show_state, serve_report
         self._busy = asyncio.Lock()
@@ -196,12 +189,7 @@ class Page:
             return self._shown
 
     async def pull(self, name: str, value: float) -> None:
-        """Draw the model with a slider at a value: curves first, then all other views.
-
-        Args:
-            name: name of the parameter.
-            value: value of the slider, in the parameter's SI unit.
-        """
+        """Draw the model with a slider at a value: curves first, then all other views."""
         if (
             self._shown is None
             or name not in self._shown.fitted.values

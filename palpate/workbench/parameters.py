@@ -76,13 +76,7 @@ class ErrorCard:
         self._wrong.set_text(" ".join(impossible(fit.unphysical)))
 
     def preview(self, error: float, unit: str, noise: float) -> None:
-        """Show the error at the values of the sliders.
-
-        Args:
-            error: held-out error [unit].
-            unit: unit of the effort.
-            noise: noise level of the channel [unit].
-        """
+        """Show the error at the values of the sliders."""
         self._wrong.set_text("")  # applies to the fit only
         self._number.set_content(_number(error, unit, noise, "at these values"))
 
@@ -100,13 +94,7 @@ def _number(error: float, unit: str, noise: float, what: str = "", kind: str = "
 
 
 def waterfall(steps: tuple[tuple[str, float], ...], noise: float, unit: str) -> str:
-    """Return the error of each stage as bars, with the noise level as a line.
-
-    Args:
-        steps: label and held-out error of each stage.
-        noise: noise level [unit].
-        unit: unit of the effort.
-    """
+    """Return the error of each stage as bars, with the noise level as a line."""
     most = max(error for _, error in steps) or 1.0
     rows, before = [], steps[0][1]
     for label, error in steps:

@@ -49,11 +49,7 @@ class ColumnGuess:
     stated: str = ""  # unit stated in the file
 
     def assign(self, quantity: str) -> None:
-        """Assign another quantity to the column, in its present unit or the unit stated in the file.
-
-        Args:
-            quantity: quantity, such as force; empty if the column is not used.
-        """
+        """Assign another quantity to the column, in its present unit or the unit stated in the file."""
         known = units_of(quantity)
         self.unit = next((unit for unit in (self.unit, self.stated) if unit in known), "")
         self.quantity = quantity
@@ -80,11 +76,7 @@ def guess(table: Table) -> list[ColumnGuess]:
 
 
 def options_of(columns: Sequence[ColumnGuess]) -> ImportOptions:
-    """Return the import options for these roles; raise `InputError` if two columns have the same role.
-
-    Args:
-        columns: columns of the file, with the roles that the user chose.
-    """
+    """Return the import options for these roles; raise `InputError` if two columns have the same role."""
     used = [column for column in columns if column.quantity]
     names = [column.quantity for column in used]
     if twice := sorted({name for name in names if names.count(name) > 1}):
@@ -135,11 +127,7 @@ class FileDrop:
         self._review = ui.element("div").classes("dropped")
 
     async def begin(self, path: Path) -> bool:
-        """Open a session at once, a data file after a review of its columns; return whether it is readable.
-
-        Args:
-            path: a session, a folder of sessions or a data file.
-        """
+        """Open sessions at once, a data file after a review of its columns; return whether it is readable."""
         try:
             if is_session(path) or path.is_dir():
                 await self._opened(path, ImportOptions())
@@ -328,11 +316,7 @@ def newest_growing(folder: Path) -> Path | None:
 
 
 def live_figure(ticks: Samples) -> Figure:
-    """Draw force with residual, torques, and online estimates over the last seconds.
-
-    Args:
-        ticks: ticks of the session that is being written.
-    """
+    """Draw force with residual, torques, and online estimates over the last seconds."""
     time_s = ticks["time_s"]
     last = time_s > time_s[-1] - SPAN_S if len(time_s) else np.zeros(0, dtype=np.bool_)
     torques = ticks.vector("torque_measured_nm")[last].T

@@ -170,14 +170,7 @@ _MOST_POINTS = 600  # of a curve
 def picture(
     x: FloatArray, curves: Sequence[tuple[FloatArray, str]], width: int = 72, height: int = 44
 ) -> str:
-    """Draw curves (n,) over x (n,) as a small SVG without axes.
-
-    Args:
-        x: shape (n,).
-        curves: values (n,) and color of each.
-        width: width [px].
-        height: height [px].
-    """
+    """Draw curves (n,) over x (n,) as a small SVG without axes."""
     every = np.concatenate([y for y, _ in curves])
     low, high = float(every.min()), float(every.max())
     left, right = float(x.min()), float(x.max())

@@ -394,14 +394,7 @@ TELLING = 0.05  # share of the error below which an effect has no influence
 
 
 def evidence_of(study: Study, channel: StudyChannel, beside: Sequence[str], effect: str) -> EffectEvidence:
-    """Compute how one effect changes the error beside others. InputError: the selection cannot be fitted.
-
-    Args:
-        study: study with the fits.
-        channel: channel of the study.
-        beside: names of the other effects in the model.
-        effect: name of the effect.
-    """
+    """Compute how one effect changes the error beside others. InputError: the selection cannot be fitted."""
     before, fitted = study.fit(channel, beside), study.fit(channel, [*beside, effect])
     change = before.residual_on_blocks - fitted.residual_on_blocks
     length = float(np.linalg.norm(change))

@@ -118,10 +118,6 @@ def hide_one(scenario: Scenario, rng: np.random.Generator, among: tuple[str, ...
 def solve(session: Path, progress: Progress) -> HiddenDemo:
     """Diagnose, add what is missing, draw it, and then open the answer.
 
-    Args:
-        session: file of the second part.
-        progress: called with the current step and the share of it that is done.
-
     Raises:
         InputError: something cannot be written.
     """

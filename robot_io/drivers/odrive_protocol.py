@@ -262,11 +262,6 @@ def encode_limits(node_id: int, velocity_rev_s: float, current_a: float) -> CanF
     """Set a motor's velocity limit [rev/s], above which the axis fails, and its current limit [A].
 
     The axis loses both at its next start; CANSimple cannot read them.
-
-    Args:
-        node_id: node id of the axis.
-        velocity_rev_s: largest speed [rev/s].
-        current_a: largest current [A].
     """
     return CanFrame(odrive_id(node_id, OdriveCommand.SET_LIMITS), _TWO_FLOATS.pack(velocity_rev_s, current_a))
 

@@ -87,11 +87,7 @@ def _depth(link: str, parents: dict[str, str]) -> int:
 
 
 def without_files(robot: Element) -> Element:
-    """Remove meshes and textures, so that drawing opens no file and asks no server.
-
-    Args:
-        robot: root of the URDF; it is changed.
-    """
+    """Remove meshes and textures, so that drawing opens no file and asks no server."""
     for link in robot.iter("link"):
         for shape in (*link.findall("visual"), *link.findall("collision")):
             if shape.find(".//mesh") is not None:

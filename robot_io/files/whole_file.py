@@ -27,10 +27,6 @@ def as_utf8(text: str) -> str:
 def whole_file(path: Path, *, replace: bool = True) -> Iterator[Path]:
     """Give a temporary name to write under; the finished file is renamed on exit.
 
-    Args:
-        path: final name of the file.
-        replace: whether an existing file is replaced.
-
     Yields:
         The temporary name.
 

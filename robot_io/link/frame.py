@@ -52,10 +52,6 @@ def load_seal(path: Path, topic: str) -> Seal:
 
     Each topic has its own derived key: a frame of another pair, or of the other direction, is not valid.
 
-    Args:
-        path: file whose bytes are the secret.
-        topic: name of the topic.
-
     Raises:
         InputError: the file cannot be read, other users can read it, or it is too short or too long.
     """

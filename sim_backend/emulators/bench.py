@@ -75,11 +75,7 @@ class Plant:
             self.force = (force.value[0], force.status)
 
     def joint(self, joint: int) -> JointState:
-        """Return the newest sample of a joint.
-
-        Args:
-            joint: index of the joint, from 0.
-        """
+        """Return the newest sample of a joint."""
         return self._joints[joint]
 
     def close(self) -> None:

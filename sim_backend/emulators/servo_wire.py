@@ -54,10 +54,6 @@ MountingType = TypeVar("MountingType", bound=EmulatedMounting)
 def on_shafts(mountings: Sequence[MountingType], plant: Plant) -> list[tuple[MountingType, Shaft]]:
     """List all servos of an arm, one or two per joint, from base to tip.
 
-    Args:
-        mountings: mountings of the joints, from base to tip.
-        plant: the arm.
-
     Returns:
         Each with the shaft on which it sits.
     """

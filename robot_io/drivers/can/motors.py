@@ -82,11 +82,7 @@ class MotorBus(JointBus, Examinable):
 
     @abstractmethod
     def motor_label(self, joint: int) -> str:
-        """Return the name of a joint's motor in messages.
-
-        Args:
-            joint: index of the joint, from 0.
-        """
+        """Return the name of a joint's motor in messages."""
 
     @abstractmethod
     def _switch_off(self) -> None:

@@ -38,11 +38,7 @@ _TIMES: Final = 1 << 32
 
 
 def communication_setup(baud_rate: int) -> bytes:
-    """Make the command for calibrated values without temperature compensation, in binary frames.
-
-    Args:
-        baud_rate: of the line [bit/s].
-    """
+    """Make the command for calibrated values without temperature compensation, in binary frames."""
     return f"c,0,1,0,{BAUD_RATE_CODES[baud_rate]}".encode()
 
 

@@ -298,11 +298,6 @@ class ForceLine(Bus):
 
         Must be called before `listen`.
 
-        Args:
-            question: bytes for the sensor.
-            understand: parses all received bytes into an answer, or None.
-            timeout_s: longest wait [s].
-
         Returns:
             The answer, or None.
 

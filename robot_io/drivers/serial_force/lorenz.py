@@ -66,9 +66,6 @@ class SensorHeader:
 def checksums(content: bytes) -> tuple[int, int]:
     """Compute checksum and weighted checksum of a telegram's content.
 
-    Args:
-        content: content of a telegram, between STX and the checksums.
-
     Returns:
         Both, each from 0 to 255.
     """

@@ -40,11 +40,7 @@ class OwnTime:
         self._window_end_s, self._delays_s = _WINDOW_S, deque[float](maxlen=_WINDOWS)
 
     def goes_on(self, by_s: float) -> None:
-        """Advance the sensor's time to that of the newest reading.
-
-        Args:
-            by_s: time since the previous reading, sensor's clock [s].
-        """
+        """Advance the sensor's time to that of the newest reading."""
         self._now_s += by_s * self._rate
 
     def sampled_at_s(self, arrived_at_s: float, *, prompt: bool) -> float:

@@ -282,9 +282,6 @@ class ServoLine(ABC):
     def survey(self, registers: RegisterAccess) -> Survey:
         """Ping each servo of the settings separately.
 
-        Args:
-            registers: Access to the line, perhaps at another baud rate than that of the settings.
-
         Returns:
             Number of answers of each servo, and ids whose answers were damaged.
 
@@ -329,11 +326,6 @@ def examine_line(
     settings: ServoBusSettings[Any], line: ServoLine, examine_servo: Callable[[int, str], Iterable[Finding]]
 ) -> list[Finding]:
     """Find the servos on the line, and examine every servo of the robot file.
-
-    Args:
-        settings: Settings in the robot file.
-        line: The line, whose port stays open.
-        examine_servo: Examines one servo that answers, by its id and label.
 
     Raises:
         DeviceError: The port failed.
