@@ -16,7 +16,7 @@ ch. 4).
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import lru_cache
-from itertools import pairwise
+from itertools import groupby, pairwise
 from math import factorial
 
 import numpy as np
@@ -36,6 +36,7 @@ _ARITHMETIC = 1e4  # floating-point spacings; smaller changes of position are fl
 _STAIRCASE = 0.8  # least share of the slowest positions that repeat a neighbor's, as with encoder steps
 _SLOWEST, _REACH = 0.1, 10  # share of the slowest samples; samples on each side that determine the speed
 _BLOCK = 20_000  # samples whose steps are checked together for evenness
+_IN_MEMORY = 200_000  # samples whose fits are in memory together
 _AT_ONCE = 4096  # samples fitted at once, so that sums of their windows stay in the processor's cache
 
 
@@ -100,16 +101,23 @@ def differentiate(
         for rows in pieces
         for first in range(rows.start, rows.stop, _BLOCK)
     ]
-    fitted = {}
-    for half in set(halves):
-        around, centres = [], []
-        for rows, first, last in parts:
-            start = max(min(first - half, rows.stop - 2 * half - 1), rows.start)
-            around.append(slice(start, min(max(last + half, start + 2 * half + 1), rows.stop)))
-            centres.append(np.arange(first, last) - start)
-        fitted[half] = _fits_by_piece(time_s, position, around, centres, half).fitted
-    smooth = measured - position + fitted[halves[0]][:, 0]
-    return Motion(smooth, fitted[halves[0]][:, 1], fitted[halves[1]][:, 2], halves)
+    smooth, slope, curvature = measured - position, *np.empty((2, len(position)))
+    for _, group in groupby(parts, lambda part: part[1] // _IN_MEMORY):
+        together = list(group)
+        chosen = slice(together[0][1], together[-1][2])
+        for half in set(halves):
+            around, centres = [], []
+            for rows, first, last in together:
+                start = max(min(first - half, rows.stop - 2 * half - 1), rows.start)
+                around.append(slice(start, min(max(last + half, start + 2 * half + 1), rows.stop)))
+                centres.append(np.arange(first, last) - start)
+            fitted = _fits_by_piece(time_s, position, around, centres, half).fitted
+            if half == halves[0]:
+                smooth[chosen] += fitted[:, 0]
+                slope[chosen] = fitted[:, 1]
+            if half == halves[1]:
+                curvature[chosen] = fitted[:, 2]
+    return Motion(smooth, slope, curvature, halves)
 
 
 def grid_step(position: FloatArray) -> float:

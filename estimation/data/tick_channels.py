@@ -38,7 +38,8 @@ _OF_A_RUN = ("tip_position_world_m", "press_direction_world")
 def checked_ticks(session: Session) -> Samples:
     """Return the stream "tick" after checking it.
 
-    All columns in use must exist in the form of `tick_stream`. They must contain finite numbers of plausible
+    The stream must have all columns in use, in the form of `tick_stream`; those that no study needs may be
+    left out of memory (`Session.only_columns`). The others must contain finite numbers of plausible
     size wherever the device reports a valid sample. The time must always be valid, and may decrease only
     between the runs of two sessions.
 
@@ -50,21 +51,23 @@ def checked_ticks(session: Session) -> Samples:
     """
     ticks = session.samples(STREAM_NAME)
     place = f"{session.path}, stream '{STREAM_NAME}'"
-    if "joint_position_rad" not in ticks:
+    columns = {column.name: column for column in ticks.stream.columns}
+    if "joint_position_rad" not in columns:
         raise SessionError(f"{place}: no column 'joint_position_rad'")
-    joints = int(ticks.vector("joint_position_rad").shape[1])
+    joints = columns["joint_position_rad"].width
     if joints > _MOST_JOINTS:
         raise SessionError(f"{place}, column 'joint_position_rad': {joints} joints, at most {_MOST_JOINTS}")
     for column in tick_stream(joints).columns:
-        if column.name not in ticks and column.name in MAY_LACK:
+        own = columns.get(column.name)
+        if own is None and column.name in MAY_LACK:
             continue
-        if column.name not in ticks:
+        if own is None:
             raise SessionError(f"{place}: no column '{column.name}'")
-        values, column_place = ticks.vector(column.name), f"{place}, column '{column.name}'"
-        if values.shape[1] != column.width:
-            raise SessionError(f"{column_place}: {values.shape[1]} values a tick, expected {column.width}")
-        if values.dtype.kind != np.dtype(column.dtype).kind:
-            raise SessionError(f"{column_place}: is {values.dtype}, expected {column.dtype}")
+        column_place = f"{place}, column '{column.name}'"
+        if own.width != column.width:
+            raise SessionError(f"{column_place}: {own.width} values a tick, expected {column.width}")
+        if np.dtype(own.dtype).kind != np.dtype(column.dtype).kind:
+            raise SessionError(f"{column_place}: is {own.dtype}, expected {column.dtype}")
     _check_values(session, ticks, "time_s", np.ones(len(ticks), dtype=np.bool_))
     # The clock may restart where sessions were merged; otherwise ticks must be in order of time.
     run, late_s = ticks["run"].astype(np.int64), np.diff(ticks["time_s"])
@@ -111,6 +114,7 @@ DIRECTION = "press_direction_world"
 _OF_BOTH = {"run", "phase", "joint_position_rad", "encoder_at_s", "force_n", "force_at_s", DIRECTION}
 _OF_CONTACTS = {*_OF_BOTH, "tip_position_world_m"}
 _OF_JOINTS = {*_OF_BOTH, "torque_measured_nm", "torque_at_s", "force_status"}
+NEEDED = {*_OF_CONTACTS, *_OF_JOINTS, *_BY_DEVICE, "time_s"}
 _SAME_PLACE_M = 0.005  # largest distance across the press direction between contacts at one place
 _SAME_DIRECTION = np.cos(np.radians(2.0))
 _BESIDE_S = 0.05  # time before and after a certain contact in which there may also be contact
@@ -206,10 +210,11 @@ def joint_channels(ticks: Samples, known: FloatArray | None = None) -> tuple[Cha
     # Moves in free air are smooth and allow wide windows, which would bias the acceleration of a press. If
     # moves dominate, windows are therefore compared only on the samples of runs.
     tried = np.asarray(in_run) if in_run.any() and np.mean(in_run) < 0.5 else None
-    motions = [
-        _motion_at(time_s, chosen["encoder_at_s"], joint, run, calm=False, tried=tried)
-        for joint in chosen.vector("joint_position_rad").T
-    ]
+    joints = chosen.vector("joint_position_rad").T
+    motions = np.empty((len(joints), 3, len(chosen)))  # channels and context share this memory
+    for number, joint in enumerate(joints):
+        motions[number] = _motion_at(time_s, chosen["encoder_at_s"], joint, run, calm=False, tried=tried)
+    motions.setflags(write=False)
     good = _valid_ticks(chosen, "force_status")  # without valid samples, the force is zero
     force_n = _interpolate_per_clock(time_s, chosen["force_at_s"], chosen["force_n"], good)
     torque = chosen.vector("torque_measured_nm")
@@ -217,7 +222,7 @@ def joint_channels(ticks: Samples, known: FloatArray | None = None) -> tuple[Cha
     touching = np.zeros(len(chosen))
     for contact in contacts:
         touching[contact.rows] = 1.0
-    position, velocity, acceleration = map(np.column_stack, zip(*motions, strict=True))
+    position, velocity, acceleration = motions.transpose(1, 2, 0)
     context = {
         "joint_position": position,
         "joint_velocity": velocity,
@@ -236,8 +241,8 @@ def joint_channels(ticks: Samples, known: FloatArray | None = None) -> tuple[Cha
             valid &= ~(near & (chosen["run"] == contact.run))
     phase, names = chosen["phase"].astype(np.int64), [f"joint_{n}" for n in range(1, len(motions) + 1)]
     channels = (
-        ChannelData(name, ChannelKind.REVOLUTE, time_s, *motion, effort, run, phase, context)
-        for name, motion, effort in zip(names, motions, torque.T, strict=True)
+        ChannelData(name, ChannelKind.REVOLUTE, time_s, x, v, a, effort, run, phase, context)
+        for name, (x, v, a), effort in zip(names, motions, torque.T, strict=True)
     )
     return tuple(channel if valid.all() else channel.select(valid) for channel in channels)
 

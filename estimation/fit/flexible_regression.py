@@ -92,14 +92,15 @@ def fit_flexible(
     bias, _ = fit_smoothing_bias(problem, solution, filters)
     parts = [solution.columns[:, free], bias, *blocks.values()]
     owner = np.concatenate([[number] * part.shape[1] for number, part in enumerate(parts, -2)])
-    columns = np.column_stack(parts)
+    columns, signals = np.column_stack(parts), list(blocks)
+    del parts, blocks  # the columns replace them; both together need hundreds of megabytes
     equations = problem.normal_equations(columns, target, names)
     without_signals = _fit_ridge(equations, owner, ())
-    alone = [_fit_ridge(equations, owner, (number,)) for number in range(len(blocks))]
+    alone = [_fit_ridge(equations, owner, (number,)) for number in range(len(signals))]
     best = _select_signals(equations, owner, alone, without_signals)
     by_signal = {
         name: 1.0 - fit.energy / without_signals.energy if without_signals.energy > 0.0 else 0.0
-        for name, fit in zip(blocks, alone, strict=True)
+        for name, fit in zip(signals, alone, strict=True)
     }
     residuals = []
     for fit in (best, without_signals):

@@ -102,17 +102,16 @@ class Session:
             raise UnknownNameError(f"{self.path} has no stream '{stream_name}'. Valid: {valid}")
         return self._samples[stream_name]
 
-    def without_columns(self, stream_name: str, names: Collection[str]) -> "Session":
-        """Return the session without some columns of a stream, which frees their memory.
+    def only_columns(self, stream_name: str, names: Collection[str]) -> "Session":
+        """Return the session with only some columns of a stream, which frees the memory of the others.
 
         Args:
             stream_name: name of the stream; a session without it is returned as it is.
-            names: columns to leave out, whether they are there or not.
+            names: columns to keep, whether they are there or not.
         """
         if stream_name not in self._samples:
             return self
-        samples = self._samples[stream_name]
-        kept = samples.select(slice(None), [name for name in samples if name not in names])
+        kept = self._samples[stream_name].select(slice(None), names)
         return replace(self, _samples={**self._samples, stream_name: kept})
 
     @property

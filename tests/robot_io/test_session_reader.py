@@ -508,10 +508,10 @@ def test_a_long_session_takes_little_more_memory_to_open_than_its_columns(tmp_pa
     assert peak < 2.5 * values.nbytes  # with them, it would be four times as much
 
 
-def test_columns_that_are_left_out_are_gone_and_the_others_as_they_were(tmp_path):
+def test_only_the_chosen_columns_are_left_and_as_they_were(tmp_path):
     path = write_session(tmp_path / "s", [(SLOW, {"time_s": [0.0, 1.0], "x": [2.0, 3.0]})], METADATA)
     session = Session.open(path)
-    less = session.without_columns("slow", {"x", "unknown"})
+    less = session.only_columns("slow", {"time_s", "unknown"})
     assert list(less.samples("slow")) == ["time_s"]
     assert less.samples("slow")["time_s"].tolist() == [0.0, 1.0]
-    assert session.without_columns("other", {"x"}) is session
+    assert session.only_columns("other", {"x"}) is session
