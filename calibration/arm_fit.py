@@ -48,7 +48,12 @@ class GravityBodies:
 
     @classmethod
     def from_urdf(cls, urdf: str | Path, tip_frame: str) -> Self:
-        """Build the four models of a URDF, given as a path or as text."""
+        """Build the four models of a URDF.
+
+        Args:
+            urdf: path or text.
+            tip_frame: name of the tip's frame.
+        """
         weightless, x, y, z = (
             RigidBody.from_urdf(urdf, tip_frame, gravity) for gravity in ((0.0, 0.0, 0.0), *_UNIT)
         )
@@ -186,6 +191,13 @@ def motion_of(ticks: Samples) -> ArmMotion:
 def fit_arm(motion: ArmMotion, bodies: GravityBodies) -> ArmFit:
     """Fit drives, friction, delay and tilt to a motion.
 
+    Args:
+        motion: motion and torques.
+        bodies: the arm without gravity, and with gravity along each axis.
+
+    Returns:
+        The parameters with their uncertainties.
+
     Raises:
         InputError: a joint hardly moved, or its load does not change, so that its gain is not identifiable.
     """
@@ -241,13 +253,21 @@ class _Solver:
         return values, sandwich(columns, residual * w**2, w**2, joint).matrix
 
     def tilt(self, values: FloatArray) -> FloatArray:
-        """Return pitch and roll, 0 if not identifiable."""
+        """Return pitch and roll, 0 if not identifiable.
+
+        Args:
+            values: values of all free parameters.
+        """
         tilt = np.zeros(2)
         tilt[self.axes] = values[self.delay + 1 :]
         return tilt
 
     def predicted_nm(self, values: FloatArray) -> FloatArray:
-        """Predict the torques that the drives measure, shape (m, n) [N m]."""
+        """Predict the torques that the drives measure, shape (m, n) [N m].
+
+        Args:
+            values: values of all free parameters.
+        """
         rigid_nm, _ = self._rigid_torque_and_rate(values)
         s, c, b, o = values[: self.delay].reshape(-1, 4).T
         speed = self.motion.velocity_rad_s

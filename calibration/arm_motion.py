@@ -59,12 +59,19 @@ def is_clear(body: RigidBody, postures_rad: Iterable[FloatArray], floor_m: float
         body: model of the arm.
         postures_rad: joint positions, shape (n,) each [rad].
         floor_m: height of the floor, which the arm has reached already [m].
+
+    Returns:
+        True if all postures are clear.
     """
     return lowest_m(body, postures_rad) >= floor_m - MARGIN_M
 
 
 def paced(speed_rad_s: float, limits: Limits) -> FloatArray:
     """Limit a speed to a share of the joints' velocity limits.
+
+    Args:
+        speed_rad_s: intended speed [rad/s].
+        limits: limits of the guard.
 
     Returns:
         Speed of each joint, shape (n,) [rad/s].
@@ -79,6 +86,11 @@ def travel_speed_rad_s(limits: Limits) -> float:
 
 def overloaded_joint(body: RigidBody, motions: Iterable[JointMotion], limits: Limits) -> int | None:
     """Find the first joint that would need nearly all of its torque limit.
+
+    Args:
+        body: model of the arm.
+        motions: motions of all joints.
+        limits: limits of the guard.
 
     Returns:
         Index of the joint from 0; None if there is none.
@@ -195,7 +207,11 @@ class FourierPath:
         self._rate = math.tau / period_s * np.arange(1, amplitude_rad.shape[1] + 1)
 
     def at(self, time_s: float) -> JointMotion:
-        """Compute the motion at a time; at rest before the start and after the end."""
+        """Compute the motion at a time; at rest before the start and after the end.
+
+        Args:
+            time_s: time since the start [s].
+        """
         return self._faded(self._rate * time_s + self._phase, *self._fade(time_s))
 
     def along(self, times_s: FloatArray) -> JointMotion:
@@ -333,7 +349,12 @@ _SETTLE_S = 0.3
 
 
 class FreeMotion:
-    """Base class of motions without contact: tracking, monitoring of the force, and the output."""
+    """Base class of motions without contact: tracking, monitoring of the force, and the output.
+
+    Args:
+        body: model of the arm.
+        gains: gains of the tracking.
+    """
 
     def __init__(self, body: RigidBody, gains: TrackingGains) -> None:
         self.body = body
@@ -343,7 +364,11 @@ class FreeMotion:
         self._free_air_n = 0.0
 
     def start(self, measurement: Measurement) -> None:
-        """Begin from rest; the present force counts as that of free air."""
+        """Begin from rest; the present force counts as that of free air.
+
+        Args:
+            measurement: state of the arm.
+        """
         self._torque.reset()
         self._touched_ticks = 0
         self._free_air_n = measurement.force_n if math.isfinite(measurement.force_n) else 0.0
@@ -354,6 +379,11 @@ class FreeMotion:
 
     def torque_nm(self, measurement: Measurement, motion: JointMotion, dt_s: float) -> FloatArray:
         """Compute joint torques that follow a motion, shape (n,) [N m].
+
+        Args:
+            measurement: state of the arm.
+            motion: reference of the joints.
+            dt_s: time since the last tick [s].
 
         Raises:
             SafetyTripError: the force sensor reads more than `TOUCH_N` away from free air.
@@ -369,6 +399,10 @@ class FreeMotion:
 
     def at_rest(self, measurement: Measurement, waited_s: float) -> bool:
         """Return whether the arm stands still.
+
+        Args:
+            measurement: state of the arm.
+            waited_s: time since its motion should have ended [s].
 
         Raises:
             SafetyTripError: the arm still moves after `_REST_WAIT_S`.
@@ -428,7 +462,11 @@ class PathTask:
         self.duration_s = path.duration_s  # including the moves to the path and back, once started
 
     def start(self, measurement: Measurement) -> None:
-        """Plan the moves from the measured pose to the path's center and back."""
+        """Plan the moves from the measured pose to the path's center and back.
+
+        Args:
+            measurement: state of the arm.
+        """
         self._free.start(measurement)
         self._time_s = 0.0
         start_rad, centre_rad = measurement.joint_position_rad.copy(), self._path.centre_rad
@@ -439,7 +477,15 @@ class PathTask:
         self.duration_s = self._end_s + self._back.duration_s + _SETTLE_S
 
     def step(self, measurement: Measurement, dt_s: float) -> TaskOutput:
-        """Move to the path's center, follow the path once, and return."""
+        """Move to the path's center, follow the path once, and return.
+
+        Args:
+            measurement: state of the arm.
+            dt_s: time since the last tick [s].
+
+        Returns:
+            Command, reference and events.
+        """
         self._time_s += dt_s
         if self._time_s < self._begin_s:
             motion, phase, run = self._move_to_start.at(self._time_s), Phase.MOVE, NO_RUN

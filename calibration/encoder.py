@@ -102,7 +102,13 @@ def plan_stops(
 
 
 def with_room_for_stops(limits: Limits, approaches: Iterable[StopApproach], beyond_rad: float) -> Limits:
-    """Widen the position limits so that each joint can reach its stop."""
+    """Widen the position limits so that each joint can reach its stop.
+
+    Args:
+        limits: limits of the guard.
+        approaches: approaches to the stops.
+        beyond_rad: largest apparent motion of a joint beyond its stop [rad].
+    """
     low, high = list(limits.position_min_rad), list(limits.position_max_rad)
     for approach in approaches:
         joint, end_rad = approach.joint, approach.stop_rad + approach.side * beyond_rad
@@ -200,7 +206,11 @@ class StopTask:
         self._touches = len(approaches) * settings.touches
 
     def start(self, measurement: Measurement) -> None:
-        """Plan the move from the measured pose to the first stop."""
+        """Plan the move from the measured pose to the first stop.
+
+        Args:
+            measurement: state of the arm.
+        """
         self._free.start(measurement)
         self._start_rad = measurement.joint_position_rad.copy()
         self._touch = 0

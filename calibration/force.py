@@ -265,6 +265,9 @@ def fit_force(plateaus: Plateaus, reference_rel_std: float = 0.0) -> ForceFit:
         plateaus: mean readings under known forces.
         reference_rel_std: standard uncertainty of all references together, as a share of them [-].
 
+    Returns:
+        The characteristic with its uncertainties.
+
     Raises:
         InputError: too few plateaus or forces, or the sensor answers with the wrong sign or not at all.
     """
@@ -308,6 +311,9 @@ def fit_force(plateaus: Plateaus, reference_rel_std: float = 0.0) -> ForceFit:
 
 def check_references(reference_n: Sequence[float] | FloatArray) -> None:
     """Check that the planned forces suffice for a fit.
+
+    Args:
+        reference_n: force of each plateau [N].
 
     Raises:
         InputError: there are too few plateaus or different forces.

@@ -54,6 +54,10 @@ class StillRobot:
     def watch(self, duration_s: float, run: int = NO_RUN) -> None:
         """Read and log for a while.
 
+        Args:
+            duration_s: duration [s].
+            run: number of the records' run.
+
         Raises:
             SafetyTripError: a sample is missing, old or beyond a limit.
             KeyboardInterrupt: Ctrl-C, or the program was asked to end.
@@ -80,6 +84,9 @@ class StillRobot:
 
     def settle(self, duration_s: float) -> None:
         """Read for a while without logging or checking.
+
+        Args:
+            duration_s: duration [s].
 
         Raises:
             KeyboardInterrupt: Ctrl-C, or the program was asked to end.

@@ -16,7 +16,12 @@ STDOUT, STDERR = 1, 2
 
 @contextmanager
 def captured(lines: list[str], *descriptors: int) -> Iterator[None]:
-    """Append text written to file descriptors to `lines` instead of writing it."""
+    """Append text written to file descriptors to `lines` instead of writing it.
+
+    Args:
+        lines: receives the captured lines.
+        descriptors: file descriptors, such as `STDOUT` and `STDERR`.
+    """
     _flush()
     kept = [(descriptor, os.dup(descriptor)) for descriptor in descriptors]
     in_memory = hasattr(os, "memfd_create")  # created late: reading a file must open none for writing

@@ -16,7 +16,11 @@ class Clock(ABC):
 
     @abstractmethod
     def sleep_until(self, time_s: float) -> None:
-        """Wait until a time on this clock; return at once if it has passed."""
+        """Wait until a time on this clock; return at once if it has passed.
+
+        Args:
+            time_s: the time [s].
+        """
 
 
 class MonotonicClock(Clock):
@@ -48,7 +52,11 @@ class SimulatedClock(Clock):
         self._pace_ahead_s: float | None = None  # lead of the real clock over this clock
 
     def subscribe(self, on_advance: Callable[[float], None]) -> None:
-        """Call a function each time the clock has advanced."""
+        """Call a function each time the clock has advanced.
+
+        Args:
+            on_advance: called with the new time [s].
+        """
         self._listeners.append(on_advance)
 
     def now_s(self) -> float:

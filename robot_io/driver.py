@@ -32,6 +32,10 @@ class DriverContext:
     def settings_as(self, model: type[SettingsModel], settings: Mapping[str, object]) -> SettingsModel:
         """Validate the driver's settings.
 
+        Args:
+            model: the driver's own pydantic model.
+            settings: section of the robot file.
+
         Raises:
             InputError: a setting is invalid; the error names file, line, key, value and valid values.
         """
@@ -39,6 +43,9 @@ class DriverContext:
 
     def bus_as(self, bus_type: type[BusType]) -> BusType:
         """Return the device's bus, checked.
+
+        Args:
+            bus_type: class that the bus must have.
 
         Raises:
             InputError: the device has no bus, or a bus of another class.
@@ -72,6 +79,12 @@ def make_driver(
     registry: Registry[ComponentType], driver: str, settings: Mapping[str, object], context: DriverContext
 ) -> ComponentType:
     """Make the driver that the robot file names in `context.section`.
+
+    Args:
+        registry: registry of the driver's kind.
+        driver: name of the driver.
+        settings: settings of the driver.
+        context: clock, robot file and bus.
 
     Raises:
         InputError: no driver has this name, its settings are invalid, or its own code fails.

@@ -64,5 +64,12 @@ def describe_error(error: BaseException, own_file: str = "") -> str:
 
 
 def one_line(text: object) -> str:
-    """Write foreign text for a message: one line, without control characters."""
+    """Write foreign text for a message: one line, without control characters.
+
+    Args:
+        text: anything.
+
+    Returns:
+        Printable text.
+    """
     return "".join(char if char.isprintable() else "?" for char in " ".join(str(text).split()))

@@ -43,17 +43,34 @@ class Examinable(ABC):
 
 
 def ok(subject: str, text: str) -> Finding:
-    """Make a finding without complaint."""
+    """Make a finding without complaint.
+
+    Args:
+        subject: checked item.
+        text: result, with units.
+    """
     return Finding(subject, Level.OK, text)
 
 
 def warn(subject: str, text: str, remedy: str) -> Finding:
-    """Make a warning: usable, but worth fixing."""
+    """Make a warning: usable, but worth fixing.
+
+    Args:
+        subject: checked item.
+        text: result, with units.
+        remedy: what to do.
+    """
     return Finding(subject, Level.WARN, text, remedy)
 
 
 def fail(subject: str, text: str, remedy: str) -> Finding:
-    """Make a failure that must be fixed first."""
+    """Make a failure that must be fixed first.
+
+    Args:
+        subject: checked item.
+        text: result, with units.
+        remedy: what to do.
+    """
     return Finding(subject, Level.FAIL, text, remedy)
 
 

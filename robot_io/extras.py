@@ -22,7 +22,11 @@ EXTRAS = {  # what Python imports: the package that has it, and the extra that i
 
 
 def missing_package(module: str | None) -> str | None:
-    """Return one line with the command that installs a module; None if no extra contains it."""
+    """Return one line with the command that installs a module; None if no extra contains it.
+
+    Args:
+        module: name of the missing module, as Python imports it.
+    """
     package, extra = EXTRAS.get((module or "").partition(".")[0], ("", ""))
     return f"the package {package} is not installed: pip install 'palpate[{extra}]'" if extra else None
 

@@ -63,6 +63,9 @@ class Bus(Component, ABC):
     def flush(self, deadline_s: float) -> None:
         """Send the commands staged by the devices on this bus.
 
+        Args:
+            deadline_s: end of waiting, robot's clock [s].
+
         Raises:
             DeviceError: the bus itself failed.
         """
@@ -162,6 +165,11 @@ def start_all(
 
     The failing component is undone too: a drive may have powered two of three motors before it failed.
 
+    Args:
+        components: components with their names for messages.
+        step: step to apply.
+        undo: the reverse step.
+
     Raises:
         DeviceError: a component failed. Other interruptions (such as Ctrl-C) pass unchanged.
     """
@@ -185,6 +193,10 @@ def undo_all(components: Sequence[Labelled], step: Literal["close", "deactivate"
 
     After a Ctrl-C, the interrupted step is repeated, the others follow, and then the interrupt is raised
     again.
+
+    Args:
+        components: components with their names for messages.
+        step: step to apply.
 
     Raises:
         DeviceError: some components failed; the error names all of them.

@@ -48,6 +48,14 @@ class Robot(Opened):
     says so. As a context manager it configures on entry and closes on exit, torque off first; activation is
     always explicit. Each bus is polled and flushed once per tick.
 
+    Args:
+        encoder: encoder of all joints.
+        torque: drives of all joints.
+        force: force sensor at the tool.
+        buses: buses by name.
+        clock: clock of the robot.
+        name: name of the robot, for errors.
+
     Attributes:
         bus_errors: why the last `read` could not use a bus, by its name; empty if all buses worked.
         bus_delays: why the last `read` got nothing new from a bus in time, by its name.
@@ -145,6 +153,9 @@ class Robot(Opened):
         A device without a new sample since the last call keeps the old one: `Status.STALE`, or `FAULT` if a
         bus has failed (`bus_errors` says why). A sample from after the poll is a `FAULT` too: some clock is
         wrong. One from after the start of the tick is valid, because polling takes time.
+
+        Args:
+            deadline_s: end of the wait, robot's clock [s].
 
         Raises:
             LifecycleError: the robot is not configured.

@@ -130,6 +130,9 @@ class RobotFile(FileModel):
 def load_robot_file(path: str | Path) -> RobotFile:
     """Read and check a robot file: the files it names exist, and no port is named twice.
 
+    Args:
+        path: path of the file.
+
     Raises:
         InputError: the first problem, with file, line, key, value and valid values.
     """

@@ -19,7 +19,11 @@ else:
 
 
 def reason_of(error: Exception) -> str:
-    """Write why a port cannot be used, without its path."""
+    """Write why a port cannot be used, without its path.
+
+    Args:
+        error: error of the system.
+    """
     number = getattr(error, "errno", None)
     if number in (errno.EAGAIN, errno.EBUSY):
         return "another program has it"
@@ -49,7 +53,11 @@ def open_exclusively(path: str, baud_rate: int, write_timeout_s: float | None = 
 
 
 def close_exclusive(port: "serial.Serial") -> None:
-    """Close a port and let others use it."""
+    """Close a port and let others use it.
+
+    Args:
+        port: opened by `open_exclusively`.
+    """
     with suppress(OSError):
         fcntl.ioctl(port.fileno(), termios.TIOCNXCL)
     with suppress(OSError):
@@ -85,7 +93,11 @@ class SerialPort:
         return self._fd >= 0
 
     def duration_s(self, byte_count: int) -> float:
-        """Compute how long bytes take on the wire [s]."""
+        """Compute how long bytes take on the wire [s].
+
+        Args:
+            byte_count: number of bytes.
+        """
         return byte_count * 10.0 / self.baud_rate
 
     def open(self) -> None:
@@ -107,6 +119,9 @@ class SerialPort:
 
     def write(self, data: bytes) -> None:
         """Send bytes.
+
+        Args:
+            data: data to send.
 
         Raises:
             DeviceError: the port is closed or gone, or its output is blocked.
@@ -135,6 +150,9 @@ class SerialPort:
 
     def wait(self, deadline_s: float) -> bytes:
         """Wait for bytes.
+
+        Args:
+            deadline_s: end of the wait, robot's clock [s].
 
         Returns:
             Received bytes; empty at the deadline.

@@ -81,5 +81,11 @@ def frozen_array(
 
 
 def clip(value: float, low: float, high: float) -> float:
-    """Clip a number to bounds; NaN stays NaN. For the few numbers of an arm, much faster than numpy."""
+    """Clip a number to bounds; several times as fast as numpy for the few numbers of an arm.
+
+    Args:
+        value: the number; NaN stays NaN.
+        low: lower bound.
+        high: upper bound.
+    """
     return low if value < low else high if value > high else value

@@ -93,6 +93,9 @@ class ComplianceObject:
     def set_law(self, law: ObjectLaw) -> None:
         """Change the law from the next physics step on.
 
+        Args:
+            law: contact law.
+
         Raises:
             InputError: the engine has no such contact.
         """
@@ -148,7 +151,11 @@ class TipContact:
         self._speed_before_m_s: float | None = None
 
     def update(self, time_s: float) -> None:
-        """Compute depth, rate and force in the arm's current state."""
+        """Compute depth, rate and force in the arm's current state.
+
+        Args:
+            time_s: time of that state [s].
+        """
         self.tip_position_m, velocity, self._quaternion = self._engine.tip_state()
         speed, before = -velocity[2], self._speed_before_m_s
         self._speed_before_m_s = speed

@@ -63,6 +63,9 @@ class SimulatedBus(JointBus):
     def use_scenario(self, scenario: Scenario) -> None:
         """Replace the robot file's scenario.
 
+        Args:
+            scenario: new scenario.
+
         Raises:
             LifecycleError: the world exists already.
         """
@@ -140,7 +143,11 @@ class SimulatedBus(JointBus):
             self._world.set_torque(np.zeros(self._world.joint_count))
 
     def flush(self, deadline_s: float) -> None:
-        """Apply the staged torques from now on, once the world has caught up with the clock."""
+        """Apply the staged torques from now on, once the world has caught up with the clock.
+
+        Args:
+            deadline_s: not used.
+        """
         if self._staged_torque_nm is not None:
             self.world.advance_to(self._clock.now_s())
             self.world.set_torque(self._staged_torque_nm)

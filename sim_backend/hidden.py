@@ -41,7 +41,11 @@ def hidden_effects(imperfections: Sequence[Imperfection], joint_count: int) -> H
 
 
 def noise_scale(scenario: Scenario) -> NoiseScale:
-    """Compute noise floors and motion of a probing run."""
+    """Compute noise floors and motion of a probing run.
+
+    Args:
+        scenario: the world.
+    """
     return NoiseScale.of(scenario.object.law, scenario.sensors)
 
 
@@ -110,6 +114,9 @@ class SealedAnswer:
 def sealed_path(session: str | Path) -> Path:
     """Return the path of a session's sealed answer.
 
+    Args:
+        session: path of the session file.
+
     Returns:
         The session's whole name with a suffix.
     """
@@ -118,6 +125,10 @@ def sealed_path(session: str | Path) -> Path:
 
 def seal(session: str | Path, answer: SealedAnswer) -> Path:
     """Write the sealed answer beside a session file, completely or not at all, without replacing a file.
+
+    Args:
+        session: path of the session file.
+        answer: answer to seal.
 
     Raises:
         InputError: the file exists already, or cannot be written.
@@ -148,6 +159,9 @@ def seal(session: str | Path, answer: SealedAnswer) -> Path:
 
 def unseal(path: str | Path) -> SealedAnswer:
     """Open a sealed answer.
+
+    Args:
+        path: path of the sealed file.
 
     Raises:
         InputError: the sealed answer does not exist, is damaged, or has another version.

@@ -60,7 +60,14 @@ class MaterialEffect(ContactEffect):
     """Part of the object's material, which is added to the law before the limit to pushing."""
 
     def felt(self, state: ContactState) -> ContactState:
-        """Compute the motion that acts on law and effects; a changed geometry enters here."""
+        """Compute the motion that acts on law and effects; a changed geometry enters here.
+
+        Args:
+            state: motion of the tip.
+
+        Returns:
+            Motion that acts on the material.
+        """
         return state
 
     def contact_force_n(self, state: ContactState, force_n: float) -> float:
@@ -204,7 +211,12 @@ class ChannelEffect(SensorHook):
         self.ahead_of_noise = ahead_of_noise
 
     def measure(self, time_s: float, value: Sequence[float]) -> Sequence[float]:
-        """Pass one value through the transducer; see `SensorHook.measure`."""
+        """Pass one value through the transducer; see `SensorHook.measure`.
+
+        Args:
+            time_s: time of the sample [s].
+            value: force (1,) [N], torques (n,) [N m] or positions (n,) [rad].
+        """
         changed = list(value)
         changed[self._index] = self._transducer(time_s, changed[self._index])
         return changed
@@ -223,7 +235,12 @@ class AddedTorque(JointEffect):
         self._torque_nm = torque_nm
 
     def joint_torque_nm(self, state: JointStepState, torque_nm: Sequence[float]) -> Sequence[float]:
-        """Add the torque to that of one joint; see `JointEffect.joint_torque_nm`."""
+        """Add the torque to that of one joint; see `JointEffect.joint_torque_nm`.
+
+        Args:
+            state: motion of the joints.
+            torque_nm: torques so far, along the joint axes, shape (n,) [N m].
+        """
         i, changed = self._index, list(torque_nm)
         changed[i] += self._torque_nm(state.position_rad[i], state.drive_torque_nm[i])
         return changed
@@ -243,7 +260,12 @@ class JointFriction(FrictionEffect):
         self._resistance_nm = resistance_nm
 
     def friction_nm(self, state: JointStepState, limit_nm: Sequence[float]) -> Sequence[float]:
-        """Add the resistance to that of one joint; see `FrictionEffect.friction_nm`."""
+        """Add the resistance to that of one joint; see `FrictionEffect.friction_nm`.
+
+        Args:
+            state: motion of the joints.
+            limit_nm: sum so far, shape (n,) [N m].
+        """
         i, changed = self._index, list(limit_nm)
         velocity_rad_s, drive_nm = state.velocity_rad_s[i], state.drive_torque_nm[i]
         along_nm = abs(drive_nm) if drive_nm * velocity_rad_s >= 0.0 else -abs(drive_nm)

@@ -62,6 +62,9 @@ class Imperfection(FileModel, ABC):
     def effects(self, joint_count: int) -> HiddenEffects:
         """Make the simulated effect.
 
+        Args:
+            joint_count: number of joints of the arm.
+
         Returns:
             The effect, with its own memory.
 
@@ -214,10 +217,21 @@ IMPERFECTIONS: Registry[Imperfection] = Registry(
 
 
 def parse_imperfection(value: object) -> Imperfection:
-    """Make a hidden effect from a scenario's `{effect: ..., parameter: ...}`; see `member`."""
+    """Make a hidden effect from a scenario's `{effect: ..., parameter: ...}`; see `member`.
+
+    Args:
+        value: a mapping, or a hidden effect.
+    """
     return member(value, IMPERFECTIONS, "effect")
 
 
 def describe_imperfection(imperfection: Imperfection) -> dict[str, object]:
-    """Convert a hidden effect to what `parse_imperfection` reads."""
+    """Convert a hidden effect to what `parse_imperfection` reads.
+
+    Args:
+        imperfection: the effect.
+
+    Returns:
+        Its name, place and parameters.
+    """
     return {"effect": imperfection.name, **imperfection.model_dump()}

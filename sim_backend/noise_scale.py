@@ -16,6 +16,9 @@ LOADED = ("joint_1", "joint_2")
 def channel_of(joint: int) -> str:
     """Return the channel of a joint.
 
+    Args:
+        joint: number from 1.
+
     Returns:
         Such as "joint_1".
     """
@@ -24,6 +27,9 @@ def channel_of(joint: int) -> str:
 
 def joint_of(channel: str) -> int:
     """Return the joint of a channel, the inverse of `channel_of`.
+
+    Args:
+        channel: such as "joint_1".
 
     Returns:
         Number from 1.
@@ -80,7 +86,12 @@ class NoiseScale:
 
     @classmethod
     def of(cls, law: ObjectLaw, sensors: ArmSensorSettings) -> "NoiseScale":
-        """Compute the scale of the shipped follower that probes an object up to 10 N."""
+        """Compute the scale of the shipped follower that probes an object up to 10 N.
+
+        Args:
+            law: contact law of the object.
+            sensors: settings of the sensors.
+        """
         force, torque = sensors.force, sensors.torque
         return cls(
             contact_noise_n=_floor(force.noise_std_n, force.resolution_n),
@@ -95,6 +106,9 @@ class NoiseScale:
 
     def joint(self, channel: str) -> JointScale:
         """Return the scale of a channel's joint.
+
+        Args:
+            channel: such as "joint_1".
 
         Raises:
             InputError: there is no such joint.
@@ -120,6 +134,9 @@ class NoiseScale:
     def noise(self, channel: str) -> float:
         """Return the noise floor of a sample.
 
+        Args:
+            channel: channel of the sensor.
+
         Returns:
             Standard deviation in the unit of the channel.
         """
@@ -128,6 +145,9 @@ class NoiseScale:
     def peak(self, channel: str) -> float:
         """Return the largest magnitude of the signal.
 
+        Args:
+            channel: channel of the sensor.
+
         Returns:
             In the unit of the channel.
         """
@@ -135,6 +155,9 @@ class NoiseScale:
 
     def rate(self, channel: str) -> float:
         """Return the root mean square of the signal's rate.
+
+        Args:
+            channel: channel of the sensor.
 
         Returns:
             In the unit of the channel per second.

@@ -77,6 +77,9 @@ class Scenario(FileModel):
     def with_hidden(self, hidden: Sequence[Imperfection]) -> Self:
         """Copy the scenario with other hidden effects.
 
+        Args:
+            hidden: replace the present ones.
+
         Raises:
             InputError: they do not fit the scenario.
         """
@@ -85,13 +88,20 @@ class Scenario(FileModel):
     def with_seed(self, seed: int) -> Self:
         """Copy the scenario with another seed.
 
+        Args:
+            seed: seed of all noise.
+
         Raises:
             InputError: the seed is invalid.
         """
         return validate(type(self), self.model_dump() | {"hidden": self.hidden, "seed": seed})
 
     def with_engine(self, engine: EngineName) -> Self:
-        """Copy the scenario with another physics engine."""
+        """Copy the scenario with another physics engine.
+
+        Args:
+            engine: name of the engine.
+        """
         return self.model_copy(update={"physics": self.physics.model_copy(update={"engine": engine})})
 
     def to_yaml(self) -> str:

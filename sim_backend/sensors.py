@@ -87,7 +87,11 @@ class LowPass:
         self._output: list[float] | None = None
 
     def filter(self, signal: Sequence[float]) -> list[float]:
-        """Compute the output after one more step; the first call starts settled."""
+        """Compute the output after one more step; the first call starts settled.
+
+        Args:
+            signal: input.
+        """
         if self._output is None:
             self._output = list(signal)
         else:
@@ -145,7 +149,12 @@ class SampledSensor(ABC):
         """Make a sample of the true signal."""
 
     def observe(self, time_s: float, signal: Sequence[float]) -> None:
-        """Show the true signal at a physics step; it is sampled if an instant has come."""
+        """Show the true signal at a physics step; it is sampled if an instant has come.
+
+        Args:
+            time_s: time of the step [s].
+            signal: true signal.
+        """
         if self._low_pass:
             signal = self._low_pass.filter(signal)
         if time_s < self._sample_s:
@@ -158,6 +167,9 @@ class SampledSensor(ABC):
 
     def read(self, time_s: float) -> SensorSample | None:
         """Return the newest sample that has arrived; stale if it was returned before.
+
+        Args:
+            time_s: now [s].
 
         Returns:
             The sample; None before the first.
@@ -178,7 +190,12 @@ _BLOCK = 1024
 
 
 class GaussianNoise:
-    """An endless sequence of independent N(0, std^2) numbers, in the unit of the signal."""
+    """An endless sequence of independent N(0, std^2) numbers, in the unit of the signal.
+
+    Args:
+        std: standard deviation.
+        generator: random numbers.
+    """
 
     def __init__(self, std: float, generator: np.random.Generator) -> None:
         self._std = std
@@ -187,6 +204,9 @@ class GaussianNoise:
 
     def added_to(self, signal: Sequence[float]) -> Sequence[float]:
         """Add the next numbers to a signal.
+
+        Args:
+            signal: clean signal.
 
         Returns:
             Noisy signal.
@@ -267,6 +287,10 @@ class _Amplifier:
 
     def output(self, time_s: float, signal: Sequence[float]) -> list[float]:
         """Compute the sample that the converter makes of a signal.
+
+        Args:
+            time_s: time of the sample [s].
+            signal: clean signal, in the unit of the sensor.
 
         Returns:
             In the same unit, rounded to the converter's steps.

@@ -191,7 +191,11 @@ class World:
         self._torque_nm = [clip(t, -limit, limit) for t, limit in zip(torque, limits, strict=True)]
 
     def advance_to(self, time_s: float) -> None:
-        """Integrate up to the last whole step that is not after a time; an earlier time changes nothing."""
+        """Integrate up to the last whole step that is not after a time; an earlier time changes nothing.
+
+        Args:
+            time_s: time on the robot's clock [s].
+        """
         last_step = floor((time_s - self._start_s) / self._step_s + 1e-6)
         while self._steps < last_step:
             if not self.held:

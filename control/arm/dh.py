@@ -121,6 +121,9 @@ class DhTable(FileModel):
 def load_dh_table(source: str | Path | YamlDocument) -> DhTable:
     """Read a DH table from YAML.
 
+    Args:
+        source: file, or a document that was read already.
+
     Raises:
         InputError: the file is invalid; the error names file, line, key and valid values.
     """

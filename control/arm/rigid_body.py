@@ -57,6 +57,11 @@ class RigidBody:
 
     Units are those of revolute joints; for a prismatic joint read m, m/s, m/s^2 and N instead.
 
+    Args:
+        model: Pinocchio's model.
+        tip_frame: name of the tip's frame.
+        source: origin of the model, for errors.
+
     Raises:
         InputError: the frame is unknown, or a joint has more than one coordinate.
     """

@@ -93,6 +93,10 @@ class Pid:
 class ComputedTorque:
     """Computed torque with PID feedback, which follows joint motions.
 
+    Args:
+        body: model of the arm.
+        gains: gains of the feedback.
+
     Attributes:
         correction_rad_s2: acceleration that the PID added in the last step, shape (n,) [rad/s^2].
     """

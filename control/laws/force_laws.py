@@ -41,7 +41,11 @@ class Compliance(NamedTuple):
 
 
 def within_bounds(compliance: Compliance) -> Compliance:
-    """Clip a compliance to the range in which the force laws are stable."""
+    """Clip a compliance to the range in which the force laws are stable.
+
+    Returns:
+        The nearest compliance within the bounds.
+    """
     stiffness_n_m, damping_n_s_m = compliance
     return Compliance(
         clip(stiffness_n_m, *_STIFFNESS_BOUNDS_N_M), clip(damping_n_s_m, *_DAMPING_BOUNDS_N_S_M)
@@ -124,6 +128,10 @@ class Admittance:
 
 def scheduled_admittance(compliance: Compliance, gains: ContactGains) -> Admittance:
     """Choose virtual mass and damping for an object.
+
+    Args:
+        compliance: compliance of the object, or an estimate of it.
+        gains: gains of the force law.
 
     Returns:
         An admittance with the damping ratio of the gains.

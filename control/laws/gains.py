@@ -85,6 +85,9 @@ class Gains(FileModel):
 def gains_of(robot_file: RobotFile) -> Gains:
     """Read the gains of a robot file.
 
+    Returns:
+        Validated gains.
+
     Raises:
         InputError: a gain is invalid; the error names file, line, key and valid values.
     """

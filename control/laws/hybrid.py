@@ -130,23 +130,43 @@ class HybridController:
         self._clear_travel_m = 0.0  # last travel without force
 
     def start(self, measurement: Measurement) -> None:
-        """Begin from the measured joint positions, with the measured force as the free-air force."""
+        """Begin from the measured joint positions, with the measured force as the free-air force.
+
+        Args:
+            measurement: state of the arm.
+        """
         self._torque.reset()
         self.reference_rad = measurement.joint_position_rad.copy()
         self.force_bias_n = measurement.force_n if math.isfinite(measurement.force_n) else 0.0
 
     def set_line(self, line: PressLine, travel_m: float) -> None:
-        """Follow a press line from now on, at rest."""
+        """Follow a press line from now on, at rest.
+
+        Args:
+            line: the press line.
+            travel_m: travel of the joints' present reference [m].
+        """
         self._line = line
         self.state = LineState(travel_m)
 
     def tare(self, force_bias_n: float, touch_force_n: float) -> None:
-        """Set the free-air force and the touch force; the contact state is cleared."""
+        """Set the free-air force and the touch force; the contact state is cleared.
+
+        Args:
+            force_bias_n: force in free air [N].
+            touch_force_n: force above it that counts as contact [N].
+        """
         self.force_bias_n = force_bias_n
         self.switch = ContactSwitch(self._touch_gains, touch_force_n)
 
     def step_joints(self, measurement: Measurement, motion: JointMotion, dt_s: float) -> ControlOutput:
-        """Follow a joint motion in free air."""
+        """Follow a joint motion in free air.
+
+        Args:
+            measurement: state of the arm.
+            motion: reference of the joints.
+            dt_s: time since the last tick [s].
+        """
         tip = self._body.tip_motion(measurement.joint_position_rad, measurement.joint_velocity_rad_s)
         force_n = measurement.force_n - self.force_bias_n
         if self._is_new(measurement):
@@ -155,6 +175,11 @@ class HybridController:
 
     def step(self, measurement: Measurement, reference: HybridReference, dt_s: float) -> ControlOutput:
         """Follow the press line.
+
+        Args:
+            measurement: state of the arm.
+            reference: motion before contact, force in contact.
+            dt_s: time since the last tick [s].
 
         Raises:
             InputError: no line is set, or the reference left the arm's reach.

@@ -12,12 +12,22 @@ _NOISE_FACTOR = 6.0  # standard deviations of the free-air force that count as c
 
 
 def touch_force_n(noise_n: float, least_n: float = 0.0) -> float:
-    """Compute the force above the free-air mean from which contact is detected [N]."""
+    """Compute the force above the free-air mean from which contact is detected [N].
+
+    Args:
+        noise_n: standard deviation of the force in free air [N].
+        least_n: touch force of a quieter sensor, see `TouchGains` [N].
+    """
     return max(least_n, _NOISE_FACTOR * noise_n)
 
 
 def release_force_n(touch_n: float, gains: "TouchGains") -> float:
-    """Compute the force above the free-air mean below which contact ends [N]."""
+    """Compute the force above the free-air mean below which contact ends [N].
+
+    Args:
+        touch_n: touch force [N].
+        gains: gains with the share of the touch force.
+    """
     return gains.release_share * touch_n
 
 
@@ -26,6 +36,12 @@ def free_air_problem(force_n: float, touch_n: float, force_limit_n: float, gains
 
     The force in free air is tared. If an object causes it, all later forces have this error. An object below
     the touch force is not detected.
+
+    Args:
+        force_n: mean force in free air [N].
+        touch_n: touch force above it [N].
+        force_limit_n: force limit of the plan [N].
+        gains: gains with the largest shares of the force limit.
 
     Returns:
         Problem and remedy, or None.

@@ -83,6 +83,15 @@ def first_measurement(robot: Robot, guard: Guard, clock: Clock, period_s: float)
 
     Samples that were buffered since the devices were opened are old, and some devices send only on request.
 
+    Args:
+        robot: configured robot.
+        guard: guard with the age limits.
+        clock: real or simulated time.
+        period_s: time between reads [s].
+
+    Returns:
+        The first measurement with young samples of all devices.
+
     Raises:
         DeviceTimeoutError: a device has no young sample within `FIRST_SAMPLE_S`; the error names it.
     """

@@ -82,6 +82,9 @@ class Task(Protocol):
         Args:
             measurement: state of the arm.
             dt_s: time since the previous tick [s]; a multiple of the period after an overrun.
+
+        Returns:
+            Command, reference and events of the tick.
         """
 
 
@@ -109,6 +112,9 @@ def make_output(
         run: number of the probing run, or `NO_RUN`.
         done: whether the task has ended.
         events: events of the tick.
+
+    Returns:
+        The output, with the measured tip motion.
     """
     position_m, velocity_m_s = tip.position_world_m, tip.velocity_world_m_s
     reference = (motion.position_rad, motion.velocity_rad_s)

@@ -92,7 +92,14 @@ _values = attrgetter(*(attribute for attribute, *_ in _COLUMNS))
 
 
 def tick_stream(joint_count: int) -> Stream:
-    """Describe the columns of a tick."""
+    """Describe the columns of a tick.
+
+    Args:
+        joint_count: number of joints n of the arm.
+
+    Returns:
+        The stream "tick", whose records `tick_record` makes.
+    """
     columns = (
         Column(name, unit, width or joint_count, text, dtype)
         for _, name, unit, width, text, dtype in _COLUMNS
@@ -103,7 +110,11 @@ def tick_stream(joint_count: int) -> Stream:
 
 
 def tick_record(tick: Tick) -> tuple[object, ...]:
-    """Make one record of `tick_stream`."""
+    """Make one record of `tick_stream`.
+
+    Returns:
+        A value for each column, in their order.
+    """
     return (*_values(tick), *tick.estimates, *tick.durations)
 
 
@@ -163,7 +174,15 @@ class Journal:
         return self._log.dropped
 
     def observe(self, measurement: Measurement, output: TaskOutput) -> Estimates:
-        """Ask the observer for its estimates."""
+        """Ask the observer for its estimates.
+
+        Args:
+            measurement: state of the arm.
+            output: the task's output for this measurement.
+
+        Returns:
+            Online estimates, NaN if there are none.
+        """
         if self._observer is None:
             return NO_ESTIMATE
         try:
@@ -187,7 +206,14 @@ class Journal:
             self.event(time_s, event.kind, event.text, event.data)
 
     def event(self, time_s: float, kind: str, text: str, data: Mapping[str, object] | None = None) -> None:
-        """Log one event."""
+        """Log one event.
+
+        Args:
+            time_s: time on the robot's clock [s].
+            kind: short word for filters.
+            text: one sentence for people.
+            data: values for programs.
+        """
         try:
             self._log.event(time_s, kind, text, data)
         except Exception as error:

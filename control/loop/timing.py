@@ -68,6 +68,9 @@ class Histogram:
     def percentile(self, percent: float) -> float:
         """Compute a percentile with an error of at most 1.1 %.
 
+        Args:
+            percent: 0 to 100.
+
         Returns:
             Duration that `percent` of the counted durations did not exceed [s]; 0 below 60 ns, NaN without
             any.
@@ -94,7 +97,11 @@ class LoopTiming:
         self._histograms = {name: Histogram() for name in SECTIONS}
 
     def add(self, durations: TickDurations) -> None:
-        """Count one tick."""
+        """Count one tick.
+
+        Args:
+            durations: durations of the tick's sections [s].
+        """
         self._recent.append(durations)
         if len(self._recent) == _BATCH:
             self._count_recent()
@@ -134,6 +141,9 @@ class TickGrid:
 
     def advance(self, now_s: float) -> int:
         """Advance to the next tick.
+
+        Args:
+            now_s: end of the current tick, loop's clock [s].
 
         Returns:
             Number of periods to the next tick: 1, or more after an overrun.

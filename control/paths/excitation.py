@@ -88,7 +88,14 @@ class Profile:
             self._scale = 1.0 / float(np.abs(np.cos(self._phases + times * self._rates).sum(axis=1)).max())
 
     def at(self, time_s: float) -> ProfilePoint:
-        """Compute the profile at a time."""
+        """Compute the profile at a time.
+
+        Args:
+            time_s: time since its start [s].
+
+        Returns:
+            Value and derivatives.
+        """
         # The wave between -1 and 1, with its derivatives by time.
         angle = self._phases + time_s * (self._rates + 0.5 * self._sweep * time_s)
         rate = self._rates + self._sweep * time_s

@@ -45,7 +45,11 @@ class PressLine:
         return float((tip_position_world_m - self.start_world_m).dot(self.direction_world))
 
     def point_at(self, travel_m: float) -> FloatArray:
-        """Compute the world position at a travel, shape (3,) [m]."""
+        """Compute the world position at a travel, shape (3,) [m].
+
+        Args:
+            travel_m: travel [m].
+        """
         return self.start_world_m + travel_m * self.direction_world
 
     def reach_m(

@@ -34,6 +34,10 @@ class JointMotion(NamedTuple):
 def quintic(time_s: float, duration_s: float) -> tuple[float, float, float]:
     """Compute 10 s^3 - 15 s^4 + 6 s^5 with s = t / T, from 0 to 1, at rest at both ends.
 
+    Args:
+        time_s: t [s].
+        duration_s: T [s].
+
     Returns:
         Value, rate [1/s] and acceleration [1/s^2].
     """
@@ -82,11 +86,20 @@ class JointMove:
         )
 
     def at(self, time_s: float) -> JointMotion:
-        """Compute the motion at a time."""
+        """Compute the motion at a time.
+
+        Args:
+            time_s: time since the start [s]; at rest at the end afterwards.
+        """
         return _scaled(self._start, self._change, quintic(time_s, self.duration_s))
 
     def brake_at(self, time_s: float, acceleration_limit_rad_s2: float) -> "JointBrake":
-        """Return a motion that comes to rest during the move."""
+        """Return a motion that comes to rest during the move.
+
+        Args:
+            time_s: time at which the braking begins [s].
+            acceleration_limit_rad_s2: limit of every joint [rad/s^2].
+        """
         share = LineState(*quintic(time_s, self.duration_s))
         return JointBrake(self._start, self._change, share, acceleration_limit_rad_s2)
 
@@ -112,7 +125,11 @@ class JointBrake:
         self.duration_s = self._blend.duration_s
 
     def at(self, time_s: float) -> JointMotion:
-        """Compute the motion at a time."""
+        """Compute the motion at a time.
+
+        Args:
+            time_s: time since the braking began [s]; at rest afterwards.
+        """
         return _scaled(self._start, self._change, self._blend.at(time_s))
 
 
@@ -140,17 +157,29 @@ class JointPath:
         self.duration_s = sum(move.duration_s for move in self._moves)
 
     def at(self, time_s: float) -> JointMotion:
-        """Compute the motion at a time."""
+        """Compute the motion at a time.
+
+        Args:
+            time_s: time since the start [s]; at rest at the end afterwards.
+        """
         index, since_s = self._move_at(time_s)
         return self._moves[index].at(since_s)
 
     def brake_at(self, time_s: float, acceleration_limit_rad_s2: float) -> JointBrake:
-        """Return a motion that comes to rest during the move; see `JointMove.brake_at`."""
+        """Return a motion that comes to rest during the move; see `JointMove.brake_at`.
+
+        Args:
+            time_s: time at which the braking begins [s].
+            acceleration_limit_rad_s2: limit of every joint [rad/s^2].
+        """
         index, since_s = self._move_at(time_s)
         return self._moves[index].brake_at(since_s, acceleration_limit_rad_s2)
 
     def passed_rad(self, time_s: float) -> tuple[FloatArray, ...]:
         """List the points already passed, the last one first, as a path back.
+
+        Args:
+            time_s: time since the start [s].
 
         Returns:
             Joint positions, shape (n,) each [rad].
@@ -193,7 +222,14 @@ class SpeedBlend:
         self._end_travel_m = self._during(total_s).travel_m
 
     def at(self, time_s: float) -> LineState:
-        """Compute the motion at a time."""
+        """Compute the motion at a time.
+
+        Args:
+            time_s: time since the start [s].
+
+        Returns:
+            Motion along the line.
+        """
         if time_s >= self.duration_s:
             after_s = time_s - self.duration_s
             return LineState(self._end_travel_m + self.speed_m_s * after_s, self.speed_m_s)
@@ -209,12 +245,22 @@ class SpeedBlend:
 
 
 def blend_distance_m(speed_m_s: float, acceleration_limit_m_s2: float) -> float:
-    """Compute the distance that a `SpeedBlend` needs between rest and a speed [m]."""
+    """Compute the distance that a `SpeedBlend` needs between rest and a speed [m].
+
+    Args:
+        speed_m_s: the speed [m/s].
+        acceleration_limit_m_s2: largest acceleration [m/s^2].
+    """
     return 0.75 * speed_m_s**2 / acceleration_limit_m_s2
 
 
 def turning_distance_m(speed_m_s: float, acceleration_limit_m_s2: float) -> float:
-    """Compute the forward distance of a `SpeedBlend` to the opposite speed [m]; 0 for a negative speed."""
+    """Compute the forward distance of a `SpeedBlend` to the opposite speed [m]; 0 for a negative speed.
+
+    Args:
+        speed_m_s: speed at its start [m/s].
+        acceleration_limit_m_s2: largest acceleration [m/s^2].
+    """
     return 0.9375 * max(speed_m_s, 0.0) ** 2 / acceleration_limit_m_s2
 
 
@@ -248,7 +294,14 @@ class LineReturn:
         self.duration_s = self._stop_at_s + self._stop.duration_s
 
     def at(self, time_s: float) -> LineState:
-        """Compute the motion at a time."""
+        """Compute the motion at a time.
+
+        Args:
+            time_s: time since the start [s].
+
+        Returns:
+            Motion along the line.
+        """
         if time_s < self._stop_at_s:
             return self._cruise.at(time_s)
         return self._stop.at(time_s - self._stop_at_s)

@@ -58,6 +58,11 @@ class ReplayTask:
     Joints are followed by computed torque, which compensates the measured force as a load. The force is
     not controlled: on a stiffer object it can grow up to the guard's limit.
 
+    Args:
+        body: model of the arm.
+        gains: gains of the computed torque.
+        references: references of an arm with as many joints.
+
     Raises:
         InputError: the references are of an arm with another number of joints.
     """
@@ -72,7 +77,11 @@ class ReplayTask:
         self._time_s = 0.0
 
     def start(self, measurement: Measurement) -> None:
-        """Plan the move from the measured posture to the first reference."""
+        """Plan the move from the measured posture to the first reference.
+
+        Args:
+            measurement: state of the arm.
+        """
         self._torque.reset()
         begin_rad = self._references.position_rad[0]
         position_rad = measurement.joint_position_rad.copy()
@@ -80,7 +89,15 @@ class ReplayTask:
         self._time_s, self._tick = 0.0, 0
 
     def step(self, measurement: Measurement, dt_s: float) -> TaskOutput:
-        """Move to the first reference, then follow the recorded references at their times."""
+        """Move to the first reference, then follow the recorded references at their times.
+
+        Args:
+            measurement: state of the arm.
+            dt_s: time since the last tick [s].
+
+        Returns:
+            Command, reference and events.
+        """
         self._time_s += dt_s
         since_s = self._time_s - self._move_to_start.duration_s - _SETTLE_S
         if since_s < 0.0:

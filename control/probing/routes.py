@@ -46,7 +46,11 @@ class Route(NamedTuple):
     too_low_m: float
 
     def problem(self, where: str) -> str:
-        """Describe that the route is too low, with a remedy."""
+        """Describe that the route is too low, with a remedy.
+
+        Args:
+            where: part of the route for messages, such as "to target 2".
+        """
         return (
             f"on the way {where} the tip would come {1e3 * self.too_low_m:.1f} mm too near to the object and "
             "cannot be lifted more: give targets nearer to each other, or more approach_clearance_m and "
@@ -55,6 +59,9 @@ class Route(NamedTuple):
 
     def refuse_if_low(self, where: str) -> None:
         """Raise an error if the route is too low.
+
+        Args:
+            where: part of the route for messages, such as "to target 2".
 
         Raises:
             InputError: the route is too low.
@@ -72,7 +79,12 @@ class Swing(NamedTuple):
 
 
 class Routes:
-    """Finds routes and swings for a plan, whose press direction is "down"."""
+    """Finds routes and swings for a plan, whose press direction is "down".
+
+    Args:
+        arm: geometry of the arm.
+        plan: press direction and clearances.
+    """
 
     def __init__(self, arm: PlanarArm, plan: ProbingPlan) -> None:
         self._arm, self._plan = arm, plan
@@ -100,6 +112,10 @@ class Routes:
 
     def check(self, start: Place, sites: Sequence[ProbingSite]) -> None:
         """Check the routes from the start to all sites in order and back.
+
+        Args:
+            start: present place of the arm.
+            sites: sites of the plan, in order.
 
         Raises:
             InputError: the tip comes too near to an expected object.

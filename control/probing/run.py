@@ -26,6 +26,13 @@ _MAX_FORCE_SHARE = 1.1  # share of the force limit that ends an excitation by po
 class ProbingRun:
     """State machine of one run, from rest at a site's approach start to rest at the next approach start.
 
+    Args:
+        control: position and force controller.
+        site: target, and limits along its press line.
+        spec: number and speed of the run.
+        plan: forces, times and distances.
+        gains: gains of contact detection.
+
     Attributes:
         phase: phase of the last tick.
         desired_force_n: desired force in the last tick [N]; NaN if the force is free.
@@ -54,14 +61,23 @@ class ProbingRun:
         self.finished = False
 
     def step(self, measurement: Measurement, dt_s: float) -> ControlOutput:
-        """Compute one tick."""
+        """Compute one tick.
+
+        Args:
+            measurement: state of the arm.
+            dt_s: time since the last tick [s].
+        """
         self._time_s += dt_s
         self.desired_force_n = math.nan
         self.events = []
         return self._step(measurement, dt_s)
 
     def cancel(self, reason: str) -> None:
-        """Leave the object at once, and return to the start of the approach."""
+        """Leave the object at once, and return to the start of the approach.
+
+        Args:
+            reason: reason, for the failure.
+        """
         self.failure = self.failure or f"run {self.spec.run}: {reason}"
         if self.phase is Phase.FREE_AIR:
             self.finished = True

@@ -71,6 +71,9 @@ def probing_sites(
         position_rad: present joint positions, shape (3,) [rad].
         limits_rad: lowest and highest joint positions, shape (3,) each [rad].
 
+    Returns:
+        One site per target.
+
     Raises:
         InputError: an approach start or the search distance after it is out of reach.
     """

@@ -128,6 +128,9 @@ class ProbingTask:
     def start(self, measurement: Measurement) -> None:
         """Begin from the measured posture, at rest and clear of everything.
 
+        Args:
+            measurement: state of the arm.
+
         Raises:
             InputError: a target cannot be probed from here or at the plan's speeds, or the force is too large
                 for a bias of the sensor.
@@ -197,7 +200,11 @@ class ProbingTask:
         )
 
     def cancel(self, why: str) -> None:
-        """Drop the current and all remaining runs, and return to the start pose."""
+        """Drop the current and all remaining runs, and return to the start pose.
+
+        Args:
+            why: reason, for the failure.
+        """
         returning = self._run is None and not self._specs
         if self.cancelled or returning:
             return

@@ -44,7 +44,11 @@ class TargetQueue:
         self.remark = ""
 
     def take(self, intent: Intent) -> None:
-        """Update the queue from the leader's intent; targets beyond its capacity are left for later."""
+        """Update the queue from the leader's intent; targets beyond its capacity are left for later.
+
+        Args:
+            intent: targets, cancellations and whether the leader has ended.
+        """
         with self._lock:
             for target in intent.targets:
                 if target.number > self._newest:
@@ -85,7 +89,12 @@ class TargetQueue:
             return self._targets[number]
 
     def finish(self, state: TargetState, remark: str = "") -> None:
-        """Set the state of the target that was being probed."""
+        """Set the state of the target that was being probed.
+
+        Args:
+            state: final state.
+            remark: reason why it was refused or failed.
+        """
         with self._lock:
             if self._current in self._states:
                 self._states[self._current] = state
@@ -121,7 +130,15 @@ class OnSilence(StrEnum):
 
 
 def plan_for(target: Target, plan: ProbingPlan) -> ProbingPlan:
-    """Copy the follower's plan with a target's place and direction."""
+    """Copy the follower's plan with a target's place and direction.
+
+    Args:
+        target: place and direction.
+        plan: all other settings.
+
+    Returns:
+        The plan for the target.
+    """
     place = {"targets_world_m": (target.position_world_m,), "press_direction_world": target.direction_world}
     return plan.model_copy(update=place)
 
@@ -160,7 +177,11 @@ class FollowerTask:
         self._events: list[TaskEvent] = []
 
     def start(self, measurement: Measurement) -> None:
-        """Hold the measured posture."""
+        """Hold the measured posture.
+
+        Args:
+            measurement: state of the arm.
+        """
         still = np.zeros_like(measurement.joint_position_rad)
         self._posture = JointMotion(measurement.joint_position_rad.copy(), still, still)
         self._direction = np.array((0.0, 0.0, -1.0))

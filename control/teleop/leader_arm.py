@@ -38,6 +38,12 @@ def build_operator_device(
 ) -> OperatorDevice:
     """Make an operator device; opens nothing yet.
 
+    Args:
+        name: name of the device.
+        settings: settings for its `Settings` class.
+        clock: clock of this side.
+        document: document with the settings, for errors with file and line.
+
     Raises:
         UnknownNameError: no device has this name.
         InputError: a setting is invalid.

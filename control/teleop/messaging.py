@@ -27,7 +27,13 @@ LINK_STREAM = Stream(
 
 
 def link_record(peer: Peer, malformed: int, now_s: float) -> tuple[object, ...]:
-    """Make one record of `LINK_STREAM`."""
+    """Make one record of `LINK_STREAM`.
+
+    Args:
+        peer: state of the other side.
+        malformed: number of malformed frames so far.
+        now_s: time on the clock of this side [s].
+    """
     offset = peer.offset
     clocks = (nan, nan) if offset is None else (offset.offset_s, offset.round_trip_s)
     counts = (peer.counts[kind] for kind in Arrival)
@@ -126,6 +132,9 @@ class Messaging:
 
     def record(self, now_s: float) -> tuple[object, ...]:
         """Make one record of `LINK_STREAM`.
+
+        Args:
+            now_s: time on this side's clock [s].
 
         Returns:
             A value for each column.

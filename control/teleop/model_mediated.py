@@ -73,7 +73,11 @@ class ProbingMotion:
 
 
 class ModelMediatedLeader(CouplingSide):
-    """Leader that renders the model, and requests a probing at its first touch."""
+    """Leader that renders the model, and requests a probing at its first touch.
+
+    Args:
+        model: kind of model.
+    """
 
     def __init__(self, model: ObjectModel) -> None:
         self._law = model.law

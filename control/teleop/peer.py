@@ -97,6 +97,9 @@ class PeerLimits:
 class Peer:
     """Classifies frames by their time stamps, without I/O; times are on the own clock [s].
 
+    Args:
+        limits: limits on age and silence.
+
     Attributes:
         counts: frames by class.
         lost: gaps in the sequence so far; frames that arrive late are subtracted again.
@@ -121,11 +124,18 @@ class Peer:
         return self._clocks.best
 
     def silent(self, now_s: float) -> bool:
-        """Return whether no fresh frame has arrived for `silent_s`, or ever."""
+        """Return whether no fresh frame has arrived for `silent_s`, or ever.
+
+        Args:
+            now_s: own clock [s].
+        """
         return not now_s - self._fresh_at_s <= self._limits.silent_s  # true for NaN as well
 
     def age_s(self, now_s: float) -> float:
         """Compute the age of the newest fresh frame's content.
+
+        Args:
+            now_s: own clock [s].
 
         Returns:
             Age [s]; NaN before the first frame, or if the offset is unknown.
@@ -145,7 +155,12 @@ class Peer:
         return nan if self.offset is None else now_s - (peer_s - self.offset.offset_s)
 
     def judge(self, frame: Frame, arrived_s: float) -> Arrival:
-        """Classify a frame, and count it."""
+        """Classify a frame, and count it.
+
+        Args:
+            frame: received frame.
+            arrived_s: arrival time, own clock [s].
+        """
         arrival = self._judge(frame, arrived_s)
         self.counts[arrival] += 1
         if arrival is Arrival.FRESH:

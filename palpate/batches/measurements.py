@@ -50,6 +50,10 @@ class MetadataTable:
     def read(cls, path: Path, fields: Iterable[Mapping[str, str]]) -> "MetadataTable":
         """Read a table.
 
+        Args:
+            path: a CSV file.
+            fields: those of each file.
+
         Raises:
             InputError: no column tells the files apart, or two lines are of the same file.
         """
@@ -172,7 +176,12 @@ def find_measurements(
 
 
 def case_of(measurement: BatchMeasurement, options: Mapping[str, Any]) -> MeasurementCase:
-    """The case of a measurement. OSError: a file cannot be read."""
+    """The case of a measurement. OSError: a file cannot be read.
+
+    Args:
+        measurement: its files.
+        options: how to read and judge it; what JSON can hold.
+    """
     content = [content_hash(Path(file)) for file in measurement.files]
     parameters = {"content": content, "where": measurement.where, "options": options}
     return MeasurementCase(WORK, parameters, files=tuple(map(os.path.abspath, measurement.files)))
@@ -182,7 +191,11 @@ WORK = "palpate.batches.works.measuring:measure"
 
 
 def content_hash(path: Path) -> str:
-    """SHA-256 of a file with the ending of its name, or of the files in a folder. OSError: not readable."""
+    """SHA-256 of a file with the ending of its name, or of the files in a folder. OSError: not readable.
+
+    Args:
+        path: of the file or folder.
+    """
     if path.is_dir():
         parts = sorted(file for file in path.rglob("*") if file.is_file())
         return sha256(

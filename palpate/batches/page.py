@@ -50,7 +50,11 @@ class PageSection:
 
 
 def write_page(batch: BatchResult) -> None:
-    """Write the page; InputError if that is not possible."""
+    """Write the page; InputError if that is not possible.
+
+    Args:
+        batch: its table, pooled parameters, differences and outliers.
+    """
     spent: dict[str, float] = {}  # the channels of a measurement state the same time
     if batch.finished:
         spent = dict(zip(texts(batch.table, "measurement"), floats(batch.table, "seconds"), strict=True))
@@ -99,6 +103,11 @@ def _link_to_report(batch: BatchResult, name: str, files: str) -> str:
 
 def write_trend(path: Path, tested: Sequence[tuple[Series, Sequence[TrendChange]]], what: str) -> None:
     """Write the page of all series over time, those that change first.
+
+    Args:
+        path: of the page.
+        tested: series with their changes.
+        what: the times count.
 
     Raises:
         InputError: it cannot be written.
@@ -265,7 +274,11 @@ class _EntryTable:
     words: str  # below the table
 
     def section(self, entries: Sequence[Any]) -> PageSection:
-        """Tabulate entries."""
+        """Tabulate entries.
+
+        Args:
+            entries: in the order of the rows.
+        """
         rows = [[cell(entry) for cell in self.columns.values()] for entry in entries]
         return PageSection(self.title, tuple(self.columns), rows, words=(self.words,))
 
@@ -362,7 +375,12 @@ def _rows(batch: BatchResult) -> PageSection:
 
 
 def range_text(interval: tuple[float, float], std_err: float) -> str:
-    """Format an interval; a dash if there is none."""
+    """Format an interval; a dash if there is none.
+
+    Args:
+        interval: lower and upper end.
+        std_err: standard error of the value, which determines the number of digits.
+    """
     if not np.isfinite(interval).all():
         return "–"
     return " to ".join(significant(end, std_err) for end in interval)

@@ -89,7 +89,11 @@ def shrunk(values: FloatArray, std_errs: FloatArray, effects: RandomEffects) -> 
 
 
 def holm(p_values: Sequence[float]) -> list[float]:
-    """Corrected p values of several tests (Holm, Scand. J. Stat. 6 (1979) 65)."""
+    """Corrected p values of several tests (Holm, Scand. J. Stat. 6 (1979) 65).
+
+    Args:
+        p_values: of the single tests.
+    """
     order = np.argsort(p_values)
     corrected, worst = [1.0] * len(p_values), 0.0
     for rank, place in enumerate(order):

@@ -61,6 +61,10 @@ def head(name: str, unit: str, end: str = "") -> str:
 def field_names(measurements: Sequence[BatchMeasurement], group: str | None) -> list[str]:
     """Return the names of all fields of the measurements.
 
+    Args:
+        measurements: of the batch.
+        group: field that tells groups apart; None for one group.
+
     Raises:
         InputError: a field is called as a column of the table, or no measurement has the group's field.
     """
@@ -137,7 +141,12 @@ def make_table(
 
 
 def write_table(folder: Path, table: pa.Table) -> None:
-    """Write the table as Parquet and CSV; InputError if that is not possible."""
+    """Write the table as Parquet and CSV; InputError if that is not possible.
+
+    Args:
+        folder: where to.
+        table: all rows.
+    """
     with whole_file(folder / f"{TABLE}.parquet") as path:
         pq.write_table(table, path)
     with whole_file(folder / f"{TABLE}.csv") as path:
@@ -195,6 +204,9 @@ def _parameters(table: pa.Table) -> Iterator[tuple[str, str, str]]:
 def parameter_columns(table: pa.Table) -> Iterator[ParameterColumn]:
     """Every parameter of every channel that at least one measurement knows with its standard error.
 
+    Args:
+        table: of a batch.
+
     Yields:
         Channel by channel, in the order of the columns.
     """
@@ -210,7 +222,12 @@ def parameter_columns(table: pa.Table) -> Iterator[ParameterColumn]:
 
 
 def floats(table: pa.Table, name: str) -> FloatArray:
-    """Return a column of numbers, shape (n,), with NaN for missing values."""
+    """Return a column of numbers, shape (n,), with NaN for missing values.
+
+    Args:
+        table: of a batch.
+        name: of the column.
+    """
     if name not in table.column_names:
         return np.full(len(table), np.nan)
     return np.asarray(
@@ -219,7 +236,12 @@ def floats(table: pa.Table, name: str) -> FloatArray:
 
 
 def texts(table: pa.Table, name: str) -> list[str]:
-    """Return a column as text, with empty strings for missing values."""
+    """Return a column as text, with empty strings for missing values.
+
+    Args:
+        table: of a batch.
+        name: of the column.
+    """
     if name not in table.column_names:
         return [""] * len(table)
     return ["" if cell is None else str(cell) for cell in table[name].to_pylist()]

@@ -274,10 +274,13 @@ def _number(text: str) -> float | None:
 
 
 def least_for_step(tested: int) -> int:
-    """Return how many measurements each of `tested` series needs to show a step in its middle.
+    """Return how many measurements a series needs for a step in its middle to be significant.
 
     Of the binomial(n, n/2) ways to divide n values into halves, only two separate them as completely as a
     step in the middle. The p-value of a permutation test is therefore at least 2 / binomial(n, n/2).
+
+    Args:
+        tested: number of series of the table that are tested.
     """
     return next(
         count for count in range(LEAST, 1_000) if 2.0 / comb(count, count // 2) <= LEVEL / max(tested, 1)

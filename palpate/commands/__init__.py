@@ -113,6 +113,9 @@ def load_command(name: str) -> Any:  # noqa: ANN401, typer's own command
     """Import a command: `NAME_command` of its module, or the module's `group` of commands.
 
     Its help is its docstring. Arguments are documented once, by the help of each option.
+
+    Args:
+        name: name of the command, one of `COMMANDS`.
     """
     module = importlib.import_module(f"palpate.commands.{COMMANDS[name][0]}")
     if hasattr(module, "group"):

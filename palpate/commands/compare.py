@@ -82,7 +82,11 @@ class ComparedPair:
         self._studies = (first, second)
 
     def view(self, commands: Sequence[str] = ()) -> PairView:
-        """Build the view that terminal, report and recording share."""
+        """Build the view that terminal, report and recording share.
+
+        Args:
+            commands: commands that show the same comparison again.
+        """
         first, second = self._studies
         channels = [
             sides_view(
@@ -111,6 +115,10 @@ class ComparedPair:
 def chosen_revisions(study: Study, numbers: Sequence[int]) -> list[Revision]:
     """Look up revisions by number.
 
+    Args:
+        study: the measurement and its revisions.
+        numbers: numbers of the revisions.
+
     Returns:
         each revision once, in the order of the numbers.
 
@@ -135,6 +143,11 @@ def _grown(study: Study, kept: Sequence[Revision]) -> Grown:
 
 def write_pair(folder: Path, pair: ComparedPair, view: PairView) -> dict[str, Path]:
     """Write result, report and recording, all or none; return their paths by kind.
+
+    Args:
+        folder: folder of the files, created if needed.
+        pair: the comparison.
+        view: view of the comparison.
 
     Raises:
         InputError: a file cannot be written.
@@ -296,7 +309,11 @@ def _side_by_side(
 
 
 def comparison_data(comparison: Comparison) -> dict[str, Any]:
-    """The comparison as plain data; the keys are stable."""
+    """The comparison as plain data; the keys are stable.
+
+    Args:
+        comparison: comparison of one channel.
+    """
     return {
         "channel": comparison.channel,
         "model": comparison.model,

@@ -180,6 +180,12 @@ def export_command(
 def export_layout(data: DataArguments, program: Program, out: Path | None, *, force: bool) -> _Export:
     """Write a viewer's layout.
 
+    Args:
+        data: a session.
+        program: the viewer.
+        out: file to write; None for one in the session's folder of results.
+        force: whether an existing file is replaced.
+
     Raises:
         InputError: it is no session, or the file cannot be written.
     """
@@ -197,6 +203,12 @@ def export_layout(data: DataArguments, program: Program, out: Path | None, *, fo
 
 def export_table(data: DataArguments, name: str, out: Path | None, *, force: bool) -> _Export:
     """Write a stream or channel as a table.
+
+    Args:
+        data: session or data file.
+        name: name of the stream or channel.
+        out: file to write; None for one in the folder of results.
+        force: whether an existing file is replaced.
 
     Raises:
         InputError: there is no such stream or channel, or the file cannot be written.
@@ -226,6 +238,14 @@ def export_scenario(
     force: bool,
 ) -> _Export:
     """Write the models as a simulated world, and warn of a model that leaves more than the noise.
+
+    Args:
+        data: the measurement.
+        study: study of this measurement.
+        path: file to write.
+        revisions: numbers of the revisions to export; none for the newest of each channel.
+        folder: folder of the revisions, as typed.
+        force: whether an existing file is replaced.
 
     Raises:
         InputError: there is no such revision, or the file cannot be written.
@@ -269,6 +289,15 @@ def export_joints(  # noqa: PLR0917, what was typed
     force: bool,
 ) -> _Export:
     """Write the models of the joints as a feedforward or for a simulator, and warn of base models.
+
+    Args:
+        data: the measurement.
+        study: study of this measurement.
+        path: file to write; a feedforward's functions in Python and C are written beside it.
+        revisions: numbers of the revisions to export; none for the newest of each channel.
+        form: format of the file.
+        patch: file to copy and complete; None for the form's own.
+        force: whether existing files are replaced.
 
     Raises:
         InputError: there is no such revision, or a file cannot be written.

@@ -126,7 +126,12 @@ _PAUSE = 10.0  # multiple of the usual time step above which a gap is a pause
 
 
 def look_as_data(path: Path, options: ImportOptions) -> dict[str, Any]:
-    """Return what an import would read from a file, as plain data. InputError: it cannot be read."""
+    """Return what an import would read from a file, as plain data. InputError: it cannot be read.
+
+    Args:
+        path: the file.
+        options: options for reading the file.
+    """
     table = read_table(path, options.table)
     imported = import_table(table, options)
     roles = dict(imported.roles)
@@ -141,7 +146,11 @@ def look_as_data(path: Path, options: ImportOptions) -> dict[str, Any]:
 
 
 def facts(imported: Imported) -> list[dict[str, Any]]:
-    """Return kind, samples, runs and length of each channel, as plain data."""
+    """Return kind, samples, runs and length of each channel, as plain data.
+
+    Args:
+        imported: the file as it was read.
+    """
     return [
         {
             "channel": channel.name,
@@ -206,7 +215,11 @@ def look_at(path: Path, options: ImportOptions, like: Mapping[str, str] | None =
 
 
 def implausible(imported: Imported) -> list[str]:
-    """Describe what is implausible in each channel, one sentence each."""
+    """Describe what is implausible in each channel, one sentence each.
+
+    Args:
+        imported: the file as it was read.
+    """
     return [
         f"{imported.title(channel.name)}: {warning}"
         for channel in imported.channels

@@ -91,7 +91,11 @@ def info_command(
 
 
 def describe_session(session: Session) -> dict[str, Any]:
-    """Return the session's facts as plain data; the keys are stable."""
+    """Return the session's facts as plain data; the keys are stable.
+
+    Args:
+        session: the whole session.
+    """
     metadata = session.metadata
     streams: list[dict[str, Any]] = []
     for name in session.stream_names:
@@ -181,6 +185,9 @@ def merged_streams(sessions: Sequence[Session]) -> list[Merged]:
     Clocks are not changed. If one clock continues through all sessions, the memory of the object carries
     over.
 
+    Args:
+        sessions: the sessions, in order.
+
     Raises:
         InputError: they are not of one arm, or not of the same streams.
     """
@@ -218,7 +225,13 @@ def merged_streams(sessions: Sequence[Session]) -> list[Merged]:
 
 
 def merged_metadata(sessions: Sequence[Session], command_line: str, software_version: str) -> SessionMetadata:
-    """Return the first session's metadata without what differs between the sessions."""
+    """Return the first session's metadata without what differs between the sessions.
+
+    Args:
+        sessions: the sessions, in order.
+        command_line: command line of this program.
+        software_version: version of palpate.
+    """
     first, files = sessions[0].metadata, ", ".join(session.path.name for session in sessions)
     every = [session.metadata for session in sessions]
     shared = {
@@ -237,7 +250,11 @@ def merged_metadata(sessions: Sequence[Session], command_line: str, software_ver
 
 
 def not_whole(sessions: Sequence[Session]) -> list[str]:
-    """Name incomplete sessions, one sentence each: the merged session does not show it."""
+    """Name incomplete sessions, one sentence each: the merged session does not show it.
+
+    Args:
+        sessions: the merged sessions.
+    """
     return [
         f"{session.path.name}: is incomplete (palpate info says why); the part that exists was merged"
         for session in sessions
@@ -259,6 +276,9 @@ def surfaces_apart(sessions: Sequence[Session]) -> list[str]:
     """Name contacts that begin at another depth than in the first session, one sentence each.
 
     A merged session is judged as presses onto one surface: nothing is shifted.
+
+    Args:
+        sessions: the merged sessions, in order.
     """
     try:
         first, *others = (
@@ -337,7 +357,12 @@ def reveal_command(
 
 
 def describe_answer(session: Path, answer: SealedAnswer) -> dict[str, Any]:
-    """Return the answer as plain data; the keys are stable."""
+    """Return the answer as plain data; the keys are stable.
+
+    Args:
+        session: file of the session.
+        answer: sealed answer beside the session.
+    """
     return {
         "session": str(session),
         "seed": answer.seed,

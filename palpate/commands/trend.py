@@ -208,7 +208,11 @@ def _update(  # noqa: PLR0917, what was typed
 
 
 def in_words(change: dict[str, Any]) -> str:
-    """Describe a change in a sentence."""
+    """Describe a change in a sentence.
+
+    Args:
+        change: as plain data.
+    """
     place = " ".join(filter(None, (change["group"], change["channel"], change["series"])))
     before, after = (significant(change[name], change["std_err"]) for name in ("before", "after"))
     share = f" ({100 * (change['after'] / change['before'] - 1):+.0f} %)" if change["before"] else ""

@@ -46,7 +46,11 @@ def _console(*, stderr: bool) -> Console:
 
 
 def print_json(data: Any) -> None:  # noqa: ANN401
-    """Print `data` as strict JSON on stdout; arrays become lists, NaN and infinity become null."""
+    """Print `data` as strict JSON on stdout; arrays become lists, NaN and infinity become null.
+
+    Args:
+        data: mappings, sequences, arrays and scalars; anything else is converted by `str`.
+    """
     JsonOutput.was_printed = True
     readable = "utf" in (sys.stdout.encoding or "").lower()
     text = json.dumps(plain(data), indent=2, ensure_ascii=not readable, allow_nan=False)
@@ -72,7 +76,13 @@ def plain(value: Any) -> Any:  # noqa: ANN401
 
 
 def table(title: str, *columns: str, right: Iterable[str] = ()) -> Table:
-    """Make a table in the house style: light rules, numbers right-aligned, long cells folded."""
+    """Make a table in the house style: light rules, numbers right-aligned, long cells folded.
+
+    Args:
+        title: title above the table; empty for none.
+        columns: column headings.
+        right: headings of the numeric columns, which are right-aligned.
+    """
     made = Table(
         title=title or None, title_style="bold", title_justify="left", header_style="bold", box=SIMPLE
     )
@@ -90,7 +100,11 @@ def natural_width(made: Table) -> int:
 
 
 def as_typed(command: str) -> str:
-    """Return a command that can be typed here; include the program's folder if it is not on the PATH."""
+    """Return a command that can be typed here; include the program's folder if it is not on the PATH.
+
+    Args:
+        command: command line that starts with the program's name.
+    """
     program, _, rest = command.partition(" ")
     folder = Path(sys.argv[0]).parent
     started = folder / program
@@ -100,7 +114,11 @@ def as_typed(command: str) -> str:
 
 
 def next_steps(*commands: tuple[str, str]) -> None:
-    """Show commands to try next, each with what it does."""
+    """Show commands to try next, each with what it does.
+
+    Args:
+        commands: pairs of a command that can be pasted into a shell (see `typed` for paths) and its purpose.
+    """
     console = stderr()
     console.print("\n[bold]Next[/bold]")
     runnable = [(as_typed(command), purpose) for command, purpose in commands]
@@ -184,7 +202,12 @@ def warn(remark: str, more: str = "") -> None:
 
 
 def say_read(read: str, notes: Iterable[str]) -> None:
-    """Report on stderr how the columns of a data file were interpreted; print nothing for a session."""
+    """Report on stderr how the columns of a data file were interpreted; print nothing for a session.
+
+    Args:
+        read: the file's columns and their roles; empty for a session.
+        notes: sentences that the reader should see.
+    """
     if read:
         stderr().print(f"[dim]read: {safe(read)}[/dim]")
     for note in notes:
@@ -192,7 +215,11 @@ def say_read(read: str, notes: Iterable[str]) -> None:
 
 
 def command_group(about: str) -> typer.Typer:
-    """Make a group of commands that prints its help if called without a command."""
+    """Make a group of commands that prints its help if called without a command.
+
+    Args:
+        about: help text of the group.
+    """
     group = typer.Typer(
         rich_markup_mode="rich",
         add_completion=False,
@@ -219,7 +246,11 @@ _MOST_DIGITS = 8
 
 
 def safe(text: str) -> str:
-    """Make text from a file safe for a console: one line without escapes, direction marks or markup."""
+    """Make text from a file safe for a console: one line without escapes, direction marks or markup.
+
+    Args:
+        text: untrusted text from a file.
+    """
     line = "".join(char if char.isprintable() else " " if char in "\t\n" else "�" for char in text)
     last = line[len(line.rstrip("\\")) :]  # a trailing backslash would escape the markup that follows
     return escape(line.rstrip("\\")) + 2 * last
@@ -231,7 +262,11 @@ def count(number: int, noun: str) -> str:
 
 
 def duration(seconds: float) -> str:
-    """Format a duration for people."""
+    """Format a duration for people.
+
+    Args:
+        seconds: duration [s].
+    """
     if seconds < 60:
         return f"{seconds:.1f} s"
     minutes, rest = divmod(seconds, 60)
@@ -239,12 +274,20 @@ def duration(seconds: float) -> str:
 
 
 def shown(path: Path) -> str:
-    """Return a path relative to the current folder, on one line, for a console."""
+    """Return a path relative to the current folder, on one line, for a console.
+
+    Args:
+        path: absolute, or relative to the current folder.
+    """
     return safe(_from_here(path))
 
 
 def typed(path: Path) -> str:
-    """Return a path relative to the current folder, quoted for a shell."""
+    """Return a path relative to the current folder, quoted for a shell.
+
+    Args:
+        path: absolute, or relative to the current folder.
+    """
     return as_shell_word(_from_here(path))
 
 
@@ -263,7 +306,11 @@ def as_shell_word(text: str) -> str:
 
 
 def as_command(arguments: Iterable[str]) -> str:
-    """Return the command line of this call, ready to be pasted into a shell."""
+    """Return the command line of this call, ready to be pasted into a shell.
+
+    Args:
+        arguments: the arguments after the program's name.
+    """
     return " ".join(map(as_shell_word, ["palpate", *arguments]))
 
 
@@ -277,7 +324,11 @@ def _from_here(path: Path) -> str:
 
 
 def chance(p_value: float) -> str:
-    """Format a p value from surrogates; the smallest possible one is shown as an upper bound."""
+    """Format a p value from surrogates; the smallest possible one is shown as an upper bound.
+
+    Args:
+        p_value: between 0 and 1.
+    """
     return f"≤ {_LEAST_P:g}" if p_value <= _LEAST_P else f"{p_value:.3f}"
 
 

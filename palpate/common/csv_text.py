@@ -9,7 +9,11 @@ _NUMBER = r"^\s*[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?$"
 
 
 def harmless_table(table: pa.Table) -> pa.Table:
-    """Replace control characters in text by blanks, and put an apostrophe before what would be a formula."""
+    """Replace control characters in text by blanks, and put an apostrophe before what would be a formula.
+
+    Args:
+        table: columns of any types; text may come from files or their names.
+    """
     for place, column in enumerate(table.columns):
         kind = column.type.value_type if pa.types.is_dictionary(column.type) else column.type
         if pa.types.is_string(kind) or pa.types.is_large_string(kind):

@@ -60,7 +60,12 @@ class OneLineGroup(TyperGroup):
 
 
 def report_error(error: Exception, *, as_json: bool = False) -> int:
-    """Print one line for `error` and return the exit code that goes with it; see `report`."""
+    """Print one line for `error` and return the exit code that goes with it; see `report`.
+
+    Args:
+        error: the exception that ended the command.
+        as_json: whether to print JSON.
+    """
     if os.environ.get(DEBUG_VARIABLE):
         traceback.print_exception(error)
     if isinstance(error, BrokenPipeError):
@@ -100,6 +105,11 @@ def report(text: str, code: int, *, as_json: bool = False) -> int:
 
     With `as_json`, also print one line on stdout, `{"error": ..., "exit_code": ...}`, for programs that read
     JSON. Nothing is added after a JSON result, which states its own outcome.
+
+    Args:
+        text: error message.
+        code: exit code.
+        as_json: whether to print JSON.
     """
     line = one_line(text)
     if as_json and not JsonOutput.was_printed:
@@ -137,6 +147,9 @@ _made: list[Path] = []  # folders created in this process, innermost first
 
 def make_folder(folder: Path) -> None:
     """Create a folder with its parents, and record which of them are new.
+
+    Args:
+        folder: absolute, or relative to the current folder.
 
     Raises:
         OSError: the folder cannot be created.
@@ -191,7 +204,11 @@ def command_line_wording() -> Iterator[None]:
 
 
 def in_python(text: str) -> str:
-    """Replace each command-line option by the equivalent keyword of `palpate.Study`."""
+    """Replace each command-line option by the equivalent keyword of `palpate.Study`.
+
+    Args:
+        text: text of an error.
+    """
     text = _OPTION.sub(_keyword, _COMMAND.sub(r"study.\1(\2=True)", text))
     return _ONE_AFTER_THE_OTHER.sub(_joined, text)
 

@@ -25,6 +25,10 @@ SESSION = ".mcap"
 def existing_file(path: Path, what: str) -> Path:
     """Return the path if it is a readable regular file, not a device or a pipe.
 
+    Args:
+        path: path from the user.
+        what: noun for the error message, such as "session".
+
     Raises:
         InputError: the path does not exist, is not a file, or is not readable.
     """
@@ -42,12 +46,20 @@ def existing_file(path: Path, what: str) -> Path:
 
 
 def existing_data(path: Path) -> Path:
-    """Return the path if it is a folder or a readable file; raise `InputError` otherwise."""
+    """Return the path if it is a folder or a readable file; raise `InputError` otherwise.
+
+    Args:
+        path: path from the user.
+    """
     return path if path.is_dir() else existing_file(path, "session or data file")
 
 
 def open_session(path: Path) -> Session:
-    """Read a session file; raise `InputError` if it does not exist or is not a session."""
+    """Read a session file; raise `InputError` if it does not exist or is not a session.
+
+    Args:
+        path: path from the user.
+    """
     try:
         return Session.open(existing_file(path, "session"))
     except SessionError as error:
@@ -95,7 +107,12 @@ def output_file(
 
 
 def output_session(path: Path, keep: Iterable[Path] = ()) -> Path:
-    """Check the path of a new session like `output_file`; raise `InputError` for a wrong file extension."""
+    """Check the path of a new session as `output_file` does; raise `InputError` for a wrong file extension.
+
+    Args:
+        path: path from the user.
+        keep: input files, which are never replaced.
+    """
     if path.suffix != SESSION and not path.is_dir():
         raise InputError(
             f"output {path}: a session's name ends in {SESSION}, such as {path.with_suffix(SESSION)}; "
@@ -106,6 +123,9 @@ def output_session(path: Path, keep: Iterable[Path] = ()) -> Path:
 
 def output_folder(folder: Path) -> Path:
     """Return the folder if it is writable; create it if needed.
+
+    Args:
+        folder: path from the user.
 
     Raises:
         InputError: the folder cannot be created or written to.
@@ -152,6 +172,9 @@ def different_files(*paths: Path | None) -> None:
 def whole_file(path: Path) -> Iterator[Path]:
     """Yield a temporary path to write to; on success, rename the file to its final name.
 
+    Args:
+        path: final path; the file is written completely or not at all.
+
     Raises:
         InputError: the file cannot be written.
     """
@@ -176,7 +199,12 @@ def whole_set(texts: Mapping[Path, str]) -> Iterator[None]:
 
 
 def write_text(path: Path, text: str) -> None:
-    """Write a text file, completely or not at all; raise `InputError` if it cannot be written."""
+    """Write a text file, completely or not at all; raise `InputError` if it cannot be written.
+
+    Args:
+        path: path of the file.
+        text: content of the file.
+    """
     with whole_set({path: text}):
         pass
 
@@ -214,6 +242,10 @@ def folder_to_fill(path: Path, out: Path | None, names: Iterable[str], *, force:
 
 def folder_to_read(path: Path, folder: Path | None) -> Path:
     """Return the folder of saved revisions; it may hold none yet.
+
+    Args:
+        path: session or data file.
+        folder: folder from the user; None for the usual one.
 
     Raises:
         InputError: the folder that the user named does not exist.

@@ -33,6 +33,9 @@ def library_remedy(error: ImportError) -> str | None:
     """Return the remedy if a package cannot load a system library; None for other failures.
 
     Pinocchio's wheel takes OpenMP from the system, which small images of Debian and Ubuntu do not have.
+
+    Args:
+        error: the import's exception.
     """
     return "on Debian and Ubuntu: apt install libgomp1" if ".so" in str(error) else None
 

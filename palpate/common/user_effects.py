@@ -148,7 +148,11 @@ _NAME = re.compile(r"[a-z][a-z0-9_]*")
 
 
 def flaw(effect_type: type[Effect]) -> str | None:
-    """Describe the first error in a class's attributes, with its line; None if there is none."""
+    """Describe the first error in a class's attributes, with its line; None if there is none.
+
+    Args:
+        effect_type: class from the user.
+    """
     return next(
         (problem + place_of(effect_type, attribute) for attribute, problem in _flaws(effect_type)), None
     )
@@ -163,7 +167,12 @@ def file_of(effect_type: type) -> str:
 
 
 def place_of(effect_type: type, attribute: str) -> str:
-    """Return where a class defines a name, such as " (mine.py, line 14)", or else where the class begins."""
+    """Return where a class defines a name, such as " (mine.py, line 14)", or else where the class begins.
+
+    Args:
+        effect_type: a class.
+        attribute: name of the attribute or method; empty for the class itself.
+    """
     try:
         lines, first = inspect.getsourcelines(effect_type)
         (made,) = ast.parse(textwrap.dedent("".join(lines))).body
@@ -230,7 +239,11 @@ _Shape = tuple[int, ...]
 
 
 def watched(effect: Effect) -> Effect:
-    """Wrap an effect so that its methods raise `InputError` on failure or unusable results."""
+    """Wrap an effect so that its methods raise `InputError` on failure or unusable results.
+
+    Args:
+        effect: effect from the user.
+    """
     effect_type = type(effect)
 
     def watch(method: str) -> Callable[..., Any]:

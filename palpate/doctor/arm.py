@@ -51,6 +51,9 @@ def examine_arm(check: ArmCheck) -> Iterator[Finding]:
 
     The torque stays off until `may_power` returns True, and it is off at the end.
 
+    Args:
+        check: the arm and the checks to run.
+
     Raises:
         InputError: the robot file names a part that does not exist or has invalid gains, or the arm cannot
             be emulated or moved by hand.
@@ -132,6 +135,9 @@ def examine_ports(robot_file: RobotFile) -> Iterator[tuple[str, Finding]]:
     """Check serial ports (setting `port`) and SocketCAN interfaces (`channel`); yield bus and finding.
 
     Nothing is opened.
+
+    Args:
+        robot_file: robot file of the arm.
     """
     for name, bus in robot_file.buses.items():
         subject, port, channel = f"port of {name}", bus.settings.get("port"), bus.settings.get("channel")

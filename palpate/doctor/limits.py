@@ -24,7 +24,12 @@ _WARN, _FAIL = Level.WARN, Level.FAIL
 
 
 def examine_limits(robot_file: RobotFile, body: RigidBody) -> Iterator[Finding]:
-    """Check torque, brake, ages, watchdogs and the other limits of a robot file."""
+    """Check torque, brake, ages, watchdogs and the other limits of a robot file.
+
+    Args:
+        robot_file: robot file of the arm.
+        body: rigid-body model of the arm.
+    """
     if joint := body.weightless_joint:
         remedy = "give its links an <inertial>: gravity compensation needs it, also in a stop"
         yield fail("masses", f"{robot_file.urdf_path}: joint '{joint}' moves no mass", remedy)
@@ -79,7 +84,11 @@ def examine_limits(robot_file: RobotFile, body: RigidBody) -> Iterator[Finding]:
 
 
 def random_poses_rad(limits: Limits) -> FloatArray:
-    """Draw poses over the joints' ranges, shape (poses, n) [rad]."""
+    """Draw poses over the joints' ranges, shape (poses, n) [rad].
+
+    Args:
+        limits: limits with the joints' ranges [rad].
+    """
     low, high = np.array(limits.position_min_rad), np.array(limits.position_max_rad)
     return np.random.default_rng(0).uniform(low, high, (POSES, len(low)))
 

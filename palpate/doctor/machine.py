@@ -162,7 +162,13 @@ def serial_ports() -> Iterator[Finding]:
 
 
 def serial_port(subject: str, port: Path, denied: Level) -> Finding:
-    """Check the permission (level `denied` if missing) and latency timer of a serial port."""
+    """Check the permission (level `denied` if missing) and latency timer of a serial port.
+
+    Args:
+        subject: subject of the finding.
+        port: device file.
+        denied: level of the finding if the port may not be opened.
+    """
     if not os.access(port, os.R_OK | os.W_OK):
         return Finding(subject, denied, f"{port}: permission denied", DIALOUT)
     name = port.resolve().name

@@ -67,11 +67,19 @@ class Hand:
         console.stderr().print(f"[bold]Turn joint {joint + 1} by hand[/bold], by about 15 degrees: {words}")
 
     def press(self, words: str) -> None:
-        """Ask for a press against the tool."""
+        """Ask for a press against the tool.
+
+        Args:
+            words: where and how to press.
+        """
         console.stderr().print(f"[bold]Press gently with a finger[/bold] {words}")
 
     def go_on(self, elapsed_s: float) -> None:
-        """Advance the current action; a person needs no such call."""
+        """Advance the current action; a person needs no such call.
+
+        Args:
+            elapsed_s: time since the current action began [s].
+        """
 
     def rest(self) -> None:
         """Ask to let the arm go back and hold still."""
@@ -82,7 +90,11 @@ class Hand:
         console.stderr().print("[bold]Hands away from the arm[/bold]")
 
     def count(self, left_s: int) -> None:
-        """Announce the seconds left until the arm gets power."""
+        """Announce the seconds left until the arm gets power.
+
+        Args:
+            left_s: remaining time [s].
+        """
         console.stderr().print(f"[bold]Hands away:[/bold] power in {left_s} s")
 
 
@@ -186,6 +198,9 @@ def is_still(measurements: list[Measurement]) -> bool:
     """Return whether no joint moved in the valid samples; False without any valid sample.
 
     A sample is valid if encoders and force sensor have new readings and report no fault.
+
+    Args:
+        measurements: measurements in time order.
     """
     fresh = all(any(getattr(m, device) is Status.OK for m in measurements) for device in _DEVICES)
     good = fresh and all(
@@ -310,6 +325,11 @@ class NudgeTask:
 def examine_powered(robot: Robot, robot_file: RobotFile, body: RigidBody) -> Iterator[Finding]:
     """Move a configured robot a little and check its signs; the torque is always off at the end.
 
+    Args:
+        robot: configured robot.
+        robot_file: robot file of this robot.
+        body: rigid-body model of the arm.
+
     Raises:
         DeviceError: a device failed before the first tick.
         KeyboardInterrupt: the user stopped the check; the arm is at rest.
@@ -330,7 +350,12 @@ def examine_powered(robot: Robot, robot_file: RobotFile, body: RigidBody) -> Ite
 
 
 def gentle(limits: Limits, body: RigidBody) -> Limits:
-    """Return limits that trip after little motion or force of a held joint."""
+    """Return limits that trip after little motion or force of a held joint.
+
+    Args:
+        limits: limits of the robot file.
+        body: rigid-body model of the arm.
+    """
     weight_nm = np.abs([body.gravity(pose) for pose in random_poses_rad(limits)]).max(axis=0)
     torque_nm = np.minimum(limits.torque_nm, weight_nm + _PUSH_SHARE * np.array(limits.torque_nm))
     tracking_rad = np.minimum(limits.tracking_rad, _TRACKING_RAD)

@@ -10,7 +10,11 @@ from palpate.robot_io.files.file_model import read_text
 
 
 def isaaclab_text(arm: TargetArm) -> str:
-    """Write actuator configurations of Isaac Lab, a Python module with one dict `ACTUATORS`."""
+    """Write actuator configurations of Isaac Lab, a Python module with one dict `ACTUATORS`.
+
+    Args:
+        arm: expressed for `SimulatorFormat.ISAACLAB`.
+    """
     lines = [
         f'"""Actuators of Isaac Lab, written by palpate export from {as_comment(arm.source)}.',
         "",

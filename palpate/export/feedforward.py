@@ -105,6 +105,10 @@ class Feedforward:
     def write(self, path: Path, source: str) -> None:
         """Write the table (.yaml), and the functions (.py, .c) beside it.
 
+        Args:
+            path: of the table.
+            source: what was measured, for people.
+
         Raises:
             InputError: a file cannot be written.
         """
@@ -153,7 +157,11 @@ def _literals(terms: JointTerms) -> str:
 
 
 def make_feedforward(joints: Sequence[FittedJoint]) -> Feedforward:
-    """Make the feedforward of fitted joints, ordered by number."""
+    """Make the feedforward of fitted joints, ordered by number.
+
+    Args:
+        joints: with their fits.
+    """
     ordered = sorted(joints, key=lambda joint: joint.number)
     terms, used, left_out = [], list[str](), list[str]()
     for joint in ordered:
@@ -182,7 +190,13 @@ def make_feedforward(joints: Sequence[FittedJoint]) -> Feedforward:
 
 
 def reason_left_out(effect: str, reasons: Mapping[str, str], target: str) -> str:
-    """Say why a target has no term for an effect."""
+    """Say why a target has no term for an effect.
+
+    Args:
+        effect: its name.
+        reasons: of effects with a reason of their own.
+        target: what is written, such as "table".
+    """
     if effect in reasons:
         return reasons[effect]
     if effect not in EFFECTS:

@@ -35,7 +35,12 @@ def _viscous(p: Values) -> float:
 
 
 def lost(effect: str, p: Values) -> Iterator[str]:
-    """Describe what the simulator does differently for a fitted effect, in a sentence."""
+    """Describe what the simulator does differently for a fitted effect, in a sentence.
+
+    Args:
+        effect: its name.
+        p: fitted parameters, by their own names.
+    """
     if effect == "asymmetric_friction" and _viscous(p) < 0.0:
         yield f"asymmetric_friction that falls by {-_viscous(p):.3g} N m s/rad is simulated as level"
     if effect == "dry_friction" and p["presliding"] < SHORTEST_SLIP_M:

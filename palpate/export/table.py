@@ -60,7 +60,11 @@ def recorded_table(path: Path, options: ImportOptions, name: str) -> pa.Table:
 
 
 def stream_table(samples: Samples) -> pa.Table:
-    """Return every column of a stream; wide ones as several, numbered from 1. Fields keep their units."""
+    """Return every column of a stream; wide ones as several, numbered from 1. Fields keep their units.
+
+    Args:
+        samples: of the stream.
+    """
     fields, arrays = list[pa.Field](), list[pa.Array]()
     for column in samples.stream.columns:
         values, about = samples.vector(column.name), {"unit": column.unit, "doc": column.doc}
@@ -72,7 +76,11 @@ def stream_table(samples: Samples) -> pa.Table:
 
 
 def channel_table(channel: ChannelData) -> pa.Table:
-    """A channel of n samples with the names and units that `palpate import` takes; no rows before run 0."""
+    """A channel of n samples with the names and units that `palpate import` takes; no rows before run 0.
+
+    Args:
+        channel: n samples.
+    """
     motion = (channel.position, channel.velocity, channel.acceleration, channel.effort)
     columns = {"time_s": channel.time_s, "run": channel.run}
     columns |= dict(zip(_NAMES[channel.kind], motion, strict=True))
@@ -85,7 +93,11 @@ def channel_table(channel: ChannelData) -> pa.Table:
 
 
 def events_table(session: Session) -> pa.Table:
-    """Return the events, one a row, with their data as JSON."""
+    """Return the events, one a row, with their data as JSON.
+
+    Args:
+        session: the session.
+    """
     events = session.events
     return pa.table(
         {
@@ -117,7 +129,11 @@ def write_table(table: pa.Table, path: Path) -> None:
 
 
 def check_ending(path: Path) -> None:
-    """Refuse other formats. InputError: the ending is neither CSV's nor Parquet's."""
+    """Refuse other formats. InputError: the ending is neither CSV's nor Parquet's.
+
+    Args:
+        path: of the output.
+    """
     if path.suffix not in ENDINGS:
         raise InputError(f"output {path}: a table is written as {' or '.join(ENDINGS)}")
 
@@ -137,7 +153,12 @@ LAYOUT_ENDINGS = {Program.FOXGLOVE: ".json", Program.PLOTJUGGLER: ".xml"}
 
 
 def layout_of(session: Session, program: Program) -> str:
-    """Return a viewer's layout as text. InputError: the session has nothing to plot."""
+    """Return a viewer's layout as text. InputError: the session has nothing to plot.
+
+    Args:
+        session: whose streams are shown.
+        program: that shows them.
+    """
     streams = [session.samples(name).stream for name in session.stream_names]
     plots: dict[str, list[tuple[Stream, Column]]] = {}
     for stream in streams:

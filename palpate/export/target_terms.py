@@ -270,6 +270,10 @@ def _shown(parameter: ParameterEstimate) -> str:
 
 
 def as_comment(text: str) -> str:
-    """Make text safe within a comment of XML or Python, or a docstring: one line that ends none."""
+    """Make text safe within a comment of XML or Python, or a docstring: one line that ends none.
+
+    Args:
+        text: any text, such as the name of a file.
+    """
     plain = json.dumps(text, ensure_ascii=True)[1:-1].replace("\\", "/")
     return plain.replace('/"', "'").replace("--", "- -")

@@ -77,6 +77,12 @@ def patch_mjcf(text: str, place: str, arm: TargetArm, mounting: Mounting, *, by_
 def patch_urdf(text: str, place: str, arm: TargetArm, mounting: Mounting) -> Patched:
     """Write the values of an arm into the text of a URDF.
 
+    Args:
+        text: of the URDF.
+        place: where it comes from, for errors.
+        arm: expressed for `SimulatorFormat.URDF`.
+        mounting: of the arm.
+
     Raises:
         InputError: the file cannot be read, is no URDF, or lacks a joint.
     """
@@ -128,7 +134,13 @@ class _Mjcf:
         ]
 
     def value(self, element: Element, name: str, absent: str) -> str:
-        """Return an attribute of an element or else of its default class; `absent` if neither states it."""
+        """Return an attribute of an element, from the element itself or its default class.
+
+        Args:
+            element: of the MJCF.
+            name: of the attribute.
+            absent: value where neither states it.
+        """
         if (own := element.get(name)) is not None:
             return own
         tags = {element.tag} if element.tag == "joint" else {element.tag, *_SCALED}
@@ -155,7 +167,12 @@ class _Mjcf:
         return self._joints[joint.number - 1]
 
     def set_joint(self, element: Element, joint: TargetJoint) -> None:
-        """Write one joint's values."""
+        """Write one joint's values.
+
+        Args:
+            element: hinge or slide joint.
+            joint: with the target's values.
+        """
         number = {key: value.number for key, value in joint.values.items()}
         is_hinge = self.value(element, "type", "hinge") == "hinge"
         angles = [each.get("angle") for each in self._root.findall("compiler") if each.get("angle")]

@@ -69,7 +69,13 @@ def candidates(before: ProbingPlan, robot_file: RobotFile, place_world_m: FloatA
 
 
 def both(first: CandidatePlan, second: CandidatePlan, before: ProbingPlan) -> CandidatePlan | None:
-    """Combine two experiments into one; None if their settings conflict or the plan is invalid."""
+    """Combine two experiments into one; None if their settings conflict or the plan is invalid.
+
+    Args:
+        first: one experiment.
+        second: the other one.
+        before: the plan that was run first.
+    """
     wants, others = ({k: v for k, v in plan.settings.items() if k not in _SHARED} for plan in (first, second))
     if not wants or not others or any(others.get(name, value) != value for name, value in wants.items()):
         return None
@@ -236,6 +242,9 @@ def _tried(rehearsal: Rehearsal) -> Samples | None:
 
 def rehearse(rehearsal: Rehearsal) -> Samples:
     """Simulate a probing run of this arm without noise; return its ticks.
+
+    Args:
+        rehearsal: arm, plan, object and start.
 
     Raises:
         InputError: the arm cannot do it within its limits.

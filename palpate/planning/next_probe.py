@@ -59,7 +59,12 @@ class Undecided:
 
 
 def undecided(study: ModelStudy, diagnoses: Sequence[ChannelDiagnosis]) -> list[Undecided]:
-    """Collect the open questions: accepted effects with their indistinguishable alternatives."""
+    """Collect the open questions: each channel's accepted effects with their indistinguishable alternatives.
+
+    Args:
+        study: study with all measurements so far.
+        diagnoses: diagnoses of its channels.
+    """
     return [
         Undecided(channel, tuple(models), Rivals.of(list(models.values())))
         for diagnosis in diagnoses
@@ -175,7 +180,11 @@ class _Planned:
         return cls(candidate, Experiment(candidate.words, float(ticks["time_s"][-1]), leads), motions)
 
     def expected(self, left: Sequence[Undecided]) -> "_Planned":
-        """Repeat the design with scores expected after all models are refitted."""
+        """Repeat the design with scores expected after all models are refitted.
+
+        Args:
+            left: the questions.
+        """
         rng = np.random.default_rng(_SEED)
         leads = tuple(
             question.rivals.simulated_leads(motion, rng) if motion is not None else question.nothing
@@ -302,7 +311,12 @@ class _Ground:
 
     @classmethod
     def of(cls, study: ModelStudy, session: Session) -> "_Ground | None":
-        """Collect arm, object and start pose; None if nothing was touched, because the object is unknown."""
+        """Collect arm, object and start pose; None if nothing was touched, because the object is unknown.
+
+        Args:
+            study: study with all measurements so far.
+            session: first session of the study.
+        """
         contact = next((channel for channel in study.channels if channel.kind is ChannelKind.CONTACT), None)
         if contact is None or contact.data.surface is None or not session.metadata.robot_file:
             return None
@@ -332,7 +346,11 @@ class _Ground:
         return place
 
     def rehearsal(self, plan: ProbingPlan) -> Rehearsal:
-        """Return the rehearsal of a plan."""
+        """Return the rehearsal of a plan.
+
+        Args:
+            plan: plan to rehearse.
+        """
         return Rehearsal(self.arm, plan.model_dump_json(), self.known, self.start_rad)
 
 
@@ -346,7 +364,12 @@ _WIRE = "--wire"
 
 
 def plan_text(experiment: NextExperiment, plan: ProbingPlan) -> str:
-    """Write the plan as YAML, with its purpose as a comment."""
+    """Write the plan as YAML, with its purpose as a comment.
+
+    Args:
+        experiment: the experiment that a diagnosis states.
+        plan: the whole plan.
+    """
     words = f"# {one_line(experiment.instruction)}\n# to {one_line(experiment.purpose)}\n"
     return words + yaml.safe_dump(plan.model_dump(mode="json"), sort_keys=False)
 

@@ -122,7 +122,19 @@ def stage_view(
     number: int | None = None,
     unphysical: Sequence[str] = (),
 ) -> StageView:
-    """Make the view of one stage of a model from its fit; the label of a base model is its name."""
+    """Make the view of one stage of a model from its fit; the label of a base model is its name.
+
+    Args:
+        model: base model with the effects of the stage.
+        parameters: parameter estimates by "effect.parameter".
+        predicted: effort (n,).
+        residual: measured less predicted in held-out runs (n,).
+        rmse: held-out error, in the effort's unit.
+        label: short description of the added effects.
+        name: name of the whole model.
+        number: number of the revision; None where it is not kept.
+        unphysical: descriptions of parameters outside their physical bounds.
+    """
     return StageView(
         number=number,
         label=label,
@@ -159,7 +171,11 @@ def axes_of(kind: ChannelKind) -> Axes:
 
 
 def one_after_the_other(data: ChannelData) -> FloatArray:
-    """Place all runs, which may all start at zero, one after the other on one time axis, shape (n,) [s]."""
+    """Place all runs, each of which may start at zero, one after the other on one time axis, shape (n,) [s].
+
+    Args:
+        data: the channel, n samples.
+    """
     own_s, (first, run) = time_in_run(data.time_s, data.run), block_index(data.run)
     lengths_s = np.maximum.reduceat(own_s, first)
     steps_s = lengths_s + (_GAP * np.mean(lengths_s) if len(first) else 0.0)
@@ -167,7 +183,14 @@ def one_after_the_other(data: ChannelData) -> FloatArray:
 
 
 def run_speeds(data: ChannelData) -> dict[int, str]:
-    """Describe each run's speed, the slowest first; empty if all runs have the same speed."""
+    """Describe each run's speed, the slowest first; empty if all runs have the same speed.
+
+    Args:
+        data: the channel, n samples.
+
+    Returns:
+        Descriptions by run number.
+    """
     if data.kind is not ChannelKind.CONTACT:
         return {}
     speeds = dict[int, float]()
@@ -233,7 +256,13 @@ def _verdict(view: ChannelView, words: Sequence[str], diagnosis: ChannelDiagnosi
 def view_of(
     study: ModelStudy, results: Sequence[ChannelResult] | None = None, commands: Sequence[str] = ()
 ) -> StudyView:
-    """Make the view of a study."""
+    """Make the view of a study.
+
+    Args:
+        study: study of the measurement.
+        results: channels to show; None for all.
+        commands: commands that repeat the results.
+    """
     shown = study.results() if results is None else results
     source = study.source
     warnings = (f"{name}: {warning}" for name, several in study.warnings.items() for warning in several)
@@ -253,7 +282,11 @@ def view_of(
 
 
 def result_view(result: ChannelResult) -> ChannelView:
-    """Make the view of one channel."""
+    """Make the view of one channel.
+
+    Args:
+        result: fits, comparison and diagnosis of the channel.
+    """
     compared, diagnosis = result.shown, result.diagnosis
     is_said = diagnosis is not None and diagnosis.reason in result.reason
     stages, name = list[StageView](), ""
@@ -296,7 +329,11 @@ _HEAD, _MARK = 200, b'<meta name="generator" content="palpate '
 
 
 def is_own_page(path: Path) -> bool:
-    """Return whether a file is a page that palpate made."""
+    """Return whether a file is a page that palpate made.
+
+    Args:
+        path: path of the file; it need not exist.
+    """
     if not path.is_file():
         return False
     with path.open("rb") as file:
@@ -313,6 +350,13 @@ def write_outcome(
     """Write the report, and a recording of diagnosed or added effects; return paths by kind.
 
     All files appear together, or none of them.
+
+    Args:
+        folder: existing folder for the files.
+        study: study with its measurements.
+        results: results of its channels.
+        commands: commands that repeat the results.
+        texts: texts of further files, by name.
 
     Raises:
         InputError: a file cannot be written.
@@ -340,5 +384,9 @@ def write_outcome(
 
 
 def as_json(data: Mapping[str, object]) -> str:
-    """Format plain data as the text of a JSON file."""
+    """Format plain data as the text of a JSON file.
+
+    Args:
+        data: numbers, texts, lists and dicts; arrays are written as lists.
+    """
     return json.dumps(console.plain(data), indent=2, ensure_ascii=False, allow_nan=False) + "\n"

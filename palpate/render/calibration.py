@@ -27,7 +27,13 @@ _BRANCHES = (
 
 
 def print_calibration(console: Console, calibration: Calibration, remarks: Sequence[str]) -> None:
-    """Print the applied values and further findings."""
+    """Print the applied values and further findings.
+
+    Args:
+        console: console to print to.
+        calibration: values and findings.
+        remarks: further sentences.
+    """
     title = f"Calibration of {calibration.kind}, robot {safe(calibration.robot)}"
     made = table(title, "what", "value", "± (1 std)", "unit", "", right=("value", "± (1 std)"))
     values = getattr(calibration, "values")  # noqa: B009, each kind has its own
@@ -59,7 +65,12 @@ def _rows(name: str, quantity: Quantity | Quantities) -> Iterator[tuple[str, str
 
 
 def force_figure(fit: ForceFit, reading_unit: str) -> go.Figure:
-    """Draw a force sensor's characteristic, and its residuals after calibration."""
+    """Draw a force sensor's characteristic, and its residuals after calibration.
+
+    Args:
+        fit: fit of the force sensor.
+        reading_unit: unit of the raw reading.
+    """
     made = make_subplots(1, 2, column_widths=[0.43, 0.57])
     plateaus = fit.plateaus
     for direction, label, symbol in _BRANCHES:
@@ -118,7 +129,11 @@ def encoder_figure(fit: EncoderFit) -> go.Figure:
 
 
 def arm_figure(fit: ArmFit) -> go.Figure:
-    """Draw each joint's residual torque over speed and over position."""
+    """Draw each joint's residual torque over speed and over position.
+
+    Args:
+        fit: fit of the drives and the base.
+    """
     joints = fit.residual_nm.shape[1]
     made = make_subplots(joints, 2, shared_yaxes=True, vertical_spacing=0.07, horizontal_spacing=0.03)
     for joint in range(joints):

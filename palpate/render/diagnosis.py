@@ -17,7 +17,12 @@ _NO_FALL = 0.98  # ratio to the previous error above which the error counts as u
 
 
 def enumerated(names: Sequence[str], last: str = "and") -> str:
-    """Join names with commas, and with a word before the last."""
+    """Join names with commas, and with a word before the last.
+
+    Args:
+        names: names, in order.
+        last: word before the last name.
+    """
     return "".join(names) if len(names) < 2 else f"{', '.join(names[:-1])} {last} {names[-1]}"
 
 
@@ -117,6 +122,14 @@ def compared(
     """Judge whether a model fits by its held-out error relative to the noise.
 
     A model with impossible parameters never fits, however small its error.
+
+    Args:
+        channel: name of the channel.
+        model: name of the model.
+        error: held-out error with its unit, as text.
+        times: ratio of error to noise.
+        noise: noise level with its unit, as text.
+        possible: whether all parameters are physical.
     """
     word = "fits" if times < NOISE and possible else "misses"
     errors = f"{error} in held-out runs, noise {noise}"
@@ -126,12 +139,24 @@ def compared(
 
 
 def impossible(unphysical: Sequence[str]) -> tuple[str, ...]:
-    """Report physically impossible parameters in one sentence; empty if there are none."""
+    """Report physically impossible parameters in one sentence; empty if there are none.
+
+    Args:
+        unphysical: descriptions of parameters outside their physical bounds.
+    """
     return (f"But {enumerated(unphysical)}: {UNPHYSICAL}.",) if unphysical else ()
 
 
 def falling(channel: str, errors: Sequence[float], added: Sequence[str], noise: float, unit: str) -> str:
-    """Describe in one or two sentences how added effects changed the error."""
+    """Describe in one or two sentences how added effects changed the error.
+
+    Args:
+        channel: name of the channel.
+        errors: errors of each stage, the base model's first.
+        added: added effects, one fewer than errors.
+        noise: error of a complete model.
+        unit: unit of the errors.
+    """
     first, last = errors[0], errors[-1]
     subject = f"{channel} with {enumerated(added)}: the error in held-out runs"
     if last > _NO_FALL * first:

@@ -56,7 +56,12 @@ class Example:
 
     @classmethod
     def beside(cls, fitted: FitResult, effect: Effect) -> "Example":
-        """Add an effect to a fitted model, on a few runs of its motion."""
+        """Add an effect to a fitted model, on a few runs of its motion.
+
+        Args:
+            fitted: the base model's fit.
+            effect: effect to add.
+        """
         runs = fitted.data.runs
         few = runs[np.unique(np.linspace(0, len(runs) - 1, _RUNS).astype(int))]
         moved = fitted.data.of_runs(few)
@@ -90,6 +95,12 @@ def plain(kind: ChannelKind) -> tuple[ChannelData, Model, dict[str, float]]:
 def sized(data: ChannelData, model: Model, base: Mapping[str, float], effect: Effect) -> dict[str, float]:
     """Add an effect to a model's parameters, large enough to be seen beside the data's effort.
 
+    Args:
+        data: the motion and its effort without the effect.
+        model: model without the effect.
+        base: parameters of that model by "effect.parameter".
+        effect: effect that is added.
+
     Returns:
         All parameters by "effect.parameter".
     """
@@ -121,7 +132,14 @@ Curve = tuple[FloatArray, FloatArray, str]  # x (n,), y (n,), colour
 
 
 def drawing(first: Curve, second: Curve, width: int, height: int) -> list[Text]:
-    """Draw two curves in one frame, line by line: the first as points "·", the second in Braille."""
+    """Draw two curves in one frame, line by line: the first as points "·", the second in Braille.
+
+    Args:
+        first: reference curve, which can be told apart without colors too.
+        second: curve to show.
+        width: width of the drawing [characters].
+        height: height of the drawing [lines].
+    """
     frame = []
     for axis in (0, 1):
         values = np.concatenate([first[axis], second[axis]])
@@ -141,7 +159,13 @@ def drawing(first: Curve, second: Curve, width: int, height: int) -> list[Text]:
 
 
 def beside(titles: Sequence[str], drawings: Sequence[Sequence[Text]], gap: int = 3) -> Iterator[Text]:
-    """Place drawings of the same height side by side, each below its title."""
+    """Place drawings of the same height side by side, each below its title.
+
+    Args:
+        titles: title of each drawing.
+        drawings: lines of each.
+        gap: between two drawings [characters].
+    """
     width = max(len(line) for lines in drawings for line in lines)
     yield Text((" " * gap).join(title.ljust(width) for title in titles), style="dim")
     for lines in zip(*drawings, strict=True):
@@ -174,12 +198,20 @@ def library() -> tuple[Effect, ...]:
 
 
 def kind_of(effect: Effect) -> ChannelKind:
-    """Return the kind of channel in which to draw an effect: a contact if it occurs there."""
+    """Return the kind of channel in which to draw an effect: a contact if it occurs there.
+
+    Args:
+        effect: effect of the library or the user's own.
+    """
     return next(kind for kind in ChannelKind if kind in effect.channels)
 
 
 def as_data(effect: Effect) -> dict[str, Any]:
-    """Return an effect as plain data with the units of that kind; the keys are stable."""
+    """Return an effect as plain data with the units of that kind; the keys are stable.
+
+    Args:
+        effect: effect of the library or the user's own.
+    """
     words = ("name", "physics", "equation", "source", "signature", "confused_with", "needs")
     kind = kind_of(effect)
     parameters = [
@@ -206,7 +238,13 @@ def print_library(console: Console, effects: Sequence[Effect]) -> None:
 
 
 def print_effect(console: Console, effect: Effect, example: Example | None) -> None:
-    """Print one effect: physics, equation, signature, drawing, parameters and similar effects."""
+    """Print one effect: physics, equation, signature, drawing, parameters and similar effects.
+
+    Args:
+        console: console to print to.
+        effect: effect to explain.
+        example: example to draw; None for no drawing.
+    """
     console.print(f"[bold]{safe(effect.name)}[/bold]  [dim]{safe(', '.join(_channels(effect)))}[/dim]")
     lines = {
         "physics": effect.physics,
@@ -237,7 +275,12 @@ def print_effect(console: Console, effect: Effect, example: Example | None) -> N
 
 
 def drawn(example: Example, width: int) -> Iterator[Text]:
-    """Draw an example with characters: effort over position or velocity and, if there is room, over time."""
+    """Draw an example with characters: effort over position or velocity and, if there is room, over time.
+
+    Args:
+        example: motion and model to draw.
+        width: width of the terminal [characters].
+    """
     data, axes = example.data, axes_of(example.data.kind)
     before, after = data.effort, example.effort()
     room = width - 4
@@ -267,7 +310,11 @@ def _channels(effect: Effect) -> list[str]:
 
 
 def group_of(effect: Effect) -> str:
-    """Return the effect's group, one of `GROUPS`."""
+    """Return the effect's group, one of `GROUPS`.
+
+    Args:
+        effect: effect of the library or the user's own.
+    """
     if isinstance(effect, RunVariation):
         return "From run to run"
     if isinstance(effect, SensorEffect) or effect.name in {"bias", "drift"}:

@@ -38,11 +38,17 @@ _COLORS = {
     Determined.NO: "bold red",
     _IMPOSSIBLE: "bold red",
 }
-Truth = Mapping[str, float]  # true parameters by name; unknown ones are missing
+Truth = Mapping[str, float]
 
 
 def print_estimates(console: Console, estimates: ChannelEstimates, truth: Truth) -> None:
-    """Print one channel's parameters by every estimator, and remarks."""
+    """Print one channel's parameters by every estimator, and remarks.
+
+    Args:
+        console: console to print to.
+        estimates: the channel with its estimates.
+        truth: true parameters by name; unknown ones are missing.
+    """
     runs, samples = len(estimates.channel.runs), int(np.count_nonzero(estimates.rows))
     title = (
         f"{estimates.channel.name}: {estimates.model.name}, {count(runs, 'run')}, {count(samples, 'sample')}"
@@ -54,7 +60,12 @@ def print_estimates(console: Console, estimates: ChannelEstimates, truth: Truth)
 
 
 def estimates_view(estimates: ChannelEstimates, truth: Truth) -> ChannelView:
-    """Make the view of the best estimate, with the residual of the fitted samples."""
+    """Make the view of the best estimate, with the residual of the fitted samples.
+
+    Args:
+        estimates: estimates of one channel.
+        truth: true parameters by name; unknown ones are missing.
+    """
     best, predicted = estimates.best, estimates.prediction()
     residual = np.where(estimates.rows, estimates.channel.effort - predicted, np.nan)
     parameters = {p.name: p for p in best.parameters}
@@ -78,7 +89,13 @@ def estimates_view(estimates: ChannelEstimates, truth: Truth) -> ChannelView:
 
 
 def estimate_table(estimates: ChannelEstimates, truth: Truth, width: int) -> Table:
-    """Tabulate every estimator's parameters with 95 % intervals, and errors where the truth is known."""
+    """Tabulate every estimator's parameters with 95 % intervals, and errors where the truth is known.
+
+    Args:
+        estimates: a channel with its estimates.
+        truth: true parameters, as far as they are known.
+        width: width of the terminal [characters]; a narrow one gets fewer columns.
+    """
     if len(shown_parameters(estimates.estimates[0])) <= _MOST_ABREAST:
         for columns in (width, min(width, _NARROW - 1)):
             made = _one_row_an_estimator(estimates, truth, columns)
@@ -146,7 +163,12 @@ def _in_color(state: str, text: str = "") -> str:
 
 
 def remarks(estimates: ChannelEstimates, truth: Truth) -> list[str]:
-    """Describe the surface, and list objections to the estimates."""
+    """Describe the surface, and list objections to the estimates.
+
+    Args:
+        estimates: estimates of one channel.
+        truth: true parameters by name; unknown ones are missing.
+    """
     remarks = []
     reason, surface, channel = spoilt_by(estimates), estimates.surface_of(estimates.best), estimates.channel
     if reason is not None:
@@ -207,7 +229,11 @@ def _remarks_on_fits(estimates: ChannelEstimates) -> Iterator[str]:
 
 
 def calibration_remark(session: Session | None) -> list[str]:
-    """Describe the calibration uncertainty, a systematic error that the intervals do not include."""
+    """Describe the calibration uncertainty, a systematic error that the intervals do not include.
+
+    Args:
+        session: measured session; None for data from elsewhere.
+    """
     if session is None:
         return []
     used = parse_calibrations(session.metadata.calibration, f"{session.path}, its calibration")
@@ -226,7 +252,12 @@ def calibration_remark(session: Session | None) -> list[str]:
 
 
 def as_data(estimates: ChannelEstimates, truth: Truth) -> dict[str, Any]:
-    """Return one channel's estimates as plain data; the keys are stable."""
+    """Return one channel's estimates as plain data; the keys are stable.
+
+    Args:
+        estimates: estimates of one channel.
+        truth: true parameters by name; unknown ones are missing.
+    """
     tare, outcomes = estimates.channel.tare, []
     for estimate in estimates.estimates:
         surface, parameters = estimates.surface_of(estimate), dict[str, dict[str, Any]]()
@@ -268,7 +299,13 @@ def as_data(estimates: ChannelEstimates, truth: Truth) -> dict[str, Any]:
 
 
 def markdown_summary(estimates: ChannelEstimates, truth: Truth, heading: str) -> str:
-    """Tabulate the best estimate for Rerun's summary."""
+    """Tabulate the best estimate for Rerun's summary.
+
+    Args:
+        estimates: estimates of one channel.
+        truth: true parameters by name; unknown ones are missing.
+        heading: heading of the table.
+    """
     best = estimates.best
     rows = [f"**{heading}**: model `{estimates.model.name}`, estimator `{best.estimator}`", ""]
     rows += ["| | found | 95 % interval | truth | error |", "|---|---|---|---|---|"]
@@ -282,17 +319,29 @@ def markdown_summary(estimates: ChannelEstimates, truth: Truth, heading: str) ->
 
 
 def shown_parameters(estimate: Estimate) -> list[ParameterEstimate]:
-    """Return all parameters except the surface, which has its own sentence."""
+    """Return all parameters except the surface, which has its own sentence.
+
+    Args:
+        estimate: estimate by one estimator.
+    """
     return [parameter for parameter in estimate.parameters if parameter.name != OFFSET]
 
 
 def short_name(parameter: str) -> str:
-    """Return the symbol that equations use, such as "k" for "stiffness.k"."""
+    """Return the symbol that equations use, such as "k" for "stiffness.k".
+
+    Args:
+        parameter: "effect.parameter".
+    """
     return parameter.rpartition(".")[2]
 
 
 def with_interval(parameter: ParameterEstimate) -> str:
-    """Format a value and half of its 95 % interval, with the justified number of digits."""
+    """Format a value and half of its 95 % interval, with the justified number of digits.
+
+    Args:
+        parameter: estimate with its 95 % interval.
+    """
     half = parameter.half_interval
     if parameter.at_bound:
         return f"{significant(parameter.value)} ({AT_BOUND})"
@@ -302,13 +351,23 @@ def with_interval(parameter: ParameterEstimate) -> str:
 
 
 def error_percent(parameter: ParameterEstimate, truth: Truth) -> float:
-    """Return the deviation from the truth [%]; NaN where the truth is zero."""
+    """Return the deviation from the truth [%]; NaN where the truth is zero.
+
+    Args:
+        parameter: estimate.
+        truth: true parameters by name.
+    """
     true = truth[parameter.name]
     return PERCENT * (parameter.value - true) / true if true else float("nan")
 
 
 def error_text(parameter: ParameterEstimate, truth: Truth) -> str:
-    """Format the deviation from the truth in percent, absolute where the truth is zero."""
+    """Format the deviation from the truth in percent, absolute where the truth is zero.
+
+    Args:
+        parameter: estimate.
+        truth: true parameters by name.
+    """
     if truth[parameter.name] == 0:
         return f"{parameter.value:+z.2g}"
     return f"{error_percent(parameter, truth):+z.2f} %"

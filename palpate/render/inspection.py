@@ -40,6 +40,9 @@ class Inspection:
     def record(self, path: Path) -> float:
         """Write the Rerun recording.
 
+        Args:
+            path: path of the .rrd file.
+
         Returns:
             Time to use for a screenshot [s].
 
@@ -65,6 +68,10 @@ class Inspection:
 
 def look_into(session: Session, estimates: ChannelEstimates | None = None) -> Inspection:
     """Estimate a session's channels, and collect the data to show.
+
+    Args:
+        session: a probing session or an imported one.
+        estimates: estimates, if they were made already.
 
     Raises:
         InputError: the session contains no data that can be shown.

@@ -92,7 +92,12 @@ class PairView:
 
 
 def sides_view(sides: Sides, views: tuple[ChannelView, ChannelView]) -> PairedView:
-    """Make the view of one channel's comparison."""
+    """Make the view of one channel's comparison.
+
+    Args:
+        sides: both sides of one channel, compared.
+        views: views of both sides.
+    """
     return PairedView(sides.channel, views, sides, tuple(_words(sides)))
 
 
@@ -189,7 +194,12 @@ def print_pair(console: Console, view: PairView) -> None:
 
 
 def difference_table(differences: Sequence[ParameterDifference], width: int) -> Table:
-    """Tabulate the parameters of both sides with their differences, stacked on a narrow terminal."""
+    """Tabulate the parameters of both sides with their differences, stacked on a narrow terminal.
+
+    Args:
+        differences: difference of each parameter.
+        width: width of the terminal [characters].
+    """
     names = ("A", "B", "B − A")
     beside = _table_of_differences(differences, names)
     below = _table_of_differences(differences, names, "\n")
@@ -225,12 +235,20 @@ def _table_of_differences(
 
 
 def percent_text(fit: float) -> str:
-    """Format a fit [%], or state that there is none."""
+    """Format a fit [%], or state that there is none.
+
+    Args:
+        fit: [%]; NaN where there is none.
+    """
     return "–" if np.isnan(fit) else f"{fit:.1f}"
 
 
 def as_data(sides: Sides) -> dict[str, Any]:
-    """Return one channel as plain data; the keys are stable."""
+    """Return one channel as plain data; the keys are stable.
+
+    Args:
+        sides: both sides of one channel, compared.
+    """
     pair = (sides.first, sides.second)
     parameters = [
         {

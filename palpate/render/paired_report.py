@@ -24,7 +24,11 @@ COLORS = (palette.MEASURED, palette.OTHER)
 
 
 def state_figure(view: PairedView) -> go.Figure:
-    """Draw both measured efforts, and their models dashed, over position and over velocity."""
+    """Draw both measured efforts, and their models dashed, over position and over velocity.
+
+    Args:
+        view: view of one channel in both measurements.
+    """
     made, axes = make_subplots(1, 2, shared_yaxes=True, horizontal_spacing=0.03), view.views[0].axes
     for column, x in enumerate(("position", "velocity"), start=1):
         for letter, color, channel in zip(LETTERS, COLORS, view.views, strict=True):
@@ -41,7 +45,11 @@ def state_figure(view: PairedView) -> go.Figure:
 
 
 def time_figure(view: PairedView) -> go.Figure:
-    """Draw both efforts and residuals over time; if B repeats A, it is drawn at A's times."""
+    """Draw both efforts and residuals over time; if B repeats A, it is drawn at A's times.
+
+    Args:
+        view: view of one channel in both measurements.
+    """
     made = make_subplots(2, 1, shared_xaxes=True, row_heights=[0.6, 0.4], vertical_spacing=0.06)
     first, second = view.views
     unit = first.axes.effort_unit
@@ -61,7 +69,11 @@ def time_figure(view: PairedView) -> go.Figure:
 
 
 def residual_figure(view: PairedView) -> go.Figure:
-    """Draw autocorrelations of the residuals and their correlations with velocity, with 99 % bands."""
+    """Draw autocorrelations of the residuals and their correlations with velocity, with 99 % bands.
+
+    Args:
+        view: view of one channel in both measurements.
+    """
     titles = ("Autocorrelation", "Cross-correlation with the velocity")
     made = make_subplots(1, 2, shared_yaxes=True, horizontal_spacing=0.04, subplot_titles=titles)
     for letter, color, side in zip(LETTERS, COLORS, view.pair, strict=True):
@@ -85,7 +97,11 @@ _TEMPLATE = Path(__file__).parent / "paired.html"
 
 
 def document(pair: PairView) -> str:
-    """Return the HTML page."""
+    """Return the HTML page.
+
+    Args:
+        pair: all channels of both files.
+    """
 
     def value(estimate: ParameterEstimate | None) -> str:
         return "–" if estimate is None else significant(estimate.value, estimate.std_err)
@@ -107,6 +123,10 @@ def record_pair(view: PairView, path: Path) -> None:
     """Write the recording, completely or not at all.
 
     On timeline `time` each side has its runs one after the other; if B repeats A, it uses A's times.
+
+    Args:
+        view: all channels of both files.
+        path: path of the .rrd file.
 
     Raises:
         InputError: the file cannot be written.

@@ -52,13 +52,21 @@ def rgb(color: str) -> tuple[int, int, int]:
 
 
 def speed_colors(words: list[str]) -> dict[str, str]:
-    """Return a color for each speed, from slow to fast."""
+    """Return a color for each speed, from slow to fast.
+
+    Args:
+        words: description of each speed, from slow to fast.
+    """
     last = max(len(words) - 1, 1)
     return {word: SPEEDS[round(i * (len(SPEEDS) - 1) / last)] for i, word in enumerate(words)}
 
 
 def phase(number: int) -> tuple[str, str]:
-    """Return name and color of a phase."""
+    """Return name and color of a phase.
+
+    Args:
+        number: number of the phase in the session's column.
+    """
     if number not in set(Phase):
         return UNKNOWN_PHASE
     return Phase(number).name.lower().replace("_", " "), PHASES.get(Phase(number), UNKNOWN_PHASE[1])

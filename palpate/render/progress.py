@@ -35,6 +35,9 @@ def diagnosis_progress(channels: Sequence[str]) -> Iterator[Report]:
     """Show the current step of a diagnosis, with a bar for each channel.
 
     A bar fills once for each effect found, so it cannot show the remaining time.
+
+    Args:
+        channels: names of the channels.
     """
     columns = BarColumn(bar_width=24), TimeElapsedColumn(), TextColumn("{task.description}")
     with Progress(*columns, console=console.stderr(), transient=True) as progress:
@@ -61,7 +64,13 @@ def import_progress() -> Iterator[Report]:
 
 @contextmanager
 def probing_progress(plan: ProbingPlan, *, live: bool, remark: str = "") -> Iterator[Watcher]:
-    """Show the progress of the runs."""
+    """Show the progress of the runs.
+
+    Args:
+        plan: plan that is run.
+        live: whether to draw a moving bar; never with a real arm.
+        remark: line to print first, once the arm is ready.
+    """
     runs = list(plan.runs())
     if not live:
         yield _Announcer(f"probing, {count(len(runs), 'run')}; Ctrl-C brings the arm to rest")
@@ -84,7 +93,12 @@ def probing_progress(plan: ProbingPlan, *, live: bool, remark: str = "") -> Iter
 
 @contextmanager
 def motion_progress(what: str, *, live: bool) -> Iterator[MakeWatcher]:
-    """Show the progress of a motion."""
+    """Show the progress of a motion.
+
+    Args:
+        what: description of the motion.
+        live: whether to draw a moving bar; never with a real arm.
+    """
     if not live:
         yield lambda _duration_s: _Announcer(f"{what}; keep clear. Ctrl-C brings the arm to rest")
         return
@@ -100,7 +114,12 @@ def motion_progress(what: str, *, live: bool) -> Iterator[MakeWatcher]:
 
 @contextmanager
 def weighing_progress(number: int, *, live: bool) -> Iterator[Callable[[float], None] | None]:
-    """Show how many weights have been read; with hardware the prompts show this."""
+    """Show how many weights have been read; with hardware the prompts show this.
+
+    Args:
+        number: number of weights.
+        live: whether to draw a bar; not with hardware.
+    """
     if not live:
         yield None
         return
@@ -117,7 +136,12 @@ class _Drawn:
         self._share = 0.0
 
     def update(self, share: float, words: str) -> None:
-        """Advance the bar to a fraction, and show the current step; the bar never moves back."""
+        """Advance the bar to a fraction, and show the current step; the bar never moves back.
+
+        Args:
+            share: fraction that is done, from 0 to 1.
+            words: the current step.
+        """
         self._share = max(self._share, share)
         self.progress.update(self._task, completed=self._share, description=words)
         self.progress.refresh()

@@ -71,7 +71,11 @@ class PlotStyle:
 
 
 def figure(channel: ChannelView | StudyView) -> go.Figure:
-    """Draw everything about one channel in one figure, for a notebook."""
+    """Draw everything about one channel in one figure, for a notebook.
+
+    Args:
+        channel: one channel, or a study.
+    """
     if isinstance(channel, StudyView):
         channel = channel.channels[0]
     specs = [[{}, {}], [{"colspan": 2}, None], [{"colspan": 2}, None]]
@@ -94,7 +98,11 @@ def fall_figure(channel: ChannelView) -> go.Figure:
 
 
 def time_figure(channel: ChannelView) -> go.Figure:
-    """Draw effort and models over time, and residuals below; gray marks samples excluded from scoring."""
+    """Draw effort and models over time, and residuals below; gray marks samples excluded from scoring.
+
+    Args:
+        channel: channel with its stages.
+    """
     if not channel.stages:
         made = make_subplots(1, 1)
         _draw_time(made, channel, (1, 1))
@@ -106,7 +114,11 @@ def time_figure(channel: ChannelView) -> go.Figure:
 
 
 def position_figure(channel: ChannelView) -> go.Figure:
-    """Draw measured effort and each model over position."""
+    """Draw measured effort and each model over position.
+
+    Args:
+        channel: channel with its stages.
+    """
     made = make_subplots(1, 1)
     _draw_state(made, channel, (1, 1), channel.position, channel.axes.position)
     return styled(made, 400)
@@ -285,13 +297,28 @@ def _shade(made: go.Figure, channel: ChannelView, place: Place) -> None:
 
 
 def title_axes(made: go.Figure, place: Place, x: str, y: str) -> None:
-    """Set the titles of both axes of a subplot."""
+    """Set the titles of both axes of a subplot.
+
+    Args:
+        made: figure that is drawn into.
+        place: row and column of the subplot.
+        x: title of the horizontal axis.
+        y: title of the vertical axis.
+    """
     made.update_xaxes(title_text=x, row=place[0], col=place[1])
     made.update_yaxes(title_text=y, row=place[0], col=place[1])
 
 
 def styled(made: go.Figure, height: int) -> go.Figure:
-    """Apply the common style: thin rules, transparent background, colors for light and dark."""
+    """Apply the common style: thin rules, transparent background, colors for light and dark.
+
+    Args:
+        made: the figure.
+        height: height [px].
+
+    Returns:
+        The same figure.
+    """
     made.update_layout(
         template="none",
         paper_bgcolor="rgba(0,0,0,0)",
@@ -324,13 +351,22 @@ _GREEK = {"tau": "τ", "mu": "μ", "pi": "π", "alpha": "α", "beta": "β", "ome
 
 
 def write_report(view: StudyView, path: Path) -> Path:
-    """Write the report, completely or not at all. InputError: it cannot be written."""
+    """Write the report, completely or not at all. InputError: it cannot be written.
+
+    Args:
+        view: all channels.
+        path: path of the .html file.
+    """
     write_text(path, document(view))
     return path
 
 
 def document(view: StudyView) -> str:
-    """Return the HTML page."""
+    """Return the HTML page.
+
+    Args:
+        view: all channels.
+    """
     draw = {"fall": fall_figure, "map": map_figure, "time": time_figure, "state": state_figure}
 
     def plots(channel: ChannelView) -> dict[str, Markup]:
@@ -356,7 +392,12 @@ def as_html(figure: go.Figure) -> Markup:
 
 
 def bold(sentence: str, names: Iterable[str]) -> Markup:
-    """Escape a sentence and set names in bold."""
+    """Escape a sentence and set names in bold.
+
+    Args:
+        sentence: plain text.
+        names: words that are set in bold.
+    """
     text = escape(sentence)
     for name in dict.fromkeys(filter(None, names)):
         text = re.sub(rf"(?<![\w>]){re.escape(escape(name))}(?!\w)", f"<b>{escape(name)}</b>", text)
@@ -364,7 +405,11 @@ def bold(sentence: str, names: Iterable[str]) -> Markup:
 
 
 def typeset(equation: str) -> Markup:
-    """Escape a formula; typeset powers, indices and Greek letters."""
+    """Escape a formula; typeset powers, indices and Greek letters.
+
+    Args:
+        equation: plain text.
+    """
     raised = re.sub(r"\^(\([^)]*\)|[\w.]+)", r"<sup>\1</sup>", escape(equation, quote=False))
     lowered = re.sub(r"\b([A-Za-z])(\d)\b", r"\1<sub>\2</sub>", raised)
     greek = re.sub(rf"\b({'|'.join(_GREEK)})\b", lambda match: _GREEK[match[1]], lowered)

@@ -105,7 +105,13 @@ def print_budget(console: Console, channel: str, budget: BudgetView) -> None:
 
 
 def _budget_table(budget: BudgetView, bars: int, *, is_beside: bool) -> Table:
-    """Tabulate share, range, form and effects of each part."""
+    """Tabulate share, range, form and effects of each part.
+
+    Args:
+        budget: shares of the error.
+        bars: width of the bars [characters].
+        is_beside: whether the effects are beside the form, rather than below it.
+    """
     last = ("effects",) if is_beside else ()
     made = table("", "", "", "share", _RANGE, "form", *last, right=("share", _RANGE))
     for part in budget.parts:
@@ -166,7 +172,11 @@ def _print_verdict(console: Console, verdict: VerdictView) -> None:
 
 
 def headline(verdict: VerdictView) -> Text:
-    """Return the verdict as a coloured word, and its sentence with the effects in bold."""
+    """Return the verdict as a coloured word, and its sentence with the effects in bold.
+
+    Args:
+        verdict: verdict on one channel.
+    """
     color = f"bold {COLORS.get(verdict.word, '')}"
     text = emphasised(verdict.sentence, (*verdict.names, verdict.sentence.partition(":")[0]))
     if verdict.tag:
@@ -176,7 +186,12 @@ def headline(verdict: VerdictView) -> Text:
 
 
 def emphasised(sentence: str, names: Iterable[str]) -> Text:
-    """Return a sentence with names in bold."""
+    """Return a sentence with names in bold.
+
+    Args:
+        sentence: plain text.
+        names: words that are set in bold.
+    """
     text = Text(safe_text(sentence))
     for name in filter(None, names):
         text.highlight_regex(rf"(?<!\w){re.escape(name)}(?!\w)", "bold")
@@ -194,7 +209,13 @@ def grade(times: float) -> str:
 
 
 def fall_table(channel: ChannelView, width: int, *, narrow: bool = False) -> Table:
-    """Tabulate the held-out error, one row per stage; without bars if narrow."""
+    """Tabulate the held-out error, one row per stage; without bars if narrow.
+
+    Args:
+        channel: channel with its stages.
+        width: width of the terminal [characters].
+        narrow: whether to leave out the bars although they fit.
+    """
     error = "held-out\nerror" + ("\n" if narrow else " ") + safe(f"[{channel.axes.effort_unit}]")
     revisions = ["" if stage.number is None else str(stage.number) for stage in channel.stages]
     number = ("no." if narrow else "revision",) if any(revisions) else ()
@@ -225,7 +246,13 @@ def fall_table(channel: ChannelView, width: int, *, narrow: bool = False) -> Tab
 def parameter_table(
     parameters: Sequence[ParameterView], width: int, *, narrow: bool = False
 ) -> RenderableType:
-    """Tabulate parameters with 95 % intervals; if narrow, with units below effects' names."""
+    """Tabulate parameters with 95 % intervals; if narrow, with units below effects' names.
+
+    Args:
+        parameters: parameters of the last stage.
+        width: width of the terminal [characters].
+        narrow: whether to put units below the names although they fit beside them.
+    """
     if not parameters:
         return Text("The model has no free parameter.", style="dim")
     units = () if narrow else ("unit",)
@@ -260,6 +287,11 @@ def parts_table(channel: ChannelView, width: int, *, narrow: bool = False) -> Ta
     """Tabulate the error of each part relative to the noise level, with the worst part of each kind in bold.
 
     If narrow, each kind has a row of its own, and there are no bars.
+
+    Args:
+        channel: channel with its split error.
+        width: width of the terminal [characters].
+        narrow: whether to leave out the bars although they fit.
     """
     unit = channel.axes.effort_unit
     numbers = ("rmse\n" + safe(f"[{unit}]"), "mean\n" + safe(f"[{unit}]"), "× noise")

@@ -59,7 +59,11 @@ def run_curves(x: FloatArray, y: FloatArray, runs: Sequence[IntArray]) -> list[t
 
 
 def joined(curves: Sequence[tuple[FloatArray, FloatArray]]) -> tuple[FloatArray, FloatArray]:
-    """Join curves into one, with a gap (NaN) after each."""
+    """Join curves into one, with a gap (NaN) after each.
+
+    Args:
+        curves: x and y of each.
+    """
     gap = np.array([np.nan])
     x, y = ([part for curve in curves for part in (curve[axis], gap)] for axis in (0, 1))
     return (np.concatenate(x), np.concatenate(y)) if curves else (gap, gap)

@@ -163,7 +163,11 @@ class ChannelView:
     commanded: tuple[str, FloatArray] | None = None
 
     def times_noise(self, error: float) -> float:
-        """Return an error divided by the noise level."""
+        """Return an error divided by the noise level.
+
+        Args:
+            error: error in the effort's unit.
+        """
         return error / self.noise_level if self.noise_level > 0.0 else float("inf")
 
     def parts_by(self) -> Iterator[tuple[str, Sequence[Part]]]:

@@ -57,7 +57,11 @@ class CalibrationSetup:
     body: RigidBody
 
     def guard(self, limits: Limits) -> Guard:
-        """Make a guard with these limits."""
+        """Make a guard with these limits.
+
+        Args:
+            limits: limits during the calibration.
+        """
         robot_file = self.job.robot_file
         return Guard(limits, robot_file.safe_state, robot_file.joint_count, self.body.gravity)
 
@@ -76,6 +80,11 @@ class CalibrationSetup:
 
     def run(self, task: Task, limits: Limits, watcher: Watcher = NOBODY) -> None:
         """Run a task in the loop, under a guard with these limits.
+
+        Args:
+            task: task of the arm.
+            limits: limits of the guard.
+            watcher: observer of the run.
 
         Raises:
             KeyboardInterrupt: the user stopped the run.
@@ -96,6 +105,9 @@ MakeWatcher = Callable[[float], Watcher]  # makes a watcher from the approximate
 @contextmanager
 def calibration_setup(job: CalibrationJob) -> Iterator[CalibrationSetup]:
     """Set up robot, clock and log; the session file is complete when the context ends.
+
+    Args:
+        job: the calibration run.
 
     Raises:
         InputError: robot file, calibrations and scenario do not fit each other, a device could not be opened,

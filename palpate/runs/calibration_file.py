@@ -48,6 +48,11 @@ _FAMILY = {"gravity": "torque"}  # kinds that accept each other's sessions
 def open_recorded(path: Path, kind: str, robot_file: RobotFile) -> Session:
     """Open a session that was recorded for a calibration of this kind and robot.
 
+    Args:
+        path: session file.
+        kind: kind of the calibration.
+        robot_file: robot file of the robot to calibrate.
+
     Raises:
         InputError: the session was recorded for another kind, robot or device, or with such a calibration
             applied.
@@ -104,7 +109,11 @@ class Stamp:
         return cls(robot_file, raw, made_utc, valid_days, source, tuple(names))
 
     def content(self, kind: str) -> dict[str, object]:
-        """Return all fields except the values; raise `InputError` if the raw data or URDF cannot be read."""
+        """Return all fields except the values; raise `InputError` if the raw data or URDF cannot be read.
+
+        Args:
+            kind: kind of the calibration.
+        """
         with self.raw.open("rb") as file:
             sha256 = hashlib.file_digest(file, "sha256").hexdigest()
         content: dict[str, object] = {
@@ -126,6 +135,11 @@ class Stamp:
 
 def arm_fit_of(session: Session, urdf: str | Path, tip_frame: str) -> ArmFit:
     """Fit gains, offsets, friction and tilt to a session of `run_motion`.
+
+    Args:
+        session: session of the motion.
+        urdf: file with the arm's masses.
+        tip_frame: frame of the tip in the URDF.
 
     Raises:
         InputError: the session is of another kind, or does not determine a joint's gain.
@@ -153,7 +167,13 @@ def encoder_fit_of(
 
 
 def force_calibration(fit: ForceFit, reading_unit: str, stamp: Stamp) -> ForceCalibration:
-    """Make the content of a force calibration."""
+    """Make the content of a force calibration.
+
+    Args:
+        fit: scale, zero and curvature.
+        reading_unit: unit of the sensor's readings.
+        stamp: origin of the calibration.
+    """
     values = {"zero": _entry(fit.zero, reading_unit), "scale": _entry(fit.scale, f"N/{reading_unit}")}
     if fit.curvature:
         values["curvature"] = _entry(fit.curvature, f"N/{reading_unit}^2")
@@ -168,14 +188,24 @@ def force_calibration(fit: ForceFit, reading_unit: str, stamp: Stamp) -> ForceCa
 
 
 def encoder_calibration(fit: EncoderFit, stamp: Stamp) -> EncoderCalibration:
-    """Make the content of an encoder calibration."""
+    """Make the content of an encoder calibration.
+
+    Args:
+        fit: the joints' zeros.
+        stamp: origin of the calibration.
+    """
     values = {"offset": _entry(UncertainValue(fit.offset_rad, fit.std_rad), "rad")}
     findings = {"repeatability": _exact(fit.repeatability_rad, "rad")}
     return validate(EncoderCalibration, stamp.content("encoder") | {"values": values, "findings": findings})
 
 
 def torque_calibration(fit: ArmFit, stamp: Stamp) -> TorqueCalibration:
-    """Make the content of a torque calibration; friction is reported, not applied."""
+    """Make the content of a torque calibration; friction is reported, not applied.
+
+    Args:
+        fit: gains and offsets of the drives.
+        stamp: origin of the calibration.
+    """
     values = {
         "gain": _entry(fit.gain, "1"),
         "offset": _entry(fit.offset_nm, "N m"),
@@ -191,6 +221,10 @@ def torque_calibration(fit: ArmFit, stamp: Stamp) -> TorqueCalibration:
 
 def gravity_calibration(fit: ArmFit, stamp: Stamp) -> GravityCalibration:
     """Make the content of a gravity calibration, without angles that do not affect the arm's torques.
+
+    Args:
+        fit: tilt of the base.
+        stamp: origin of the calibration.
 
     Raises:
         InputError: no tilt affects the arm's torques.

@@ -79,7 +79,11 @@ class GoalReference:
         self._goal, self._left_s, self._since_s = goal_rad, min(self._since_s, _LONGEST_S), 0.0
 
     def step(self, dt_s: float) -> JointMotion:
-        """Advance by one step."""
+        """Advance by one step.
+
+        Args:
+            dt_s: length of the step [s].
+        """
         share = dt_s / self._left_s if self._left_s > dt_s else 1.0
         self._way_point = self._way_point + share * (self._goal - self._way_point)
         self._left_s, self._since_s = self._left_s - dt_s, self._since_s + dt_s
@@ -124,7 +128,11 @@ class JointFollowingTask:
         self._ending = False
 
     def start(self, measurement: Measurement) -> None:
-        """Hold the measured posture."""
+        """Hold the measured posture.
+
+        Args:
+            measurement: state of the arm.
+        """
         self._rest = measurement.joint_position_rad.copy()
         self._reference = GoalReference(self._rest, *self._limits)
         self._controller.start(measurement)
@@ -132,6 +140,10 @@ class JointFollowingTask:
 
     def step(self, measurement: Measurement, dt_s: float) -> TaskOutput:
         """Compute one tick.
+
+        Args:
+            measurement: state of the arm.
+            dt_s: time since the last tick [s].
 
         Returns:
             Command and reference; done once the task was told to end and the arm is back at its start.
@@ -165,6 +177,10 @@ class JointFollowingTask:
 def run_following(job: FollowingJob, line: Connection) -> None:
     """Follow goals until the program ends or the guard trips; the session is then complete.
 
+    Args:
+        job: the arm and its speed.
+        line: see `JointFollowingTask`.
+
     Raises:
         InputError: robot file, drivers and scenario do not fit each other; nothing has moved.
         PalpateError: the arm was stopped; states the reason.
@@ -185,6 +201,9 @@ def run_following(job: FollowingJob, line: Connection) -> None:
 
 class FollowingArm:
     """Client of an arm that runs in a separate process.
+
+    Args:
+        job: the arm and its speed.
 
     Attributes:
         low_rad: lowest goals that are followed, shape (n,) [rad].

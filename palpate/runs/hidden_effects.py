@@ -74,6 +74,9 @@ def was_sealed(session: Session) -> bool:
 def open_answer(session: Session) -> SealedAnswer:
     """Open a session's sealed answer.
 
+    Args:
+        session: session with a sealed answer beside it.
+
     Raises:
         InputError: there is no sealed answer, or it is damaged or belongs to another session.
     """
@@ -94,7 +97,12 @@ def hidden_names() -> list[str]:
 
 
 def command_line(arguments: Sequence[str], hidden: str | None) -> str:
-    """Return the command line for the session to store, without what is hidden."""
+    """Return the command line for the session to store, without what is hidden.
+
+    Args:
+        arguments: arguments of the program.
+        hidden: hidden effects as typed; None if none.
+    """
     words = list(arguments)
     for number, word in enumerate(words):
         if hidden not in (None, "", RANDOM):
@@ -111,6 +119,9 @@ SURFACE = "surface"
 def scenario_of(session: Session) -> Scenario | None:
     """Return the simulated world of a session; None if it was not simulated.
 
+    Args:
+        session: the session.
+
     Raises:
         InputError: the session's copy of the scenario is not valid.
     """
@@ -122,6 +133,9 @@ def true_parameters(session: Session) -> dict[str, float]:
     """Return a session's true values by "effect.parameter"; empty if it was not simulated.
 
     `SURFACE` is the surface's coordinate along the press direction (downwards) [m].
+
+    Args:
+        session: the session.
     """
     scenario = scenario_of(session)
     return {} if scenario is None else truth_of(scenario)

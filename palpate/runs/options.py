@@ -93,7 +93,11 @@ class RunOptions:
         }
 
     def stamped_name(self, kind: str = "") -> str:
-        """Return a new file name with the arm and the current time."""
+        """Return a new file name with the arm and the current time.
+
+        Args:
+            kind: last part of the name; empty for none.
+        """
         stamp = datetime.now().astimezone().strftime("%Y%m%d-%H%M%S")
         return "-".join(filter(None, (stamp, self.robot_file.name, kind)))
 
@@ -138,7 +142,13 @@ def numbers(option: str, text: str, example: str = "") -> list[float]:
 
 
 def joint_angles(option: str, text: str, robot_file: RobotFile) -> list[float]:
-    """Parse one angle per joint [rad], or "home"; raise `InputError` if invalid or of the wrong number."""
+    """Parse one angle per joint [rad], or "home"; raise `InputError` if invalid or of the wrong number.
+
+    Args:
+        option: name of the option, for errors.
+        text: angles as typed, or "home".
+        robot_file: robot file of the arm.
+    """
     if text == "home":
         return list(robot_file.home_rad)
     angles = numbers(option, text)
@@ -153,6 +163,11 @@ def stops_of(
     lower: str | None, upper: str | None, robot_file: RobotFile
 ) -> tuple[FloatArray, FloatArray] | None:
     """Parse lower and upper stops, (n,) each [rad], NaN if not stated; None for the URDF's.
+
+    Args:
+        lower: angles as typed; None if not stated.
+        upper: upper stops as typed; None if not stated.
+        robot_file: robot file of the arm.
 
     Raises:
         InputError: a text is not a list of angles, or a lower stop is not below its upper stop.
@@ -173,6 +188,10 @@ def stops_of(
 
 def pose_of(pose: str | None, robot_file: RobotFile) -> list[float] | None:
     """Parse the stated pose, (n,) [rad]; None if not stated.
+
+    Args:
+        pose: angles as typed; None if not stated.
+        robot_file: robot file of the arm.
 
     Raises:
         InputError: the text is not a list of angles, or the pose is outside the joints' ranges.

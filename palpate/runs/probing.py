@@ -58,10 +58,20 @@ class Watcher:
         """Called when the arm is ready, before it moves."""
 
     def tick(self, measurement: Measurement, output: TaskOutput) -> None:
-        """Called after each tick; must return quickly with a real arm."""
+        """Called after each tick; must return quickly with a real arm.
+
+        Args:
+            measurement: measurement of this tick.
+            output: the task's output for this measurement.
+        """
 
     def observe(self, measurement: Measurement, output: TaskOutput) -> Estimates:
-        """Observe a tick for the loop, without estimates."""
+        """Observe a tick for the loop, without estimates.
+
+        Args:
+            measurement: measurement of this tick.
+            output: the task's output for this measurement.
+        """
         self.tick(measurement, output)
         return NO_ESTIMATE
 
@@ -114,6 +124,10 @@ class ProbingOutcome:
 def check_duration(plan: ProbingPlan, rate_hz: float) -> None:
     """Check that a session can hold a plan.
 
+    Args:
+        plan: the plan.
+        rate_hz: control rate [Hz].
+
     Raises:
         InputError: the plan takes too long.
     """
@@ -127,6 +141,10 @@ def check_duration(plan: ProbingPlan, rate_hz: float) -> None:
 
 def run_probing(job: ProbingJob, watcher: Watcher = NOBODY) -> ProbingOutcome:
     """Run a probing and write the session file, which is complete on return.
+
+    Args:
+        job: settings of the probing.
+        watcher: observer of the run.
 
     Raises:
         InputError: robot file, plan and scenario do not fit each other, or the session cannot be written;
@@ -170,6 +188,14 @@ def run_guarded(  # noqa: PLR0917, what a run is made of
 ) -> tuple[LoopResult, Path | None]:
     """Run a job's task under its guard and write the session; return the result and the sealed answer.
 
+    Args:
+        job: arm and output file.
+        task: task of the arm.
+        calibrations: calibrations of its readings and commands.
+        extra: further texts for the session's metadata.
+        observe: called in each tick; returns estimates.
+        watcher: notified when the arm begins to move.
+
     Raises:
         InputError: job, task and calibrations do not fit each other; nothing has moved, no session is left.
     """
@@ -202,6 +228,9 @@ class ReplayJob(ArmJob):
 def references_of(session: Session) -> References:
     """Return a session's references up to its last rest between runs, where the torque can safely go off.
 
+    Args:
+        session: session of a probing.
+
     Raises:
         InputError: the session is not a probing, or contains no complete run.
     """
@@ -230,6 +259,11 @@ def run_replay(
     job: ReplayJob, references: References, watcher: Watcher = NOBODY
 ) -> tuple[LoopResult, Path | None]:
     """Repeat the references and write a session; return the result and the sealed answer.
+
+    Args:
+        job: arm and output file.
+        references: joint positions and velocities over time.
+        watcher: observer of the run.
 
     Raises:
         InputError: the references are of another arm, or the job's files do not fit each other; nothing
@@ -269,20 +303,34 @@ class TickRecords:
         self.records: list[tuple[object, ...]] = []
 
     def append(self, stream_name: str, record: tuple[object, ...]) -> None:
-        """Keep a tick's record."""
+        """Keep a tick's record.
+
+        Args:
+            stream_name: name of the stream; not used.
+            record: record of one tick.
+        """
         self.records.append(record)
 
     def event(self, time_s: float, kind: str, text: str, data: Mapping[str, object] | None = None) -> None:
         """Discard events."""
 
     def samples(self, joint_count: int) -> Samples:
-        """Return all ticks in the form in which a session returns them."""
+        """Return all ticks in the form in which a session returns them.
+
+        Args:
+            joint_count: number of joints of the arm.
+        """
         stream = tick_stream(joint_count)
         return Samples.from_records(stream, np.array(self.records, stream.dtype))
 
 
 def probe_in_memory(robot_file: RobotFile, scenario: Scenario, plan: ProbingPlan) -> Samples:
     """Probe a simulated object as fast as possible; return the stream "tick".
+
+    Args:
+        robot_file: robot file of a simulated arm.
+        scenario: the world.
+        plan: speeds, forces, repeats.
 
     Raises:
         InputError: robot file, scenario and plan do not fit each other, or the robot is not simulated.

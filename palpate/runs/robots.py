@@ -87,6 +87,9 @@ def _number_of_drivers(drivers: DriverCatalogue) -> int:
 def is_simulated(robot_file: RobotFile) -> bool:
     """Return whether the robot's bus is a simulated world, without devices.
 
+    Args:
+        robot_file: robot file of the robot.
+
     Raises:
         InputError: the robot has both a simulated and another bus, whose devices would run on simulated time.
     """

@@ -118,6 +118,10 @@ class ArmSession:
 def checked_body(robot_file: RobotFile, calibrations: Calibrations) -> RigidBody:
     """Return the arm's rigid-body model once its masses and DH table are checked.
 
+    Args:
+        robot_file: robot file of the arm.
+        calibrations: deviations of its base and drives from the URDF.
+
     Raises:
         InputError: the URDF is not valid, lacks the arm's masses, or does not match the DH table.
     """
@@ -139,6 +143,13 @@ def arm_session(
     streams: Sequence[Stream] = (),
 ) -> Iterator[ArmSession]:
     """Open the robot and begin the session file, which is complete when the context ends.
+
+    Args:
+        job: arm and output file.
+        calibrations: calibrations of readings and commands.
+        extra: further texts for the session's metadata.
+        now_utc: current time; None for the machine's wall clock.
+        streams: further streams besides the ticks.
 
     Raises:
         InputError: robot file, drivers and scenario do not fit each other, a device could not be opened, or
@@ -178,6 +189,9 @@ def arm_session(
 def raise_for_end(result: LoopResult) -> None:
     """Raise an error if the arm was stopped before the task was done.
 
+    Args:
+        result: result of the loop.
+
     Raises:
         SafetyTripError: the torque may still be on, or a limit was exceeded.
         KeyboardInterrupt: the user stopped it.
@@ -200,6 +214,13 @@ def begun_session(
 
     The session file is created before the sealed answer, and neither replaces a file. If two programs want
     the same name, one of them fails before it has written anything.
+
+    Args:
+        job: arm and output file.
+        joint_count: number of joints of the arm.
+        metadata: metadata of the session.
+        scenario: the simulated world; None with hardware.
+        streams: further streams besides the ticks.
 
     Raises:
         InputError: raised here or within the context if nothing has moved; both files are then removed.

@@ -71,6 +71,9 @@ class Case:
 def code_version(module: str) -> str:
     """Return the SHA-256 of the code that determines results: palpate's physics, the work and the libraries.
 
+    Args:
+        module: import name of the work's module.
+
     Raises:
         InputError: there is no such module.
     """
@@ -108,6 +111,9 @@ _ROUNDING = 1e-6  # relative difference that is tolerated between machines
 class ResultStore:
     """Stored results of one sweep.
 
+    Args:
+        folder: folder of the results, created if needed.
+
     Raises:
         InputError: the folder cannot be created.
     """
@@ -138,6 +144,9 @@ class ResultStore:
 
         A pack has the columns of all its cases; columns that a case does not have are None.
 
+        Args:
+            addresses: addresses of the cases.
+
         Raises:
             InputError: a file is damaged, or two of them disagree about a case.
         """
@@ -156,6 +165,9 @@ class ResultStore:
 
     def table(self, addresses: Iterable[str]) -> pa.Table:
         """Return rows of these cases as one Arrow table, each with its `ADDRESS`.
+
+        Args:
+            addresses: addresses of the cases.
 
         Raises:
             InputError: a file is damaged.
@@ -290,7 +302,12 @@ class Errors:
 
 
 def errors_of(rows: Iterable[Row], parameter: str) -> Errors:
-    """Collect the errors of a parameter, such as "stiffness.k"."""
+    """Collect the errors of a parameter, such as "stiffness.k".
+
+    Args:
+        rows: rows of one or several cases.
+        parameter: name of the parameter.
+    """
     known = [row for row in rows if row.get(parameter) is not None and row.get(TRUE + parameter) is not None]
     estimated, true = column(known, parameter), column(known, TRUE + parameter)
     bound, error = column(known, BOUND + parameter), estimated - true
@@ -308,7 +325,12 @@ def errors_of(rows: Iterable[Row], parameter: str) -> Errors:
 
 
 def column(rows: Sequence[Row], name: str) -> FloatArray:
-    """Return a column's values, shape (n,), NaN where missing. InputError: one is not a number."""
+    """Return a column's values, shape (n,), NaN where missing. InputError: one is not a number.
+
+    Args:
+        rows: rows of any cases.
+        name: name of the column.
+    """
     values = [np.nan if row.get(name) is None else row[name] for row in rows]
     for value in values:
         if isinstance(value, bool) or not isinstance(value, int | float):
@@ -319,13 +341,22 @@ def column(rows: Sequence[Row], name: str) -> FloatArray:
 
 
 def parameters_of(rows: Iterable[Row]) -> list[str]:
-    """Return the parameters with known true values, except the surface."""
+    """Return the parameters with known true values, except the surface.
+
+    Args:
+        rows: rows of any cases.
+    """
     names = dict.fromkeys(key.removeprefix(TRUE) for row in rows for key in row if key.startswith(TRUE))
     return [name for name in names if name != SURFACE]
 
 
 def grouped(rows: Iterable[T], key: Callable[[T], Hashable]) -> dict[Any, list[T]]:
-    """Group rows by a key, in order of first appearance."""
+    """Group rows by a key, in order of first appearance.
+
+    Args:
+        rows: items to group.
+        key: returns the key of an item.
+    """
     groups: dict[Any, list[T]] = {}
     for row in rows:
         groups.setdefault(key(row), []).append(row)
@@ -333,12 +364,23 @@ def grouped(rows: Iterable[T], key: Callable[[T], Hashable]) -> dict[Any, list[T
 
 
 def estimated(rows: Iterable[Row]) -> list[Row]:
-    """Select the rows in which an estimator had a result."""
+    """Select the rows in which an estimator had a result.
+
+    Args:
+        rows: rows of any cases.
+    """
     return [row for row in rows if row.get("estimator") and not row.get("problem") and not row["error"]]
 
 
 def error_table(name: str, title: str, rows: Sequence[Row], best_first: bool = False) -> SweepTable:
-    """Tabulate worst and mean error, ratio to the bound, and coverage, for each estimator and parameter."""
+    """Tabulate worst and mean error, ratio to the bound, and coverage, for each estimator and parameter.
+
+    Args:
+        name: name of the table's file.
+        title: title above the table.
+        rows: rows of any cases.
+        best_first: whether to sort by the worst error rather than by name.
+    """
     parameters = [p for p in parameters_of(rows) if any(row.get(p) is not None for row in rows)]
     lines = []
     for estimator, own in grouped(estimated(rows), lambda row: row["estimator"]).items():

@@ -70,7 +70,12 @@ class Drawing:
             return self._draw()
 
     def save(self, figure: Figure, path: str) -> None:
-        """Write the figure as PNG or SVG, by the ending; raise `OSError` if it cannot be written."""
+        """Write the figure, as PNG or SVG by the path's extension; raise `OSError` if it cannot be written.
+
+        Args:
+            figure: figure to write.
+            path: ends in .png or .svg.
+        """
         with mpl.rc_context(_STYLE):
             figure.savefig(path, metadata={"Date": None} if path.endswith("svg") else None)
 
@@ -90,7 +95,11 @@ def _drawing(name: str) -> Callable[[Callable[P, Figure]], Callable[P, Drawing]]
 
 @_drawing("fig3a_torque")
 def torques(ticks: Sequence[Row]) -> Figure:
-    """Draw figure 3a: commanded and measured torque of each joint over the first run."""
+    """Draw figure 3a: commanded and measured torque of each joint over the first run.
+
+    Args:
+        ticks: rows of one probing.
+    """
     own = [row for row in ticks if row["run"] == 0]
     time_s = column(own, "time_s")
     time_s -= time_s[0]
@@ -113,7 +122,11 @@ def torques(ticks: Sequence[Row]) -> Figure:
 
 @_drawing("fig3b_transition")
 def transition(ticks: Sequence[Row]) -> Figure:
-    """Draw figure 3b: torques around the first contact, at the middle speed."""
+    """Draw figure 3b: torques around the first contact, at the middle speed.
+
+    Args:
+        ticks: rows of one probing.
+    """
     own = [row for row in ticks if row["run"] == 1]
     touch = next(i for i, row in enumerate(own) if row["phase"] == Phase.LOADING)
     own = own[touch - 60 : touch + 200]
@@ -136,7 +149,12 @@ def transition(ticks: Sequence[Row]) -> Figure:
 
 @_drawing("fig4a_force_displacement")
 def force_displacement(ticks: Sequence[Row], grid: Sequence[Row]) -> Figure:
-    """Draw figure 4a: force over displacement at three speeds, and peak forces over c v."""
+    """Draw figure 4a: force over displacement at three speeds, and peak forces over c v.
+
+    Args:
+        ticks: rows of one probing.
+        grid: rows of the grid, one for each probing.
+    """
     figure, (left, right) = _panels(1, 2, TWO_COLUMNS_IN, 2.7)
     for run, (speed_mm_s, color) in enumerate(zip((150, 90, 60), SPEEDS, strict=True)):
         own = [
@@ -217,7 +235,11 @@ def grid_estimates(rows: Sequence[Row]) -> Figure:
 
 @_drawing("fig4d_noise")
 def noise(lines: Sequence[Sequence[Any]]) -> Figure:
-    """Draw figure 4d: mean error over the noise."""
+    """Draw figure 4d: mean error over the noise.
+
+    Args:
+        lines: rows of the table in `palpate.sweep.paper`, by estimator and noise.
+    """
     figure, all_axes = _panels(1, 2, TWO_COLUMNS_IN, 2.8)
     for index, (axes, what) in enumerate(zip(all_axes, ("k", "c"), strict=True)):
         for number, (name, own) in enumerate(grouped(lines, lambda line: line[0]).items()):
@@ -243,7 +265,12 @@ def noise(lines: Sequence[Sequence[Any]]) -> Figure:
 
 @_drawing("ransac_map")
 def ransac_map(rows: Sequence[Row], names: Sequence[str]) -> Figure:
-    """Draw the ratio of k's error to its bound over RANSAC's threshold, subset size and number of trials."""
+    """Draw the ratio of k's error to its bound over RANSAC's threshold and subset, and threshold and trials.
+
+    Args:
+        rows: rows of all settings and noises.
+        names: names of the noises.
+    """
     figure, all_axes = _panels(2, 3, TWO_COLUMNS_IN, 4.4)
     norm = LogNorm(1, 100)
     by_noise = grouped(
@@ -280,7 +307,12 @@ def ransac_map(rows: Sequence[Row], names: Sequence[str]) -> Figure:
 
 @_drawing("hunt_crossley")
 def hunt_crossley(rows: Sequence[Row], best: str) -> Figure:
-    """Draw the best estimator's errors of k, b and n by object, with plus and minus one bound."""
+    """Draw the best estimator's errors of k, b and n by object, with plus and minus one bound.
+
+    Args:
+        rows: rows of all objects.
+        best: name of the estimator.
+    """
     figure, all_axes = _panels(1, 3, TWO_COLUMNS_IN, 2.7)
     own = [row for row in estimated(rows) if row["estimator"] == best]
     colors = dict(
@@ -309,7 +341,11 @@ def hunt_crossley(rows: Sequence[Row], best: str) -> Figure:
 
 @_drawing("errors")
 def error_spread(rows: Sequence[Row]) -> Figure:
-    """Draw the distribution of relative errors by estimator, one panel per parameter, for any sweep."""
+    """Draw the distribution of relative errors by estimator, one panel per parameter, for any sweep.
+
+    Args:
+        rows: rows of any cases.
+    """
     good = estimated(rows)
     parameters = [name for name in parameters_of(good) if any(row.get(name) is not None for row in good)]
     groups = grouped(good, lambda row: row["estimator"])

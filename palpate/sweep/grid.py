@@ -166,7 +166,11 @@ class GridFile(FileModel):
 
 
 def load_grid(path: Path) -> GridFile:
-    """Read the file of a sweep; an `InputError` names file, line, key and valid choices."""
+    """Read the file of a sweep; an `InputError` names file, line, key and valid choices.
+
+    Args:
+        path: YAML file.
+    """
     document = load_yaml(path)
     grid = validate(GridFile, document.data, document)
     lists = (grid.laws(), grid.speeds_mm_s, grid.noise_std_n, grid.noise_percent, grid.hidden)
@@ -177,5 +181,9 @@ def load_grid(path: Path) -> GridFile:
 
 
 def shipped_grid(name: str) -> GridFile:
-    """Read a grid that comes with palpate."""
+    """Read a grid that comes with palpate.
+
+    Args:
+        name: name of the file, without its ending.
+    """
     return load_grid(SHIPPED / f"{name}.yaml")

@@ -75,7 +75,11 @@ _POWER_LAW = ("law stiffness", "law damping", "law exponent")
 
 
 def controller_section(ticks: Sequence[Row]) -> Section:
-    """Make the section of figure 3a."""
+    """Make the section of figure 3a.
+
+    Args:
+        ticks: rows of one probing.
+    """
     own = [row for row in ticks if row["run"] == 0]
     off_nm = 0.0
     for joint in (1, 2, 3):
@@ -90,7 +94,11 @@ def controller_section(ticks: Sequence[Row]) -> Section:
 
 
 def transition_section(ticks: Sequence[Row]) -> Section:
-    """Make the section of figure 3b."""
+    """Make the section of figure 3b.
+
+    Args:
+        ticks: rows of one probing.
+    """
     calm, hard = (_torque_at_touch_nm(ticks, run) for run in (1, 0))
     words = (
         "Reference position and speed are continuous when free motion changes to contact, so the change of "
@@ -105,7 +113,12 @@ def transition_section(ticks: Sequence[Row]) -> Section:
 
 
 def force_section(ticks: Sequence[Row], grid: Sequence[Row]) -> Section:
-    """Make the section of figure 4a, with the controller when the damper's force alone exceeds the limit."""
+    """Make the section of figure 4a, with the controller when the damper's force alone exceeds the limit.
+
+    Args:
+        ticks: rows of one probing.
+        grid: rows of the grid.
+    """
     rows = _one_of_each(grid)
     runs = [(row, i, row["law damping_n_s_m"] * _speed(row, i)) for row in rows for i in range(3)]
     beyond = [run for run in runs if run[2] > LIMIT_N]
@@ -147,7 +160,12 @@ def force_section(ticks: Sequence[Row], grid: Sequence[Row]) -> Section:
 
 
 def grid_section(rows: Sequence[Row], clean: Sequence[Row]) -> Section:
-    """Make the section of figures 4b and 4c, with the worst errors of section VI-B."""
+    """Make the section of figures 4b and 4c, with the worst errors of section VI-B.
+
+    Args:
+        rows: rows of the grid.
+        clean: rows of the grid without sensor noise.
+    """
     groups = grouped(estimated(rows), lambda row: row["estimator"])
     beside: list[tuple[str, float | None, float, float | None, float]] = []
     for name, (k_paper, c_paper) in WORST.items():
@@ -187,7 +205,11 @@ def grid_section(rows: Sequence[Row], clean: Sequence[Row]) -> Section:
 
 
 def noise_section(rows: Sequence[Row]) -> Section:
-    """Make the section of figure 4d."""
+    """Make the section of figure 4d.
+
+    Args:
+        rows: rows of all noises and estimators.
+    """
     groups = grouped(estimated(rows), lambda row: (row["estimator"], row["noise_percent"]))
     lines = []
     for (name, percent), own in groups.items():
@@ -223,7 +245,11 @@ def noise_section(rows: Sequence[Row]) -> Section:
 
 
 def cubes_section(rows: Sequence[Row]) -> Section:
-    """Make the section of tables I and II."""
+    """Make the section of tables I and II.
+
+    Args:
+        rows: rows of the silicone cubes.
+    """
     first = SweepTable(
         "table_1",
         "Table I: spring constant by equation (3), k = E A / l",
@@ -265,7 +291,11 @@ def cubes_section(rows: Sequence[Row]) -> Section:
 
 
 def ransac_section(rows: Sequence[Row]) -> Section:
-    """Make the section on RANSAC's settings, which the paper leaves to future work."""
+    """Make the section on RANSAC's settings, which the paper leaves to future work.
+
+    Args:
+        rows: rows of all settings and noises.
+    """
     names = ("sensor noise of 0.02 N", "and 10 % of the force", "and 30 % outliers")
     keys = ("threshold", "subset", "trials", "k_over_bound", "c_over_bound")
     by_noise = grouped(
@@ -378,6 +408,11 @@ def paper_cases() -> dict[str, list[Case]]:
 
 def write_paper(folder: Path, parts: Mapping[str, Sequence[Row]], facts: Mapping[str, str]) -> Path:
     """Write figures, tables and page of the study; return the page.
+
+    Args:
+        folder: destination.
+        parts: rows of each part of `paper_cases`.
+        facts: facts for the head of the page.
 
     Raises:
         InputError: a file cannot be written.

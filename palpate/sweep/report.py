@@ -37,7 +37,15 @@ class Section:
 def write_page(
     folder: Path, title: str, summary: str, facts: Mapping[str, str], sections: Sequence[Section]
 ) -> Path:
-    """Write all files; return the page. InputError: a file cannot be written."""
+    """Write all files; return the page. InputError: a file cannot be written.
+
+    Args:
+        folder: destination.
+        title: title of the page.
+        summary: text below the title.
+        facts: facts to list, by name.
+        sections: sections in order.
+    """
     for name in (FIGURES, TABLES):
         output_folder(folder / name)
     pictures = {}
@@ -68,7 +76,11 @@ def write_page(
 
 
 def cell(value: Any) -> str:  # noqa: ANN401, any value of a table
-    """Format a cell."""
+    """Format a cell.
+
+    Args:
+        value: text, number or None.
+    """
     if value is None or (isinstance(value, float) and math.isnan(value)):
         return "–"
     if not isinstance(value, float):
@@ -89,7 +101,15 @@ _WORDS = (
 def write_grid(
     folder: Path, title: str, grid: GridFile, rows: Sequence[Row], facts: Mapping[str, str]
 ) -> Path:
-    """Write figures, tables and page of a grid; return the page. InputError: a file cannot be written."""
+    """Write figures, tables and page of a grid; return the page. InputError: a file cannot be written.
+
+    Args:
+        folder: destination.
+        title: title of the page.
+        grid: the sweep's file.
+        rows: rows of all finished cases.
+        facts: facts to list, by name.
+    """
     if grid.diagnose:
         verdicts = grouped(
             (row for row in rows if not row["error"]),

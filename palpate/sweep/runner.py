@@ -36,6 +36,12 @@ Run = Callable[[Case, str, Path], None]  # runs a case with its address and stor
 def run_in_processes(run: Run, todo: Mapping[str, Case], folder: Path, workers: int) -> Iterator[str]:
     """Run all cases; if a worker dies, replace it and restart its case.
 
+    Args:
+        run: runs a case.
+        todo: cases by address.
+        folder: folder of the results.
+        workers: number of worker processes.
+
     Yields:
         An empty string for each finished case, or the reason why it failed.
     """
@@ -82,6 +88,10 @@ class _Worker:
         """Start a process that waits for its first case.
 
         It does not import the main script, which therefore need not guard its calls by `__name__`.
+
+        Args:
+            run: runs a case.
+            folder: folder of the results.
         """
         main = sys.modules["__main__"]
         sys.modules["__main__"] = ModuleType("__main__")
@@ -91,7 +101,12 @@ class _Worker:
             sys.modules["__main__"] = main
 
     def give(self, case: Case, address: str) -> None:
-        """Send a case to the worker; a dead worker is detected when its answer is read."""
+        """Send a case to the worker; a dead worker is detected when its answer is read.
+
+        Args:
+            case: the case.
+            address: address of the case's result.
+        """
         with suppress(OSError):
             self.pipe.send((case, address))
 
@@ -149,6 +164,12 @@ def run_cases(
 
     A case whose work raises has one row with the message in column `error`. Each row also has the case's
     `seed`, its processor time in `seconds`, and in `first` whether it is the case's first row.
+
+    Args:
+        cases: cases in order.
+        store: store of the results.
+        cluster: processes or machines that run the cases.
+        progress: called with the numbers of finished and of all cases.
 
     Raises:
         InputError: the scheduler does not exist or has no workers, or the workers cannot access the store's

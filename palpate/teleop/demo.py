@@ -109,6 +109,10 @@ def script(surface_m: float, last_s: float = _LAST_S) -> dict[str, object]:
 def write_worlds(folder: Path, real: Scenario) -> None:
     """Write the follower's world as real.yaml, and the leader's as guess.yaml, softer and higher.
 
+    Args:
+        folder: existing folder.
+        real: the follower's world.
+
     Raises:
         InputError: they cannot be written.
     """
@@ -122,6 +126,12 @@ def run_demo(
     folder: Path, real: Scenario, follower: Sequence[str] = (), leader: Sequence[str] = ()
 ) -> TeleopDemo:
     """Run both sides, and evaluate their sessions.
+
+    Args:
+        folder: destination of all files.
+        real: world of the follower.
+        follower: further options of this side.
+        leader: further options of this side.
 
     Raises:
         InputError: a file exists already.

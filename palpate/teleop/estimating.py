@@ -63,6 +63,10 @@ def sample_stream(joint_count: int) -> Stream:
 def first_look(samples: Samples, target: int) -> ObjectEstimate:
     """Fit two contact laws to a target's runs so far, and return the better one.
 
+    Args:
+        samples: samples of one target.
+        target: number of the target.
+
     Raises:
         InputError: nothing was touched, or there are too few contact samples.
     """
@@ -73,6 +77,10 @@ def second_look(samples: Samples, target: int) -> ObjectEstimate:
     """Fit and diagnose a target: the better law with accepted effects, and the verdict.
 
     The verdict names accepted effects that the simulator cannot render.
+
+    Args:
+        samples: samples of one target.
+        target: number of the target.
 
     Raises:
         InputError: as for `first_look`.

@@ -119,7 +119,14 @@ class FollowerMessaging(threading.Thread):
         return bool(self.error) or not ((waiting and now_s < self._asked_s + _SETTLE_S) or unseen)
 
     def look(self, stream: Stream, records: RecordArray, target: int, *, last: bool) -> None:
-        """Request an estimate for a target's samples; returns at once."""
+        """Request an estimate for a target's samples; returns at once.
+
+        Args:
+            stream: columns of the records.
+            records: samples of one target.
+            target: number of the target.
+            last: whether its last run is over.
+        """
         self._work.append((stream, records, target, last))
 
     def run(self) -> None:
@@ -134,7 +141,11 @@ class FollowerMessaging(threading.Thread):
             self.queue.linked = False
 
     def farewell(self, cause: str) -> None:
-        """Report that the arm has ended, and the reason if it was stopped."""
+        """Report that the arm has ended, and the reason if it was stopped.
+
+        Args:
+            cause: reason of the stop; empty if the arm was not stopped.
+        """
         self.close()
         with suppress(Exception):  # errors no longer matter
             for _ in range(_FAREWELLS):
@@ -149,7 +160,11 @@ class FollowerMessaging(threading.Thread):
         self._estimator.close()
 
     def record(self, now_s: float) -> tuple[object, ...]:
-        """Return the state of the link as one record of `LINK_STREAM`."""
+        """Return the state of the link as one record of `LINK_STREAM`.
+
+        Args:
+            now_s: time of the session [s].
+        """
         return self._messaging.record(now_s)
 
     def _exchange(self) -> None:
@@ -308,6 +323,10 @@ class FollowerOutcome:
 
 def run_follower(job: FollowerJob, say: Say) -> FollowerOutcome:
     """Follow until the leader ends, the user stops it, or the guard trips; the session is then complete.
+
+    Args:
+        job: the job.
+        say: called with each event, as one line.
 
     Raises:
         InputError: robot file, plan, link and scenario do not fit each other; nothing has moved.

@@ -85,7 +85,11 @@ _NOTHING = HapticReport((0.0, 0.0, 0.0), 0.0)
 
 
 def haptic_stream(joint_count: int) -> Stream:
-    """Return the columns of a haptic tick."""
+    """Return the columns of a haptic tick.
+
+    Args:
+        joint_count: number of joints of the virtual arm.
+    """
     return Stream(
         STREAM_NAME,
         (
@@ -107,7 +111,12 @@ def haptic_stream(joint_count: int) -> Stream:
 
 
 def run_haptics(pipe: Connection, job: HapticJob) -> None:
-    """Render until the script ends, the main process requests the end, or its pipe closes."""
+    """Render until the script ends, the main process requests the end, or its pipe closes.
+
+    Args:
+        pipe: connection to the main process.
+        job: settings of the loop.
+    """
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # the main process handles Ctrl-C, and then ends this one
     clock, lateness, failure, opened = MonotonicClock(), Histogram(), "", False
     try:
@@ -158,7 +167,12 @@ class _Haptics:
         self._was_selected = self._end = False
 
     def run(self, clock: Clock, lateness: Histogram) -> None:
-        """Run all ticks until the end."""
+        """Run all ticks until the end.
+
+        Args:
+            clock: clock of the leader.
+            lateness: collects how late ticks began.
+        """
         grid = TickGrid(clock.now_s() + _PERIOD_S, _PERIOD_S)
         periods, busy_s = 1, 0.0
         late_s = np.zeros(_TELL_TICKS)

@@ -64,7 +64,13 @@ class LeaderOutcome:
 
 
 def leader_metadata(robot_file: RobotFile, scene: Scenario, command_line: str) -> SessionMetadata:
-    """Make the metadata of a leader's session."""
+    """Make the metadata of a leader's session.
+
+    Args:
+        robot_file: robot file of the virtual arm.
+        scene: virtual object before the first estimate.
+        command_line: command line as it was typed.
+    """
     return SessionMetadata(
         robot_file=robot_file.text,
         urdf=robot_file.urdf_path.read_text(encoding="utf-8"),

@@ -171,6 +171,9 @@ class MergedSessions:
 
         Touches during the arrival of the first estimate are left out, because the force then changes
         gradually.
+
+        Args:
+            real: the follower's world.
         """
         haptic = self.haptic
         law = force_law(terms_of(real))
@@ -229,7 +232,12 @@ def _along(law: ForceLaw, depth_m: FloatArray, rate_m_s: FloatArray, step_s: Flo
 
 
 def merge_sessions(first: Session, second: Session) -> MergedSessions:
-    """Merge a leader's and a follower's session, in either order; raise `InputError` for other sessions."""
+    """Merge both sessions, in either order; raise `InputError` unless they are a leader's and a follower's.
+
+    Args:
+        first: session of leader or follower.
+        second: session of the other side.
+    """
     for leader, follower in ((first, second), (second, first)):
         if HAPTIC in leader.stream_names and {TICK, LINK} <= set(follower.stream_names):
             return MergedSessions(leader, follower)

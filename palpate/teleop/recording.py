@@ -33,6 +33,10 @@ _MILLI = 1e3
 def record_both(merged: MergedSessions, path: Path) -> float:
     """Write the recording, completely or not at all.
 
+    Args:
+        merged: both sessions.
+        path: path of the .rrd file.
+
     Returns:
         Time to use for a screenshot [s].
 

@@ -27,7 +27,11 @@ _ONE_JOINT = 1  # contact effects use no joints
 
 
 def terms_of(scenario: Scenario) -> tuple[ContactModel, ...]:
-    """Return a scenario's contact law and the effects between object and tip."""
+    """Return a scenario's contact law and the effects between object and tip.
+
+    Args:
+        scenario: a simulated world.
+    """
     law = describe_contact_law(scenario.object.law)
     hidden = [describe_imperfection(entry) for entry in scenario.hidden if _is_felt(entry)]
     return (_term(law, "name"), *(_term(entry, "effect") for entry in hidden))
@@ -35,6 +39,9 @@ def terms_of(scenario: Scenario) -> tuple[ContactModel, ...]:
 
 def force_law(terms: Sequence[ContactModel]) -> ForceLaw:
     """Make an object's force law, with its own memory, for a `VirtualObject` of `palpate.control.teleop`.
+
+    Args:
+        terms: contact law first, then effects.
 
     Raises:
         InputError: a law or effect does not exist, or a value is out of its range.
@@ -73,7 +80,11 @@ def felt_data(estimate: ObjectEstimate) -> dict[str, object]:
 
 
 def terms_in(data: Mapping[str, Any]) -> tuple[ContactModel, ...]:
-    """Read the object's model from data of `felt_data`; raise `InputError` if they are invalid."""
+    """Read the object's model from data of `felt_data`; raise `InputError` if they are invalid.
+
+    Args:
+        data: data of the session's event.
+    """
     try:
         return tuple(
             ContactModel(name, tuple(values), tuple(map(float, values.values())))

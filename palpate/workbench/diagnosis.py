@@ -42,7 +42,11 @@ class DiagnosisCard:
         self._judging: DiagnosisProcess | None = None  # the diagnosis that the page shows
 
     def build(self, more: Callable[[], None] = lambda: None) -> None:
-        """Create the elements of the panel."""
+        """Create the elements of the panel.
+
+        Args:
+            more: creates the elements below the verdict.
+        """
         self._more = more
         with ui.element("section").classes("card"):
             with ui.row().classes("bar"):
@@ -106,7 +110,11 @@ class DiagnosisCard:
             element.set_visibility(now)
 
     def offer(self, chosen: Sequence[str]) -> None:
-        """Offer the diagnosed effects step by step, without effects that are already selected."""
+        """Offer the diagnosed effects step by step, without effects that are already selected.
+
+        Args:
+            chosen: names of the effects in the model.
+        """
         if self._buttons is None:
             return
         self._buttons.clear()
@@ -162,6 +170,12 @@ HIDDEN = (
 
 def pose(folder: Path) -> Path:
     """Probe an object with one of `HIDDEN` hidden; the answer is sealed beside the session.
+
+    Args:
+        folder: folder of the session.
+
+    Returns:
+        Path of the session file.
 
     Raises:
         PalpateError: the session cannot be written.

@@ -46,7 +46,11 @@ class EffectRows(Element, component="effects.js"):
         self.on("ready", send_all)
 
     def change(self, changes: Mapping[str, Row]) -> None:
-        """Change fields of some effects; only differences are sent."""
+        """Change fields of some effects; only differences are sent.
+
+        Args:
+            changes: changed fields of rows, by effect name.
+        """
         differing = {
             name: left
             for name, row in changes.items()
@@ -101,7 +105,11 @@ class Effects:
         self.show(self._state.choice.effects)
 
     def show(self, chosen: tuple[str, ...]) -> None:
-        """Tick the selected effects."""
+        """Tick the selected effects.
+
+        Args:
+            chosen: names of the effects in the model.
+        """
         if not self._effects:
             return
         self._rows.change({name: {"chosen": name in chosen} for name in self._effects})
@@ -111,6 +119,9 @@ class Effects:
         """Compute the change of the error by each effect while the page is idle.
 
         The fits are then already available when the user ticks an effect.
+
+        Args:
+            idle: set while the page is idle.
         """
         channel, weighed = self._state.channel, None
         ahead = FitPrefetcher(self._state.study, channel)

@@ -18,13 +18,22 @@ def set_props(element: AnyElement, **values: str | bool) -> AnyElement:
     """Set properties by key (aria_label sets aria-label), and return the element.
 
     `Element.props("key=value")` parses its text, so a quote in a value could inject further properties.
+
+    Args:
+        element: element to change.
+        values: property values by key.
     """
     element.props.update({key.replace("_", "-"): value for key, value in values.items()})
     return element
 
 
 def heading(text: str, title: str = "") -> None:
-    """Add a heading."""
+    """Add a heading.
+
+    Args:
+        text: text of the heading.
+        title: text shown on hover.
+    """
     element = TextElement(tag="h2", text=text)
     if title:
         set_props(element, title=title)
@@ -50,7 +59,11 @@ class Plot(Element, component="plot.js"):
         self.on("ready", begin)
 
     def replace(self, figure: Figure) -> None:
-        """Draw another figure."""
+        """Draw another figure.
+
+        Args:
+            figure: figure in plotly's JSON format.
+        """
         self.figure = figure
         self._send("replace", figure)
 
@@ -66,7 +79,11 @@ class Plot(Element, component="plot.js"):
         self._send("restyle", values, traces)
 
     def relayout(self, layout: Figure) -> None:
-        """Change the layout."""
+        """Change the layout.
+
+        Args:
+            layout: changed layout keys.
+        """
         self.figure["layout"] |= layout
         self._send("relayout", layout)
 
@@ -82,7 +99,17 @@ _AXIS = {"gridcolor": "#e8ecf0", "zerolinecolor": "#c3cbd3", "automargin": True,
 def curve(  # noqa: PLR0917, what a line is made of
     name: str, x: np.ndarray, y: np.ndarray, color: str, width: float, unit: str, **more: object
 ) -> dict[str, Any]:
-    """Return a curve over x (n,) for plotly."""
+    """Return a curve over x (n,) for plotly.
+
+    Args:
+        name: name in the legend.
+        x: shape (n,).
+        y: shape (n,).
+        color: CSS color.
+        width: width of the line [px].
+        unit: unit of y.
+        more: further keys of plotly's trace.
+    """
     dash = more.pop("dash", "solid")
     return {
         "type": "scatter", "mode": "lines", "name": name, "x": x, "y": y, "connectgaps": False,
@@ -92,12 +119,22 @@ def curve(  # noqa: PLR0917, what a line is made of
 
 
 def axis(title: str, **more: object) -> dict[str, Any]:
-    """Return an axis with its title for plotly."""
+    """Return an axis with its title for plotly.
+
+    Args:
+        title: title with unit.
+        more: further keys of plotly's axis.
+    """
     return {**_AXIS, "title": {"text": title, "standoff": 6}, **more}
 
 
 def layout_of(height: int, **more: object) -> dict[str, Any]:
-    """Return the layout that all figures share."""
+    """Return the layout that all figures share.
+
+    Args:
+        height: height of the figure [px].
+        more: further keys of plotly's layout.
+    """
     return {
         "height": height, "margin": {"l": 56, "r": 12, "t": 24, "b": 40}, "font": _FONT,
         "paper_bgcolor": "#fff", "plot_bgcolor": "#fff", "hovermode": "closest",

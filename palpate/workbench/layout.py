@@ -32,7 +32,11 @@ _CODE_DIGITS = 6
 
 
 async def lay_out_page(home: AppState) -> None:
-    """Build the page for the server's state."""
+    """Build the page for the server's state.
+
+    Args:
+        home: state of the server.
+    """
     if home.state is None:
         # Start page without data: drop a file, choose one, or probe.
         with ui.element("div").classes("begin"):
@@ -97,7 +101,11 @@ def _choose(home: AppState) -> FileDrop:
 
 
 def is_data(file: Path) -> bool:
-    """Return whether to offer a file of a folder."""
+    """Return whether to offer a file of a folder.
+
+    Args:
+        file: file in the folder of sessions.
+    """
     is_table = file.name.lower().removesuffix(".gz").endswith((".csv", ".tsv", ".xlsx", ".parquet", ".npz"))
     return file.is_file() and (is_table or is_session(file))
 

@@ -35,7 +35,14 @@ class Page:
         show_state: Callable[[WorkbenchState], None],
         serve_report: Callable[[Path], str],
     ) -> None:
-        """Show a state of the workbench."""
+        """Show a state of the workbench.
+
+        Args:
+            state: state to show.
+            opening: called to offer another file.
+            show_state: shows another state instead.
+            serve_report: makes a report available to the browser; returns its address.
+        """
         self.state, self._opening = state, opening
         self._show_state, self._serve_report = show_state, serve_report
         self._busy = asyncio.Lock()
@@ -114,11 +121,19 @@ class Page:
         await self._change(lambda: self.state.choose(toggled()), toggled)
 
     async def choose(self, choice: ModelSelection) -> None:
-        """Show another selection."""
+        """Show another selection.
+
+        Args:
+            choice: the model to fit and show.
+        """
         await self._change(lambda: self.state.choose(choice), lambda: choice)
 
     async def add(self, effects: Sequence[str]) -> None:
-        """Select effects, as a diagnosis proposes."""
+        """Select effects, as a diagnosis proposes.
+
+        Args:
+            effects: their names, in order.
+        """
         choice = self.state.choice
         await self.choose(choice.with_effects(list(dict.fromkeys([*choice.effects, *effects]))))
 
@@ -189,7 +204,12 @@ class Page:
             return self._shown
 
     async def pull(self, name: str, value: float) -> None:
-        """Draw the model with a slider at a value: curves first, then all other views."""
+        """Draw the model with a slider at a value: curves first, then all other views.
+
+        Args:
+            name: name of the parameter.
+            value: value of the slider, in the parameter's SI unit.
+        """
         if (
             self._shown is None
             or name not in self._shown.fitted.values
@@ -318,7 +338,11 @@ def _button(text: str, icon: str, work: Callable[[], object], about: str, look: 
 
 
 def gates(state: WorkbenchState) -> None:
-    """Make the checklist of the data checks."""
+    """Make the checklist of the data checks.
+
+    Args:
+        state: state of the page.
+    """
     from palpate.estimation.data_quality import checklist  # noqa: PLC0415
 
     reasons = checklist(state.channel.to_fit, state.channel.model)

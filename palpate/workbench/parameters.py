@@ -76,7 +76,13 @@ class ErrorCard:
         self._wrong.set_text(" ".join(impossible(fit.unphysical)))
 
     def preview(self, error: float, unit: str, noise: float) -> None:
-        """Show the error at the values of the sliders."""
+        """Show the error at the values of the sliders.
+
+        Args:
+            error: held-out error [unit].
+            unit: unit of the effort.
+            noise: noise level of the channel [unit].
+        """
         self._wrong.set_text("")  # applies to the fit only
         self._number.set_content(_number(error, unit, noise, "at these values"))
 
@@ -94,7 +100,13 @@ def _number(error: float, unit: str, noise: float, what: str = "", kind: str = "
 
 
 def waterfall(steps: tuple[tuple[str, float], ...], noise: float, unit: str) -> str:
-    """Return the error of each stage as bars, with the noise level as a line."""
+    """Return the error of each stage as bars, with the noise level as a line.
+
+    Args:
+        steps: label and held-out error of each stage.
+        noise: noise level [unit].
+        unit: unit of the effort.
+    """
     most = max(error for _, error in steps) or 1.0
     rows, before = [], steps[0][1]
     for label, error in steps:
@@ -159,7 +171,11 @@ class Parameters:
                 ui.label("nothing is fitted in this model").classes("quiet")
 
     def show_intervals(self, estimates: Mapping[str, ParameterEstimate]) -> None:
-        """Show the 95 % intervals."""
+        """Show the 95 % intervals.
+
+        Args:
+            estimates: estimates by "effect.parameter".
+        """
         assert self._shown is not None  # noqa: S101, set by `show`
         self._estimates = dict(estimates)
         self._values = {name: p.value for name, p in estimates.items()} | dict(self._shown.choice.pulled)

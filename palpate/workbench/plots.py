@@ -38,7 +38,12 @@ class DrawnMotion:
 
     @classmethod
     def of(cls, data: ChannelData, runs: Sequence[int] = ()) -> "DrawnMotion":
-        """Select the motion of some runs."""
+        """Select the motion of some runs.
+
+        Args:
+            data: the channel, n samples.
+            runs: numbers of the runs to draw; empty for all.
+        """
         axes = axes_of(data.kind)
         scale = _MILLI if "mm" in axes.position else 1.0
         return cls(
@@ -157,6 +162,9 @@ def _state_rows(motion: DrawnMotion) -> IntArray:
 def near(motion: DrawnMotion) -> BoolArray:
     """Select the samples around a contact; for a joint, all samples.
 
+    Args:
+        motion: motion to draw, n samples.
+
     Returns:
         Shape (n,).
     """
@@ -253,7 +261,11 @@ def map_figure(motion: DrawnMotion, before: FloatArray, now: FloatArray) -> Figu
 
 
 def cursor_shapes(times_s: Mapping[str, float]) -> dict[str, Any]:
-    """Return the cursors A and B as lines with their letters."""
+    """Return the cursors A and B as lines with their letters.
+
+    Args:
+        times_s: time of each cursor, by its letter [s].
+    """
     colors = {"A": "#1d2733", "B": palette.TRUTH}
     lines = [
         {"type": "line", "xref": "x", "yref": "paper", "x0": t, "x1": t, "y0": 0, "y1": 1,

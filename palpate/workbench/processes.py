@@ -37,7 +37,12 @@ class DiagnosisProcess:
         self.failure = ""  # reason why there is no result
 
     def note(self, what: str, share: float) -> None:
-        """Store the progress."""
+        """Store the progress.
+
+        Args:
+            what: current step.
+            share: share of the work that is done, 0 to 1.
+        """
         self.now = what, share
 
     def stop(self) -> None:
@@ -109,6 +114,9 @@ class FitPrefetcher:
 
     async def fit(self, effects: Sequence[str]) -> None:
         """Compute a fit and store it in the study, unless the study has it.
+
+        Args:
+            effects: effects added to the base model, in order.
 
         Raises:
             InputError: the model cannot be fitted.

@@ -109,7 +109,12 @@ _AWAY_S = 30.0  # time that a browser may be disconnected before the page restar
 
 
 def serve(home: AppState, listening: socket) -> None:
-    """Serve at an open socket until interrupted."""
+    """Serve at an open socket until interrupted.
+
+    Args:
+        home: state of the server.
+        listening: open socket.
+    """
 
     @ui.page("/", title="palpate workbench", response_timeout=_CONNECT_S)
     async def page() -> None:

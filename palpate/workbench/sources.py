@@ -49,7 +49,11 @@ class ColumnGuess:
     stated: str = ""  # unit stated in the file
 
     def assign(self, quantity: str) -> None:
-        """Assign another quantity to the column, in its present unit or the unit stated in the file."""
+        """Assign another quantity to the column, in its present unit or the unit stated in the file.
+
+        Args:
+            quantity: quantity, such as force; empty if the column is not used.
+        """
         known = units_of(quantity)
         self.unit = next((unit for unit in (self.unit, self.stated) if unit in known), "")
         self.quantity = quantity
@@ -76,7 +80,11 @@ def guess(table: Table) -> list[ColumnGuess]:
 
 
 def options_of(columns: Sequence[ColumnGuess]) -> ImportOptions:
-    """Return the import options for these roles; raise `InputError` if two columns have the same role."""
+    """Return the import options for these roles; raise `InputError` if two columns have the same role.
+
+    Args:
+        columns: columns of the file, with the roles that the user chose.
+    """
     used = [column for column in columns if column.quantity]
     names = [column.quantity for column in used]
     if twice := sorted({name for name in names if names.count(name) > 1}):
@@ -86,7 +94,11 @@ def options_of(columns: Sequence[ColumnGuess]) -> ImportOptions:
 
 
 def units_of(quantity: str) -> list[str]:
-    """Return the units that a quantity may have."""
+    """Return the units that a quantity may have.
+
+    Args:
+        quantity: quantity, such as force or position_2.
+    """
     return [
         unit for dimension in QUANTITIES.get(re.sub(r"_\d+$", "", quantity), ()) for unit in SI[dimension]
     ]
@@ -127,7 +139,11 @@ class FileDrop:
         self._review = ui.element("div").classes("dropped")
 
     async def begin(self, path: Path) -> bool:
-        """Open sessions at once, a data file after a review of its columns; return whether it is readable."""
+        """Open a session at once, a data file after a review of its columns; return whether it is readable.
+
+        Args:
+            path: a session, a folder of sessions or a data file.
+        """
         try:
             if is_session(path) or path.is_dir():
                 await self._opened(path, ImportOptions())
@@ -262,7 +278,12 @@ class Feed:
         return bool(self._channel.has_sinks())
 
     def send(self, session: Path, ticks: Samples) -> None:
-        """Send ticks that were not sent before; do nothing without subscribers."""
+        """Send ticks that were not sent before; do nothing without subscribers.
+
+        Args:
+            session: session that is being written.
+            ticks: newest ticks of it.
+        """
         if not self.is_watched:
             return
         time_s = ticks["time_s"]
@@ -316,7 +337,11 @@ def newest_growing(folder: Path) -> Path | None:
 
 
 def live_figure(ticks: Samples) -> Figure:
-    """Draw force with residual, torques, and online estimates over the last seconds."""
+    """Draw force with residual, torques, and online estimates over the last seconds.
+
+    Args:
+        ticks: ticks of the session that is being written.
+    """
     time_s = ticks["time_s"]
     last = time_s > time_s[-1] - SPAN_S if len(time_s) else np.zeros(0, dtype=np.bool_)
     torques = ticks.vector("torque_measured_nm")[last].T

@@ -56,7 +56,12 @@ class AppState:
         return f"/report/{key}"
 
     def read(self, make: "Callable[[], WorkbenchState]", what: str) -> None:
-        """Read data in another thread; meanwhile the page shows the raw curves."""
+        """Read data in another thread; meanwhile the page shows the raw curves.
+
+        Args:
+            make: reads the data.
+            what: description of the data.
+        """
 
         def run() -> None:
             try:
@@ -170,7 +175,14 @@ _MOST_POINTS = 600  # of a curve
 def picture(
     x: FloatArray, curves: Sequence[tuple[FloatArray, str]], width: int = 72, height: int = 44
 ) -> str:
-    """Draw curves (n,) over x (n,) as a small SVG without axes."""
+    """Draw curves (n,) over x (n,) as a small SVG without axes.
+
+    Args:
+        x: shape (n,).
+        curves: values (n,) and color of each.
+        width: width [px].
+        height: height [px].
+    """
     every = np.concatenate([y for y, _ in curves])
     low, high = float(every.min()), float(every.max())
     left, right = float(x.min()), float(x.max())
@@ -186,6 +198,9 @@ def picture(
 
 def raw_curves(file: Path) -> str:
     """Draw a probing's measured force and torques over time; empty for other files.
+
+    Args:
+        file: session or data file.
 
     Raises:
         SessionError: the file is a session that cannot be read.
@@ -215,6 +230,9 @@ def _panel(title: str, time_s: FloatArray, curves: Sequence[tuple[FloatArray, st
 
 def early_server(port: int) -> EarlyServer:
     """Open the page's port.
+
+    Args:
+        port: port on this machine; 0 for any free port.
 
     Raises:
         InputError: the port is in use, or there is none of this number.

@@ -46,7 +46,11 @@ class ModelSelection:
         return replace(self, pulled={})
 
     def with_effects(self, effects: Sequence[str]) -> "ModelSelection":
-        """Return the selection with other effects, and without settings of removed parameters."""
+        """Return the selection with other effects, and without settings of removed parameters.
+
+        Args:
+            effects: their names, in order.
+        """
         gone = set(self.effects) - set(effects)
         held = {name: value for name, value in self.held.items() if name.partition(".")[0] not in gone}
         bounds = {name: pair for name, pair in self.bounds.items() if name.partition(".")[0] not in gone}
@@ -71,7 +75,14 @@ class DisplayedFit:
         return {**self.fitted.values, **self.choice.pulled}
 
     def error_at(self, values: Mapping[str, float]) -> float:
-        """Return the root mean square error at other parameters, on the scored samples."""
+        """Return the root mean square error at other parameters, on the scored samples.
+
+        Args:
+            values: values by "effect.parameter".
+
+        Returns:
+            The error in the effort's unit.
+        """
         judged = self.base.judged
         left = self.fitted.data.effort[judged] - self.fitted.predict(values)[judged]
         return float(np.sqrt(np.mean(left**2)))
@@ -114,6 +125,9 @@ class WorkbenchState:
     def show(self, choice: ModelSelection | None = None) -> DisplayedFit:
         """Fit a selection, by default the current one, in the same way as the commands.
 
+        Args:
+            choice: channel, effects and held parameters; None for the present choice.
+
         Raises:
             InputError: the selection cannot be fitted.
         """
@@ -136,6 +150,9 @@ class WorkbenchState:
     def preview(self, choice: ModelSelection) -> DisplayedFit | None:
         """Predict the result of `show` roughly; None if it is known, or with held or bounded parameters.
 
+        Args:
+            choice: the model.
+
         Raises:
             InputError: the selection cannot be fitted.
         """
@@ -148,6 +165,9 @@ class WorkbenchState:
     def choose(self, choice: ModelSelection) -> DisplayedFit:
         """Fit a selection and make it the current one; nothing changes if it cannot be fitted.
 
+        Args:
+            choice: channel, effects and held parameters.
+
         Raises:
             InputError: the selection cannot be fitted.
         """
@@ -156,7 +176,11 @@ class WorkbenchState:
         return shown
 
     def set_choice(self, choice: ModelSelection) -> None:
-        """Make a selection the current one without a fit; undo restores the previous one."""
+        """Make a selection the current one without a fit; undo restores the previous one.
+
+        Args:
+            choice: channel, effects and held parameters.
+        """
         self._pulling = ""
         if choice != self.choice:
             self._past.append(self._step)
@@ -184,7 +208,11 @@ class WorkbenchState:
         self._pulling = ""
 
     def toggled(self, effect: str) -> ModelSelection:
-        """Return the selection with an effect added, or removed if it is selected."""
+        """Return the selection with an effect added, or removed if it is selected.
+
+        Args:
+            effect: name of the effect.
+        """
         now = self.choice.effects
         return self.choice.with_effects(
             [name for name in now if name != effect] if effect in now else [*now, effect]
@@ -262,6 +290,9 @@ class WorkbenchState:
     def to_revision(self, revision: Revision) -> DisplayedFit:
         """Select a saved revision.
 
+        Args:
+            revision: revision saved in the study's folder.
+
         Raises:
             InputError: the revision is of other data or of another base model.
         """
@@ -286,12 +317,19 @@ class WorkbenchState:
         return newest is not None and tuple(newest.effects) == self.choice.effects
 
     def parameter(self, name: str) -> Parameter:
-        """Return facts about a parameter of the selected model that need no fit."""
+        """Return facts about a parameter of the selected model that need no fit.
+
+        Args:
+            name: "effect.parameter".
+        """
         model = self.study.fit(self.channel, self.choice.effects).model
         return {**model.gains, **model.inner}[name]
 
     def joined_with(self, path: Path) -> "WorkbenchState":
         """Return a state, in memory, with the runs of another session after those of this one.
+
+        Args:
+            path: path of the other session.
 
         Raises:
             InputError: the session cannot be read, or has no channel of this one.
@@ -394,7 +432,14 @@ TELLING = 0.05  # share of the error below which an effect has no influence
 
 
 def evidence_of(study: Study, channel: StudyChannel, beside: Sequence[str], effect: str) -> EffectEvidence:
-    """Compute how one effect changes the error beside others. InputError: the selection cannot be fitted."""
+    """Compute how one effect changes the error beside others. InputError: the selection cannot be fitted.
+
+    Args:
+        study: study with the fits.
+        channel: channel of the study.
+        beside: names of the other effects in the model.
+        effect: name of the effect.
+    """
     before, fitted = study.fit(channel, beside), study.fit(channel, [*beside, effect])
     change = before.residual_on_blocks - fitted.residual_on_blocks
     length = float(np.linalg.norm(change))

@@ -177,6 +177,9 @@ class DataArguments(ReadOptions):
     def refuse_unknown(self, model: str | None) -> None:
         """Refuse unknown models and invalid run numbers before anything is read.
 
+        Args:
+            model: base model; None for what suits each channel.
+
         Raises:
             InputError: it is so.
         """
@@ -196,7 +199,11 @@ class DataArguments(ReadOptions):
             console.stderr().print(words)
 
     def typed(self, **more: str | Path | list[str] | bool | None) -> str:
-        """Return the file with all options as one would type them again."""
+        """Return the file with all options as one would type them again.
+
+        Args:
+            more: further options, or others instead of those given; see `retyped`.
+        """
         arm = {"effect": self.effect, "urdf": self.urdf, "tip-frame": self.tip_frame}
         return retyped(self.file, **{**arm, "held-out": self.held_out, **self.given, **more})
 

@@ -90,6 +90,9 @@ def probe_demo(
 def show_demo(session: Path) -> Demo:
     """Estimate, and write recording and plots into the session's folder.
 
+    Args:
+        session: file of the first part.
+
     Raises:
         InputError: something cannot be written.
     """
@@ -110,13 +113,23 @@ def drawn_seed() -> int:
 
 
 def hide_one(scenario: Scenario, rng: np.random.Generator, among: tuple[str, ...] = HIDDEN) -> Scenario:
-    """Return the world with one random effect hidden in its object."""
+    """Return the world with one random effect hidden in its object.
+
+    Args:
+        scenario: the world.
+        rng: draws the effect and its values.
+        among: names of the effects.
+    """
     effect = IMPERFECTIONS[str(rng.choice(among))]
     return scenario.with_hidden([effect.at_strength(STRENGTH, CONTACT, noise_scale(scenario), rng)])
 
 
 def solve(session: Path, progress: Progress) -> HiddenDemo:
     """Diagnose, add what is missing, draw it, and then open the answer.
+
+    Args:
+        session: file of the second part.
+        progress: called with the current step and the share of it that is done.
 
     Raises:
         InputError: something cannot be written.

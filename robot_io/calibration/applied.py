@@ -46,7 +46,11 @@ _PASSING = frozenset(
 
 
 def device_identity(robot_file: RobotFile, kind: str) -> dict[str, object]:
-    """Describe the device that a calibration belongs to, with its bus; gravity belongs to the drives."""
+    """Describe the device that a calibration belongs to, with its bus; gravity belongs to the drives.
+
+    Returns:
+        Driver and settings.
+    """
     key = "torque" if kind == "gravity" else kind
     section: DeviceSection = getattr(robot_file, key)
     identity: dict[str, object] = {"driver": section.driver, **_lasting(section.settings)}
@@ -60,6 +64,11 @@ def first_difference(
     expected: Mapping[str, object], actual: Mapping[str, object], at: str = ""
 ) -> str | None:
     """Describe the first setting in which two identities differ.
+
+    Args:
+        expected: identity in the calibration.
+        actual: identity of the robot.
+        at: prefix of the keys.
 
     Returns:
         Key and both values, or None.

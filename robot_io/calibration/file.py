@@ -281,6 +281,10 @@ def parse_calibration(text: str, origin: str) -> Calibration:
 def calibration_from(document: YamlDocument, kind: str | None = None) -> Calibration:
     """Read the calibration in a document, or under one of its keys.
 
+    Args:
+        document: YAML.
+        kind: key of the calibration; None for the whole document.
+
     Raises:
         InputError: as for `load_calibration`.
     """

@@ -15,6 +15,11 @@ from palpate.robot_io.types import FloatArray, Reading
 def check_one_per_joint(context: DriverContext, count: int, devices: str) -> None:
     """Check that a bus has as many drives as the arm has joints.
 
+    Args:
+        context: Context of the bus.
+        count: Number of its drives.
+        devices: Name for messages, such as "motors".
+
     Raises:
         InputError: There are more or fewer.
     """
@@ -141,12 +146,19 @@ class RequestQueue:
         return skips
 
     def ask(self, now_s: float) -> None:
-        """Note a request that is sent now [s]."""
+        """Note a request that is sent now [s].
+
+        Args:
+            now_s: robot's clock [s].
+        """
         self._expire(now_s)
         self._asked_s.append(now_s)
 
     def answer(self, arrived_s: float) -> bool:
         """Remove the request to which an answer belongs; `answered_s` becomes its time.
+
+        Args:
+            arrived_s: When the answer arrived [s].
 
         Returns:
             Whether a request was open.

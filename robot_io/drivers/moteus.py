@@ -134,17 +134,33 @@ class MoteusState:
 
 
 def encode_stop(host_id: int, motor_id: int) -> CanFrame:
-    """Make the frame that stops a controller and clears its faults."""
+    """Make the frame that stops a controller and clears its faults.
+
+    Args:
+        host_id: CAN id of the sender.
+        motor_id: CAN id of the controller.
+    """
     return _frame(host_id, motor_id, _STOP)
 
 
 def encode_question(host_id: int, motor_id: int) -> CanFrame:
-    """Make the frame that requests the state and changes nothing."""
+    """Make the frame that requests the state and changes nothing.
+
+    Args:
+        host_id: CAN id of the sender.
+        motor_id: CAN id of the controller.
+    """
     return _frame(host_id, motor_id, _ASK)
 
 
 def encode_torque(host_id: int, motor_id: int, torque_nm: float, watchdog_s: float) -> CanFrame:
     """Command a torque at the output that holds for a time.
+
+    Args:
+        host_id: CAN id of the sender.
+        motor_id: CAN id of the controller.
+        torque_nm: torque at the output [N m].
+        watchdog_s: time for which the torque holds [s].
 
     Raises:
         InputError: it is not a number.
@@ -159,6 +175,9 @@ def encode_torque(host_id: int, motor_id: int, torque_nm: float, watchdog_s: flo
 
 def decode_state(frame: CanFrame) -> MoteusState:
     """Decode the answer of a controller.
+
+    Args:
+        frame: received frame.
 
     Raises:
         ProtocolError: the length is wrong, or the frame is not the requested answer.

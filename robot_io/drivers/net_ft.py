@@ -75,6 +75,9 @@ class Record(NamedTuple):
 def decode_record(datagram: bytes) -> Record:
     """Return the record in a datagram.
 
+    Args:
+        datagram: received datagram.
+
     Raises:
         ProtocolError: the datagram has another size.
     """
@@ -85,7 +88,11 @@ def decode_record(datagram: bytes) -> Record:
 
 
 def status_problem(status: int) -> str:
-    """Return the names of the errors in a status, or an empty string."""
+    """Return the names of the errors in a status, or an empty string.
+
+    Args:
+        status: bits of a record.
+    """
     errors = status & ~_NO_ERROR
     if errors or status == 1 << 31:
         return f"{bit_names(errors, _STATUS) if errors else 'error'} (status {status:#010x})"
@@ -149,6 +156,9 @@ class Configuration(NamedTuple):
 def parse_configuration(page: bytes) -> Configuration:
     """Return the configuration on a page.
 
+    Args:
+        page: netftapi2.xml.
+
     Raises:
         ProtocolError: a value is missing or invalid.
     """
@@ -180,6 +190,10 @@ def _value(text: str, name: str, default: str | None = None) -> str:
 
 def read_configuration(host: str, port: int) -> Configuration:
     """Read the configuration of a sensor.
+
+    Args:
+        host: name or address of the sensor.
+        port: port of its web server.
 
     Raises:
         DeviceError: the sensor does not answer in time, or its answer is not a configuration.
@@ -245,6 +259,9 @@ class _Socket:
 
     def read(self, size: int) -> bytes:
         """Read one datagram; none if a host reports that nobody listens there.
+
+        Args:
+            size: most bytes to take.
 
         Returns:
             The datagram, empty if none has arrived.

@@ -183,6 +183,10 @@ def decode_heartbeat(frame: CanFrame, firmware: Firmware) -> Heartbeat:
     Bytes 0 to 3 are the axis error and byte 4 the state. Then 0.5 has flags for motor, encoder and controller
     (bit 7 of the last: trajectory done), 0.6 the procedure result and the trajectory flag.
 
+    Args:
+        frame: received frame.
+        firmware: generation of the axis.
+
     Raises:
         ProtocolError: wrong length, or a state that does not exist.
     """
@@ -207,6 +211,9 @@ def decode_pair(frame: CanFrame, what: str) -> tuple[float, float]:
         frame: received frame.
         what: name of its content in errors.
 
+    Returns:
+        Both numbers.
+
     Raises:
         ProtocolError: wrong length, or not finite.
     """
@@ -219,6 +226,9 @@ def decode_pair(frame: CanFrame, what: str) -> tuple[float, float]:
 
 def decode_version(frame: CanFrame) -> tuple[int, int, int]:
     """Decode the firmware version: major, minor, revision (0.6).
+
+    Args:
+        frame: received frame.
 
     Raises:
         ProtocolError: wrong length.
@@ -233,18 +243,31 @@ def ask(node_id: int, command: OdriveCommand) -> CanFrame:
 
 
 def encode_axis_state(node_id: int, state: AxisState) -> CanFrame:
-    """Request a change of an axis' state."""
+    """Request a change of an axis' state.
+
+    Args:
+        node_id: of the axis.
+        state: to enter.
+    """
     return CanFrame(odrive_id(node_id, OdriveCommand.SET_AXIS_STATE), _WORD.pack(state))
 
 
 def encode_controller_mode(node_id: int) -> CanFrame:
-    """Select torque control with input mode "passthrough"."""
+    """Select torque control with input mode "passthrough".
+
+    Args:
+        node_id: of the axis.
+    """
     data = _TWO_WORDS.pack(TORQUE_CONTROL, PASSTHROUGH)
     return CanFrame(odrive_id(node_id, OdriveCommand.SET_CONTROLLER_MODE), data)
 
 
 def encode_input_torque(node_id: int, torque_nm: float) -> CanFrame:
     """Command a motor torque [N m]; it feeds the axis's watchdog.
+
+    Args:
+        node_id: node id of the axis.
+        torque_nm: torque of the motor [N m].
 
     Raises:
         InputError: the torque cannot be represented by a 32 bit float.
@@ -262,6 +285,11 @@ def encode_limits(node_id: int, velocity_rev_s: float, current_a: float) -> CanF
     """Set a motor's velocity limit [rev/s], above which the axis fails, and its current limit [A].
 
     The axis loses both at its next start; CANSimple cannot read them.
+
+    Args:
+        node_id: node id of the axis.
+        velocity_rev_s: largest speed [rev/s].
+        current_a: largest current [A].
     """
     return CanFrame(odrive_id(node_id, OdriveCommand.SET_LIMITS), _TWO_FLOATS.pack(velocity_rev_s, current_a))
 

@@ -58,6 +58,10 @@ class YamlDocument:
 def load_yaml(path: str | Path, max_bytes: int = MAX_BYTES) -> YamlDocument:
     """Read a YAML file.
 
+    Args:
+        path: path of the file.
+        max_bytes: largest size.
+
     Raises:
         InputError: the file cannot be read, is too large, is not UTF-8, or is not the strict YAML of this
             module.
@@ -169,6 +173,10 @@ MOST_BYTES = 16 * 1024 * 1024
 def read_text(path: Path, most_bytes: int = MOST_BYTES) -> str:
     """Read a text file.
 
+    Args:
+        path: path of the file.
+        most_bytes: largest size.
+
     Raises:
         OSError: the file cannot be read.
         ValueError: the file is a device or a pipe, is too large, or is not UTF-8.
@@ -220,7 +228,13 @@ def matching(pattern: str, words: str) -> AfterValidator:
 
 
 def between(low: float, high: float, unit: str) -> AfterValidator:
-    """Make a validator for a number within bounds."""
+    """Make a validator for a number within bounds.
+
+    Args:
+        low: lower bound.
+        high: upper bound.
+        unit: unit of the number.
+    """
 
     def check(value: float) -> float:
         if not low <= value <= high:
@@ -311,6 +325,11 @@ def validate(
 
 def member(value: object, registry: Registry[Model], key: str) -> Model:
     """Make a registry's member from `{key: its name, parameter: ...}`; return a finished member as it is.
+
+    Args:
+        value: mapping, or member.
+        registry: registry of the members.
+        key: key of the member's name.
 
     Raises:
         InputError: no such member, no name given, or a parameter is unknown, missing or outside its range.

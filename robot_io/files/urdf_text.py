@@ -25,6 +25,9 @@ _ROUNDING = 1e-4  # rounding of published tensors, as a share of the largest mom
 def parse_urdf(text: str) -> Element:
     """Parse a URDF; its links must be a tree, its numbers finite and its masses possible.
 
+    Args:
+        text: XML.
+
     Raises:
         ValueError: the text is not such a URDF, or is larger than any arm needs.
     """
@@ -73,7 +76,14 @@ def parse_xml(text: str, *, comments: bool = False) -> Element:
 
 
 def last_link(robot: Element) -> str:
-    """Find the link at the end of the longest chain of joints; of several, the one named last."""
+    """Find the link at the end of the longest chain of joints; of several, the one named last.
+
+    Args:
+        robot: root of the URDF.
+
+    Returns:
+        Name of the link.
+    """
     parents = {_linked(joint, "child"): _linked(joint, "parent") for joint in robot.findall("joint")}
     names = [link.get("name", "") for link in robot.findall("link")]
     return max(reversed(names), key=lambda name: _depth(name, parents), default="")
@@ -87,7 +97,14 @@ def _depth(link: str, parents: dict[str, str]) -> int:
 
 
 def without_files(robot: Element) -> Element:
-    """Remove meshes and textures, so that drawing opens no file and asks no server."""
+    """Remove meshes and textures, so that drawing opens no file and asks no server.
+
+    Args:
+        robot: root of the URDF; it is changed.
+
+    Returns:
+        The same element.
+    """
     for link in robot.iter("link"):
         for shape in (*link.findall("visual"), *link.findall("collision")):
             if shape.find(".//mesh") is not None:

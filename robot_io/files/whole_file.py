@@ -12,6 +12,9 @@ _TIMES = 20  # times the packed size; noisy measurements come to 2 to 5, steady 
 def most_unpacked(packed_bytes: int) -> int:
     """Compute how much memory a packed file may take.
 
+    Args:
+        packed_bytes: size of the file.
+
     Returns:
         Largest unpacked size [bytes].
     """
@@ -19,13 +22,24 @@ def most_unpacked(packed_bytes: int) -> int:
 
 
 def as_utf8(text: str) -> str:
-    """Replace bytes of a file's name that UTF-8 cannot hold by question marks."""
+    """Replace bytes of a file's name that UTF-8 cannot hold by question marks.
+
+    Args:
+        text: text from a file's name.
+
+    Returns:
+        Text that can be encoded.
+    """
     return text.encode("utf-8", "replace").decode("utf-8")
 
 
 @contextmanager
 def whole_file(path: Path, *, replace: bool = True) -> Iterator[Path]:
     """Give a temporary name to write under; the finished file is renamed on exit.
+
+    Args:
+        path: final name of the file.
+        replace: whether an existing file is replaced.
 
     Yields:
         The temporary name.
@@ -58,6 +72,9 @@ def whole_file(path: Path, *, replace: bool = True) -> Iterator[Path]:
 @contextmanager
 def held_name(path: Path) -> Iterator[None]:
     """Hold a name by a second file, for as long as it takes to give it to a file.
+
+    Args:
+        path: the name.
 
     Raises:
         FileExistsError: another program uses it.

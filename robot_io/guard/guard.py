@@ -183,7 +183,14 @@ class Guard:
         return self._finished
 
     def too_old(self, measurement: Measurement) -> tuple[str, ...]:
-        """Describe each device without a young enough sample; never trips."""
+        """Describe each device without a young enough sample; never trips.
+
+        Args:
+            measurement: measurement to check.
+
+        Returns:
+            One line per device.
+        """
         return self._checks.too_old(measurement)
 
     def watch(self, measurement: Measurement, reference_position_rad: FloatArray | None = None) -> None:
@@ -224,6 +231,10 @@ class Guard:
         """Latch a trip from outside, such as Ctrl-C or an exception; an earlier one stays.
 
         An encoder that is suspect at this time is named as well.
+
+        Args:
+            cause: one sentence.
+            remedy: what the user can do.
         """
         if self._trip is None:
             suspicion = self._stuck_encoders.suspicion
@@ -237,6 +248,14 @@ class Guard:
         """Limit a command, or replace it by the safe state once tripped.
 
         Trips on a command that is not finite. A measurement that was not checked yet is checked first.
+
+        Args:
+            command: command of the controller.
+            measurement: measurement of this tick.
+            dt_s: time since the previous tick [s].
+
+        Returns:
+            The command that may be sent.
         """
         if measurement is not self._watched:
             self.watch(measurement)
@@ -249,6 +268,9 @@ class Guard:
 
     def rearm(self, measurement: Measurement) -> None:
         """Let commands through again, starting from the measured state and torque.
+
+        Args:
+            measurement: measurement of this tick.
 
         Raises:
             SafetyTripError: the stop is not over, or a problem persists; the trip stays.

@@ -107,6 +107,9 @@ class LimitChecks:
 
     Every comparison is written so that NaN fails it. Plain floats are several times faster than arrays for a
     few joints, and this runs in every tick.
+
+    Args:
+        limits: limits of the arm.
     """
 
     def __init__(self, limits: Limits) -> None:
@@ -163,7 +166,14 @@ class LimitChecks:
         return None
 
     def too_old(self, measurement: Measurement) -> tuple[str, ...]:
-        """Describe each device without a young enough sample, whatever the sample holds."""
+        """Describe each device without a young enough sample, whatever the sample holds.
+
+        Args:
+            measurement: measurement to check.
+
+        Returns:
+            One line a device.
+        """
         time_s, ok = measurement.time_s, Status.OK
         problems = (
             _sample_problem("encoder", ok, time_s - measurement.encoder_at_s, self._encoder_age_s),
@@ -174,6 +184,9 @@ class LimitChecks:
 
     def motion_is_known(self, measurement: Measurement) -> bool:
         """Return whether position and velocity can be acted on, wherever they are.
+
+        Args:
+            measurement: measurement to check.
 
         Returns:
             True if they are young, healthy and finite.

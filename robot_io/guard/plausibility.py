@@ -104,12 +104,22 @@ class _Joint:
         return max(self.least_rad, _STEPS * self.step_rad) if known else self.unknown_rad
 
     def is_suspect(self, time_s: float, moved_rad: float) -> bool:
-        """Whether a sound encoder would have shown that the reference has moved so far, friction aside."""
+        """Whether a sound encoder would have shown that the reference has moved so far, friction aside.
+
+        Args:
+            time_s: robot's clock [s].
+            moved_rad: motion of the reference [rad].
+        """
         still = self.samples >= _SAMPLES and time_s - self.since_s >= self.still_s - 1e-9
         return still and abs(moved_rad) > self.most_rad
 
     def was_stopped(self, time_s: float, moved_rad: float) -> bool:
-        """Return whether the joint followed its reference until it stopped, while the reference continued."""
+        """Return whether the joint followed its reference until it stopped, while the reference continued.
+
+        Args:
+            time_s: robot's clock [s].
+            moved_rad: motion of the reference [rad].
+        """
         way_rad = self.followed_rad
         if abs(way_rad) <= self.most_rad or not _FOLLOWED[0] < self.before_rad / way_rad < _FOLLOWED[1]:
             return False
@@ -146,6 +156,9 @@ class StuckEncoders:
 
     def trusted(self, measurement: Measurement) -> list[bool]:
         """Determine for which joints the velocity can be trusted.
+
+        Args:
+            measurement: measurement of this tick.
 
         Returns:
             False for suspect joints whose reading has not changed since, shape (n,).
@@ -241,6 +254,9 @@ class StuckForce:
 
     def problem(self, measurement: Measurement) -> Problem | None:
         """Check one tick; a repeated sample is ignored.
+
+        Args:
+            measurement: measurement of this tick.
 
         Returns:
             The problem of a stuck force, or None.
@@ -338,7 +354,12 @@ class _Drive:
         self.count = self.jumps = 0
 
     def widen(self, torque_nm: float, *, is_next: bool) -> None:
-        """Include a command in the range, in this interval or as the first of the next one."""
+        """Include a command in the range, in this interval or as the first of the next one.
+
+        Args:
+            torque_nm: commanded torque [N m].
+            is_next: whether a new interval begins with this command.
+        """
         if is_next:
             self.before_nm, self.sent_nm = self.sent_nm, (torque_nm, torque_nm)
         low_nm, high_nm = self.sent_nm
@@ -350,7 +371,11 @@ class _Drive:
         self.high_nm = high_nm if high_nm > before_high_nm else before_high_nm
 
     def shows(self, measured_nm: float) -> None:
-        """Store the newest reading, and update the mean jump."""
+        """Store the newest reading, and update the mean jump.
+
+        Args:
+            measured_nm: measured torque of the drive [N m].
+        """
         jump_nm = abs(measured_nm - self.measured_nm)
         self.measured_nm = measured_nm
         if jump_nm > 0.0:
@@ -417,6 +442,9 @@ class UnresponsiveDrives:
 
     def problem(self, measurement: Measurement) -> Problem | None:
         """Check one tick; a repeated sample is ignored.
+
+        Args:
+            measurement: measurement of this tick.
 
         Returns:
             The problem of the first drive that has not obeyed for `deaf_drive_s`, or None.

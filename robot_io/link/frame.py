@@ -42,7 +42,11 @@ CHECKSUM = Seal(
 
 
 def key_seal(key: bytes) -> Seal:
-    """Make the seal of a key."""
+    """Make the seal of a key.
+
+    Args:
+        key: the secret.
+    """
     broken = "it was not made with this side's key"
     return Seal(16, lambda frame: hmac.digest(key, frame, "sha256")[:16], broken)
 
@@ -51,6 +55,10 @@ def load_seal(path: Path, topic: str) -> Seal:
     """Make the seal of a key file for the messages on one topic.
 
     Each topic has its own derived key: a frame of another pair, or of the other direction, is not valid.
+
+    Args:
+        path: file whose bytes are the secret.
+        topic: name of the topic.
 
     Raises:
         InputError: the file cannot be read, other users can read it, or it is too short or too long.
@@ -72,6 +80,10 @@ def load_seal(path: Path, topic: str) -> Seal:
 
 def check_secret(path: Path, what: str) -> None:
     """Raise an error if other users can read a file with a secret.
+
+    Args:
+        path: the file.
+        what: name of the file in the error.
 
     Raises:
         InputError: other users can read it, or it does not exist.
@@ -142,7 +154,16 @@ class Frame(NamedTuple):
 def encode(  # noqa: PLR0917
     sender: int, sequence: int, sent_s: float, heard: Heard, message: Message, seal: Seal = CHECKSUM
 ) -> bytes:
-    """Put a message into a frame."""
+    """Put a message into a frame.
+
+    Args:
+        sender: random number of this program.
+        sequence: number of the frame.
+        sent_s: time of sending on this side's clock [s].
+        heard: newest frame of the peer.
+        message: the content.
+        seal: seal of this side.
+    """
     kind = _KINDS[type(message)]
     content = _WIRE[kind].encode(message)
     t1, t2, t3, t4, t5, t6, t7, t8, t9 = _TAGS
@@ -160,6 +181,10 @@ def encode(  # noqa: PLR0917
 
 def decode(data: bytes, seal: Seal = CHECKSUM) -> Frame:
     """Read a frame; its message is decoded on access.
+
+    Args:
+        data: received bytes.
+        seal: seal of the other side.
 
     Raises:
         FrameError: the bytes are too many, of another version, damaged, or made without the key.

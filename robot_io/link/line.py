@@ -54,7 +54,11 @@ class Impairment:
 
 
 class BadNetwork:
-    """Delays and loses frames; frames may overtake each other."""
+    """Delays and loses frames; frames may overtake each other.
+
+    Args:
+        impairment: delay, jitter, loss and seed.
+    """
 
     def __init__(self, impairment: Impairment) -> None:
         self._is, self._rng = impairment, np.random.default_rng(impairment.seed)
@@ -62,14 +66,23 @@ class BadNetwork:
         self._count = 0
 
     def put(self, data: bytes, now_s: float) -> None:
-        """Add a frame that is sent now."""
+        """Add a frame that is sent now.
+
+        Args:
+            data: the frame.
+            now_s: time [s].
+        """
         self._count += 1
         if self._rng.random() >= self._is.loss:
             delay_s = max(0.0, self._rng.normal(self._is.delay_s, self._is.jitter_s))
             heapq.heappush(self._held, (now_s + delay_s, self._count, data))
 
     def due(self, now_s: float) -> list[bytes]:
-        """Return frames that have arrived, in the order of their arrival."""
+        """Return frames that have arrived, in the order of their arrival.
+
+        Args:
+            now_s: time [s].
+        """
         arrived = []
         while self._held and self._held[0][0] <= now_s:
             arrived.append(heapq.heappop(self._held)[2])
@@ -111,6 +124,11 @@ class LineSettings:
 
 class Line:
     """One end of the line; sends and receives frames.
+
+    Args:
+        role: role of this side.
+        settings: name, port, configuration and key.
+        clock: clock of this side.
 
     Attributes:
         role: role of this side.
@@ -158,7 +176,11 @@ class Line:
         self._put: Callable[[bytes], object] = self._publisher.put
 
     def send(self, message: Message) -> None:
-        """Send one message without waiting for the other side."""
+        """Send one message without waiting for the other side.
+
+        Args:
+            message: the content.
+        """
         now_s = self._clock.now_s()
         data = encode(self.sender, self._sequence, now_s, self._heard, message, self._mine)
         self._sequence += 1
@@ -187,7 +209,11 @@ class Line:
         self._subscriber = self._session.declare_subscriber(self._subscribed, self._arrived)
 
     def refuse(self, why: str) -> None:
-        """Count received bytes that are not a valid frame or message."""
+        """Count received bytes that are not a valid frame or message.
+
+        Args:
+            why: reason.
+        """
         self.malformed, self.refused = self.malformed + 1, why
 
     @property
@@ -203,7 +229,12 @@ class Line:
         )
 
     def heard(self, frame: Frame, at_s: float) -> None:
-        """Record the newest frame of the peer; the next frame sent refers to it."""
+        """Record the newest frame of the peer; the next frame sent refers to it.
+
+        Args:
+            frame: received frame.
+            at_s: arrival time on this side's clock [s].
+        """
         self._heard = Heard(frame.sender, frame.sent_s, at_s)
 
     def close(self) -> None:

@@ -33,19 +33,30 @@ T = TypeVar("T")
 
 
 class WireType(Generic[T]):
-    """Encodes and decodes one dataclass or named tuple; its own checks run on every decoded value."""
+    """Encodes and decodes one dataclass or named tuple; its own checks run on every decoded value.
+
+    Args:
+        kind: the class.
+    """
 
     def __init__(self, kind: type[T]) -> None:
         self._codec = _Codec(kind, descriptor_of(_describe(kind)))
         self._name = kind.__name__
 
     def encode(self, value: T) -> bytes:
-        """Encode a value."""
+        """Encode a value.
+
+        Args:
+            value: value of the class.
+        """
         data: bytes = self._codec.build(value).SerializeToString()
         return data
 
     def decode(self, data: bytes) -> T:
         """Decode what `encode` made.
+
+        Args:
+            data: a protobuf message.
 
         Raises:
             ProtocolError: the bytes are not such a message, or a value is invalid.

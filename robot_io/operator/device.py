@@ -37,6 +37,10 @@ class OperatorDevice(Opened):
     """A device of an operator, found by its `name`. As a context manager it opens on entry, closes on exit.
 
     A new device implements `_open` and the four methods after it; lifecycle and checks are the same for all.
+
+    Args:
+        settings: settings of the class's own `Settings`.
+        clock: clock of this side.
     """
 
     name: ClassVar[str]  # how files and options call it

@@ -47,10 +47,18 @@ CONTACT_LAWS: Registry[ObjectLaw] = Registry("contact law", ObjectLaw, "palpate.
 
 
 def parse_contact_law(value: object) -> ObjectLaw:
-    """Make a law from a scenario's `{name: ..., parameter: ...}`; see `member`."""
+    """Make a law from a scenario's `{name: ..., parameter: ...}`; see `member`.
+
+    Args:
+        value: a mapping, or a law.
+    """
     return member(value, CONTACT_LAWS, "name")
 
 
 def describe_contact_law(law: ObjectLaw) -> dict[str, object]:
-    """Convert a law to what `parse_contact_law` reads."""
+    """Convert a law to what `parse_contact_law` reads.
+
+    Args:
+        law: the law.
+    """
     return {"name": law.name, **law.model_dump()}

@@ -1,7 +1,4 @@
-"""Emulated devices for the drivers, written from the protocols' manuals.
-
-All times (`now_s`) are those of the bench's clock [s].
-"""
+"""Emulated devices for the drivers, written from the protocols' manuals."""
 
 from palpate.sim_backend.emulators.faults import Fault, FaultKind, Faults
 

@@ -61,7 +61,11 @@ class Plant:
         self.world.set_torque(self._torque_nm)
 
     def advance_to(self, time_s: float) -> None:
-        """Advance the physics to a time, and sample all sensors."""
+        """Advance the physics to a time, and sample all sensors.
+
+        Args:
+            time_s: bench's clock [s].
+        """
         world = self.world
         world.advance_to(time_s)
         motion, torque = world.encoder.read(time_s), world.torque_sensor.read(time_s)
@@ -75,7 +79,14 @@ class Plant:
             self.force = (force.value[0], force.status)
 
     def joint(self, joint: int) -> JointState:
-        """Return the newest sample of a joint."""
+        """Return the newest sample of a joint.
+
+        Args:
+            joint: index of the joint, from 0.
+
+        Returns:
+            Its position, velocity and torque.
+        """
         return self._joints[joint]
 
     def close(self) -> None:
@@ -101,7 +112,11 @@ class Shaft:
         self.limp = self.backwards = False
 
     def exert(self, torque_nm: float) -> None:
-        """Set the motor's torque, to which that of a second motor on the joint is added."""
+        """Set the motor's torque, to which that of a second motor on the joint is added.
+
+        Args:
+            torque_nm: torque of this motor at the joint [N m].
+        """
         self.torque_nm = 0.0 if self.limp else -torque_nm if self.backwards else torque_nm
         self._plant.set_torque(self._joint, self._together_nm)
 
@@ -128,11 +143,19 @@ class EmulatedWire(ABC):
 
     @abstractmethod
     def receive(self, now_s: float) -> None:
-        """Process received bytes or frames."""
+        """Process received bytes or frames.
+
+        Args:
+            now_s: bench's clock [s].
+        """
 
     @abstractmethod
     def send(self, now_s: float) -> None:
-        """Send due bytes or frames."""
+        """Send due bytes or frames.
+
+        Args:
+            now_s: bench's clock [s].
+        """
 
     @abstractmethod
     def close(self) -> None:
@@ -166,7 +189,11 @@ class Bench:
             clock.subscribe(self.advance_to)
 
     def advance_to(self, time_s: float) -> None:
-        """Advance plant and wires to a time."""
+        """Advance plant and wires to a time.
+
+        Args:
+            time_s: bench's clock [s].
+        """
         while not self._closed and self._now_s < time_s - 1e-9:
             for wire in self._wires:
                 wire.receive(self._now_s)

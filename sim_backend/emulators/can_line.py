@@ -70,7 +70,12 @@ class EmulatedMotor(ABC):
         self._plant.set_torque(self._joint, shaft_nm * self._gear_ratio)
 
     def hear(self, message: can.Message, now_s: float) -> list[can.Message]:
-        """Act on a frame on the bus, unless the motor is starting."""
+        """Act on a frame on the bus, unless the motor is starting.
+
+        Args:
+            message: for this motor or another.
+            now_s: bench's clock [s].
+        """
         return [] if now_s < self._silent_until_s else self._hear(message, now_s)
 
     @abstractmethod
@@ -79,10 +84,19 @@ class EmulatedMotor(ABC):
 
     @abstractmethod
     def tell(self, now_s: float) -> list[can.Message]:
-        """Check the watchdog, and return the frames that the motor sends without a request, if any."""
+        """Check the watchdog, and return the frames that the motor sends without a request; none as a rule.
+
+        Args:
+            now_s: bench's clock [s].
+        """
 
     def strike(self, fault: Fault, now_s: float) -> None:
-        """Apply a fault of the motor itself: alert, reboot, or an encoder that is stuck from now on."""
+        """Apply a fault of the motor itself: alert, reboot, or an encoder that is stuck from now on.
+
+        Args:
+            fault: fault to apply.
+            now_s: bench's clock [s].
+        """
         if fault.kind is FaultKind.ALERT:
             self._fail()
         elif fault.kind is FaultKind.STUCK:
@@ -187,6 +201,9 @@ def open_virtual_bus(*, in_lock_step: bool) -> tuple[can.BusABC, dict[str, Any]]
 
     In lock-step frames carry the time of the simulated clock; else the wall clock's, as on a real adapter.
 
+    Args:
+        in_lock_step: whether the clock is a simulated one.
+
     Returns:
         The opened end, and the driver's settings for the other.
     """
@@ -206,6 +223,9 @@ def wire_of(
         request: the bus to emulate.
         motors: settings of each, from base to tip.
         make: makes a node from joint (from 0) and settings.
+
+    Returns:
+        Wire and settings.
     """
     nodes = [make(joint, motor) for joint, motor in enumerate(motors)]
     bus, reach = open_virtual_bus(in_lock_step=request.in_lock_step)

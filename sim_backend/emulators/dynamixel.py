@@ -31,7 +31,14 @@ _TOO_LONG = 0x3FF  # no servo takes more
 
 
 def checksum(data: bytes) -> int:
-    """Compute the CRC-16 of x^16 + x^15 + x^2 + 1, most significant bit first, 0 at the start."""
+    """Compute the CRC-16 of x^16 + x^15 + x^2 + 1, most significant bit first, 0 at the start.
+
+    Args:
+        data: bytes that it covers.
+
+    Returns:
+        The remainder, from 0 to FFFF.
+    """
     remainder = 0
     for byte in data:
         remainder = (remainder << 8 & 0xFFFF) ^ _QUOTIENTS[remainder >> 8 ^ byte]
@@ -85,6 +92,9 @@ def status(servo_id: int, error: int, data: bytes = b"") -> bytes:
         servo_id: id of the sender.
         error: number, with the alert bit.
         data: parameters.
+
+    Returns:
+        The packet, with its checksum.
     """
     body = (bytes((STATUS_INSTRUCTION, error)) + data).replace(_START, _STUFFED)
     length = len(body) + 2

@@ -80,7 +80,13 @@ GOALS = range(100, 120)
 
 
 def items_of(model: EmulatedModel, servo_id: int, firmware: int) -> dict[int, Item]:
-    """Return the rows of a model's control table by address, without rows that the emulator does not use."""
+    """Return the rows of a model's control table by address, without rows that the emulator does not use.
+
+    Args:
+        model: model of the servo.
+        servo_id: id of the servo.
+        firmware: version.
+    """
     rows = [
         Item(0, 2, False, model.number),
         Item(2, 4, False),
@@ -147,6 +153,9 @@ class Memory:
     def get(self, address: int) -> int:
         """Return the value of an item.
 
+        Args:
+            address: address of the item.
+
         Returns:
             The value, signed if the item's range goes below zero.
         """
@@ -163,6 +172,10 @@ class Memory:
 
     def read(self, address: int, size: int) -> bytes | Error:
         """Read consecutive bytes for an instruction.
+
+        Args:
+            address: address of the first byte.
+            size: bytes.
 
         Returns:
             The bytes, or why they cannot be read.
@@ -263,6 +276,10 @@ class EmulatedServo(LineServo):
 
     def read(self, address: int, size: int) -> bytes | Error:
         """Answer a read, with the newest sample of the sensors.
+
+        Args:
+            address: address of the first byte.
+            size: bytes.
 
         Returns:
             The bytes, or why they cannot be read.

@@ -78,7 +78,13 @@ class Faults:
         self._struck = {}
 
     def strikes(self, kind: FaultKind, device: str | int, now_s: float) -> Fault | None:
-        """Draw whether a fault of this kind occurs in a device now; each call is one opportunity."""
+        """Draw whether a fault of this kind occurs in a device now; each call is one opportunity.
+
+        Args:
+            kind: kind of fault.
+            device: name or number of the device in its emulator.
+            now_s: emulator's clock [s].
+        """
         elapsed_s = now_s - self._start_s
         for place, fault in enumerate(self._planned):
             lasts_s = inf if fault.for_s is None else fault.for_s

@@ -49,6 +49,9 @@ class FeetechReceiver(Receiver):
 def inverted_sum(content: bytes | bytearray) -> int:
     """Compute the checksum of the bytes between header and checksum.
 
+    Args:
+        content: bytes between header and checksum.
+
     Returns:
         One byte: all bits of their sum inverted.
     """
@@ -65,6 +68,9 @@ def status(servo_id: int, error: int, data: bytes = b"") -> bytes:
         servo_id: id of the sender.
         error: bits.
         data: parameters.
+
+    Returns:
+        The packet, with its checksum.
     """
     content = bytes((servo_id, len(data) + 2, error)) + data
     return b"\xff\xff" + content + bytes((inverted_sum(content),))
@@ -140,6 +146,10 @@ class EmulatedSts(LineServo):
     def get(self, address: int, size: int = 2) -> int:
         """Return a value of the memory.
 
+        Args:
+            address: address of the first byte.
+            size: bytes.
+
         Returns:
             The value, without a sign.
         """
@@ -164,11 +174,21 @@ class EmulatedSts(LineServo):
         return 2e-6 * self.get(7, 1)
 
     def read(self, address: int, size: int) -> bytes:
-        """Answer a read."""
+        """Answer a read.
+
+        Args:
+            address: address of the first byte.
+            size: bytes.
+        """
         return bytes(self._memory[address : address + size])
 
     def write(self, address: int, data: bytes) -> None:
-        """Execute a write; registers that cannot be written are unchanged."""
+        """Execute a write; registers that cannot be written are unchanged.
+
+        Args:
+            address: address of the first byte.
+            data: bytes to write.
+        """
         was_on = self.get(40, 1)
         for place, byte in enumerate(data, address):
             if place < len(self._memory) and place not in _READ_ONLY:
@@ -180,7 +200,11 @@ class EmulatedSts(LineServo):
         self._drive()
 
     def watch(self, now_s: float) -> None:
-        """Read the position sensor and control the position; steps are shorter than samples of the joint."""
+        """Read the position sensor and control the position; steps are shorter than samples of the joint.
+
+        Args:
+            now_s: bench's clock [s].
+        """
         shaft = self.shaft
         joint = (shaft.state(), shaft.limp, shaft.backwards) if shaft else None
         if (joint, self.stuck, self.error, self.supply_v, self._memory) == self._watched:

@@ -313,7 +313,11 @@ class EmulatedRobstride(EmulatedMitMotor):
         self.error, self.enabled = 0, False
 
     def tell_faults(self, faults: int) -> None:
-        """Report fault bits without a request, with the next `tell`."""
+        """Report fault bits without a request, with the next `tell`.
+
+        Args:
+            faults: bits.
+        """
         self._news.append(self._message(21, self.number, struct.pack("<II", faults, 0)))
 
     def _reply(self) -> can.Message:

@@ -36,7 +36,11 @@ class StreamTimer:
         return self._next_s < inf
 
     def start(self, now_s: float) -> None:
-        """Start the stream."""
+        """Start the stream.
+
+        Args:
+            now_s: bench's clock [s].
+        """
         self._next_s = now_s + self._period_s
 
     def stop(self) -> None:
@@ -44,7 +48,11 @@ class StreamTimer:
         self._next_s = inf
 
     def due(self, now_s: float) -> bool:
-        """Check whether a reading is due; each is due once."""
+        """Check whether a reading is due; each is due once.
+
+        Args:
+            now_s: bench's clock [s].
+        """
         if now_s < self._next_s - 1e-9:
             return False
         self.passed = 1 + int((now_s - self._next_s + 1e-9) / self._period_s)
@@ -64,6 +72,10 @@ class SerialSensor(ABC):
     def hear(self, data: bytes, now_s: float) -> bytes:
         """Act on bytes from the host, unless the sensor is starting.
 
+        Args:
+            data: bytes from the host.
+            now_s: bench's clock [s].
+
         Returns:
             The answer; may be empty.
         """
@@ -74,7 +86,11 @@ class SerialSensor(ABC):
         return b""
 
     def due(self, now_s: float) -> bool:
-        """Check whether a reading of a requested stream is due; each reading is due once."""
+        """Check whether a reading of a requested stream is due; each reading is due once.
+
+        Args:
+            now_s: bench's clock [s].
+        """
         return now_s >= self._silent_until_s and self._timer.due(now_s)
 
     @abstractmethod
@@ -83,10 +99,18 @@ class SerialSensor(ABC):
 
         Args:
             force_n: force with the sensor's own sign [N]; NaN if there is none.
+
+        Returns:
+            The bytes that the sensor sends.
         """
 
     def restart(self, now_s: float, silent_s: float) -> None:
-        """Return to the power-up state, after a silence."""
+        """Return to the power-up state, after a silence.
+
+        Args:
+            now_s: bench's clock [s].
+            silent_s: duration of the silence [s].
+        """
         self._silent_until_s = now_s + silent_s
         self._power_up(now_s)
 

@@ -108,6 +108,9 @@ def telegram(command: int, to: int, parameters: bytes = b"", sender: int = ADDRE
         to: receiver.
         parameters: bytes.
         sender: address of the sensor.
+
+    Returns:
+        The telegram, with both checksums.
     """
     content = bytes((command, to, sender, len(parameters))) + parameters
     stuffed = b"".join(
@@ -255,6 +258,9 @@ _RAIL = 0x7FFFFF  # of a 24 bit converter
 def cell_crc(data: bytes) -> int:
     """Compute the CRC-16 of x^16 + x^12 + x^5 + 1, most significant bit first, FFFF at the start.
 
+    Args:
+        data: bytes that it covers.
+
     Returns:
         The remainder, from 0 to FFFF.
     """
@@ -267,7 +273,14 @@ def cell_crc(data: bytes) -> int:
 
 
 def cell_line(text: str) -> bytes:
-    """Make a line of the firmware."""
+    """Make a line of the firmware.
+
+    Args:
+        text: text without checksum and line end.
+
+    Returns:
+        The line, with checksum and end.
+    """
     return text.encode() + f"*{cell_crc(text.encode()):04X}\n".encode()
 
 
@@ -305,6 +318,9 @@ _STEP_US = 19.53125  # of one conversion
 def bota_crc(data: bytes) -> int:
     """Compute the CRC-16 of X.25: x^16 + x^12 + x^5 + 1, reflected, FFFF at the start.
 
+    Args:
+        data: bytes that it covers.
+
     Returns:
         The remainder, inverted, from 0 to FFFF.
     """
@@ -324,6 +340,9 @@ def bota_frame(status: int, values: list[float], time_us: int, temperature_c: fl
         values: three forces [N], three torques [N m].
         time_us: sensor's clock [us].
         temperature_c: temperature of the sensor [deg C].
+
+    Returns:
+        The frame, with its checksum.
     """
     data = struct.pack("<H", status) + b"".join(struct.pack("<f", value) for value in values)
     data += struct.pack("<If", time_us % 2**32, temperature_c)
@@ -396,6 +415,9 @@ _NEWTONS = {"N": 1.0, "kN": 1e3, "lbf": LBF_N, "klbf": 4448.2216152605, "kgf": 9
 def newtons_per(unit: str) -> float:
     """Return the newtons in one unit.
 
+    Args:
+        unit: such as "lbf".
+
     Raises:
         InputError: no emulated sensor counts in it.
     """
@@ -410,7 +432,14 @@ class SensorSettings(FileModel, extra="ignore"):
     reversed: bool = False
 
     def signed(self, sensor: SerialSensor) -> SerialSensor:
-        """Give a sensor the sign with which it is mounted."""
+        """Give a sensor the sign with which it is mounted.
+
+        Args:
+            sensor: sensor to mount.
+
+        Returns:
+            The same sensor.
+        """
         sensor.sign = -1.0 if self.reversed else 1.0
         return sensor
 

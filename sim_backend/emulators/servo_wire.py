@@ -54,6 +54,10 @@ MountingType = TypeVar("MountingType", bound=EmulatedMounting)
 def on_shafts(mountings: Sequence[MountingType], plant: Plant) -> list[tuple[MountingType, Shaft]]:
     """List all servos of an arm, one or two per joint, from base to tip.
 
+    Args:
+        mountings: mountings of the joints, from base to tip.
+        plant: the arm.
+
     Returns:
         Each with the shaft on which it sits.
     """
@@ -95,7 +99,11 @@ class LineServo(ABC):
         return JointState(angle_rad, self._direction * speed_rad_s, state.torque_nm)
 
     def hear(self, now_s: float) -> None:
-        """Receive any instruction on the line, which feeds the watchdog."""
+        """Receive any instruction on the line, which feeds the watchdog.
+
+        Args:
+            now_s: bench's clock [s].
+        """
         self._heard_s = now_s
 
     @property
@@ -110,7 +118,11 @@ class LineServo(ABC):
 
     @abstractmethod
     def watch(self, now_s: float) -> None:
-        """Advance the servo by one step."""
+        """Advance the servo by one step.
+
+        Args:
+            now_s: bench's clock [s].
+        """
 
     @abstractmethod
     def fail(self) -> None:
@@ -118,7 +130,12 @@ class LineServo(ABC):
 
     @abstractmethod
     def reboot(self, now_s: float, away_s: float) -> None:
-        """Lose power for `away_s` [s]."""
+        """Lose power for `away_s` [s].
+
+        Args:
+            now_s: bench's clock [s].
+            away_s: duration without power [s].
+        """
 
 
 ServoType = TypeVar("ServoType", bound=LineServo)
@@ -142,7 +159,11 @@ class Receiver(ABC):
         self._pending = bytearray()
 
     def take(self, data: bytes) -> Iterator[Instruction]:
-        """Yield the instructions that are complete now."""
+        """Yield the instructions that are complete now.
+
+        Args:
+            data: received bytes.
+        """
         self._pending += data
         while (instruction := self._next()) is not None:
             yield instruction

@@ -39,6 +39,9 @@ class WireMaker(ABC):
     def make(self, request: WireRequest) -> tuple[EmulatedWire, dict[str, Any]]:
         """Make the wire, and the bus settings by which its driver finds it.
 
+        Args:
+            request: the bus to emulate.
+
         Raises:
             InputError: the settings are not valid.
         """
@@ -68,6 +71,16 @@ def wire_up(
     """Emulate every bus of a robot; on a simulated clock the devices run in lockstep with it.
 
     Faults are given by bus name; effects are hidden in plant and sensors.
+
+    Args:
+        robot_file: robot file of the real arm.
+        scenario: the simulated world.
+        clock: simulated, or a real one.
+        faults: faults by bus name.
+        effects: hidden in plant and sensors.
+
+    Returns:
+        The arm with its bench, which the caller closes.
 
     Raises:
         InputError: a bus has no emulator, or its settings are not valid.

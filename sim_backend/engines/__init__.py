@@ -30,6 +30,9 @@ def default_engine() -> EngineName:
 def engine_class(name: EngineName) -> type[Engine]:
     """Import an engine.
 
+    Args:
+        name: name of the engine.
+
     Raises:
         InputError: it is not installed.
     """

@@ -35,6 +35,9 @@ def dynamics_urdf(
         tip_radius_m: radius of the sphere [m].
         sensor_axis_tip: unit vector in the tip frame along which the tool pushes.
 
+    Returns:
+        The URDF for the engine.
+
     Raises:
         InputError: the text is not a URDF, has an invalid number, or lacks the link of the tip frame.
     """

@@ -40,6 +40,10 @@ class _Added(MaterialEffect):
     def contact_force_n(self, state: ContactState, force_n: float) -> float:
         """Add the force of the material below the surface, and nothing above it.
 
+        Args:
+            state: motion of the tip.
+            force_n: force so far [N].
+
         Returns:
             Force on the tip along the surface normal [N].
         """
@@ -151,7 +155,14 @@ class _Higher(MaterialEffect):
         self._offset_m = offset_m
 
     def felt(self, state: ContactState) -> ContactState:
-        """Raise the surface by d."""
+        """Raise the surface by d.
+
+        Args:
+            state: motion of the tip.
+
+        Returns:
+            Motion that the material feels.
+        """
         return state._replace(depth_m=state.depth_m + self._offset_m)
 
 
@@ -197,7 +208,12 @@ class _Bond(_Memory[bool]):
         self._surface = surface
 
     def contact_force_n(self, state: ContactState, force_n: float) -> float:
-        """Subtract the pull of the bond: A below the surface, A (1 + x / neck) above it until it tears."""
+        """Subtract the pull of the bond: A below the surface, A (1 + x / neck) above it until it tears.
+
+        Args:
+            state: motion of the tip.
+            force_n: force so far [N].
+        """
         left = 1.0 + state.depth_m / self._surface.neck_m
         self.tried = state.depth_m > 0.0 or (self.kept and left > 0.0)
         return force_n - self._surface.pull_off_n * min(left, 1.0) if self.tried else force_n
@@ -235,6 +251,10 @@ class _Bristles(_Memory[tuple[float, float]], MaterialEffect):
 
         f is the friction force with the sign of the step dx, z0 the state before the step, and s the path
         over which the state changes.
+
+        Args:
+            state: motion of the tip.
+            force_n: force so far [N].
         """
         before_m, before_n = self.kept
         depth_m = max(state.depth_m, 0.0)
@@ -290,7 +310,12 @@ class _MaxwellBranch(_Memory[tuple[float, float]], MaterialEffect):
         self._time_s = time_s
 
     def contact_force_n(self, state: ContactState, force_n: float) -> float:
-        """Add F = F0 exp(-h / tau) + k dx (1 - exp(-h / tau)) tau / h in contact; h is the step."""
+        """Add F = F0 exp(-h / tau) + k dx (1 - exp(-h / tau)) tau / h, with h the step; none out of contact.
+
+        Args:
+            state: motion of the tip.
+            force_n: force so far [N].
+        """
         before_m, before_n = self.kept
         depth_m = max(state.depth_m, 0.0)
         steps = state.step_s / self._time_s
@@ -330,7 +355,14 @@ class _Dent(_Memory[float], MaterialEffect):
         self._surface = surface
 
     def felt(self, state: ContactState) -> ContactState:
-        """Lower the surface to the dent, which deepens to s x and fades while nothing presses."""
+        """Lower the surface to the dent, which deepens to s x and fades while nothing presses.
+
+        Args:
+            state: motion of the tip.
+
+        Returns:
+            Motion that the material feels.
+        """
         share, recovery_s = self._surface.share, self._surface.recovery_s
         dent_m, dent_rate_m_s = self.kept, 0.0
         if recovery_s:
@@ -387,6 +419,10 @@ class _SeriesSpring(ToolEffect):
 
     def contact_force_n(self, state: ContactState, surface_n: Callable[[ContactState], float]) -> float:
         """Solve for the compression u of the tool, and return u / C.
+
+        Args:
+            state: motion of the tip.
+            surface_n: returns the object's force [N] for a motion; the last call is for the solution.
 
         Returns:
             Force on the tip along the surface normal [N].

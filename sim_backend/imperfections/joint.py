@@ -31,6 +31,10 @@ class _Friction(JointImperfection, ABC):
     def _resistance_nm(self, speed_rad_s: float, along_nm: float) -> float:
         """Compute the largest resistance, see `JointFriction`.
 
+        Args:
+            speed_rad_s: absolute speed of the joint [rad/s].
+            along_nm: drive's torque along the motion, negative where it holds back [N m].
+
         Returns:
             0 or more [N m].
         """
@@ -158,6 +162,10 @@ class HiddenLoadDependentFriction(_Friction):
     def _resistance_nm(self, speed_rad_s: float, along_nm: float) -> float:
         """Compute the friction, which loads a drive that pushes and relieves a drive that brakes.
 
+        Args:
+            speed_rad_s: speed of the joint without its sign [rad/s]; it does not matter here.
+            along_nm: torque of the drive along the motion [N m], negative where the drive holds back.
+
         Returns:
             Largest resistance [N m].
         """
@@ -179,6 +187,10 @@ class _LinkTorque(JointImperfection, ABC):
     @abstractmethod
     def _torque_nm(self, position_rad: float, drive_nm: float) -> float:
         """Compute the torque on the link, see `AddedTorque`.
+
+        Args:
+            position_rad: positions of the joint [rad].
+            drive_nm: torque of the drive [N m].
 
         Returns:
             Along the joint's axis [N m].
@@ -289,12 +301,22 @@ class _Ahead(JointEffect, SensorHook):
         self._ahead_rad = 0.0
 
     def joint_torque_nm(self, state: JointStepState, torque_nm: Sequence[float]) -> Sequence[float]:
-        """Move the encoder ahead of the link for this step; the torque passes through unchanged."""
+        """Move the encoder ahead of the link for this step; the torque passes through unchanged.
+
+        Args:
+            state: motion of the joints.
+            torque_nm: torques so far, along the joint axes, shape (n,) [N m].
+        """
         self._ahead_rad = self._after_rad(self._ahead_rad, state.step_s, torque_nm[self._index])
         return torque_nm
 
     def measure(self, time_s: float, value: Sequence[float]) -> Sequence[float]:
-        """Add to one position how far its encoder is ahead of the link."""
+        """Add to one position how far its encoder is ahead of the link.
+
+        Args:
+            time_s: time of the sample [s].
+            value: positions, shape (n,) [rad].
+        """
         changed = list(value)
         changed[self._index] += self._ahead_rad
         return changed
@@ -399,7 +421,12 @@ class Rotors(JointEffect):
         self._refresh_s = -inf
 
     def joint_torque_nm(self, state: JointStepState, torque_nm: Sequence[float]) -> Sequence[float]:
-        """Subtract J a, the torques that accelerate the rotors, with a as in the class."""
+        """Subtract J a, the torques that accelerate the rotors, with a as in the class.
+
+        Args:
+            state: motion of the joints.
+            torque_nm: torques so far, along the joint axes, shape (n,) [N m].
+        """
         speed_rad_s, changed_nm = np.array(state.velocity_rad_s), np.array(torque_nm)
         if state.time_s >= self._refresh_s:
             self._inverse = np.linalg.inv(state.mass_matrix())

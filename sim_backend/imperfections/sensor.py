@@ -268,6 +268,10 @@ class _Ball(PlantEffect):
     def urdf(self, urdf_text: str, tip_frame: str) -> str:
         """Add a link with the ball's mass and inertia, 2/5 m r^2, at the far end of its link.
 
+        Args:
+            urdf_text: URDF so far.
+            tip_frame: link at the contact point.
+
         Raises:
             InputError: not XML.
         """
@@ -341,6 +345,9 @@ class _Slope(PlantEffect):
 
     def gravity_m_s2(self, gravity_m_s2: Sequence[float]) -> Sequence[float]:
         """Turn gravity into the tilted base's frame: back about y, then about x.
+
+        Args:
+            gravity_m_s2: fall acceleration in the level frame, shape (3,) [m/s^2].
 
         Returns:
             In the frame of the base, shape (3,) [m/s^2].

@@ -22,6 +22,10 @@ from palpate.sweep.case import Row
 def measure(files: Sequence[Path], parameters: Mapping[str, Any]) -> list[Row]:
     """Read one measurement, and judge it: one row for each channel.
 
+    Args:
+        files: of the measurement.
+        parameters: `where`, and as `options` those of `palpate.batches.run.batch`.
+
     Raises:
         InputError: the files cannot be read, or the model does not describe them.
     """
@@ -38,6 +42,11 @@ def measure(files: Sequence[Path], parameters: Mapping[str, Any]) -> list[Row]:
 
 def write_measurement_report(files: Sequence[Path], parameters: Mapping[str, Any], path: Path) -> None:
     """Write the report of one measurement, with the diagnosis and the effects that the batch has.
+
+    Args:
+        files: of the measurement.
+        parameters: see `measure`.
+        path: of the HTML page.
 
     Raises:
         InputError: the files cannot be read, or the page cannot be written.

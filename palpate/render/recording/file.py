@@ -30,6 +30,11 @@ Line = tuple[FloatArray, str, float]  # values (n,), colour, width in points
 def recording_file(name: str, path: Path, blueprint: rrb.Blueprint) -> Iterator[rr.RecordingStream]:
     """Open a new .rrd file for writing.
 
+    Args:
+        name: name of the recording.
+        path: the file; replaced if it exists.
+        blueprint: layout of the recording.
+
     Raises:
         InputError: the file cannot be written.
     """
@@ -118,6 +123,9 @@ _TOAST_S = 7.0  # the viewer first shows a notification in its upper right corne
 
 def open_window(recording: Path) -> None:
     """Show a recording in a window that outlives this program.
+
+    Args:
+        recording: .rrd file.
 
     Raises:
         PalpateError: the viewer's program cannot be started.

@@ -59,7 +59,11 @@ class Chart:
         return placed
 
     def draw_frame(self, recording: rr.RecordingStream) -> None:
-        """Draw rules and labels, once for all revisions."""
+        """Draw rules and labels, once for all revisions.
+
+        Args:
+            recording: destination.
+        """
         rules = [self.place(np.array(self.x), np.full(2, value)) for value in ticks(*self.y)]
         words = [
             ((-7.0, float(rule[0, 1]) - _LABEL_DROP), f"{value:g}")
@@ -117,7 +121,13 @@ _THICK = 5.0  # thickness of a row's bar
 
 
 def log_budget(recording: rr.RecordingStream, entity: str, budget: BudgetView) -> None:
-    """Log an error budget, the same at all times."""
+    """Log an error budget, the same at all times.
+
+    Args:
+        recording: destination.
+        entity: path of the budget.
+        budget: shares of the error.
+    """
     total = sum(max(part.share, 0.0) for part in budget.parts) or 1.0
     left = 0.0
     for number, part in enumerate(budget.parts):
@@ -180,6 +190,10 @@ def record_rerun(view: StudyView, path: Path) -> None:
     If a diagnosis is known, the first tab of a channel shows its error budget. If effects were added,
     timeline `revision` shows curves, residual, error and sentences of each revision, beside those of revision
     0 in gray. Timeline `time` shows measurement, models and motion over time.
+
+    Args:
+        view: all channels.
+        path: path of the .rrd file.
 
     Raises:
         InputError: the file cannot be written.

@@ -123,12 +123,19 @@ def picture_rows(time_s: FloatArray) -> IntArray:
 
 
 def has_ticks(session: Session) -> bool:
-    """Return whether the session was made by an arm, rather than imported."""
+    """Return whether the session was made by an arm, rather than imported.
+
+    Args:
+        session: session of an arm, or imported session.
+    """
     return STREAM_NAME in session.stream_names and len(session.samples(STREAM_NAME)) > 1
 
 
 def tick_columns(session: Session) -> Columns:
     """Return the columns of the "tick" stream; vector columns keep two dimensions for a single joint.
+
+    Args:
+        session: session of an arm.
 
     Raises:
         InputError: the session has no ticks.
@@ -246,6 +253,10 @@ def solid_shapes() -> list[rr.AsComponents]:
 def log_arm(recording: rr.RecordingStream, scene: Scene) -> None:
     """Log the links once and the joints' motion; nothing without a URDF.
 
+    Args:
+        recording: destination.
+        scene: the session.
+
     Raises:
         InputError: the session's URDF is not valid.
     """
@@ -302,6 +313,11 @@ def load_urdf(text: str, entity: str = _ARM, frame_prefix: str = "") -> urdf_rea
 
     Meshes and textures are left out, because the text of an untrusted session may name any file.
 
+    Args:
+        text: text of the URDF.
+        entity: path of the arm.
+        frame_prefix: prefix of the frame names.
+
     Raises:
         ValueError: the URDF cannot be used.
         RuntimeError: the URDF cannot be used.
@@ -316,7 +332,11 @@ def load_urdf(text: str, entity: str = _ARM, frame_prefix: str = "") -> urdf_rea
 
 
 def moving_joints(tree: urdf_reader.UrdfTree) -> list[urdf_reader.UrdfJoint]:
-    """Return the movable joints, from the base outwards."""
+    """Return the movable joints, from the base outwards.
+
+    Args:
+        tree: URDF tree of the arm.
+    """
     inward = {joint.child_link: joint for joint in tree.joints()}
 
     def distance(joint: urdf_reader.UrdfJoint) -> int:
@@ -327,7 +347,12 @@ def moving_joints(tree: urdf_reader.UrdfTree) -> list[urdf_reader.UrdfJoint]:
 
 
 def log_object(recording: rr.RecordingStream, scene: Scene) -> None:
-    """Log the contact force beside the tip, and the deforming object."""
+    """Log the contact force beside the tip, and the deforming object.
+
+    Args:
+        recording: destination.
+        scene: the session.
+    """
     rows = scene.picture_rows
     press, tips = scene.press_direction_world[rows], scene.ticks["tip_position_world_m"][rows]
     known = np.isfinite(np.hstack([tips, press])).all(axis=1)  # unknown while the guard stops the arm
@@ -355,7 +380,11 @@ def log_object(recording: rr.RecordingStream, scene: Scene) -> None:
 
 
 def view_3d(scene: Scene) -> rrb.Spatial3DView:
-    """Make a view of the arm from the side, with base and all tip positions in sight."""
+    """Make a view of the arm from the side, with base and all tip positions in sight.
+
+    Args:
+        scene: the session.
+    """
     points = np.vstack([np.zeros(3), scene.ticks["tip_position_world_m"]])
     lower, upper = np.nanmin(points, axis=0), np.nanmax(points, axis=0)
     size = max(float(np.linalg.norm(upper - lower)), 0.2)

@@ -32,6 +32,10 @@ _TROUBLE = ("stop", "failure", "log_failed", "observer_failed", "obstacle", "mis
 def record_session(scene: Scene, path: Path) -> None:
     """Write the recording of a probing session, completely or not at all.
 
+    Args:
+        scene: the session.
+        path: path of the .rrd file.
+
     Raises:
         InputError: the file cannot be written, or the session's URDF cannot be shown.
     """

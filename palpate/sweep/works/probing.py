@@ -1,7 +1,4 @@
-"""Work functions that probe a simulated object, and estimate its parameters or diagnose its model.
-
-Each takes the parameters of a case (keys: see `palpate.sweep.grid`) and the seed of all random numbers.
-"""
+"""Work functions that probe a simulated object, and estimate its parameters or diagnose its model."""
 
 import json
 from collections.abc import Mapping, Sequence
@@ -47,6 +44,10 @@ NOTHING = "none"  # no hidden effects
 def estimate(parameters: Mapping[str, Any], seed: int) -> list[Row]:
     """Probe once, and return one row per estimator and draw of the force noise.
 
+    Args:
+        parameters: parameters of the case; see `palpate.sweep.grid` for the keys.
+        seed: seed of all random numbers.
+
     Raises:
         PalpateError: the object could not be probed.
     """
@@ -79,6 +80,10 @@ def diagnosed(parameters: Mapping[str, Any], seed: int) -> list[Row]:
     """Probe and diagnose once, and return one row per diagnosed channel.
 
     The parameter `channels` selects channels; by default all are diagnosed.
+
+    Args:
+        parameters: parameters of the case; see `palpate.sweep.grid` for the keys.
+        seed: seed of all random numbers.
     """
     samples, scenario = probed(parameters, seed)
     robot = find_robot(parameters["robot"])
@@ -101,7 +106,12 @@ def diagnosed(parameters: Mapping[str, Any], seed: int) -> list[Row]:
 
 
 def ticks(parameters: Mapping[str, Any], seed: int) -> list[Row]:
-    """Probe once, and return one row per tick of a run, for figures over time."""
+    """Probe once, and return one row per tick of a run, for figures over time.
+
+    Args:
+        parameters: parameters of the case; see `palpate.sweep.grid` for the keys.
+        seed: seed of all random numbers.
+    """
     samples, _ = probed(parameters, seed)
     contact = contact_channel(samples)
     names = ("time_s", "run", "phase", "force_n", "desired_force_n")
@@ -122,6 +132,10 @@ def probed(parameters: Mapping[str, Any], seed: int) -> tuple[Samples, Scenario]
     """Return the ticks of a probing run, and its simulated world.
 
     The parameter `engine` replaces the scenario's physics engine; world and noise stay the same.
+
+    Args:
+        parameters: parameters of the case; see `palpate.sweep.grid` for the keys.
+        seed: seed of all random numbers.
 
     Raises:
         PalpateError: the object could not be probed, or the parameters do not fit each other.
@@ -147,7 +161,12 @@ def _probed(text: str, seed: int, engine: EngineName | None) -> tuple[Samples, S
 
 
 def world(parameters: Mapping[str, Any], seed: int) -> Scenario:
-    """Make the simulated world of a case. InputError: the parameters conflict."""
+    """Make the simulated world of a case. InputError: the parameters conflict.
+
+    Args:
+        parameters: parameters of the case.
+        seed: seed of the world's noise.
+    """
     data = load_scenario(parameters["scenario"]).model_dump()
     data["object"]["law"] = parameters["law"]
     data["sensors"]["force"]["noise_std_n"] = parameters["noise_std_n"]
@@ -161,7 +180,11 @@ def world(parameters: Mapping[str, Any], seed: int) -> Scenario:
 
 
 def contact_channel(samples: Samples) -> ChannelData:
-    """Return the contact with its force in free air subtracted; raise `InputError` if nothing was touched."""
+    """Return the contact with its force in free air subtracted; raise `InputError` if nothing was touched.
+
+    Args:
+        samples: ticks of a probing run.
+    """
     channels = contact_channels(samples, tared=True)
     if not channels:
         raise InputError("nothing was touched, or only for too short a time")
@@ -175,6 +198,9 @@ def estimators_for(model: str) -> list[str]:
 
 def made_estimator(spec: str | Mapping[str, Any]) -> tuple[str, Estimator | ContactEstimator]:
     """Make an estimator from its name, or from a mapping with `name`, settings and perhaps `label`.
+
+    Args:
+        spec: name of the estimator, or mapping.
 
     Raises:
         InputError: the estimator does not exist or does not accept these settings.
@@ -251,6 +277,10 @@ def ransac_errors(parameters: Mapping[str, Any], seed: int) -> list[Row]:
 
     Motion and surface are known exactly, so that errors depend on the settings only. A share of
     `outliers_percent` of the samples has errors up to the largest force; the bound excludes these samples.
+
+    Args:
+        parameters: parameters of the case; see `palpate.sweep.grid` for the keys.
+        seed: seed of all random numbers.
     """
     ticks, scenario = probed(parameters, seed)
     truth, channel = truth_of(scenario), contact_channel(ticks)

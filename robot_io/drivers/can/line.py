@@ -50,6 +50,9 @@ def encode_line(message: "can.Message") -> bytes:
 
     Args:
         message: frame, at most 8 data bytes.
+
+    Returns:
+        The line, ended by CR.
     """
     kind, digits = ("r" if message.is_remote_frame else "t"), 3
     if message.is_extended_id:
@@ -59,6 +62,9 @@ def encode_line(message: "can.Message") -> bytes:
 
 def decode_line(line: bytes) -> "can.Message":
     """Return the frame in a line without its end; a time stamp is left out.
+
+    Args:
+        line: received line.
 
     Raises:
         ValueError: the line is not a frame, or is damaged.
@@ -106,6 +112,10 @@ class SlcanBus:
     def send(self, message: "can.Message", timeout: float | None = None) -> None:
         """Hand a frame to the adapter at once.
 
+        Args:
+            message: the frame.
+            timeout: not used.
+
         Raises:
             DeviceError: the port has failed, or its buffer is full.
         """
@@ -113,6 +123,9 @@ class SlcanBus:
 
     def recv(self, timeout: float | None = None) -> "can.Message | None":
         """Return the next received frame; never waits.
+
+        Args:
+            timeout: not used.
 
         Raises:
             ValueError: the received bytes are not a frame.
@@ -292,6 +305,10 @@ class CanLine:
 
     def send(self, frame: CanFrame, deadline_s: float) -> None:
         """Hand a frame to the adapter.
+
+        Args:
+            frame: frame to send.
+            deadline_s: end of the retries while the adapter refuses the frame, robot's clock [s].
 
         Raises:
             DeviceError: the adapter refused it before the deadline, is closed or bus-off.

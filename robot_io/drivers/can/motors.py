@@ -45,7 +45,11 @@ class MotorMounting(FileModel):
         return -self.gear_ratio if self.reversed else self.gear_ratio
 
     def joint_angle_rad(self, shaft_rad: float) -> float:
-        """Convert an angle of the motor's shaft to one of the joint [rad]."""
+        """Convert an angle of the motor's shaft to one of the joint [rad].
+
+        Args:
+            shaft_rad: angle of the motor's shaft [rad].
+        """
         return self.zero_rad + shaft_rad / self.signed_ratio
 
 
@@ -82,7 +86,11 @@ class MotorBus(JointBus, Examinable):
 
     @abstractmethod
     def motor_label(self, joint: int) -> str:
-        """Return the name of a joint's motor in messages."""
+        """Return the name of a joint's motor in messages.
+
+        Args:
+            joint: index of the joint, from 0.
+        """
 
     @abstractmethod
     def _switch_off(self) -> None:

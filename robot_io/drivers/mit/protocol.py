@@ -67,6 +67,11 @@ def encode_torque(motor_id: int, torque_nm: float, ranges: MitRanges) -> tuple[C
 
     Zero torque has an error of half a step, because 4095 is odd.
 
+    Args:
+        motor_id: id of the receiver.
+        torque_nm: torque at the output shaft [N m].
+        ranges: ranges of the motor's model.
+
     Returns:
         The frame, and the torque after rounding [N m].
 
@@ -191,6 +196,11 @@ class MitFrames:
     def torque(self, motor_id: int, torque_nm: float, ranges: MitRanges) -> tuple[CanFrame, float]:
         """Make the frame for a torque at the output shaft.
 
+        Args:
+            motor_id: id of the receiver.
+            torque_nm: torque at the output shaft [N m].
+            ranges: ranges of the motor's model.
+
         Returns:
             The frame, and the torque after rounding [N m].
         """
@@ -201,7 +211,11 @@ class MitFrames:
         return None if frame.can_id == REGISTERS_ID else frame.can_id
 
     def sender(self, frame: CanFrame) -> int | None:
-        """Return the id of the motor that sent a frame; None if no motor of this bus did."""
+        """Return the id of the motor that sent a frame; None if no motor of this bus did.
+
+        Args:
+            frame: the received frame.
+        """
         if frame.extended or frame.remote or not frame.data:
             return None
         motor_id = frame.data[0] & self._ID_BITS
@@ -210,17 +224,30 @@ class MitFrames:
     def state(self, frame: CanFrame, ranges: MitRanges) -> MitState:
         """Parse the answer of a motor.
 
+        Args:
+            frame: the received frame.
+            ranges: ranges of the motor's model.
+
         Raises:
             ProtocolError: the frame is not a state.
         """
         return decode_state(frame, ranges, status_beside_id=self._STATUS_BESIDE_ID)
 
     def is_about_register(self, frame: CanFrame, motor_id: int) -> bool:
-        """Check whether an answer is about a register, and no state."""
+        """Check whether an answer is about a register, and no state.
+
+        Args:
+            frame: the received frame.
+            motor_id: CAN id of its sender.
+        """
         return False
 
     def alarm(self, frame: CanFrame) -> int | None:
-        """Return the errors that a motor reports without a request; None if the frame reports none."""
+        """Return the errors that a motor reports without a request; None if the frame reports none.
+
+        Args:
+            frame: the received frame.
+        """
         return None
 
     def read_register(self, motor_id: int, register: MotorRegister) -> CanFrame:
@@ -228,13 +255,24 @@ class MitFrames:
         return _registers(motor_id, bytes((READ, register.number, 0, 0, 0, 0)))
 
     def write_register(self, motor_id: int, register: MotorRegister, value: float) -> CanFrame:
-        """Set a register; the value is lost without power."""
+        """Set a register; the value is lost without power.
+
+        Args:
+            motor_id: id of the receiver.
+            register: register to write.
+            value: value in the register's own unit.
+        """
         number = int(value) if register.format == "<I" else value
         data = bytes((WRITE, register.number)) + struct.pack(register.format, number)
         return _registers(motor_id, data)
 
     def register_value(self, frame: CanFrame, motor_id: int, register: MotorRegister) -> float:
         """Parse the value in an answer.
+
+        Args:
+            frame: the received frame.
+            motor_id: CAN id of its sender.
+            register: the requested one.
 
         Returns:
             The value in the register's own unit.

@@ -56,7 +56,11 @@ class MitDialect:
     set_up: tuple[tuple[MotorRegister, int | None], ...] = ()
 
     def error_names(self, error: int) -> str:
-        """Name an error; if errors are bits, name each bit."""
+        """Name an error; if errors are bits, name each bit.
+
+        Args:
+            error: number in a state.
+        """
         parts = [1 << place for place in range(error.bit_length()) if error >> place & 1]
         parts = parts if self.errors_are_bits else [error]
         return ", ".join(dict.fromkeys(self.errors.get(part, f"unknown error {part}") for part in parts))

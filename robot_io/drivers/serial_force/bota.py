@@ -38,12 +38,20 @@ _TIMES: Final = 1 << 32
 
 
 def communication_setup(baud_rate: int) -> bytes:
-    """Make the command for calibrated values without temperature compensation, in binary frames."""
+    """Make the command for calibrated values without temperature compensation, in binary frames.
+
+    Args:
+        baud_rate: of the line [bit/s].
+    """
     return f"c,0,1,0,{BAUD_RATE_CODES[baud_rate]}".encode()
 
 
 def filter_setup(rate_hz: int) -> bytes:
-    """Return the command that sets the filter for a sample rate, without chopping, fast mode and FIR."""
+    """Return the command that sets the filter for a sample rate; chopping, fast mode and FIR filter are off.
+
+    Args:
+        rate_hz: sample rate [Hz].
+    """
     return f"f,{_CONVERSIONS_HZ // rate_hz},0,0,1".encode()
 
 
@@ -55,6 +63,9 @@ def code_of(command: bytes, received: bytes | bytearray) -> int | None:
 
 def crc16(data: bytes) -> int:
     """Compute the CRC-16 of X.25, least significant bit first.
+
+    Args:
+        data: bytes covered by the checksum.
 
     Returns:
         The checksum, from 0 to FFFF.
@@ -77,6 +88,9 @@ class Sample(NamedTuple):
 
 def decode_frame(frame: bytes) -> Sample:
     """Decode a frame.
+
+    Args:
+        frame: received frame, with header and CRC.
 
     Raises:
         ProtocolError: another size or header, a wrong CRC, or a value is not a number.

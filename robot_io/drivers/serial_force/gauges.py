@@ -29,6 +29,9 @@ _REPEATED_GROUP = re.compile(r"\)[*+{]")  # the only construct that can backtrac
 def compile_pattern(pattern: str) -> re.Pattern[str]:
     """Compile a pattern that must match a whole line, with a group `value` and perhaps a group `unit`.
 
+    Args:
+        pattern: regular expression.
+
     Raises:
         InputError: the pattern is not a regular expression, lacks `value`, or has a repeated group, which can
             backtrack endlessly.
@@ -151,7 +154,12 @@ def number_of(text: str) -> float:
 
 
 def loadstar_stream(newtons_per_unit: float, capacity_n: float) -> LineStream:
-    """Make a stream of readings in continuous mode; twice the capacity [N] is not accepted as a reading."""
+    """Make a stream of readings in continuous mode; twice the capacity [N] is not accepted as a reading.
+
+    Args:
+        newtons_per_unit: newtons in one unit of the readings.
+        capacity_n: of the load cell [N].
+    """
 
     def parse(line: str) -> tuple[str, float]:
         number_of(line)
@@ -235,6 +243,9 @@ _GAUGE_ANSWER_S, _TWICE = 0.3, 2
 def reading_of(line: str) -> tuple[str, str]:
     """Return the number as text, and its unit.
 
+    Args:
+        line: received line.
+
     Raises:
         ProtocolError: the line is not a reading.
     """
@@ -282,7 +293,11 @@ class Mark10Stream(LineStream):
 
 
 def error_name(code: int) -> str:
-    """Name an error code."""
+    """Name an error code.
+
+    Args:
+        code: number after the star.
+    """
     return f"*{code} {ERRORS.get(code, 'unknown error')}"
 
 

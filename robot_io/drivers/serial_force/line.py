@@ -122,7 +122,11 @@ class SerialReader:
             self._thread = None
 
     def look(self, wait_s: float = 0.0) -> None:
-        """Process received bytes after waiting for them at most `wait_s` [s]."""
+        """Process received bytes after waiting for them at most `wait_s` [s].
+
+        Args:
+            wait_s: longest wait [s].
+        """
         if self.failure is not None or self._stop.is_set():
             return
         try:
@@ -297,6 +301,11 @@ class ForceLine(Bus):
         """Send `question` and pass received bytes to `understand` until it returns an answer or times out.
 
         Must be called before `listen`.
+
+        Args:
+            question: bytes for the sensor.
+            understand: parses all received bytes into an answer, or None.
+            timeout_s: longest wait [s].
 
         Returns:
             The answer, or None.

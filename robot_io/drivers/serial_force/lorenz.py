@@ -66,6 +66,9 @@ class SensorHeader:
 def checksums(content: bytes) -> tuple[int, int]:
     """Compute checksum and weighted checksum of a telegram's content.
 
+    Args:
+        content: content of a telegram, between STX and the checksums.
+
     Returns:
         Both, each from 0 to 255.
     """
@@ -79,6 +82,12 @@ def checksums(content: bytes) -> tuple[int, int]:
 
 def encode_telegram(telegram: Telegram) -> bytes:
     """Encode a telegram.
+
+    Args:
+        telegram: telegram to send.
+
+    Returns:
+        Its bytes, stuffed.
 
     Raises:
         InputError: more than 255 parameters.
@@ -106,7 +115,11 @@ class TelegramReader:
         self.rejected = 0
 
     def feed(self, data: bytes) -> list[Telegram]:
-        """Process received bytes, and return the telegrams that are now complete."""
+        """Process received bytes, and return the telegrams that are now complete.
+
+        Returns:
+            The telegrams, oldest first.
+        """
         telegrams = []
         for byte in data:
             if not self._take(byte):
@@ -136,6 +149,13 @@ class TelegramReader:
 
 def encode_start_stream(address: int, rate_hz: int) -> bytes:
     """Encode the request for an endless stream of channel A.
+
+    Args:
+        address: address of the sensor.
+        rate_hz: sample rate [Hz].
+
+    Returns:
+        The bytes of the telegram.
 
     Raises:
         InputError: the sensor has no such rate.
@@ -190,6 +210,9 @@ class LorenzStream:
     lost before it. The sample is then left out, unless it is near the last one and the force after such a
     loss would be far from it. After a gap, the stream is accepted again once five consecutive counters fit. A
     flipped bit in a value is not detected.
+
+    Args:
+        newtons_per_count: newtons in one count.
     """
 
     complaint = ""  # the protocol reports no errors

@@ -40,6 +40,9 @@ _RATE_ERROR = 0.1  # relative error of the converters' own oscillators
 def checked(line: bytes) -> str:
     """Return the text of a line before its CRC.
 
+    Args:
+        line: received line.
+
     Raises:
         ProtocolError: the CRC is wrong or missing.
     """
@@ -51,6 +54,9 @@ def checked(line: bytes) -> str:
 
 def sample_of(line: bytes) -> tuple[int, int]:
     """Parse counter and counts of a line.
+
+    Args:
+        line: received line.
 
     Raises:
         ProtocolError: the line is damaged, or is not a sample.
@@ -66,7 +72,11 @@ def sample_of(line: bytes) -> tuple[int, int]:
 
 
 def fault_of(line: bytes) -> str:
-    """Return the error that a line reports, such as "fault converter", or an empty string."""
+    """Return the error that a line reports, such as "fault converter", or an empty string.
+
+    Args:
+        line: received line.
+    """
     with suppress(ProtocolError):
         text = checked(line)
         return text if text.startswith("fault ") else ""

@@ -40,7 +40,11 @@ class OwnTime:
         self._window_end_s, self._delays_s = _WINDOW_S, deque[float](maxlen=_WINDOWS)
 
     def goes_on(self, by_s: float) -> None:
-        """Advance the sensor's time to that of the newest reading."""
+        """Advance the sensor's time to that of the newest reading.
+
+        Args:
+            by_s: time since the previous reading, sensor's clock [s].
+        """
         self._now_s += by_s * self._rate
 
     def sampled_at_s(self, arrived_at_s: float, *, prompt: bool) -> float:
@@ -109,7 +113,11 @@ class Poll:
         self._deaf_until_s = -float("inf")
 
     def to_send(self, now_s: float) -> bytes:
-        """Return the bytes to send now; may be empty."""
+        """Return the bytes to send now; may be empty.
+
+        Args:
+            now_s: robot's clock [s].
+        """
         if now_s < self._deaf_until_s:
             return b""
         if self._asked_s is None:
@@ -128,7 +136,11 @@ class Poll:
         self._awaits_marker = False
 
     def answered(self, arrived_s: float) -> float | None:
-        """Return when the reading that has arrived was requested [s]; None if unknown."""
+        """Return when the reading that has arrived was requested [s]; None if unknown.
+
+        Args:
+            arrived_s: robot's clock [s].
+        """
         if self._awaits_marker:
             return None
         asked_s, self._asked_s = self._asked_s, None
@@ -158,6 +170,9 @@ NEWTONS = {
 def newtons_per(unit: str) -> float:
     """Return the newtons in one unit; case does not matter, except that MN is not mN.
 
+    Args:
+        unit: unit, such as "lbF".
+
     Raises:
         ProtocolError: unknown unit.
     """
@@ -170,6 +185,12 @@ def newtons_per(unit: str) -> float:
 
 def known_unit(unit: str | None) -> str | None:
     """Check a unit from a robot file, for pydantic.
+
+    Args:
+        unit: unit in the robot file, or None.
+
+    Returns:
+        The same.
 
     Raises:
         ValueError: the unit is unknown.
@@ -184,6 +205,9 @@ def known_unit(unit: str | None) -> str | None:
 
 def text_of(line: bytes) -> str:
     """Decode a line as text, stripped.
+
+    Args:
+        line: received line.
 
     Raises:
         ProtocolError: the line contains characters other than printable ASCII.

@@ -75,6 +75,9 @@ class FeedbackReader(Generic[FeedbackType]):
     def read(self, deadline_s: float) -> tuple[list[FeedbackType], float]:
         """Ask all servos, and wait for their answers.
 
+        Args:
+            deadline_s: End of the wait, on the robot's clock [s].
+
         Returns:
             The newest feedback of all servos in their order, and when they were asked for it [s]. They sample
             when the request has reached them, so the time is a little too early, never too late.

@@ -25,7 +25,11 @@ class Register:
     sign_bit: int | None = None  # sign bit, if the other bits are the magnitude
 
     def encode(self, value: int) -> bytes:
-        """Encode a value. ProtocolError: it does not fit."""
+        """Encode a value. ProtocolError: it does not fit.
+
+        Args:
+            value: number to write.
+        """
         number = value
         if self.sign_bit is not None:
             number = abs(value) | (value < 0) << self.sign_bit
@@ -39,13 +43,21 @@ class Register:
             raise ProtocolError(f"{value} does not fit into {self.name} ({self.size} bytes)") from error
 
     def decode(self, data: bytes) -> int:
-        """Decode a value. ProtocolError: not as many bytes as it has."""
+        """Decode a value. ProtocolError: not as many bytes as it has.
+
+        Args:
+            data: bytes as they were read.
+        """
         if len(data) != self.size:
             raise ProtocolError(f"{self.name} came with {len(data)} bytes instead of {self.size}")
         return self.signed_value(int.from_bytes(data, "little", signed=self.signed))
 
     def signed_value(self, number: int) -> int:
-        """Convert a number with an optional sign bit."""
+        """Convert a number with an optional sign bit.
+
+        Args:
+            number: the raw number.
+        """
         if self.sign_bit is None:
             return number
         magnitude = number & ((1 << self.sign_bit) - 1)
@@ -93,6 +105,13 @@ class RegisterAccess:
     def ping(self, servo_id: int, size: int = 0) -> bytes:
         """Request the identity of a servo.
 
+        Args:
+            servo_id: id of the servo.
+            size: Number of bytes of its answer.
+
+        Returns:
+            Data of the answer.
+
         Raises:
             DeviceTimeoutError: No answer.
             DeviceError: The port failed, or the servo refused.
@@ -103,6 +122,10 @@ class RegisterAccess:
 
     def count_answers(self, servo_id: int, size: int = 0) -> tuple[int, int]:
         """Count the answers to one ping, which are two where two servos have the same id.
+
+        Args:
+            servo_id: id of the servo.
+            size: Number of bytes of an answer.
 
         Returns:
             Number of answers, and of damaged ones: two servos that answer at once spoil each other's.
@@ -122,6 +145,10 @@ class RegisterAccess:
     def read(self, servo_id: int, register: Register) -> int:
         """Read a register.
 
+        Args:
+            servo_id: id of the servo.
+            register: register of the servo.
+
         Raises:
             DeviceTimeoutError: No answer.
             DeviceError: The port failed, or the servo refused.
@@ -133,6 +160,11 @@ class RegisterAccess:
 
     def write(self, servo_id: int, register: Register, value: int) -> None:
         """Set a register, and wait for the confirmation.
+
+        Args:
+            servo_id: id of the servo.
+            register: register of the servo.
+            value: New value, in the servo's unit.
 
         Raises:
             DeviceTimeoutError: No answer.
@@ -164,7 +196,13 @@ class RegisterAccess:
         self._confirm(servo_id, register, value)
 
     def settle_unanswered(self, servo_id: int, register: Register, value: int) -> None:
-        """Set a register of a servo that may not answer to writing, and read it back; see `settle`."""
+        """Set a register of a servo that may not answer to writing, and read it back; see `settle`.
+
+        Args:
+            servo_id: id of the servo.
+            register: register of the servo.
+            value: value in the servo's unit.
+        """
         self._port.write(self._dialect.write(servo_id, register.address, register.encode(value)))
         self._confirm(servo_id, register, value)
 
@@ -226,6 +264,9 @@ class Survey(NamedTuple):
 def listed(ids: Iterable[int]) -> str:
     """Join ids for a message.
 
+    Args:
+        ids: ids of servos.
+
     Returns:
         Text such as "1, 2, 3".
     """
@@ -233,7 +274,14 @@ def listed(ids: Iterable[int]) -> str:
 
 
 class ServoLine(ABC):
-    """Configures servos and switches their torque, which may take milliseconds; base of each maker's line."""
+    """Configures servos and switches their torque, which may take milliseconds; base of each maker's line.
+
+    Args:
+        settings: Settings in the robot file.
+        registers: Access to single servos on `port`.
+        port: Port of the line; it may be opened later.
+        clock: Clock of the deadlines.
+    """
 
     dialect: ClassVar[ServoDialect]
     torque_enable: ClassVar[Register]  # 0 is off
@@ -282,6 +330,9 @@ class ServoLine(ABC):
     def survey(self, registers: RegisterAccess) -> Survey:
         """Ping each servo of the settings separately.
 
+        Args:
+            registers: Access to the line, perhaps at another baud rate than that of the settings.
+
         Returns:
             Number of answers of each servo, and ids whose answers were damaged.
 
@@ -326,6 +377,11 @@ def examine_line(
     settings: ServoBusSettings[Any], line: ServoLine, examine_servo: Callable[[int, str], Iterable[Finding]]
 ) -> list[Finding]:
     """Find the servos on the line, and examine every servo of the robot file.
+
+    Args:
+        settings: Settings in the robot file.
+        line: The line, whose port stays open.
+        examine_servo: Examines one servo that answers, by its id and label.
 
     Raises:
         DeviceError: The port failed.

@@ -42,6 +42,9 @@ class PacketStream(ABC, Generic[PacketType]):
     def feed(self, data: bytes) -> list[PacketType]:
         """Process received bytes.
 
+        Args:
+            data: Bytes in the order of their arrival, cut anywhere.
+
         Returns:
             The packets that are complete now, oldest first.
         """
@@ -99,7 +102,11 @@ class ServoDialect(ABC):
 
     @abstractmethod
     def packet_reader(self, request: bytes) -> PacketStream[Any]:
-        """Make the reader that finds the answers to a request, but not its echo."""
+        """Make the reader that finds the answers to a request, but not its echo.
+
+        Args:
+            request: packet that the servos were sent.
+        """
 
     def encode_packet(self, servo_id: int, instruction: int, parameters: bytes = b"") -> bytes:
         """Encode an instruction packet.
@@ -143,6 +150,10 @@ class ServoDialect(ABC):
     def sync_write(self, address: int, data: Mapping[int, bytes]) -> bytes:
         """Write at the same address of several servos, different bytes to each, without answers.
 
+        Args:
+            address: address of the first byte.
+            data: Bytes by servo id.
+
         Raises:
             ProtocolError: The bytes are not of equal number.
         """
@@ -154,7 +165,12 @@ class ServoDialect(ABC):
 
 
 def bit_names(value: int, names: Mapping[int, str]) -> str:
-    """Name the bits that are set, or say "none"."""
+    """Name the bits that are set, or say "none".
+
+    Args:
+        value: Bits of a device's status.
+        names: Name of each bit, by its value.
+    """
     known = [name for bit, name in names.items() if value & bit]
     unknown = value & ~sum(names)
     return ", ".join([*known, *([f"unknown bits {unknown:#04x}"] if unknown else [])]) or "none"
