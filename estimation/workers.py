@@ -1,9 +1,10 @@
-"""Start and end worker processes, and limit linear algebra to a single thread."""
+"""Worker processes, and settings of a process: threads of linear algebra and freed memory."""
 
+import ctypes
 import os
 import signal
 from concurrent.futures import ProcessPoolExecutor
-from contextlib import AbstractContextManager, nullcontext
+from contextlib import AbstractContextManager, nullcontext, suppress
 from functools import cache
 from multiprocessing import parent_process
 from threading import Thread
@@ -64,3 +65,12 @@ def single_threaded() -> AbstractContextManager[Any]:
     controller = _controller()
     limit: AbstractContextManager[Any] = nullcontext() if controller is None else controller.limit(limits=1)
     return limit
+
+
+def release_freed_memory() -> None:
+    """Return memory of deleted arrays to the system, which the GNU C library keeps between other arrays.
+
+    After a recording of millions of samples these are hundreds of megabytes. Other C libraries do nothing.
+    """
+    with suppress(AttributeError, OSError, TypeError):
+        ctypes.CDLL(None).malloc_trim(0)

@@ -122,12 +122,10 @@ class FitProblem:
         """
         order, folds = self._by_fold
         if self.noise_model is WHITE and self.weights is None and self.nuisance is None:
-            white = np.empty((columns.shape[1] + 1, len(order)))
-            columns.T.take(order, axis=1, out=white[:-1], mode="clip")
-            target.take(order, out=white[-1], mode="clip")
+            equations = gram_matrices(_with_target(columns, target, order[rows]) for rows in folds)
         else:
             white = self._white(np.concatenate([columns.T, target[None]]).T).T.take(order, axis=1)
-        equations = gram_matrices(white[:, rows].T for rows in folds)
+            equations = gram_matrices(white[:, rows].T for rows in folds)
         shared = self.blocked.data.shared  # prior information on gains from other channels
         if shared is None or self.noise_model is not WHITE or not set(shared.names) <= set(names):
             return equations
@@ -137,6 +135,14 @@ class FitProblem:
         matrix[:, np.array(indices)[:, None], indices] = shared.information.matrix
         vector[:, indices] = shared.information.vector
         return NormalEquations(equations.products, Information(matrix, vector))
+
+
+def _with_target(columns: FloatArray, target: FloatArray, rows: IntArray) -> FloatArray:
+    """Return rows of columns (m, q) and target (m,), shape (rows, q + 1)."""
+    chosen = np.empty((columns.shape[1] + 1, len(rows)))
+    columns.T.take(rows, axis=1, out=chosen[:-1], mode="clip")
+    target.take(rows, out=chosen[-1], mode="clip")
+    return chosen.T
 
 
 @dataclass(frozen=True)

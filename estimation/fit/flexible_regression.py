@@ -90,10 +90,13 @@ def fit_flexible(
     target = solution.target - solution.columns @ fixed
     blocks = {name: block for name, block in model_features(problem, solution).items() if name not in without}
     bias, _ = fit_smoothing_bias(problem, solution, filters)
-    parts = [solution.columns[:, free], bias, *blocks.values()]
-    owner = np.concatenate([[number] * part.shape[1] for number, part in enumerate(parts, -2)])
-    columns, signals = np.column_stack(parts), list(blocks)
-    del parts, blocks  # the columns replace them; both together need hundreds of megabytes
+    parts, signals = [solution.columns[:, free], bias, *blocks.values()], list(blocks)
+    blocks.clear()
+    widths = [part.shape[1] for part in parts]
+    owner = np.repeat(np.arange(len(parts)) - 2, widths)
+    columns = np.empty((len(target), len(owner)))
+    for end, width in zip(np.cumsum(widths), widths, strict=True):
+        columns[:, end - width : end] = parts.pop(0)  # frees the part; all need hundreds of megabytes
     equations = problem.normal_equations(columns, target, names)
     without_signals = _fit_ridge(equations, owner, ())
     alone = [_fit_ridge(equations, owner, (number,)) for number in range(len(signals))]

@@ -36,6 +36,7 @@ from palpate.estimation.study.channels import (
 )
 from palpate.estimation.study.comparison import Comparison, Comparisons, compare
 from palpate.estimation.study.source import NO_OPTIONS, limit_length, open_source
+from palpate.estimation.workers import release_freed_memory
 from palpate.robot_io.errors import InputError
 
 _FitKey = tuple[ChannelKey, tuple[str, ...]]  # a channel with its base model, and the added effects
@@ -58,6 +59,8 @@ class StudyFits(TableDisplay):
     ) -> None:
         user_effects = effects or {}
         self.source = limit_length(open_source(data, options, arm), held_out)
+        if self.source.averaged:
+            release_freed_memory()
         self.held_out = tuple(sorted(set(held_out)))
         self.model = model
         self._library = {effect.name: effect for effect in (*effect_library(), *user_effects.values())}
