@@ -137,7 +137,8 @@ def held_out_sse(equations: NormalEquations, ridges: FloatArray) -> FloatArray:
         ridges: ridge penalties to try, on columns of unit length, shape (r, q).
     """
     scaled, scale = _scaled(equations)
-    return _sse(scaled, np.array([_shrunken(equations, scale, ridge) for ridge in ridges]))
+    system, target = equations.training(scale)
+    return _sse(scaled, np.array([_shrunken(system[1:], target[1:], ridge) for ridge in ridges]))
 
 
 def held_out_gains(equations: NormalEquations, ridge: FloatArray) -> FloatArray:
@@ -148,13 +149,13 @@ def held_out_gains(equations: NormalEquations, ridge: FloatArray) -> FloatArray:
         ridge: ridge penalty of each gain, on columns of unit length, shape (q,).
     """
     _, scale = _scaled(equations)
-    return _shrunken(equations, scale, ridge) * scale
-
-
-def _shrunken(equations: NormalEquations, scale: FloatArray, ridge: FloatArray) -> FloatArray:
     system, target = equations.training(scale)
-    pairs = zip(system[1:] + np.diag(ridge), target[1:], strict=True)
-    return np.array([solve_definite(fold_system, fold_target) for fold_system, fold_target in pairs])
+    return _shrunken(system[1:], target[1:], ridge) * scale
+
+
+def _shrunken(systems: FloatArray, targets: FloatArray, ridge: FloatArray) -> FloatArray:
+    pairs = zip(systems + np.diag(ridge), targets, strict=True)
+    return np.array([solve_definite(system, target) for system, target in pairs])
 
 
 def _scaled(equations: NormalEquations) -> tuple[FloatArray, FloatArray]:
