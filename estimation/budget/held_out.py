@@ -148,42 +148,49 @@ class HeldOutError(SquaredErrors):
         if kinds not in self._predictions:
             chosen = np.flatnonzero([need <= kinds for need in self._column_kinds])
             ridges = _RIDGES if kinds else (COLLINEAR,)
-            trials = [self._predict(chosen, ridge) for ridge in ridges]
+            trials = self._predict(chosen, ridges)
             self._predictions[kinds] = min(trials, key=lambda fit: float(np.sum((self._target - fit) ** 2)))
         return self._predictions[kinds]
 
-    def _predict(self, chosen: IntArray, ridge: float) -> FloatArray:
-        """Predict each fold from the others with these columns, shape (n,)."""
+    def _predict(self, chosen: IntArray, ridges: Sequence[float]) -> list[FloatArray]:
+        """Predict each fold from the others with these columns, for each ridge penalty, shape (n,)."""
         is_base = chosen < self.base.columns.shape[1]
-        penalty = np.where(is_base, COLLINEAR, ridge) * len(self._target)
         lower, upper = np.where(self._nonnegative[chosen], 0.0, -np.inf), np.full(len(chosen), np.inf)
         grams = self._grams[:, chosen[:, None], chosen]
         moments = self._moments[:, chosen]
-        total_gram, total_moment = grams.sum(axis=0) + np.diag(penalty), moments.sum(axis=0)
+        gram, total_moment = grams.sum(axis=0), moments.sum(axis=0)
         columns, one_sided = self._columns[:, chosen], self._one_sided[chosen]
         pushing = columns[:, one_sided]
-        predicted = np.empty(len(self._target))
-        for fold, rows in enumerate(self._folds):
-            system, moment = total_gram - grams[fold], total_moment - moments[fold]
-            coefficients = solve_within_bounds(system, moment, lower, upper, self._last_coefficients[chosen])
-            # Where the object would have to pull, contact is lost and the object's columns do not act.
-            lifted = self._may_lift & (pushing @ coefficients[one_sided] < 0.0)
-            for _ in range(_MAX_FITS if lifted.mean() > _FEW_LIFTED else 0):
-                train = np.flatnonzero(lifted & (self._fold != fold))
-                inactive = pushing[train]  # columns that do not act without contact
-                products = columns[train].T @ inactive
-                contact_system, contact_moment = system.copy(), moment.copy()
-                contact_system[:, one_sided] -= products
-                contact_system[one_sided] = contact_system[:, one_sided].T
-                contact_moment[one_sided] -= inactive.T @ self._target[train]
-                coefficients = solve_within_bounds(contact_system, contact_moment, lower, upper, coefficients)
-                previous, lifted = lifted, self._may_lift & (pushing @ coefficients[one_sided] < 0.0)
-                if np.array_equal(lifted, previous):
-                    break
-            self._last_coefficients[chosen] = coefficients
-            predicted[rows] = columns[rows] @ coefficients
-            predicted[rows] -= lifted[rows] * (pushing[rows] @ coefficients[one_sided])
-        return predicted
+        parts = [(rows, columns[rows], pushing[rows]) for rows in self._folds]
+        trials = []
+        for ridge in ridges:
+            penalty = np.where(is_base, COLLINEAR, ridge) * len(self._target)
+            total_gram, predicted = gram + np.diag(penalty), np.empty(len(self._target))
+            for fold, (rows, columns_of_fold, pushing_of_fold) in enumerate(parts):
+                system, moment = total_gram - grams[fold], total_moment - moments[fold]
+                guess = self._last_coefficients[chosen]
+                coefficients = solve_within_bounds(system, moment, lower, upper, guess)
+                # Where the object would have to pull, contact is lost and the object's columns do not act.
+                lifted = self._may_lift & (pushing @ coefficients[one_sided] < 0.0)
+                for _ in range(_MAX_FITS if lifted.mean() > _FEW_LIFTED else 0):
+                    train = np.flatnonzero(lifted & (self._fold != fold))
+                    inactive = pushing[train]  # columns that do not act without contact
+                    products = columns[train].T @ inactive
+                    contact_system, contact_moment = system.copy(), moment.copy()
+                    contact_system[:, one_sided] -= products
+                    contact_system[one_sided] = contact_system[:, one_sided].T
+                    contact_moment[one_sided] -= inactive.T @ self._target[train]
+                    coefficients = solve_within_bounds(
+                        contact_system, contact_moment, lower, upper, coefficients
+                    )
+                    previous, lifted = lifted, self._may_lift & (pushing @ coefficients[one_sided] < 0.0)
+                    if np.array_equal(lifted, previous):
+                        break
+                self._last_coefficients[chosen] = coefficients
+                predicted[rows] = columns_of_fold @ coefficients
+                predicted[rows] -= lifted[rows] * (pushing_of_fold @ coefficients[one_sided])
+            trials.append(predicted)
+        return trials
 
 
 def fit_each_run(signal: FloatArray, columns: FloatArray, run: IntArray) -> FloatArray:

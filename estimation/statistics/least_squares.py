@@ -106,17 +106,19 @@ def solve_within_bounds(
     for _ in range(_MAX_EXCHANGES * len(moment) + 1):
         solution = np.where(low, lower, np.where(high, upper, 0.0))
         free = ~(low | high)
-        if len(free_indices := np.flatnonzero(free)):
-            rows = system[free_indices]
-            right_side = moment[free_indices] - rows @ solution if solution.any() else moment[free_indices]
+        if len(free_indices := free.nonzero()[0]):
+            rows, right_side = system[free_indices], moment[free_indices]
+            if np.count_nonzero(solution):
+                right_side = right_side - rows @ solution
             solution[free_indices] = solve_definite(rows[:, free_indices], right_side)
         gradient = system @ solution - moment
         below, above = free & (solution < lower), free & (solution > upper)
         wrong = below | above | (low & (gradient < -tolerance)) | (high & (gradient > tolerance))
-        if not wrong.any():
+        wrong_count = int(np.count_nonzero(wrong))
+        if not wrong_count:
             break
-        if wrong.sum() < fewest_wrong:
-            fewest_wrong, patience = int(wrong.sum()), _PATIENCE
+        if wrong_count < fewest_wrong:
+            fewest_wrong, patience = wrong_count, _PATIENCE
         elif patience:
             patience -= 1
         else:  # exchanging only the last wrong variable guarantees termination (K. G. Murty 1974)

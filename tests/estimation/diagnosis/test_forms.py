@@ -184,7 +184,7 @@ def test_forms_that_together_leave_as_little_as_the_laws_of_their_kinds_bear_the
         assert search.added_effects(known) == names
 
 
-def test_what_the_reader_and_the_object_draw_alike_is_the_object_s():
+def test_what_the_reader_and_the_object_draw_alike_is_the_object_s(whole_budget):
     """A press whose displacement counts from elsewhere: a dead band of the reader draws nearly the same."""
     depth, run = np.linspace(18e-3, 38e-3, 400), np.repeat(np.arange(3), 400)
     x, v = np.tile(depth, 3), np.array([1e-3, 2e-3, 4e-3])[run]

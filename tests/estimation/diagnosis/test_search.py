@@ -244,7 +244,7 @@ def test_a_sketch_has_twelve_runs_of_four_thousand_blocks_weak_and_strong_ones_a
     assert np.ptp(np.diff(found)) == 0
 
 
-def test_a_recording_of_which_most_runs_are_left_out_is_searched_by_the_others():
+def test_a_recording_of_which_most_runs_are_left_out_is_searched_by_the_others(whole_budget):
     """Of 100 runs, the three that are no copies: every eighth run by effort would miss them."""
     t, run = np.tile(np.arange(200) / 200.0, 100), np.repeat(np.arange(100), 200)
     size = np.where(run == 2, 1.2, np.where((run == 1) | (run > 62), 1.1, 1.0))

@@ -1,0 +1,17 @@
+"""Error budgets that try few combinations; tests/estimation/budget has whole ones."""
+
+import pytest
+
+from tests.few_effects import shorten_budget
+
+
+@pytest.fixture
+def whole_budget():
+    """All combinations are tried."""
+
+
+@pytest.fixture(autouse=True)
+def short_budget(request, monkeypatch):
+    """Few combinations are tried, but where a test asks for the whole budget."""
+    if "whole_budget" not in request.fixturenames:
+        shorten_budget(monkeypatch)
