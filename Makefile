@@ -6,8 +6,10 @@ VENV   ?= .venv
 BIN    := $(VENV)/bin
 READY  := $(VENV)/.ready
 SIM    := $(VENV)/.sim
-PIP    := $(BIN)/python -m pip install --quiet --disable-pip-version-check --only-binary=:all: --no-compile -c constraints.txt
-# Python compiles what it imports, once; pip would compile every file of every package.
+# Python compiles what it imports, once; pip would compile every file of every package, uv does not.
+FROM_PIP := install --quiet --disable-pip-version-check --only-binary=:all: --no-compile -c constraints.txt
+UV     := $(shell command -v uv)
+PIP    := $(if $(UV),$(UV) pip install --quiet --python $(BIN)/python --only-binary=:all: -c constraints.txt,PYTHONWARNINGS=ignore $(BIN)/python -m pip $(FROM_PIP))
 unexport PYTHONDONTWRITEBYTECODE
 
 .PHONY: demo test test-all test-page quick lint docs env clean
@@ -46,7 +48,10 @@ $(VENV)/bin/python:
 	  echo "Install it (Debian 12: apt install python3.11 python3.11-venv; elsewhere: pyenv install 3.11, or uv python install 3.11)"; \
 	  echo "and name it if needed: make PYTHON=/path/to/python3.11 demo"; exit 2; }
 	@$(PYTHON) -c 'import sys; v = sys.version_info[:2]; sys.exit(0 if v >= (3, 11) else "palpate needs CPython 3.11 or newer, this is %d.%d. Use: make PYTHON=python3.11" % v)'
-	@$(PYTHON) -m venv $(VENV)
+	@$(PYTHON) -m venv --without-pip $(VENV)
+# A new pip installs in two thirds of the time of the one that Python brings, which remains the fallback.
+	@$(if $(UV),$(PIP),$(PYTHON) -m pip --python $@ $(FROM_PIP)) pip 2>/dev/null || $@ -m ensurepip --default-pip >/dev/null || { \
+	  rm -rf $(VENV); echo "This Python has neither pip nor ensurepip; on Debian and Ubuntu: apt install python3-venv"; exit 2; }
 
 $(SIM): EXTRA := sim
 $(READY): EXTRA := dev
