@@ -73,7 +73,8 @@ def mistaken_times(data: ChannelData) -> str | None:
     """Report a velocity that contradicts the position, because of wrong times or a wrong unit.
 
     The import of files discards such a velocity; this check is for other sources. Means over unevenly spaced
-    readings give no answer, since a mean of such velocities is not the velocity of the mean position.
+    readings give no answer, since a mean of such velocities is not the velocity of the mean position. A
+    velocity of zero throughout describes a static measurement, whose position changes between readings.
 
     Args:
         data: the channel.
@@ -82,6 +83,8 @@ def mistaken_times(data: ChannelData) -> str | None:
         return None
     ratio = mistaken_scale(data.time_s, data.position, data.velocity, data.run)
     if ratio is None:
+        return None
+    if np.isnan(ratio) and not data.velocity.any():
         return None
     if np.isnan(ratio):
         return "the velocity does not follow the position; check times and the choice of columns"

@@ -278,6 +278,14 @@ def one_signed_behind_a_dead_band():
     return swallowed
 
 
+def static_levels():
+    """Five weights on a force sensor, up and down; the velocity of the levels is zero."""
+    level = np.repeat([0.0, 1.0, 2.0, 3.0, 4.0, 3.0, 2.0, 1.0, 0.0], 40)
+    t, still, run = 0.1 * np.arange(len(level)), np.zeros(len(level)), np.arange(len(level)) // 80
+    effort = 2.0 + 50.0 * level + np.random.default_rng(0).normal(0.0, 0.1, len(t))
+    return ChannelData("cell", ChannelKind.PRISMATIC, t, 0.01 * level, still, still, effort, run, 0 * run - 1)
+
+
 def stepped(force, step):
     return step * np.round(force / step) if step else force
 
@@ -315,6 +323,7 @@ JUDGED = {
     ),
     "the same in small steps": lambda: copies(replace(DATA, effort=stepped(EXACT, 1e-6))),
     "the same in large steps": lambda: copies(replace(DATA, effort=stepped(EXACT, 0.5))),
+    "levels without a motion between them": static_levels,
     "one sign behind a dead band": one_signed_behind_a_dead_band,
 }
 
