@@ -66,7 +66,7 @@ class MemoryLog:
         assert stream_name == "tick"
         if self.error:
             raise self.error
-        assert [np.size(value) for value in record] == WIDTHS
+        assert [getattr(value, "size", 1) for value in record] == WIDTHS
         self.records.append(np.array(record, TICK)[()])
 
     def event(self, time_s, kind, text, data=None) -> None:

@@ -20,10 +20,10 @@ ARMS = Path(__file__).resolve().parents[2] / "sim_backend" / "arms"
 NAMES = ["follower", "leader"]
 
 
-def kelvin_voigt(stiffness_n_m: float, damping_n_s_m: float = 20.0) -> dict:
-    """The section `object` of a scenario."""
+def kelvin_voigt(stiffness_n_m: float, damping_n_s_m: float = 20.0, surface_m: float = 0.12) -> dict:
+    """The section `object` of a scenario; 60 mm below the tips at home, so that they are soon there."""
     law = {"name": "kelvin_voigt", "stiffness_n_m": stiffness_n_m, "damping_n_s_m": damping_n_s_m}
-    return {"object": {"law": law}}
+    return {"object": {"law": law, "surface_height_m": surface_m}}
 
 
 class SimulatedArm:

@@ -11,8 +11,8 @@ from palpate.control.loop.task import Phase
 from palpate.control.probing.plan import ProbingPlan
 from tests.control.simulated_arms import NAMES, SimulatedArm, kelvin_voigt
 
-PLAN = ProbingPlan(speeds_m_s=(0.15,), hold_s=0.4)
 SURFACE_M = 0.05
+PLAN = ProbingPlan(speeds_m_s=(0.15,), hold_s=0.4)
 
 
 @dataclass
@@ -38,7 +38,7 @@ class Stop:
 @cache
 def stop_in(name: str, phase: Phase, ticks: int, *, gravity=True, stiffness=500.0) -> Stop:
     """Probe, and ask for a stop `ticks` after the arm was first seen in a phase."""
-    arm, left = SimulatedArm(name, PLAN, kelvin_voigt(stiffness), gravity), ticks
+    arm, left = SimulatedArm(name, PLAN, kelvin_voigt(stiffness, surface_m=SURFACE_M), gravity), ticks
 
     def stop() -> str:
         nonlocal left

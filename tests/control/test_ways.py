@@ -217,7 +217,7 @@ def test_nothing_is_touched_on_the_way(x1, x2, clearance_m):
     plan = plan_of(
         [(x1, SURFACE_M), (x2, SURFACE_M)], clearance_m, hold_s=0.05, free_air_s=0.1, travel_speed_m_s=0.1
     )
-    arm = SimulatedArm("follower", plan, kelvin_voigt(2000.0))
+    arm = SimulatedArm("follower", plan, kelvin_voigt(2000.0, surface_m=SURFACE_M))
     result = arm.run()
     assert result.outcome is Outcome.FINISHED, result.cause
     assert arm.task.failures == ()
