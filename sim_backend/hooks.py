@@ -71,7 +71,6 @@ class MaterialEffect(ContactEffect):
         return state
 
     def contact_force_n(self, state: ContactState, force_n: float) -> float:
-        """See `ContactEffect.contact_force_n`."""
         return force_n
 
 
@@ -196,19 +195,13 @@ Transducer = Callable[[float, float], float]
 """Function from (time of the sample [s], value) to another value; it may have memory."""
 
 
+@dataclass(frozen=True)
 class ChannelEffect(SensorHook):
-    """Passes one value of a sample through a transducer; see `SensorHook`.
+    """Passes one value of a sample through a transducer."""
 
-    Args:
-        index: index of the value, from 0.
-        transducer: function that changes the value.
-        ahead_of_noise: whether it acts on the noise-free signal.
-    """
-
-    def __init__(self, index: int, transducer: Transducer, ahead_of_noise: bool) -> None:
-        self._index = index
-        self._transducer = transducer
-        self.ahead_of_noise = ahead_of_noise
+    index: int  # index of the value, from 0
+    transducer: Transducer
+    ahead_of_noise: bool
 
     def measure(self, time_s: float, value: Sequence[float]) -> Sequence[float]:
         """Pass one value through the transducer; see `SensorHook.measure`.
@@ -218,21 +211,17 @@ class ChannelEffect(SensorHook):
             value: force (1,) [N], torques (n,) [N m] or positions (n,) [rad].
         """
         changed = list(value)
-        changed[self._index] = self._transducer(time_s, changed[self._index])
+        changed[self.index] = self.transducer(time_s, changed[self.index])
         return changed
 
 
+@dataclass(frozen=True)
 class AddedTorque(JointEffect):
-    """Additional torque in one joint.
+    """Additional torque in one joint."""
 
-    Args:
-        index: index of the joint, from 0.
-        torque_nm: function of position [rad] and the drive's torque [N m] that returns the torque [N m].
-    """
-
-    def __init__(self, index: int, torque_nm: Callable[[float, float], float]) -> None:
-        self._index = index
-        self._torque_nm = torque_nm
+    index: int  # index of the joint, from 0
+    # Returns the torque [N m] at a position [rad] and a torque of the drive [N m].
+    torque_nm: Callable[[float, float], float]
 
     def joint_torque_nm(self, state: JointStepState, torque_nm: Sequence[float]) -> Sequence[float]:
         """Add the torque to that of one joint; see `JointEffect.joint_torque_nm`.
@@ -241,23 +230,19 @@ class AddedTorque(JointEffect):
             state: motion of the joints.
             torque_nm: torques so far, along the joint axes, shape (n,) [N m].
         """
-        i, changed = self._index, list(torque_nm)
-        changed[i] += self._torque_nm(state.position_rad[i], state.drive_torque_nm[i])
+        i, changed = self.index, list(torque_nm)
+        changed[i] += self.torque_nm(state.position_rad[i], state.drive_torque_nm[i])
         return changed
 
 
+@dataclass(frozen=True)
 class JointFriction(FrictionEffect):
-    """Friction in one joint.
+    """Friction in one joint."""
 
-    Args:
-        index: index of the joint, from 0.
-        resistance_nm: function of the absolute speed [rad/s] and the drive's torque along the motion [N m],
-            negative if the drive brakes, that returns the largest resistance [N m].
-    """
-
-    def __init__(self, index: int, resistance_nm: Callable[[float, float], float]) -> None:
-        self._index = index
-        self._resistance_nm = resistance_nm
+    index: int  # index of the joint, from 0
+    # Returns the largest resistance [N m] at an absolute speed [rad/s] and a torque of the drive along the
+    # motion [N m], negative if the drive brakes.
+    resistance_nm: Callable[[float, float], float]
 
     def friction_nm(self, state: JointStepState, limit_nm: Sequence[float]) -> Sequence[float]:
         """Add the resistance to that of one joint; see `FrictionEffect.friction_nm`.
@@ -266,8 +251,8 @@ class JointFriction(FrictionEffect):
             state: motion of the joints.
             limit_nm: sum so far, shape (n,) [N m].
         """
-        i, changed = self._index, list(limit_nm)
+        i, changed = self.index, list(limit_nm)
         velocity_rad_s, drive_nm = state.velocity_rad_s[i], state.drive_torque_nm[i]
         along_nm = abs(drive_nm) if drive_nm * velocity_rad_s >= 0.0 else -abs(drive_nm)
-        changed[i] += self._resistance_nm(abs(velocity_rad_s), along_nm)
+        changed[i] += self.resistance_nm(abs(velocity_rad_s), along_nm)
         return changed

@@ -146,7 +146,6 @@ class JointImperfection(Imperfection, ABC):
         return {"joint": joint_of(channel)}
 
     def effects(self, joint_count: int) -> HiddenEffects:
-        """See `Imperfection.effects`."""
         if self.joint > joint_count:
             raise InputError(
                 f"hidden effect '{self.name}': joint {self.joint} does not exist; the arm has "

@@ -264,8 +264,7 @@ class _Simulated:
         self.example = Example.beside(state.study.fit(state.channel), effect)
         self._motion = DrawnMotion.of(self.example.data)
         rows = np.flatnonzero(near(self._motion))
-        rows = rows[:: max(len(rows) // _POINTS, 1)]
-        self._rows = np.insert(rows, np.flatnonzero(np.diff(self.example.data.run[rows])) + 1, -1)
+        self._rows = self._motion.with_gaps(rows[:: max(len(rows) // _POINTS, 1)])
 
     def figure(self) -> Figure:
         axes, traces = axes_of(self.example.data.kind), []

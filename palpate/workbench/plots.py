@@ -76,8 +76,11 @@ class DrawnMotion:
             chosen &= (self.time_s >= span_s[0]) & (self.time_s <= span_s[1])
         drawable = np.flatnonzero(chosen)
         kept = drawable[peaks(values[drawable], most)] if len(drawable) else drawable
-        breaks = np.flatnonzero(np.diff(self.data.run[kept])) + 1
-        return np.insert(kept, breaks, -1)
+        return self.with_gaps(kept)
+
+    def with_gaps(self, rows: IntArray) -> IntArray:
+        """Insert -1 between rows of different runs."""
+        return np.insert(rows, np.flatnonzero(np.diff(self.data.run[rows])) + 1, -1)
 
 
 def picked(values: FloatArray, rows: IntArray) -> np.ndarray:
@@ -155,8 +158,7 @@ def _state_rows(motion: DrawnMotion) -> IntArray:
         all_runs[np.unique(np.linspace(0, len(all_runs) - 1, _FEW).astype(int))].tolist()
     )
     rows = np.flatnonzero(np.isin(motion.data.run, few) & near(motion))
-    kept = rows[:: max(len(rows) // MOST_OF_STATE, 1)]
-    return np.insert(kept, np.flatnonzero(np.diff(motion.data.run[kept])) + 1, -1)
+    return motion.with_gaps(rows[:: max(len(rows) // MOST_OF_STATE, 1)])
 
 
 def near(motion: DrawnMotion) -> BoolArray:

@@ -287,7 +287,6 @@ class NetFtLine(ForceLine):
 
     @property
     def label(self) -> str:
-        """See `ForceLine.label`."""
         return f"Net F/T {self._own.host}"
 
     def configure(self) -> None:

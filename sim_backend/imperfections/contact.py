@@ -2,6 +2,7 @@
 
 from abc import ABC, abstractmethod
 from collections.abc import Callable
+from dataclasses import dataclass
 from math import exp
 from typing import Generic, TypeVar
 
@@ -33,23 +34,15 @@ class _Material(ContactImperfection, ABC):
         """
 
 
+@dataclass(frozen=True)
 class _Added(MaterialEffect):
-    def __init__(self, added_n: Callable[[float, float], float]) -> None:
-        self._added_n = added_n
+    added_n: Callable[[float, float], float]  # see `_Material._added_n`
 
     def contact_force_n(self, state: ContactState, force_n: float) -> float:
-        """Add the force of the material below the surface, and nothing above it.
-
-        Args:
-            state: motion of the tip.
-            force_n: force so far [N].
-
-        Returns:
-            Force on the tip along the surface normal [N].
-        """
+        """Add the force of the material below the surface, and nothing above it."""
         if state.depth_m <= 0.0:
             return force_n
-        return force_n + self._added_n(state.depth_m, state.rate_m_s)
+        return force_n + self.added_n(state.depth_m, state.rate_m_s)
 
 
 class HiddenCubicStiffness(_Material):
@@ -150,20 +143,13 @@ class HiddenContactOffset(ContactImperfection):
         return {"offset_m": sign * strength * scale.contact_noise_n * scale.depth_m / scale.force_n}
 
 
+@dataclass(frozen=True)
 class _Higher(MaterialEffect):
-    def __init__(self, offset_m: float) -> None:
-        self._offset_m = offset_m
+    offset_m: float
 
     def felt(self, state: ContactState) -> ContactState:
-        """Raise the surface by d.
-
-        Args:
-            state: motion of the tip.
-
-        Returns:
-            Motion that the material feels.
-        """
-        return state._replace(depth_m=state.depth_m + self._offset_m)
+        """Raise the surface by d."""
+        return state._replace(depth_m=state.depth_m + self.offset_m)
 
 
 T = TypeVar("T")
@@ -418,15 +404,7 @@ class _SeriesSpring(ToolEffect):
         self._slope_n_m = 0.0  # of S(u), by the last step's secant
 
     def contact_force_n(self, state: ContactState, surface_n: Callable[[ContactState], float]) -> float:
-        """Solve for the compression u of the tool, and return u / C.
-
-        Args:
-            state: motion of the tip.
-            surface_n: returns the object's force [N] for a motion; the last call is for the solution.
-
-        Returns:
-            Force on the tip along the surface normal [N].
-        """
+        """Solve for the compression u of the tool, and return u / C."""
         stiffness, before_m = self._stiffness_n_m, self._squeeze_m
         time_s, step_s, depth_m, rate_m_s = state
 

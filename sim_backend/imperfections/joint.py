@@ -160,15 +160,7 @@ class HiddenLoadDependentFriction(_Friction):
     load_share: Number = parameter("-", 0.005, 0.3, ge=0, le=0.9)  # mu [-]
 
     def _resistance_nm(self, speed_rad_s: float, along_nm: float) -> float:
-        """Compute the friction, which loads a drive that pushes and relieves a drive that brakes.
-
-        Args:
-            speed_rad_s: speed of the joint without its sign [rad/s]; it does not matter here.
-            along_nm: torque of the drive along the motion [N m], negative where the drive holds back.
-
-        Returns:
-            Largest resistance [N m].
-        """
+        """Compute the friction, which loads a drive that pushes and relieves a drive that brakes."""
         side = 1.0 if along_nm >= 0.0 else -1.0
         return self.load_share * abs(along_nm) / (1.0 + side * self.load_share)
 

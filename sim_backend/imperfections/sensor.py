@@ -3,6 +3,7 @@
 import xml.etree.ElementTree as ET
 from collections import deque
 from collections.abc import Sequence
+from dataclasses import dataclass
 from math import cos, exp, sin
 
 from numpy.random import Generator
@@ -260,10 +261,10 @@ class HiddenPayload(JointImperfection):
         return {"joint": max(len(scale.joints), joint_of(channel)), "mass_kg": mass_kg}
 
 
+@dataclass(frozen=True)
 class _Ball(PlantEffect):
-    def __init__(self, index: int, mass_kg: float) -> None:
-        self._index = index
-        self._mass_kg = mass_kg
+    index: int
+    mass_kg: float
 
     def urdf(self, urdf_text: str, tip_frame: str) -> str:
         """Add a link with the ball's mass and inertia, 2/5 m r^2, at the far end of its link.
@@ -279,11 +280,11 @@ class _Ball(PlantEffect):
             robot = ET.fromstring(urdf_text)  # noqa: S314 - expat refuses entity bombs; nothing external is read
         except ET.ParseError as error:
             raise InputError(f"URDF: not XML ({error})") from error
-        carrier, xyz = _far_end(robot, tip_frame, self._index)
+        carrier, xyz = _far_end(robot, tip_frame, self.index)
         name = f"hidden_payload_{len(robot.findall('link'))}"
         inertial = ET.SubElement(ET.SubElement(robot, "link", name=name), "inertial")
-        ET.SubElement(inertial, "mass", value=repr(self._mass_kg))
-        own = repr(0.4 * self._mass_kg * _RADIUS_M**2)
+        ET.SubElement(inertial, "mass", value=repr(self.mass_kg))
+        own = repr(0.4 * self.mass_kg * _RADIUS_M**2)
         ET.SubElement(inertial, "inertia", ixx=own, iyy=own, izz=own, ixy="0", ixz="0", iyz="0")
         mount = ET.SubElement(robot, "joint", name=f"{name}_mount", type="fixed")
         ET.SubElement(mount, "parent", link=carrier)
@@ -338,22 +339,15 @@ class HiddenGravityTilt(Imperfection):
         return {"pitch_rad": sign * strength * scale.joint_noise_nm / scale.joint(channel).tilt_nm_rad}
 
 
+@dataclass(frozen=True)
 class _Slope(PlantEffect):
-    def __init__(self, pitch_rad: float, roll_rad: float) -> None:
-        self._pitch_rad = pitch_rad
-        self._roll_rad = roll_rad
+    pitch_rad: float
+    roll_rad: float
 
     def gravity_m_s2(self, gravity_m_s2: Sequence[float]) -> Sequence[float]:
-        """Turn gravity into the tilted base's frame: back about y, then about x.
-
-        Args:
-            gravity_m_s2: fall acceleration in the level frame, shape (3,) [m/s^2].
-
-        Returns:
-            In the frame of the base, shape (3,) [m/s^2].
-        """
+        """Turn gravity into the tilted base's frame: back about y, then about x."""
         x, y, z = gravity_m_s2
-        c, s = cos(self._pitch_rad), sin(self._pitch_rad)
+        c, s = cos(self.pitch_rad), sin(self.pitch_rad)
         x, z = c * x - s * z, s * x + c * z
-        c, s = cos(self._roll_rad), sin(self._roll_rad)
+        c, s = cos(self.roll_rad), sin(self.roll_rad)
         return x, c * y + s * z, -s * y + c * z

@@ -195,7 +195,6 @@ class MotorBus(JointBus, Examinable):
             raise kind(f"{self.line.label}: {'; '.join(problems)}")
 
     def stage(self, torque_nm: FloatArray) -> FloatArray:
-        """See `JointBus.stage`."""
         if not self._powered:
             raise LifecycleError("the motors are off: activate them before the first command")
         pairs = [self._encode_torque(joint, torque) for joint, torque in enumerate(torque_nm.tolist())]

@@ -432,7 +432,6 @@ class SerialLine(ForceLine):
 
     @property
     def label(self) -> str:
-        """See `ForceLine.label`."""
         return f"serial port {self._own.port}"
 
     @property
