@@ -18,7 +18,7 @@ import can
 import numpy as np
 
 from palpate.robot_io.clock import SimulatedClock
-from palpate.robot_io.driver import DriverCatalogue
+from palpate.robot_io.driver import DriverCatalog
 from palpate.robot_io.robot import Robot, build_robot
 from palpate.robot_io.robot_file import load_robot_file
 from palpate.robot_io.types import Command
@@ -83,7 +83,7 @@ def main() -> None:
             clock = SimulatedClock()
             arm = wire_up(load_robot_file(ROBOTS / f"{kind}_3dof.yaml"), load_scenario("default"), clock)
             stack.callback(arm.bench.close)
-            robot = stack.enter_context(build_robot(arm.robot_file, DriverCatalogue(), clock))
+            robot = stack.enter_context(build_robot(arm.robot_file, DriverCatalog(), clock))
             robot.activate()
             benches[kind] = (clock, robot)
         for _ in range(ROUNDS):

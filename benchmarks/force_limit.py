@@ -19,7 +19,7 @@ from palpate.control.loop.tick_record import NO_ESTIMATE, Estimates, tick_stream
 from palpate.control.probing.plan import ProbingPlan
 from palpate.control.probing.task import ProbingTask
 from palpate.robot_io.clock import SimulatedClock
-from palpate.robot_io.driver import DriverCatalogue
+from palpate.robot_io.driver import DriverCatalog
 from palpate.robot_io.guard import Guard
 from palpate.robot_io.robot import build_robot
 from palpate.robot_io.types import Measurement
@@ -55,7 +55,7 @@ def probe(arm: str, stiffness_n_m: float, damping_n_s_m: float, plan: ProbingPla
     true_n: list[float] = []
     task = ProbingTask.from_robot_file(robot_file, plan)
     guard = Guard(robot_file.limits, robot_file.safe_state, robot_file.joint_count)
-    robot = build_robot(robot_file, DriverCatalogue("palpate.sim_backend.drivers"), clock)
+    robot = build_robot(robot_file, DriverCatalog("palpate.sim_backend.drivers"), clock)
     law = {"name": "kelvin_voigt", "stiffness_n_m": stiffness_n_m, "damping_n_s_m": damping_n_s_m}
     bus = robot.buses["world"]
     bus.use_scenario(load_scenario({"object": {"law": law}}))

@@ -22,7 +22,7 @@ from time import perf_counter
 import numpy as np
 
 from palpate.robot_io.clock import SimulatedClock
-from palpate.robot_io.driver import DriverCatalogue
+from palpate.robot_io.driver import DriverCatalog
 from palpate.robot_io.drivers.servo.bus import ServoBus
 from palpate.robot_io.robot import build_robot
 from palpate.robot_io.robot_file import load_robot_file
@@ -110,7 +110,7 @@ def main() -> None:
             clock = SimulatedClock()
             arm = wire_up(load_robot_file(ROBOTS / file), load_scenario("default"), clock)
             stack.callback(arm.bench.close)
-            robot = stack.enter_context(build_robot(arm.robot_file, DriverCatalogue(), clock))
+            robot = stack.enter_context(build_robot(arm.robot_file, DriverCatalog(), clock))
             robot.activate()
             bus = next(bus for bus in robot.buses.values() if isinstance(bus, ServoBus))
             port = ReplayedPort(bus, clock)

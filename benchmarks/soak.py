@@ -25,7 +25,7 @@ from palpate.control.loop.tick_record import NO_ESTIMATE, Estimates
 from palpate.control.probing.plan import ProbingPlan
 from palpate.control.probing.task import ProbingTask
 from palpate.robot_io.clock import SimulatedClock
-from palpate.robot_io.driver import DriverCatalogue
+from palpate.robot_io.driver import DriverCatalog
 from palpate.robot_io.errors import PalpateError
 from palpate.robot_io.guard import Guard
 from palpate.robot_io.robot import build_robot
@@ -133,7 +133,7 @@ def probe(name: str, rng: np.random.Generator, tally: Tally) -> None:
     plan = ProbingPlan(speeds_m_s=(SPEEDS_M_S.get(name, 0.1),), hold_s=0.5)
     begun_s, cause = clock.now_s(), ""
     try:
-        with build_robot(arm.robot_file, DriverCatalogue(), clock) as robot:
+        with build_robot(arm.robot_file, DriverCatalog(), clock) as robot:
             guard = Guard(robot_file.limits, robot_file.safe_state, robot_file.joint_count)
             task = ProbingTask.from_robot_file(robot_file, plan)
             result = run_loop(

@@ -294,8 +294,8 @@ def choose_path(
             f"limits.velocity_rad_s of joint {joint + 1} is {limits.velocity_rad_s[joint]:g} rad/s: too slow "
             f"to tell friction from weight; this motion needs {_SLOWEST_RAD_S / SHARE:g} rad/s or more"
         )
-    centre = highest_posture(body, low, high)
-    check_way_up(body, start_rad, centre, limits)
+    center = highest_posture(body, low, high)
+    check_way_up(body, start_rad, center, limits)
     times = np.linspace(0.0, settings.duration_s, _POSTURES)
     best: tuple[float, FourierPath] | None = None
     for _ in range(_CANDIDATES):
@@ -303,7 +303,7 @@ def choose_path(
             rng.uniform(0.3, 1.0, (body.joint_count, HARMONICS)),
             rng.uniform(-math.pi, math.pi, (body.joint_count, HARMONICS)),
         )
-        for path in _shrunk_paths(centre, shape, settings, (low, high), speed):
+        for path in _shrunk_paths(center, shape, settings, (low, high), speed):
             motion = path.along(times)
             each = (JointMotion(*row) for row in zip(*motion, strict=True))
             if is_clear(body, motion.position_rad, floor_m) and overloaded_joint(body, each, limits) is None:
@@ -322,7 +322,7 @@ def choose_path(
 
 
 def _shrunk_paths(
-    centre: FloatArray,
+    center: FloatArray,
     shape: tuple[FloatArray, FloatArray],
     settings: ExcitationSettings,
     bounds: tuple[FloatArray, FloatArray],
@@ -332,13 +332,13 @@ def _shrunk_paths(
     (low, high), (amplitude, phase) = bounds, shape
     period_s = settings.period_s
     times = np.linspace(0.0, settings.duration_s, 10 * _POSTURES)
-    unit = FourierPath(np.zeros(len(centre)), amplitude, phase, period_s, settings.duration_s)
+    unit = FourierPath(np.zeros(len(center)), amplitude, phase, period_s, settings.duration_s)
     motion = unit.along(times)
     peak_rad, peak_rad_s = np.abs(motion.position_rad).max(axis=0), np.abs(motion.velocity_rad_s).max(axis=0)
-    room = np.minimum(np.minimum(high - centre, centre - low), settings.amplitude_rad)
+    room = np.minimum(np.minimum(high - center, center - low), settings.amplitude_rad)
     scale = np.minimum(room / peak_rad, speed / peak_rad_s)
     for share in _SIZES:
-        yield FourierPath(centre, share * scale[:, None] * amplitude, phase, period_s, settings.duration_s)
+        yield FourierPath(center, share * scale[:, None] * amplitude, phase, period_s, settings.duration_s)
 
 
 TOUCH_N = 5.0  # largest difference of the force from its value at the start [N]

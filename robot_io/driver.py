@@ -57,7 +57,7 @@ class DriverContext:
         raise input_error(self.robot_file.document, (*self.section, "bus"), problem)
 
 
-class DriverCatalogue:
+class DriverCatalog:
     """All drivers that a robot file can name, by kind.
 
     A driver is a class in a module of one of the packages. It derives from an interface, states a `name`, and

@@ -14,7 +14,7 @@ from palpate.robot_io.calibration.applied import (
     load_calibrations,
 )
 from palpate.robot_io.clock import Clock
-from palpate.robot_io.driver import DriverCatalogue, DriverContext, make_driver
+from palpate.robot_io.driver import DriverCatalog, DriverContext, make_driver
 from palpate.robot_io.errors import DeviceError, DeviceTimeoutError, InputError, LifecycleError
 from palpate.robot_io.interfaces import (
     Bus,
@@ -255,7 +255,7 @@ class Robot(Opened):
 
 
 def build_robot(
-    robot_file: RobotFile, drivers: DriverCatalogue, clock: Clock, calibrations: Calibrations | None = None
+    robot_file: RobotFile, drivers: DriverCatalog, clock: Clock, calibrations: Calibrations | None = None
 ) -> Robot:
     """Assemble the robot that a robot file describes; opens nothing yet.
 

@@ -101,9 +101,8 @@ class ComplianceObject:
         """
         self._tell_engine(law, self._surface_height_m)
         self._law = law
-        self.is_engine_contact = isinstance(
-            law, EngineContact
-        )  # slow, so evaluated once and not at each step
+        # Evaluated once instead of at each step, because it is slow.
+        self.is_engine_contact = isinstance(law, EngineContact)
 
     def move_surface(self, height_m: float) -> None:
         """Change the height of the surface from the next physics step on.

@@ -12,7 +12,7 @@ from palpate.robot_io.files.file_model import FileModel, input_error
 from palpate.robot_io.interfaces import ForceSensor
 from palpate.robot_io.types import FloatArray, Reading, Status, clip
 from palpate.sim_backend.scenario import Scenario, load_scenario
-from palpate.sim_backend.sensors import SensorSample, quantise
+from palpate.sim_backend.sensors import SensorSample, quantize
 from palpate.sim_backend.world import World, world_of
 
 _REST_RAD, _REST_RAD_S = 0.01, 0.1  # an arm closer and slower than this is on its rest
@@ -128,7 +128,7 @@ class SimulatedBus(JointBus):
         if not self._powered:
             raise LifecycleError("the drives are off: activate them before the first command")
         step_nm, limits_nm = self.scenario.sensors.torque.command_resolution_nm, self.world.torque_limit_nm
-        pairs = zip(quantise(torque_nm.tolist(), step_nm), limits_nm, strict=True)
+        pairs = zip(quantize(torque_nm.tolist(), step_nm), limits_nm, strict=True)
         self._staged_torque_nm = np.array([clip(torque, -limit, limit) for torque, limit in pairs])
         return self._staged_torque_nm
 

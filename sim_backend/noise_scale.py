@@ -122,12 +122,12 @@ class NoiseScale:
         """Compute the share of the depth left at the same force when a second spring takes a part of it.
 
         Args:
-            strength: of the part of the second spring's force that the first cannot mimic, times the noise
-                floor.
-            share: share of the second spring's force that this part is.
+            strength: part of the second spring's force that the first cannot mimic, as a multiple of the
+                noise floor.
+            share: share of this part in the second spring's force.
 
         Returns:
-            Share of the depth, from 1 down.
+            At most 1.
         """
         return max(1.0 - strength * self.contact_noise_n / (share * self.force_n), 0.25)
 
@@ -162,10 +162,8 @@ class NoiseScale:
         Returns:
             In the unit of the channel per second.
         """
-        if channel == CONTACT:
-            return (
-                0.5 * self.force_n / self.depth_m * self.speed_m_s
-            )  # the other half is indistinguishable from damping
+        if channel == CONTACT:  # the other half is indistinguishable from damping
+            return 0.5 * self.force_n / self.depth_m * self.speed_m_s
         return self.joint(channel).load_rate_nm_s
 
 

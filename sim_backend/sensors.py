@@ -120,7 +120,7 @@ class SampledSensor(ABC):
         delay_s: delay from the sampling instant until a sample can be read [s].
         start_s: start of the first sampling period; a sample is taken then [s].
         phase: place of the sampling instants in the period, 0 to 1.
-        low_pass: analogue filter ahead of the sampling.
+        low_pass: analog filter ahead of the sampling.
 
     Attributes:
         look_s: time before which `observe` does nothing and need not be called [s].
@@ -219,7 +219,7 @@ class GaussianNoise:
         return [value + draw() for value in signal]
 
 
-def quantise(values: Sequence[float], step: float) -> list[float]:
+def quantize(values: Sequence[float], step: float) -> list[float]:
     """Round values to multiples of a step.
 
     Args:
@@ -301,7 +301,7 @@ class _Amplifier:
         value = self._noise.added_to(value)
         for effect in self._behind:
             value = effect.measure(time_s, value)
-        return quantise(value, self._resolution)
+        return quantize(value, self._resolution)
 
 
 class SimulatedTorqueSensor(SampledSensor):

@@ -12,7 +12,7 @@ from pathlib import Path
 import numpy as np
 
 from palpate.robot_io.clock import Clock, SimulatedClock
-from palpate.robot_io.driver import DriverCatalogue, DriverContext
+from palpate.robot_io.driver import DriverCatalog, DriverContext
 from palpate.robot_io.errors import DeviceError, DeviceTimeoutError
 from palpate.robot_io.files.file_model import FileModel, NotNegative, Number, Positive
 from palpate.robot_io.interfaces import Bus, Component, ForceSensor, JointEncoder, JointTorque
@@ -298,7 +298,7 @@ def mock_robot_file(text: str = ROBOT_YAML) -> RobotFile:
 
 def build_mock_robot(clock: Clock | None = None, text: str = ROBOT_YAML) -> Robot:
     """A mock robot in state NEW, on its own simulated clock unless one is given."""
-    return build_robot(mock_robot_file(text), DriverCatalogue("tests.mock_robot"), clock or SimulatedClock())
+    return build_robot(mock_robot_file(text), DriverCatalog("tests.mock_robot"), clock or SimulatedClock())
 
 
 def mock_bus(robot: Robot) -> MockBus:

@@ -124,7 +124,7 @@ def joint_elasticity(w: CaseWorld, s: float, u: Array) -> Hidden:
 
 
 def torque_gain(w: CaseWorld, s: float, u: Array) -> Hidden:
-    """Each newton metre reads as more or less."""
+    """Each newton meter reads as more or less."""
     gain = float(np.sign(u[0] - 0.5)) * 0.6 * s
     return Hidden(senses=lambda f: (1 + gain) * f, truth={"gain": 1 + gain})
 

@@ -85,8 +85,8 @@ def probing_sites(
     room_m = max(_LIFT_ROOM_M, plan.free_air_swing_m)
     sites = []
     for number, start in enumerate(approach_starts, 1):
-        millimetres = ", ".join(f"{1e3 * value:.0f}" for value in start)
-        name = f"target {number} ({millimetres} mm)" if starts else "below the tip"
+        millimeters = ", ".join(f"{1e3 * value:.0f}" for value in start)
+        name = f"target {number} ({millimeters} mm)" if starts else "below the tip"
         try:
             line = PressLine(arm, start, direction, elbow)
         except InputError as error:

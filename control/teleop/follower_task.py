@@ -213,7 +213,7 @@ class FollowerTask:
                 events=tuple(self._events),
             )
         if self._queue.cancelled:
-            task.cancel("cancelled by the operator")
+            task.cancel("canceled by the operator")
         elif not self._linked and self._on_silence is OnSilence.RETREAT:
             task.cancel("the leader is silent")
         output = task.step(measurement, dt_s)

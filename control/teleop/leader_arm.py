@@ -13,7 +13,7 @@ import numpy as np
 
 from palpate.control.arm.rigid_body import RigidBody, TipMotion
 from palpate.robot_io.clock import Clock
-from palpate.robot_io.driver import DriverCatalogue
+from palpate.robot_io.driver import DriverCatalog
 from palpate.robot_io.errors import DeviceError, InputError, LifecycleError, SafetyTripError
 from palpate.robot_io.files.file_model import FileModel, Positive, YamlDocument, load_yaml, validate
 from palpate.robot_io.guard import Guard
@@ -110,7 +110,7 @@ class LeaderArm(OperatorDevice):
         self._guard = Guard(
             robot_file.limits, robot_file.safe_state, robot_file.joint_count, self._body.gravity
         )
-        self._robot = build_robot(robot_file, DriverCatalogue(*self.settings.drivers), self.clock)
+        self._robot = build_robot(robot_file, DriverCatalog(*self.settings.drivers), self.clock)
         self._robot.configure()
         until_s = self.clock.now_s() + _WAIT_S
         while not np.isfinite(self._measure().joint_position_rad).all():

@@ -224,7 +224,7 @@ def _largest_change(
 
 
 def _spread_squared(values: FloatArray, std_errs: FloatArray | float) -> FloatArray:
-    """Variance between measurements beside their standard errors, by differences of neighbours, shape (m, 1).
+    """Variance between measurements beside their standard errors, by differences of neighbors, shape (m, 1).
 
     Half the mean squared difference is the variance (von Neumann, Ann. Math. Stat. 12 (1941) 367).
 
@@ -245,13 +245,13 @@ def _statistics(scaled: FloatArray, times: FloatArray) -> FloatArray:
         times: of the values (n,).
     """
     count = scaled.shape[1]
-    centred = scaled - scaled.mean(axis=1, keepdims=True)
+    centered = scaled - scaled.mean(axis=1, keepdims=True)
     variance = _spread_squared(scaled, 0.0)
     places = np.arange(_SIDE, count - _SIDE + 1)
-    sums = np.cumsum(centred, axis=1)[:, places - 1]
+    sums = np.cumsum(centered, axis=1)[:, places - 1]
     steps = sums**2 * count / (places * (count - places))
     away = times - times.mean()
-    drift = (centred @ away) ** 2 / max(float(away @ away), np.finfo(float).tiny)
+    drift = (centered @ away) ** 2 / max(float(away @ away), np.finfo(float).tiny)
     return np.asarray(np.column_stack([steps, drift]) / variance)
 
 

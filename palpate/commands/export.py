@@ -56,7 +56,7 @@ _FILES = {
 }
 
 
-# Endings that a file may have whose content other programs recognise by them.
+# Endings that a file may have whose content other programs recognize by them.
 _ENDINGS = {
     Format.SCENARIO: (".yaml", ".yml"),
     Format.MJCF: (".xml", ".mjcf"),

@@ -285,7 +285,7 @@ def demo(
                 "felt_share": settled.share,
                 "felt_share_with_all": made.felt.share,
                 "verdicts": made.merged.verdicts(),
-                "model_share": made.modelled.share,
+                "model_share": made.modeled.share,
                 "clock_offset_s": made.merged.offset_s,
                 "missed_tick_share": made.merged.missed_share,
                 "slipped_clock_share": made.merged.slipped_share,
@@ -295,7 +295,7 @@ def demo(
         return
     sessions = " ".join(typed(made.files[side]) for side in ("leader", "follower"))
     print_files(console.stdout(), made.files)
-    console.stdout().print(f"models over the follower's own measurements: {made.modelled.summary()}")
+    console.stdout().print(f"models over the follower's own measurements: {made.modeled.summary()}")
     console.say(made.verdict_summary())
     console.next_steps(
         (f"palpate inspect {sessions}", "both sides on one time line"),

@@ -16,7 +16,7 @@ from palpate.doctor.machine import can_interface, serial_port
 from palpate.doctor.signs import EmulatedHand, Hand, count_down, examine_powered, examine_signs
 from palpate.robot_io.calibration.applied import doubtful, load_calibrations
 from palpate.robot_io.clock import Clock, MonotonicClock, SimulatedClock
-from palpate.robot_io.driver import DriverCatalogue
+from palpate.robot_io.driver import DriverCatalog
 from palpate.robot_io.errors import DeviceError, InputError, PalpateError, describe_error
 from palpate.robot_io.examination import Examinable, Finding, Level, fail, graded, warn
 from palpate.robot_io.interfaces import Component, undo_all
@@ -59,7 +59,7 @@ def examine_arm(check: ArmCheck) -> Iterator[Finding]:
             be emulated or moved by hand.
     """
     with ExitStack() as stack:
-        drivers = DriverCatalogue(SIMULATED_DRIVERS, *check.drivers)
+        drivers = DriverCatalog(SIMULATED_DRIVERS, *check.drivers)
         gains_of(check.robot_file)  # checked because every run needs them
         calibrations = load_calibrations(check.robot_file, emulated=check.wired)
         # Raises if the robot file is not valid.

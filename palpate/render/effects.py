@@ -128,7 +128,7 @@ def _rms(values: FloatArray) -> float:
 
 _DOTS = np.array([[0x01, 0x08], [0x02, 0x10], [0x04, 0x20], [0x40, 0x80]])  # Unicode, block Braille Patterns
 _BLANK = 0x2800
-Curve = tuple[FloatArray, FloatArray, str]  # x (n,), y (n,), colour
+Curve = tuple[FloatArray, FloatArray, str]  # x (n,), y (n,), color
 
 
 def drawing(first: Curve, second: Curve, width: int, height: int) -> list[Text]:

@@ -55,7 +55,7 @@ _BAR_PX = 40
 RUN_TIME = "time, runs one after the other [s]"
 Place = tuple[int, int]  # row and column of a subplot
 Curve = tuple[FloatArray, FloatArray]
-_BRIGHT = 0.98  # quantile of a map's cells at which its colours saturate
+_BRIGHT = 0.98  # quantile of a map's cells at which its colors saturate
 
 
 @dataclass(frozen=True)
@@ -254,7 +254,7 @@ def _draw_state(
             named=named,
             shown=any(stage is shown_stage for shown_stage in channel.shown_stages),
         )
-        if len(colors) > 1:  # measured curves have the colours of speeds
+        if len(colors) > 1:  # measured curves have the colors of speeds
             look = replace(look, dash="4px,2px" if stage is channel.stages[-1] else "1px,2px")
         draw_curves(made, run_curves(x, stage.predicted, list(runs.values())), place, unit, look)
     title_axes(made, place, title, channel.axes.effort)

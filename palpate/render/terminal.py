@@ -172,7 +172,7 @@ def _print_verdict(console: Console, verdict: VerdictView) -> None:
 
 
 def headline(verdict: VerdictView) -> Text:
-    """Return the verdict as a coloured word, and its sentence with the effects in bold.
+    """Return the verdict as a colored word, and its sentence with the effects in bold.
 
     Args:
         verdict: verdict on one channel.

@@ -227,8 +227,8 @@ def residual_map(
     sums = np.histogram2d(velocity, position, edges, weights=residual[used])[0]
     with np.errstate(invalid="ignore", divide="ignore"):
         mean = np.where(counts >= _LEAST, sums / counts, np.nan)
-    centres = [(edge[1:] + edge[:-1]) / 2 for edge in edges]
-    return ResidualMap(centres[1], centres[0], mean)
+    centers = [(edge[1:] + edge[:-1]) / 2 for edge in edges]
+    return ResidualMap(centers[1], centers[0], mean)
 
 
 def _edges(values: FloatArray) -> FloatArray:

@@ -25,7 +25,7 @@ from palpate.estimation.estimators import ESTIMATORS
 from palpate.estimation.online import OnlineContactEstimator
 from palpate.robot_io.calibration.applied import Calibrations, load_calibrations
 from palpate.robot_io.clock import SimulatedClock
-from palpate.robot_io.driver import DriverCatalogue
+from palpate.robot_io.driver import DriverCatalog
 from palpate.robot_io.errors import InputError, PalpateError
 from palpate.robot_io.guard import Guard
 from palpate.robot_io.robot import build_robot
@@ -172,9 +172,8 @@ def run_probing(job: ProbingJob, watcher: Watcher = NOBODY) -> ProbingOutcome:
     task = ProbingTask.from_robot_file(robot_file, job.plan, calibrations, estimated=estimated)
     plan = yaml.safe_dump(job.plan.model_dump(mode="json"), sort_keys=False)
     result, sealed = run_guarded(job, task, calibrations, {PLAN: plan, **job.extra}, observe, watcher)
-    touched = Phase.LOADING in phases or bool(
-        result.observer_error
-    )  # a watcher without new estimates reports nothing
+    # After an error the observer sees no more phases.
+    touched = Phase.LOADING in phases or bool(result.observer_error)
     return ProbingOutcome(job.session, result, task.failures, sealed, touched)
 
 
@@ -341,7 +340,7 @@ def probe_in_memory(robot_file: RobotFile, scenario: Scenario, plan: ProbingPlan
     clock, log = SimulatedClock(), TickRecords()
     task = ProbingTask.from_robot_file(robot_file, plan)
     guard = Guard(robot_file.limits, robot_file.safe_state, robot_file.joint_count)
-    robot = build_robot(robot_file, DriverCatalogue(SIMULATED_DRIVERS), clock)
+    robot = build_robot(robot_file, DriverCatalog(SIMULATED_DRIVERS), clock)
     for bus in robot.buses.values():
         if isinstance(bus, SimulatedBus):
             bus.use_scenario(scenario)

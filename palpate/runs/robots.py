@@ -13,7 +13,7 @@ from palpate import sim_backend
 from palpate.common.options import own_files
 from palpate.common.user_effects import foreign_code
 from palpate.robot_io.clock import Clock
-from palpate.robot_io.driver import DriverCatalogue
+from palpate.robot_io.driver import DriverCatalog
 from palpate.robot_io.errors import InputError
 from palpate.robot_io.robot_file import RobotFile, load_robot_file, parse_robot_file
 from palpate.sim_backend.drivers import SimulatedBus
@@ -61,7 +61,7 @@ def importable(packages: list[str]) -> tuple[str, ...]:
         if not _exists(package):
             raise InputError(f"--drivers {package}: Python finds no such package (see PYTHONPATH)")
         with foreign_code(f"--drivers {package}"):
-            own = _number_of_drivers(DriverCatalogue(package)) - _number_of_drivers(DriverCatalogue())
+            own = _number_of_drivers(DriverCatalog(package)) - _number_of_drivers(DriverCatalog())
         if not own:
             raise InputError(f"--drivers {package}: holds no driver (docs/how-to/driver.md explains drivers)")
     return tuple(packages)
@@ -80,7 +80,7 @@ def _exists(package: str) -> bool:
             return False
 
 
-def _number_of_drivers(drivers: DriverCatalogue) -> int:
+def _number_of_drivers(drivers: DriverCatalog) -> int:
     return len(drivers.bus) + len(drivers.encoder) + len(drivers.torque) + len(drivers.force)
 
 

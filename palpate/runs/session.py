@@ -19,7 +19,7 @@ from palpate.control.loop.task import Task
 from palpate.control.loop.tick_record import Observer, tick_stream
 from palpate.robot_io.calibration.applied import Calibrations
 from palpate.robot_io.clock import Clock, MonotonicClock, SimulatedClock
-from palpate.robot_io.driver import DriverCatalogue
+from palpate.robot_io.driver import DriverCatalog
 from palpate.robot_io.errors import DeviceError, InputError
 from palpate.robot_io.extras import missing_package
 from palpate.robot_io.guard import Guard
@@ -248,10 +248,9 @@ def _set_up(
     job: ArmJob, clock: Clock, calibrations: Calibrations, stack: ExitStack
 ) -> tuple[Robot, Scenario | None, Callable[[], World] | None]:
     """Return the robot, and its simulated world if any; `stack` closes both."""
-    drivers = DriverCatalogue(SIMULATED_DRIVERS, *job.drivers)
-    robot = build_robot(
-        job.robot_file, drivers, clock, calibrations
-    )  # checks the replaced drivers with --wire too
+    drivers = DriverCatalog(SIMULATED_DRIVERS, *job.drivers)
+    # Built with --wire too, to check the replaced drivers.
+    robot = build_robot(job.robot_file, drivers, clock, calibrations)
     if job.wired:
         scenario = _altered(job.scenario or load_scenario(DEFAULT_SCENARIO), job)
         arm = emulate(job.robot_file, scenario, clock)

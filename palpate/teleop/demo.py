@@ -42,7 +42,7 @@ class TeleopDemo:
 
     merged: MergedSessions
     felt: ForceComparison  # felt force, and force of the real object
-    modelled: ForceComparison  # force of the models in the follower's presses, and measured force
+    modeled: ForceComparison  # force of the models in the follower's presses, and measured force
     files: dict[str, Path]
     ended_early: bool = False  # whether the leader was stopped before the end of the operator's script
 
@@ -160,11 +160,11 @@ def run_demo(
             options += ["--key", str(key)]
         ended_early = _run_both(folder, commands)
     merged = merge_sessions(*(Session.open(path) for path in sessions.values()))
-    felt, modelled = merged.felt_and_real(real), merged.modelled_and_measured()
+    felt, modeled = merged.felt_and_real(real), merged.modeled_and_measured()
     files = {**sessions, "recording": folder / "teleop.rrd", "figures": folder / "figures.png"}
     record_both(merged, files["recording"])
-    draw(files["figures"], merged, felt, modelled)
-    return TeleopDemo(merged, felt, modelled, files, ended_early)
+    draw(files["figures"], merged, felt, modeled)
+    return TeleopDemo(merged, felt, modeled, files, ended_early)
 
 
 def _run_both(folder: Path, commands: dict[str, list[str]]) -> bool:

@@ -195,7 +195,7 @@ class MergedSessions:
         forces = ForceComparison(haptic["time_s"], haptic["force_n"], real_n, touching & late[number])
         return forces.select(counted)
 
-    def modelled_and_measured(self) -> ForceComparison:
+    def modeled_and_measured(self) -> ForceComparison:
         """Compare each target's newest model with the measured forces, on the follower's presses."""
         ticks, parts = self.ticks, [(np.zeros(0),) * 3]
         newest = {data["target"]: data for _, data in self.feels()}

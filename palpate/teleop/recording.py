@@ -137,7 +137,7 @@ def _blueprint(merged: MergedSessions) -> rrb.Blueprint:
     return shown_on(rrb.Horizontal(left, right, column_shares=[5, 6], name="Teleoperation"), timeline=TIME)
 
 
-def draw(path: Path, merged: MergedSessions, felt: ForceComparison, modelled: ForceComparison) -> Path:
+def draw(path: Path, merged: MergedSessions, felt: ForceComparison, modeled: ForceComparison) -> Path:
     """Write a PNG with forces over time, felt over real force, and the link; return its path.
 
     Raises:
@@ -168,13 +168,13 @@ def draw(path: Path, merged: MergedSessions, felt: ForceComparison, modelled: Fo
     over_time.legend(loc="upper left", frameon=False, ncols=2)
     for forces, color, title in (
         (felt, palette.MODEL, "felt over real"),
-        (modelled, palette.MEASURED, "model over the follower's measurement"),
+        (modeled, palette.MEASURED, "model over the follower's measurement"),
     ):
         dots = {"ms": 2, "color": color, "label": f"{title}: {forces.summary()}"}
         over_force.plot(forces.real_n, forces.felt_n, ".", **dots)
-    most = max(float(forces.real_n.max(initial=1.0)) for forces in (felt, modelled))
+    most = max(float(forces.real_n.max(initial=1.0)) for forces in (felt, modeled))
     over_force.plot((0.0, most), (0.0, most), color=palette.BASE, lw=0.8)
-    over_force.set(xlabel="real force [N]", ylabel="felt, or modelled [N]")
+    over_force.set(xlabel="real force [N]", ylabel="felt, or modeled [N]")
     over_force.legend(loc="upper left", frameon=False)
     link, exchanges = merged.leader.samples("link"), merged.exchanges
     drift_s = exchanges[:, 1] - merged.offset_s

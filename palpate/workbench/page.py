@@ -77,8 +77,8 @@ class Page:
                 if not refused:
                     self._effects.build()
             with ui.element("div").classes("middle"):
-                self._centre = PlotPanel(self.state, use_runs)
-                self._centre.build()
+                self._center = PlotPanel(self.state, use_runs)
+                self._center.build()
             with ui.element("div").classes("right"):
                 self._lines = Lines(self.state)
                 self._parameters = Parameters(self.state, self.choose, self.pull)
@@ -160,7 +160,7 @@ class Page:
                     return
                 self._shown = shown
                 self._error.show(shown)
-                self._centre.show(shown)
+                self._center.show(shown)
                 self._lines.show()
                 self._enable_steps()
                 if shown.choice.pulled:
@@ -170,9 +170,9 @@ class Page:
                 self._parameters.show(shown)
                 self._effects.show(shown.choice.effects)
                 self._offer(shown.choice.effects)
-                self._centre.show_state()
+                self._center.show_state()
                 await asyncio.sleep(_NEXT_S)
-                self._centre.show_map()
+                self._center.show_map()
                 estimates, evidence = await asyncio.to_thread(
                     lambda: (shown.fitted.parameters, JudgedFit.of(shown))
                 )
@@ -195,7 +195,7 @@ class Page:
                 preview = await asyncio.to_thread(lambda: self.state.preview(coming()))
         if preview is not None:
             self._error.show(preview)
-            self._centre.show(preview)
+            self._center.show(preview)
             await asyncio.sleep(_NEXT_S)
         try:
             return await asyncio.to_thread(work)
@@ -223,13 +223,13 @@ class Page:
         self._enable_steps()
         await asyncio.sleep(_NEXT_S)
         if shown is self._shown:
-            self._centre.show_state()
+            self._center.show_state()
             await asyncio.sleep(_NEXT_S)
         if shown is self._shown:
-            self._centre.show_map()
+            self._center.show_map()
 
     def _draw_pulled(self, shown: DisplayedFit) -> None:
-        self._centre.preview(shown.fitted.predict(shown.values))
+        self._center.preview(shown.fitted.predict(shown.values))
         unit = axes_of(shown.fitted.data.kind).effort_unit
         self._error.preview(shown.error_at(shown.values), unit, shown.noise)
 

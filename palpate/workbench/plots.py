@@ -283,7 +283,7 @@ def cursor_shapes(times_s: Mapping[str, float]) -> dict[str, Any]:
 
 
 def _above(text: str, x_axis: str, y_axis: str) -> dict[str, Any]:
-    """Return a centred title above the panel of these axes."""
+    """Return a centered title above the panel of these axes."""
     place = {"xref": f"{x_axis} domain", "yref": f"{y_axis} domain", "x": 0.5, "y": 1.0, "yanchor": "bottom"}
     return {**place, "text": text, "showarrow": False}
 

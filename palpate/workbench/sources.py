@@ -414,7 +414,7 @@ class Live:
 
 
 async def run_command(arguments: Sequence[str], hear: Callable[[str], object]) -> str:
-    """Run a palpate command in a process; cancelling ends it as Ctrl-C would.
+    """Run a palpate command in a process; canceling ends it as Ctrl-C would.
 
     Args:
         arguments: arguments of `palpate`; it cannot ask questions.

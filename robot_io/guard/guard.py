@@ -14,7 +14,7 @@ from palpate.robot_io.types import Command, FloatArray, Measurement, clip
 GravityModel = Callable[[FloatArray], FloatArray]
 """Joint positions (n,) [rad] to the torques (n,) [N m] that hold the arm still there."""
 
-_MOST_SUPPORT = 1.25  # of the modelled weight: the arm may be heavier than its model, but not by more
+_MOST_SUPPORT = 1.25  # of the modeled weight: the arm may be heavier than its model, but not by more
 _FADE_SHARE, _LAST_SHARE = 0.5, 0.25  # of the lowering time
 
 

@@ -256,7 +256,7 @@ class TouchSettings(FileModel):
     device: str | None = None  # its name in the vendor's setup program; None: the default one
     library: str = "libHD.so"
     origin_world_m: tuple[Number, Number, Number] = (0.4, 0.0, 0.15)  # of the device's own origin
-    scale: Positive = 1.0  # world metres for each metre of the stylus
+    scale: Positive = 1.0  # world meters for each meter of the stylus
     watchdog_s: Positive = 0.02
     oldest_s: Positive = 0.1  # longest time without a sample, after which the device has disappeared
     select_button: Annotated[int, Field(ge=1, le=4)] = 1

@@ -69,9 +69,9 @@ def _reduce(robot: ET.Element, tip_frame: str, mass_scale: float, behind_tip_m: 
         for element in (*inertial.iter("mass"), *inertial.iter("inertia")):
             for key, value in element.attrib.items():
                 element.set(key, repr(float(value) * mass_scale))
-    carrier, centre = _in_last_moving_link(robot, tip_frame, behind_tip_m)
+    carrier, center = _in_last_moving_link(robot, tip_frame, behind_tip_m)
     sphere = ET.SubElement(links[carrier], "collision")
-    ET.SubElement(sphere, "origin", xyz=" ".join(map(repr, centre.tolist())), rpy="0 0 0")
+    ET.SubElement(sphere, "origin", xyz=" ".join(map(repr, center.tolist())), rpy="0 0 0")
     radius = repr(float(np.linalg.norm(behind_tip_m)))
     ET.SubElement(ET.SubElement(sphere, "geometry"), "sphere", radius=radius)
 
@@ -165,8 +165,7 @@ class Engine(ABC):
         """Apply dry friction to the joints from the next step on.
 
         The engine solves for friction together with the motion: friction equals its limit while a joint
-            moves,
-        and the required holding torque while the joint is at rest.
+        moves, and the required holding torque while the joint is at rest.
 
         Args:
             friction_nm: largest torques, shape (n,) [N m].

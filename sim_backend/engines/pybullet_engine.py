@@ -132,8 +132,8 @@ class PyBulletEngine(Engine):
         shape = bullet.createCollisionShape(
             bullet.GEOM_BOX, halfExtents=half_extents, physicsClientId=self._client
         )
-        centre = [0.0, 0.0, height_m - _HALF_HEIGHT_M]
-        self._box = bullet.createMultiBody(0.0, shape, basePosition=centre, physicsClientId=self._client)
+        center = [0.0, 0.0, height_m - _HALF_HEIGHT_M]
+        self._box = bullet.createMultiBody(0.0, shape, basePosition=center, physicsClientId=self._client)
         bullet.changeDynamics(
             self._box,
             -1,

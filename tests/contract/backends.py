@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 
 from palpate.robot_io.clock import Clock, SimulatedClock
-from palpate.robot_io.driver import DriverCatalogue
+from palpate.robot_io.driver import DriverCatalog
 from palpate.robot_io.robot import Robot, build_robot
 from palpate.robot_io.robot_file import RobotFile, load_robot_file, parse_robot_file
 from palpate.robot_io.types import Command, Measurement
@@ -98,7 +98,7 @@ class Backend:
 
 def open_mock() -> RobotBench:
     robot_file, clock = mock_robot_file(), SimulatedClock()
-    robot = build_robot(robot_file, DriverCatalogue("tests.mock_robot"), clock)
+    robot = build_robot(robot_file, DriverCatalog("tests.mock_robot"), clock)
 
     def press(force_n: float) -> None:
         mock_bus(robot).plant.hand_force_n = force_n
@@ -111,7 +111,7 @@ SIM_ROBOT_FILE = ROOT / "sim_backend" / "arms" / "follower" / "follower.yaml"
 
 def open_simulation() -> RobotBench:
     robot_file, clock = load_robot_file(SIM_ROBOT_FILE), SimulatedClock()
-    robot = build_robot(robot_file, DriverCatalogue("palpate.sim_backend.drivers"), clock)
+    robot = build_robot(robot_file, DriverCatalog("palpate.sim_backend.drivers"), clock)
 
     def press(force_n: float) -> None:
         """Hold the arm where it is, tool down, and bring the surface up to it."""
@@ -178,7 +178,7 @@ def open_documented() -> RobotBench:
         clock,
         as_built=parse_robot_file(built, ODRIVE),
     )
-    robot = build_robot(arm.robot_file, DriverCatalogue(documented_driver()), clock)
+    robot = build_robot(arm.robot_file, DriverCatalog(documented_driver()), clock)
     return RobotBench(robot, arm.robot_file, clock, None, 0.05, arm.bench.close)
 
 

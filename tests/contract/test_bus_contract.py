@@ -7,7 +7,7 @@ from contextlib import suppress
 import numpy as np
 import pytest
 
-from palpate.robot_io.driver import DriverCatalogue
+from palpate.robot_io.driver import DriverCatalog
 from palpate.robot_io.errors import DeviceTimeoutError
 from palpate.robot_io.examination import Examinable, Level
 
@@ -55,7 +55,7 @@ def test_polling_twice_and_flushing_with_nothing_staged_are_harmless(active):
     assert np.isfinite(active.tick().joint_position_rad).all()
 
 
-CATALOGUE = DriverCatalogue("palpate.sim_backend.drivers", "tests.mock_robot")
+CATALOGUE = DriverCatalog("palpate.sim_backend.drivers", "tests.mock_robot")
 DRIVERS = [
     pytest.param(driver, id=name)
     for registry in (CATALOGUE.bus, CATALOGUE.encoder, CATALOGUE.torque, CATALOGUE.force)

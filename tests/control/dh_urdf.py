@@ -16,9 +16,9 @@ class LinkInertia:
     """The mass of the link that one joint moves."""
 
     mass_kg: float  # mass [kg]
-    # centre of mass in the joint's URDF frame (at the joint, z along its axis), 3 values [m].
+    # center of mass in the joint's URDF frame (at the joint, z along its axis), 3 values [m].
     center_m: tuple[float, float, float]
-    # xx, yy, zz, xy, xz, yz about the centre of mass, axes of that frame [kg m^2].
+    # xx, yy, zz, xy, xz, yz about the center of mass, axes of that frame [kg m^2].
     inertia_kg_m2: tuple[float, float, float, float, float, float]
 
 

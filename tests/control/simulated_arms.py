@@ -10,7 +10,7 @@ from palpate.control.loop.result import LoopResult
 from palpate.control.probing.plan import ProbingPlan
 from palpate.control.probing.task import ProbingTask
 from palpate.robot_io.clock import SimulatedClock
-from palpate.robot_io.driver import DriverCatalogue
+from palpate.robot_io.driver import DriverCatalog
 from palpate.robot_io.guard import Guard
 from palpate.robot_io.robot import build_robot
 from palpate.robot_io.robot_file import load_robot_file
@@ -40,7 +40,7 @@ class SimulatedArm:
         robot_file = load_robot_file(ARMS / name / f"{name}.yaml")
         self.robot_file = robot_file
         self.clock, self.log = SimulatedClock(), MemoryLog()
-        self.robot = build_robot(robot_file, DriverCatalogue("palpate.sim_backend.drivers"), self.clock)
+        self.robot = build_robot(robot_file, DriverCatalog("palpate.sim_backend.drivers"), self.clock)
         self.task = ProbingTask.from_robot_file(robot_file, plan)
         body = RigidBody.from_urdf(robot_file.urdf_path, robot_file.tip_frame)
         weight = body.gravity if gravity else None

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from palpate.robot_io.clock import Clock, SimulatedClock
-from palpate.robot_io.driver import DriverCatalogue
+from palpate.robot_io.driver import DriverCatalog
 from palpate.robot_io.errors import InputError, LifecycleError
 from palpate.robot_io.robot import build_robot
 from palpate.robot_io.robot_file import load_robot_file
@@ -19,7 +19,7 @@ TICK_S = 1e-3
 
 def build(name="follower", clock=None, path=None):
     robot_file = load_robot_file(path or ARMS_DIR / name / f"{name}.yaml")
-    return build_robot(robot_file, DriverCatalogue("palpate.sim_backend.drivers"), clock or SimulatedClock())
+    return build_robot(robot_file, DriverCatalog("palpate.sim_backend.drivers"), clock or SimulatedClock())
 
 
 def world_of(robot):

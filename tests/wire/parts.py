@@ -7,7 +7,7 @@ import can
 import numpy as np
 
 from palpate.robot_io.clock import SimulatedClock
-from palpate.robot_io.driver import DriverCatalogue
+from palpate.robot_io.driver import DriverCatalog
 from palpate.robot_io.robot import Robot, build_robot
 from palpate.robot_io.robot_file import parse_robot_file
 from palpate.robot_io.types import Command, Measurement
@@ -94,7 +94,7 @@ class WireBench:
             self.faults,
             hidden_effects(hidden, len(robot_file.home_rad)),
         )
-        self.robot: Robot = build_robot(self.arm.robot_file, DriverCatalogue(), self.clock)
+        self.robot: Robot = build_robot(self.arm.robot_file, DriverCatalog(), self.clock)
         self.period_s = 1.0 / robot_file.control_rate_hz
 
     def start(self) -> "WireBench":

@@ -6,7 +6,7 @@ from contextlib import nullcontext
 import pytest
 
 from palpate.robot_io.clock import SimulatedClock
-from palpate.robot_io.driver import DriverCatalogue
+from palpate.robot_io.driver import DriverCatalog
 from palpate.robot_io.errors import DeviceError, InputError
 from palpate.robot_io.examination import Level
 from palpate.robot_io.robot import build_robot
@@ -172,4 +172,4 @@ def test_a_wrong_robot_file_is_refused(path, old, new, problem):
     text = path.read_text(encoding="utf-8")
     assert old in text
     with pytest.raises(InputError, match=problem):
-        build_robot(parse_robot_file(text.replace(old, new, 1), path), DriverCatalogue(), SimulatedClock())
+        build_robot(parse_robot_file(text.replace(old, new, 1), path), DriverCatalog(), SimulatedClock())

@@ -7,7 +7,7 @@ import tty
 import pytest
 
 from palpate.robot_io.clock import MonotonicClock
-from palpate.robot_io.driver import DriverCatalogue
+from palpate.robot_io.driver import DriverCatalog
 from palpate.robot_io.drivers.serial_force import lorenz
 from palpate.robot_io.drivers.serial_force.gauges import loadstar_stream
 from palpate.robot_io.drivers.serial_force.line import SerialReader
@@ -74,7 +74,7 @@ def test_a_silent_sensor_keeps_its_value_and_its_time(sensor):
 def test_another_sensor_than_stated_is_refused(bench, path, old, new, problem):
     arm = bench(path)
     stated = parse_robot_file(arm.arm.robot_file.text.replace(old, new), path)
-    robot = build_robot(stated, DriverCatalogue(), arm.clock)
+    robot = build_robot(stated, DriverCatalog(), arm.clock)
     with pytest.raises(DeviceError, match=problem):
         robot.configure()
 

@@ -23,7 +23,7 @@ from palpate.robot_io.types import FloatArray
 
 TIME, REVISION = "time", "revision"  # timelines
 BACKGROUND = (24, 29, 36)
-Line = tuple[FloatArray, str, float]  # values (n,), colour, width in points
+Line = tuple[FloatArray, str, float]  # values (n,), color, width in points
 
 
 @contextmanager

@@ -77,7 +77,7 @@ _ROBSTRIDE_FAULTS = {
     5: "over current in phase C",
     7: "encoder not calibrated",
     8: "hardware not identified",
-    9: "position not initialised",
+    9: "position not initialized",
     14: "overload, stalled",
     16: "over current in phase A",
 }

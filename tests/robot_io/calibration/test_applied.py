@@ -13,7 +13,7 @@ from palpate.robot_io.calibration.applied import (
     parse_calibrations,
 )
 from palpate.robot_io.clock import SimulatedClock
-from palpate.robot_io.driver import DriverCatalogue
+from palpate.robot_io.driver import DriverCatalog
 from palpate.robot_io.errors import InputError
 from palpate.robot_io.examination import Examinable, ok
 from palpate.robot_io.interfaces import ForceSensor
@@ -27,7 +27,7 @@ from tests.robot_io.calibration.parts import END, KINDS, MADE, NOW, VALUES, quan
 def readings(robot_file, calibrations, command_nm=(0.2, 0.3, 0.4)):
     """A measurement after a command, and what was said to be sent and was sent."""
     clock = SimulatedClock()
-    with build_robot(robot_file, DriverCatalogue("tests.mock_robot"), clock, calibrations) as robot:
+    with build_robot(robot_file, DriverCatalog("tests.mock_robot"), clock, calibrations) as robot:
         robot.activate()
         for _ in range(3):
             clock.sleep_until(clock.now_s() + 0.001)
@@ -69,7 +69,7 @@ def test_a_robot_file_is_never_built_without_what_it_names(tmp_path):
     with pytest.raises(
         InputError, match=r"mock\.yaml line \d+, calibration\.force: .*force\.yaml: cannot be"
     ):
-        build_robot(robot_file, DriverCatalogue("tests.mock_robot"), SimulatedClock())
+        build_robot(robot_file, DriverCatalog("tests.mock_robot"), SimulatedClock())
     with pytest.raises(InputError, match=r"force\.yaml"):
         RigidBody.of_robot(robot_file)
 
@@ -102,7 +102,7 @@ def test_one_of_emulated_devices_is_for_emulated_devices_alone(tmp_path, kind):
     with pytest.raises(InputError, match=rf"made with emulated devices .* palpate calibrate {kind}"):
         load_calibrations(robot_file, NOW)
     with pytest.raises(InputError, match="emulated devices"):
-        build_robot(robot_file, DriverCatalogue("tests.mock_robot"), SimulatedClock())
+        build_robot(robot_file, DriverCatalog("tests.mock_robot"), SimulatedClock())
     assert load_calibrations(robot_file, NOW, emulated=True).kinds == (kind,)
 
 

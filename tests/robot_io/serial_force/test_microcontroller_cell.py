@@ -5,7 +5,7 @@ import subprocess
 
 import pytest
 
-from palpate.robot_io.driver import DriverCatalogue
+from palpate.robot_io.driver import DriverCatalog
 from palpate.robot_io.drivers.serial_force.microcontroller_cell import CellStream, checked, sample_of
 from palpate.robot_io.errors import DeviceError, ProtocolError
 from palpate.robot_io.robot import build_robot
@@ -126,7 +126,7 @@ def test_another_cell_than_stated_is_refused(arm, old, new, problem):
     text = arm.arm.robot_file.text
     stated = parse_robot_file(text.replace(old, new) if old else text, ODRIVE)
     with pytest.raises(DeviceError, match=problem):
-        build_robot(stated, DriverCatalogue(), arm.clock).configure()
+        build_robot(stated, DriverCatalog(), arm.clock).configure()
 
 
 @pytest.mark.parametrize("word", ["converter", "silent"])

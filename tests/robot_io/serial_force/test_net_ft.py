@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from palpate.robot_io.driver import DriverCatalogue
+from palpate.robot_io.driver import DriverCatalog
 from palpate.robot_io.drivers import net_ft
 from palpate.robot_io.drivers.net_ft import NetFtLineSettings, NetFtStream, decode_record, parse_configuration
 from palpate.robot_io.errors import DeviceError, InputError, ProtocolError
@@ -177,7 +177,7 @@ def test_a_sensor_that_is_set_up_otherwise_is_refused(arm, spoil, said):
 def configure_with(arm, old, new):
     text, changes = re.subn(old, new, arm.arm.robot_file.text)
     assert changes
-    with build_robot(parse_robot_file(text, ODRIVE), DriverCatalogue(), arm.clock) as robot:
+    with build_robot(parse_robot_file(text, ODRIVE), DriverCatalog(), arm.clock) as robot:
         robot.configure()
 
 
