@@ -1,23 +1,75 @@
 """Memory over time: elastic force that relaxes on one, two or all time scales."""
 
+from collections.abc import Callable
+from copy import copy
+from functools import partial
 from itertools import combinations
+from typing import Self
 
 import numpy as np
 
 from palpate.estimation.channel import ChannelData, ChannelKind
-from palpate.estimation.effect import AdditiveEffect, Inner, MemoryEffect, Parameter, start_grid
+from palpate.estimation.effect import AdditiveEffect, Effect, Inner, MemoryEffect, Parameter, start_grid
 from palpate.estimation.kinds import Kind
 from palpate.estimation.signals.blocks import block_index
-from palpate.estimation.signals.exponential_memory import fading_memory, low_pass, relax, springpot
+from palpate.estimation.signals.exponential_memory import fading_memory, springpot
 from palpate.estimation.signals.runwise import finest_step
-from palpate.robot_io.types import FloatArray
+from palpate.robot_io.types import BoolArray, FloatArray
 
 
-class StressRelaxation(AdditiveEffect):
+class _Relaxation(Effect):
+    """Memory that begins a run after a sudden press to its first depth or, in form 1, relaxed at this depth.
+
+    Both begin alike in air. The data decide between the forms if runs begin pressed.
+    """
+
+    begins_pressed = False
+
+    def suited_to(self, data: ChannelData) -> Self:
+        """See `Effect.suited_to`: there are two forms if runs begin pressed."""
+        if not np.any(_begins_pressed(data)):
+            return self
+        suited = copy(self)
+        suited.begins_pressed = True
+        return suited
+
+    def forms(self) -> tuple[Self, ...]:
+        """See `Effect.forms`."""
+        if not self.begins_pressed:
+            return (self,)
+        relaxed = copy(self)
+        relaxed.form = 1
+        return self, relaxed
+
+    def remembered(
+        self, memory: Callable[..., FloatArray], signal: FloatArray, data: ChannelData
+    ) -> FloatArray:
+        """Return what remains of a strain or elastic force.
+
+        Args:
+            memory: `fading_memory` or `springpot` with given parameters.
+            signal: strain or elastic force, shape (n,) or (n, k).
+            data: the channel.
+        """
+        remaining = memory(signal, data.time_s, data.run)
+        if self.form:
+            first, piece = block_index(data.run)
+            change = memory(signal - signal[first][piece], data.time_s, data.run, independent_runs=True)
+            rested = _begins_pressed(data)[piece]
+            remaining[rested] = change[rested]
+        return remaining
+
+
+def _begins_pressed(data: ChannelData) -> BoolArray:
+    """Return whether each run begins in contact."""
+    first, _ = block_index(data.run)
+    return data.engaged[first] & (data.position[first] > 0.0)
+
+
+class StressRelaxation(_Relaxation, AdditiveEffect):
     """Maxwell branch parallel to the spring: F = k1 z with z' = x' - z / tau, z = 0 before the first run.
 
     The state z persists between runs, since an object may not have recovered at the next press.
-    The data decide whether runs that begin pressed begin with a press or with a relaxed object.
     """
 
     name = "stress_relaxation"
@@ -44,27 +96,11 @@ class StressRelaxation(AdditiveEffect):
 
     def columns(self, data: ChannelData, inner: Inner) -> FloatArray:
         pressed = np.where(data.engaged, data.position, 0.0)
-        return relax(pressed, data.time_s, data.run, inner["tau"])[:, None]
-
-    def forms(self) -> tuple["StressRelaxation", ...]:
-        """See `Effect.forms`: runs that begin pressed begin with a sudden press, or relaxed."""
-        return self, _RelaxedAtStart()
+        memory = partial(fading_memory, rates=np.array([1.0 / inner["tau"]]), weights=np.ones(1))
+        return self.remembered(memory, pressed, data)[:, None]
 
 
-class _RelaxedAtStart(StressRelaxation):
-    """Runs that begin pressed begin relaxed; no state carries over to them."""
-
-    form = 1
-
-    def columns(self, data: ChannelData, inner: Inner) -> FloatArray:
-        pressed = np.where(data.engaged, data.position, 0.0)
-        starts, piece = block_index(data.run)
-        relaxed = pressed - low_pass(pressed, data.time_s, data.run, inner["tau"])
-        begins_pressed = (pressed[starts] > 0.0)[piece]
-        return np.where(begins_pressed, relaxed, super().columns(data, inner)[:, 0])[:, None]
-
-
-class PowerLawRelaxation(MemoryEffect):
+class PowerLawRelaxation(_Relaxation, MemoryEffect):
     """F = integral ((1 - share) + share ((t - s) / 1 s)^-alpha) dE(s), where E is the elastic force.
 
     This is quasi-linear viscoelasticity with a springpot, between a spring (alpha 0) and a dashpot (alpha 1),
@@ -95,7 +131,7 @@ class PowerLawRelaxation(MemoryEffect):
 
     def fade(self, elastic: FloatArray, data: ChannelData, inner: Inner) -> FloatArray:
         share = inner["share"]
-        fading = springpot(elastic, data.time_s, data.run, inner["alpha"])
+        fading = self.remembered(partial(springpot, alpha=inner["alpha"]), elastic, data)
         return (1.0 - share) * elastic + share * fading
 
     def starts(self, data: ChannelData) -> tuple[Inner, ...]:
@@ -106,7 +142,7 @@ class PowerLawRelaxation(MemoryEffect):
 _BRANCH_SHARES = (0.15, 0.4)
 
 
-class RelaxationSpectrum(MemoryEffect):
+class RelaxationSpectrum(_Relaxation, MemoryEffect):
     """F = (1 - f - s) E + f Z_f + s Z_s, Z' = E' - Z / tau, where E is the instantaneous elastic force.
 
     This is quasi-linear viscoelasticity with two branches, which applies to any elastic law.
@@ -137,7 +173,7 @@ class RelaxationSpectrum(MemoryEffect):
     def fade(self, elastic: FloatArray, data: ChannelData, inner: Inner) -> FloatArray:
         shares = np.array([inner["fast"], inner["slow"]])
         rates = 1.0 / np.array([inner["fast_time"], inner["slow_time"]])
-        fading = fading_memory(elastic, data.time_s, data.run, rates, shares)
+        fading = self.remembered(partial(fading_memory, rates=rates, weights=shares), elastic, data)
         return np.asarray((1.0 - shares.sum()) * elastic + fading)
 
     def in_order(self, inner: Inner) -> Inner:

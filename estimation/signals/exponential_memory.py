@@ -97,7 +97,9 @@ def fading_memory(
     return memory.T.reshape(signal.shape)
 
 
-def springpot(signal: FloatArray, time_s: FloatArray, run: IntArray, alpha: float) -> FloatArray:
+def springpot(
+    signal: FloatArray, time_s: FloatArray, run: IntArray, alpha: float, *, independent_runs: bool = False
+) -> FloatArray:
     """Apply a springpot: each step of a signal relaxes as (t / 1 s)^-alpha.
 
     t^-alpha is an integral of exponentials over all rates u with weights u^(alpha-1) / gamma(alpha). Rates
@@ -109,6 +111,7 @@ def springpot(signal: FloatArray, time_s: FloatArray, run: IntArray, alpha: floa
         time_s: times, shape (n,) [s].
         run: run number of each sample, shape (n,).
         alpha: exponent between 0 and 1.
+        independent_runs: whether to treat all runs as recorded independently.
 
     Returns:
         Relaxed signal in the shape of the signal.
@@ -124,7 +127,8 @@ def springpot(signal: FloatArray, time_s: FloatArray, run: IntArray, alpha: floa
     spring = weights[0] / np.expm1(alpha * _LOG_RATE_STEP)
     dashpot = weights[-1] / rates[-1] / np.expm1((1.0 - alpha) * _LOG_RATE_STEP)
     slopes = np.diff(signal, axis=0, prepend=signal[:1]) / steps.reshape(-1, *([1] * (signal.ndim - 1)))
-    return np.asarray(spring * signal + dashpot * slopes + fading_memory(signal, time_s, run, rates, weights))
+    fading = fading_memory(signal, time_s, run, rates, weights, independent_runs=independent_runs)
+    return np.asarray(spring * signal + dashpot * slopes + fading)
 
 
 @dataclass(frozen=True)
