@@ -60,7 +60,10 @@ class ReplayedPort:
         for end in self._ends:
             end.setblocking(False)
         self._own_fd, self._fd, self._far_fd = self._port._fd, *(end.fileno() for end in self._ends)
-        self._port._fd, self._port.write = self._fd, self.write  # type: ignore[method-assign]
+        self._own_poll, poll = self._port._poll, select.poll()
+        poll.register(self._fd, select.POLLIN)
+        self._port._fd, self._port._poll = self._fd, poll
+        self._port.write = self.write  # type: ignore[method-assign]
 
     def write(self, data: bytes) -> None:
         """Send bytes; a request is answered at once, in time that is not counted."""
@@ -95,7 +98,8 @@ class ReplayedPort:
 
     def close(self) -> None:
         """Give the emulated servos their port back."""
-        self._port._fd, self._port.write = self._own_fd, self._write  # type: ignore[method-assign]
+        self._port._fd, self._port._poll = self._own_fd, self._own_poll
+        self._port.write = self._write  # type: ignore[method-assign]
         for end in self._ends:
             end.close()
 

@@ -85,7 +85,7 @@ class SerialPort:
         self.failure: str | None = None
         self._clock = clock
         self._serial: serial.Serial | None = None
-        self._fd = -1
+        self._fd, self._poll = -1, select.poll()
 
     @property
     def is_open(self) -> bool:
@@ -108,7 +108,8 @@ class SerialPort:
         """
         self.close()
         self._serial = open_exclusively(self.path, self.baud_rate)
-        self._fd = self._serial.fileno()
+        self._fd, self._poll = self._serial.fileno(), select.poll()
+        self._poll.register(self._fd, select.POLLIN)
         self.failure = None
 
     def close(self) -> None:
@@ -127,7 +128,7 @@ class SerialPort:
             DeviceError: the port is closed or gone, or its output is blocked.
         """
         try:
-            sent = os.write(self._usable(), data)
+            sent = os.write(self._fd if self._fd >= 0 else self._usable(), data)
         except BlockingIOError:
             sent = 0
         except OSError as error:
@@ -142,7 +143,7 @@ class SerialPort:
             DeviceError: the port is closed or gone.
         """
         try:
-            return os.read(self._usable(), _CHUNK)
+            return os.read(self._fd if self._fd >= 0 else self._usable(), _CHUNK)
         except BlockingIOError:
             return b""
         except OSError as error:
@@ -181,6 +182,8 @@ class SerialPort:
         Raises:
             DeviceError: the port is closed or gone.
         """
+        if not self._poll.poll(0) and self._fd >= 0:  # in most ticks; faster than a read that fails
+            return b""
         received = b""
         while data := self.read():
             received += data

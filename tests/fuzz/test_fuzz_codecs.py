@@ -56,8 +56,8 @@ BREAKS = [  # a codec, and how it is broken: module, name there, what replaces i
     ("dynamixel_stream", dynamixel, "_STATUS", lambda old: Anything()),
     ("dynamixel_packet", dynamixel, "_checksum", lambda old: lambda data: Anything()),
     ("dynamixel_fast_reply", dynamixel, "_checksum", lambda old: lambda data: Anything()),
-    ("feetech_packet", feetech, "_WHOLE_SUM", lambda old: Anything()),
-    ("feetech_stream", feetech, "_WHOLE_SUM", lambda old: Anything()),
+    ("feetech_packet", feetech, "WHOLE_SUM", lambda old: Anything()),
+    ("feetech_stream", feetech, "WHOLE_SUM", lambda old: Anything()),
     ("feetech_packet", feetech, "LARGEST_ID", lambda old: 0xFE),  # so is an echo
     ("feetech_stream", feetech, "LARGEST_ID", lambda old: 0xFE),
     ("mit", mit, "_MAX_12", lambda old: 4096),

@@ -75,7 +75,7 @@ class DynamixelBus(ServoBus):
 
     def _is_well(self, feedback: Sequence[DynamixelFeedback]) -> bool:
         told = (0, int(self._powered), 0, self._watchdog)
-        return all(servo[:4] == told for servo in feedback)
+        return [servo[:4] for servo in feedback] == [told] * len(feedback)
 
     def _problem(self, feedback: Sequence[DynamixelFeedback]) -> str | None:
         for label, servo in zip(self._labels, feedback, strict=True):
@@ -90,9 +90,13 @@ class DynamixelBus(ServoBus):
         return None
 
     def _goals(self, torque_nm: list[float]) -> tuple[list[int], FloatArray]:
+        counts, sent_nm = [], []
         shares = zip(self._pairs.shares(torque_nm), self._torque_steps_nm, self._largest_current, strict=True)
-        counts = [min(max(round(torque / step), -most), most) for torque, step, most in shares]
-        sent_nm = [count * step for count, step in zip(counts, self._torque_steps_nm, strict=True)]
+        for torque, step, most in shares:
+            count = round(torque / step)
+            count = -most if count < -most else min(count, most)
+            counts.append(count)
+            sent_nm.append(count * step)
         return counts, np.array(self._pairs.summed(sent_nm))
 
 

@@ -32,7 +32,7 @@ def _table_entry(byte: int) -> int:
 
 
 _TABLE = tuple(map(_table_entry, range(256)))
-_TABLE_BEFORE = tuple((entry << 8) & 0xFF00 ^ _TABLE[entry >> 8] for entry in _TABLE)  # one byte earlier
+_OF_WORDS = [(entry << 8) & 0xFF00 ^ _TABLE[entry >> 8] ^ low for entry in _TABLE for low in _TABLE]
 
 
 def crc16(data: bytes, start: int = 0) -> int:
@@ -45,10 +45,9 @@ def crc16(data: bytes, start: int = 0) -> int:
     Returns:
         The CRC-16, from 0 to FFFF.
     """
-    crc, table, before, count = start, _TABLE, _TABLE_BEFORE, len(data) // 2
+    crc, of_words, count = start, _OF_WORDS, len(data) // 2
     for word in struct.unpack_from(f">{count}H", data):
-        crc ^= word
-        crc = before[crc >> 8] ^ table[crc & 0xFF]
+        crc = of_words[crc ^ word]
     if len(data) > 2 * count:
         crc = (crc << 8) & 0xFF00 ^ _TABLE[crc >> 8 ^ data[-1]]
     return crc
@@ -209,6 +208,7 @@ class FastReply:
         self.size = _FAST_HEAD + len(self._ids) * self._part
         self.length = (self.size - _HEAD).to_bytes(2, "little")
         self._head = FAST_HEADER + self.length + bytes((_STATUS,))
+        self._no_errors = bytes(len(self._ids))
         starts = range(_FAST_HEAD, self.size, self._part)
         self._data = [slice(start + 2, start + self._part - _CRC) for start in starts]
 
@@ -222,6 +222,25 @@ class FastReply:
             Number of servos.
         """
         return min(max(0, (len(data) - _FAST_HEAD) // self._part), len(self._ids) - 1)
+
+    def valid_parts(self, data: bytes) -> bytes | None:
+        """Return the parts of all servos: error, id, data and checksum of each.
+
+        Args:
+            data: received bytes.
+
+        Returns:
+            The parts one after the other; None if the bytes are not just the whole answer, undamaged and
+            without an error of a servo, see `decode`.
+        """
+        is_valid = (
+            len(data) == self.size
+            and data.startswith(self._head)
+            and data[_FAST_HEAD :: self._part] == self._no_errors
+            and data[_FAST_HEAD + 1 :: self._part] == self._ids
+            and data[-_CRC:] == _checksum(data[:-_CRC])
+        )
+        return data[_FAST_HEAD:] if is_valid else None
 
     def decode(self, packet: bytes) -> list[DynamixelStatus]:
         """Split a whole answer.

@@ -3,7 +3,6 @@
 import struct
 from collections.abc import Iterator, Sequence
 from functools import cached_property
-from math import inf
 from typing import Final, NamedTuple
 
 from palpate.robot_io.clock import Clock
@@ -116,8 +115,20 @@ class _FastReader(FeedbackReader[DynamixelFeedback]):
     def _by_length(self) -> dict[bytes, Request]:
         return {self._replies[size].length: request for size, request in self._requests.items()}
 
+    @cached_property
+    def _layouts(self) -> dict[int, struct.Struct]:
+        """Layout of a servo's part, by the number of requested bytes."""
+        return {size: struct.Struct(f"<B{1 + size - FEEDBACK_SIZE}xBBbhii2x") for size in self._requests}
+
     def _answer_size(self, size: int) -> int:
         return self._replies[size].size
+
+    def _decode_whole(self, request: Request, data: bytes) -> list[DynamixelFeedback] | None:
+        parts = self._replies[request.size].valid_parts(self._buffer + data)
+        if parts is None:
+            return None
+        self._buffer = b""
+        return list(map(DynamixelFeedback._make, self._layouts[request.size].iter_unpack(parts)))
 
     def _answers(self, data: bytes) -> Iterator[tuple[Request, Sequence[DynamixelStatus]]]:
         self._buffer = buffer = self._buffer + data
@@ -138,7 +149,7 @@ class _FastReader(FeedbackReader[DynamixelFeedback]):
                     self._problem = str(error)
                     damaged = self._oldest_open()  # its length may be damaged
                     if damaged is not None:
-                        damaged.asked_at_s = -inf
+                        self._close(damaged)
                 continue
             yield request, packets
             place, incomplete = end, -1

@@ -8,9 +8,9 @@ the motor, from its duty cycle and speed; they do not include the friction of th
 
 import struct
 from collections import deque
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from math import ceil, inf
-from typing import Final, NamedTuple
+from typing import Any, Final, NamedTuple
 
 import numpy as np
 
@@ -30,11 +30,12 @@ from palpate.robot_io.drivers.feetech.tables import (
 )
 from palpate.robot_io.drivers.joint_bus import BusTorque
 from palpate.robot_io.drivers.servo.bus import ServoBus, ServoEncoder
-from palpate.robot_io.drivers.servo.feedback import FeedbackReader
+from palpate.robot_io.drivers.servo.feedback import FeedbackReader, Request
 from palpate.robot_io.drivers.servo.line import Packet
 from palpate.robot_io.errors import DeviceError, LifecycleError, ProtocolError
 from palpate.robot_io.examination import Finding, ok
-from palpate.robot_io.types import FloatArray
+from palpate.robot_io.serial_port import SerialPort
+from palpate.robot_io.types import FloatArray, clip
 
 # Torque enable, acceleration, goal, its time and speed, torque limit, five reserved bytes, lock, position,
 # speed, load, voltage, temperature, a flag, errors.
@@ -107,6 +108,10 @@ class Plausibility:
         self._clock, self._settings, self._fastest_counts_s = clock, settings, fastest_counts_s
         self._goals = {servo_id: deque[int](maxlen=_GOALS) for servo_id in settings}
         self._last: dict[int, tuple[float, int]] = {}
+        self._packed = {
+            servo_id: (acceleration, struct.pack("<HHH", *speeds), lock)
+            for servo_id, (acceleration, *speeds, lock) in settings.items()
+        }
 
     def restart(self) -> None:
         """Reset the last positions and commands."""
@@ -158,6 +163,91 @@ class Plausibility:
         self._last[servo_id] = now_s, feedback.position
         return feedback
 
+    def decode_all(
+        self, rows: Iterable[tuple[Any, ...]], servos: Iterable[tuple[int, bytes]]
+    ) -> list[FeetechFeedback] | None:
+        """Decode plausible feedback of all servos, as in most ticks; faster than `decode` for each.
+
+        Args:
+            rows: fields of each servo's answer, see `_WHOLE_ANSWER`.
+            servos: id of each servo, and the first bytes of its answer.
+
+        Returns:
+            The same as `decode` of each answer; None if something in them is unusual.
+        """
+        now_s, feedback = self._clock.now_s(), []
+        for row, (servo_id, expected) in zip(rows, servos, strict=True):
+            start, on, acceleration, goal, speeds, lock, position, speed, load, volts, celsius, errors = row
+            settings, goals = self._settings[servo_id], self._goals[servo_id]
+            before_s, before = self._last.get(servo_id, (-inf, 0))
+            if (
+                start != expected
+                or (acceleration, speeds, lock) != self._packed[servo_id]
+                or position >= _POSITION_SIGN
+                or (on and goals and goal not in goals)
+                or abs(position - before) > _NEAR_COUNTS + self._fastest_counts_s * (now_s - before_s)
+            ):
+                return None
+            self._last[servo_id] = now_s, position
+            speed = speed if speed < _SPEED_SIGN else PRESENT_SPEED.signed_value(speed)
+            load = load if load < _LOAD_SIGN else PRESENT_LOAD.signed_value(load)
+            feedback.append(
+                FeetechFeedback(on, errors, settings, goal, position, speed, load, volts, celsius)
+            )
+        return feedback
+
+
+_SIZES = range(FEEDBACK_SIZE, FEEDBACK_SIZE + PADDING + 1)
+# Header, id and length; torque enable, acceleration, goal, its time and speed with the torque limit, lock ...
+_WHOLE_ANSWER: Final = {
+    size: struct.Struct(f"<4sx{size - FEEDBACK_SIZE}xBBH6s5xBHHHBBxBx") for size in _SIZES
+}
+
+
+class FeetechReader(FeedbackReader[FeetechFeedback]):
+    """Reads the feedback of all servos.
+
+    Args:
+        port: An open port.
+        clock: Clock of the deadlines.
+        servo_ids: Servos that are asked, in this order.
+        plausibility: Check of their feedback.
+    """
+
+    _packets: FeetechStatusReader
+
+    def __init__(
+        self, port: SerialPort, clock: Clock, servo_ids: Sequence[int], plausibility: Plausibility
+    ) -> None:
+        end = TORQUE_ENABLE.address + FEEDBACK_SIZE
+        super().__init__(
+            port,
+            clock,
+            servo_ids,
+            asking={size: protocol.DIALECT.sync_read(end - size, size, servo_ids) for size in _SIZES},
+            packets=FeetechStatusReader(largest=protocol.AROUND + FEEDBACK_SIZE + PADDING),
+            decode=plausibility.decode,
+            around=protocol.AROUND,
+        )
+        self._plausibility = plausibility
+        self._servos = {
+            size: [(servo_id, protocol.HEADER + bytes((servo_id, size + 2))) for servo_id in servo_ids]
+            for size in _SIZES
+        }
+
+    def _decode_whole(self, request: Request, data: bytes) -> list[FeetechFeedback] | None:
+        whole, width = self._packets.pending + data, protocol.AROUND + request.size
+        if len(whole) != width * len(self._ids):
+            return None
+        sums = [sum(whole[start : start + width]) & 0xFF for start in range(0, len(whole), width)]
+        if sums.count(protocol.WHOLE_SUM) < len(sums):
+            return None
+        rows, servos = _WHOLE_ANSWER[request.size].iter_unpack(whole), self._servos[request.size]
+        feedback = self._plausibility.decode_all(rows, servos)
+        if feedback is not None:
+            self._packets.pending = b""
+        return feedback
+
 
 _LEAST_DUTY = 0.1  # of a torque limit
 _FASTEST = 2.0  # times the no-load speed: a joint that is thrown
@@ -179,9 +269,10 @@ class FeetechBus(ServoBus):
         step_nm = direction * np.array(self._stall_nm) * tables.DUTY_PER_LOAD
         super().__init__(own, np.array((step_rad, step_rad, step_nm)), context)
         self._drag_nms_rad = [model.stall_torque_nm / model.no_load_rad_s for model in models]
-        self._drags_nms_rad = np.array(self._drag_nms_rad)
-        self._steps_rad: list[float] = self._joints.steps[0].tolist()
+        steps_rad: list[float] = self._joints.steps[0].tolist()
         self._stiffness_nm_rad = [stall_nm * own.duty_per_rad for stall_nm in self._stall_nm]
+        laws = zip(self._drag_nms_rad, self._stall_nm, self._stiffness_nm_rad, steps_rad, strict=True)
+        self._laws = list(laws)
         self._half_tick_s = 0.5 / context.robot_file.control_rate_hz
         # Largest duty cycle of each servo, in its unit: for its torque at its speed. Those that hold stand
         # still, and may bear what the strongest servo of a joint may.
@@ -208,35 +299,28 @@ class FeetechBus(ServoBus):
         self._line.identify()
         self._line.prepare()
         self._plausibility.restart()
-        sizes, ids = range(FEEDBACK_SIZE, FEEDBACK_SIZE + PADDING + 1), self._line.ids
-        end = TORQUE_ENABLE.address + FEEDBACK_SIZE
-        return FeedbackReader(
-            self._port,
-            self._clock,
-            ids,
-            asking={size: protocol.DIALECT.sync_read(end - size, size, ids) for size in sizes},
-            packets=FeetechStatusReader(largest=protocol.AROUND + FEEDBACK_SIZE + PADDING),
-            decode=self._plausibility.decode,
-            around=protocol.AROUND,
-        )
+        return FeetechReader(self._port, self._clock, self._line.ids, self._plausibility)
 
     def _counts(self, feedback: Sequence[FeetechFeedback]) -> Sequence[Sequence[int]]:
         _, _, _, _, position, speed, load, _, _ = zip(*feedback, strict=True)
         return position, speed, load
 
-    def _motion(self, feedback: Sequence[FeetechFeedback]) -> FloatArray:
-        feedback = feedback[: len(self._ids)]  # those that hold come last
-        motion = super()._motion(feedback)
-        _, velocity_rad_s, torque_nm = motion
-        torque_nm -= velocity_rad_s * self._drags_nms_rad
-        torque_on = [servo.torque_on for servo in feedback]
-        if torque_on.count(1) < len(torque_on):
-            torque_nm *= torque_on
-        return motion
+    def _values(self, feedback: Sequence[FeetechFeedback]) -> list[float]:
+        count = len(self._ids)
+        feedback = feedback[:count]  # those that hold come last
+        values = super()._values(feedback)
+        speeds, loads = values[count : 2 * count], values[2 * count :]
+        torques = zip(loads, speeds, self._drag_nms_rad, feedback, strict=True)
+        values[2 * count :] = [
+            (load - speed * drag) * servo.torque_on for load, speed, drag, servo in torques
+        ]
+        return values
 
     def _is_well(self, feedback: Sequence[FeetechFeedback]) -> bool:
-        told, fastest = (int(self._powered), 0), self._fastest_counts_s
-        return all(servo[:2] == told and -fastest <= servo.speed <= fastest for servo in feedback)
+        if [servo[:2] for servo in feedback] != [(int(self._powered), 0)] * len(feedback):
+            return False
+        speeds, fastest = [servo[5] for servo in feedback], self._fastest_counts_s
+        return -fastest <= min(speeds) and max(speeds) <= fastest
 
     def _problem(self, feedback: Sequence[FeetechFeedback]) -> str | None:
         for label, servo in zip(self._labels, feedback, strict=True):
@@ -254,31 +338,25 @@ class FeetechBus(ServoBus):
             raise LifecycleError("read the servos first: a torque command starts from their positions")
         ahead_s = self._clock.now_s() - self.sample.sampled_at_s + self._half_tick_s
         position_rad, velocity_rad_s, _ = self.sample.of_servos.tolist()
-        counts, sent_nm = [], []
-        for (
-            wanted_nm,
-            angle_rad,
-            speed_rad_s,
-            drag_nms_rad,
-            stall_nm,
-            stiffness_nm_rad,
-            step_rad,
-            zero_rad,
-        ) in zip(
+        counts, sent_nm, highest = [], [], tables.COUNTS_PER_REVOLUTION - 1
+        servos = zip(
             self._pairs.shares(torque_nm),
             position_rad,
             velocity_rad_s,
-            self._drag_nms_rad,
-            self._stall_nm,
-            self._stiffness_nm_rad,
-            self._steps_rad,
-            self._joints.offset_rad.tolist(),
+            self._joints.offset_rad,
+            self._laws,
             strict=True,
-        ):
-            expected_rad, drag_nm = angle_rad + ahead_s * speed_rad_s, drag_nms_rad * speed_rad_s
-            motor_nm = min(max(wanted_nm + drag_nm, -stall_nm), stall_nm)
+        )
+        for wanted_nm, angle_rad, speed_rad_s, zero_rad, (
+            drag,
+            stall_nm,
+            stiffness_nm_rad,
+            step_rad,
+        ) in servos:
+            expected_rad, drag_nm = angle_rad + ahead_s * speed_rad_s, drag * speed_rad_s
+            motor_nm = clip(wanted_nm + drag_nm, -stall_nm, stall_nm)
             goal = round((expected_rad + motor_nm / stiffness_nm_rad - zero_rad) / step_rad)
-            goal = min(max(goal, 0), tables.COUNTS_PER_REVOLUTION - 1)
+            goal = 0 if goal < 0 else min(goal, highest)
             counts.append(goal)
             sent_nm.append((goal * step_rad + zero_rad - expected_rad) * stiffness_nm_rad - drag_nm)
         self._plausibility.sent(dict(zip(self._ids, counts, strict=True)))

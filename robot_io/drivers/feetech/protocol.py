@@ -23,7 +23,7 @@ HEADER: Final = b"\xff\xff"
 AROUND: Final = 6  # bytes of an answer around its data
 
 _ID_ADDRESS = 5
-_WHOLE_SUM = (sum(HEADER) + 0xFF) & 0xFF  # of a packet with its checksum, which inverts the rest
+WHOLE_SUM: Final = (sum(HEADER) + 0xFF) & 0xFF  # of a packet with its checksum, which inverts the rest
 ID_SIZE: Final = 1  # bytes of the answer to `ping`
 _LARGEST_LENGTH = 0xFA
 
@@ -81,7 +81,7 @@ def decode_status(packet: bytes) -> FeetechStatus:
     servo_id, length = packet[2], packet[3]
     if length != size - 4:
         raise ProtocolError(f"a packet of {size} bytes whose length field says {4 + length}")
-    if sum(packet) & 0xFF != _WHOLE_SUM:
+    if sum(packet) & 0xFF != WHOLE_SUM:
         raise ProtocolError(f"wrong checksum in a packet of servo {servo_id}")
     if servo_id > LARGEST_ID:
         raise ProtocolError(f"not an answer of a servo: id {servo_id}")

@@ -141,8 +141,8 @@ class ServoBus(JointBus, Examinable):
             raise LifecycleError("the servos can be read only between configure and close")
         feedback, asked_at_s = self._reader.read(deadline_s)
         complaint = "" if self._is_well(feedback) else self._complaints(feedback)
-        motion = self._motion(feedback)
-        position_rad, velocity_rad_s, torque_nm = motion
+        motion = np.array(self._values(feedback)).reshape(3, -1)
+        position_rad, velocity_rad_s, torque_nm = motion[0], motion[1], motion[2]  # faster than iterating
         if self._pairs.joints:
             if disagreement := self._pairs.disagreement(position_rad):
                 raise DeviceError(disagreement)
@@ -166,13 +166,13 @@ class ServoBus(JointBus, Examinable):
         servos = zip(self._labels, feedback, strict=True)
         return "; ".join(f"{label}: {servo.complaint}" for label, servo in servos if servo.complaint)
 
-    def _motion(self, feedback: Sequence[Any]) -> FloatArray:
-        """Positions [rad], velocities [rad/s] and torques [N m] of the servos along the joint axes (3, m)."""
+    def _values(self, feedback: Sequence[Any]) -> list[float]:
+        """Positions, velocities and torques of the servos along the joint axes, see `ServoJoints.values`."""
         counts = self._counts(feedback)
         if not self._turns_known:
             self._joints.choose_turns(counts)
             self._turns_known = True
-        return self._joints.motion(counts)
+        return self._joints.values(counts)
 
     def stage(self, torque_nm: FloatArray) -> FloatArray:
         """See `JointBus.stage`; raise `InputError` if a torque is not a number."""

@@ -58,6 +58,7 @@ class FeedbackReader(Generic[FeedbackType]):
         self._port, self._clock, self._ids = port, clock, tuple(servo_ids)
         self._requests = {size: Request(packet, size) for size, packet in asking.items()}
         self._in_turn = list(self._requests.values())  # the first one is next
+        self._open: list[Request] = []  # without an answer, the oldest first
         self._packets, self._decode, self._around = packets, decode, around
         self._asked = self._in_turn[0]
         self._problem = ""
@@ -96,15 +97,20 @@ class FeedbackReader(Generic[FeedbackType]):
             self._in_turn.append(self._in_turn.pop(0))
         self._problem = ""
         asked_at_s = self._ask(now_s)
-        is_waiting = newest is None or newest[1] < asked_at_s
-        while is_waiting:
-            newest = self._newest(self._port.wait(deadline_s)) or newest
-            is_waiting = newest is None or newest[1] < asked_at_s
-            if self._problem or (is_waiting and self._clock.now_s() >= deadline_s):
+        # Usually only this request is open. Its answers are then decoded at once, as soon as all have come.
+        data, size = b"", self._answer_size(self._asked.size) if self._open == [self._asked] else 0
+        while newest is None or newest[1] < asked_at_s:
+            data += self._port.wait(deadline_s)
+            if len(data) < size and self._clock.now_s() < deadline_s:
+                continue
+            newest = self._newest(data) or newest
+            if newest is not None and newest[1] >= asked_at_s:
                 break
-        if (
-            self._asked.asked_at_s > -inf
-        ):  # its answer may still come: its length is the last to be used again
+            if self._problem or self._clock.now_s() >= deadline_s:
+                break
+            data, size = b"", 0
+        if self._open and self._asked in self._open:
+            # Its answer may still come: its length is the last to be used again.
             self._in_turn.remove(self._asked)
             self._in_turn.append(self._asked)
         if newest is None:
@@ -115,6 +121,8 @@ class FeedbackReader(Generic[FeedbackType]):
         """Send a request whose length differs from all unanswered ones; return its time or minus infinity."""
         for request in self._in_turn:
             if now_s - request.asked_at_s > _LATEST_S:
+                self._close(request)
+                self._open.append(request)
                 request.asked_at_s = now_s
                 request.answers.clear()
                 self._port.write(request.packet)
@@ -124,6 +132,13 @@ class FeedbackReader(Generic[FeedbackType]):
 
     def _newest(self, data: bytes) -> tuple[list[FeedbackType], float] | None:
         """Return the last complete answer that ends in `data`, and the time of its request [s]."""
+        if len(self._open) == 1:
+            request = self._open[0]
+            feedback = self._decode_whole(request, data)
+            if feedback is not None:
+                asked_at_s = request.asked_at_s
+                self._close(request)
+                return feedback, asked_at_s
         newest = None
         for request, packets in self._answers(data):
             if request.asked_at_s == -inf:
@@ -134,21 +149,35 @@ class FeedbackReader(Generic[FeedbackType]):
                 self._problem = str(error)
             # Answers come in the order of the requests: those to this one and to earlier ones are over.
             over_s = request.asked_at_s
-            for earlier in self._in_turn:
-                earlier.asked_at_s = -inf if earlier.asked_at_s <= over_s else earlier.asked_at_s
+            for earlier in [earlier for earlier in self._open if earlier.asked_at_s <= over_s]:
+                self._close(earlier)
         return newest
+
+    def _close(self, request: Request) -> None:
+        """Expect no answer to a request any more."""
+        if request.asked_at_s > -inf:
+            request.asked_at_s = -inf
+            self._open.remove(request)
+
+    def _decode_whole(self, request: Request, data: bytes) -> list[FeedbackType] | None:
+        """Decode all answers to the only open request at once, as in most ticks.
+
+        Args:
+            request: the request.
+            data: bytes that have come.
+
+        Returns:
+            Feedback of all servos; None if the bytes are anything but these answers, all of them valid, which
+            `_answers` then tells apart.
+        """
+        return None
 
     def _oldest_open(self, servo_id: int | None = None) -> Request | None:
         """Return the first unanswered request, of this servo if given.
 
         An answer without a usable length, damaged or a refusal, belongs to this request or a later one.
         """
-        still_open = [
-            (request.asked_at_s, size)
-            for size, request in self._requests.items()
-            if request.asked_at_s > -inf and servo_id not in request.answers
-        ]
-        return self._requests[min(still_open)[1]] if still_open else None
+        return next((request for request in self._open if servo_id not in request.answers), None)
 
     def _answers(self, data: bytes) -> Iterator[tuple[Request, Sequence[Packet]]]:
         """Requests whose answers are complete with `data`, each with all servos' packets in their order."""

@@ -171,14 +171,14 @@ class ServoPairs:
         """
         return [*of_joints, *(of_joints[joint] for joint in self.joints)]
 
-    def shares(self, torque_nm: Sequence[float]) -> list[float]:
+    def shares(self, torque_nm: Sequence[float]) -> Sequence[float]:
         """Divide torques of joints among servos, shape (m,) [N m].
 
         Args:
             torque_nm: torque of the joints, shape (n,) [N m].
         """
         if not self.joints:
-            return list(torque_nm)
+            return torque_nm
         return [torque * share for torque, share in zip(self.of_servos(torque_nm), self._share, strict=True)]
 
     def weaker(self, largest_nm: Sequence[float]) -> list[float]:
@@ -204,6 +204,8 @@ class ServoPairs:
         Returns:
             Of the joints, shape (n,).
         """
+        if not self.joints:
+            return list(of_servos)
         of_joints = list(of_servos[: self.joint_count])
         for joint, second in zip(self.joints, of_servos[self.joint_count :], strict=True):
             of_joints[joint] += second
@@ -312,6 +314,9 @@ class ServoJoints:
     joint's turn; from then on the angle is continuous. Positions more than half a turn from the middle of a
     joint's range are ambiguous.
 
+    Attributes:
+        offset_rad: Joint angles at the servos' position 0, including whole turns (m) [rad].
+
     Args:
         mountings: How the servos that turn joints sit on them (m).
         pairs: Which of them turn a joint together.
@@ -331,6 +336,7 @@ class ServoJoints:
         self._middle_rad = np.array(pairs.of_servos(middle_rad))
         self._zero_rad = np.array([servo.zero_rad for servo in mountings])
         self._offsets = np.zeros_like(steps)
+        self._take_offsets()
 
     def choose_turns(self, counts: Sequence[Sequence[int]]) -> None:
         """Take the servos to be in the turn nearest to the middle of their joints' range.
@@ -341,30 +347,34 @@ class ServoJoints:
             counts: Counts of position, velocity and torque, shape (3, m).
         """
         self._offsets[0] = self._zero_rad
+        self._take_offsets()
         shown_rad = self.motion(counts)[0]
         turned_rad = shown_rad + _whole_turns(self._middle_rad - shown_rad)
         first_rad = np.array(self._pairs.of_servos(turned_rad[: self._pairs.joint_count]))
         self._offsets[0] += _whole_turns(first_rad - shown_rad)
+        self._take_offsets()
+
+    def _take_offsets(self) -> None:
+        """Keep the sizes and offsets of all counts as numbers, which are faster than arrays in each tick."""
+        self._linear = list(zip(self.steps.ravel().tolist(), self._offsets.ravel().tolist(), strict=True))
+        self.offset_rad: list[float] = self._offsets[0].tolist()
 
     def motion(self, counts: Sequence[Sequence[int]]) -> FloatArray:
-        """Convert counts; all at once, as this runs in every tick.
+        """Convert counts to `values` as an array, shape (3, m)."""
+        return np.array(self.values(counts)).reshape(3, -1)
+
+    def values(self, counts: Sequence[Sequence[int]]) -> list[float]:
+        """Convert counts; as plain numbers, since this runs in every tick.
 
         Args:
             counts: Counts of position, velocity and torque, shape (3, m).
 
         Returns:
-            Positions [rad], velocities [rad/s] and torques [N m] along the joint axes, shape (3, m).
+            Positions [rad], then velocities [rad/s], then torques [N m] along the joint axes, 3 m numbers.
         """
-        values: FloatArray = np.array(counts, dtype=np.float64)
-        values *= self.steps
-        values += self._offsets
-        return values
-
-    @property
-    def offset_rad(self) -> FloatArray:
-        """Joint angles at the servos' position 0, including whole turns (m) [rad]."""
-        offset: FloatArray = self._offsets[0]
-        return offset
+        position, velocity, torque = counts
+        pairs = zip((*position, *velocity, *torque), self._linear, strict=True)
+        return [count * step + offset for count, (step, offset) in pairs]
 
 
 def _whole_turns(angle_rad: FloatArray) -> FloatArray:

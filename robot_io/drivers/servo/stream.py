@@ -16,6 +16,7 @@ class PacketStream(ABC, Generic[PacketType]):
         largest: Size of the largest expected packet [bytes]; a damaged length beyond it is not waited for.
 
     Attributes:
+        pending: Received bytes that may begin a packet.
         rejected: Number of byte sequences that looked like a packet and were none.
     """
 
@@ -24,7 +25,7 @@ class PacketStream(ABC, Generic[PacketType]):
 
     def __init__(self, largest: int) -> None:
         self._largest = largest
-        self._buffer = b""
+        self.pending = b""
         self.rejected = 0
 
     @abstractmethod
@@ -48,7 +49,7 @@ class PacketStream(ABC, Generic[PacketType]):
         Returns:
             The packets that are complete now, oldest first.
         """
-        buffer = self._buffer + data
+        buffer = self.pending + data
         packets: list[PacketType] = []
         place, available, header, head = 0, len(buffer), self.header, self.head
         while True:
@@ -72,7 +73,7 @@ class PacketStream(ABC, Generic[PacketType]):
             place = end
             if decoded is not None:
                 packets.append(decoded)
-        self._buffer = buffer[place:]
+        self.pending = buffer[place:]
         return packets
 
 

@@ -1,0 +1,79 @@
+"""Answers that come whole and undamaged are decoded at once; the result is that of one packet at a time."""
+
+import numpy as np
+import pytest
+
+from palpate.robot_io.drivers.dynamixel.servos import decode_feedback
+from palpate.robot_io.drivers.feetech.protocol import FeetechStatusReader
+from tests.wire.parts import DYNAMIXEL, SO101
+
+TORQUE_NM = np.array((0.9, -0.4, 0.1))
+TICKS = 60
+
+
+def one_by_one(reader, request, data):
+    if hasattr(reader, "_replies"):
+        return list(map(decode_feedback, reader._replies[request.size].decode(data)))
+    return list(map(reader._decode, FeetechStatusReader().feed(data)))
+
+
+def recorded(arm):
+    """Answers of some ticks: request, bytes, and feedback that was decoded at once and one by one."""
+    arm.start()
+    reader, answers = arm.robot.buses["motors"]._reader, []
+    decode = reader._decode_whole
+
+    def record(request, data):
+        feedback = decode(request, data)
+        answers.append((request, data, feedback, one_by_one(reader, request, data)))
+        return feedback
+
+    reader._decode_whole = record
+    arm.ticks(TICKS, TORQUE_NM)
+    del reader._decode_whole
+    return reader, answers
+
+
+@pytest.mark.parametrize("robot_file", [DYNAMIXEL, SO101], ids=["dynamixel", "feetech"])
+def test_all_at_once_is_one_by_one(bench, robot_file):
+    _, answers = recorded(bench(robot_file))
+    assert len(answers) >= TICKS
+    assert [feedback for _, _, feedback, _ in answers] == [expected for *_, expected in answers]
+
+
+@pytest.mark.parametrize("robot_file", [DYNAMIXEL, SO101], ids=["dynamixel", "feetech"])
+def test_a_damaged_or_incomplete_answer_is_not_decoded_at_once(bench, robot_file):
+    reader, answers = recorded(bench(robot_file))
+    request, data, feedback, _ = answers[-1]
+    assert reader._decode_whole(request, data) == feedback
+    for place in range(len(data)):
+        flipped = bytearray(data)
+        flipped[place] ^= 1 << place % 8
+        assert reader._decode_whole(request, bytes(flipped)) is None
+        assert reader._decode_whole(request, data[:place]) is None
+    assert reader._decode_whole(request, data + data[:1]) is None
+    longer = next(each for size, each in reader._requests.items() if size > request.size)
+    assert reader._decode_whole(longer, data) is None
+
+
+@pytest.mark.parametrize("robot_file", [DYNAMIXEL, SO101], ids=["dynamixel", "feetech"])
+def test_an_answer_in_two_pieces_is_the_whole_answer(bench, robot_file):
+    arm = bench(robot_file)
+    arm.start()
+    reader = arm.robot.buses["motors"]._reader
+    wait, held = reader._port.wait, []
+
+    def in_pieces(deadline_s):
+        if held:
+            return held.pop()
+        data = wait(deadline_s)
+        held[:] = [data[7:]] if len(data) > 7 else []
+        return data[:7]
+
+    reader._port.wait = in_pieces
+    before_s = -1.0
+    for _ in range(20):
+        arm.tick(TORQUE_NM)
+        sampled_at_s = arm.robot.buses["motors"].position.sampled_at_s
+        assert sampled_at_s > before_s
+        before_s = sampled_at_s
