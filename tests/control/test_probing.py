@@ -22,7 +22,7 @@ NOISE = {"force_noise_n": 0.02, "velocity_noise_rad_s": 0.002}
 
 
 def probe(stiffness=500.0, damping=20.0, gains=None, plant=None, **plan):
-    plan = {"speeds_m_s": (0.15,), "hold_s": 0.4} | plan
+    plan = {"speeds_m_s": (0.15,), "hold_s": 0.4, "free_air_s": 0.1, "settle_s": 0.05} | plan
     plant = plant or plant_above(stiffness_n_m=stiffness, damping_n_s_m=damping, **NOISE)
     task = probing_task(ProbingPlan(**plan), gains)
     return run_probing(plant, task), task
@@ -46,10 +46,9 @@ def test_corner_objects_are_probed_within_the_force_limit(stiffness, damping, sp
     assert (record.force_n[pressed] > 0.0).all()  # it does not bounce
 
 
-@pytest.mark.parametrize("delay_ticks", [1, 2])
-def test_a_slow_sensor_does_not_make_it_unstable(delay_ticks):
+def test_a_slow_sensor_does_not_make_it_unstable():
     for stiffness, damping in ((7100.0, 100.0), (500.0, 100.0)):
-        plant = plant_above(stiffness_n_m=stiffness, damping_n_s_m=damping, force_delay_ticks=delay_ticks)
+        plant = plant_above(stiffness_n_m=stiffness, damping_n_s_m=damping, force_delay_ticks=2)
         record, _ = probe(plant=plant, speeds_m_s=(0.05,))
         assert record.force_after_touch(0, 0.020).max() <= 10.5
         assert record.force_n[record.in_phase(Phase.HOLD)][-300:] == pytest.approx(10.0, abs=0.1)
@@ -61,7 +60,7 @@ def test_the_phases_of_a_run_in_their_order():
     order = " ".join(Phase(record.phase[i]).name for i in (0, *changes))
     assert order == "MOVE FREE_AIR APPROACH LOADING HOLD UNLOADING RETRACT MOVE IDLE"
     free_air = record.in_phase(Phase.FREE_AIR)
-    assert free_air.sum() == pytest.approx(300, abs=2)
+    assert free_air.sum() == pytest.approx(100, abs=2)
     assert not record.force_n[free_air].any()
     assert (record.run[(record.phase == Phase.MOVE) | (record.phase == Phase.IDLE)] == -1).all()
     assert record.outputs[-1].done

@@ -19,7 +19,10 @@ from palpate.sim_backend.scenario import Scenario
 from tests.palpate.cli import run
 from tests.palpate.sessions import cut
 
-many = settings(suppress_health_check=[HealthCheck.function_scoped_fixture])
+many = settings(  # each of them is a command or two
+    max_examples=settings.default.max_examples // 2,
+    suppress_health_check=[HealthCheck.function_scoped_fixture],
+)
 
 NAMES = ("time_s", "displacement_m", "force_N")
 CELLS = (

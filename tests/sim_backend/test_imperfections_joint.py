@@ -171,7 +171,7 @@ def test_a_rotor_is_as_heavy_as_a_mass_for_its_own_joint(mass, rotor):
     assert (velocity[-1] - velocity[1]) / (0.2 - 2 * STEP_S) == pytest.approx(expected, rel=1e-6)
 
 
-@pytest.mark.parametrize("inertia", [[0, 0, 0], [0.3, 0, 0], [0, 0.2, 0], [0, 0, 0.05], [0.1, 0.2, 0.02]])
+@pytest.mark.parametrize("inertia", [[0, 0, 0], [0.1, 0.2, 0.02]])
 def test_an_arm_with_rotors_moves_as_its_inertia_with_them_on_the_diagonal(inertia):
     arm, rate_hz = shipped_arm("follower"), 16_000.0  # the engine is of the first order in the step
     entries = [hidden("armature", joint=j + 1, inertia_kg_m2=J) for j, J in enumerate(inertia) if J]

@@ -20,7 +20,7 @@ from palpate.sweep.works.probing import ransac_errors
 LAW = {"name": "kelvin_voigt", "stiffness_n_m": 800.0, "damping_n_s_m": 30.0}
 PARAMETERS = {
     "robot": "follower", "scenario": "default", "law": LAW,
-    "plan": {"speeds_m_s": [0.15, 0.09], "hold_s": 0.0},
+    "plan": {"speeds_m_s": [0.15, 0.09], "hold_s": 0.0, "free_air_s": 0.1, "settle_s": 0.05},
     "noise_std_n": 0.02, "noise_percent": 0.0, "hidden": "none", "draws": 1, "model": "kelvin_voigt",
     "estimators": ["lsq", "robust", {"name": "ransac", "threshold": 0.1}, "indirect_adaptive"],
 }  # fmt: skip
@@ -141,7 +141,7 @@ def test_the_peak_is_that_of_the_dashpot_where_it_alone_is_beyond_the_limit():
 
 def test_another_engine_has_the_same_world_noise_and_ways_and_says_the_same_of_the_object():
     pytest.importorskip("pybullet")
-    quick = PARAMETERS | {"plan": {"speeds_m_s": [0.15], "hold_s": 0.0}, "estimators": ["lsq"]}
+    quick = PARAMETERS | {"plan": PARAMETERS["plan"] | {"speeds_m_s": [0.15]}, "estimators": ["lsq"]}
     seed = probing.probed(quick, 1)[1].seed
     one, other = (probing.probed(quick | {"engine": name}, 1) for name in ("pybullet", "mujoco"))
     assert [scenario.physics.engine for _, scenario in (one, other)] == ["pybullet", "mujoco"]
@@ -158,7 +158,7 @@ def test_hidden_effects_are_found_by_the_diagnosis_in_a_worker_which_may_start_n
 ):
     monkeypatch.setitem(current_process()._config, "daemon", True)
     hidden = [{"effect": "cubic_stiffness", "cubic_n_m3": 2e6}]
-    plan = {"speeds_m_s": [0.15, 0.12], "hold_s": 0.0}
+    plan = PARAMETERS["plan"] | {"speeds_m_s": [0.15, 0.12]}
     rows = probing.diagnosed(PARAMETERS | {"hidden": hidden, "plan": plan}, 1)
     contact = next(row for row in rows if row["channel"] == "contact")
     assert contact["verdict"] == "missing"
