@@ -3,9 +3,12 @@
 import numpy as np
 
 from palpate.control.loop.tick_record import tick_stream
+from palpate.control.probing.plan import ProbingPlan
 from palpate.robot_io.session import Event, Session, SessionMetadata, write_session
 from tests.palpate import synthetic
 
+# One run in which the simulated arm is soon at the object.
+QUICK_RUN = ProbingPlan(speeds_m_s=(0.15,), hold_s=0.1, joint_speed_rad_s=3.0, settle_s=0.0, free_air_s=0.05)
 EVENTS = (
     Event(0.333, "touch", "touched the object", {"run": 0}),
     Event(1.0, "note", "[bold]not markup\x1b[2J"),

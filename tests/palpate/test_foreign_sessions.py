@@ -27,41 +27,41 @@ def columns_and_data():
     return columns, {column.name: np.array(known[column.name]) for column in columns}
 
 
-@pytest.mark.parametrize("reader", READERS)
-def test_a_good_session_is_read(reader, tmp_path):
-    assert len(reader(session_of(tmp_path / "good.mcap", *columns_and_data()))) > 0
+def assert_nobody_reads(session, match):
+    for reader in READERS:
+        with pytest.raises(InputError, match=match):
+            reader(session)
 
 
-@pytest.mark.parametrize("reader", READERS)
+def test_a_good_session_is_read(tmp_path):
+    session = session_of(tmp_path / "good.mcap", *columns_and_data())
+    assert all(len(reader(session)) > 0 for reader in READERS)
+
+
 @pytest.mark.parametrize(
     "name", ["force_n", "phase", "run", "joint_position_rad", "torque_measured_nm", "surface_m"]
 )
-def test_a_column_that_is_missing_is_named(name, reader, tmp_path):
+def test_a_column_that_is_missing_is_named(name, tmp_path):
     columns, data = columns_and_data()
     del data[name]
     session = session_of(tmp_path / "x.mcap", [c for c in columns if c.name != name], data)
-    with pytest.raises(InputError, match=rf"x\.mcap, stream 'tick': no column '{name}'"):
-        reader(session)
+    assert_nobody_reads(session, rf"x\.mcap, stream 'tick': no column '{name}'")
 
 
-@pytest.mark.parametrize("reader", READERS)
 @pytest.mark.parametrize("name", ["encoder_at_s", "torque_at_s", "force_at_s"])
-def test_a_sample_of_another_clock_is_named(name, reader, tmp_path):
+def test_a_sample_of_another_clock_is_named(name, tmp_path):
     columns, data = columns_and_data()
     data[name][7] = 1e18
-    with pytest.raises(InputError, match=rf"tick 8, column .{name}.: 1e\+18 s is far"):
-        reader(session_of(tmp_path / "x.mcap", columns, data))
+    session = session_of(tmp_path / "x.mcap", columns, data)
+    assert_nobody_reads(session, rf"tick 8, column .{name}.: 1e\+18 s is far")
 
 
-@pytest.mark.parametrize("reader", READERS)
-def test_ticks_in_another_order_than_time_are_told(reader, tmp_path):
+def test_ticks_in_another_order_than_time_are_told(tmp_path):
     columns, data = columns_and_data()
     middle = len(data["run"]) // 2
     halves = {name: np.roll(values, middle, axis=0) for name, values in data.items()}
-    with pytest.raises(
-        InputError, match=r"tick \d+, column 'time_s': is .* s earlier than the previous tick"
-    ):
-        reader(session_of(tmp_path / "x.mcap", columns, halves))
+    session = session_of(tmp_path / "x.mcap", columns, halves)
+    assert_nobody_reads(session, r"tick \d+, column 'time_s': is .* s earlier than the previous tick")
 
 
 @pytest.mark.parametrize("device", ["encoder", "torque", "force"])

@@ -7,7 +7,6 @@ import shutil
 import numpy as np
 import pytest
 
-from palpate.control.probing.plan import ProbingPlan
 from palpate.robot_io.errors import SessionError
 from palpate.robot_io.session import Session, SessionMetadata
 from palpate.runs.hidden_effects import hide
@@ -21,6 +20,7 @@ from palpate.study import Study
 from tests.few_effects import try_few_effects
 from tests.mock_robot import write_mock_files
 from tests.palpate.cli import as_json, assert_refused, done, next_commands, run
+from tests.palpate.sessions import QUICK_RUN
 
 pytestmark = pytest.mark.usefixtures("log_in_process")
 BIAS = [{"effect": "bias", "channel": "contact", "bias": 0.5}]
@@ -213,10 +213,8 @@ def test_a_robot_file_hides_nothing_since_the_session_keeps_it(tmp_path):
 def test_the_arm_probes_to_the_end_whatever_is_hidden(name, channel, tmp_path):
     scenario = load_scenario("default")
     entry = IMPERFECTIONS[name].at_strength(16.0, channel, noise_scale(scenario), np.random.default_rng(5))
-    plan = ProbingPlan(speeds_m_s=(0.15,), hold_s=0.1)
-    job = ProbingJob(
-        find_robot("follower"), tmp_path / "a.mcap", plan, scenario=scenario.with_hidden([entry]), online=None
-    )
+    world = scenario.with_hidden([entry])
+    job = ProbingJob(find_robot("follower"), tmp_path / "a.mcap", QUICK_RUN, scenario=world, online=None)
     outcome = run_probing(job)
     outcome.loop.raise_for_trip()
     assert outcome.failures == ()

@@ -19,7 +19,7 @@ def held(tmp_path, law, online, stiffness_n_m=1500.0, damping_n_s_m=20.0, **plan
     """Ticks of the last run's hold."""
     path = tmp_path / f"{len(list(tmp_path.iterdir()))}.mcap"
     contact = {"name": "kelvin_voigt", "stiffness_n_m": stiffness_n_m, "damping_n_s_m": damping_n_s_m}
-    scenario = load_scenario({"object": {"law": contact}})
+    scenario = load_scenario({"object": {"law": contact, "surface_height_m": 0.12}})
     quick = {"speeds_m_s": (0.15,), "joint_speed_rad_s": 3.0, "settle_s": 0.0, "free_air_s": 0.05}
     plan = ProbingPlan(hold_s=0.6, hold_law=law, **quick, **plan)
     outcome = run_probing(ProbingJob(find_robot("follower"), path, plan, scenario=scenario, online=online))

@@ -14,7 +14,6 @@ import pytest
 
 from palpate.control.arm.rigid_body import RigidBody
 from palpate.control.loop.task import Phase
-from palpate.control.probing.plan import ProbingPlan
 from palpate.estimation.data.channels import session_channels
 from palpate.robot_io.robot_file import parse_robot_file
 from palpate.robot_io.session import Session
@@ -23,6 +22,7 @@ from palpate.runs.robots import find_robot
 from palpate.sim_backend.scenario import MOST_SEED, Scenario, parse_scenario
 from tests.mock_robot import write_mock_files
 from tests.palpate.cli import ROOT, assert_refused, done, run
+from tests.palpate.sessions import QUICK_RUN
 
 
 def test_it_says_how_it_ended(probed):
@@ -201,8 +201,7 @@ def test_whether_the_object_was_met_is_known_of_a_run_that_was_stopped(
             if output.phase is phase:
                 signal.raise_signal(signal.SIGINT)
 
-    plan = ProbingPlan(speeds_m_s=(0.15,), hold_s=0.1)
-    job = ProbingJob(find_robot("follower"), tmp_path / "s.mcap", plan, online=None)
+    job = ProbingJob(find_robot("follower"), tmp_path / "s.mcap", QUICK_RUN, online=None)
     outcome = run_probing(job, Stopper())
     assert str(outcome.loop.outcome) == "stopped"
     assert outcome.touched is touched

@@ -6,7 +6,6 @@ import pytest
 
 from palpate.commands import probe as command
 from palpate.control.loop.result import LoopResult, Outcome
-from palpate.control.probing.plan import ProbingPlan
 from palpate.control.probing.task import ProbingTask
 from palpate.robot_io.errors import DeviceError, SafetyTripError
 from palpate.runs.probing import ProbingJob, ProbingOutcome, run_probing
@@ -14,6 +13,7 @@ from palpate.runs.robots import find_robot
 from palpate.sim_backend.drivers import SimTorque
 from tests.log_in_process import LogInProcess
 from tests.palpate.cli import run
+from tests.palpate.sessions import QUICK_RUN
 
 
 @pytest.fixture
@@ -38,8 +38,7 @@ def refusals(log_in_process, monkeypatch):
 
 
 def probe(tmp_path):
-    plan = ProbingPlan(speeds_m_s=(0.15,), hold_s=0.05)
-    return run_probing(ProbingJob(find_robot("follower"), tmp_path / "x.mcap", plan, online=None))
+    return run_probing(ProbingJob(find_robot("follower"), tmp_path / "x.mcap", QUICK_RUN, online=None))
 
 
 def test_the_next_try_does_not_wait_for_the_log(tmp_path, refusals):
