@@ -75,14 +75,14 @@ def test_no_joint_of_an_arm_is_taken_for_a_pendulum_on_a_tilted_base():
 
 
 pa = pytest.importorskip("pyarrow")
-N = 5000
-MOVES = slice(4000, 4800)
+N = 2500
+MOVES = slice(2000, 2400)
 
 
 def channel_of(torque_of, tmp_path):
     """A joint at rest at zero, that swings once; `torque_of` gives the torque while it does."""
     position, torque = np.zeros(N), np.zeros(N)
-    position[MOVES] = 0.3 * (1.0 - np.cos(np.linspace(0.0, 2.0 * np.pi, 800)))
+    position[MOVES] = 0.3 * (1.0 - np.cos(np.linspace(0.0, 2.0 * np.pi, 400)))
     torque[MOVES] = torque_of(position[MOVES])
     columns = {"time_s": np.arange(N) / 1000.0, "position_rad": position, "torque_Nm": torque}
     return import_table(table_of(pa.table(columns), tmp_path)).channels[0]

@@ -8,6 +8,7 @@ import pytest
 from palpate.estimation.budget import error_budget
 from palpate.estimation.kinds import Kind
 
+pytestmark = pytest.mark.usefixtures("whole_budget")
 ELASTIC, RATE, FRICTION, MEMORY, BIAS, RUNS = (
     Kind.ELASTIC_SHAPE,
     Kind.RATE_DEPENDENCE,

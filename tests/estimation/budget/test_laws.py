@@ -16,6 +16,8 @@ from tests.estimation.presses import K, kelvin_voigt, maxwell, session
 from tests.estimation.searches import PRESS, SWING, searched
 from tests.estimation.swings import swings
 
+pytestmark = pytest.mark.usefixtures("whole_budget")
+
 
 def late(torque, run, samples=12):
     """Some samples late; before that, the first value."""

@@ -1,4 +1,4 @@
-"""Error budgets that try few combinations; tests/estimation/budget has whole ones."""
+"""Error budgets that try few combinations; those of tests/estimation/budget are whole."""
 
 import pytest
 
