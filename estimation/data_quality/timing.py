@@ -11,6 +11,7 @@ from palpate.estimation.signals.blocks import blocks
 from palpate.estimation.signals.runwise import is_even, sample_time, shift
 from palpate.estimation.statistics.correlation import Misfit, misfit
 from palpate.estimation.statistics.least_squares import solve
+from palpate.robot_io.types import FloatArray
 
 _MAX_SHIFT_S, _MAX_SHIFT = 0.1, 50  # largest time shift, in seconds and in samples
 _COARSE = 21  # shifts of the coarse search
@@ -60,21 +61,25 @@ def time_offset(data: ChannelData, model: Model | None) -> str | None:
         return None
     columns = model.regression(data, {}).columns
 
-    def compare(delay_s: float) -> tuple[float, Misfit]:
-        """Return the root mean square residual of the shifted model, and its comparison with the noise."""
+    def fit_shifted(delay_s: float) -> tuple[FloatArray, float]:
+        """Return the residuals of the shifted model, and their root mean square."""
         shifted = shift(columns, data.time_s, data.run, delay_s)[rows]
         residuals = data.effort[rows] - shifted @ solve(shifted, data.effort[rows]).gains
-        size = float(np.sqrt(np.mean(residuals**2)))
+        return residuals, float(np.sqrt(np.mean(residuals**2)))
+
+    def compare(delay_s: float) -> tuple[float, Misfit]:
+        """Return the root mean square residual of the shifted model, and its comparison with the noise."""
+        residuals, size = fit_shifted(delay_s)
         return size, misfit(residuals, data.run[rows], np.ones(len(residuals), dtype=np.bool_))
 
     recorded, noise = compare(0.0)
     if recorded < _MIN_GAIN * noise.noise:
         return None
     grid_s = np.linspace(-max_s, max_s, _COARSE)
-    rough_s, width_s = grid_s[np.argmin([compare(s)[0] for s in grid_s.tolist()])], grid_s[1] - grid_s[0]
+    rough_s, width_s = grid_s[np.argmin([fit_shifted(s)[1] for s in grid_s.tolist()])], grid_s[1] - grid_s[0]
     best_s = float(
         scipy.optimize.minimize_scalar(
-            lambda delay_s: compare(delay_s)[0],
+            lambda delay_s: fit_shifted(delay_s)[1],
             bounds=(rough_s - width_s, rough_s + width_s),
             method="bounded",
             options={"xatol": 0.1 * step_s},

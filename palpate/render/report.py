@@ -3,6 +3,7 @@
 import re
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import cache
 from html import escape
 from importlib.metadata import version
 from pathlib import Path
@@ -35,16 +36,22 @@ def rendered(template: Path, filters: Mapping[str, Callable[..., Any]], **values
 
     A template extends base.html, which requires a `title` and `facts`.
     """
-    environment = Environment(
-        loader=FileSystemLoader([template.parent, _HERE]),
+    environment = _environment(template.parent)
+    environment.filters |= filters
+    style = Markup(_STYLE.read_text(encoding="utf-8"))  # noqa: S704, our own
+    return environment.get_template(template.name).render(**values, style=style, version=version("palpate"))
+
+
+@cache
+def _environment(folder: Path) -> Environment:
+    """Return the environment of a folder's templates, which are compiled once."""
+    return Environment(
+        loader=FileSystemLoader([folder, _HERE]),
         autoescape=True,
         undefined=StrictUndefined,
         trim_blocks=True,
         lstrip_blocks=True,
     )
-    environment.filters |= filters
-    style = Markup(_STYLE.read_text(encoding="utf-8"))  # noqa: S704, our own
-    return environment.get_template(template.name).render(**values, style=style, version=version("palpate"))
 
 
 PLOT_CONFIG = {"displaylogo": False, "responsive": True, "modeBarButtonsToRemove": ["lasso2d", "select2d"]}
