@@ -33,8 +33,9 @@ def existing_file(path: Path, what: str) -> Path:
         InputError: the path does not exist, is not a file, or is not readable.
     """
     if path.is_dir():
-        files = sorted(entry.name for entry in path.iterdir() if entry.is_file())
-        remedy = f"; name a file in it, such as {path / files[0]}" if files else ""
+        ending = SESSION if what == "session" else ""
+        files = sorted(file for file in path.glob(f"[!.]*{ending}") if file.is_file())
+        remedy = f"; name a file in it, such as {files[0]}" if files else ""
         raise InputError(f"{what} {path}: is a directory, not a file{remedy}")
     if not path.exists():
         raise InputError(f"{what} {path}: no such file")

@@ -85,6 +85,15 @@ def test_a_directory_is_refused(tmp_path):
     assert_refused(run("info", tmp_path), "first.mcap")
 
 
+def test_in_a_directory_only_a_session_is_suggested(tmp_path):
+    (tmp_path / "a_report.html").touch()
+    refused = run("info", tmp_path)
+    assert_refused(refused, "is a directory")
+    assert "such as" not in refused.stderr
+    (tmp_path / "b.mcap").touch()
+    assert_refused(run("info", tmp_path), "b.mcap")
+
+
 def test_events_are_told_from_the_start_and_not_from_the_machines(tmp_path):
     path = tmp_path / "real.mcap"
     events = [Event(50_000.25, "start", "it begins", None), Event(50_001.75, "trip", "it stops", None)]
