@@ -15,8 +15,8 @@ from palpate.estimation.data.units import FINEST_S, describe_fault, invalid_rows
 from palpate.estimation.signals.runwise import sample_time
 from palpate.robot_io.errors import InputError, SessionError
 from palpate.robot_io.session import Column, Samples, Session, Stream
+from palpate.robot_io.session.event import RUN_LABELS
 
-RUN_LABELS = "run_labels"  # metadata key of the data file's run names, as JSON
 _NUMBER = re.compile("[0-9]{1,18}$")
 _HELD = "touching"  # column that marks samples in contact at any depth
 _CONTEXT = "context_"  # prefix of the names of context signals

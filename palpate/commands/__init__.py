@@ -35,7 +35,7 @@ COMMANDS: Mapping[str, tuple[str, str]] = {  # module and one-line help, in the 
     "reveal": ("sessions", "Show which effects were hidden in a simulated session."),
     "import": ("import_", "Import measurements from data files."),
     "merge": ("sessions", "Merge several sessions into one."),
-    "info": ("sessions", "Show what is in a session file."),
+    "info": ("info", "Show what is in a session file."),
     "sweep": ("sweep", "Probe many simulated objects and compare all estimators."),
     "batch": ("batch", "Estimate, compare and diagnose many recordings at once."),
     "trend": ("trend", "Find parameters that step or drift over time."),

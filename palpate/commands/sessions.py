@@ -1,10 +1,9 @@
-"""`palpate info`, `merge` and `reveal`: describe sessions, merge them, and open sealed answers."""
+"""`palpate merge` and `reveal`: merge sessions, and open sealed answers."""
 
 import sys
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from importlib.metadata import version
-from itertools import chain
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -13,125 +12,20 @@ import typer
 from numpy.typing import NDArray
 
 from palpate.common import console
-from palpate.common.console import as_command, count, duration, safe, shown, significant, typed
+from palpate.common.console import as_command, count, shown, significant, typed
 from palpate.common.files import existing_file, open_session, output_session
 from palpate.estimation.channel import ChannelData, ChannelKind
-from palpate.estimation.data.channels import RUN_LABELS, session_channels
+from palpate.estimation.data.channels import session_channels
 from palpate.estimation.data.tick_channels import joined
 from palpate.estimation.effects import EFFECTS
-from palpate.robot_io.calibration.applied import parse_calibrations
 from palpate.robot_io.errors import InputError
 from palpate.robot_io.session import Session, SessionMetadata, Stream, write_session
+from palpate.robot_io.session.event import NOT_WHOLE, RUN_LABELS
 from palpate.runs.hidden_effects import SEAL, open_answer, was_sealed
-from palpate.runs.session import NOT_WHOLE, SOURCE
+from palpate.runs.session import SOURCE
 from palpate.sim_backend.hidden import SealedAnswer
 from palpate.sim_backend.imperfection import Imperfection
 from palpate.workflows.data_options import JsonOption
-
-MOST_EVENTS = 40  # shown; --json prints all
-
-
-def info_command(
-    session: Annotated[Path, typer.Argument(help="Session file (.mcap).")],
-    as_json: Annotated[bool, typer.Option("--json", help="Print everything as JSON.")] = False,
-) -> None:
-    """Show the content of a session: time, origin, streams, events, and whether it is complete."""
-    opened = open_session(session)
-    data = describe_session(opened)
-    if as_json:
-        console.print_json(data)
-        return
-    out = console.stdout()
-    out.print(f"[bold]{shown(opened.path)}[/bold]")
-    merged = data["extra"].get(NOT_WHOLE, "")
-    killed = "the program was killed before it closed the file, which holds everything logged until then"
-    lacking = [
-        reason
-        for applies, reason in (
-            (data["unclosed"], killed),
-            (data["truncated"], "the end is missing (the program was killed, or is still writing)"),
-            (data["dropped"], f"{count(data['dropped'], 'record')} dropped because the disk was too slow"),
-            (merged, f"merged from incomplete sessions: {safe(merged)}"),
-        )
-        if applies
-    ]
-    facts = {
-        "made": safe(f"{data['created_utc'] or 'unknown'} by palpate {data['software_version'] or '?'}"),
-        "with": safe(data["command_line"]) or "unknown",
-        "source": safe(data["extra"].get("source", "simulated" if data["simulated"] else "measured")),
-        "seed": "none" if data["seed"] is None else str(data["seed"]),
-        "calibrated": ", ".join(data["calibrations"]) or "nothing",
-        "duration": duration(data["duration_s"]),
-        "whole": f"[yellow]no:[/yellow] {'; '.join(lacking)}" if lacking else "yes",
-    }
-    known = {*facts, RUN_LABELS, NOT_WHOLE}  # labels of runs are in --json only
-    further = ((key, value) for key, value in data["extra"].items() if key not in known and len(value) < 100)
-    for label, value in (*facts.items(), *((safe(key), safe(value)) for key, value in further)):
-        out.print(f"  {label:<10} {value}")
-    numbers = ("samples", "rate", "runs")
-    table = console.table("Streams", "stream", *numbers, "columns", right=numbers)
-    for stream in data["streams"]:
-        rate = f"{stream['rate_hz']:.0f} Hz" if stream["rate_hz"] else "–"
-        columns = ", ".join(
-            f"{c['name']}[{c['width']}]" if c["width"] > 1 else c["name"] for c in stream["columns"]
-        )
-        runs = str(stream["runs"] or "–")
-        table.add_row(safe(stream["name"]), str(stream["samples"]), rate, runs, f"[dim]{safe(columns)}[/dim]")
-    out.print(table)
-    if data["events"]:
-        table = console.table("Events", "time", "kind", "what", right=("time",))
-        times_s = (opened.samples(name)["time_s"][:1].tolist() for name in opened.stream_names)
-        # times are relative to the session's start: a real arm's clock runs since its machine was started
-        start_s = min(chain(*times_s, (event.time_s for event in opened.events)))
-        for event in opened.events[:MOST_EVENTS]:
-            table.add_row(f"{event.time_s - start_s:.3f} s", safe(event.kind), safe(event.text))
-        if len(opened.events) > MOST_EVENTS:
-            table.add_row("", "", f"... and {len(opened.events) - MOST_EVENTS} more (see --json)")
-        out.print(table)
-
-
-def describe_session(session: Session) -> dict[str, Any]:
-    """Return the session's facts as plain data; the keys are stable.
-
-    Args:
-        session: the whole session.
-    """
-    metadata = session.metadata
-    streams: list[dict[str, Any]] = []
-    for name in session.stream_names:
-        samples = session.samples(name)
-        steps = np.diff(samples["time_s"])
-        step_s = float(np.median(steps)) if len(steps) else 0.0
-        runs = np.unique(samples["run"]) if "run" in samples else np.empty(0)
-        columns = samples.stream.columns
-        streams.append(
-            {
-                "name": name,
-                "samples": len(samples),
-                "duration_s": float(steps[steps > 0.0].sum()),  # a clock may restart with a run or session
-                "rate_hz": 1.0 / step_s if step_s > 0 else None,
-                "runs": int(np.count_nonzero(runs >= 0)),
-                "columns": [
-                    {"name": c.name, "unit": c.unit, "width": c.width, "doc": c.doc} for c in columns
-                ],
-            }
-        )
-    return {
-        "file": str(session.path),
-        "created_utc": metadata.created_utc,
-        "software_version": metadata.software_version,
-        "command_line": metadata.command_line,
-        "seed": metadata.seed,
-        "calibrations": list(parse_calibrations(metadata.calibration).kinds) if metadata.calibration else [],
-        "simulated": bool(metadata.scenario),
-        "extra": dict(metadata.extra),
-        "duration_s": max((stream["duration_s"] for stream in streams), default=0.0),
-        "truncated": session.truncated,
-        "unclosed": session.unclosed,
-        "dropped": session.dropped,
-        "streams": streams,
-        "events": [vars(event) for event in session.events],
-    }
 
 
 def merge_command(

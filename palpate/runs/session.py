@@ -36,7 +36,6 @@ from palpate.sim_backend.world import World
 
 SIMULATED_DRIVERS = "palpate.sim_backend.drivers"
 SOURCE = "source"  # key of the samples' source in the session's metadata
-NOT_WHOLE = "not_whole"  # key of the incomplete sessions among those merged
 
 
 @dataclass(frozen=True)

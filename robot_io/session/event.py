@@ -13,6 +13,10 @@ from google.protobuf.message import DecodeError, Message
 from palpate.robot_io.errors import InputError, SessionError
 from palpate.robot_io.session.wire import descriptor_of, file_descriptor_set
 
+# Keys of further texts of a session.
+RUN_LABELS = "run_labels"  # names of the data file's runs, as JSON
+NOT_WHOLE = "not_whole"  # incomplete sessions among those merged
+
 
 @dataclass(frozen=True)
 class SessionMetadata:

@@ -147,6 +147,7 @@ def test_the_citation_names_the_version():
 IMPORTS = (  # one after the other, and what none of them up to here may have imported
     ("palpate", "numpy scipy pydantic typer"),
     ("palpate.commands", "numpy pydantic yaml mcap"),  # the list of commands
+    ("palpate.commands.info", "pydantic yaml scipy pyarrow palpate.estimation.study palpate.sim_backend"),
     (
         "palpate.commands.sessions",
         "pyarrow scipy.spatial scipy.optimize plotly rerun pinocchio zenoh nicegui",
