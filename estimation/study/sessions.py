@@ -62,6 +62,25 @@ def read_folder(folder: Path) -> tuple[list[Session], tuple[ChannelData, ...]]:
     return sessions, session_channels(*sessions)
 
 
+def without_ticks(session: Session) -> Session:
+    """Return a session with only the joint positions of its ticks, which frees most of its memory.
+
+    Args:
+        session: a session from `read_session` or `read_folder`.
+    """
+    return session.only_columns(STREAM_NAME, ("joint_position_rad",))
+
+
+def with_ticks(session: Session) -> Session:
+    """Return a session with all needed columns, read again after `without_ticks`.
+
+    Raises:
+        InputError: the session cannot be read any more.
+    """
+    has_ticks = STREAM_NAME not in session.stream_names or "run" in session.samples(STREAM_NAME)
+    return session if has_ticks else _open(session.path)
+
+
 def _open(path: Path) -> Session:
     """Open a session without tick columns that no study needs, which halves its memory."""
     return Session.open(path).only_columns(STREAM_NAME, NEEDED)

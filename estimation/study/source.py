@@ -95,9 +95,10 @@ class Source:
         if self.session is None:
             return tuple(channel for channel in self.channels if channel.name in names)
         from palpate.estimation.data.channels import session_channels  # noqa: PLC0415, needs the MCAP library
+        from palpate.estimation.study.sessions import with_ticks  # noqa: PLC0415, the same
 
         joints = any(name.startswith("joint_") for name in names)
-        tared = session_channels(self.session, *self.more, tared=True, joints=joints)
+        tared = session_channels(*map(with_ticks, (self.session, *self.more)), tared=True, joints=joints)
         chosen = (channel.of_runs(np.array(self.runs)) for channel in tared if channel.name in names)
         return tuple(channel for channel in chosen if len(channel))
 
@@ -122,6 +123,8 @@ def open_source(data: Any, options: ImportOptions = NO_OPTIONS, arm: Arm | None 
 def limit_length(source: Source, held_out: Sequence[int] = ()) -> Source:
     """Shorten recordings that are too long, see `shortened`, and add a note on each.
 
+    The ticks of a long session are dropped from memory, and read again when they are needed.
+
     Args:
         source: the measurement.
         held_out: runs excluded from fitting.
@@ -136,6 +139,11 @@ def limit_length(source: Source, held_out: Sequence[int] = ()) -> Source:
         raise InputError(f"runs to hold out: there is no run {unknown[0]}. There are: {named}")
     short = [shortened(channel, source.runs_of(channel, held_out)) for channel in source.channels]
     notes = {channel.name: words for channel, words, _ in short if words}
+    if notes and source.session is not None:
+        from palpate.estimation.study.sessions import without_ticks  # noqa: PLC0415, needs the MCAP library
+
+        first, *more = map(without_ticks, (source.session, *source.more))
+        source = replace(source, session=first, more=tuple(more))
     return replace(
         source,
         channels=tuple(channel for channel, _, _ in short),

@@ -36,6 +36,7 @@ from palpate.estimation.study.results import Change, ChannelResult, RevisionTabl
 from palpate.estimation.study.revisions import KeptParameter, Revision, Revisions
 from palpate.estimation.study.saved_diagnosis import RESULT, diagnosis_data, is_other, read_diagnosis
 from palpate.estimation.study.source import NO_OPTIONS
+from palpate.estimation.workers import release_freed_memory
 from palpate.robot_io.errors import InputError
 
 # Longest duration of the experiment, and the parts of the diagnoses on which a plan depends.
@@ -115,6 +116,8 @@ class ModelStudy(StudyFits):
             excluded = RunVariation if self.source.stretches else ()
             effects = [effect for effect in self.effects if not isinstance(effect, excluded)]
             judged = judge(data, models, effects, progress, self._file)
+            if self.source.averaged:
+                release_freed_memory()
             for member, entry in zip(chosen, judged.channels, strict=True):
                 for added, packed in entry.take_fits().items():
                     self.take_fit(member, added, packed)
