@@ -1,14 +1,16 @@
 """Session files for tests."""
 
+from pathlib import Path
+
 import numpy as np
 
 from palpate.control.loop.tick_record import tick_stream
-from palpate.control.probing.plan import ProbingPlan
+from palpate.control.probing.plan import load_probing_plan
 from palpate.robot_io.session import Event, Session, SessionMetadata, write_session
 from tests.palpate import synthetic
 
-# One run in which the simulated arm is soon at the object.
-QUICK_RUN = ProbingPlan(speeds_m_s=(0.15,), hold_s=0.1, joint_speed_rad_s=3.0, settle_s=0.0, free_air_s=0.05)
+QUICK = Path(__file__).with_name("quick.yaml")
+QUICK_RUN = load_probing_plan(QUICK)
 EVENTS = (
     Event(0.333, "touch", "touched the object", {"run": 0}),
     Event(1.0, "note", "[bold]not markup\x1b[2J"),

@@ -17,7 +17,7 @@ from palpate.robot_io import Session, Stream, write_session
 from palpate.runs.robots import DEFAULT, find_robot
 from palpate.sim_backend.scenario import Scenario
 from tests.palpate.cli import run
-from tests.palpate.sessions import cut
+from tests.palpate.sessions import QUICK, cut
 
 many = settings(  # each of them is a command or two
     max_examples=settings.default.max_examples // 2,
@@ -327,7 +327,7 @@ def good_tree(option):
     if option == "--scenario":
         return Scenario().model_dump(mode="json")
     if option == "--experiment":
-        return {"speeds_m_s": [0.15], "force_limit_n": 5.0, "hold_s": 0.1, "repeats": 1}
+        return yaml.safe_load(QUICK.read_text()) | {"force_limit_n": 5.0, "repeats": 1}
     friction = {"effect": "coulomb_friction", "joint": 1, "coulomb_nm": 0.2}
     return {"hidden": [friction, {"effect": "drift", "channel": "contact"}]}
 
@@ -352,7 +352,7 @@ def test_a_file_that_is_wrong_in_one_place_or_hostile_is_used_or_refused(
     else:
         text = data.draw(st.sampled_from(TEXTS))
     path.write_text(text, encoding="utf-8", errors="surrogatepass")
-    quick = [] if option == "--experiment" else ["--speed-mm-s", "150", "--hold-s", "0.1", "--online", "none"]
+    quick = [] if option == "--experiment" else ["--experiment", QUICK, "--online", "none"]
     session = tmp_path / "s.mcap"
     session.unlink(missing_ok=True)
     ends_well("probe", option, path, *quick, "-o", session)

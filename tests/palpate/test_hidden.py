@@ -20,18 +20,18 @@ from palpate.study import Study
 from tests.few_effects import try_few_effects
 from tests.mock_robot import write_mock_files
 from tests.palpate.cli import as_json, assert_refused, done, next_commands, run
-from tests.palpate.sessions import QUICK_RUN
+from tests.palpate.sessions import QUICK, QUICK_RUN
 
 pytestmark = pytest.mark.usefixtures("log_in_process")
 BIAS = [{"effect": "bias", "channel": "contact", "bias": 0.5}]
-QUICK = ("--speed-mm-s", 150, "--hold-s", 0.1, "--online", "none")
+SHORT = ("--experiment", QUICK, "--online", "none")
 
 
 @pytest.fixture(scope="module")
 def mystery(tmp_path_factory):
     """A session with an effect drawn by seed 8."""
     path = tmp_path_factory.mktemp("mystery") / "mystery.mcap"
-    result = done("probe", "--hidden", "random", "--seed", 8, "-o", path, "--json", *QUICK)
+    result = done("probe", "--hidden", "random", "--seed", 8, "-o", path, "--json", *SHORT)
     assert json.loads(result.stdout)["sealed"] == str(sealed_path(path))
     return path
 
@@ -77,7 +77,7 @@ def test_effects_of_a_file_act_and_their_file_is_not_named_in_the_session(tmp_pa
     entry = {"effect": "cubic_stiffness", "cubic_n_m3": 2e6}
     (tmp_path / "cubic.yaml").write_text(f"hidden: [{json.dumps(entry)}]\n")
     path = tmp_path / "a.mcap"
-    arguments = ["probe", "--hidden", tmp_path / "cubic.yaml", "-o", path, "--seed", 2, *QUICK]
+    arguments = ["probe", "--hidden", tmp_path / "cubic.yaml", "-o", path, "--seed", 2, *SHORT]
     monkeypatch.setattr("sys.argv", ["palpate", *map(str, arguments)])
     assert "a.mcap.sealed" in done(*arguments).stdout
     line = Session.open(path).metadata.command_line
@@ -96,7 +96,7 @@ def test_effects_of_a_file_act_and_their_file_is_not_named_in_the_session(tmp_pa
 def test_a_scenario_that_hides_something_is_sealed_and_not_kept(tmp_path):
     (tmp_path / "own.yaml").write_text("seed: 4\nhidden: [{effect: bias, channel: contact, bias: 0.5}]\n")
     path = tmp_path / "a.mcap"
-    assert run("probe", "--scenario", tmp_path / "own.yaml", "-o", path, *QUICK).exit_code == 0
+    assert run("probe", "--scenario", tmp_path / "own.yaml", "-o", path, *SHORT).exit_code == 0
     session = Session.open(path)
     assert "bias" not in session.metadata.scenario
     assert as_json("reveal", path)["hidden"][0]["parameters"] == {"bias": {"value": 0.5, "unit": "N"}}
@@ -143,7 +143,7 @@ def test_an_answer_of_the_same_second_under_the_same_name_is_refused(mystery, tm
 
 def test_a_file_where_the_answer_would_be_is_kept_and_nothing_is_probed(tmp_path):
     (tmp_path / "user.mcap.sealed").write_text("precious")
-    result = run("probe", "--hidden", "bias", "-o", tmp_path / "user.mcap", *QUICK)
+    result = run("probe", "--hidden", "bias", "-o", tmp_path / "user.mcap", *SHORT)
     assert_refused(result, "user.mcap.sealed: exists already")
     assert [(file.name, file.read_text()) for file in tmp_path.iterdir()] == [
         ("user.mcap.sealed", "precious")
@@ -174,7 +174,7 @@ def test_a_session_that_is_there_already_gets_no_other_answer(tmp_path, mystery)
 )
 def test_what_cannot_be_hidden_is_refused_and_nothing_is_written(what, words, tmp_path):
     path = tmp_path / "a.mcap"
-    assert_refused(run("probe", "--hidden", what, "-o", path, *QUICK), words)
+    assert_refused(run("probe", "--hidden", what, "-o", path, *SHORT), words)
     assert list(tmp_path.iterdir()) == []
 
 
@@ -188,7 +188,7 @@ def test_what_cannot_be_hidden_is_refused_and_nothing_is_written(what, words, tm
 )
 def test_a_wrong_list_is_refused_and_nothing_is_written(text, words, tmp_path):
     (tmp_path / "hidden.yaml").write_text(text)
-    result = run("probe", "--hidden", tmp_path / "hidden.yaml", "-o", tmp_path / "a.mcap", *QUICK)
+    result = run("probe", "--hidden", tmp_path / "hidden.yaml", "-o", tmp_path / "a.mcap", *SHORT)
     assert_refused(result, words)
     assert [file.name for file in tmp_path.iterdir()] == ["hidden.yaml"]
 
@@ -203,7 +203,7 @@ def test_a_robot_file_hides_nothing_since_the_session_keeps_it(tmp_path):
     arm = shutil.copytree(find_robot("follower").path.parent, tmp_path / "arm") / "follower.yaml"
     inline = "scenario: {hidden: [{effect: bias, channel: contact, bias: 1}]}"
     arm.write_text(arm.read_text().replace("scenario: default", inline))
-    result = run("probe", "--robot", arm, "-o", tmp_path / "a.mcap", *QUICK)
+    result = run("probe", "--robot", arm, "-o", tmp_path / "a.mcap", *SHORT)
     assert_refused(result, "buses.world.scenario.hidden", "belongs in a scenario file")
 
 
@@ -225,7 +225,7 @@ def test_a_joint_says_that_the_force_sensor_is_off_whose_reading_lags(tmp_path, 
     try_few_effects(monkeypatch, "force_sensor_error")
     (tmp_path / "lag.yaml").write_text("hidden: [{effect: lag, channel: contact, time_s: 0.03}]\n")
     path = tmp_path / "lag.mcap"
-    quick = ("--seed", 2, "--speed-mm-s", "150,100", "--hold-s", 0.1, "--online", "none")
+    quick = ("--seed", 2, *SHORT, "--speed-mm-s", "150,100")
     run("probe", "--hidden", tmp_path / "lag.yaml", "-o", path, *quick)
     (found,) = Study(path, keep=False).diagnose("joint_1").channels
     assert [one.effect for one in found.accepted] == ["force_sensor_error"]

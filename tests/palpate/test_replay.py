@@ -17,7 +17,7 @@ from palpate.runs.robots import find_robot
 from palpate.study import Study
 from tests.log_in_process import LogInProcess
 from tests.palpate.cli import assert_refused, done, next_commands, run
-from tests.palpate.sessions import cut
+from tests.palpate.sessions import QUICK, cut
 
 pytestmark = pytest.mark.usefixtures("log_in_process")
 
@@ -28,7 +28,8 @@ def recorded(tmp_path_factory):
     path = tmp_path_factory.mktemp("recorded") / "default.mcap"
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(session, "SessionWriter", LogInProcess)
-        done("probe", "-o", path, "--seed", 5, "--speed-mm-s", "150,100", "--hold-s", 0.1, "--online", "none")
+        quick = ("--experiment", QUICK, "--speed-mm-s", "150,100", "--online", "none")
+        done("probe", "-o", path, "--seed", 5, *quick)
     return path
 
 

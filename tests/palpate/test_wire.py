@@ -16,9 +16,10 @@ from palpate.runs.hidden_effects import open_answer, true_parameters
 from palpate.runs.robots import EMULATED, is_simulated
 from palpate.sim_backend.hidden import sealed_path
 from tests.palpate.cli import ROOT, assert_refused, done, run
+from tests.palpate.sessions import QUICK
 
 pytestmark = pytest.mark.usefixtures("log_in_process")
-SHORT = ("--speed-mm-s", 150, "--hold-s", 0.05, "--online", "none")
+SHORT = ("--experiment", QUICK, "--online", "none")
 SHARES = {  # of stiffness and damping: what each arm's steps at the tip leave uncertain
     "odrive_3dof": (0.002, 0.005),
     "cubemars_3dof": (0.003, 0.005),
