@@ -110,9 +110,10 @@ class TableDisplay(ABC):
 
     def _repr_html_(self) -> str:
         caption, columns, rows = self._table()
-        head = "".join(f"<th>{escape(name)}</th>" for name in columns)
+        left = ' style="text-align: left"'  # Jupyter would align text right
+        head = "".join(f"<th{left}>{escape(name)}</th>" for name in columns)
         body = "".join(
-            "<tr>" + "".join(f"<td>{escape(str(cell))}</td>" for cell in row) + "</tr>" for row in rows
+            "<tr>" + "".join(f"<td{left}>{escape(str(cell))}</td>" for cell in row) + "</tr>" for row in rows
         )
         title = f"<caption>{escape(caption.strip())}</caption>"
         return f"<table>{title}<thead><tr>{head}</tr></thead><tbody>{body}</tbody></table>"

@@ -6,6 +6,7 @@ import sys
 from types import ModuleType
 from urllib.request import urlopen
 
+import plotly.io
 import pytest
 
 from palpate.render.notebook import PageAddress, notebook_progress
@@ -20,6 +21,7 @@ NOTEBOOKS = ROOT / "docs" / "notebooks"
 def run_notebook(name, folder, monkeypatch):
     """Run all cells as IPython does; gives their names, and what the last line of each cell is."""
     monkeypatch.chdir(folder)
+    monkeypatch.setattr(plotly.io.renderers, "default", "json")  # the notebooks set another one
     names, shown = {}, []
     for cell in json.loads((NOTEBOOKS / name).read_text(encoding="utf-8"))["cells"]:
         if cell["cell_type"] != "code":
@@ -34,7 +36,8 @@ def run_notebook(name, folder, monkeypatch):
 
 
 def as_html(results):
-    return "".join(result._repr_html_() for result in results if hasattr(result, "_repr_html_"))
+    shown = [result for result in results if hasattr(result, "_repr_html_") and not has_figure([result])]
+    return "".join(result._repr_html_() for result in shown)
 
 
 def has_figure(results):
