@@ -46,20 +46,13 @@ def test_rows_with_the_other_decimal_mark_are_not_a_footer(tmp_path):
     np.testing.assert_allclose(channel.effort, FORCE_N, atol=1e-5)
 
 
-def test_a_lone_quotation_mark_swallows_no_rows(tmp_path):
-    lines = rows(TIME_S, DEPTH_M, FORCE_N)
-    lines[99] = lines[99].replace("ok", '"5 mm probe')
-    path = tmp_path / "press.csv"
-    path.write_text("\n".join([HEADER, *lines]), encoding="utf-8")
+def test_a_lone_quotation_mark_swallows_no_rows_and_a_quoted_remark_of_several_lines_is_none(tmp_path):
+    lines, path = rows(TIME_S, DEPTH_M, FORCE_N), tmp_path / "press.csv"
+    whole = "\n".join([HEADER, *lines[:99], lines[99].replace("ok", '"5 mm probe'), *lines[100:]])
+    path.write_text(whole, encoding="utf-8")
     with pytest.raises(InputError, match="line 101: a quotation mark opens a cell that holds 300 more lines"):
         import_file(path)
-
-
-def test_quoted_remarks_of_several_lines_are_no_rows(tmp_path):
-    lines = rows(TIME_S, DEPTH_M, FORCE_N)
-    lines[99] = lines[99].replace("ok", '"5 mm probe;\n12;13"')
-    path = tmp_path / "press.csv"
-    path.write_text("\n".join([HEADER, *lines]), encoding="utf-8")
+    path.write_text(whole.replace("5 mm probe", '5 mm probe;\n12;13"'), encoding="utf-8")
     assert len(import_file(path).channels[0].effort) == len(TIME_S)
 
 

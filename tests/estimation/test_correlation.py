@@ -113,23 +113,24 @@ def test_pieces_of_any_clock_swing_together():
     assert share == pytest.approx(0.5 / (0.5 + 0.25), abs=0.05)
 
 
-def test_a_long_recording_takes_little_memory_and_its_frequency_is_right():
-    time_s, run = recorded([0.0, 61.0, 122.0], 12_000)
+@pytest.mark.parametrize(
+    ("starts_s", "count", "runs", "true_hz", "off", "bytes_"),
+    [
+        ([0.0, 61.0, 122.0], 12_000, 3, 0.83, 0.003, 100e6),
+        ([0.0, 1e6], 500, 1, 4.0, 0.03, 10e6),  # a gap within a run makes it no longer
+    ],
+)
+def test_a_long_recording_takes_little_memory_and_its_frequency_is_right(
+    starts_s, count, runs, true_hz, off, bytes_
+):
+    time_s, run = recorded(starts_s, count)
     tracemalloc.start()
-    found_hz, share, _ = strongest_frequency(time_s, run, np.sin(2 * np.pi * 0.83 * time_s), 0.005)
-    assert tracemalloc.get_traced_memory()[1] < 100e6
+    signal = np.sin(2 * np.pi * true_hz * time_s)
+    found_hz, share, _ = strongest_frequency(time_s, run * (runs > 1), signal, 0.005)
+    assert tracemalloc.get_traced_memory()[1] < bytes_
     tracemalloc.stop()
-    assert found_hz == pytest.approx(0.83, rel=0.003)
+    assert found_hz == pytest.approx(true_hz, rel=off)
     assert share > 0.9
-
-
-def test_a_gap_within_a_run_makes_it_no_longer():
-    time_s, run = recorded([0.0, 1e6], 500)
-    tracemalloc.start()
-    found_hz, _, _ = strongest_frequency(time_s, 0 * run, np.sin(2 * np.pi * 4.0 * time_s), 0.005)
-    assert tracemalloc.get_traced_memory()[1] < 10e6
-    tracemalloc.stop()
-    assert found_hz == pytest.approx(4.0, rel=0.03)
 
 
 def test_too_short_pieces_have_no_frequency():

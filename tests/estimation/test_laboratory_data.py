@@ -329,6 +329,9 @@ def test_text_is_the_same_in_every_encoding(tmp_path, encoding):
     assert as_utf8(text.encode(encoding), tmp_path)[0].decode() == text
 
 
+GOOD = "Time [s],Way [mm],Load [N]\n" + "".join(f"{i},{i},{i}\n" for i in range(9))
+
+
 @pytest.mark.parametrize(
     ("content", "words"),
     [
@@ -339,9 +342,12 @@ def test_text_is_the_same_in_every_encoding(tmp_path, encoding):
         (b"\x1f\x8b\x08\0\x81", "end in .gz"),
         (b"PAR1\x15\0\x81", "end in .parquet"),
         (b"\0\x81\x82", "is not a text file; save it as CSV"),
+        # A row that is cut off is no footer.
+        (f"{GOOD}\nSpecimen 2\n{GOOD}9,9\n".encode(), r"csv, test 2: line 23 has 2 cells and the header 3"),
+        (f"{GOOD}9\n".encode(), "line 11 has 1 cells and the header 3"),
     ],
 )
-def test_what_is_no_text_is_named(tmp_path, content, words):
+def test_what_is_no_table_is_named(tmp_path, content, words):
     path = tmp_path / "a.csv"
     path.write_bytes(content)
     with pytest.raises(InputError, match=words):
@@ -466,24 +472,6 @@ def test_a_time_without_a_unit_is_told_by_its_steps(press, scale, unit):
     imported = import_file(press(**{TIME: None, "__time": 1.7e9 * (scale == 1.0) + scale * presses()[0]}))
     assert np.ptp(imported.channels[0].time_s) == pytest.approx(np.ptp(presses()[0]), rel=1e-6)
     assert f"'__time' states no unit: its steps are read as {unit}" in imported.notes[0]
-
-
-GOOD = "Time [s],Way [mm],Load [N]\n" + "".join(f"{i},{i},{i}\n" for i in range(9))
-
-
-@pytest.mark.parametrize(
-    ("text", "words"),
-    [
-        # A row that is cut off is no footer.
-        (GOOD + "\nSpecimen 2\n" + GOOD + "9,9\n", r"csv, test 2: line 23 has 2 cells and the header 3"),
-        (GOOD + "9\n", "line 11 has 1 cells and the header 3"),
-    ],
-)
-def test_what_looks_like_another_part_of_the_file_is_not_taken_for_one(tmp_path, text, words):
-    path = tmp_path / "tests.csv"
-    path.write_text(text)
-    with pytest.raises(InputError, match=words):
-        import_file(path)
 
 
 def test_tests_side_by_side_are_called_as_what_stands_above_them(tmp_path):

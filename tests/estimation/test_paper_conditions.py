@@ -58,22 +58,14 @@ def test_an_uncertain_surface_widens_the_interval_of_the_stiffness():
     assert errors[1] > 1.3 * errors[0]
 
 
-def test_a_stiffness_that_cannot_be_is_pointed_out():
+def test_a_stiffness_that_cannot_be_is_pointed_out_and_a_damping_of_rounding_errors_is_not():
     t = np.arange(500) * 1e-3
-    x = 0.005 + 0.004 * np.sin(20 * t)
-    data = channel(-200 * x, x, 0.08 * np.cos(20 * t), t)
-    found = estimated(data)
-    assert "stiffness.k: outside the physical bounds" in found.note
-    assert found.unphysical == ("stiffness.k",)
-
-
-def test_a_damping_of_rounding_errors_is_not_called_unphysical():
-    t = np.arange(500) * 1e-3
-    x = 0.005 + 0.004 * np.sin(20 * t)
-    data = channel(200 * x - 1e-12 * 0.08 * np.cos(20 * t), x, 0.08 * np.cos(20 * t), t)
-    found = estimated(data)
-    assert found["damping.c"].interval[1] < 0
-    assert found.unphysical == ()
+    x, v = 0.005 + 0.004 * np.sin(20 * t), 0.08 * np.cos(20 * t)
+    pulling, rounded = (estimated(channel(force, x, v, t)) for force in (-200 * x, 200 * x - 1e-12 * v))
+    assert "stiffness.k: outside the physical bounds" in pulling.note
+    assert pulling.unphysical == ("stiffness.k",)
+    assert rounded["damping.c"].interval[1] < 0
+    assert rounded.unphysical == ()
 
 
 @pytest.mark.parametrize(

@@ -278,20 +278,19 @@ def test_single_bad_samples_do_not_add_up():
     assert ticks_until_named(UnresponsiveDrives(LIMITS), two, lambda k: 3.0, every=8) is None
 
 
-def test_the_same_old_sample_proves_nothing():
+@pytest.mark.parametrize(
+    "show",
+    [
+        lambda k: measured(k * DT, [0.0, 0.0], at_s=0.3),
+        lambda k: measured(k * DT, [1.0 + 0.01 * (k % 2), 0.0], status=Status.SATURATED),
+    ],
+    ids=["the same old sample", "at the end of its range"],
+)
+def test_what_says_nothing_new_of_a_drive_accuses_it_of_nothing(show):
     check, drive = UnresponsiveDrives(LIMITS), HealthyDrive(noise=0.01)
     assert ticks_until_named(check, drive.show, lambda k: 3.0, count=300) is None
     for k in range(300, 400):
-        assert check.problem(measured(k * DT, [0.0, 0.0], at_s=0.3)) is None
-        check.sent(k * DT, [3.0, 0.0])
-
-
-def test_a_drive_at_the_end_of_its_range_is_not_accused():
-    check, drive = UnresponsiveDrives(LIMITS), HealthyDrive(noise=0.01)
-    assert ticks_until_named(check, drive.show, lambda k: 3.0, count=300) is None
-    for k in range(300, 400):
-        shown = measured(k * DT, [1.0 + 0.01 * (k % 2), 0.0], status=Status.SATURATED)
-        assert check.problem(shown) is None
+        assert check.problem(show(k)) is None
         check.sent(k * DT, [3.0, 0.0])
 
 
