@@ -125,7 +125,7 @@ def test_revisions_that_cannot_be_compared_are_refused(hardening, grown, options
 
 
 def test_a_base_model_that_does_far_better_is_pointed_out(tmp_path):
-    run_number, t = np.repeat(np.arange(3), 500), np.tile(np.arange(500) * 0.01, 3)
+    run_number, t = np.repeat(np.arange(3), 250), np.tile(np.arange(250) * 0.02, 3)
     w = 3.0 + 0.7 * run_number
     q, a = np.sin(w * t), -(w**2) * np.sin(w * t)
     torque = 0.2 * a + 2.0 * np.sin(q) + np.random.default_rng(0).normal(0, 0.01, len(t))

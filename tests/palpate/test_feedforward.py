@@ -48,13 +48,13 @@ def motion(t, seed):
     )
 
 
-def follow(seed, effort=lambda q, v, a: 0.0, seconds=4.0):
+def follow(seed, effort=lambda q, v, a: 0.0):
     """Follow a motion with feedback and this feedforward; columns t, q, v, torque, desired q."""
     arm = ArmDescription(PENDULUM, "probe", (0.0, 0.0, -1.0), (0.0,))
     friction = hidden("stribeck_friction", joint=1, **FRICTION)
     grease = hidden("viscous_friction", joint=1, viscous_nms_rad=VISCOUS)
     world = World(arm, quiet_scenario(friction, grease, surface_m=-9.0, rate_hz=2000.0))
-    t = np.arange(0.0, seconds, TICK_S)
+    t = np.arange(0.0, 2.5, TICK_S)
     desired = np.column_stack(motion(t, seed))
     world.place(desired[0, :1], desired[0, 1:2])
     rows = []
