@@ -13,6 +13,7 @@ import numpy as np
 from palpate.robot_io.types import BoolArray, FloatArray
 
 _WIDTH = 110  # width of the text in characters
+_LARGE = 1e6  # size from which a value is written with an exponent
 _MIN_WIDTH = 30  # columns for the last cell of a row, which is wrapped
 
 
@@ -148,3 +149,25 @@ class TableTuple(tuple[_Result, ...]):
         return "\n\n".join(map(str, self))
 
     __repr__ = __str__
+
+
+def rounded(value: float, digits: int = 3) -> str:
+    """Format a value with some significant digits; a value below a million has no exponent.
+
+    Args:
+        value: the value.
+        digits: number of significant digits.
+    """
+    text = f"{value:.{digits}g}"
+    return text if "e+" not in text or abs(value) >= _LARGE else f"{float(text):.0f}"
+
+
+def with_unit(value: float, unit: str, digits: int = 3) -> str:
+    """Format a value with its unit; see `rounded`.
+
+    Args:
+        value: the value.
+        unit: its unit.
+        digits: number of significant digits.
+    """
+    return f"{rounded(value, digits)} {unit}"

@@ -12,7 +12,7 @@ from palpate.estimation.data.derivatives import differentiate
 from palpate.estimation.data.units import SMALLEST
 from palpate.estimation.effect import Parameter
 from palpate.estimation.effects.contact_geometry import ContactOffset
-from palpate.estimation.estimate import Determined, Estimate, Identifiability, ParameterEstimate
+from palpate.estimation.estimate import Determined, Estimate, Identifiability, ParameterEstimate, with_unit
 from palpate.estimation.estimator import Estimator
 from palpate.estimation.fit.fit_problem import Solution
 from palpate.estimation.fit.samples import SampleFit, fit_samples, slopes_of
@@ -300,6 +300,7 @@ def unphysical(
         if (is_below := estimate.interval[1] < limits.lower) or estimate.interval[0] > limits.upper:
             side = "below" if is_below else "above"
             descriptions[estimate.name] = (
-                f"{estimate.name} = {estimate.value:.4g} {estimate.unit} is {side} the physical bound"
+                f"{estimate.name} = {with_unit(estimate.value, estimate.unit, 4)} "
+                f"is {side} the physical bound"
             )
     return descriptions

@@ -6,6 +6,7 @@ from numpy.lib.stride_tricks import sliding_window_view
 
 from palpate.estimation.channel import ChannelData, ChannelKind
 from palpate.estimation.data.derivatives import grid_step
+from palpate.estimation.estimate import with_unit
 from palpate.estimation.model import Model
 from palpate.estimation.signals.blocks import blocks
 from palpate.estimation.signals.runwise import is_even, sample_time, shift
@@ -92,8 +93,8 @@ def time_offset(data: ChannelData, model: Model | None) -> str | None:
     unit, side = data.kind.effort_unit, "late" if best_s > 0.0 else "early"
     return (
         f"the effort is {1e3 * abs(best_s):.2g} ms {side} relative to the motion: the error of "
-        f"{model.name} is {recorded:.3g} {unit} as recorded, and falls to the noise level of "
-        f"{error:.3g} {unit} if shifted; align their times in the file"
+        f"{model.name} is {with_unit(recorded, unit)} as recorded, and falls to the noise level of "
+        f"{with_unit(error, unit)} if shifted; align their times in the file"
     )
 
 

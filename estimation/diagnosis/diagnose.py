@@ -40,6 +40,7 @@ from palpate.estimation.diagnosis.verdict import (
     insufficient_diagnosis,
 )
 from palpate.estimation.effect import Effect
+from palpate.estimation.estimate import with_unit
 from palpate.estimation.fit.fit_result import FitResult
 from palpate.estimation.fit.measurement_model import identify_measurement_model
 from palpate.estimation.fit.measurement_noise import measurement_noise
@@ -371,7 +372,7 @@ def _too_few_levels(start: FitResult) -> str | None:
     if start.rmse >= step:
         return None
     return (
-        f"the effort has only {len(levels)} {FEW_READINGS}, {step:.3g} {unit} apart, and the model "
-        f"error of {start.rmse:.3g} {unit} is less than one such step: the residual may be rounding; "
+        f"the effort has only {len(levels)} {FEW_READINGS}, {with_unit(step, unit)} apart, and the model "
+        f"error of {with_unit(start.rmse, unit)} is less than one such step: the residual may be rounding; "
         "use a finer sensor, or a motion that takes more effort"
     )

@@ -14,6 +14,7 @@ from palpate.estimation.budget.held_out import fit_each_run
 from palpate.estimation.budget.laws import periodic_columns
 from palpate.estimation.channel import ChannelKind
 from palpate.estimation.diagnosis.bootstrap import SMALL, bootstrap_samples, sequential_test
+from palpate.estimation.estimate import with_unit
 from palpate.estimation.fit.blocks import BlockedData, is_moving
 from palpate.estimation.fit.fit_problem import held_out_residual, rmse
 from palpate.estimation.fit.fit_result import FitResult
@@ -78,14 +79,14 @@ def check_residuals(
     if complete and (left := _error_with_own_waves(end)) is not None:
         return ResidualFinding(
             "the error ripples over the position, with a different phase in each run: a wave fitted to each "
-            f"run would leave {left:.3g} {unit}; begin each run at the same reference position",
+            f"run would leave {with_unit(left, unit)}; begin each run at the same reference position",
             "run",
         )
     if heterogeneity and _is_heterogeneous(heterogeneity, end, measurement, rng):
         return ResidualFinding(
             f"the runs do not follow one law: run {heterogeneity.run} is off by "
-            f"{heterogeneity.run_predicted:.3g} {unit} when predicted from the others, by "
-            f"{heterogeneity.run_alone:.3g} {unit} when fitted alone; was "
+            f"{with_unit(heterogeneity.run_predicted, unit)} when predicted from the others, by "
+            f"{with_unit(heterogeneity.run_alone, unit)} when fitted alone; was "
             "something else probed, or a sensor changed?",
             "run",
         )
@@ -94,9 +95,9 @@ def check_residuals(
         return _oscillation(end)
     swings = f" and oscillates at {excess.frequency_hz:.3g} Hz" if excess.frequency_hz else ""
     return ResidualFinding(
-        f"the residual {excess.where}, {excess.acting:.3g} {unit}, is {excess.acting / excess.expected:.0f} "
-        f"times the noise {excess.reference} and does not look like noise{swings}; no signal of the data "
-        "explains it",
+        f"the residual {excess.where}, {with_unit(excess.acting, unit)}, is "
+        f"{excess.acting / excess.expected:.0f} times the noise {excess.reference} and does not "
+        f"look like noise{swings}; no signal of the data explains it",
         "time",
     )
 
@@ -148,7 +149,7 @@ def _oscillation(end: FitResult) -> ResidualFinding | None:
     if end.rmse <= min(in_air, _EXCESS_OF_LINE * remainder):
         return None
     return ResidualFinding(
-        f"the error oscillates at {line[0]:.3g} Hz with {size:.3g} {unit}, but no signal of the data "
+        f"the error oscillates at {line[0]:.3g} Hz with {with_unit(size, unit)}, but no signal of the data "
         "oscillates at this frequency",
         "time",
     )

@@ -36,6 +36,7 @@ from palpate.estimation.diagnosis.result import (
 )
 from palpate.estimation.diagnosis.search import Search
 from palpate.estimation.effects.run_differences import RunVariation
+from palpate.estimation.estimate import rounded, with_unit
 from palpate.estimation.fit.fit_result import FitResult
 from palpate.estimation.fit.measurement_model import MeasurementModel
 from palpate.estimation.fit.measurement_noise import MeasurementNoise, free_air_noise, measurement_noise
@@ -47,7 +48,6 @@ _MOST_RANKED = 3  # most candidates that are added alone to the base model
 # effects, the kind's law imitates these effects.
 _IMITATION = 2.0
 SLOW = 1.5  # ratio of the error to the noise above which what is left is slower than noise of the readings
-_LARGE = 99.5  # smallest value that two significant digits would write with an exponent
 _PEAKED = 0.8  # share of the squared error in its largest 5 %; normal noise has 0.28
 _Rivals = Mapping[str, Mapping[str, FitResult]]  # fits by replaced effect and replacing effect
 
@@ -327,16 +327,7 @@ def error_decrease(accepted: Sequence[Accepted], base_rmse: float, last_rmse: fl
         else entry.effect
         for entry in accepted
     )
-    return f"the error falls from {base_rmse:.3g} {unit} to {last_rmse:.3g} {unit} with {names}"
-
-
-def two_digits(value: float) -> str:
-    """Format a value to two significant digits, and a large one to a whole number.
-
-    Args:
-        value: not negative, such as an error over the noise.
-    """
-    return f"{value:.2g}" if value < _LARGE else f"{value:.0f}"
+    return f"the error falls from {with_unit(base_rmse, unit)} to {with_unit(last_rmse, unit)} with {names}"
 
 
 def _reason(
@@ -352,7 +343,7 @@ def _reason(
     signals, noise = ", ".join(evidence.signals) or "a mix of signals", evidence.noise.value
     left = f"the residual depends on {signals}"
     if last > noise > 0.0:
-        left = f"the residual is {two_digits(last / noise)} times the noise, and depends on {signals}"
+        left = f"the residual is {rounded(last / noise, 2)} times the noise, and depends on {signals}"
     if evidence.objection:
         left = evidence.objection.reason
     if verdict is Verdict.MISSING:
@@ -362,11 +353,11 @@ def _reason(
         elif evidence.noise.is_bound:
             nothing = "what is left may be noise, of which only an upper bound is known"
         else:
-            times = f", {two_digits(last / noise)} times the noise," if noise > 0.0 else ""
+            times = f", {rounded(last / noise, 2)} times the noise," if noise > 0.0 else ""
             nothing = f"what is left{times} depends on no recorded signal"
         nothing += f"{_steps(evidence)}{_hum(end)}{_peaks(end)}"
         return f"{decrease}, and {nothing}" if evidence.complete else f"{decrease}; {left}"
-    reason = f"the error is {last:.3g} {unit}; {left}"
+    reason = f"the error is {with_unit(last, unit)}; {left}"
     if not ranking or ranking[0].score < SMALL:
         return reason
     best = f"{ranking[0].effect}, removes {100 * ranking[0].score:.0f} % of the error"
@@ -383,7 +374,8 @@ def _steps(evidence: Evidence) -> str:
     left = np.sqrt(max(end.flexible.explained, 0.0) / max(end.problem.used.sum(), 1))
     if end.explainable_share() <= SMALL or left > off:
         return ""
-    return f" or rounding of the encoders: {left:.3g} {unit}, where half a step makes up to {off:.3g} {unit}"
+    most = with_unit(off, unit)
+    return f" or rounding of the encoders: {with_unit(left, unit)}, where half a step makes up to {most}"
 
 
 def _hum(end: FitResult) -> str:
@@ -391,7 +383,7 @@ def _hum(end: FitResult) -> str:
     line = periodic_component(end) if free_air_noise(end.data) else None
     if line is None:
         return ""
-    size = f"{np.sqrt(line[1]) * end.rmse:.3g} {end.data.kind.effort_unit}"
+    size = f"{with_unit(np.sqrt(line[1]) * end.rmse, end.data.kind.effort_unit)}"
     return f"; {size} of the noise oscillates at {line[0]:.3g} Hz, in free air too"
 
 

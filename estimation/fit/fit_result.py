@@ -7,7 +7,13 @@ from functools import cached_property
 import numpy as np
 
 from palpate.estimation.channel import ChannelData, ChannelKind
-from palpate.estimation.estimate import DisplayTable, ParameterEstimate, TableDisplay, interval_text
+from palpate.estimation.estimate import (
+    DisplayTable,
+    ParameterEstimate,
+    TableDisplay,
+    interval_text,
+    with_unit,
+)
 from palpate.estimation.fit.blocks import BlockedData, block_average, decimate, exclude_boundaries, with_load
 from palpate.estimation.fit.fit_problem import FitProblem, Solution, held_out_residual, rmse, solve_gains
 from palpate.estimation.fit.flexible_regression import FlexibleRegression, fit_flexible
@@ -105,7 +111,9 @@ class FitResult(TableDisplay):
                 if abs(pull) > _MIN_PULL * noise:
                     unit, side = self.parameters[name].unit, "below" if pull < 0.0 else "above"
                     value = solution.parameters[name]
-                    sentences.append(f"{name} would be {side} the physical bound, {value:.4g} {unit}")
+                    sentences.append(
+                        f"{name} would be {side} the physical bound, {with_unit(value, unit, 4)}"
+                    )
         return tuple(sentences)
 
     @cached_property
@@ -248,7 +256,7 @@ class FitResult(TableDisplay):
         rows = [(name, f"{p.value:.5g} {p.unit}", interval_text(p)) for name, p in self.parameters.items()]
         names = " + ".join(effect.name for effect in self.model.effects)
         unit = self.data.kind.effort_unit
-        caption = f"{names} of {self.data.name}: {self.rmse:.4g} {unit} in held-out runs"
+        caption = f"{names} of {self.data.name}: {with_unit(self.rmse, unit, 4)} in held-out runs"
         return DisplayTable(caption, ("parameter", "value", "95 % interval"), rows)
 
 

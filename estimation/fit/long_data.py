@@ -7,6 +7,7 @@ import numpy as np
 import scipy
 
 from palpate.estimation.channel import ChannelData, ChannelKind
+from palpate.estimation.estimate import with_unit
 from palpate.estimation.fit.blocks import BlockedData, block_length, decimate
 from palpate.estimation.signals.blocks import blocks, rows_of_runs
 from palpate.estimation.signals.runwise import sample_time
@@ -95,8 +96,9 @@ def shortened(data: ChannelData, held_out: Sequence[int] = ()) -> tuple[ChannelD
         note += (
             f", since a diagnosis works on means over {length} in any case"
             if seen is None
-            else f": within {length} the effort departs from a straight line by {seen.departure:.4g} {unit}, "
-            f"and the noise between readings is {seen.noise:.4g} {unit}"
+            else f": within {length} the effort departs from a straight line by "
+            f"{with_unit(seen.departure, unit, 4)}, "
+            f"and the noise between readings is {with_unit(seen.noise, unit, 4)}"
         )
     for shorten in (_fewer_runs, _fewer_stretches, _average_further):
         if _excess(short, held) > 1:

@@ -13,6 +13,7 @@ from itertools import pairwise
 import numpy as np
 
 from palpate.estimation.channel import ChannelData, ChannelKind
+from palpate.estimation.estimate import with_unit
 from palpate.estimation.fit.fit_problem import rmse
 from palpate.estimation.fit.fit_result import FitResult
 from palpate.estimation.fit.measurement_model import identify_measurement_model
@@ -68,7 +69,7 @@ class MeasurementNoise:
         Args:
             unit: unit of the effort.
         """
-        size = f"{self.value:.3g} {unit}"
+        size = f"{with_unit(self.value, unit)}"
         return f"{size}{': upper bound' if self.is_bound else ''}, from {self.source.value}"
 
 

@@ -9,7 +9,7 @@ from palpate.estimation.budget import BudgetEntry, error_budget
 from palpate.estimation.channel import ChannelKind
 from palpate.estimation.diagnosis.bootstrap import SMALL
 from palpate.estimation.diagnosis.forms import error_of_kinds
-from palpate.estimation.estimate import DisplayTable, ParameterEstimate, TableDisplay
+from palpate.estimation.estimate import DisplayTable, ParameterEstimate, TableDisplay, with_unit
 from palpate.estimation.estimate_channel import UNPHYSICAL
 from palpate.estimation.fit.fit_result import FitResult
 from palpate.estimation.fit.measurement_noise import MeasurementNoise
@@ -109,7 +109,7 @@ class Comparisons(TableDisplay):
             (
                 channel.channel,
                 channel.model,
-                f"{channel.rmse:.3g} {channel.effort_unit}",
+                f"{with_unit(channel.rmse, channel.effort_unit)}",
                 f"{channel.lack_of_fit:.2f}",
                 channel.not_judged,
             )
@@ -169,9 +169,9 @@ def _words(
     """Describe the total error, then the splits in which it is most uneven."""
     level = noise.describe(unit)
     if error < AT_NOISE * noise.value:
-        return (f"The error of {error:.3g} {unit} is within the noise ({level}).",)
+        return (f"The error of {with_unit(error, unit)} is within the noise ({level}).",)
     times = error / noise.value if noise.value > 0.0 else float("inf")
-    sentences = [f"The error of {error:.3g} {unit} is {times:.1f} times the noise ({level})."]
+    sentences = [f"The error of {with_unit(error, unit)} is {times:.1f} times the noise ({level})."]
     for by in sorted(parts, key=lambda by: -_contrast(parts[by]))[:_MAX_SPLITS]:
         worst, least = (pick(parts[by], key=lambda part: part.rmse) for pick in (max, min))
         if worst.rmse <= (1.0 + SMALL) * least.rmse:  # all errors are equally large: compare their means
@@ -181,10 +181,10 @@ def _words(
                 f"{high.mean:+.3g} {unit} ({high.label}), {low.mean:+.3g} {unit} ({low.label})."
             )
             continue
-        largest = f"By {by}, the error is largest for {worst.label}: {worst.rmse:.3g} {unit}"
+        largest = f"By {by}, the error is largest for {worst.label}: {with_unit(worst.rmse, unit)}"
         if abs(worst.mean) > _MIN_MEAN_SHARE * worst.rmse:
             side = "above" if worst.mean > 0.0 else "below"
-            largest += f"; the measurement is {abs(worst.mean):.3g} {unit} {side} the model on average"
+            largest += f"; the measurement is {with_unit(abs(worst.mean), unit)} {side} the model on average"
         sentences.append(f"{largest}.")
     return tuple(sentences)
 

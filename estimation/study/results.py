@@ -3,7 +3,7 @@
 from dataclasses import dataclass
 
 from palpate.estimation.diagnosis import ChannelDiagnosis, Diagnosis
-from palpate.estimation.estimate import DisplayTable, ParameterEstimate, TableDisplay
+from palpate.estimation.estimate import DisplayTable, ParameterEstimate, TableDisplay, with_unit
 from palpate.estimation.fit.fit_result import FitResult
 from palpate.estimation.fit.measurement_noise import MeasurementNoise
 from palpate.estimation.study.channels import StudyChannel
@@ -67,7 +67,7 @@ class ChannelResult(TableDisplay):
             (
                 "" if stage.number is None else stage.number,
                 f"+ {stage.added}" if stage.added else stage.fitted.model.name,
-                f"{stage.rmse:.4g} {unit}",
+                f"{with_unit(stage.rmse, unit, 4)}",
                 f"{stage.rmse / noise:.2f}",
             )
             for stage in self.stages
@@ -113,7 +113,7 @@ class RevisionTable(TableDisplay, tuple[Revision, ...]):
                 "" if entry.parent is None else entry.parent,
                 entry.channel,
                 " + ".join([entry.model, *entry.effects]),
-                f"{entry.rmse:.4g} {entry.effort_unit}",
+                f"{with_unit(entry.rmse, entry.effort_unit, 4)}",
                 entry.created_utc,
             )
             for entry in self

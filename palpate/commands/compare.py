@@ -11,6 +11,7 @@ from palpate.common import console
 from palpate.common.console import safe, shown, typed
 from palpate.common.files import folder_to_fill, folder_to_read, output_folder, spare_files, whole_set
 from palpate.common.options import model_names
+from palpate.estimation.estimate import with_unit
 from palpate.estimation.study import ChannelResult, Comparison
 from palpate.estimation.study.channels import ALL_CHANNELS
 from palpate.estimation.study.model_suggestions import far_better_model
@@ -255,7 +256,7 @@ def compare_command(
     def show() -> None:
         print_comparison(console.stdout(), view_of(study, results))
         of_other_data = (
-            f"revision {item.number} was saved with an error of {item.rmse:.3g} {item.effort_unit}: "
+            f"revision {item.number} was saved with an error of {with_unit(item.rmse, item.effort_unit)}: "
             "it was made from other rows or with other import options"
             for item in kept
             if study.channel_of(item).sha256 != item.data_sha256
@@ -351,6 +352,6 @@ def _after(  # noqa: PLR0917, what was typed
         for result in results:  # suggest a far better base model if the usual one does not fit
             better = far_better_model(study, result.channel, result.comparison)
             if better is not None:
-                left = f"a base model with an error of {better[1]:.3g} {result.channel.effort_unit}"
+                left = f"a base model with an error of {with_unit(better[1], result.channel.effort_unit)}"
                 yield f"palpate compare {data.typed(channel=channel, model=better[0])}", left
     yield f"palpate diagnose {data.typed(channel=channel, model=model)}", "which effect is missing"

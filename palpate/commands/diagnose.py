@@ -13,6 +13,7 @@ from palpate.common.files import folder_to_fill, output_folder
 from palpate.common.options import estimator_names
 from palpate.estimation.channel import ChannelKind
 from palpate.estimation.diagnosis import Verdict
+from palpate.estimation.estimate import with_unit
 from palpate.estimation.estimators import ESTIMATORS
 from palpate.estimation.study import StudyDiagnosis
 from palpate.estimation.study.channels import ALL_CHANNELS
@@ -143,7 +144,7 @@ def _next(  # noqa: PLR0917, what was typed and found
         for item in diagnosis.channels:
             better = better_explanation(study, study.channel(item.channel), item)
             if better is not None:
-                left = f"start from a base model with an error of {better[1]:.3g} {item.effort_unit}"
+                left = f"start from a base model with an error of {with_unit(better[1], item.effort_unit)}"
                 yield f"palpate diagnose {data.typed(channel=asked['channel'], model=better[0])}", left
     if plan is not None and study.source.session is not None:
         from palpate.planning.next_probe import same_world  # noqa: PLC0415, as above

@@ -11,7 +11,7 @@ import yaml
 from palpate.common.files import write_text
 from palpate.estimation.channel import ChannelKind
 from palpate.estimation.effects import EFFECTS
-from palpate.estimation.estimate import ParameterEstimate
+from palpate.estimation.estimate import ParameterEstimate, with_unit
 from palpate.estimation.fit.fit_result import FitResult
 from palpate.estimation.kinds import Kind
 
@@ -178,7 +178,7 @@ def make_feedforward(joints: Sequence[FittedJoint]) -> Feedforward:
                     values[fields[own]] += float(parameter.value)
                     low, high = parameter.interval
                     if not (isfinite(low) and isfinite(high)) or low <= 0.0 <= high:
-                        value = f"{parameter.value:.3g} {parameter.unit}"
+                        value = f"{with_unit(parameter.value, parameter.unit)}"
                         left_out.append(
                             f"{joint.name}: {effect}.{own} {value} is exported, but its interval includes "
                             "zero"
@@ -221,7 +221,7 @@ def _range(joint: FittedJoint, name: str) -> tuple[float, float]:
 def _title(joint: FittedJoint) -> str:
     unit = _position_unit(joint)
     low, high = _range(joint, "velocity")
-    return f"{joint.name}: {joint.effort_unit}, recorded from {low:.3g} to {high:.3g} {unit}/s"
+    return f"{joint.name}: {joint.effort_unit}, recorded from {low:.3g} to {with_unit(high, unit)}/s"
 
 
 def _comment(text: str) -> str:

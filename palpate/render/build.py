@@ -17,7 +17,7 @@ from palpate.estimation.channel import ChannelData, ChannelKind
 from palpate.estimation.diagnosis import ChannelDiagnosis, Verdict
 from palpate.estimation.diagnosis.result import ParameterValue
 from palpate.estimation.effect import AdditiveEffect, MemoryEffect, MotionEffect, SensorEffect
-from palpate.estimation.estimate import ParameterEstimate
+from palpate.estimation.estimate import ParameterEstimate, with_unit
 from palpate.estimation.fit.intervals import SIGMAS_95
 from palpate.estimation.fit.measurement_noise import MeasurementNoise
 from palpate.estimation.model import Model
@@ -241,7 +241,7 @@ def _verdict(view: ChannelView, words: Sequence[str], diagnosis: ChannelDiagnosi
         verdict = compared(
             view.name,
             " ".join(labels),
-            f"{errors[-1]:.3g} {unit}",
+            f"{with_unit(errors[-1], unit)}",
             view.times_noise(errors[-1]),
             view.noise_text,
             possible=not wrong,

@@ -6,8 +6,9 @@ from math import nan
 
 from palpate.estimation.diagnosis import ChannelDiagnosis, Verdict
 from palpate.estimation.diagnosis.forms import Form
-from palpate.estimation.diagnosis.verdict import SLOW, two_digits
+from palpate.estimation.diagnosis.verdict import SLOW
 from palpate.estimation.effects import EFFECTS
+from palpate.estimation.estimate import rounded, with_unit
 from palpate.estimation.estimate_channel import UNPHYSICAL
 from palpate.estimation.kinds import Kind
 from palpate.render import palette
@@ -67,7 +68,7 @@ def _sentence(diagnosis: ChannelDiagnosis) -> str:
     signals = diagnosis.remaining.depends_on
     on = f" and depends on {enumerated(signals)}" if signals else ""
     times = diagnosis.remaining.times_floor
-    size = f" of {two_digits(times)} times the noise" if times >= NOISE else ""
+    size = f" of {rounded(times, 2)} times the noise" if times >= NOISE else ""
     kinds = _kinds_without_form(diagnosis)
     unknown = f" The form of {enumerated(kinds)} is not known." if kinds else ""
     return f"{missing} An unexplained error{size} remains{on}.{unknown}"
@@ -78,7 +79,8 @@ def _unrelated(diagnosis: ChannelDiagnosis) -> str:
     left, floor = diagnosis.remaining, diagnosis.floor
     if left is None or floor is None or floor.at_most or left.times_floor <= SLOW:
         return ""
-    return f" What is left, {two_digits(left.times_floor)} times the noise, depends on no recorded signal."
+    times = rounded(left.times_floor, 2)
+    return f" What is left, {times} times the noise, depends on no recorded signal."
 
 
 def _kinds_without_form(diagnosis: ChannelDiagnosis) -> list[str]:
@@ -93,21 +95,21 @@ def _error(diagnosis: ChannelDiagnosis) -> str:
         return ""
     noise = ""
     if diagnosis.noise_floor is not None and diagnosis.floor is not None:
-        size, source = f"{diagnosis.noise_floor:.3g} {unit}", diagnosis.floor.source.value
+        size, source = f"{with_unit(diagnosis.noise_floor, unit)}", diagnosis.floor.source.value
         noise = f" (noise {size}{': upper bound' if diagnosis.floor.at_most else ''}, from {source})"
     if not diagnosis.accepted:
-        return f"The error in held-out runs is {after.rmse:.3g} {unit}{noise}."
+        return f"The error in held-out runs is {with_unit(after.rmse, unit)}{noise}."
     added = "it" if len(diagnosis.accepted) == 1 else "them"
     if after.rmse > _NO_FALL * before.rmse:
-        stays = f"With {added}, the error in held-out runs stays at {after.rmse:.3g} {unit}"
+        stays = f"With {added}, the error in held-out runs stays at {with_unit(after.rmse, unit)}"
         means, before_means = after.rmse_of_means, before.rmse_of_means
         if means is None or before_means is None or means > _NO_FALL * before_means:
             return f"{stays}{noise}."
         return (
             f"{stays} sample by sample{noise}. Averaged over {after.samples_per_mean} samples "
-            f"(the resolution of the velocity), it falls from {before_means:.3g} to {means:.3g} {unit}."
+            f"(the resolution of the velocity), it falls from {before_means:.3g} to {with_unit(means, unit)}."
         )
-    fall = f"from {before.rmse:.3g} to {after.rmse:.3g} {unit}"
+    fall = f"from {before.rmse:.3g} to {with_unit(after.rmse, unit)}"
     return f"With {added}, the error in held-out runs falls {fall}{noise}."
 
 
@@ -160,15 +162,15 @@ def falling(channel: str, errors: Sequence[float], added: Sequence[str], noise: 
     first, last = errors[0], errors[-1]
     subject = f"{channel} with {enumerated(added)}: the error in held-out runs"
     if last > _NO_FALL * first:
-        return f"{subject} does not fall: from {first:.3g} to {last:.3g} {unit}."
+        return f"{subject} does not fall: from {first:.3g} to {with_unit(last, unit)}."
     times = last / noise if noise > 0.0 else float("inf")
     ends = "down to the noise" if times < NOISE else f"to {times:.1f} times the noise"
-    falls = f"{subject} falls from {first:.3g} to {last:.3g} {unit}, {ends}."
+    falls = f"{subject} falls from {first:.3g} to {with_unit(last, unit)}, {ends}."
     before = errors[-2]
     if last <= _NO_FALL * before:
         return falls
     does = "makes it worse" if last * _NO_FALL > before else "does next to nothing"
-    return f"{falls} The last step, {added[-1]}, {does}: from {before:.4g} to {last:.4g} {unit}."
+    return f"{falls} The last step, {added[-1]}, {does}: from {before:.4g} to {with_unit(last, unit, 4)}."
 
 
 _SHOWN = 0.005  # share below which unexplained error is not mentioned
@@ -205,7 +207,7 @@ def budget_view(diagnosis: ChannelDiagnosis) -> BudgetView | None:
     parts = [*kinds, BudgetPart("noise", diagnosis.rest.noise, palette.NOISE, at_most)]
     if diagnosis.rest.unexplained >= _SHOWN:
         parts.append(BudgetPart("unexplained", diagnosis.rest.unexplained, palette.UNEXPLAINED, at_least))
-    error = f"{diagnosis.baseline.rmse:.3g} {diagnosis.effort_unit}"
+    error = f"{with_unit(diagnosis.baseline.rmse, diagnosis.effort_unit)}"
     shares = ", ".join(f"{part.word} {part.share_text}" for part in parts)
     sentence = f"Of the {error} error: {shares}." if kinds or len(parts) > 1 else ""
     what = "depends on no recorded signal" if _unrelated(diagnosis) else "is within the noise"

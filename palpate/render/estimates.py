@@ -13,8 +13,14 @@ from rich.text import Text
 from palpate.common.console import AT_BOUND, NOT_DETERMINED, count, natural_width, safe, significant, table
 from palpate.estimation.channel import MIN_STEPS
 from palpate.estimation.data_quality import contaminated
-from palpate.estimation.diagnosis.verdict import two_digits
-from palpate.estimation.estimate import Determined, Estimate, Identifiability, ParameterEstimate
+from palpate.estimation.estimate import (
+    Determined,
+    Estimate,
+    Identifiability,
+    ParameterEstimate,
+    rounded,
+    with_unit,
+)
 from palpate.estimation.estimate_channel import describe_steps, steps_spanned
 from palpate.estimation.fit.intervals import SIGMAS_95
 from palpate.estimation.study.estimates import BEST, MOST, OFFSET, ChannelEstimates
@@ -76,7 +82,7 @@ def estimates_view(estimates: ChannelEstimates, truth: Truth) -> ChannelView:
     level = f"; the noise is {estimates.noise.describe(unit)}" if estimates.noise else ""
     sentence = (
         f"{estimates.channel.name}: {estimates.model.name} by estimator {best.estimator} leaves "
-        f"{best.rmse:.3g} {unit}{level}."
+        f"{with_unit(best.rmse, unit)}{level}."
     )
     share = PERCENT * (1.0 - float(np.mean(estimates.rows)))
     unfitted = f"{share:.2g} % of the samples are not part of the fit; they are shaded" if share else ""
@@ -202,7 +208,7 @@ def _remarks_on_fits(estimates: ChannelEstimates) -> Iterator[str]:
     if estimates.noise is not None and estimates.misfit > POOR:
         yield (
             f"{estimates.model.name} does not describe these data: the error of {best.estimator} is "
-            f"{two_digits(best.rmse)} {unit} (rms), the noise is {estimates.noise.describe(unit)}. "
+            f"{rounded(best.rmse, 2)} {unit} (rms), the noise is {estimates.noise.describe(unit)}. "
             "The intervals do not include this model error; palpate diagnose looks for what is missing"
         )
     surface, offset = estimates.channel.surface, next((p for p in best.parameters if p.name == OFFSET), None)

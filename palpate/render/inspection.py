@@ -11,6 +11,7 @@ import numpy as np
 from palpate.common.console import count
 from palpate.estimation.channel import ChannelData, ChannelKind
 from palpate.estimation.data.channels import session_channels
+from palpate.estimation.estimate import with_unit
 from palpate.estimation.study.channels import CONTACT_MODEL
 from palpate.estimation.study.estimates import BEST, ChannelEstimates, estimate_with
 from palpate.render.build import channel_view
@@ -140,7 +141,6 @@ def _view(
     held = np.searchsorted(ticks["time_s"], channel.time_s) - 1
     commanded = np.where(held >= 0, ticks["torque_sent_nm"][held, int(joint[1]) - 1], np.nan)
     rms = float(np.sqrt(np.nanmean((channel.effort - commanded) ** 2)))
-    sentence = (
-        f"{channel.name}: measured and commanded torque differ by {rms:.3g} {channel.kind.effort_unit} (rms)."
-    )
+    difference = with_unit(rms, channel.kind.effort_unit)
+    sentence = f"{channel.name}: measured and commanded torque differ by {difference} (rms)."
     return replace(view, verdict=VerdictView("", sentence), commanded=("commanded", commanded))

@@ -19,6 +19,7 @@ from plotly.subplots import make_subplots
 
 from palpate.common.console import chance
 from palpate.common.files import write_text
+from palpate.estimation.estimate import with_unit
 from palpate.estimation.signals.blocks import blocks
 from palpate.render import palette
 from palpate.render.diagnosis import budget_picture
@@ -186,7 +187,7 @@ def _draw_fall(made: go.Figure, channel: ChannelView) -> None:
     taken = np.maximum(np.concatenate([[0.0], errors[:-1] - errors[1:]]), 0.0)
     before = np.concatenate([errors[:1], errors[:-1]])
     words = [
-        f" {error:.3g} {unit}" + (f"  −{100 * (1 - error / old):.0f} %" if old > error else "")
+        f" {with_unit(error, unit)}" + (f"  −{100 * (1 - error / old):.0f} %" if old > error else "")
         for error, old in zip(errors, before, strict=True)
     ]
     colors = [palette.BASE, *[palette.MEASURED] * (len(errors) - 1)]
@@ -204,7 +205,10 @@ def _draw_fall(made: go.Figure, channel: ChannelView) -> None:
     made.add_vline(
         x=channel.noise_level,
         line={"color": palette.NOISE, "width": 1.5, "dash": "dot"},
-        annotation={"text": f" noise level {channel.noise_level:.3g} {unit}", "font_color": palette.NOISE},
+        annotation={
+            "text": f" noise level {with_unit(channel.noise_level, unit)}",
+            "font_color": palette.NOISE,
+        },
         annotation_position="bottom right" if left else "bottom left",
         row=1,
         col=1,

@@ -22,6 +22,7 @@ from palpate.common.console import (
 )
 from palpate.estimation.diagnosis.forms import Form
 from palpate.estimation.effects.contact_geometry import ContactOffset
+from palpate.estimation.estimate import with_unit
 from palpate.estimation.study import Revision
 from palpate.estimation.study.comparison import FAR
 from palpate.render.view import (
@@ -154,7 +155,7 @@ def print_revisions(console: Console, kept: Sequence[Revision]) -> None:
         model = (" + " if roomy else "\n+ ").join(map(safe, [each.model, *each.effects]))
         last = [f"[dim]{safe(each.created_utc[:16].replace('T', ' '))}[/dim]"] if roomy else []
         words = (safe(each.channel), model) if roomy else (f"[bold]{safe(each.channel)}[/bold]\n{model}",)
-        error = safe(f"{each.rmse:.4g} {each.effort_unit}")
+        error = safe(f"{with_unit(each.rmse, each.effort_unit, 4)}")
         made.add_row(*number, *words, error, f"[{grade(times)}]{times:.2f}[/]", *last)
     console.print(made)
 

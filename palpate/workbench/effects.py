@@ -12,6 +12,7 @@ from nicegui.element import Element
 
 from palpate.estimation.channel import ChannelKind
 from palpate.estimation.effect import Effect, Parameter
+from palpate.estimation.estimate import with_unit
 from palpate.render import palette
 from palpate.render.build import axes_of
 from palpate.render.effects import Example
@@ -305,13 +306,13 @@ def _slider(parameter: Parameter, simulated: _Simulated, plot: Plot) -> None:
 
     def moved(event: events.GenericEventArguments) -> None:
         example.values[name] = value(float(event.args))
-        label.set_text(f"{parameter.name} = {example.values[name]:.3g} {unit}")
+        label.set_text(f"{parameter.name} = {with_unit(example.values[name], unit)}")
         plot.restyle(simulated.update())
 
     share = (
         math.log(start / low) / math.log(high / low) if by_ratio else (start - low) / ((high - low) or 1.0)
     )
     with ui.row().classes("bar no-wrap"):
-        label = ui.label(f"{parameter.name} = {start:.3g} {unit}").style("min-width: 170px")
+        label = ui.label(f"{parameter.name} = {with_unit(start, unit)}").style("min-width: 170px")
         slider = ui.slider(min=0.0, max=_STEPS, step=1.0, value=min(max(share, 0.0), 1.0) * _STEPS)
         set_props(slider.props("dense"), aria_label=name).on("update:model-value", moved, throttle=0.05)

@@ -12,6 +12,7 @@ from typing import Any
 from nicegui import events, ui
 
 from palpate.common.files import derived_folder, output_folder
+from palpate.estimation.estimate import with_unit
 from palpate.render.build import REPORT, axes_of
 from palpate.robot_io.errors import InputError, PalpateError
 from palpate.workbench import elements
@@ -322,7 +323,7 @@ class Page:
             ]
             for revision in reversed(revisions):
                 terms = " + ".join([revision.model, *revision.effects])
-                text = f"{revision.number} · {revision.rmse:.3g} {revision.effort_unit} · {terms}"
+                text = f"{revision.number} · {with_unit(revision.rmse, revision.effort_unit)} · {terms}"
                 work = partial(self.state.to_revision, revision)
                 button = ui.button(text, on_click=partial(self._change, work))
                 button.props("flat dense no-caps align=left").classes("revision")

@@ -8,7 +8,7 @@ from html import escape
 from nicegui import events, ui
 
 from palpate.common.console import AT_BOUND, NOT_DETERMINED, significant
-from palpate.estimation.estimate import ParameterEstimate
+from palpate.estimation.estimate import ParameterEstimate, with_unit
 from palpate.render.diagnosis import impossible
 from palpate.render.view import NOISE
 from palpate.robot_io.errors import InputError
@@ -67,7 +67,7 @@ class ErrorCard:
         unit, error, noise = shown.fitted.data.kind.effort_unit, shown.fitted.rmse, shown.noise
         more = error > NOISE * fit.noise
         comparison = (
-            (f"a flexible regression reaches {fit.noise:.3g} {unit}")
+            (f"a flexible regression reaches {with_unit(fit.noise, unit)}")
             if more and error < NOISE * noise
             else ""
         )
@@ -94,7 +94,7 @@ def _number(error: float, unit: str, noise: float, what: str = "", kind: str = "
     is_rough = what == elements.ROUGH
     return (
         f'<b data-error="{error!r}"{" data-rough" * is_rough} class="{kind if at_noise else ""}" '
-        f'title="{elements.ERROR}">{"≈ " * is_rough}{error:.3g} {unit}</b> '
+        f'title="{elements.ERROR}">{"≈ " * is_rough}{with_unit(error, unit)}</b> '
         f'<span class="quiet" title="{elements.NOISE_LEVEL}">{what or beside}</span>'
     )
 
@@ -116,10 +116,11 @@ def waterfall(steps: tuple[tuple[str, float], ...], noise: float, unit: str) -> 
             f'<div class="step"><span class="label">{escape(label)}</span><span class="track">'
             f'<i class="{kind}" style="width:{100 * error / most:.1f}%"></i>'
             f'<u style="left:{100 * min(noise / most, 1.0):.1f}%"></u></span>'
-            f'<span class="value">{error:.3g} {unit}<em>{falls}</em></span></div>'
+            f'<span class="value">{with_unit(error, unit)}<em>{falls}</em></span></div>'
         )
         before = error
-    return f'<div class="fall">{"".join(rows)}<div class="noise">noise level {noise:.3g} {unit}</div></div>'
+    level = f'<div class="noise">noise level {with_unit(noise, unit)}</div>'
+    return f'<div class="fall">{"".join(rows)}{level}</div>'
 
 
 class Parameters:
@@ -195,7 +196,7 @@ class Parameters:
         assert self._shown is not None  # noqa: S101, set by `show`
         fitted = self._shown.fitted
         unit = {**fitted.model.gains, **fitted.model.inner}[name].unit_of(fitted.data.kind)
-        self._numbers[name].set_text(f"{self._values[name]:.4g} {unit}")
+        self._numbers[name].set_text(f"{with_unit(self._values[name], unit, 4)}")
         self._intervals[name].set_text(self._interval(name))
 
     def _interval(self, name: str) -> str:

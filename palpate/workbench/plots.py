@@ -9,6 +9,7 @@ import numpy as np
 from nicegui import events, ui
 
 from palpate.estimation.channel import ChannelData, ChannelKind
+from palpate.estimation.estimate import with_unit
 from palpate.render import palette
 from palpate.render.build import axes_of, one_after_the_other
 from palpate.render.thinning import peaks
@@ -447,7 +448,7 @@ class PlotPanel:
         readings = []
         for name, row in rows.items():
             fit = "" if model is None else f", model {model[row]:.4g}, left {effort[row] - model[row]:+.3g}"
-            readings.append(f"<b>{name}</b> {effort[row]:.4g} {unit}{fit}")
+            readings.append(f"<b>{name}</b> {with_unit(effort[row], unit, 4)}{fit}")
         if len(rows) == 2:
             a, b = rows["A"], rows["B"]
             depth, _, of_depth = self._motion.axes.position.rstrip("]").partition(" [")

@@ -12,6 +12,7 @@ from pathlib import Path
 
 import numpy as np
 
+from palpate.estimation.estimate import with_unit
 from palpate.render import palette
 from palpate.render.recording.file import (
     BACKGROUND,
@@ -231,8 +232,8 @@ def record_rerun(view: StudyView, path: Path) -> None:
                 recording.set_time(REVISION, sequence=number)
                 stage, unit = channel.stages[number], channel.axes.effort_unit
                 kind = "" if number else ", the base model"
-                error = f"held-out error **{stage.rmse:.4g} {unit}**, "
-                error += f"noise level {channel.noise_level:.4g} {unit}"
+                error = f"held-out error **{with_unit(stage.rmse, unit, 4)}**, "
+                error += f"noise level {with_unit(channel.noise_level, unit, 4)}"
                 lines = [f"### Revision {number}", f"**{stage.label}**{kind}", "", error, ""]
                 lines += [f"`{effect.name}` {effect.equation}  " for effect in stage.effects]
                 lines += ["", "| parameter | value | 95 % interval | unit |", "|---|---|---|---|"]
