@@ -16,6 +16,8 @@ from palpate.estimation.signals.exponential_memory import fading_memory, springp
 from palpate.estimation.signals.runwise import finest_step
 from palpate.robot_io.types import BoolArray, FloatArray
 
+_TOUCH = 0.01  # depth relative to the deepest at which a run begins hardly pressed
+
 
 class _Relaxation(Effect):
     """Memory that begins a run after a sudden press to its first depth or, in form 1, relaxed at this depth.
@@ -61,9 +63,9 @@ class _Relaxation(Effect):
 
 
 def _begins_pressed(data: ChannelData) -> BoolArray:
-    """Return whether each run begins in contact."""
+    """Return whether each run begins clearly in contact."""
     first, _ = block_index(data.run)
-    return data.engaged[first] & (data.position[first] > 0.0)
+    return data.engaged[first] & (data.position[first] > _TOUCH * data.deepest)
 
 
 class StressRelaxation(_Relaxation, AdditiveEffect):
