@@ -22,7 +22,7 @@ from palpate.runs.robots import find_robot
 from palpate.sim_backend.scenario import MOST_SEED, Scenario, parse_scenario
 from tests.mock_robot import write_mock_files
 from tests.palpate.cli import ROOT, assert_refused, done, run
-from tests.palpate.sessions import QUICK_RUN
+from tests.palpate.sessions import QUICK, QUICK_RUN
 
 
 def test_it_says_how_it_ended(probed):
@@ -46,7 +46,7 @@ def test_the_session_can_be_understood_alone(probed):
 
 def test_it_probes_at_the_speeds_and_to_the_force_asked_for(tmp_path, log_in_process):
     path = tmp_path / "two.mcap"
-    plan = ("--speed-mm-s", "150,75", "--force-limit-n", 5, "--hold-s", 0.1, "--repeats", 2)
+    plan = ("--experiment", QUICK, "--speed-mm-s", "150,75", "--force-limit-n", 5, "--repeats", 2)
     done("probe", "-o", path, *plan, "--online", "none")
     ticks = Session.open(path).samples("tick")
     assert np.unique(ticks["run"]).tolist() == [-1, 0, 1, 2, 3]
@@ -113,7 +113,7 @@ def test_an_object_that_is_not_there_is_said_in_words(tmp_path, log_in_process):
     deep = tmp_path / "deep.yaml"
     deep.write_text("object: {surface_height_m: -0.5}\n")
     plan = tmp_path / "short.yaml"
-    plan.write_text("speeds_m_s: [0.15]\nsearch_depth_m: 0.05\n")
+    plan.write_text(f"{QUICK.read_text()}search_depth_m: 0.05\n")
     options = ("--scenario", deep, "--experiment", plan)
     shown = run("probe", "-o", tmp_path / "shown.mcap", *options)
     assert (shown.exit_code, "1 run planned, 1 failure" in shown.stdout) == (1, True)

@@ -19,10 +19,12 @@ from palpate.teleop.virtual_object import (
     terms_of,
 )
 from tests.control.simulated_arms import SimulatedArm
+from tests.palpate.sessions import QUICK_RUN
 from tests.robot_io.link.link_parts import DOWN, estimate
 
-FAST = ProbingPlan(speeds_m_s=(0.15,), hold_s=0.3)
-NOTHING_NEAR = ProbingPlan(speeds_m_s=(0.15,), search_depth_m=0.05)
+FAST = QUICK_RUN.model_copy(update={"hold_s": 0.3})
+TWO_SPEEDS = QUICK_RUN.model_copy(update={"speeds_m_s": (0.15, 0.1)})
+NOTHING_NEAR = QUICK_RUN.model_copy(update={"search_depth_m": 0.05})
 CUBIC = {"hidden": [{"effect": "cubic_stiffness", "cubic_n_m3": 4e6}]}
 TRUE_DEPTHS_M = np.linspace(0.001, 0.012, 12)
 
@@ -70,7 +72,7 @@ def test_a_law_that_fits_better_and_cannot_be_felt_is_not_offered():
 
 
 def test_an_established_effect_is_felt(few_effects):
-    found = second_look(probed(CUBIC, ProbingPlan(speeds_m_s=(0.15, 0.1), hold_s=0.1)), 0)
+    found = second_look(probed(CUBIC, TWO_SPEEDS), 0)
     assert found.verdict == "missing"
     assert [term.name for term in found.model] == ["kelvin_voigt", "cubic_stiffness"]
     felt, real = force_law(found.model), force_law(terms_of(load_scenario(CUBIC)))
