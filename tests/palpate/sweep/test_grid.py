@@ -5,6 +5,8 @@ import yaml
 
 from palpate.estimation.estimators.ransac import Ransac
 from palpate.robot_io.errors import InputError
+from palpate.sweep import paper
+from palpate.sweep.case import TRUE
 from palpate.sweep.grid import DIAGNOSE, load_grid, shipped_grid
 from palpate.sweep.paper import CUBES, paper_cases
 from palpate.sweep.works.probing import made_estimator
@@ -142,3 +144,21 @@ def test_the_paper_is_run_as_it_says():
 @pytest.mark.parametrize("cube", CUBES, ids=lambda cube: cube.name)
 def test_equation_3_gives_table_1(cube):
     assert cube.stiffness_n_m == pytest.approx(cube.k_equation_3, rel=1e-4)
+
+
+def test_without_speeds_a_run_has_those_of_the_paper(tmp_path):
+    (tmp_path / "grid.yaml").write_text(yaml.safe_dump(ONE))
+    assert load_grid(tmp_path / "grid.yaml").speeds_mm_s == ((150.0, 90.0, 60.0),)
+
+
+def test_the_best_estimator_of_the_grid_has_the_smallest_sum_of_worst_errors(monkeypatch):
+    monkeypatch.setattr(paper.figures, "grid_estimates", lambda rows: "")
+    true = {TRUE + paper.K: 100.0, TRUE + paper.C: 10.0, "error": ""}
+    case = {"law stiffness_n_m": 100.0, "law damping_n_s_m": 10.0, "seed": 0}
+    errors = {"ransac": (1.0, 9.0), "lsq": (2.0, 3.0)}  # of k and c [%]
+    rows = [
+        true | case | {"estimator": name, paper.K: 100.0 + k, paper.C: 10.0 + 0.1 * c}
+        for name, (k, c) in errors.items()
+    ]
+    table = paper.grid_section(rows, rows).tables[0]
+    assert table.rows[-1] == ("lsq (our best)", None, pytest.approx(2.0), None, pytest.approx(3.0))

@@ -98,6 +98,16 @@ def test_an_answer_that_comes_again_is_no_new_feedback(fast):
             reader.read(clock.now_s() + 5e-4)
 
 
+def test_a_servo_that_refuses_to_be_read_is_named():
+    clock = SimulatedClock()
+    line = LateLine(clock, 2e-4, damaged=False)
+    reader = feedback_reader(line, clock, (1, 2), 224, fast=False)
+    refusal = dynamixel.status(1, 4)
+    line._maybe_damaged = lambda answer: refusal + answer[len(answer) // 2 :]
+    with pytest.raises(DeviceTimeoutError, match="servo 1 refuses to be read: the value is out of range"):
+        reader.read(1e-3)
+
+
 def test_what_came_after_a_question_was_given_up_does_not_answer_the_next():
     line = bytearray(dynamixel.status(1, 0, b"\x07"))
     came = lambda *_: bytes([line.pop(0) for _ in range(len(line))])  # noqa: E731

@@ -122,6 +122,13 @@ def test_old_records_of_a_network_that_repeats_itself_are_no_restart():
     assert len(forces) == 201
 
 
+@pytest.mark.parametrize(("old", "is_named"), [(49, False), (50, True)])
+def test_fifty_old_records_in_a_row_are_a_restart(old, is_named):
+    """No network repeats so many; far from its beginning, a counter shows nothing else."""
+    stream, _ = fed((1000, 7000, 0, [0] * 6), *((500 + k, 7 * k, 0, [0] * 6) for k in range(old)))
+    assert ("restarted its counter" in stream.complaint) == is_named
+
+
 PAGE = EmulatedNetFt(2, 100.0, 1e6, "N").page()
 
 
