@@ -36,7 +36,6 @@ def test_the_mock_robot_is_probed_through_the_interfaces_alone():
     ("name", "stiffness", "damping", "speed_m_s"),
     [
         ("follower", 100.0, 0.0, 0.15),
-        pytest.param("leader", 500.0, 100.0, 0.15, marks=pytest.mark.slow),  # between the corners
         ("leader", 7100.0, 100.0, 0.05),
         ("follower", 10_000.0, 200.0, 0.05),
     ],

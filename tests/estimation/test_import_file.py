@@ -489,15 +489,10 @@ def test_a_torque_that_opposes_the_velocity_is_a_reaction(tmp_path):
     np.testing.assert_array_equal(only(kept).effort, -only(imported).effort)
 
 
-def test_a_torque_that_is_read_early_is_no_reaction(tmp_path):
-    """An inertia's effort before its motion looks like a negative damping."""
-    imported = read_swing(tmp_path, sign=1.0, friction=0.0, early=8)
-    assert not any("opposes" in note for note in imported.notes)
-
-
-def test_a_torque_that_is_read_late_is_no_reaction(tmp_path):
-    """A spring's effort after its motion looks like a negative damping, beside a positive inertia."""
-    imported = read_swing(tmp_path, sign=1.0, friction=0.0, early=-16, inertia=0.002)
+@pytest.mark.parametrize(("early", "inertia"), [(8, 0.02), (-16, 0.002)])
+def test_a_torque_that_is_read_early_or_late_is_no_reaction(tmp_path, early, inertia):
+    """An inertia's effort ahead of its motion, and a spring's behind it, look like a negative damping."""
+    imported = read_swing(tmp_path, sign=1.0, friction=0.0, early=early, inertia=inertia)
     assert not any("opposes" in note for note in imported.notes)
 
 

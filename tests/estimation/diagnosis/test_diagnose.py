@@ -281,16 +281,6 @@ def test_a_result_is_read_back_from_its_own_text_and_progress_is_told():
     assert entry.parameters["k3"].unit == "N/m^3"
 
 
-@pytest.mark.slow  # test_forms has a form that is named beside an unknown law
-def test_beside_what_is_named_something_may_stay_unexplained():
-    found = decide_verdict(
-        pressed(4, lambda t, x, v, run: cubic(t, x, v, run) + 0.4 * np.sin(3000.0 * x)),
-        *("cubic_stiffness", "bias"),
-    )
-    assert not found.complete
-    check_shares(found)
-
-
 def test_a_channel_has_the_same_draws_alone_and_among_others(monkeypatch):
     module, drawn = import_module("palpate.estimation.diagnosis.diagnose"), []
 
