@@ -66,7 +66,7 @@ class JointCoupling(AdditiveEffect):
     `viscous_friction` and `coulomb_friction`.
 
     Args:
-        neighbour: index of joint j, from 0; `suited_to` determines it.
+        neighbor: index of joint j, from 0; `suited_to` determines it.
     """
 
     name = "joint_coupling"
@@ -95,17 +95,17 @@ class JointCoupling(AdditiveEffect):
         "rigid_body_fitted": "move slowly: friction of the coupling stays, inertia of the links does not",
     }
 
-    def __init__(self, neighbour: int = 0) -> None:
-        self._neighbour = neighbour
+    def __init__(self, neighbor: int = 0) -> None:
+        self._neighbor = neighbor
 
     def suited_to(self, data: ChannelData) -> "JointCoupling":
         """See `Effect.suited_to`: with the neighbor whose motion explains more of the effort."""
         velocity = data.context["joint_velocity"]
         joint = int(np.argmin(np.sum((velocity - data.velocity[:, None]) ** 2, axis=0)))
-        neighbours = [j for j in (joint + 1, joint - 1) if 0 <= j < velocity.shape[1]]
-        if not neighbours:
+        neighbors = [j for j in (joint + 1, joint - 1) if 0 <= j < velocity.shape[1]]
+        if not neighbors:
             return self
-        return JointCoupling(min(neighbours, key=lambda j: _left(data, joint, j)))
+        return JointCoupling(min(neighbors, key=lambda j: _left(data, joint, j)))
 
     def applies_to(self, data: ChannelData) -> bool:
         """See `Effect.applies_to`: to an arm with at least two joints."""
@@ -115,15 +115,15 @@ class JointCoupling(AdditiveEffect):
         return velocity.ndim == 2 and velocity.shape[1] > 1
 
     def columns(self, data: ChannelData, inner: Inner) -> FloatArray:
-        v = data.velocity + inner["ratio"] * data.context["joint_velocity"][:, self._neighbour]
-        a = data.acceleration + inner["ratio"] * data.context["joint_acceleration"][:, self._neighbour]
+        v = data.velocity + inner["ratio"] * data.context["joint_velocity"][:, self._neighbor]
+        a = data.acceleration + inner["ratio"] * data.context["joint_acceleration"][:, self._neighbor]
         return np.column_stack([a, v, np.tanh(v / inner["transition"])])
 
     def is_misnamed(
         self, data: ChannelData, parameters: Mapping[str, float], errors: Errors, noise: float
     ) -> bool:
         """See `Effect.is_misnamed`: if the neighbor hardly turns this motor, the effect is plain friction."""
-        turned = parameters[f"{self.name}.ratio"] * data.context["joint_velocity"][:, self._neighbour]
+        turned = parameters[f"{self.name}.ratio"] * data.context["joint_velocity"][:, self._neighbor]
         return float(np.mean(turned**2)) < _FELT**2 * float(np.mean(data.velocity**2))
 
     def starts(self, data: ChannelData) -> tuple[Inner, ...]:
@@ -132,9 +132,9 @@ class JointCoupling(AdditiveEffect):
         return start_grid(ratio=(1.0, -1.0, 0.4, -0.4), transition=transition)
 
 
-def _left(data: ChannelData, own: int, neighbour: int) -> float:
+def _left(data: ChannelData, own: int, neighbor: int) -> float:
     """Return the squared error of the effort after a fit to the motion of two joints."""
-    v, a = (data.context[f"joint_{what}"][:, [own, neighbour]] for what in ("velocity", "acceleration"))
+    v, a = (data.context[f"joint_{what}"][:, [own, neighbor]] for what in ("velocity", "acceleration"))
     columns = np.column_stack([v, a, np.sign(v), np.sign(v[:, 0] + v[:, 1]), np.ones(len(data))])
     gains = np.linalg.lstsq(columns, data.effort, rcond=None)[0]
     return float(np.sum((data.effort - columns @ gains) ** 2))

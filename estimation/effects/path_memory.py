@@ -179,7 +179,7 @@ class BoucWenHysteresis(AdditiveEffect):
         "effort = f w, dw/dx = (1 - |w|^n)/path while it grows, (1 + unloading |w|^n)/path on its return"
     )
     source = (
-        "Y.-K. Wen, J. Eng. Mech. Div. ASCE 102 (1976); normalised as in F. Ikhouane, J. Rodellar, Systems "
+        "Y.-K. Wen, J. Eng. Mech. Div. ASCE 102 (1976); normalized as in F. Ikhouane, J. Rodellar, Systems "
         "with Hysteresis (2007), ch. 2"
     )
     signature = (

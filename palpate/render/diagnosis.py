@@ -38,7 +38,9 @@ def diagnosed(diagnosis: ChannelDiagnosis) -> VerdictView:
 
 def _sentence(diagnosis: ChannelDiagnosis) -> str:
     if diagnosis.verdict is Verdict.INSUFFICIENT:
-        return f"{diagnosis.channel}: no verdict is possible: {_ended(diagnosis.reason)}"
+        following = diagnosis.next_experiment  # its instruction may repeat the end of the reason
+        cause = diagnosis.reason.removesuffix(f"; {following.instruction}" if following else "")
+        return f"{diagnosis.channel}: no verdict is possible: {_ended(cause)}"
     if diagnosis.verdict is Verdict.ADEQUATE:
         error = f"{_error(diagnosis)}{_unrelated(diagnosis)}"
         return f"{diagnosis.channel}: these data show no missing effect. {error}"

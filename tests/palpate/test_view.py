@@ -10,6 +10,7 @@ from rich.console import Console
 
 from palpate.control.loop.task import Phase
 from palpate.estimation.channel import ChannelData, ChannelKind
+from palpate.estimation.design.next_experiment import sufficient
 from palpate.estimation.diagnosis import ChannelDiagnosis
 from palpate.estimation.diagnosis.result import Floor
 from palpate.render import palette, terminal
@@ -52,6 +53,15 @@ ONE, TWO = accepted("bias", 0.5, 0.2), accepted("lag", 0.2, 0.1, "delay", "dampi
             ("possible: only one run.",),
             ("error",),
         ),
+        (
+            diagnosis(
+                "insufficient",
+                reason="no contact; press it",
+                next_experiment=sufficient("no contact; press it", ChannelKind.CONTACT),
+            ),
+            ("possible: no contact.",),  # the remedy is shown as the next experiment
+            ("press it",),
+        ),
         (diagnosis("insufficient", reason="which?"), ("possible: which?",), ("?.",)),
         (
             diagnosis("missing", ONE, TWO),
@@ -86,7 +96,7 @@ def test_a_verdict_is_one_sentence_that_says_what_to_know(found, words, absent):
         (True, 1.2, "(noise 0.1 N, from free air)."),
         (True, 1.8, "What is left, 1.8 times the noise, depends on no recorded signal."),
         (False, 1.8, "An unexplained error of 1.8 times the noise remains and depends on a."),
-        (False, 361.9, "An unexplained error of 362 times the noise remains and depends on a."),
+        (False, 361.9, "An unexplained error of 360 times the noise remains and depends on a."),
     ],
 )
 def test_an_established_effect_is_named_whether_the_model_is_complete_or_not(complete, times, words):
