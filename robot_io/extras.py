@@ -12,7 +12,7 @@ EXTRAS = {  # what Python imports: the package that has it, and the extra that i
     "mujoco": ("mujoco-core", "sim"),
     "nicegui": ("nicegui", "workbench"),
     "pinocchio": ("pin", "arm"),
-    "pybullet": ("pybullet", "bullet"),
+    "pybullet": ("pybullet", "sim"),
     "rerun": ("rerun-sdk", "view"),
     "rerun_cli": ("rerun-sdk", "view"),
     "serial": ("pyserial", "hardware"),
