@@ -52,7 +52,7 @@ def test_after_a_lost_beginning_the_next_frame_is_found(cut):
 
 def test_noise_is_not_kept():
     stream, _ = fed(b"\x55" * 100_000)
-    assert len(stream._frames._buffer) == 0
+    assert len(stream._frames.pending) == 0
 
 
 @pytest.mark.parametrize(
