@@ -152,7 +152,7 @@ class TableTuple(tuple[_Result, ...]):
 
 
 def rounded(value: float, digits: int = 3) -> str:
-    """Format a value with some significant digits; a value below a million has no exponent.
+    """Format a value with some significant digits, and without an exponent from 1 to a million.
 
     Args:
         value: the value.

@@ -22,7 +22,7 @@ _TOUCH = 0.01  # depth relative to the deepest at which a run begins hardly pres
 class _Relaxation(Effect):
     """Memory that begins a run after a sudden press to its first depth or, in form 1, relaxed at this depth.
 
-    Both begin alike in air. The data decide between the forms if runs begin pressed.
+    In air, both forms are equal. The data decide between them if runs begin pressed.
     """
 
     begins_pressed = False
@@ -39,9 +39,10 @@ class _Relaxation(Effect):
         """See `Effect.forms`."""
         if not self.begins_pressed:
             return (self,)
-        relaxed = copy(self)
-        relaxed.form = 1
-        return self, relaxed
+        forms = copy(self), copy(self)
+        for number, each in enumerate(forms):
+            each.form = number
+        return forms
 
     def remembered(
         self, memory: Callable[..., FloatArray], signal: FloatArray, data: ChannelData

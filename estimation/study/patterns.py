@@ -8,7 +8,7 @@ import numpy as np
 
 from palpate.control.loop.task import Phase
 from palpate.estimation.channel import ChannelData, ChannelKind
-from palpate.estimation.estimate import with_unit
+from palpate.estimation.estimate import rounded, with_unit
 from palpate.robot_io.types import BoolArray, FloatArray
 
 _MIN_SHARE = 0.5  # least share of the error in the means of the parts for a pattern
@@ -157,5 +157,5 @@ def _bins(signal: FloatArray, unit: str, engaged: BoolArray) -> dict[str, BoolAr
         return {}
     edges = np.linspace(low, high, _BINS + 1)
     bin_index = np.clip(np.digitize(signal, edges[1:-1]), 0, _BINS - 1)
-    labels = [f"{low:.3g} to {with_unit(high, unit)}".strip() for low, high in pairwise(edges)]
+    labels = [f"{rounded(low)} to {with_unit(high, unit)}".strip() for low, high in pairwise(edges)]
     return {label: (bin_index == i) & engaged for i, label in enumerate(labels)}

@@ -11,7 +11,7 @@ import yaml
 from palpate.common.files import write_text
 from palpate.estimation.channel import ChannelKind
 from palpate.estimation.effects import EFFECTS
-from palpate.estimation.estimate import ParameterEstimate, with_unit
+from palpate.estimation.estimate import ParameterEstimate, rounded, with_unit
 from palpate.estimation.fit.fit_result import FitResult
 from palpate.estimation.kinds import Kind
 
@@ -221,7 +221,7 @@ def _range(joint: FittedJoint, name: str) -> tuple[float, float]:
 def _title(joint: FittedJoint) -> str:
     unit = _position_unit(joint)
     low, high = _range(joint, "velocity")
-    return f"{joint.name}: {joint.effort_unit}, recorded from {low:.3g} to {with_unit(high, unit)}/s"
+    return f"{joint.name}: {joint.effort_unit}, recorded from {rounded(low)} to {with_unit(high, unit)}/s"
 
 
 def _comment(text: str) -> str:

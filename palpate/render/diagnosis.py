@@ -109,9 +109,10 @@ def _error(diagnosis: ChannelDiagnosis) -> str:
             return f"{stays}{noise}."
         return (
             f"{stays} sample by sample{noise}. Averaged over {after.samples_per_mean} samples "
-            f"(the resolution of the velocity), it falls from {before_means:.3g} to {with_unit(means, unit)}."
+            f"(the resolution of the velocity), it falls from {rounded(before_means)} "
+            f"to {with_unit(means, unit)}."
         )
-    fall = f"from {before.rmse:.3g} to {with_unit(after.rmse, unit)}"
+    fall = f"from {rounded(before.rmse)} to {with_unit(after.rmse, unit)}"
     return f"With {added}, the error in held-out runs falls {fall}{noise}."
 
 
@@ -164,15 +165,16 @@ def falling(channel: str, errors: Sequence[float], added: Sequence[str], noise: 
     first, last = errors[0], errors[-1]
     subject = f"{channel} with {enumerated(added)}: the error in held-out runs"
     if last > _NO_FALL * first:
-        return f"{subject} does not fall: from {first:.3g} to {with_unit(last, unit)}."
+        return f"{subject} does not fall: from {rounded(first)} to {with_unit(last, unit)}."
     times = last / noise if noise > 0.0 else float("inf")
     ends = "down to the noise" if times < NOISE else f"to {times:.1f} times the noise"
-    falls = f"{subject} falls from {first:.3g} to {with_unit(last, unit)}, {ends}."
+    falls = f"{subject} falls from {rounded(first)} to {with_unit(last, unit)}, {ends}."
     before = errors[-2]
     if last <= _NO_FALL * before:
         return falls
     does = "makes it worse" if last * _NO_FALL > before else "does next to nothing"
-    return f"{falls} The last step, {added[-1]}, {does}: from {before:.4g} to {with_unit(last, unit, 4)}."
+    step = f"from {rounded(before, 4)} to {with_unit(last, unit, 4)}"
+    return f"{falls} The last step, {added[-1]}, {does}: {step}."
 
 
 _SHOWN = 0.005  # share below which unexplained error is not mentioned
