@@ -4,6 +4,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.signal import savgol_filter
 
+from palpate.estimation.data import derivatives
 from palpate.estimation.data.derivatives import (
     _pilot_window,
     _WindowFit,
@@ -251,6 +252,19 @@ def test_several_pieces_are_fitted_as_each_by_itself(lengths, jitter):
     ]
     assert together.fitted == pytest.approx(np.concatenate([one.fitted for one in alone]))
     assert together.variance == pytest.approx(np.concatenate([one.variance for one in alone]))
+
+
+def test_a_long_motion_is_differentiated_in_groups_as_at_once(monkeypatch):
+    rng, lengths = np.random.default_rng(1), (23_000, 7_000, 41_000, 900)
+    piece = np.repeat(np.arange(len(lengths)), lengths)
+    time_s = 0.001 * np.arange(len(piece)) + rng.uniform(0.0, 2e-4, len(piece))
+    position = np.sin(40.0 * time_s) + 1e-5 * rng.normal(size=len(piece))
+    at_once = differentiate(time_s, position, piece)
+    monkeypatch.setattr(derivatives, "_IN_MEMORY", 20_000)
+    in_groups = differentiate(time_s, position, piece)
+    assert len(set(in_groups.half_windows)) == 2  # velocity and acceleration have windows of their own
+    for name in ("position", "velocity", "acceleration"):
+        np.testing.assert_array_equal(getattr(in_groups, name), getattr(at_once, name))
 
 
 def test_the_grid_of_an_encoder_is_found_though_its_zero_was_taken_off_in_floating_point():
