@@ -1,6 +1,5 @@
 """`palpate demo`: run the whole workflow once without questions."""
 
-from contextlib import nullcontext
 from datetime import datetime
 from pathlib import Path
 from typing import Annotated, Any
@@ -28,7 +27,6 @@ from palpate.workflows.demo import (
     HiddenDemo,
     drawn_seed,
     hide_one,
-    probe_aside,
     probe_demo,
     show_demo,
     solve,
@@ -79,32 +77,27 @@ def demo_command(
     talk.print(
         f"A simulated arm probes [bold]{world.description or scenario}[/bold] at three speeds{seeded}."
     )
-    aside = (
-        nullcontext()
-        if second is None
-        else probe_aside(second, hide_one(world, np.random.default_rng(seed)), seed, again)
-    )
+    with probing_progress(PLAN, live=True) as watcher:
+        probe_demo(session, world, seed, watcher, command_line=again)
+    with talk.status("estimating, recording and plotting"):
+        demo = show_demo(session)
+    if not as_json:
+        out_ = console.stdout()
+        print_estimates(out_, demo.estimates, demo.study.truth_of(demo.estimates.channel))
+        out_.print()
+        recording = {} if demo.recording is None else {"recording": demo.recording}
+        print_files(out_, {"session": demo.session, **recording})
+        for number, plot in enumerate(demo.plots):
+            print_files(out_, {"" if number else "plots": plot})
     hidden = None
-    with aside as wait_for_second:
-        with probing_progress(PLAN, live=True) as watcher:
-            probe_demo(session, world, seed, watcher, command_line=again)
-        with talk.status("estimating, recording and plotting"):
-            demo = show_demo(session)
-        if not as_json:
-            out_ = console.stdout()
-            print_estimates(out_, demo.estimates, demo.study.truth_of(demo.estimates.channel))
-            out_.print()
-            recording = {} if demo.recording is None else {"recording": demo.recording}
-            print_files(out_, {"session": demo.session, **recording})
-            for number, plot in enumerate(demo.plots):
-                print_files(out_, {"" if number else "plots": plot})
-        if second is not None and wait_for_second is not None:
-            talk.print("\n[bold]Now the object has a hidden effect that the model lacks.[/bold]")
-            with probing_progress(HIDDEN_PLAN, live=True) as watcher:
-                wait_for_second(watcher)
-            talk.print(f"probed again; the hidden effect is stored in {shown(sealed_path(second))}")
-            with diagnosis_progress(["contact"]) as progress:
-                hidden = solve(second, progress)
+    if second is not None:
+        talk.print("\n[bold]Now the object has a hidden effect that the model lacks.[/bold]")
+        world = hide_one(world, np.random.default_rng(seed))
+        with probing_progress(HIDDEN_PLAN, live=True) as watcher:
+            probe_demo(second, world, seed, watcher, HIDDEN_PLAN, command_line=again)
+        talk.print(f"probed again; the hidden effect is stored in {shown(sealed_path(second))}")
+        with diagnosis_progress(["contact"]) as progress:
+            hidden = solve(second, progress)
     if as_json:
         console.print_json({"again": again, **_as_data(demo, hidden)})
         return

@@ -1,20 +1,13 @@
 """The demo: probe, estimate and draw; then find a hidden effect in another object."""
 
-import time
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
 from dataclasses import dataclass
 from importlib.util import find_spec
-from multiprocessing.connection import Connection
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
 from palpate.common.console import typed
 from palpate.common.files import output_folder
-from palpate.common.worker_process import start_worker
-from palpate.control.loop.task import TaskOutput
 from palpate.control.probing.plan import ProbingPlan
 from palpate.estimation.study import ChannelEstimates, ChannelResult
 from palpate.estimation.study.channels import CONTACT_MODEL
@@ -22,9 +15,7 @@ from palpate.estimation.study.fitting import Progress
 from palpate.estimation.study.saved_diagnosis import RESULT
 from palpate.render.build import as_json, write_outcome
 from palpate.render.inspection import RECORDING, look_into
-from palpate.robot_io.errors import PalpateError
 from palpate.robot_io.session import Session
-from palpate.robot_io.types import Measurement
 from palpate.runs.hidden_effects import open_answer
 from palpate.runs.probing import NOBODY, ProbingJob, Watcher, run_probing
 from palpate.runs.robots import DEFAULT, find_robot
@@ -39,7 +30,6 @@ HIDDEN_PLAN = ProbingPlan(repeats=2)
 HIDDEN = ("stress_relaxation", "cubic_stiffness", "quadratic_damping")
 STRENGTH = 20.0  # times the noise level
 _SEEDS = 1_000_000  # few enough to be typed
-_REPORT_S = 0.5  # interval of the progress that another process reports
 
 
 @dataclass(frozen=True)
@@ -95,67 +85,6 @@ def probe_demo(
         find_robot(DEFAULT), session, plan, scenario=scenario, seed=seed, command_line=command_line
     )
     run_probing(job, watcher).raise_for_failure()
-
-
-@contextmanager
-def probe_aside(
-    session: Path, scenario: Scenario, seed: int | None, command_line: str
-) -> Iterator[Callable[[Watcher], None]]:
-    """Probe the second object in another process, which ends with the context.
-
-    Args:
-        session: the new session file.
-        scenario: the simulated world.
-        seed: seed of all noise; None for the scenario's seed.
-        command_line: command line that makes the same session again.
-
-    Returns:
-        A function that waits for the end of the probing while a watcher receives the progress. It raises
-        `PalpateError` for the same reasons as `probe_demo`, or if the process has died.
-    """
-    process, pipe = start_worker(_probe_for, session, scenario, seed, command_line)
-
-    def wait(watcher: Watcher) -> None:
-        watcher.started()
-        try:
-            while message := pipe.recv():
-                if isinstance(message, Exception):
-                    raise message
-                watcher.tick(*message)
-        except EOFError:
-            raise PalpateError(f"{session}: the process that probes has died") from None
-
-    try:
-        yield wait
-    finally:
-        process.terminate()
-        process.join()
-
-
-def _probe_for(
-    pipe: "Connection[Any, Any]",
-    session: Path,
-    scenario: Scenario,
-    seed: int | None,
-    command_line: str,
-) -> None:
-    """Probe in this process; send the progress, and then an error or None."""
-
-    class Reporter(Watcher):
-        next_s = 0.0
-
-        def tick(self, measurement: Measurement, output: TaskOutput) -> None:
-            if (now_s := time.monotonic()) >= self.next_s:
-                self.next_s = now_s + _REPORT_S
-                pipe.send((measurement, output))
-
-    try:
-        probe_demo(session, scenario, seed, Reporter(), HIDDEN_PLAN, command_line=command_line)
-    except PalpateError as error:
-        pipe.send(error)
-    except KeyboardInterrupt:  # Ctrl-C reaches both processes
-        return
-    pipe.send(None)
 
 
 def show_demo(session: Path) -> Demo:

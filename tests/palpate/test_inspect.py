@@ -5,7 +5,6 @@ import os
 import re
 import resource
 from contextlib import nullcontext
-from multiprocessing import Pipe
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -17,9 +16,8 @@ from rerun.chunk import RrdReader
 from palpate.commands import demo
 from palpate.doctor.machine import has_vulkan_driver
 from palpate.render.recording import file as rerun_file
-from palpate.robot_io.errors import InputError, PalpateError
+from palpate.robot_io.errors import PalpateError
 from palpate.robot_io.session import Session
-from palpate.sim_backend.scenario import Scenario
 from palpate.workflows import demo as demo_runs
 from tests.palpate.cli import as_json, done, run, run_process
 from tests.palpate.sessions import synthetic_session
@@ -90,41 +88,17 @@ def test_the_demo_makes_everything_at_once(tmp_path, monkeypatch):
     assert made["again"] == "palpate demo --scenario engine"  # and nothing was drawn by chance
 
 
-def start_at_once(target, *arguments):
-    """Run a worker's function here, before `start_worker` would return."""
-    pipe, worker_end = Pipe()
-    target(worker_end, *arguments)
-    worker_end.close()
-    return SimpleNamespace(terminate=lambda: None, join=lambda: None), pipe
-
-
-@pytest.mark.parametrize(("sent", "words"), [((InputError("no touch"), None), "no touch"), ((), "has died")])
-def test_a_failure_of_the_second_probing_ends_the_demo(monkeypatch, sent, words):
-    def target(pipe, *_):
-        for message in sent:
-            pipe.send(message)
-
-    monkeypatch.setattr(demo_runs, "_probe_for", target)
-    monkeypatch.setattr(demo_runs, "start_worker", start_at_once)
-    with (
-        demo_runs.probe_aside(Path("x.mcap"), Scenario(), 1, "") as wait,
-        pytest.raises(PalpateError, match=words),
-    ):
-        wait(demo_runs.NOBODY)
-
-
 def test_a_demo_without_a_seed_says_how_to_make_it_again(tmp_path, monkeypatch):
     jobs = []
     done = SimpleNamespace(raise_for_failure=lambda: None)
     monkeypatch.setattr(demo_runs, "run_probing", lambda job, watcher: jobs.append(job) or done)
-    monkeypatch.setattr(demo_runs, "start_worker", start_at_once)
     monkeypatch.setattr(demo, "show_demo", lambda session: None)
     monkeypatch.setattr(demo, "solve", lambda session, progress: None)
     monkeypatch.setattr(demo, "_as_data", lambda demo, hidden: {})
     again = json.loads(run("demo", "--json", "-o", tmp_path / "a.mcap").stdout)["again"]
     assert run(*again.split()[1:], "--json", "-o", tmp_path / "a.mcap").exit_code == 0
-    hidden, plain, *repeated = [(job.scenario, job.seed, job.command_line) for job in jobs]
-    assert repeated == [hidden, plain]
+    plain, hidden, *repeated = [(job.scenario, job.seed, job.command_line) for job in jobs]
+    assert repeated == [plain, hidden]
     assert hidden[0].hidden
     assert again == f"palpate demo --seed {hidden[1]}" == hidden[2]  # which the session keeps
 
