@@ -244,12 +244,12 @@ class _Solver:
         values = np.zeros(self.delay + 1 + int(self.axes.sum()))
         values[: self.delay : 4] = 1.0
         for _ in range(_MAX_STEPS):
-            columns, residual, w, _ = self._linearised(values)
+            columns, residual, w, _ = self._linearized(values)
             step = solve(columns, residual, w).gains
             values = values + step
             if np.abs(step).max() < _CONVERGED:
                 break
-        columns, residual, w, joint = self._linearised(values)
+        columns, residual, w, joint = self._linearized(values)
         return values, sandwich(columns, residual * w**2, w**2, joint).matrix
 
     def tilt(self, values: FloatArray) -> FloatArray:
@@ -279,7 +279,7 @@ class _Solver:
         rate = np.gradient(rigid_nm, self.motion.time_s, axis=0)
         return rigid_nm - values[self.delay] * rate, rate
 
-    def _linearised(self, values: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray, IntArray]:
+    def _linearized(self, values: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray, IntArray]:
         """Return columns (k, p), residuals, weights and joint numbers (k,) of all samples in use."""
         rigid_nm, rate = self._rigid_torque_and_rate(values)
         slopes = self._gravity @ fall_slopes(self.tilt(values))[:, self.axes]

@@ -187,7 +187,7 @@ class FourierPath:
     It starts and ends at rest in the center, fading over a quintic, so that the acceleration is continuous.
 
     Args:
-        centre_rad: shape (n,) [rad].
+        center_rad: shape (n,) [rad].
         amplitude_rad: shape (n, harmonics) [rad].
         phase_rad: shape (n, harmonics) [rad].
         period_s: period of the first harmonic [s].
@@ -196,13 +196,13 @@ class FourierPath:
 
     def __init__(
         self,
-        centre_rad: FloatArray,
+        center_rad: FloatArray,
         amplitude_rad: FloatArray,
         phase_rad: FloatArray,
         period_s: float,
         duration_s: float,
     ) -> None:
-        self.centre_rad, self.duration_s = centre_rad, duration_s
+        self.center_rad, self.duration_s = center_rad, duration_s
         self._amplitude, self._phase = amplitude_rad, phase_rad
         self._rate = math.tau / period_s * np.arange(1, amplitude_rad.shape[1] + 1)
 
@@ -240,7 +240,7 @@ class FourierPath:
         sine, cosine = self._amplitude * np.sin(angle), self._amplitude * np.cos(angle)
         wave, speed, acceleration = sine.sum(axis=-1), cosine @ self._rate, -(sine @ self._rate**2)
         return JointMotion(
-            self.centre_rad + fade * wave,
+            self.center_rad + fade * wave,
             fade * speed + rate * wave,
             fade * acceleration + 2.0 * rate * speed + spin * wave,
         )
@@ -469,9 +469,9 @@ class PathTask:
         """
         self._free.start(measurement)
         self._time_s = 0.0
-        start_rad, centre_rad = measurement.joint_position_rad.copy(), self._path.centre_rad
-        self._move_to_start = JointMove(start_rad, centre_rad, self._travel_rad_s, ACCELERATION_RAD_S2)
-        self._back = JointMove(centre_rad, start_rad, self._travel_rad_s, ACCELERATION_RAD_S2)
+        start_rad, center_rad = measurement.joint_position_rad.copy(), self._path.center_rad
+        self._move_to_start = JointMove(start_rad, center_rad, self._travel_rad_s, ACCELERATION_RAD_S2)
+        self._back = JointMove(center_rad, start_rad, self._travel_rad_s, ACCELERATION_RAD_S2)
         self._begin_s = self._move_to_start.duration_s + _SETTLE_S
         self._end_s = self._begin_s + self._path.duration_s
         self.duration_s = self._end_s + self._back.duration_s + _SETTLE_S

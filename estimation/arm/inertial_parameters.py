@@ -163,14 +163,14 @@ def nearest_bodies(inertial: FloatArray) -> FloatArray:
     pseudo = pseudo_inertias(inertial)
     mass = np.maximum(pseudo[:, 3, 3], _MIN_MASS_SHARE * max(float(pseudo[:, 3, 3].max()), 1e-3))
     is_given = pseudo[:, 3, 3] == mass
-    centre = np.where(is_given[:, None], pseudo[:, :3, 3] / mass[:, None], 0.0)
-    covariance = pseudo[:, :3, :3] / mass[:, None, None] - centre[:, :, None] * centre[:, None, :]
+    center = np.where(is_given[:, None], pseudo[:, :3, 3] / mass[:, None], 0.0)
+    covariance = pseudo[:, :3, :3] / mass[:, None, None] - center[:, :, None] * center[:, None, :]
     squared_radii, axes = np.linalg.eigh(covariance)
     min_squared_radius = _MIN_RADIUS_SHARE**2 * max(float(squared_radii.max()), 1e-4)
     covariance = (axes * np.maximum(squared_radii, min_squared_radius)[:, None, :]) @ axes.transpose(0, 2, 1)
     pseudo = np.empty_like(pseudo)
-    pseudo[:, :3, :3] = mass[:, None, None] * (covariance + centre[:, :, None] * centre[:, None, :])
-    pseudo[:, :3, 3] = pseudo[:, 3, :3] = mass[:, None] * centre
+    pseudo[:, :3, :3] = mass[:, None, None] * (covariance + center[:, :, None] * center[:, None, :])
+    pseudo[:, :3, 3] = pseudo[:, 3, :3] = mass[:, None] * center
     pseudo[:, 3, 3] = mass
     return inertial_of(pseudo)
 

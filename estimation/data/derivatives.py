@@ -106,12 +106,12 @@ def differentiate(
         together = list(group)
         chosen = slice(together[0][1], together[-1][2])
         for half in set(halves):
-            around, centres = [], []
+            around, centers = [], []
             for rows, first, last in together:
                 start = max(min(first - half, rows.stop - 2 * half - 1), rows.start)
                 around.append(slice(start, min(max(last + half, start + 2 * half + 1), rows.stop)))
-                centres.append(np.arange(first, last) - start)
-            fitted = _fits_by_piece(time_s, position, around, centres, half).fitted
+                centers.append(np.arange(first, last) - start)
+            fitted = _fits_by_piece(time_s, position, around, centers, half).fitted
             if half == halves[0]:
                 smooth[chosen] += fitted[:, 0]
                 slope[chosen] = fitted[:, 1]
@@ -259,11 +259,11 @@ def _fit_windows(
     longest = max(rows.stop - rows.start for rows in pieces)
     halves = [half for half in HALF_WINDOWS if 2 * half + 1 < longest or half == HALF_WINDOWS[0]]
     stride = max(1, sum(rows.stop - rows.start for rows in pieces) // _TRIALS)
-    centres = [np.arange(0, rows.stop - rows.start, stride) for rows in pieces]
-    measured = np.concatenate([position[rows][chosen] for rows, chosen in zip(pieces, centres, strict=True)])
+    centers = [np.arange(0, rows.stop - rows.start, stride) for rows in pieces]
+    measured = np.concatenate([position[rows][chosen] for rows, chosen in zip(pieces, centers, strict=True)])
     trials = []
     for half in halves:
-        fit = local_fits(time_s, position, pieces, centres, half)
+        fit = local_fits(time_s, position, pieces, centers, half)
         trials.append(_WindowFit(half, rounding, measured - fit.fitted[:, 0], fit.fitted, fit.variance))
     return trials
 
@@ -298,20 +298,20 @@ class LocalFit:
     variance: FloatArray
 
 
-def local_fit(time_s: FloatArray, position: FloatArray, centres: IntArray, half: int) -> LocalFit:
-    """Fit a polynomial around each of the samples `centres` of one piece.
+def local_fit(time_s: FloatArray, position: FloatArray, centers: IntArray, half: int) -> LocalFit:
+    """Fit a polynomial around each of the samples `centers` of one piece.
 
     Args:
         time_s: times, strictly increasing, shape (n,) [s].
         position: positions, shape (n,).
-        centres: indices of the samples, shape (m,).
+        centers: indices of the samples, shape (m,).
         half: number of samples on each side.
     """
-    return _fits_by_piece(time_s, position, [slice(0, len(time_s))], [centres], half)
+    return _fits_by_piece(time_s, position, [slice(0, len(time_s))], [centers], half)
 
 
 def local_fits(
-    time_s: FloatArray, position: FloatArray, pieces: Sequence[slice], centres: Sequence[IntArray], half: int
+    time_s: FloatArray, position: FloatArray, pieces: Sequence[slice], centers: Sequence[IntArray], half: int
 ) -> LocalFit:
     """Fit a polynomial around samples of several pieces.
 
@@ -319,29 +319,29 @@ def local_fits(
         time_s: times, strictly increasing within a piece, shape (n,) [s].
         position: positions, shape (n,).
         pieces: rows of each smooth motion.
-        centres: for each piece, indices of the samples relative to its start.
+        centers: for each piece, indices of the samples relative to its start.
         half: number of samples on each side.
     """
-    width, chosen = 2 * half + 1, list(zip(pieces, centres, strict=True))
+    width, chosen = 2 * half + 1, list(zip(pieces, centers, strict=True))
     steps = np.concatenate([np.diff(time_s[rows]) for rows in pieces])
     if np.ptp(steps) <= _EVEN * steps.max() and min(rows.stop - rows.start for rows in pieces) >= width:
         starts = [
-            np.clip(centres + rows.start - half, rows.start, rows.stop - width) for rows, centres in chosen
+            np.clip(centers + rows.start - half, rows.start, rows.stop - width) for rows, centers in chosen
         ]
-        around = np.concatenate([rows.start + centres for rows, centres in chosen])
+        around = np.concatenate([rows.start + centers for rows, centers in chosen])
         return _even_fit(float(np.mean(steps)), position, around, np.concatenate(starts), width)
-    return _fits_by_piece(time_s, position, pieces, centres, half)
+    return _fits_by_piece(time_s, position, pieces, centers, half)
 
 
 def _fits_by_piece(
-    time_s: FloatArray, position: FloatArray, pieces: Sequence[slice], centres: Sequence[IntArray], half: int
+    time_s: FloatArray, position: FloatArray, pieces: Sequence[slice], centers: Sequence[IntArray], half: int
 ) -> LocalFit:
     """Fit pieces with different or uneven time steps; see `local_fits`."""
-    counts = [len(chosen) for chosen in centres]
+    counts = [len(chosen) for chosen in centers]
     last = np.cumsum(counts)
     fitted, variance = np.zeros((2, last[-1], 3))
     uneven, units_s = np.zeros(last[-1], dtype=np.bool_), np.zeros(len(pieces))
-    for number, (rows, chosen) in enumerate(zip(pieces, centres, strict=True)):
+    for number, (rows, chosen) in enumerate(zip(pieces, centers, strict=True)):
         times, own = time_s[rows], slice(last[number] - counts[number], last[number])
         steps, width = times[1:] - times[:-1], min(2 * half + 1, len(times))
         if len(steps) and steps.max() - steps.min() > _EVEN * steps.max():
@@ -351,7 +351,7 @@ def _fits_by_piece(
         fit = _even_fit(float(np.mean(steps)) if len(steps) else 1.0, position[rows], chosen, starts, width)
         fitted[own], variance[own] = fit.fitted, fit.variance
     first, length = np.repeat([(rows.start, rows.stop - rows.start) for rows in pieces], counts, axis=0).T
-    unit_s, place = np.repeat(units_s, counts), np.concatenate(centres)
+    unit_s, place = np.repeat(units_s, counts), np.concatenate(centers)
     widths, terms = np.minimum(2 * half + 1, length), np.minimum(DEGREE, length - 1) + 1
     starts = first + np.clip(place - half, 0, length - widths)
     for count in np.unique(terms[uneven]):
@@ -361,7 +361,7 @@ def _fits_by_piece(
             fitted[batch], variance[batch] = _uneven_fit(
                 time_s,
                 position,
-                centres=(first + place)[batch],
+                centers=(first + place)[batch],
                 starts=starts[batch],
                 width=widths[batch],
                 unit_s=unit_s[batch],
@@ -374,15 +374,15 @@ def _uneven_fit(
     time_s: FloatArray,
     position: FloatArray,
     *,
-    centres: IntArray,
+    centers: IntArray,
     starts: IntArray,
     width: IntArray,
     unit_s: FloatArray,
     terms: int,
 ) -> tuple[FloatArray, FloatArray]:
     """Accumulate and solve the normal equations of windows with uneven steps."""
-    moments, products = np.zeros((2 * terms - 1, len(centres))), np.zeros((terms, len(centres)))
-    at_s, at = time_s[centres], position[centres]
+    moments, products = np.zeros((2 * terms - 1, len(centers))), np.zeros((terms, len(centers)))
+    at_s, at = time_s[centers], position[centers]
     for offset in range(width[0]):
         reach = int(np.searchsorted(-width, -offset))
         rows = starts[:reach] + offset
@@ -395,11 +395,11 @@ def _uneven_fit(
             power *= scaled_time
     matrix = moments[np.add.outer(np.arange(terms), np.arange(terms))].transpose(2, 0, 1)
     inverse = _inverse(matrix)
-    fitted, variance = np.zeros((2, len(centres), 3))
+    fitted, variance = np.zeros((2, len(centers), 3))
     fitted[:, : min(3, terms)] = np.einsum("nij,jn->ni", inverse, products)[:, :3]
     fitted[:, 0] += at
     variance[:, : min(3, terms)] = np.einsum("nii->ni", inverse)[:, :3]
-    per_second = np.stack([np.ones(len(centres)), 1 / unit_s, 2 / unit_s**2], axis=1)
+    per_second = np.stack([np.ones(len(centers)), 1 / unit_s, 2 / unit_s**2], axis=1)
     return fitted * per_second, variance * per_second**2
 
 
@@ -460,13 +460,13 @@ def uneven_derivative_operator(
 
 
 def _even_fit(
-    step_s: float, position: FloatArray, centres: IntArray, starts: IntArray, width: int
+    step_s: float, position: FloatArray, centers: IntArray, starts: IntArray, width: int
 ) -> LocalFit:
     """Fit windows with even steps: common weights in the middle, and special weights near the ends."""
-    place = centres - starts
+    place = centers - starts
     middle = even_coefficients(width, width // 2)
     fitted = np.array([np.correlate(position, weights)[starts] for weights in middle]).T
-    variance = np.tile(np.sum(middle**2, axis=1), (len(centres), 1))
+    variance = np.tile(np.sum(middle**2, axis=1), (len(centers), 1))
     ends = np.flatnonzero(place != width // 2)
     coefficients = _coefficients_at_each_place(width)[place[ends]]
     windows = position[starts[ends, None] + np.arange(width)]

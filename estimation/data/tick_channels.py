@@ -169,10 +169,10 @@ def contact_channels(ticks: Samples, *, tared: bool) -> tuple[ChannelData, ...]:
             continue
         first = contact.rows[0]
         direction, tip = chosen[DIRECTION][first], chosen["tip_position_world_m"][first]
-        centre = np.concatenate([tip - (tip @ direction) * direction, _SAME_PLACE_M * 10 * direction])
-        near = (touches for middle, touches in places if np.linalg.norm(centre - middle) < _SAME_PLACE_M)
+        center = np.concatenate([tip - (tip @ direction) * direction, _SAME_PLACE_M * 10 * direction])
+        near = (touches for middle, touches in places if np.linalg.norm(center - middle) < _SAME_PLACE_M)
         if (touches := next(near, None)) is None:
-            places.append((centre, [contact]))
+            places.append((center, [contact]))
         else:
             touches.append(contact)
     names = ["contact"] if len(places) == 1 else [f"contact_{number}" for number in range(1, len(places) + 1)]

@@ -51,8 +51,8 @@ def changed_motions(data: ChannelData) -> Iterator[tuple[str, float, ChannelData
         context = dict(data.context)
         for name, order in _ARM_SIGNALS.items():
             if name in context:
-                centre = np.mean(context[name], axis=0) if order == 0 else 0.0
-                context[name] = centre + scales[order] * (context[name] - centre)
+                center = np.mean(context[name], axis=0) if order == 0 else 0.0
+                context[name] = center + scales[order] * (context[name] - center)
         changed = replace(
             data,
             time_s=start_s + (data.time_s - start_s) / speed_factor,

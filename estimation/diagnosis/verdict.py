@@ -383,7 +383,7 @@ def _hum(end: FitResult) -> str:
     line = periodic_component(end) if free_air_noise(end.data) else None
     if line is None:
         return ""
-    size = f"{with_unit(np.sqrt(line[1]) * end.rmse, end.data.kind.effort_unit)}"
+    size = with_unit(np.sqrt(line[1]) * end.rmse, end.data.kind.effort_unit)
     return f"; {size} of the noise oscillates at {line[0]:.3g} Hz, in free air too"
 
 

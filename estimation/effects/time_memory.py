@@ -36,7 +36,7 @@ class _Relaxation(Effect):
         return suited
 
     def forms(self) -> tuple[Self, ...]:
-        """See `Effect.forms`."""
+        """See `Effect.forms`: the start after a sudden press, then the relaxed one."""
         if not self.begins_pressed:
             return (self,)
         forms = copy(self), copy(self)

@@ -69,7 +69,7 @@ class MeasurementNoise:
         Args:
             unit: unit of the effort.
         """
-        size = f"{with_unit(self.value, unit)}"
+        size = with_unit(self.value, unit)
         return f"{size}{': upper bound' if self.is_bound else ''}, from {self.source.value}"
 
 

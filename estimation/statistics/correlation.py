@@ -78,9 +78,9 @@ def cross_correlation(residual: FloatArray, motion: FloatArray, run: IntArray, m
 def _lag_products(a: FloatArray, b: FloatArray, run: IntArray, max_lag: int) -> tuple[FloatArray, FloatArray]:
     """Return sums of a_t b_(t+k) after subtraction of means, and numbers of pairs, for |k| <= max_lag."""
     products, pairs = np.zeros(2 * max_lag + 1), np.zeros(2 * max_lag + 1)
-    centred_a, centred_b = _subtract_mean(a), _subtract_mean(b)
+    centered_a, centered_b = _subtract_mean(a), _subtract_mean(b)
     for rows in rows_of_runs(run):
-        products += _sum_lagged(centred_a[rows], centred_b[rows], max_lag)
+        products += _sum_lagged(centered_a[rows], centered_b[rows], max_lag)
         known_a, known_b = (np.isfinite(signal[rows]).astype(np.float64) for signal in (a, b))
         pairs += _sum_lagged(known_a, known_b, max_lag)
     return products, np.rint(pairs)

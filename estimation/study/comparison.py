@@ -109,7 +109,7 @@ class Comparisons(TableDisplay):
             (
                 channel.channel,
                 channel.model,
-                f"{with_unit(channel.rmse, channel.effort_unit)}",
+                with_unit(channel.rmse, channel.effort_unit),
                 f"{channel.lack_of_fit:.2f}",
                 channel.not_judged,
             )

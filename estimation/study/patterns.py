@@ -62,18 +62,18 @@ def patterns(parts: Mapping[str, Sequence[Part]], rmse: float) -> tuple[Pattern,
     one_sided = abs(residual_sum) / (rmse * samples) if largest_split and rmse > 0.0 else 0.0
     # Subtract the overall mean from the parts, and compute the correlation ratio of each split: root mean
     # square of the parts' means over the total error.
-    centred_rmse = rmse * float(np.sqrt(1.0 - min(one_sided, 1.0) ** 2))
+    centered_rmse = rmse * float(np.sqrt(1.0 - min(one_sided, 1.0) ** 2))
     varying, means = dict[str, list[Part]](), dict[str, float]()
     for by, split in parts.items():
         weights = [part.samples for part in split]
         mean = float(np.average([part.mean for part in split], weights=weights))
         sizes = [float(np.sqrt(max(part.rmse**2 + mean**2 - 2.0 * mean * part.mean, 0.0))) for part in split]
-        centred = zip(split, sizes, strict=True)
-        varying[by] = [replace(part, mean=part.mean - mean, rmse=size) for part, size in centred]
+        centered = zip(split, sizes, strict=True)
+        varying[by] = [replace(part, mean=part.mean - mean, rmse=size) for part, size in centered]
         deviations = np.array([part.mean for part in varying[by]])
         deviations -= np.average(deviations, weights=weights)
         spread = float(np.sqrt(np.average(deviations**2, weights=weights)))
-        means[by] = spread / centred_rmse if centred_rmse > 0.0 else 0.0
+        means[by] = spread / centered_rmse if centered_rmse > 0.0 else 0.0
     patterns = [
         Pattern(by, words, share)
         for by, split in varying.items()

@@ -67,7 +67,7 @@ class ChannelResult(TableDisplay):
             (
                 "" if stage.number is None else stage.number,
                 f"+ {stage.added}" if stage.added else stage.fitted.model.name,
-                f"{with_unit(stage.rmse, unit, 4)}",
+                with_unit(stage.rmse, unit, 4),
                 f"{stage.rmse / noise:.2f}",
             )
             for stage in self.stages
@@ -113,7 +113,7 @@ class RevisionTable(TableDisplay, tuple[Revision, ...]):
                 "" if entry.parent is None else entry.parent,
                 entry.channel,
                 " + ".join([entry.model, *entry.effects]),
-                f"{with_unit(entry.rmse, entry.effort_unit, 4)}",
+                with_unit(entry.rmse, entry.effort_unit, 4),
                 entry.created_utc,
             )
             for entry in self

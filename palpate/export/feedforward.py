@@ -178,7 +178,7 @@ def make_feedforward(joints: Sequence[FittedJoint]) -> Feedforward:
                     values[fields[own]] += float(parameter.value)
                     low, high = parameter.interval
                     if not (isfinite(low) and isfinite(high)) or low <= 0.0 <= high:
-                        value = f"{with_unit(parameter.value, parameter.unit)}"
+                        value = with_unit(parameter.value, parameter.unit)
                         left_out.append(
                             f"{joint.name}: {effect}.{own} {value} is exported, but its interval includes "
                             "zero"

@@ -241,7 +241,7 @@ def _verdict(view: ChannelView, words: Sequence[str], diagnosis: ChannelDiagnosi
         verdict = compared(
             view.name,
             " ".join(labels),
-            f"{with_unit(errors[-1], unit)}",
+            with_unit(errors[-1], unit),
             view.times_noise(errors[-1]),
             view.noise_text,
             possible=not wrong,

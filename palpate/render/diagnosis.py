@@ -97,7 +97,7 @@ def _error(diagnosis: ChannelDiagnosis) -> str:
         return ""
     noise = ""
     if diagnosis.noise_floor is not None and diagnosis.floor is not None:
-        size, source = f"{with_unit(diagnosis.noise_floor, unit)}", diagnosis.floor.source.value
+        size, source = with_unit(diagnosis.noise_floor, unit), diagnosis.floor.source.value
         noise = f" (noise {size}{': upper bound' if diagnosis.floor.at_most else ''}, from {source})"
     if not diagnosis.accepted:
         return f"The error in held-out runs is {with_unit(after.rmse, unit)}{noise}."
@@ -211,7 +211,7 @@ def budget_view(diagnosis: ChannelDiagnosis) -> BudgetView | None:
     parts = [*kinds, BudgetPart("noise", diagnosis.rest.noise, palette.NOISE, at_most)]
     if diagnosis.rest.unexplained >= _SHOWN:
         parts.append(BudgetPart("unexplained", diagnosis.rest.unexplained, palette.UNEXPLAINED, at_least))
-    error = f"{with_unit(diagnosis.baseline.rmse, diagnosis.effort_unit)}"
+    error = with_unit(diagnosis.baseline.rmse, diagnosis.effort_unit)
     shares = ", ".join(f"{part.word} {part.share_text}" for part in parts)
     sentence = f"Of the {error} error: {shares}." if kinds or len(parts) > 1 else ""
     what = "depends on no recorded signal" if _unrelated(diagnosis) else "is within the noise"

@@ -155,7 +155,7 @@ def print_revisions(console: Console, kept: Sequence[Revision]) -> None:
         model = (" + " if roomy else "\n+ ").join(map(safe, [each.model, *each.effects]))
         last = [f"[dim]{safe(each.created_utc[:16].replace('T', ' '))}[/dim]"] if roomy else []
         words = (safe(each.channel), model) if roomy else (f"[bold]{safe(each.channel)}[/bold]\n{model}",)
-        error = safe(f"{with_unit(each.rmse, each.effort_unit, 4)}")
+        error = safe(with_unit(each.rmse, each.effort_unit, 4))
         made.add_row(*number, *words, error, f"[{grade(times)}]{times:.2f}[/]", *last)
     console.print(made)
 

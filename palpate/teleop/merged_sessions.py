@@ -218,12 +218,12 @@ class MergedSessions:
             depth_m = np.einsum("ij,ij->i", tip - np.array(data["surface_world_m"]), direction)
             rate_m_s = np.einsum("ij,ij->i", ticks["tip_velocity_world_m_s"][rows], direction)
             step_s = np.diff(ticks["time_s"][rows], prepend=ticks["time_s"][rows[:1]] - 1e-3)
-            modelled_n = _along(law, depth_m, rate_m_s, step_s)
+            modeled_n = _along(law, depth_m, rate_m_s, step_s)
             kept = pressed[rows] & (depth_m > 0.0)
             measured_n = ticks["force_n"][rows] - air_n
-            parts.append((ticks["time_s"][rows][kept], modelled_n[kept], measured_n[kept]))
-        time_s, modelled_n, measured_n = (np.concatenate(column) for column in zip(*parts, strict=True))
-        return ForceComparison(self.to_leader(time_s), modelled_n, measured_n, np.zeros(len(time_s), bool))
+            parts.append((ticks["time_s"][rows][kept], modeled_n[kept], measured_n[kept]))
+        time_s, modeled_n, measured_n = (np.concatenate(column) for column in zip(*parts, strict=True))
+        return ForceComparison(self.to_leader(time_s), modeled_n, measured_n, np.zeros(len(time_s), bool))
 
 
 def _along(law: ForceLaw, depth_m: FloatArray, rate_m_s: FloatArray, step_s: FloatArray) -> FloatArray:

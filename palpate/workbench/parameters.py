@@ -196,7 +196,7 @@ class Parameters:
         assert self._shown is not None  # noqa: S101, set by `show`
         fitted = self._shown.fitted
         unit = {**fitted.model.gains, **fitted.model.inner}[name].unit_of(fitted.data.kind)
-        self._numbers[name].set_text(f"{with_unit(self._values[name], unit, 4)}")
+        self._numbers[name].set_text(with_unit(self._values[name], unit, 4))
         self._intervals[name].set_text(self._interval(name))
 
     def _interval(self, name: str) -> str:

@@ -90,7 +90,7 @@ def test_late_torque_samples_are_not_taken_for_friction(path):
 
 
 def test_an_arm_that_stands_still_is_refused(path):
-    still = FourierPath(path.centre_rad, np.zeros((3, 1)), np.zeros((3, 1)), 10.0, 20.0)
+    still = FourierPath(path.center_rad, np.zeros((3, 1)), np.zeros((3, 1)), 10.0, 20.0)
     with pytest.raises(InputError, match="joint 1 hardly moves"):
         fit_arm(measured(still, np.random.default_rng(0)), BODIES)
 
@@ -116,7 +116,7 @@ class TestPath:
             np.testing.assert_allclose(here.acceleration_rad_s2, bend, atol=1e-6)
         for time_s in (0.0, path.duration_s):
             np.testing.assert_allclose(path.at(time_s).velocity_rad_s, 0.0, atol=1e-9)
-            np.testing.assert_allclose(path.at(time_s).position_rad, path.centre_rad)
+            np.testing.assert_allclose(path.at(time_s).position_rad, path.center_rad)
 
     def test_is_the_same_at_many_times_at_once(self, path):
         times = np.linspace(-1.0, path.duration_s + 1.0, 300)

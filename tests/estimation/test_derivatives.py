@@ -101,10 +101,10 @@ def test_where_times_repeat_a_fit_stays_within_its_samples():
 
 @pytest.mark.parametrize("steps", [np.full(30, 0.01), np.linspace(0.008, 0.012, 30)])
 def test_a_fit_knows_what_noise_does_to_it(steps):
-    t, centres = np.cumsum(steps), np.array([0, 3, 15, 29])
+    t, centers = np.cumsum(steps), np.array([0, 3, 15, 29])
     rng = np.random.default_rng(6)
-    draws = [local_fit(t, rng.standard_normal(30), centres, 6).fitted for _ in range(3000)]
-    expected = local_fit(t, np.zeros(30), centres, 6).variance
+    draws = [local_fit(t, rng.standard_normal(30), centers, 6).fitted for _ in range(3000)]
+    expected = local_fit(t, np.zeros(30), centers, 6).variance
     np.testing.assert_allclose(np.var(draws, axis=0), expected, rtol=0.12)
 
 
@@ -178,7 +178,7 @@ def test_short_pieces_get_what_they_can_say(count):
     np.testing.assert_allclose(found.acceleration, 0.0, atol=1e-6)
 
 
-def test_centre_slope_is_the_slope_in_the_middle():
+def test_center_slope_is_the_slope_in_the_middle():
     steps = np.arange(11.0)
     assert even_coefficients(11, 5)[1] @ (steps**2) == pytest.approx(10.0)
 
@@ -245,10 +245,10 @@ def test_several_pieces_are_fitted_as_each_by_itself(lengths, jitter):
     rng, stops = np.random.default_rng(0), np.cumsum(lengths)
     pieces = [slice(stop - length, stop) for stop, length in zip(stops.tolist(), lengths, strict=True)]
     time_s = np.arange(stops[-1]) * 0.01 + rng.uniform(0.0, jitter, stops[-1]) * 0.01
-    position, centres = rng.normal(size=stops[-1]), [np.arange(0, length, 3) for length in lengths]
-    together = local_fits(time_s, position, pieces, centres, 6)
+    position, centers = rng.normal(size=stops[-1]), [np.arange(0, length, 3) for length in lengths]
+    together = local_fits(time_s, position, pieces, centers, 6)
     alone = [
-        local_fit(time_s[rows], position[rows], one, 6) for rows, one in zip(pieces, centres, strict=True)
+        local_fit(time_s[rows], position[rows], one, 6) for rows, one in zip(pieces, centers, strict=True)
     ]
     assert together.fitted == pytest.approx(np.concatenate([one.fitted for one in alone]))
     assert together.variance == pytest.approx(np.concatenate([one.variance for one in alone]))
@@ -301,14 +301,14 @@ def test_pieces_of_uneven_samples_are_fitted_at_once_as_each_alone():
     time_s[350:] += 1.0
     position, ends = rng.standard_normal(len(time_s)), np.cumsum(counts).tolist()
     pieces = [slice(end - count, end) for end, count in zip(ends, counts, strict=True)]
-    centres = [np.arange(0, count, 2) for count in counts]
-    together = local_fits(time_s, position, pieces, centres, 5)
+    centers = [np.arange(0, count, 2) for count in counts]
+    together = local_fits(time_s, position, pieces, centers, 5)
     polynomials = []
-    for rows, chosen in zip(pieces, centres, strict=True):
-        for centre in chosen:
-            start = min(max(centre - 5, 0), max(rows.stop - rows.start - 11, 0))
+    for rows, chosen in zip(pieces, centers, strict=True):
+        for center in chosen:
+            start = min(max(center - 5, 0), max(rows.stop - rows.start - 11, 0))
             window = slice(rows.start + start, min(rows.start + start + 11, rows.stop))
-            away = time_s[window] - time_s[rows.start + centre]
+            away = time_s[window] - time_s[rows.start + center]
             fitted = (
                 np.polynomial.Polynomial.fit(away, position[window], min(3, len(away) - 1)).convert().coef
             )

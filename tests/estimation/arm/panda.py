@@ -17,7 +17,7 @@ DH = [
     *[(0, 0.333, 0), (0, 0, -1), (0, 0.316, 1), (0.0825, 0, 1)],
     *[(-0.0825, 0.384, -1), (0, 0, 1), (0.088, 0, 1)],
 ]
-# Made up: mass [kg], centre [m] and radii of gyration [m] of each link; no link is symmetric.
+# Made up: mass [kg], center [m] and radii of gyration [m] of each link; no link is symmetric.
 LINKS = [
     (3.1, (0.01, -0.03, -0.12), (0.13, 0.12, 0.07)),
     (2.8, (-0.01, -0.09, 0.02), (0.12, 0.07, 0.13)),
@@ -33,8 +33,8 @@ LINKS = [
 def panda_urdf() -> str:
     """The arm; its tip is 0.107 m beyond the last joint."""
     parts = ['<robot name="seven_joints"><link name="link0"/>']
-    for number, ((a, d, turns), (mass, centre, radii)) in enumerate(zip(DH, LINKS, strict=True), 1):
-        x, y, z = centre
+    for number, ((a, d, turns), (mass, center, radii)) in enumerate(zip(DH, LINKS, strict=True), 1):
+        x, y, z = center
         ixx, iyy, izz = (mass * radius**2 for radius in radii)
         products = f'ixy="{0.1 * ixx}" ixz="{-0.1 * iyy}" iyz="{0.05 * izz}"'
         parts.append(
@@ -95,7 +95,7 @@ def minimum(information):
 
 
 def other_bodies(rng, urdf, spread=0.2):
-    """Bodies of other masses, centres and inertias than those of the URDF: P = L exp(S) L', S symmetric."""
+    """Bodies of other masses, centers and inertias than those of the URDF: P = L exp(S) L', S symmetric."""
     factor = np.linalg.cholesky(pseudo_inertias(nearest_bodies(urdf)))
     change = spread * rng.normal(size=factor.shape)
     change = np.array([expm(0.5 * (one + one.T)) for one in change])

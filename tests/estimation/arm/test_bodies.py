@@ -66,9 +66,9 @@ def test_what_has_mass_is_body_and_what_no_mass_can_be_is_not():
         assert is_body(heap)
         np.testing.assert_allclose(nearest_bodies(heap), heap, rtol=1e-6, atol=1e-12)
     heavy_z = np.array([1.0, 0, 0, 0, 0.1, 0, 0.1, 0, 0, 0.3])  # Izz > Ixx + Iyy
-    # less inertia than its mass has at its centre
-    far_centre = np.array([1.0, 1.0, 0, 0, 0.1, 0, 0.1, 0, 0, 0.1])
-    for wrong in (heavy_z, far_centre, -heap, np.zeros(10)):
+    # less inertia than its mass has at its center
+    far_center = np.array([1.0, 1.0, 0, 0, 0.1, 0, 0.1, 0, 0, 0.1])
+    for wrong in (heavy_z, far_center, -heap, np.zeros(10)):
         assert not is_body(wrong)
         assert is_body(nearest_bodies(wrong))
 
