@@ -75,10 +75,14 @@ def with_ticks(session: Session) -> Session:
     """Return a session with all needed columns, read again after `without_ticks`.
 
     Raises:
-        InputError: the session cannot be read any more.
+        InputError: the session cannot be read any more, or its file holds another session now.
     """
-    has_ticks = STREAM_NAME not in session.stream_names or "run" in session.samples(STREAM_NAME)
-    return session if has_ticks else _open(session.path)
+    if STREAM_NAME not in session.stream_names or "run" in session.samples(STREAM_NAME):
+        return session
+    opened = _open(session.path)
+    if opened.metadata != session.metadata:
+        raise InputError(f"{session.path}: holds another session than before; start again")
+    return opened
 
 
 def _open(path: Path) -> Session:
