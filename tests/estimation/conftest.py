@@ -12,6 +12,6 @@ def whole_budget():
 
 @pytest.fixture(autouse=True)
 def short_budget(request, monkeypatch):
-    """Few combinations are tried, but where a test asks for the whole budget."""
+    """Try few combinations of kinds, unless a test asks for the whole budget."""
     if "whole_budget" not in request.fixturenames:
         shorten_budget(monkeypatch)

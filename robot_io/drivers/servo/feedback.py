@@ -97,7 +97,8 @@ class FeedbackReader(Generic[FeedbackType]):
             self._in_turn.append(self._in_turn.pop(0))
         self._problem = ""
         asked_at_s = self._ask(now_s)
-        # Usually only this request is open. Its answers are then decoded at once, as soon as all have come.
+        # Usually only this request is open. Its answers are then decoded at once, as soon as all have
+        # come. A refusal is shorter than an answer, so it is reported at the deadline.
         data, size = b"", self._answer_size(self._asked.size) if self._open == [self._asked] else 0
         while newest is None or newest[1] < asked_at_s:
             data += self._port.wait(deadline_s)

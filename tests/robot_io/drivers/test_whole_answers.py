@@ -56,6 +56,21 @@ def test_a_damaged_or_incomplete_answer_is_not_decoded_at_once(bench, robot_file
     assert reader._decode_whole(longer, data) is None
 
 
+def test_a_valid_answer_that_is_not_plausible_takes_the_way_of_single_packets(bench):
+    reader, answers = recorded(bench(SO101))
+    request, data, _, _ = answers[-1]
+    width = len(data) // 3
+    packets = [data[start : start + width] for start in range(0, len(data), width)]
+    assert reader._decode_whole(request, packets[1] + packets[0] + packets[2]) is None  # two ids are swapped
+    for place in range(5, width - 1):  # each data byte, with a checksum that fits
+        changed = bytearray(packets[0])
+        changed[place] ^= 0x80
+        changed[-1] = ~sum(changed[2:-1]) & 0xFF
+        feedback = reader._decode_whole(request, bytes(changed) + packets[1] + packets[2])
+        if feedback is not None:
+            assert feedback == one_by_one(reader, request, bytes(changed) + packets[1] + packets[2])
+
+
 @pytest.mark.parametrize("robot_file", [DYNAMIXEL, SO101], ids=["dynamixel", "feetech"])
 def test_an_answer_in_two_pieces_is_the_whole_answer(bench, robot_file):
     arm = bench(robot_file)
