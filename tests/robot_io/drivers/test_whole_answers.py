@@ -4,7 +4,8 @@ import numpy as np
 import pytest
 
 from palpate.robot_io.drivers.dynamixel.servos import decode_feedback
-from palpate.robot_io.drivers.feetech.protocol import FeetechStatusReader
+from palpate.robot_io.drivers.feetech.bus import FEEDBACK_SIZE
+from palpate.robot_io.drivers.feetech.protocol import AROUND, FeetechStatusReader
 from tests.wire.parts import DYNAMIXEL, SO101
 
 TORQUE_NM = np.array((0.9, -0.4, 0.1))
@@ -59,16 +60,19 @@ def test_a_damaged_or_incomplete_answer_is_not_decoded_at_once(bench, robot_file
 def test_a_valid_answer_that_is_not_plausible_takes_the_way_of_single_packets(bench):
     reader, answers = recorded(bench(SO101))
     request, data, _, _ = answers[-1]
-    width = len(data) // 3
-    packets = [data[start : start + width] for start in range(0, len(data), width)]
-    assert reader._decode_whole(request, packets[1] + packets[0] + packets[2]) is None  # two ids are swapped
-    for place in range(5, width - 1):  # each data byte, with a checksum that fits
-        changed = bytearray(packets[0])
-        changed[place] ^= 0x80
-        changed[-1] = ~sum(changed[2:-1]) & 0xFF
-        feedback = reader._decode_whole(request, bytes(changed) + packets[1] + packets[2])
-        if feedback is not None:
-            assert feedback == one_by_one(reader, request, bytes(changed) + packets[1] + packets[2])
+    width = AROUND + request.size
+    first, second, *others = [data[start : start + width] for start in range(0, len(data), width)]
+    refused = set()
+    for place in range(2, width - 1):  # id, length, error and data, with a checksum that fits
+        packet = bytearray(first)
+        packet[place] ^= 0x80
+        packet[-1] = ~sum(packet[2:-1]) & 0xFF
+        if reader._decode_whole(request, b"".join((packet, second, *others))) is None:
+            refused.add(place)
+    padding = request.size - FEEDBACK_SIZE
+    acceleration, goal, speeds, lock, position = {6}, {7, 8}, set(range(9, 15)), {20}, {21, 22}
+    in_data = acceleration | goal | speeds | lock | position
+    assert refused == {2, 3} | {padding + place for place in in_data}
 
 
 @pytest.mark.parametrize("robot_file", [DYNAMIXEL, SO101], ids=["dynamixel", "feetech"])
