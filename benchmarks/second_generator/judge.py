@@ -12,6 +12,7 @@ import numpy as np
 
 from palpate.estimation.diagnosis import ChannelDiagnosis, diagnose
 from palpate.estimation.diagnosis.candidates import effect_library
+from palpate.estimation.effects import EFFECTS
 
 from .cases import CaseSpec, GeneratedCase, make
 
@@ -108,6 +109,8 @@ class CaseOutcome:
     exact: bool
     seconds: float
     intervals: list[Interval] = field(default_factory=list)
+    exact_forms: list[str] = field(default_factory=list)  # accepted effects whose form is said to be exact
+    kind_right: bool | None = None  # whether the budget's largest kind is a hidden effect's; None without one
 
     def line(self) -> str:
         """One line for people."""
@@ -195,7 +198,18 @@ def judged(case: GeneratedCase, seed: int, diagnosis: ChannelDiagnosis, seconds:
         exact=exact,
         seconds=seconds,
         intervals=_intervals(case, diagnosis) if job.sort not in ("outside", "removed") else [],
+        exact_forms=[entry.effect for entry in diagnosis.accepted if entry.form == "exact"],
+        kind_right=_is_kind_right(job, diagnosis),
     )
+
+
+def _is_kind_right(job: CaseSpec, diagnosis: ChannelDiagnosis) -> bool | None:
+    """Whether the budget's largest kind is one of a hidden effect."""
+    hidden = [EFFECTS[name] for name in (SPELLED.get(name, name) for name in job.hidden) if name in EFFECTS]
+    if not hidden:
+        return None
+    kinds = frozenset().union(*({effect.kind} | effect.also for effect in hidden))
+    return bool(diagnosis.budget) and diagnosis.budget[0].kind in kinds
 
 
 def _right_sets(job: CaseSpec) -> list[frozenset[str]]:
@@ -253,6 +267,15 @@ def table(outcomes: Sequence[CaseOutcome]) -> str:
         ),
         "outside: unexplained": lambda some: _verdicts(some, "outside", "unexplained"),
         "removed: wrong name": lambda some: _verdicts(some, "removed", "missing"),
+        "removed: wrong name, form exact": lambda some: share(
+            bool(o.exact_forms) for o in some if o.job.sort == "removed"
+        ),
+        "removed: kind right": lambda some: share(
+            o.kind_right is True for o in some if o.job.sort == "removed"
+        ),
+        "named rightly: form exact": lambda some: share(
+            bool(o.exact_forms) for o in some if o.job.sort in ("one", "two") and o.exact
+        ),
         "hidden: unexplained": lambda some: share(
             o.verdict == "unexplained" for o in some if o.job.sort in ("one", "two")
         ),

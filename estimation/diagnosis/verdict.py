@@ -48,6 +48,9 @@ _MOST_RANKED = 3  # most candidates that are added alone to the base model
 # effects, the kind's law imitates these effects.
 _IMITATION = 2.0
 SLOW = 1.5  # ratio of the error to the noise above which what is left is slower than noise of the readings
+# A form is exact only if a deviation of this size, relative to the effect's own contribution, would show.
+_RESOLVED = 0.1
+_NOISE_ERROR = 0.1  # relative uncertainty of a noise level
 _PEAKED = 0.8  # share of the squared error in its largest 5 %; normal noise has 0.28
 _Rivals = Mapping[str, Mapping[str, FitResult]]  # fits by replaced effect and replacing effect
 
@@ -116,15 +119,36 @@ class Evidence:
             effect: name of the effect.
         """
         is_closed = next((test.is_closed for test in self.tests if test.effect == effect), True)
-        return Form.EXACT if self.leaves_only_noise and is_closed else Form.APPROXIMATE
+        is_exact = self.leaves_only_noise and is_closed and self._is_resolved(effect)
+        return Form.EXACT if is_exact else Form.APPROXIMATE
 
     @cached_property
     def leaves_only_noise(self) -> bool:
         """Whether the model is complete and its error is noise, as measured or from neighboring residuals."""
-        level, last = self.noise.value, self.stages[-1]
-        if self.noise.is_bound:  # a bound may contain more than noise
-            level = misfit(np.where(last.judged, last.residual, 0.0), last.data.run, last.judged).noise
-        return self.complete and (self.end.is_exact or last.rmse <= SLOW * level)
+        return self.complete and (self.end.is_exact or self.stages[-1].rmse <= SLOW * self._noise_level)
+
+    @cached_property
+    def _noise_level(self) -> float:
+        """Noise level, or the noise of neighboring residuals if it is only bounded [effort]."""
+        if not self.noise.is_bound:
+            return self.noise.value
+        last = self.stages[-1]  # a bound may contain more than noise
+        return misfit(np.where(last.judged, last.residual, 0.0), last.data.run, last.judged).noise
+
+    def _is_resolved(self, effect: str) -> bool:
+        """Return whether the noise is so small that it hides only small deviations from the effect's law.
+
+        That a test finds no deviation is no evidence for the law if the test could not have found one.
+        """
+        if self.end.is_exact:
+            return True
+        without = self.search.without(self.end, effect)
+        contribution = without.held_out_mean_square - self.end.held_out_mean_square
+        hidden = (
+            max(self.stages[-1].rmse, self._noise_level) ** 2
+            - ((1.0 - _NOISE_ERROR) * self._noise_level) ** 2
+        )
+        return hidden <= _RESOLVED**2 * contribution
 
     @property
     def signals(self) -> list[str]:

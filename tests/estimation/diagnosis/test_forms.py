@@ -21,7 +21,7 @@ from palpate.estimation.kinds import Kind
 from palpate.estimation.model import Model
 from tests.estimation.contact_data import channel
 from tests.estimation.searches import PRESS, SWING, measured, reached, searched
-from tests.estimation.swings import one_way_turns, swings
+from tests.estimation.swings import NOISE_NM, one_way_turns, swings
 
 RUB, RIPPLE, DRAG, SPRING = "coulomb_friction", "torque_ripple", "quadratic_friction", "joint_spring"
 
@@ -104,11 +104,22 @@ def test_a_form_is_known_that_takes_most_of_its_law_and_closed_where_the_law_add
         (False, 0.0, Form.APPROXIMATE),
     ],
 )
-def test_a_form_is_exact_where_only_noise_is_left_and_its_kinds_law_adds_nothing(complete, added, form):
+def test_a_form_is_exact_where_only_noise_is_left_and_its_kinds_law_adds_nothing(
+    monkeypatch, complete, added, form
+):
     test = FormTest(RUB, Kind.FRICTION, taken=1.0, by_law=1.0, added=added, left=0.1)
     evidence = Evidence(None, None, None, complete, None, [test])
     vars(evidence)["leaves_only_noise"] = complete
+    monkeypatch.setattr(Evidence, "_is_resolved", lambda *_: True)
     assert evidence.form(RUB) is form
+
+
+@pytest.mark.parametrize(("times_noise", "form"), [(30.0, Form.EXACT), (3.0, Form.APPROXIMATE)])
+def test_a_form_is_exact_only_if_the_noise_would_show_a_deviation_of_a_tenth(times_noise, form):
+    """Coulomb friction is the truth in both cases."""
+    friction = swings(1, lambda q, v, a: times_noise * NOISE_NM * np.tanh(v / 0.02))
+    found = decide(friction, SWING, RUB, SPRING, DRAG)
+    assert {entry.effect: entry.form for entry in found.accepted} == {RUB: form}
 
 
 def test_the_law_of_its_own_kind_adds_nothing_to_a_true_form_and_something_to_a_rough_one():

@@ -118,7 +118,8 @@ def test_what_is_left_far_above_the_noise_is_not_called_noise(swung, ratio, effo
     vars(evidence)["noise"] = MeasurementNoise(end.rmse / ratio, NoiseSource.NEIGHBORS, effort_nm, 0.0)
     diagnosis = decide_verdict(evidence)
     assert diagnosis.reason.endswith(left)
-    assert {effect.form for effect in diagnosis.accepted} == {form}
+    # The friction is so small that the noise may hide a deviation from its law.
+    assert [effect.form for effect in diagnosis.accepted] == [form, Form.APPROXIMATE]
     assert (diagnosis.rest.unexplained > 0.0) == (ratio > 1.5 and effort_nm is not None)
 
 
