@@ -108,100 +108,121 @@ class BusTorque(_OnBus, JointTorque):
         return self._bus.stage(torque_nm)
 
 
-_ADAPTATION = 0.05  # how far the usual delay follows a shorter one
+_ADAPTATION = 0.05  # share by which the usual delay follows a shorter one
+_MOST_DOUBTS = 3  # consecutive doubts that stay open before the longer delay counts as usual
 
 
 class RequestQueue:
-    """Requests to one device that have no answer yet; an answer belongs to the oldest of them.
+    """Requests to one device without an answer so far; an answer belongs to the oldest of them.
 
-    A lost answer would date all later ones too early by one request. So if an answer took longer than usual
-    while further requests are open, one request is omitted (`skip`). If the delay is real, the answers to the
-    earlier requests keep coming at the same pace. Each answer that stays out indicates a loss.
+    After a lost answer, all later answers would get the time of a request that is one too old. A lost answer
+    cannot be told from a longer delay as long as the requests are evenly spaced. So if an answer takes longer
+    than usual while further requests are open, one request is omitted (`omit_next`). The answers show the
+    same gap, and only one assignment of answers to requests then gives all of them the same delay. If none
+    does, because the delay has changed meanwhile, an answer still belongs to the oldest request: its time may
+    be too old, but not too new.
 
     Args:
         margin_s: Variation of the delays [s]; less than the time between two requests.
-        latest_s: No answer comes later than this after its request [s].
+        latest_s: Longest time between a request and its answer [s].
         usual_s: Usual delay before the first answer [s].
 
     Attributes:
-        answered_s: When the last answer was asked for, as far as is known; for sure if not `is_unsure` [s].
+        answered_s: When the last answer was requested, robot's clock [s]; the latest possible time if not
+            `is_unsure`.
     """
 
     def __init__(self, margin_s: float, latest_s: float, usual_s: float = 0.0) -> None:
         self._margin_s, self._latest_s, self._usual_s = margin_s, latest_s, usual_s
-        self._asked_s: deque[float] = deque()
+        self._open_s: deque[float] = deque()
         self.answered_s = -inf
-        self._unsure = 0  # how many of the oldest requests may be lost
-        self._due_s = 0.0  # when the answer to the first of them is due
-        self._skips = False
+        # In a doubt: the requests from the first doubtful one on, and the answers since then, by their times.
+        self._requested_s: list[float] = []
+        self._arrived_s: list[float] = []
+        self._most_lost = 0  # largest number of these requests whose answers may be lost
+        self._after_gap = inf  # index of the first request after the omitted one
+        self._omits_next = False
+        self._doubts = 0  # number of consecutive doubts that stayed open
 
     @property
     def is_unsure(self) -> bool:
         """Whether it is not known yet which requests are lost."""
-        return self._unsure > 0
+        return bool(self._arrived_s)
 
-    def skip(self) -> bool:
-        """Return whether to leave out the request that is due now, once for each doubt."""
-        skips, self._skips = self._skips, False
-        return skips
+    def omit_next(self) -> bool:
+        """Return whether to omit the request that is due now; true once in each doubt."""
+        omits, self._omits_next = self._omits_next, False
+        if omits:
+            self._after_gap = len(self._requested_s)
+        return omits
 
     def ask(self, now_s: float) -> None:
-        """Note a request that is sent now [s].
+        """Note a request that is sent now.
 
         Args:
             now_s: robot's clock [s].
         """
         self._expire(now_s)
-        self._asked_s.append(now_s)
+        self._open_s.append(now_s)
+        if self.is_unsure:
+            self._requested_s.append(now_s)
 
     def answer(self, arrived_s: float) -> bool:
         """Remove the request to which an answer belongs; `answered_s` becomes its time.
 
         Args:
-            arrived_s: When the answer arrived [s].
+            arrived_s: When the answer arrived, robot's clock [s].
 
         Returns:
             Whether a request was open.
         """
         self._expire(arrived_s)
-        self.settle(arrived_s)  # it comes too late for a request whose answer is missing
-        if not self._asked_s:
+        if not self._open_s:
             return False
-        was_unsure = self.is_unsure
-        self.answered_s = asked_s = self._take_oldest()
-        delay_s = max(arrived_s - asked_s, 0.0)
-        if not was_unsure and self._asked_s and delay_s > self._usual_s + self._margin_s:
-            self._unsure, self._skips = len(self._asked_s), True
-        if self._unsure:
-            self._due_s = arrived_s + self._asked_s[0] - asked_s + self._margin_s
+        self.answered_s = self._open_s.popleft()
+        delay_s = max(arrived_s - self.answered_s, 0.0)
+        if self.is_unsure:
+            self._arrived_s.append(arrived_s)
+            self._resolve(delay_s)
+        elif self._open_s and delay_s > self._usual_s + self._margin_s:
+            self._requested_s, self._arrived_s = [self.answered_s, *self._open_s], [arrived_s]
+            self._most_lost, self._after_gap, self._omits_next = len(self._open_s), inf, True
         else:
             self._usual_s = max(delay_s, self._usual_s + _ADAPTATION * (delay_s - self._usual_s))
         return True
 
-    def settle(self, now_s: float) -> float | None:
-        """Give up the oldest request if its answer is overdue.
+    def _resolve(self, delay_s: float) -> None:
+        """End the doubt once a single number of lost answers explains all answers; `delay_s` is for none."""
+        possible = [lost for lost in range(self._most_lost + 1) if self._explains(lost)]
+        lost = max(possible, default=0)
+        if lost == 0:
+            self._arrived_s.clear()
+            self._doubts += 1
+            if possible or self._doubts > _MOST_DOUBTS:
+                self._usual_s, self._doubts = max(delay_s, self._usual_s), 0
+        elif len(possible) == 1:
+            newest = lost + len(self._arrived_s) - 1
+            delay_s = max(self._arrived_s[-1] - self._requested_s[newest], 0.0)
+            # One loss at the usual delay is seen at the gap. Anything else could be a loss after a longer
+            # delay, until the answers have passed every place where the gap would then be.
+            is_one = lost == 1 and abs(delay_s - self._usual_s) <= self._margin_s
+            has_passed = len(self._arrived_s) > self._most_lost + 1 and newest > self._after_gap
+            if newest >= self._after_gap and (is_one or has_passed):
+                for _ in range(lost):
+                    self.answered_s = self._open_s.popleft()
+                self._arrived_s.clear()
+                self._usual_s, self._doubts = max(delay_s, self._usual_s), 0
 
-        Only one is given up at a time. If the delay has grown, giving up more would date all later answers
-        too new, which is worse than too old.
-
-        Args:
-            now_s: Now, after all answers that have arrived were taken [s].
-
-        Returns:
-            When the request was sent that was given up [s]; None if none was. As a rule the last answer was
-            to this one, and the answer to one before it is lost.
-        """
-        if not self._unsure or now_s <= self._due_s:
-            return None
-        given_up_s = self._take_oldest()
-        if self._asked_s:
-            self._due_s += self._asked_s[0] - given_up_s
-        return given_up_s
+    def _explains(self, lost: int) -> bool:
+        """Return whether all answers have the same delay if the first `lost` answers were lost."""
+        requested_s = self._requested_s[lost:]
+        if len(requested_s) < len(self._arrived_s):
+            return False
+        pairs = zip(self._arrived_s, requested_s, strict=False)
+        delays_s = [arrived_s - asked_s for arrived_s, asked_s in pairs]
+        return min(delays_s) >= -self._margin_s and max(delays_s) - min(delays_s) <= self._margin_s
 
     def _expire(self, now_s: float) -> None:
-        while self._asked_s and now_s - self._asked_s[0] > self._latest_s:
-            self._take_oldest()
-
-    def _take_oldest(self) -> float:
-        self._unsure = max(0, self._unsure - 1)
-        return self._asked_s.popleft()
+        while self._open_s and now_s - self._open_s[0] > self._latest_s:
+            self._open_s.popleft()
+            self._arrived_s.clear()

@@ -410,8 +410,8 @@ class AskedMotorBus(MotorBus, Generic[StateType]):
         super().flush(deadline_s)
 
     def _joints_to_ask(self) -> list[int]:
-        """Return the joints to ask, without those that are skipped this time; see `RequestQueue.skip`."""
-        return [joint for joint, requests in enumerate(self._requests) if not requests.skip()]
+        """Return the joints to ask, without those left out; see `RequestQueue.omit_next`."""
+        return [joint for joint, requests in enumerate(self._requests) if not requests.omit_next()]
 
     def _send(self, frame: CanFrame, deadline_s: float) -> None:
         motor_id = self._motor_asked(frame)
@@ -421,7 +421,6 @@ class AskedMotorBus(MotorBus, Generic[StateType]):
 
     def _drain(self, deadline_s: float) -> None:
         super()._drain(deadline_s)
-        now_s = self._clock.now_s()
         for joint, requests in enumerate(self._requests):
             # More states than requests come from several motors, or are late: if they differ, none is
             # believed. Else the newest counts.
@@ -435,8 +434,6 @@ class AskedMotorBus(MotorBus, Generic[StateType]):
             elif asked:
                 self._newest[joint] = asked[-1]
                 self._errors[joint], self._enabled[joint] = self._condition(asked[-1])
-            if requests.settle(now_s) is not None:
-                self._newest[joint] = None  # its request is not known
             state = self._newest[joint]
             if state is not None and not requests.is_unsure:
                 self._newest[joint] = None
