@@ -70,8 +70,8 @@ class Columns:
         values = source.factor * table.numbers(source.column) - source.zero
         if len(bad := invalid_rows(values)):
             raise InputError(
-                f"{table.path}: {table.row_word} {table.rows[bad[0]]}, column '{source.column}' in "
-                f"{source.unit}: {values[bad[0]]:.4g} {si_unit(source.dimension)} is "
+                f"{table.place(bad[0], source.column)} in {source.unit}: "
+                f"{values[bad[0]]:.4g} {si_unit(source.dimension)} is "
                 f"{describe_fault(float(values[bad[0]]), len(bad))}; correct the unit with --unit"
             )
         return values
@@ -197,7 +197,7 @@ def assign_columns(table: Table, options: ImportOptions) -> Columns:
         filled = np.logical_and.reduce([table.filled_rows(column) for _, column in chosen.values()])
         if filled.any() and not filled.all():  # shorter columns, or gaps
             listed = ", ".join(f"'{column}'" for _, column in chosen.values())
-            notes.append(f"{np.sum(~filled)} of {len(table)} rows left out: no value in one of {listed}")
+            notes.append(table.note_left_out(np.flatnonzero(~filled), f"no value in one of {listed}"))
             table = table.select(filled)
     units = ColumnUnits(table, options)
     notes += _displacement_or_axis(units, chosen)
@@ -375,11 +375,7 @@ def with_one_rate(
         if filled.all() or share[time] < 1.0 - _SYSTEMATIC:
             return table, ""
         lacking = ", ".join(f"'{name}'" for name, mask in filled_by_name.items() if not mask.all())
-        count = int(np.sum(~filled))
-        return table.select(filled), (
-            f"{count} of {len(table)} rows left out: no value in {lacking}, the first in {table.row_word} "
-            f"{table.rows[np.argmin(filled)]}"
-        )
+        return table.select(filled), table.note_left_out(np.flatnonzero(~filled), f"no value in {lacking}")
     slowest = min(sparse, key=lambda name: sparse[name])
     complete = np.logical_and.reduce([filled_by_name[name] for name in sparse])
     note = f"'{slowest}' has a value in {100.0 * sparse[slowest]:.2g} % of the rows"

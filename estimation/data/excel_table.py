@@ -18,7 +18,6 @@ from palpate.estimation.data.file_columns import FileColumns, check_size
 from palpate.estimation.data.table_layout import matching_places, with_run
 from palpate.estimation.data.text_dialect import (
     FEWEST_NUMBERS,
-    LEAST_UNMARKED,
     NAMELESS,
     Block,
     Layout,
@@ -28,6 +27,7 @@ from palpate.estimation.data.text_dialect import (
     is_number,
     preamble_words,
     same_columns,
+    thousands_ambiguity,
 )
 from palpate.robot_io.errors import InputError
 
@@ -96,7 +96,13 @@ def read_excel_table(path: Path, selected: str) -> FileColumns:
         if all(isinstance(cell, int | float) and not isinstance(cell, bool) for cell in cells):
             columns.append(pa.array([float(cell) for cell in cells]))
             continue
-        _check_thousands(path, first.names[place], cells, first.decimal)
+        marked = (cell.strip() for cell in cells if isinstance(cell, str) and first.decimal in cell)
+        largest = max((abs(cell) for cell in cells if isinstance(cell, int | float)), default=0.0)
+        if ambiguity := thousands_ambiguity(marked, largest, first.decimal):
+            raise InputError(
+                f"{path}: column '{first.names[place]}': the text {ambiguity}; store all cells of the column "
+                "as numbers"
+            )
         if any(isinstance(cell, datetime) for cell in cells):  # a date without time then means midnight
             cells = [datetime(*cell.timetuple()[:3]) if type(cell) is date else cell for cell in cells]
         columns.append(pa.array([_text(cell, first.decimal) for cell in cells]))
@@ -117,23 +123,6 @@ def read_excel_table(path: Path, selected: str) -> FileColumns:
     ]
     numbers = np.array([number for sheet in same_tables for number in sheet.numbers], dtype=np.int64)
     return FileColumns(table, first.decimal, (*words, *preamble_words(first.skipped)), first.titles, numbers)
-
-
-def _check_thousands(path: Path, name: str, cells: Sequence[object], decimal: str) -> None:
-    """Check that no text is read a thousand times too small, such as "1,004" after the number 999.
-
-    Raises:
-        InputError: all numbers stored as text could have thousands separators, and others are at least 100.
-    """
-    grouped = re.compile(rf"[+-]?[1-9]\d{{0,2}}{re.escape(decimal)}\d{{3}}")
-    marked = [cell.strip() for cell in cells if isinstance(cell, str) and decimal in cell]
-    numbers = [abs(cell) for cell in cells if isinstance(cell, int | float)]
-    if marked and all(map(grouped.fullmatch, marked)) and max(numbers, default=0.0) >= LEAST_UNMARKED:
-        value = float(marked[0].replace(decimal, "."))
-        raise InputError(
-            f"{path}: column '{name}': the text '{marked[0]}' may mean {value:g} or {1000.0 * value:g}; "
-            "store all cells of the column as numbers"
-        )
 
 
 def _extent(sheet: bytes) -> tuple[int, int]:

@@ -24,7 +24,8 @@ from palpate.estimation.data.column_names import (
 from palpate.estimation.data.column_units import ColumnUnits
 from palpate.estimation.data.derivatives import differentiate
 from palpate.estimation.data.import_options import ImportOptions
-from palpate.estimation.data.import_rows import UNKNOWN_PHASE, Rows, arrange_rows, new_rows
+from palpate.estimation.data.import_rows import UNKNOWN_PHASE, Rows, arrange_rows, without_repeated_rows
+from palpate.estimation.data.measured_derivatives import is_difference, mistaken_scale
 from palpate.estimation.data.presses import press_phases
 from palpate.estimation.data.table import Table, read_table
 from palpate.estimation.data.text_dialect import NAMELESS
@@ -33,7 +34,7 @@ from palpate.estimation.signals.blocks import blocks, number_pieces
 from palpate.estimation.signals.runwise import sample_time
 from palpate.estimation.statistics.correlation import correlation_coefficient
 from palpate.robot_io.errors import InputError
-from palpate.robot_io.types import FloatArray, IntArray
+from palpate.robot_io.types import FloatArray
 
 OF_THE_ARM = ("joint_position", "joint_velocity", "joint_acceleration")
 # Derived signals of a joint; a column with such a name would be mistaken for the signal that a model needs.
@@ -111,11 +112,7 @@ def import_table(table: Table, options: ImportOptions = _DEFAULT) -> Imported:
         texts, index = table.labels(name)
         chosen = chosen_texts(name, given, texts, str(table.path))
         table = table.select(np.isin(index, [texts.index(text) for text in chosen]))
-    columns = assign_columns(table, options)
-    if (new := new_rows(columns)) is not None:
-        note = f"{np.sum(~new)} of {len(new)} rows left out: each repeats an earlier row, the first in "
-        note += f"{table.row_word} {table.rows[np.argmin(new)]}"
-        columns = replace(columns, table=table.select(new), choice_notes=(*columns.choice_notes, note))
+    columns = without_repeated_rows(assign_columns(table, options))
     sources = _channel_sources(columns)
     _check_options_are_used(columns, sources, options)
     rows = arrange_rows(columns, fresh=options.fresh, count=options.runs)
@@ -132,7 +129,7 @@ def import_table(table: Table, options: ImportOptions = _DEFAULT) -> Imported:
             raise InputError(
                 f"--context {column}: this column and '{earlier}' would both be the signal {name}; rename one"
             )
-    notes = [*columns.notes, *(["; ".join(rows.notes)] if rows.notes else [])]
+    notes = [*columns.notes, *filter(None, ["; ".join(rows.notes)])]
     if any(source.kind is ChannelKind.SERVO for source in sources):
         notes.append(
             "no column holds an effort; goal minus position [rad] is used instead, which is the "
@@ -147,8 +144,7 @@ def import_table(table: Table, options: ImportOptions = _DEFAULT) -> Imported:
         )
     notes += [*_note_pauses(columns, rows), *_note_specimens(columns, rows, options)]
     channels = [_make_channel(source, columns, rows, notes) for source in sources]
-    channels, turned = _turn_reactions(channels, sources, columns, ColumnUnits(table, options))
-    notes += [turned] if turned else []
+    channels = _turn_reactions(channels, sources, columns, ColumnUnits(table, options), notes)
     context = {signal: columns.table.numbers(name)[rows.order] for signal, name in signals.items()}
     channels = [replace(channel, context=context, recorded=frozenset(context)) for channel in channels]
     unused = tuple(n for n in columns.unused if n not in options.context and _signal_name(n) not in _TAKEN)
@@ -196,10 +192,14 @@ class _Source:
     effort: Key
 
     @property
+    def joint(self) -> int:
+        """Number of the joint, 0 for a contact or an unnumbered joint."""
+        return self.position[1]
+
+    @property
     def keys(self) -> tuple[Key, ...]:
         """All columns that the channel uses if the file has them."""
-        joint = self.position[1]
-        return self.position, self.effort, ("velocity", joint), ("acceleration", joint)
+        return self.position, self.effort, ("velocity", self.joint), ("acceleration", self.joint)
 
 
 def _check_options_are_used(columns: Columns, sources: Collection[_Source], options: ImportOptions) -> None:
@@ -279,11 +279,10 @@ def _note_pauses(columns: Columns, rows: Rows) -> list[str]:
         steps_s = np.diff(rows.time_s[part])
         longest = int(np.argmax(steps_s))
         if steps_s[longest] > np.sum(steps_s) - steps_s[longest]:
-            table, row = columns.table, rows.order[part.start + longest + 1]
+            row = columns.table.row_name(rows.order[part.start + longest + 1])
             return [
-                f"'{columns.name(TIME)}' jumps by {steps_s[longest]:.4g} s to {table.row_word} "
-                f"{table.rows[row]}, more than the rest of the run lasts; if samples are missing, select one "
-                "part with --where"
+                f"'{columns.name(TIME)}' jumps by {steps_s[longest]:.4g} s to {row}, more than the rest of "
+                "the run lasts; if samples are missing, select one part with --where"
             ]
     return []
 
@@ -362,30 +361,33 @@ def _remedy(columns: Columns) -> str:
 
 def _make_channel(source: _Source, columns: Columns, rows: Rows, notes: list[str]) -> ChannelData:
     """Create one channel and append its notes to `notes`."""
-    joint = source.position[1]
-    position = columns.values(source.position)[rows.order]
-    piece = number_pieces(rows.time_s, rows.run)
-    given: FloatArray | None
-    if source.position[0] == "velocity":
-        position, given = np.empty(len(position)), position
-        for run in blocks(rows.run):
-            integral = scipy.integrate.cumulative_trapezoid(given[run], rows.time_s[run], initial=0.0)
-            position[run] = integral
+    velocity_key, acceleration_key = (("velocity", source.joint), ("acceleration", source.joint))
+    position, pieces = columns.values(source.position)[rows.order], number_pieces(rows.time_s, rows.run)
+    name = f"'{columns.name(source.position)}'"
+    measured: FloatArray | None
+    if source.position == velocity_key:
+        measured = position
+        integrals = (
+            scipy.integrate.cumulative_trapezoid(measured[run], rows.time_s[run], initial=0.0)
+            for run in blocks(rows.run)
+        )
+        position = np.concatenate(list(integrals))
         notes.append(
-            f"no column holds a position: it is integrated from '{columns.name(source.position)}', from 0 in "
-            "each run; if one does, add --column position=COLUMN"
+            f"no column holds a position: it is integrated from {name}, from 0 in each run; if one does, add "
+            "--column position=COLUMN"
         )
     else:
-        derived = differentiate(rows.time_s, position, piece)
-        velocity, acceleration = derived.velocity, derived.acceleration
-        given, note = _file_derivative(columns, ("velocity", joint), source, rows, position, velocity)
-        notes += [note] if note else []
-    if given is not None:
-        velocity, acceleration = given, differentiate(rows.time_s, given, piece).velocity
-    given, note = _file_derivative(columns, ("acceleration", joint), source, rows, velocity, acceleration)
-    notes += [note] if note else []
-    if given is not None:
-        acceleration = given
+        derived = differentiate(rows.time_s, position, pieces)
+        signal = (name, position, derived.velocity)
+        measured = _measured_derivative(columns, velocity_key, source, rows, signal, notes)
+    if measured is None:
+        velocity, acceleration, name = derived.velocity, derived.acceleration, "the velocity"
+    else:
+        velocity, acceleration = measured, differentiate(rows.time_s, measured, pieces).velocity
+        name = f"'{columns.name(velocity_key)}'"
+    signal = (name, velocity, acceleration)
+    measured = _measured_derivative(columns, acceleration_key, source, rows, signal, notes)
+    acceleration = acceleration if measured is None else measured
     effort, phase = columns.values(source.effort)[rows.order], rows.phase
     if source.kind is ChannelKind.SERVO:
         effort = effort - position
@@ -397,16 +399,70 @@ def _make_channel(source: _Source, columns: Columns, rows: Rows, notes: list[str
     return ChannelData(source.name, source.kind, *motion, effort, rows.run, phase, touching=both_ways)
 
 
+def _measured_derivative(  # noqa: PLR0917
+    columns: Columns,
+    key: Key,
+    source: _Source,
+    rows: Rows,
+    signal: tuple[str, FloatArray, FloatArray],
+    notes: list[str],
+) -> FloatArray | None:
+    """Return a derivative from the file, shape (n,); None, with a note if the column cannot be used.
+
+    Args:
+        columns: columns of the file.
+        key: key of the derivative.
+        source: source of the channel.
+        rows: rows of the table.
+        signal: signal of which the column is the derivative: its name in a sentence, its values, shape (n,),
+            and the derivative computed from them, shape (n,).
+        notes: notes for the user, to which one may be added.
+    """
+    if key not in columns:
+        return None
+    signal_name, values, derived = signal
+    of_position, of_column = columns.assigned[source.position].dimension, columns.assigned[key].dimension
+    if not of_column.startswith(of_position):
+        problem = (
+            f"is not used: its unit does not match that of '{columns.name(source.position)}', from which the "
+            f"{key[0]} is derived; if a unit is wrong, correct it with --unit"
+        )
+    else:
+        measured = columns.values(key)[rows.order]
+        ratio = mistaken_scale(rows.time_s, values, measured, rows.run)
+        if ratio is None:
+            pieces = number_pieces(rows.time_s, rows.run)
+            if not is_difference(rows.time_s, values, measured, derived, pieces):
+                return measured
+            problem = (
+                "holds differences of single samples, which amplify noise; it is derived again over more "
+                "samples"
+            )
+        else:
+            number = Role(*key, "", columns.shift).numbered
+            follows, remedy = f"is {ratio:.3g} times", "a unit is wrong: correct it with --unit"
+            if np.isnan(ratio):
+                follows, remedy = "does not follow", f"if another column does, add --column {number}=COLUMN"
+            elif ratio < 0.0:
+                remedy = "it has the wrong sign"
+            problem = (
+                f"{follows} the rate of change of {signal_name}, from which the {key[0]} is derived; {remedy}"
+            )
+    notes.append(f"column '{columns.name(key)}' {problem}")
+    return None
+
+
 def _turn_reactions(
-    channels: Sequence[ChannelData], sources: Sequence[_Source], columns: Columns, units: ColumnUnits
-) -> tuple[list[ChannelData], str]:
-    """Reverse the efforts of joints if they are reactions to the drive.
+    channels: Sequence[ChannelData],
+    sources: Sequence[_Source],
+    columns: Columns,
+    units: ColumnUnits,
+    notes: list[str],
+) -> list[ChannelData]:
+    """Reverse the efforts of joints if they are reactions to the drive, and append a note to `notes`.
 
     All joints of a file are reversed if the sign is certain for some and contradicted by none. A unit with a
     number, such as 1Nm, prevents the reversal.
-
-    Returns:
-        The channels, and a note (empty if nothing was reversed).
     """
     power = {
         channel.name: _passive_power(channel.position, channel.velocity, channel.acceleration, channel.effort)
@@ -414,7 +470,7 @@ def _turn_reactions(
         if channel.kind in _DRIVEN
     }
     if min(power.values(), default=0.0) > -_CERTAIN:
-        return list(channels), ""
+        return list(channels)
     is_mixed = max(power.values()) > _CERTAIN
     turned = {
         source.name: columns.assigned[source.effort]
@@ -423,15 +479,15 @@ def _turn_reactions(
         and (not is_mixed or power[source.name] < -_CERTAIN)
         and not units.is_scaled_by_user(Role(*source.effort, "", columns.shift), columns.name(source.effort))
     }
-    if not turned:
-        return list(channels), ""
-    names = ", ".join(f"'{effort.column}'" for effort in turned.values())
-    units_kept = (f"--unit {s.effort[0]}=1{turned[s.name].unit}" for s in sources if s.name in turned)
-    keep = " ".join(dict.fromkeys(units_kept))
-    opposes, signs = ("opposes", "its sign is") if len(turned) == 1 else ("oppose", "their signs are")
-    note = f"{names} {opposes} the velocity, as the reaction to a drive does: {signs} reversed; "
-    note += f"{keep} prevents this"
-    return [replace(c, effort=-c.effort) if c.name in turned else c for c in channels], note
+    if turned:
+        names = ", ".join(f"'{effort.column}'" for effort in turned.values())
+        options = (f"--unit {s.effort[0]}=1{turned[s.name].unit}" for s in sources if s.name in turned)
+        opposes, signs = ("opposes", "its sign is") if len(turned) == 1 else ("oppose", "their signs are")
+        notes.append(
+            f"{names} {opposes} the velocity, as the reaction to a drive does: {signs} reversed; "
+            f"{' '.join(dict.fromkeys(options))} prevents this"
+        )
+    return [replace(c, effort=-c.effort) if c.name in turned else c for c in channels]
 
 
 def _passive_power(
@@ -466,134 +522,6 @@ def _passive_power(
         return 0.0
     beside = effort - inertia / (acceleration.std() or 1.0) * acceleration
     return correlation_coefficient(velocity, beside)
-
-
-def _file_derivative(  # noqa: PLR0917
-    columns: Columns, key: Key, source: _Source, rows: Rows, signal: FloatArray, derived: FloatArray
-) -> tuple[FloatArray | None, str]:
-    """Return a derivative from the file if it is usable, otherwise None and a note on the reason.
-
-    Args:
-        columns: columns of the file.
-        key: key of the derivative.
-        source: source of the channel.
-        rows: rows of the table.
-        signal: signal of which the column is the derivative, shape (n,).
-        derived: derivative computed from that signal, shape (n,).
-    """
-    if key not in columns:
-        return None, ""
-    name, signal_name = columns.name(key), columns.name(source.position)
-    of_position, own = columns.assigned[source.position].dimension, columns.assigned[key].dimension
-    if not own.startswith(of_position):
-        return None, (
-            f"column '{name}' is not used: its unit does not match that of '{signal_name}', from "
-            f"which the {key[0]} is derived; if a unit is wrong, correct it with --unit"
-        )
-    given = columns.values(key)[rows.order]
-    ratio = mistaken_scale(rows.time_s, signal, given, rows.run)
-    if key[0] == "velocity" and ratio is not None and np.isnan(ratio):
-        return None, (
-            f"column '{name}' does not follow the rate of change of '{signal_name}', from which the "
-            f"{key[0]} is derived; if another column does, add "
-            f"--column {Role(*key, '', columns.shift).numbered}=COLUMN"
-        )
-    if ratio is not None and np.isfinite(ratio):
-        wrong = "it has the wrong sign" if ratio < 0.0 else "a unit is wrong: correct it with --unit"
-        return None, (
-            f"column '{name}' is {ratio:.3g} times the rate of change of '{signal_name}', from which the "
-            f"{key[0]} is derived; {wrong}"
-        )
-    if is_difference(rows.time_s, signal, given, derived, number_pieces(rows.time_s, rows.run)):
-        return None, (
-            f"column '{name}' holds differences of single samples, which amplify noise; it is derived "
-            "again over more samples"
-        )
-    return given, ""
-
-
-_SAME_SHAPE = 0.7  # least correlation (half of the variance) for a velocity of this position at any scale
-_UNRELATED = 0.5  # largest correlation of a velocity with another motion
-_CLEAR_MOTION = 20.0  # least range of a position that moves, in standard deviations of its steps
-_OTHER_SCALE = 1.5  # least ratio of a wrong unit: smoothing changes a velocity by less than a third
-_SPANS = tuple(2**power for power in range(12))  # numbers of samples over which the two are compared
-_PAUSE = 5.0  # ratio to the usual step above which sampling paused
-_LEAST_SPANS = 0.5  # least share of the samples at which a span begins
-_HALVES = (1, 2, 3, 4, 5, 8, 10, 16, 32)  # number of samples on each side of a central difference
-_REACHES = (*((half, half) for half in _HALVES), (1, 0), (0, 1))  # central, backward and forward
-_DIFFERENCE_NOISE = 0.5  # largest squared deviation from a finite difference, relative to its noise
-
-
-def mistaken_scale(
-    time_s: FloatArray, position: FloatArray, velocity: FloatArray, run: IntArray
-) -> float | None:
-    """Return the ratio of a measured velocity to the slope of the position if it is wrong, else None.
-
-    The ratio is NaN if the velocity is unrelated to a position that clearly moves.
-
-    The function compares changes of position with integrals of the velocity over the time span at which they
-    correlate most. Long spans reduce the influence of encoder steps and noise. Short spans reduce the
-    influence of the integrated velocity error. The result is None for a joint at rest. Spans across a pause
-    in sampling are excluded.
-
-    Args:
-        time_s: times, shape (n,) [s].
-        position: position, shape (n,).
-        velocity: measured velocity, shape (n,).
-        run: run number of each sample, shape (n,).
-    """
-    steps_s = np.diff(time_s)
-    breaks = (np.diff(run) != 0) | (steps_s > _PAUSE * sample_time(time_s, run))
-    piece = np.concatenate([[0], np.cumsum(breaks)])
-    mean = 0.5 * (velocity[1:] + velocity[:-1])
-    led = np.concatenate([[0.0], np.cumsum(np.where(np.diff(piece) == 0, mean * steps_s, 0.0))])
-    best, ratio, likeness = 0.0, 1.0, 0.0
-    for samples in _SPANS:
-        same = piece[samples:] == piece[:-samples]
-        if np.sum(same) < _LEAST_SPANS * len(position):
-            break
-        moved, by_velocity = ((x[samples:] - x[:-samples])[same] for x in (position, led))
-        correlation = correlation_coefficient(moved, by_velocity)
-        if abs(correlation) > best:
-            best, ratio = abs(correlation), float(by_velocity @ by_velocity) / float(moved @ by_velocity)
-        size = float(np.linalg.norm(moved) * np.linalg.norm(by_velocity))
-        # At constant speed, changes are equal, and their correlation is that of rounding errors.
-        likeness = max(likeness, best, abs(float(moved @ by_velocity)) / size if size > 0.0 else 0.0)
-    if likeness < _UNRELATED and np.ptp(position) > _CLEAR_MOTION * np.std(np.diff(position)[~breaks]):
-        return np.nan
-    is_mistaken = best > _SAME_SHAPE and not 1.0 / _OTHER_SCALE < ratio < _OTHER_SCALE
-    return ratio if is_mistaken else None
-
-
-def is_difference(
-    time_s: FloatArray, position: FloatArray, given: FloatArray, calm: FloatArray, run: IntArray
-) -> bool:
-    """Return whether a derivative has the noise of a finite difference of the positions.
-
-    Such a column contains no information beyond the positions and is noisier than necessary: a central
-    difference (such as `numpy.gradient`) contains the errors of two readings.
-
-    Args:
-        time_s: times, shape (n,) [s].
-        position: position or another signal, shape (n,).
-        given: derivative of the signal in the file, shape (n,).
-        calm: derivative of the signal by windows as wide as the motion allows, shape (n,).
-        run: run number of each sample, shape (n,).
-    """
-    if not np.ptp(given) > 0.0:  # a joint at rest
-        return False
-    at = np.arange(len(position))
-    first, last = np.empty_like(at), np.empty_like(at)
-    for rows in blocks(run):
-        first[rows], last[rows] = rows.start, rows.stop - 1
-    for back, ahead in _REACHES:  # differences within each run, over shorter spans at its ends
-        before, after = np.maximum(at - back, first), np.minimum(at + ahead, last)
-        apart_s = time_s[after] - time_s[before]
-        moved = position[after] - position[before]
-        difference = np.divide(moved, apart_s, out=np.zeros_like(moved), where=apart_s > 0.0)
-        if np.mean((difference - given) ** 2) < _DIFFERENCE_NOISE * np.mean((difference - calm) ** 2):
-            return True
-    return False
 
 
 def with_arm(channels: Sequence[ChannelData]) -> tuple[ChannelData, ...]:

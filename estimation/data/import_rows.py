@@ -13,7 +13,7 @@ from palpate.estimation.data.table import Table
 from palpate.estimation.data.units import FINEST_S
 from palpate.estimation.signals.blocks import blocks, time_in_run
 from palpate.robot_io.errors import InputError
-from palpate.robot_io.types import BoolArray, FloatArray, IntArray
+from palpate.robot_io.types import FloatArray, IntArray
 
 UNKNOWN_PHASE = -1
 _LONGEST_NUMBER = 18  # digits of a run number; longer ones are names, such as serial numbers
@@ -79,18 +79,12 @@ def arrange_rows(columns: Columns, *, fresh: bool, count: int | None) -> Rows:
     same = np.abs(np.diff(time_s, prepend=-np.inf)) < FINEST_S
     same[1:] &= np.diff(run[order]) == 0
     if 0 < np.sum(same) < _MOST_REPEATED * len(order):
-        notes.append(
-            f"{np.sum(same)} of {len(order)} rows left out because they repeat the previous time, the "
-            f"first in {table.row_word} {table.rows[order[np.argmax(same)]]}"
-        )
+        notes.append(table.note_left_out(order[same], "they repeat the previous time"))
         order, time_s = order[~same], time_s[~same]
     counts = np.bincount(run[order]) if columns.run is None else np.array([_FEWEST])
     if counts.min() < _FEWEST <= counts.max():  # these runs were only detected, so they can be dropped
         short = counts[run[order]] < _FEWEST
-        notes.append(
-            f"{np.sum(short)} of {len(order)} rows left out because their run has fewer than {_FEWEST}, "
-            f"the first in {table.row_word} {table.rows[order[np.argmax(short)]]}"
-        )
+        notes.append(table.note_left_out(order[short], f"their run has fewer than {_FEWEST}"))
         order, time_s = order[~short], time_s[~short]
         labels = {number: labels[number] for number in np.unique(run[order]).tolist()}
     run = run[order]
@@ -111,32 +105,30 @@ def arrange_rows(columns: Columns, *, fresh: bool, count: int | None) -> Rows:
     return replace(rows, time_s=time_in_run(time_s, run)) if fresh else rows
 
 
-def new_rows(columns: Columns) -> BoolArray | None:
-    """Find rows that repeat an earlier row and make the clock go back.
+def without_repeated_rows(columns: Columns) -> Columns:
+    """Remove rows that repeat an earlier row and make the clock go back, and note it.
 
     A logger that writes its buffer twice repeats samples with their times. Rows that differ in any column,
     such as the name of a specimen, are not repeats. If the clock returns to its start, a new run begins,
-    which may legitimately repeat another run.
+    which may legitimately repeat another run. Nothing is removed in that case, if the clock also goes back
+    without the repeats, or if a column states the run.
 
     Args:
         columns: columns of the table.
-
-    Returns:
-        Mask of the other rows, shape (n,). None if there are no repeats, if the clock also goes back without
-        them, if it returns to its start, or if a column states the run.
     """
     if TIME not in columns or columns.run is not None:
-        return None
-    time_s = columns.values(TIME)
-    again_s = time_s[1:][np.diff(time_s) < 0.0]
-    if len(again_s) == 0 or again_s.min() <= time_s[0]:
-        return None
-    table = columns.table
-    values = np.column_stack([table.labels(name)[1] for name in table.names])
-    new = np.zeros(len(values), dtype=np.bool_)
-    new[np.unique(values, axis=0, return_index=True)[1]] = True
-    goes_on = bool(np.all(np.diff(time_s[new]) >= 0.0))
-    return new if goes_on and not new.all() else None
+        return columns
+    table, time_s = columns.table, columns.values(TIME)
+    restarts_s = time_s[1:][np.diff(time_s) < 0.0]
+    if len(restarts_s) == 0 or restarts_s.min() <= time_s[0]:
+        return columns
+    codes = np.column_stack([table.labels(name)[1] for name in table.names])
+    is_new = np.zeros(len(table), dtype=np.bool_)
+    is_new[np.unique(codes, axis=0, return_index=True)[1]] = True
+    if is_new.all() or np.any(np.diff(time_s[is_new]) < 0.0):
+        return columns
+    note = table.note_left_out(np.flatnonzero(~is_new), "each repeats an earlier row")
+    return replace(columns, table=table.select(is_new), choice_notes=(*columns.choice_notes, note))
 
 
 def _times(columns: Columns) -> FloatArray:
@@ -249,11 +241,8 @@ def _phases(table: Table, column: str | None) -> IntArray:
     names, index = table.labels(column)
     for number, name in enumerate(names):
         if name.lower() not in known:
-            row = table.rows[np.argmax(index == number)]
-            raise InputError(
-                f"{table.path}: {table.row_word} {row}, column '{column}': no phase is called '{name:.60}'. "
-                f"Valid: {', '.join(known)}"
-            )
+            place = table.place(np.argmax(index == number), column)
+            raise InputError(f"{place}: no phase is called '{name:.60}'. Valid: {', '.join(known)}")
     return np.array([known[name.lower()] for name in names], dtype=np.int64)[index]
 
 
@@ -269,7 +258,7 @@ def _check_times(columns: Columns, rows: Rows) -> None:
             f"{table.path}: column '{name}' has the same time in all rows; leave it out with "
             f"--context {shlex.quote(name)}, or name another column, --column time=COLUMN"
         )
-    before, after = (table.rows[rows.order[late[0] + step]] for step in (0, 1))
+    before, after = rows.order[late[0]], rows.order[late[0] + 1]
     in_run = f" of run '{rows.labels[int(rows.run[late[0]])]}'" if len(rows.labels) > 1 else ""
     in_order = ""  # unused text column whose values each occupy one block of rows with increasing times
     increases = np.diff(_times(columns)) > 0.0
@@ -283,7 +272,7 @@ def _check_times(columns: Columns, rows: Rows) -> None:
     sort = "" if in_order else "sort the rows, or "
     remedy = f"{sort}say with --column {RUN}={number} where a new run begins"
     raise InputError(
-        f"{table.path}: {table.row_word} {after}, column '{name}': {rows.time_s[late[0] + 1]:.9g} s does not "
-        f"come after {rows.time_s[late[0]]:.9g} s in {table.row_word} {before}{in_run}; times must increase "
-        f"within a run: {remedy}"
+        f"{table.place(after, name)}: {rows.time_s[late[0] + 1]:.9g} s does not come after "
+        f"{rows.time_s[late[0]]:.9g} s in {table.row_name(before)}{in_run}; times must increase within "
+        f"a run: {remedy}"
     )

@@ -10,6 +10,7 @@ from dataclasses import dataclass, field, replace
 from difflib import get_close_matches
 from functools import cached_property
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -18,7 +19,7 @@ from palpate.estimation.data.arrow import pa, pc
 from palpate.estimation.data.file_columns import BAGS, FileColumns, is_bag
 from palpate.estimation.data.json_table import read_json
 from palpate.estimation.data.table_layout import find_tests, is_filled, is_text, stack_tests, with_seconds
-from palpate.estimation.data.text_dialect import LEAST_UNMARKED
+from palpate.estimation.data.text_dialect import LEAST_UNMARKED, thousands_ambiguity
 from palpate.estimation.data.text_table import as_utf8, number_of, read_text_table
 from palpate.estimation.data.units import describe_fault, invalid_rows
 from palpate.robot_io.errors import InputError, UnknownNameError
@@ -54,6 +55,33 @@ class Table:
     def __len__(self) -> int:
         return len(self.rows)
 
+    def row_name(self, row: int | np.integer[Any]) -> str:
+        """Return a row as an editor or spreadsheet numbers it, such as "line 7".
+
+        Args:
+            row: index of the row, from 0.
+        """
+        return f"{self.row_word} {self.rows[row]}"
+
+    def place(self, row: int | np.integer[Any], name: str) -> str:
+        """Return file, row and column of a cell, as error messages begin.
+
+        Args:
+            row: index of the row, from 0.
+            name: name of the column.
+        """
+        return f"{self.path}: {self.row_name(row)}, column '{name}'"
+
+    def note_left_out(self, rows: IntArray, reason: str) -> str:
+        """Return a note on rows that are not used.
+
+        Args:
+            rows: indices of these rows, at least one; the note states the first.
+            reason: why they are not used.
+        """
+        first = self.row_name(rows[0])
+        return f"{len(rows)} of {len(self)} rows left out: {reason}, the first in {first}"
+
     @property
     def listed_names(self) -> str:
         """Names for an error message, shortened if there are many."""
@@ -88,37 +116,32 @@ class Table:
             except (pa.ArrowException, TypeError, ValueError):
                 column = _with_decimal_points(column, self.decimal)
                 values = np.array([number_of(text) for text in column.to_pylist()], dtype=np.float64)
-            bad = invalid_rows(values)
-            if len(bad):
+            if len(bad := invalid_rows(values)):
                 excerpt = str(column[int(bad[0])].as_py())[:_SHOWN]
                 fault = describe_fault(number_of(excerpt), len(bad))
-                place = f"{self.path}: {self.row_word} {self.rows[bad[0]]}, column '{name}'"
                 remedy = _remedy(excerpt, whole=len(bad) == len(values))
-                raise InputError(f"{place}: {excerpt!r} is {fault}; {remedy}")
+                raise InputError(f"{self.place(bad[0], name)}: {excerpt!r} is {fault}; {remedy}")
             if is_text(self._column(name).type):
                 self._check_thousands(name, values)
+            values.setflags(write=False)
             self._numbers[name] = values
-            self._numbers[name].setflags(write=False)
         return self._numbers[name]
 
     def _check_thousands(self, name: str, values: FloatArray) -> None:
         """Check that no number is read a thousand times too small, such as "1.000" after "999".
 
         Raises:
-            InputError: all numbers with a decimal mark could have a thousands separator in its place, while
-                others of at least 100 have none.
+            InputError: see `thousands_ambiguity`.
         """
-        trimmed, mark = pc.utf8_trim_whitespace(self._column(name)), re.escape(self.decimal)
+        trimmed = pc.utf8_trim_whitespace(self._column(name))
         marked = np.asarray(pc.match_substring(trimmed, self.decimal).fill_null(False))
-        if not 0 < marked.sum() < len(marked) or np.abs(values[~marked]).max() < LEAST_UNMARKED:
-            return
-        grouped = np.asarray(pc.match_substring_regex(trimmed, rf"^[+-]?[1-9]\d{{0,2}}{mark}\d{{3}}$"))
-        if np.array_equal(grouped.astype(np.bool_), marked):
-            row, whole = np.argmax(marked), np.argmax(~marked & (np.abs(values) >= LEAST_UNMARKED))
+        unmarked = np.where(marked, 0.0, np.abs(values))
+        texts = (str(trimmed[row]) for row in np.flatnonzero(marked).tolist())
+        if ambiguity := thousands_ambiguity(texts, float(unmarked.max()), self.decimal):
+            whole = trimmed[int(np.argmax(unmarked >= LEAST_UNMARKED))]
             raise InputError(
-                f"{self.path}: {self.row_word} {self.rows[row]}, column '{name}': '{trimmed[int(row)]}' may "
-                f"mean {values[row]:g} or {1000.0 * values[row]:g}, since numbers such as "
-                f"'{trimmed[int(whole)]}' have no decimal mark; write numbers without thousands separators"
+                f"{self.place(np.argmax(marked), name)}: {ambiguity}, since numbers such as '{whole}' have "
+                "no decimal mark; write numbers without thousands separators"
             )
 
     def varies(self, name: str) -> bool:

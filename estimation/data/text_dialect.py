@@ -5,7 +5,7 @@ import re
 import shlex
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
-from itertools import islice, zip_longest
+from itertools import chain, islice, zip_longest
 from pathlib import Path
 
 from palpate.estimation.data.column_names import (
@@ -186,6 +186,25 @@ def _strip_empty(row: Sequence[str]) -> Sequence[str]:
     return row[:width]
 
 
+def thousands_ambiguity(texts: Iterator[str], largest_unmarked: float, decimal: str) -> str:
+    """Describe a number that may be read a thousand times too small, such as "1.000" after "999".
+
+    Args:
+        texts: all numbers of a column that have a decimal mark, as text.
+        largest_unmarked: largest absolute value of the other numbers of the column.
+        decimal: decimal mark.
+
+    Returns:
+        The first text with both meanings, if each text could have a thousands separator in the place of the
+        mark and others of at least `LEAST_UNMARKED` have none; otherwise empty.
+    """
+    grouped, first = re.compile(rf"[+-]?[1-9]\d{{0,2}}{re.escape(decimal)}\d{{3}}"), next(texts, "")
+    if largest_unmarked < LEAST_UNMARKED or not all(map(grouped.fullmatch, chain([first], texts))):
+        return ""
+    value = float(first.replace(decimal, "."))
+    return f"'{first}' may mean {value:g} or {1000.0 * value:g}"
+
+
 def is_missing(cell: str) -> bool:
     """Return whether a cell marks a missing value: empty, "-", "#N/A" or similar.
 
@@ -225,9 +244,9 @@ DELIMITERS = (",", ";", "\t", "|")
 BLANKS = " "  # one or more blanks between cells
 _LOOKED_AT = 1 << 18  # bytes
 _MOST_LINES = 400
-_LINE = re.compile(rb"[^\r\n]*(\r\n|\r|\n|$)")
+_LINE = re.compile(rb"[^\n]*(\n|$)")
 _WORDS = re.compile(  # a line that begins with a word, possibly after the number of a test
-    rb"[\r\n][ \t,;|\"']*(?:\d+[\"']?[ \t]*[,;|\t][ \t,;|\"']*)?[A-Za-z(\[{<#%/!\x80-\xff][^\r\n]*"
+    rb"\n[ \t,;|\"']*(?:\d+[\"']?[ \t]*[,;|\t][ \t,;|\"']*)?[A-Za-z(\[{<#%/!\x80-\xff][^\r\n]*"
 )
 _CELLS = re.compile(
     rb"(?:^|[\r\n\t,;|])[ \"]*[-+]?[\d.,]*\d(?:[eE][-+]?\d+)?[ \"]*(?=$|[\t,;|])"
@@ -279,8 +298,8 @@ def find_dialect(content: bytes) -> TextDialect | None:
     if not lines:
         return None
     first = max(DELIMITERS, key=lines[0][1].count)
-    match = re.compile(rb"\r\n|\r|\n|$").search(content, lines[0][0])
-    begin, end = lines[0][0], match.end() if match else len(content)
+    begin = lines[0][0]
+    end = content.find(b"\n", begin) + 1 or len(content)
     # Read the whole header line, since a line of the sample may be truncated.
     header = content[begin:end].decode(errors="replace").rstrip("\r\n")
     names = [" ".join(name.split()) for name in next(_cells([header], first), [])]

@@ -59,8 +59,10 @@ def read_text_table(path: Path, selected: str) -> FileColumns:
     content, encoding = as_utf8(packed, path)
     if not content.strip():
         raise InputError(f"{path}: no rows of data; the file is empty")
+    if content.count(b"\r") > content.count(b"\r\n"):  # line ends of old programs
+        content = content.replace(b"\r\n", b"\n").replace(b"\r", b"\n")
     first_lines = content.lstrip()[: _LONGEST_LINE + 1]
-    if len(first_lines) > _LONGEST_LINE and not any(end in first_lines for end in _ENDS):
+    if len(first_lines) > _LONGEST_LINE and b"\n" not in first_lines:
         raise InputError(f"{path}: its first line is longer than 1 MiB; put the names of the columns there")
     content = _labels_as_header(content)
     dialect = find_dialect(content)
@@ -83,7 +85,7 @@ def read_text_table(path: Path, selected: str) -> FileColumns:
         filled, below = [(dialect.tables[0], dialect.tables[0].start, len(content))], []
     blocks = []
     for table, begin, end in filled:
-        line, rows = 1 + _line_ends(content, 0, table.head), 1 + _line_ends(content, begin, end - 1)
+        line, rows = (1 + content.count(b"\n", *span) for span in ((0, table.head), (begin, end - 1)))
         blocks.append(Block(str(line), table.names, rows))
     chosen, note = same_columns(blocks, selected, path)
     tests = [filled[place] for place in chosen]
@@ -268,18 +270,13 @@ def _line_numbers(content: bytes, begin: int, end: int, count: int | None = None
         end: index after the last byte.
         count: number of rows read from these lines; None if each line is one row.
     """
-    mark = b"\n" if b"\n" in content else b"\r"
-    first = 1 + _line_ends(content, 0, begin)
-    if count is not None and count >= content.count(mark, begin, end):  # no line is empty
+    first = 1 + content.count(b"\n", 0, begin)
+    if count is not None and count >= content.count(b"\n", begin, end):  # no line is empty
         return np.arange(first, first + count)
-    lines = content[begin:end].split(mark)
+    lines = content[begin:end].split(b"\n")
     filled = first + np.flatnonzero([bool(line.strip(b" \r")) for line in lines])
     # If quoted cells contain line ends, there are more lines than rows.
     return filled if count is None or count == len(filled) else np.arange(first, first + count)
-
-
-def _line_ends(content: bytes, begin: int, end: int) -> int:
-    return content.count(b"\n" if b"\n" in content else b"\r", begin, end)
 
 
 def number_of(text: object) -> float:
@@ -342,17 +339,13 @@ _PAIR = re.compile(  # a label, its number, and possibly a unit
     rb"[ \t]?([A-Za-z\xb0-\xff%/]{0,5})(?=[\s,;|]|$)"
 )
 _MOST_ABOVE, _FEWEST_LABELLED = 100, 5  # most lines above labeled rows; least number of such rows
-_ENDS = (b"\n", b"\r")
 
 
 def _end_of_rows(content: bytes, table: TextTable, end: int, dialect: TextDialect) -> int:
     """Return the index of the byte after the last row of a table; lines before `end` may not be rows."""
     begin = table.start
-    ends = dict.fromkeys(_ENDS, end)  # last position of each line end, so that each byte is searched once
     while end > begin:
-        line = end - (2 if content.endswith(b"\r\n", begin, end) else 1)
-        ends |= {mark: content.rfind(mark, begin, line) for mark, place in ends.items() if place >= line}
-        last = max(begin, *(place + 1 for place in ends.values()))
+        last = content.rfind(b"\n", begin, end - 1) + 1 or begin
         cells = line_cells(content[last:end].decode(errors="replace").strip("\r\n"), dialect.delimiter)
         if not is_footer(cells, counts=table.counts):
             break

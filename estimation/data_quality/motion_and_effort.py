@@ -3,7 +3,7 @@
 import numpy as np
 
 from palpate.estimation.channel import ChannelData, ChannelKind
-from palpate.estimation.data.import_file import mistaken_scale
+from palpate.estimation.data.measured_derivatives import mistaken_scale
 from palpate.estimation.fit.blocks import HEAVY
 from palpate.estimation.model import Model
 from palpate.estimation.signals.runwise import is_even, sample_time

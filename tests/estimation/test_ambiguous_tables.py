@@ -56,6 +56,15 @@ def test_a_lone_quotation_mark_swallows_no_rows_and_a_quoted_remark_of_several_l
     assert len(import_file(path).channels[0].effort) == len(TIME_S)
 
 
+def test_lines_with_different_ends_keep_their_numbers(tmp_path):
+    lines, path = rows(TIME_S, DEPTH_M, FORCE_N), tmp_path / "press.csv"
+    lines[300] = f"{lines[300]};5"
+    text = "\r".join([HEADER, *lines[:200]]) + "\r\n" + "\n".join(lines[200:])
+    path.write_text(text, encoding="utf-8", newline="")
+    with pytest.raises(InputError, match="line 302 has 5 cells and the header 4"):
+        import_file(path)
+
+
 def workbook(path, *header_rows, force):
     book = openpyxl.Workbook()
     for row in (*header_rows, *zip(TIME_S.tolist(), DEPTH_M.tolist(), force, strict=True)):
@@ -102,6 +111,16 @@ def test_an_unrelated_velocity_is_not_used(tmp_path):
     noisy = np.gradient(DEPTH_M, TIME_S) + np.random.default_rng(1).normal(0.0, 0.05, len(TIME_S))
     notes = notes_of(tmp_path / "press.csv", header, TIME_S, DEPTH_M, noisy, FORCE_N)
     assert "does not follow" not in notes
+
+
+def test_an_unrelated_acceleration_is_not_used(tmp_path):
+    header = "time_s;displacement_m;acceleration_m_s2;force_N;note"
+    for acceleration in (np.zeros_like(TIME_S), np.sin(90.0 * TIME_S + 1.0)):
+        notes = notes_of(tmp_path / "press.csv", header, TIME_S, DEPTH_M, acceleration, FORCE_N)
+        assert "'acceleration_m_s2' does not follow the rate of change of the velocity" in notes
+    true = 3e-3 * 2.0 * (10.0 * np.pi) ** 2 * np.cos(20.0 * np.pi * TIME_S)
+    noisy = true + np.random.default_rng(1).normal(0.0, 6.0, len(TIME_S))
+    assert "does not follow" not in notes_of(tmp_path / "press.csv", header, TIME_S, DEPTH_M, noisy, FORCE_N)
 
 
 def test_a_constant_velocity_is_used(tmp_path):

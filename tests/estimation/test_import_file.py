@@ -514,9 +514,7 @@ def test_one_joint_with_a_clear_sign_turns_those_without_one(tmp_path):
 def test_rows_that_repeat_a_time_are_left_out_and_counted(contact):
     imported = import_file(contact(time_s=np.where(np.arange(50) == 20, T[19], T)))
     np.testing.assert_array_equal(imported.channels[0].effort, np.delete(F, 20))
-    assert (
-        "1 of 50 rows left out because they repeat the previous time, the first in line 22" in imported.notes
-    )
+    assert "1 of 50 rows left out: they repeat the previous time, the first in line 22" in imported.notes
 
 
 def test_rows_that_a_logger_wrote_twice_are_left_out_and_counted(contact):
@@ -525,6 +523,10 @@ def test_rows_that_a_logger_wrote_twice_are_left_out_and_counted(contact):
     imported = import_file(contact(**columns))
     np.testing.assert_array_equal(only(imported).effort, F)
     assert "8 of 58 rows left out: each repeats an earlier row, the first in line 52" in imported.notes
+    with_gap = import_file(contact(**{**columns, "force_N": [*F[:20], "", *F[21:], *F[36:44]]}))
+    np.testing.assert_array_equal(only(with_gap).effort, np.delete(F, 20))
+    assert "1 of 58 rows left out: no value in 'force_N', the first in line 22" in with_gap.notes
+    assert "8 of 57 rows left out: each repeats an earlier row, the first in line 52" in with_gap.notes
     columns["force_N"] = np.append(F, F[36:44] + 1.0)  # another sample of these times
     with pytest.raises(InputError, match="times must increase"):
         import_file(contact(**columns))

@@ -1,0 +1,91 @@
+"""Check velocities and accelerations of a data file against the motion of which they are derivatives."""
+
+import numpy as np
+
+from palpate.estimation.signals.blocks import blocks
+from palpate.estimation.signals.runwise import sample_time
+from palpate.estimation.statistics.correlation import correlation_coefficient
+from palpate.robot_io.types import FloatArray, IntArray
+
+_SAME_SHAPE = 0.7  # least correlation (half of the variance) for a velocity of this position at any scale
+_UNRELATED = 0.5  # largest correlation of a velocity with another motion
+_CLEAR_MOTION = 20.0  # least range of a position that moves, in standard deviations of its steps
+_OTHER_SCALE = 1.5  # least ratio of a wrong unit: smoothing changes a velocity by less than a third
+_SPANS = tuple(2**power for power in range(12))  # numbers of samples over which the two are compared
+_PAUSE = 5.0  # ratio to the usual step above which sampling paused
+_LEAST_SPANS = 0.5  # least share of the samples at which a span begins
+_HALVES = (1, 2, 3, 4, 5, 8, 10, 16, 32)  # number of samples on each side of a central difference
+_REACHES = (*((half, half) for half in _HALVES), (1, 0), (0, 1))  # central, backward and forward
+_DIFFERENCE_NOISE = 0.5  # largest squared deviation from a finite difference, relative to its noise
+
+
+def mistaken_scale(
+    time_s: FloatArray, position: FloatArray, velocity: FloatArray, run: IntArray
+) -> float | None:
+    """Return the ratio of a measured velocity to the slope of the position if it is wrong, else None.
+
+    The ratio is NaN if the velocity is unrelated to a position that clearly moves.
+
+    The function compares changes of position with integrals of the velocity over the time span at which they
+    correlate most. Long spans reduce the influence of encoder steps and noise. Short spans reduce the
+    influence of the integrated velocity error. The result is None for a joint at rest. Spans across a pause
+    in sampling are excluded.
+
+    Args:
+        time_s: times, shape (n,) [s].
+        position: position, shape (n,).
+        velocity: measured velocity, shape (n,).
+        run: run number of each sample, shape (n,).
+    """
+    steps_s = np.diff(time_s)
+    breaks = (np.diff(run) != 0) | (steps_s > _PAUSE * sample_time(time_s, run))
+    piece = np.concatenate([[0], np.cumsum(breaks)])
+    mean = 0.5 * (velocity[1:] + velocity[:-1])
+    led = np.concatenate([[0.0], np.cumsum(np.where(np.diff(piece) == 0, mean * steps_s, 0.0))])
+    best, ratio, likeness = 0.0, 1.0, 0.0
+    for samples in _SPANS:
+        same = piece[samples:] == piece[:-samples]
+        if np.sum(same) < _LEAST_SPANS * len(position):
+            break
+        moved, by_velocity = ((x[samples:] - x[:-samples])[same] for x in (position, led))
+        correlation = correlation_coefficient(moved, by_velocity)
+        if abs(correlation) > best:
+            best, ratio = abs(correlation), float(by_velocity @ by_velocity) / float(moved @ by_velocity)
+        size = float(np.linalg.norm(moved) * np.linalg.norm(by_velocity))
+        # At constant speed, changes are equal, and their correlation is that of rounding errors.
+        likeness = max(likeness, best, abs(float(moved @ by_velocity)) / size if size > 0.0 else 0.0)
+    if likeness < _UNRELATED and np.ptp(position) > _CLEAR_MOTION * np.std(np.diff(position)[~breaks]):
+        return np.nan
+    is_mistaken = best > _SAME_SHAPE and not 1.0 / _OTHER_SCALE < ratio < _OTHER_SCALE
+    return ratio if is_mistaken else None
+
+
+def is_difference(
+    time_s: FloatArray, position: FloatArray, given: FloatArray, calm: FloatArray, run: IntArray
+) -> bool:
+    """Return whether a derivative has the noise of a finite difference of the positions.
+
+    Such a column contains no information beyond the positions and is noisier than necessary: a central
+    difference (such as `numpy.gradient`) contains the errors of two readings.
+
+    Args:
+        time_s: times, shape (n,) [s].
+        position: position or another signal, shape (n,).
+        given: derivative of the signal in the file, shape (n,).
+        calm: derivative of the signal by windows as wide as the motion allows, shape (n,).
+        run: run number of each sample, shape (n,).
+    """
+    if not np.ptp(given) > 0.0:  # a joint at rest
+        return False
+    at = np.arange(len(position))
+    first, last = np.empty_like(at), np.empty_like(at)
+    for rows in blocks(run):
+        first[rows], last[rows] = rows.start, rows.stop - 1
+    for back, ahead in _REACHES:  # differences within each run, over shorter spans at its ends
+        before, after = np.maximum(at - back, first), np.minimum(at + ahead, last)
+        apart_s = time_s[after] - time_s[before]
+        moved = position[after] - position[before]
+        difference = np.divide(moved, apart_s, out=np.zeros_like(moved), where=apart_s > 0.0)
+        if np.mean((difference - given) ** 2) < _DIFFERENCE_NOISE * np.mean((difference - calm) ** 2):
+            return True
+    return False
