@@ -82,7 +82,7 @@ def read_text_table(path: Path, selected: str) -> FileColumns:
     below = [line for line in content[spans[-1][2] :].splitlines() if line.strip()]
     filled = [span for span in spans if span[2] > span[1]]
     if not filled:  # the parser then reports the error in these lines
-        filled, below = [(dialect.tables[0], dialect.tables[0].start, len(content))], []
+        filled, below = [(dialect.tables[0], dialect.tables[0].start, len(content.rstrip()))], []
     blocks = []
     for table, begin, end in filled:
         line, rows = (1 + content.count(b"\n", *span) for span in ((0, table.head), (begin, end - 1)))

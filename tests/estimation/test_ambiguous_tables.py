@@ -141,3 +141,11 @@ def test_a_unit_that_makes_numbers_too_large_is_refused(tmp_path):
     path.write_text("\n".join([HEADER, *rows(TIME_S, DEPTH_M, FORCE_N)]), encoding="utf-8")
     with pytest.raises(InputError, match=r"column 'force_N' in 1e30N: .*N is too large a number"):
         import_file(path, ImportOptions(units={"force": "1e30N"}))
+
+
+def test_a_blank_at_the_end_of_rows_without_numbers_hides_no_error(tmp_path):
+    path = tmp_path / "press.csv"
+    path.write_text("".join(f"00:{n:02d}.0,-1.0,0.5 00:{n:02d}.0,-1.0,0.5\n" for n in range(60)) + " ")
+    with pytest.raises(InputError) as error:
+        import_file(path)
+    assert "cannot be read" not in str(error.value)
