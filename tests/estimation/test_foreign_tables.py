@@ -437,8 +437,7 @@ def test_a_few_rows_before_a_clock_begins_anew_are_left_out(tmp_path):
     found = import_file(path)
     assert len(found.channels[0]) == 600
     assert any(
-        "2 of 602 rows left out: their run has fewer than 5, the first in line 2" in n
-        for n in found.notes
+        "2 of 602 rows left out: their run has fewer than 5, the first in line 2" in n for n in found.notes
     )
 
 
