@@ -30,7 +30,7 @@ from palpate.robot_io.drivers.serial_force.line import (
     SerialForceSensor,
     SerialReader,
 )
-from palpate.robot_io.drivers.serial_force.stream import OwnTime, known_unit, newtons_per
+from palpate.robot_io.drivers.serial_force.stream import OwnTime, ReadingStream, known_unit, newtons_per
 from palpate.robot_io.drivers.servo.stream import bit_names
 from palpate.robot_io.errors import DeviceError, ProtocolError
 from palpate.robot_io.examination import Examinable
@@ -99,18 +99,20 @@ def status_problem(status: int) -> str:
     return ""
 
 
-class NetFtStream:
-    """Forces of one axis ("x", "y" or "z") from datagrams, `rate_hz` of them a second [Hz]; see `Stream`.
+class NetFtStream(ReadingStream):
+    """Forces of one axis ("x", "y" or "z") from datagrams, `rate_hz` of them a second [Hz].
 
     Rejected are datagrams that were not records, and records that were not new.
     """
+
+    has_checksums = True
+    own_time: OwnTime
 
     def __init__(self, newtons_per_count: float, axis: str, rate_hz: float) -> None:
         self._scale, self._axis, self._period_s = newtons_per_count, "xyz".index(axis), 1.0 / rate_hz
         self._last: Record | None = None
         self._old = 0  # in a row
-        self.complaint, self.own_time = "", OwnTime()
-        self.rejected = 0
+        self.own_time = OwnTime()
 
     def feed(self, data: bytes) -> list[float]:
         """Decode the force in one datagram [N]; nothing if it is not new."""
@@ -126,8 +128,9 @@ class NetFtStream:
             self._old += 1
             is_beginning = record.sequence <= _BEGINNING and last.sequence > 2 * _BEGINNING
             if self._old >= (_OLD_BEGINNING if is_beginning else _OLD_RECORDS):
-                what = "restarted its counter, or measures nothing new: has it restarted?"
-                self.complaint = f"the sensor {what}"
+                self.complaint = (
+                    "the sensor restarted its counter, or measures nothing new: has it restarted?"
+                )
             return []
         self._old = 0
         self.own_time.goes_on(steps * self._period_s)
@@ -349,4 +352,4 @@ class NetFt(SerialForceSensor, Examinable):
         device = f"{configuration.product}, {configuration.rate_hz} records/s"
         self._identified = f"{device}, {own.axis} axis, {own.capacity_n:.4g} N"
         stream = NetFtStream(newtons_per_count, own.axis, configuration.rate_hz)
-        self._bus.listen(stream, own.capacity_n, has_checksums=True, own_time=stream.own_time)
+        self._bus.listen(stream, own.capacity_n)

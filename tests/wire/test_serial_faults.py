@@ -11,6 +11,7 @@ from palpate.robot_io.driver import DriverCatalog
 from palpate.robot_io.drivers.serial_force import lorenz
 from palpate.robot_io.drivers.serial_force.gauges import loadstar_stream
 from palpate.robot_io.drivers.serial_force.line import SerialReader
+from palpate.robot_io.drivers.serial_force.stream import ReadingStream
 from palpate.robot_io.errors import DeviceError
 from palpate.robot_io.robot import build_robot
 from palpate.robot_io.robot_file import parse_robot_file
@@ -141,9 +142,7 @@ def test_a_thread_reads_and_ends_with_a_word_when_the_port_goes(terminal):
 def test_a_defect_in_a_decoder_does_not_end_the_thread_unseen(terminal):
     master, slave, _ = terminal
 
-    class Broken:
-        rejected = 0
-
+    class Broken(ReadingStream):
         def feed(self, data):
             raise ZeroDivisionError("a defect")
 

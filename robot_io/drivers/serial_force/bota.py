@@ -14,7 +14,7 @@ from math import copysign, isfinite
 from typing import Final, Literal, NamedTuple
 
 from palpate.robot_io.drivers.serial_force.line import AxisForceSettings, SerialForceSensor, SerialLine
-from palpate.robot_io.drivers.serial_force.stream import OwnTime
+from palpate.robot_io.drivers.serial_force.stream import OwnTime, ReadingStream
 from palpate.robot_io.drivers.servo.stream import PacketStream, bit_names
 from palpate.robot_io.errors import ProtocolError
 from palpate.robot_io.examination import Examinable
@@ -116,14 +116,17 @@ class _Frames(PacketStream[Sample]):
         return decode_frame(packet)
 
 
-class BotaStream:
-    """Forces of one axis ("x", "y" or "z") from frames; see `Stream`.
+class BotaStream(ReadingStream):
+    """Forces of one axis ("x", "y" or "z") from frames; see `ReadingStream`.
 
     The sensor's time must advance by no more than a second from sample to sample, because a CRC of 16 bits
     lets one damaged frame in 65 536 through. After a larger step, or at the start, a sample counts once the
     next one continues its time. If the sensor reports an exceeded range, at least `capacity_n` [N] is
-    returned.
+    returned. Rejected are damaged frames, repeated samples, and samples that the sensor skipped.
     """
+
+    has_checksums = True
+    own_time: OwnTime
 
     def __init__(self, axis: str, capacity_n: float) -> None:
         self._axis, self._capacity_n = "xyz".index(axis), capacity_n
@@ -132,15 +135,12 @@ class BotaStream:
         self._odd_us: int | None = None
         self._left_out = self._skipped = 0  # the latter in a row
         self._restarted = ""
-        self.complaint, self.own_time = "", OwnTime()
-
-    @property
-    def rejected(self) -> int:
-        """Number of damaged frames, repeated samples, and samples that the sensor skipped."""
-        return self._frames.rejected + self._left_out
+        self.own_time = OwnTime()
 
     def feed(self, data: bytes) -> list[float]:
-        return [force for sample in self._frames.feed(data) for force in self._forces(sample)]
+        forces_n = [force_n for sample in self._frames.feed(data) for force_n in self._forces(sample)]
+        self.rejected = self._frames.rejected + self._left_out
+        return forces_n
 
     def _forces(self, sample: Sample) -> list[float]:
         is_new, is_skipped = self._is_new(sample.time_us), sample.status & _SKIPPED
@@ -206,18 +206,12 @@ class Bota(SerialForceSensor, Examinable):
             raise self._error(
                 f"a line of {baud_rate} bit/s cannot carry {own.rate_hz} samples/s. Valid: {valid}"
             )
-        for command in (
-            CONFIGURE,
-            communication_setup(baud_rate),
-            filter_setup(own.rate_hz),
-            RUN,
-        ):
+        for command in (CONFIGURE, communication_setup(baud_rate), filter_setup(own.rate_hz), RUN):
             self._command(command)
         self._identified = (
             f"Bota, {own.rate_hz} samples/s, {own.axis} axis, {own.capacity_n:.4g} N by the robot file"
         )
-        stream = BotaStream(own.axis, own.capacity_n)
-        self._bus.listen(stream, own.capacity_n, has_checksums=True, own_time=stream.own_time)
+        self._bus.listen(BotaStream(own.axis, own.capacity_n), own.capacity_n)
 
     def _command(self, command: bytes) -> None:
         """Send a command until it is confirmed; the sensor may be starting or may have lost a letter."""

@@ -262,16 +262,17 @@ class Mark10Stream(LineStream):
     and readings before it are left out; raise `ProtocolError` if the unit is not a unit of force.
     """
 
+    poll: Poll
+
     def __init__(self, unit: str, capacity_n: float, model: str, poll: Poll) -> None:
         super().__init__(self._in_unit, 2.0 * capacity_n, from_beginning=True)
-        self._model, self._poll = model.encode("ascii"), poll
+        self._model, self.poll = model.encode("ascii"), poll
         self._unit, self._newtons = unit, newtons_per(unit)
         self._new_unit, self._new_unit_count = "", 0  # consecutive readings in another unit
-        self.complaint = ""
 
     def _take(self, line: bytes, samples: list[float]) -> None:
         if line.rstrip().endswith(self._model):  # may follow a reading that has lost its end
-            self._poll.marked()
+            self.poll.marked()
             samples.clear()
         else:
             super()._take(line, samples)
@@ -321,12 +322,11 @@ class Mark10(SerialForceSensor, Examinable):
         line = self._ask(ASK, "a reading")
         try:
             _, unit = reading_of(line)
-            poll = Poll(ASK, ASK_GAUGE_MODEL)
-            stream = Mark10Stream(unit, self._own.capacity_n, model, poll)
+            stream = Mark10Stream(unit, self._own.capacity_n, model, Poll(ASK, ASK_GAUGE_MODEL))
         except ProtocolError as error:
             raise self._error(str(error)) from error
         self._identified = f"{model}, reads in {unit}, {self._own.capacity_n:.4g} N by the robot file"
-        self._bus.listen(stream, self._own.capacity_n, poll=poll)
+        self._bus.listen(stream, self._own.capacity_n)
 
     def _ask(self, commands: bytes, what: str, but: re.Pattern[str] | None = None) -> str:
         """Return the first answer line that is not in `but`; raise `DeviceError` on an error or no line."""

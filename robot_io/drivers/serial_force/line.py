@@ -14,7 +14,7 @@ from pydantic import Field, StrictBool
 
 from palpate.robot_io.clock import Clock, SimulatedClock
 from palpate.robot_io.driver import DriverContext
-from palpate.robot_io.drivers.serial_force.stream import LineSplitter, OwnTime, Poll, ReadingStream
+from palpate.robot_io.drivers.serial_force.stream import LineSplitter, ReadingStream
 from palpate.robot_io.errors import DeviceError, DeviceTimeoutError
 from palpate.robot_io.examination import Finding, ok
 from palpate.robot_io.extras import LazyModule
@@ -57,29 +57,22 @@ class SerialReader:
     stays there or continues in the same direction: a lost byte or a flipped bit shows once. With a checksum
     for each reading, none of this is needed.
 
-    The port must not block. The stream waits `held_back_s` [s] for the confirmation of a reading. A reading
-    that is late by the sensor's `own_time`, which the stream keeps, gets an earlier time. A reading requested
-    by a `poll` gets the time of its request.
+    A reading that is late by the sensor's own time gets an earlier time, and a requested reading gets the
+    time of its request; see `ReadingStream`.
+
+    Args:
+        file_descriptor: an open port that does not block.
+        stream: parser of the bytes.
+        clock: robot's clock.
+        capacity_n: end of the sensor's range [N].
 
     Attributes:
         newest: the newest reading; None before the first.
         failure: why the port can no longer be read, or None.
     """
 
-    def __init__(
-        self,
-        file_descriptor: int,
-        stream: ReadingStream,
-        clock: Clock,
-        capacity_n: float,
-        held_back_s: float = 0.0,
-        *,
-        has_checksums: bool = False,
-        own_time: OwnTime | None = None,
-        poll: Poll | None = None,
-    ) -> None:
-        self._held_back_s, self._has_checksums, self._poll = held_back_s, has_checksums, poll
-        self._own_time, self._is_prompt = own_time, False
+    def __init__(self, file_descriptor: int, stream: ReadingStream, clock: Clock, capacity_n: float) -> None:
+        self._is_prompt = False  # whether the bytes have just arrived
         self._file_descriptor, self._stream, self._clock = file_descriptor, stream, clock
         self._looked_s = clock.now_s()
         self._to_discard, self._discard_next = 0, _DISCARD
@@ -141,11 +134,11 @@ class SerialReader:
         now_s, before_s = self._clock.now_s(), self._looked_s
         self._looked_s = now_s
         self._is_prompt = now_s - before_s <= _PROMPT_S
-        arrived_s = (now_s if self._is_prompt else before_s) - self._held_back_s
+        arrived_s = (now_s if self._is_prompt else before_s) - self._stream.held_back_s
         for data in pieces:
             self._keep(data, arrived_s)
-        if self._poll:
-            question = self._poll.to_send(now_s)
+        if self._stream.poll:
+            question = self._stream.poll.to_send(now_s)
             try:
                 if question:
                     os.write(self._file_descriptor, question)
@@ -161,23 +154,23 @@ class SerialReader:
 
     def _keep(self, data: bytes, read_s: float) -> None:
         arrived_s: float | None = read_s
-        rejected = self._stream.rejected
-        samples = self._stream.feed(data)
-        is_damaged = self._stream.rejected != rejected
-        if self._poll and (samples or is_damaged):
-            asked_s = self._poll.answered(read_s)
+        stream, rejected = self._stream, self._stream.rejected
+        samples = stream.feed(data)
+        is_damaged = stream.rejected != rejected
+        if stream.poll and (samples or is_damaged):
+            asked_s = stream.poll.answered(read_s)
             arrived_s = asked_s if len(set(samples)) <= 1 else None  # several readings were not requested
         late_s = 0.0
-        if self._own_time and samples and arrived_s is not None:
-            dated_s = self._own_time.sampled_at_s(arrived_s, prompt=self._is_prompt)
+        if stream.own_time and samples and arrived_s is not None:
+            dated_s = stream.own_time.sampled_at_s(arrived_s, prompt=self._is_prompt)
             arrived_s, late_s = dated_s, arrived_s - dated_s
         for force_n in self._undamaged(samples, is_damaged=is_damaged):
-            if arrived_s is not None and (self._has_checksums or self._is_plausible(force_n)):
+            if arrived_s is not None and (stream.has_checksums or self._is_plausible(force_n)):
                 self.newest = ForceSample(force_n, arrived_s, late_s)
 
     def _undamaged(self, samples: list[float], *, is_damaged: bool) -> list[float]:
         """Return the received readings, without those beside damaged ones or soon after them."""
-        if self._has_checksums:
+        if self._stream.has_checksums:
             return samples
         if is_damaged:
             self._to_discard, self._good = self._discard_next, 0
@@ -220,9 +213,8 @@ class SerialReader:
 
 Answer = TypeVar("Answer")
 
-_SILENT_SHARE = (
-    0.5  # of the age limit; reported from then on, so that the cause is known when the limit is reached
-)
+# Share of the age limit from which silence is reported, so that the cause is known at the limit.
+_SILENT_SHARE = 0.5
 _WRITE_S = 0.2  # longer than any request takes to send
 
 
@@ -326,40 +318,18 @@ class ForceLine(Bus):
                 return answer
         return None
 
-    def listen(
-        self,
-        stream: ReadingStream,
-        capacity_n: float,
-        held_back_s: float = 0.0,
-        *,
-        has_checksums: bool = False,
-        own_time: OwnTime | None = None,
-        poll: Poll | None = None,
-    ) -> None:
+    def listen(self, stream: ReadingStream, capacity_n: float) -> None:
         """Parse all bytes as readings with `stream`; readings from `capacity_n` [N] on are saturated.
 
         Args:
             stream: parser of the bytes.
             capacity_n: end of the sensor's range [N].
-            held_back_s: time for which the stream waits for the confirmation of a reading [s].
-            has_checksums: whether each reading has a checksum.
-            own_time: dates readings by the sensor's time.
-            poll: asks for each reading.
 
         Raises:
             DeviceError: the port is not open.
         """
         self._capacity_n = capacity_n
-        self._reader = self.reader_type(
-            self._opened().fileno(),
-            stream,
-            self._clock,
-            capacity_n,
-            held_back_s,
-            has_checksums=has_checksums,
-            own_time=own_time,
-            poll=poll,
-        )
+        self._reader = self.reader_type(self._opened().fileno(), stream, self._clock, capacity_n)
         self._reader.start()
 
     def poll(self, deadline_s: float) -> None:

@@ -12,13 +12,13 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from enum import IntEnum
 from itertools import pairwise
-from math import nan
+from math import inf, nan
 from typing import Annotated
 
 from pydantic import AfterValidator, Field, field_validator
 
 from palpate.robot_io.drivers.serial_force.line import SerialForceSensor, SerialForceSettings
-from palpate.robot_io.drivers.serial_force.stream import known_unit, newtons_per
+from palpate.robot_io.drivers.serial_force.stream import ReadingStream, known_unit, newtons_per
 from palpate.robot_io.errors import DeviceError, InputError, ProtocolError
 from palpate.robot_io.examination import Examinable
 from palpate.robot_io.files.file_model import Positive
@@ -202,7 +202,7 @@ def _signed(high: int, low: int) -> int:
     return int.from_bytes((high, low), "big", signed=True)
 
 
-class LorenzStream:
+class LorenzStream(ReadingStream):
     """Samples of the fast stream (mode 3): a counter, and 16 bits, signed, big-endian; no checksum.
 
     Only the counters determine where a sample begins and ends. A sample counts once the next counter has
@@ -213,16 +213,14 @@ class LorenzStream:
 
     Args:
         newtons_per_count: newtons in one count.
+        rate_hz: sample rate [Hz]; a sample waits for the next counter for one period, 0 by default.
     """
 
-    complaint = ""  # the protocol reports no errors
-
-    def __init__(self, newtons_per_count: float) -> None:
-        self._factor = newtons_per_count
+    def __init__(self, newtons_per_count: float, rate_hz: float = inf) -> None:
+        self._factor, self.held_back_s = newtons_per_count, 1.0 / rate_hz
         self._rest = b""
         self._in_step = False  # whether the remaining bytes begin with a counter
         self._last_counts = nan  # of the last sample that was accepted
-        self.rejected = 0
 
     def feed(self, data: bytes) -> list[float]:
         buffer, place, samples = self._rest + data, 0, []
@@ -337,8 +335,8 @@ class Lorenz(SerialForceSensor, Examinable):
             f"serial number {header.serial_number}, {own.nominal_n:.4g} N, {own.rate_hz} samples/s"
         )
         self._command(encode_start_stream(own.address, own.rate_hz), LorenzCommand.ACK, "the stream")
-        stream = LorenzStream(own.nominal_n / own.counts_at_nominal)
-        self._bus.listen(stream, own.nominal_n, held_back_s=1.0 / own.rate_hz)
+        stream = LorenzStream(own.nominal_n / own.counts_at_nominal, own.rate_hz)
+        self._bus.listen(stream, own.nominal_n)
 
     def _ask(self, command: LorenzCommand, parameters: bytes, expected: LorenzCommand) -> Telegram:
         data = encode_telegram(Telegram(command, self._own.address, HOST, parameters))

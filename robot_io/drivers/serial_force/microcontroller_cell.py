@@ -20,7 +20,7 @@ from typing import Annotated
 from pydantic import Field
 
 from palpate.robot_io.drivers.serial_force.line import SerialForceSensor, SerialForceSettings
-from palpate.robot_io.drivers.serial_force.stream import LineSplitter, OwnTime, text_of
+from palpate.robot_io.drivers.serial_force.stream import LineSplitter, OwnTime, ReadingStream, text_of
 from palpate.robot_io.errors import ProtocolError
 from palpate.robot_io.examination import Examinable
 from palpate.robot_io.files.file_model import Capacity, Number, Positive
@@ -83,12 +83,15 @@ def fault_of(line: bytes) -> str:
     return ""
 
 
-class CellStream:
+class CellStream(ReadingStream):
     """Forces from lines; a line whose counter repeats or goes back is old, and is ignored.
 
     If five such lines continue from each other, the cell has restarted. A converter at the end of its range
     shows at least `capacity_n` [N]. `rate_hz` is the sample rate [Hz], by which `own_time` dates samples.
     """
+
+    has_checksums = True
+    own_time: OwnTime
 
     def __init__(
         self, newtons_per_count: float, zero_counts: float, capacity_n: float, rate_hz: float
@@ -100,13 +103,6 @@ class CellStream:
         self._counter: int | None = None
         self._old_counter: int | None = None  # counter of the last ignored sample
         self._old = 0  # number of ignored samples that continue from each other
-        self.complaint = ""
-        self._bad = 0
-
-    @property
-    def rejected(self) -> int:
-        """Number of damaged or old lines."""
-        return self._bad + self._lines.dropped
 
     def feed(self, data: bytes) -> list[float]:
         samples: list[float] = []
@@ -118,7 +114,7 @@ class CellStream:
                     self.complaint = f"the cell says '{fault}'"
                     self.own_time.restart()  # the cell's counter does not advance during a fault
                 else:
-                    self._bad += 1
+                    self.rejected += 1
                 continue
             if self._is_new(counter):
                 self.complaint = ""
@@ -127,7 +123,7 @@ class CellStream:
                 force_n = copysign(max(abs(force_n), self._capacity_n), force_n) if at_end else force_n
                 samples.append(force_n)
             else:
-                self._bad += 1
+                self.rejected += 1
         return samples
 
     def _is_new(self, counter: int) -> bool:
@@ -184,7 +180,7 @@ class MicrocontrollerCell(SerialForceSensor, Examinable):
             f"{chip}, {rate_hz} samples/s, load cell of {own.capacity_n:.4g} N by the robot file"
         )
         stream = CellStream(own.newtons_per_count, own.zero_counts, own.capacity_n, rate_hz)
-        self._bus.listen(stream, own.capacity_n, has_checksums=True, own_time=stream.own_time)
+        self._bus.listen(stream, own.capacity_n)
 
 
 def _identity(line: bytes) -> list[str] | None:

@@ -1,10 +1,10 @@
 """Readings from a byte stream: the sensor's own time, requests, lines and units."""
 
+from abc import ABC, abstractmethod
 from collections import deque
 from collections.abc import Callable
 from itertools import pairwise
 from math import inf
-from typing import Protocol
 
 from palpate.robot_io.errors import ProtocolError
 
@@ -34,9 +34,8 @@ class OwnTime:
         """Reset after a restart of the sensor, whose time then has no relation to earlier readings."""
         self._now_s = self._looked_s = 0.0  # on the sensor's clock
         self._arrived_s = inf
-        self._delay_s = self._window_delay_s = (
-            inf  # the shortest delay, which includes the offset between the clocks
-        )
+        # The shortest delay, which includes the offset between the clocks.
+        self._delay_s = self._window_delay_s = inf
         self._window_end_s, self._delays_s = _WINDOW_S, deque[float](maxlen=_WINDOWS)
 
     def goes_on(self, by_s: float) -> None:
@@ -217,15 +216,26 @@ def text_of(line: bytes) -> str:
     return line.decode("ascii").strip()
 
 
-class ReadingStream(Protocol):
-    """Parser of force samples from bytes, in any portions. Damaged samples are counted and ignored."""
+class ReadingStream(ABC):
+    """Parser of force samples from bytes, in any portions. Damaged samples are counted and ignored.
 
-    complaint: str  # error that the device reports since its last sample, or an empty string
+    Attributes:
+        rejected: number of received items that were not samples.
+        complaint: error that the device has reported since its last sample; empty if there is none.
+        has_checksums: whether each sample has a checksum.
+        held_back_s: time for which the stream waits for the confirmation of a sample [s].
+        own_time: dates samples by the sensor's own time; None if it sends none.
+        poll: requests each sample; None if the sensor sends them by itself.
+    """
 
-    @property
-    def rejected(self) -> int:
-        """Number of received items that were not samples."""
+    rejected = 0
+    complaint = ""
+    has_checksums = False
+    held_back_s = 0.0
+    own_time: OwnTime | None = None
+    poll: Poll | None = None
 
+    @abstractmethod
     def feed(self, data: bytes) -> list[float]:
         """Process received bytes, and return the samples that are now complete.
 
@@ -235,16 +245,11 @@ class ReadingStream(Protocol):
 
 
 class LineSplitter:
-    """Splits bytes at CR and LF; empty lines are dropped.
-
-    Attributes:
-        dropped: lines that were too long.
-    """
+    """Splits bytes at CR and LF; empty lines are dropped, and a line that is too long becomes empty."""
 
     def __init__(self) -> None:
         self._rest = b""
         self._skipping = False  # while skipping a line whose beginning was missing or too long
-        self.dropped = 0
 
     def feed(self, data: bytes) -> list[bytes]:
         """Process received bytes, and return the lines that are now complete.
@@ -255,18 +260,18 @@ class LineSplitter:
         *lines, self._rest = (self._rest + data).replace(b"\r", b"\n").split(b"\n")
         if lines and self._skipping:
             lines, self._skipping = lines[1:], False
+        lines = [line if len(line) <= MAX_LINE else b"" for line in lines if line]
         if len(self._rest) > MAX_LINE:
             self._rest, self._skipping = b"", True
-            self.dropped += 1
-        self.dropped += sum(len(line) > MAX_LINE for line in lines)
-        return [line for line in lines if line and len(line) <= MAX_LINE]
+            lines.append(b"")
+        return lines
 
     def resynchronise(self) -> None:
         """Discard an incomplete line, including its remaining bytes."""
         self._rest, self._skipping = b"", True
 
 
-class LineStream:
+class LineStream(ReadingStream):
     """Readings from lines of text, none beyond `largest_n` [N].
 
     If all lines so far have the same number of decimals, a line with another number is rejected, because a
@@ -277,8 +282,6 @@ class LineStream:
     if the line is not a reading.
     """
 
-    complaint = ""  # such devices report no errors
-
     def __init__(
         self, parse: Callable[[str], tuple[str, float]], largest_n: float, *, from_beginning: bool = False
     ) -> None:
@@ -287,12 +290,6 @@ class LineStream:
         if not from_beginning:
             self._lines.resynchronise()
         self._decimals, self._same = 0, 0  # number of decimals, and consecutive lines with it
-        self._bad = 0
-
-    @property
-    def rejected(self) -> int:
-        """Number of lines that were not readings."""
-        return self._bad + self._lines.dropped
 
     def feed(self, data: bytes) -> list[float]:
         samples: list[float] = []
@@ -305,7 +302,7 @@ class LineStream:
         try:
             samples.append(self._force_n(text_of(line)))
         except ProtocolError:
-            self._bad += 1
+            self.rejected += 1
 
     def _force_n(self, line: str) -> float:
         text, newtons = self._parse(line)
