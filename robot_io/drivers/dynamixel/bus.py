@@ -5,15 +5,9 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 
 from palpate.robot_io.driver import DriverContext
+from palpate.robot_io.drivers.dynamixel import tables
 from palpate.robot_io.drivers.dynamixel.servos import DynamixelFeedback, DynamixelLine, examine_servo
-from palpate.robot_io.drivers.dynamixel.tables import (
-    POSITION_STEP_RAD,
-    VELOCITY_STEP_RAD_S,
-    WATCHDOG_FIRED,
-    DynamixelSettings,
-    ServoSettings,
-    hardware_error_names,
-)
+from palpate.robot_io.drivers.dynamixel.tables import DynamixelSettings, ServoSettings
 from palpate.robot_io.drivers.joint_bus import BusTorque
 from palpate.robot_io.drivers.servo.bus import ServoBus, ServoEncoder
 from palpate.robot_io.drivers.servo.feedback import FeedbackReader
@@ -34,7 +28,8 @@ def count_steps(servos: Sequence[ServoSettings]) -> FloatArray:
     per_ampere = [servo.torque_constant_nm_a or servo.servo_model.torque_constant_nm_a for servo in servos]
     current_a = [servo.servo_model.current_step_a for servo in servos]
     torque_nm = np.array(per_ampere) * np.array(current_a)
-    return np.array((direction * POSITION_STEP_RAD, direction * VELOCITY_STEP_RAD_S, direction * torque_nm))
+    steps = tables.POSITION_STEP_RAD, tables.VELOCITY_STEP_RAD_S, torque_nm
+    return np.array([direction * step for step in steps])
 
 
 class DynamixelBus(ServoBus):
@@ -79,13 +74,13 @@ class DynamixelBus(ServoBus):
 
     def _problem(self, feedback: Sequence[DynamixelFeedback]) -> str | None:
         for label, servo in zip(self._labels, feedback, strict=True):
-            has_fired = servo.watchdog == WATCHDOG_FIRED
+            has_fired = servo.watchdog == tables.WATCHDOG_FIRED
             if self._powered and has_fired:
                 return f"{label}: its bus watchdog has fired, its torque is off"
             if servo.watchdog != self._watchdog and not has_fired:
                 return f"{label}: has lost its settings; it has restarted"
             if self._powered and not servo.torque_on:
-                names = hardware_error_names(servo.hardware_error)
+                names = tables.hardware_error_names(servo.hardware_error)
                 return f"{label}: has switched its torque off (hardware error: {names})"
         return None
 

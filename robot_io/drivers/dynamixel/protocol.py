@@ -10,13 +10,14 @@ Protocol 2.0" and "CRC Calculation".
 import struct
 from collections.abc import Sequence
 from functools import lru_cache
-from typing import Final, NamedTuple
+from typing import Final
 
 from palpate.robot_io.drivers.servo.stream import (
     BROADCAST_ID,
     LARGEST_ID,
     SYNC_WRITE,
     PacketStream,
+    ServoAnswer,
     ServoDialect,
 )
 from palpate.robot_io.errors import ProtocolError
@@ -78,21 +79,17 @@ _ERROR_NAMES = {
 }
 
 
-class DynamixelStatus(NamedTuple):
-    """Answer of a servo."""
+class DynamixelStatus(ServoAnswer):
+    """Answer of a servo. Bit 7 of its error byte is the alert of a hardware error, the rest a number."""
 
-    servo_id: int  # id of the answering servo
-    error: int  # error byte: bit 7 is the alert, the rest an error number
-    data: bytes  # parameters
+    __slots__ = ()
 
     @property
     def alert(self) -> bool:
-        """Whether the servo has a hardware error."""
         return self.error >= _ALERT
 
     @property
     def refusal(self) -> str | None:
-        """Reason why the instruction was refused, or None if it was not."""
         number = self.error & ~_ALERT
         return _ERROR_NAMES.get(number, f"error number {number}") if number else None
 

@@ -8,32 +8,16 @@ from typing import Final, NamedTuple
 from palpate.robot_io.clock import Clock
 from palpate.robot_io.drivers.dynamixel import protocol, tables
 from palpate.robot_io.drivers.dynamixel.protocol import DynamixelStatus, DynamixelStatusReader, FastReply
-from palpate.robot_io.drivers.dynamixel.tables import (
-    BUS_WATCHDOG,
-    HARDWARE_ERROR_STATUS,
-    PRESENT_CURRENT,
-    PRESENT_POSITION,
-    PRESENT_VELOCITY,
-    TORQUE_ENABLE,
-    WATCHDOG_FIRMWARE,
-    DynamixelSettings,
-    ServoSettings,
-    hardware_error_names,
-    model_name,
-)
+from palpate.robot_io.drivers.dynamixel.tables import DynamixelSettings, ServoSettings
 from palpate.robot_io.drivers.servo.feedback import FeedbackReader, Request
 from palpate.robot_io.drivers.servo.line import TOO_HOT, RegisterAccess, ServoLine
 from palpate.robot_io.errors import DeviceError, ProtocolError
 from palpate.robot_io.examination import Finding, Level, fail, graded, ok
 from palpate.robot_io.serial_port import SerialPort
 
-_REGISTERS: Final = (
-    TORQUE_ENABLE,
-    HARDWARE_ERROR_STATUS,
-    BUS_WATCHDOG,
-    PRESENT_CURRENT,
-    PRESENT_VELOCITY,
-    PRESENT_POSITION,
+_FEEDBACK_REGISTERS: Final = (
+    *(tables.TORQUE_ENABLE, tables.HARDWARE_ERROR_STATUS, tables.BUS_WATCHDOG),
+    *(tables.PRESENT_CURRENT, tables.PRESENT_VELOCITY, tables.PRESENT_POSITION),
 )
 _FORMAT: Final = struct.Struct("<BBbhii")
 FEEDBACK_SIZE: Final = _FORMAT.size
@@ -58,7 +42,7 @@ class DynamixelFeedback(NamedTuple):
     def complaint(self) -> str:
         """Names of its hardware errors, or an empty string."""
         is_well = not (self.error or self.hardware_error)
-        return "" if is_well else f"hardware error: {hardware_error_names(self.hardware_error)}"
+        return "" if is_well else f"hardware error: {tables.hardware_error_names(self.hardware_error)}"
 
 
 def decode_feedback(packet: DynamixelStatus) -> DynamixelFeedback:
@@ -185,23 +169,18 @@ class DynamixelAccess(RegisterAccess):
         Raises:
             DeviceError: as for `read`.
         """
-        mode = tables.drive_mode_trouble(self.read(servo.id, tables.DRIVE_MODE))
-        if mode:
-            yield f"drive mode: {mode}", "set its drive mode to 0"
+        if trouble := tables.drive_mode_trouble(self.read(servo.id, tables.DRIVE_MODE)):
+            yield f"drive mode: {trouble}", "set its drive mode to 0"
         secondary = self.read(servo.id, tables.SECONDARY_ID)
         if secondary < tables.NO_SECONDARY_ID:
-            yield (
-                f"secondary id {secondary}: it also obeys commands to that servo",
-                "set its secondary id to 255",
-            )
-        moved = servo.homing_trouble(self.read(servo.id, tables.HOMING_OFFSET))
-        if moved:
+            trouble = f"secondary id {secondary}: it also obeys commands to that servo"
+            yield trouble, "set its secondary id to 255"
+        if moved := servo.homing_trouble(self.read(servo.id, tables.HOMING_OFFSET)):
             yield moved, "calibrate its zero again, and state the new offset"
 
     def why_alert(self, servo_id: int) -> str:
-        names = hardware_error_names(
-            HARDWARE_ERROR_STATUS.decode(self._read(servo_id, HARDWARE_ERROR_STATUS).data)
-        )
+        register = tables.HARDWARE_ERROR_STATUS
+        names = tables.hardware_error_names(register.decode(self._read(servo_id, register).data))
         return f" (hardware error: {names}; it must be rebooted)"
 
 
@@ -244,12 +223,12 @@ class DynamixelLine(ServoLine):
         number, firmware = self.registers.who(servo.id)
         if number != servo.servo_model.number:
             raise DeviceError(
-                f"servo {servo.id} is a {model_name(number)}, but the robot file states {servo.model}"
+                f"servo {servo.id} is a {tables.model_name(number)}, but the robot file states {servo.model}"
             )
-        if firmware < WATCHDOG_FIRMWARE:
+        if firmware < tables.WATCHDOG_FIRMWARE:
             raise DeviceError(
                 f"servo {servo.id} has firmware {firmware} without a bus watchdog: update it to "
-                f"{WATCHDOG_FIRMWARE} or newer"
+                f"{tables.WATCHDOG_FIRMWARE} or newer"
             )
         self.registers.settle_unanswered(servo.id, tables.STATUS_RETURN_LEVEL, tables.ANSWER_EVERYTHING)
         for trouble, remedy in self.registers.setup_troubles(servo):
@@ -269,24 +248,23 @@ class DynamixelLine(ServoLine):
         """
         # Padding comes first: a request can start at any padding byte, so that answers to different requests
         # differ in length and a late answer cannot be taken for a new one.
-        block = [register.address + byte for register in _REGISTERS for byte in range(register.size)]
-        mapped = (*[TORQUE_ENABLE.address] * PADDING, *block)
+        block = [register.address + byte for register in _FEEDBACK_REGISTERS for byte in range(register.size)]
+        mapped = (*[tables.TORQUE_ENABLE.address] * PADDING, *block)
         addresses = b"".join(address.to_bytes(2, "little") for address in mapped)
         for servo_id in self.ids:
             settle = self.registers.settle
             settle(servo_id, tables.TORQUE_ENABLE, 0)
             settle(servo_id, tables.RETURN_DELAY_TIME, self._settings.return_delay, keeps=True)
-            what = "gathering its feedback"
+            what = "mapping its feedback to indirect data"
             self.registers.write_bytes(servo_id, tables.INDIRECT_ADDRESS, addresses, what)
-            settle(servo_id, tables.BUS_WATCHDOG, 0)  # forgets that it has fired
+            settle(servo_id, tables.BUS_WATCHDOG, 0)  # clears a watchdog that has fired
             settle(servo_id, tables.BUS_WATCHDOG, self._settings.watchdog)
 
     def prepare(self) -> None:
         """See `ServoLine.prepare`; current control as well."""
         self.prepare_feedback()
         for servo_id in self.ids:
-            mode = tables.CURRENT_CONTROL
-            self.registers.settle(servo_id, tables.OPERATING_MODE, mode, keeps=True)
+            self.registers.settle(servo_id, tables.OPERATING_MODE, tables.CURRENT_CONTROL, keeps=True)
 
     def switch_on(self) -> None:
         """Switch the torque on, at zero; raise `DeviceError`, with any hardware error, if a servo refused."""
@@ -313,13 +291,13 @@ def examine_servo(access: DynamixelAccess, servo: ServoSettings, label: str) -> 
     """
     read = access.read
     number, firmware = access.who(servo.id)
-    value = f"{model_name(number)}, firmware {firmware}"
+    value = f"{tables.model_name(number)}, firmware {firmware}"
     if number != servo.servo_model.number:
         value += f", but the robot file states {servo.model}"
         yield fail(label, value, "correct the model, or the ids")
-    elif firmware < WATCHDOG_FIRMWARE:
+    elif firmware < tables.WATCHDOG_FIRMWARE:
         value += ", without a bus watchdog"
-        yield fail(label, value, f"update it to {WATCHDOG_FIRMWARE} or newer")
+        yield fail(label, value, f"update it to {tables.WATCHDOG_FIRMWARE} or newer")
     else:
         yield ok(label, value)
     voltage, low, high = (
@@ -333,8 +311,7 @@ def examine_servo(access: DynamixelAccess, servo: ServoSettings, label: str) -> 
         (Level.FAIL, not low < voltage < high, "check the power supply and the cable's cross-section"),
         (Level.WARN, celsius > limit, TOO_HOT),
     )
-    errors = read(servo.id, tables.HARDWARE_ERROR_STATUS)
-    if errors:
+    if errors := read(servo.id, tables.HARDWARE_ERROR_STATUS):
         names = tables.hardware_error_names(errors)
         yield fail(label, f"hardware error: {names}", "remove the cause, then reboot it")
     for trouble, remedy in access.setup_troubles(servo):

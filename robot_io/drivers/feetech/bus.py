@@ -19,19 +19,11 @@ from palpate.robot_io.driver import DriverContext
 from palpate.robot_io.drivers.feetech import protocol, tables
 from palpate.robot_io.drivers.feetech.protocol import FeetechStatusReader, error_names
 from palpate.robot_io.drivers.feetech.servos import FeetechLine, examine_servo
-from palpate.robot_io.drivers.feetech.tables import (
-    POSITION_STEP_RAD,
-    PRESENT_LOAD,
-    PRESENT_POSITION,
-    PRESENT_SPEED,
-    RESTARTED_LIMIT,
-    TORQUE_ENABLE,
-    FeetechSettings,
-)
+from palpate.robot_io.drivers.feetech.tables import POSITION_STEP_RAD, FeetechSettings
 from palpate.robot_io.drivers.joint_bus import BusTorque
 from palpate.robot_io.drivers.servo.bus import ServoBus, ServoEncoder
 from palpate.robot_io.drivers.servo.feedback import FeedbackReader, Request
-from palpate.robot_io.drivers.servo.line import Packet
+from palpate.robot_io.drivers.servo.stream import ServoAnswer
 from palpate.robot_io.errors import DeviceError, LifecycleError, ProtocolError
 from palpate.robot_io.examination import Finding, ok
 from palpate.robot_io.serial_port import SerialPort
@@ -46,8 +38,8 @@ PADDING: Final = 7  # bytes before the block, by which the answers to different 
 
 _POSITION_SIGN = _SPEED_SIGN = 1 << 15  # a larger value is negative; see `tables`
 _LOAD_SIGN = 1 << 10
-_GOALS = 32  # more than are sent while an answer is late
-_NEAR_COUNTS = 16  # beyond the largest possible motion of a joint
+_MOST_GOALS = 32  # remembered goals; more than are sent while an answer is late
+_MARGIN_COUNTS = 16  # beyond the largest possible motion of a joint
 
 _SETTINGS = ("acceleration", "goal time", "goal speed", "torque limit", "lock")
 Settings = tuple[int, int, int, int, int]  # the values of these
@@ -72,7 +64,7 @@ class FeetechFeedback(NamedTuple):
         return f"error: {error_names(self.errors)}" if self.errors else ""
 
 
-def decode_feedback(packet: Packet) -> FeetechFeedback:
+def decode_feedback(packet: ServoAnswer) -> FeetechFeedback:
     """Decode the block at the end of an answer of at least `FEEDBACK_SIZE` bytes.
 
     Args:
@@ -82,17 +74,9 @@ def decode_feedback(packet: Packet) -> FeetechFeedback:
     on, acceleration, goal, time, fastest, limit, lock, position, speed, load, volts, celsius, errors = (
         _FORMAT.unpack_from(data, len(data) - FEEDBACK_SIZE)
     )
-    return FeetechFeedback(
-        on,
-        errors,
-        (acceleration, time, fastest, limit, lock),
-        goal,
-        position if position < _POSITION_SIGN else PRESENT_POSITION.signed_value(position),
-        speed if speed < _SPEED_SIGN else PRESENT_SPEED.signed_value(speed),
-        load if load < _LOAD_SIGN else PRESENT_LOAD.signed_value(load),
-        volts,
-        celsius,
-    )
+    position, speed = tables.PRESENT_POSITION.signed_value(position), tables.PRESENT_SPEED.signed_value(speed)
+    settings, load = (acceleration, time, fastest, limit, lock), tables.PRESENT_LOAD.signed_value(load)
+    return FeetechFeedback(on, errors, settings, goal, position, speed, load, volts, celsius)
 
 
 class Plausibility:
@@ -106,7 +90,7 @@ class Plausibility:
 
     def __init__(self, clock: Clock, settings: Mapping[int, Settings], fastest_counts_s: float) -> None:
         self._clock, self._settings, self._fastest_counts_s = clock, settings, fastest_counts_s
-        self._goals = {servo_id: deque[int](maxlen=_GOALS) for servo_id in settings}
+        self._goals = {servo_id: deque[int](maxlen=_MOST_GOALS) for servo_id in settings}
         self._last: dict[int, tuple[float, int]] = {}
         self._packed = {
             servo_id: (acceleration, struct.pack("<HHH", *speeds), lock)
@@ -128,7 +112,7 @@ class Plausibility:
         for servo_id, goal in goals.items():
             self._goals[servo_id].appendleft(goal)
 
-    def decode(self, packet: Packet) -> FeetechFeedback:
+    def decode(self, packet: ServoAnswer) -> FeetechFeedback:
         """Decode the feedback in an answer.
 
         Args:
@@ -144,7 +128,7 @@ class Plausibility:
             changed = [setting for setting in settings if setting[1] != setting[2]]
             name, shown, told = changed[0]
             problem = f"servo {servo_id}: {name} is {shown} in place of {told}"
-            restarted = ("torque limit", RESTARTED_LIMIT, 0)
+            restarted = ("torque limit", tables.RESTARTED_LIMIT, 0)
             if len(changed) == 1 and (name, shown, feedback.torque_on) == restarted:
                 raise DeviceError(f"{problem}: it has restarted")
             raise ProtocolError(f"{problem}: damaged, or it has restarted")
@@ -156,7 +140,7 @@ class Plausibility:
             )
         now_s = self._clock.now_s()
         before_s, before = self._last.get(servo_id, (-inf, 0))
-        if abs(feedback.position - before) > _NEAR_COUNTS + self._fastest_counts_s * (now_s - before_s):
+        if abs(feedback.position - before) > _MARGIN_COUNTS + self._fastest_counts_s * (now_s - before_s):
             raise ProtocolError(
                 f"servo {servo_id} jumped from {before} to {feedback.position}: its answer is damaged"
             )
@@ -185,12 +169,12 @@ class Plausibility:
                 or (acceleration, speeds, lock) != self._packed[servo_id]
                 or position >= _POSITION_SIGN
                 or (on and goals and goal not in goals)
-                or abs(position - before) > _NEAR_COUNTS + self._fastest_counts_s * (now_s - before_s)
+                or abs(position - before) > _MARGIN_COUNTS + self._fastest_counts_s * (now_s - before_s)
             ):
                 return None
             self._last[servo_id] = now_s, position
-            speed = speed if speed < _SPEED_SIGN else PRESENT_SPEED.signed_value(speed)
-            load = load if load < _LOAD_SIGN else PRESENT_LOAD.signed_value(load)
+            speed = speed if speed < _SPEED_SIGN else tables.PRESENT_SPEED.signed_value(speed)
+            load = load if load < _LOAD_SIGN else tables.PRESENT_LOAD.signed_value(load)
             feedback.append(
                 FeetechFeedback(on, errors, settings, goal, position, speed, load, volts, celsius)
             )
@@ -219,7 +203,7 @@ class FeetechReader(FeedbackReader[FeetechFeedback]):
     def __init__(
         self, port: SerialPort, clock: Clock, servo_ids: Sequence[int], plausibility: Plausibility
     ) -> None:
-        end = TORQUE_ENABLE.address + FEEDBACK_SIZE
+        end = tables.TORQUE_ENABLE.address + FEEDBACK_SIZE
         super().__init__(
             port,
             clock,
@@ -249,8 +233,8 @@ class FeetechReader(FeedbackReader[FeetechFeedback]):
         return feedback
 
 
-_LEAST_DUTY = 0.1  # of a torque limit
-_FASTEST = 2.0  # times the no-load speed: a joint that is thrown
+_LEAST_DUTY = 0.1  # smallest torque limit, as a duty cycle
+_FASTEST_SHARE = 2.0  # multiple of the no-load speed that a joint may reach when it is thrown
 
 
 class FeetechBus(ServoBus):
@@ -270,9 +254,8 @@ class FeetechBus(ServoBus):
         super().__init__(own, np.array((step_rad, step_rad, step_nm)), context)
         self._drag_nms_rad = [model.stall_torque_nm / model.no_load_rad_s for model in models]
         steps_rad: list[float] = self._joints.steps[0].tolist()
-        self._stiffness_nm_rad = [stall_nm * own.duty_per_rad for stall_nm in self._stall_nm]
-        laws = zip(self._drag_nms_rad, self._stall_nm, self._stiffness_nm_rad, steps_rad, strict=True)
-        self._laws = list(laws)
+        stiffness_nm_rad = [stall_nm * own.duty_per_rad for stall_nm in self._stall_nm]
+        self._laws = list(zip(self._drag_nms_rad, self._stall_nm, stiffness_nm_rad, steps_rad, strict=True))
         self._half_tick_s = 0.5 / context.robot_file.control_rate_hz
         # Largest duty cycle of each servo, in its unit: for its torque at its speed. Those that hold stand
         # still, and may bear what the strongest servo of a joint may.
@@ -285,7 +268,9 @@ class FeetechBus(ServoBus):
         counts = [min(ceil(duty / tables.DUTY_PER_LOAD), tables.LARGEST_LIMIT) for duty in duties]
         torque_limits = dict(zip(own.ids, counts, strict=True))
         self._line = FeetechLine(own, torque_limits, self._port, context.clock)
-        self._fastest_counts_s = _FASTEST * max(model.no_load_rad_s for model in models) / POSITION_STEP_RAD
+        self._fastest_counts_s = (
+            _FASTEST_SHARE * max(model.no_load_rad_s for model in models) / POSITION_STEP_RAD
+        )
         told = {servo_id: (0, 0, 0, limit, 1) for servo_id, limit in torque_limits.items()}
         self._plausibility = Plausibility(context.clock, told, self._fastest_counts_s)
         self._servos = {servo.id: servo for servo in own.turning}
@@ -339,21 +324,11 @@ class FeetechBus(ServoBus):
         ahead_s = self._clock.now_s() - self.sample.sampled_at_s + self._half_tick_s
         position_rad, velocity_rad_s, _ = self.sample.of_servos.tolist()
         counts, sent_nm, highest = [], [], tables.COUNTS_PER_REVOLUTION - 1
-        servos = zip(
-            self._pairs.shares(torque_nm),
-            position_rad,
-            velocity_rad_s,
-            self._joints.offset_rad,
-            self._laws,
-            strict=True,
-        )
-        for wanted_nm, angle_rad, speed_rad_s, zero_rad, (
-            drag,
-            stall_nm,
-            stiffness_nm_rad,
-            step_rad,
-        ) in servos:
-            expected_rad, drag_nm = angle_rad + ahead_s * speed_rad_s, drag * speed_rad_s
+        shares_nm, zeros_rad = self._pairs.shares(torque_nm), self._joints.offset_rad
+        servos = zip(shares_nm, position_rad, velocity_rad_s, zeros_rad, self._laws, strict=True)
+        for wanted_nm, angle_rad, speed_rad_s, zero_rad, law in servos:
+            drag_nms_rad, stall_nm, stiffness_nm_rad, step_rad = law
+            expected_rad, drag_nm = angle_rad + ahead_s * speed_rad_s, drag_nms_rad * speed_rad_s
             motor_nm = clip(wanted_nm + drag_nm, -stall_nm, stall_nm)
             goal = round((expected_rad + motor_nm / stiffness_nm_rad - zero_rad) / step_rad)
             goal = 0 if goal < 0 else min(goal, highest)

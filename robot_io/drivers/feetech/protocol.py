@@ -7,13 +7,14 @@ little-endian. Source: Feetech, "Magnetic encoder smart servo communication prot
 """
 
 from functools import lru_cache
-from typing import Final, NamedTuple
+from typing import Final
 
 from palpate.robot_io.drivers.servo.stream import (
     BROADCAST_ID,
     LARGEST_ID,
     SYNC_WRITE,
     PacketStream,
+    ServoAnswer,
     ServoDialect,
     bit_names,
 )
@@ -45,25 +46,7 @@ def error_names(value: int) -> str:
     return bit_names(value, ERROR_NAMES)
 
 
-class FeetechStatus(NamedTuple):
-    """Answer of a servo."""
-
-    servo_id: int  # id of the answering servo
-    error: int  # error byte, see `error_names`
-    data: bytes  # parameters
-
-    @property
-    def alert(self) -> bool:
-        """Whether the servo reports an error."""
-        return self.error != 0
-
-    @property
-    def refusal(self) -> str | None:
-        """Always empty: these servos do not report refusals."""
-        return None
-
-
-def decode_status(packet: bytes) -> FeetechStatus:
+def decode_status(packet: bytes) -> ServoAnswer:
     """Decode a status packet.
 
     Args:
@@ -85,10 +68,10 @@ def decode_status(packet: bytes) -> FeetechStatus:
         raise ProtocolError(f"wrong checksum in a packet of servo {servo_id}")
     if servo_id > LARGEST_ID:
         raise ProtocolError(f"not an answer of a servo: id {servo_id}")
-    return FeetechStatus(servo_id, packet[4], packet[5:-1])
+    return ServoAnswer(servo_id, packet[4], packet[5:-1])
 
 
-class FeetechStatusReader(PacketStream[FeetechStatus]):
+class FeetechStatusReader(PacketStream[ServoAnswer]):
     """Finds status packets in a stream; see `PacketStream`.
 
     Args:
@@ -106,7 +89,7 @@ class FeetechStatusReader(PacketStream[FeetechStatus]):
     def _size(self, buffer: bytes, start: int) -> int:
         return 4 + buffer[start + 3]
 
-    def _decode(self, packet: bytes) -> FeetechStatus | None:
+    def _decode(self, packet: bytes) -> ServoAnswer | None:
         status = decode_status(packet)
         if packet != self._echo:
             return status

@@ -6,22 +6,17 @@ from dataclasses import dataclass
 from palpate.robot_io.clock import Clock
 from palpate.robot_io.drivers.feetech import protocol, tables
 from palpate.robot_io.drivers.feetech.protocol import error_names
-from palpate.robot_io.drivers.feetech.tables import (
-    LARGEST_LIMIT,
-    STATUS,
-    FeetechServo,
-    FeetechSettings,
-    model_name,
-)
+from palpate.robot_io.drivers.feetech.tables import FeetechServo, FeetechSettings
 from palpate.robot_io.drivers.servo.line import TOO_HOT, RegisterAccess, ServoLine
 from palpate.robot_io.errors import DeviceError
 from palpate.robot_io.examination import Finding, Level, graded
 from palpate.robot_io.serial_port import SerialPort
 
-_VOLTAGE_SHARE = 0.25  # of the model's voltage; distinguishes 7.4 and 12 V
+_VOLTAGE_SHARE = 0.25  # largest deviation from the model's voltage; distinguishes 7.4 and 12 V
 
-# What makes the servo's own law the plain one of `tables`, beside the P coefficient; held until it restarts,
-# for the lock is set first. A goal beyond limits that its calibration left would be another torque.
+# Settings that reduce the servo's control law to the one in `tables`, except the P coefficient. They hold
+# until the servo restarts, because the lock is set first. The position limits are opened, because a goal
+# beyond those of a calibration would be clipped and give another torque.
 _PLAIN_LAW = (
     (tables.OPERATING_MODE, tables.POSITION_CONTROL),
     (tables.RETURN_DELAY, 0),
@@ -105,7 +100,7 @@ class FeetechLine(ServoLine):
         number = read(servo_id, tables.MODEL_NUMBER)
         if number != servo.servo_model.number:
             raise DeviceError(
-                f"servo {servo_id} is a {model_name(number)}, but the robot file states {servo.model}"
+                f"servo {servo_id} is a {tables.model_name(number)}, but the robot file states {servo.model}"
             )
         if trouble := tables.phase_trouble(read(servo_id, tables.PHASE)):
             raise DeviceError(f"servo {servo_id} {trouble}")
@@ -154,11 +149,8 @@ def identity_trouble(servo: FeetechServo, identity: ServoIdentity) -> str | None
     """
     nominal_v, voltage_v = servo.servo_model.voltage_v, identity.voltage_v
     low_v, high_v = identity.voltage_limits_v
-    low_v, high_v = (
-        max(low_v, (1 - _VOLTAGE_SHARE) * nominal_v),
-        min(high_v, (1 + _VOLTAGE_SHARE) * nominal_v),
-    )
-    if not low_v <= voltage_v <= high_v:
+    is_near = abs(voltage_v - nominal_v) <= _VOLTAGE_SHARE * nominal_v
+    if not (is_near and low_v <= voltage_v <= high_v):
         return f"is supplied with {voltage_v:.1f} V, a {servo.model} needs {nominal_v:g} V"
     return servo.homing_trouble(identity.homing_offset)
 
@@ -177,7 +169,7 @@ def examine_servo(line: FeetechLine, servo: FeetechServo, label: str) -> Finding
     Raises:
         DeviceError: It does not answer, is another model or set up otherwise, or the port failed.
     """
-    identity, errors = line.identify_servo(servo), line.registers.read(servo.id, STATUS)
+    identity, errors = line.identify_servo(servo), line.registers.read(servo.id, tables.STATUS)
     trouble = identity_trouble(servo, identity)
     is_hot = identity.temperature_c > identity.temperature_limit_c
     value = (
@@ -190,7 +182,7 @@ def examine_servo(line: FeetechLine, servo: FeetechServo, label: str) -> Finding
     elif trouble:
         value += f"; {trouble}"
     elif not is_hot:
-        if line.torque_limits[servo.id] == LARGEST_LIMIT:
+        if line.torque_limits[servo.id] == tables.LARGEST_LIMIT:
             value += "; its own torque limit is its stall torque, so only the guard enforces 'limits'"
         value += "; no watchdog: it holds its last goal when the program dies"
     return graded(

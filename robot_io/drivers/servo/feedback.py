@@ -6,8 +6,7 @@ from math import inf
 from typing import Any, Generic, TypeVar
 
 from palpate.robot_io.clock import Clock
-from palpate.robot_io.drivers.servo.line import Packet
-from palpate.robot_io.drivers.servo.stream import PacketStream
+from palpate.robot_io.drivers.servo.stream import PacketStream, ServoAnswer
 from palpate.robot_io.errors import DeviceTimeoutError, ProtocolError
 from palpate.robot_io.serial_port import SerialPort
 
@@ -23,7 +22,7 @@ class Request:
     packet: bytes  # bytes of the request
     size: int  # number of bytes requested from each servo
     asked_at_s: float = -inf
-    answers: dict[int, Packet] = field(default_factory=dict)  # by servo id
+    answers: dict[int, ServoAnswer] = field(default_factory=dict)  # by servo id
 
 
 class FeedbackReader(Generic[FeedbackType]):
@@ -180,7 +179,7 @@ class FeedbackReader(Generic[FeedbackType]):
         """
         return next((request for request in self._open if servo_id not in request.answers), None)
 
-    def _answers(self, data: bytes) -> Iterator[tuple[Request, Sequence[Packet]]]:
+    def _answers(self, data: bytes) -> Iterator[tuple[Request, Sequence[ServoAnswer]]]:
         """Requests whose answers are complete with `data`, each with all servos' packets in their order."""
         ids = self._ids
         for packet in self._packets.feed(data):

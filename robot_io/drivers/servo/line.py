@@ -4,11 +4,11 @@ from abc import ABC, abstractmethod
 from collections import Counter
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass
-from typing import Any, ClassVar, NamedTuple, Protocol, get_args
+from typing import Any, ClassVar, NamedTuple, get_args
 
 from palpate.robot_io.clock import Clock
 from palpate.robot_io.drivers.servo.joints import ServoBusSettings
-from palpate.robot_io.drivers.servo.stream import PacketStream, ServoDialect
+from palpate.robot_io.drivers.servo.stream import PacketStream, ServoAnswer, ServoDialect
 from palpate.robot_io.errors import DeviceError, DeviceTimeoutError, ProtocolError
 from palpate.robot_io.examination import Finding, fail, warn
 from palpate.robot_io.serial_port import SerialPort
@@ -64,26 +64,6 @@ class Register:
         return -magnitude if number >> self.sign_bit & 1 else magnitude
 
 
-class Packet(Protocol):
-    """Answer of a servo."""
-
-    @property
-    def servo_id(self) -> int:
-        """Id of the servo that answers."""
-
-    @property
-    def data(self) -> bytes:
-        """The requested data."""
-
-    @property
-    def alert(self) -> bool:
-        """Whether the servo reports an error."""
-
-    @property
-    def refusal(self) -> str | None:
-        """Why the instruction was refused, or None if it was not."""
-
-
 _PATIENCE_S = 0.02  # beyond the time on the wire: USB adapters may hold bytes back for 16 ms
 _SECOND_S = 3e-3  # after an answer: a second servo with the same id has answered too by then
 _PACKET = 12  # bytes of a packet around its data, at most
@@ -135,7 +115,7 @@ class RegisterAccess:
         """
         (reader, deadline_s), answers = self._send(self._dialect.ping(servo_id), size), 0
         while self._clock.now_s() < deadline_s:
-            packets: list[Packet] = reader.feed(self._port.wait(deadline_s))
+            packets: list[ServoAnswer] = reader.feed(self._port.wait(deadline_s))
             new = sum(packet.servo_id == servo_id and len(packet.data) == size for packet in packets)
             if new and not answers:
                 deadline_s = min(deadline_s, self._clock.now_s() + _SECOND_S)
@@ -218,14 +198,14 @@ class RegisterAccess:
                 f"servo {servo_id}: {register.name} is {shown} after it was set to {value}{why}"
             )
 
-    def _read(self, servo_id: int, register: Register) -> Packet:
+    def _read(self, servo_id: int, register: Register) -> ServoAnswer:
         request = self._dialect.read(servo_id, register.address, register.size)
         return self._ask(servo_id, request, register.size)
 
-    def _ask(self, servo_id: int, request: bytes, size: int) -> Packet:
+    def _ask(self, servo_id: int, request: bytes, size: int) -> ServoAnswer:
         reader, deadline_s = self._send(request, size)
         while True:
-            packets: list[Packet] = reader.feed(self._port.wait(deadline_s))
+            packets: list[ServoAnswer] = reader.feed(self._port.wait(deadline_s))
             for packet in packets:
                 if packet.servo_id == servo_id and (packet.refusal or len(packet.data) == size):
                     return packet
@@ -241,7 +221,7 @@ class RegisterAccess:
         wire_s = self._port.duration_s(len(request) + _PACKET + size)
         return reader, self._clock.now_s() + wire_s + _PATIENCE_S
 
-    def _check(self, packet: Packet, what: str) -> None:
+    def _check(self, packet: ServoAnswer, what: str) -> None:
         if not packet.refusal:
             return
         problem = f"servo {packet.servo_id}: {what}: {packet.refusal}"

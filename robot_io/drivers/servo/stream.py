@@ -2,11 +2,29 @@
 
 from abc import ABC, abstractmethod
 from collections.abc import Mapping, Sequence
-from typing import Any, ClassVar, Final, Generic, TypeVar
+from typing import Any, ClassVar, Final, Generic, NamedTuple, TypeVar
 
 from palpate.robot_io.errors import ProtocolError
 
 PacketType = TypeVar("PacketType")
+
+
+class ServoAnswer(NamedTuple):
+    """Answer of a servo; one that reports no refusals, unless a protocol says otherwise."""
+
+    servo_id: int  # id of the answering servo
+    error: int  # error byte
+    data: bytes  # parameters
+
+    @property
+    def alert(self) -> bool:
+        """Whether the servo reports an error."""
+        return self.error != 0
+
+    @property
+    def refusal(self) -> str | None:
+        """Reason why the instruction was refused; None if it was not."""
+        return None
 
 
 class PacketStream(ABC, Generic[PacketType]):

@@ -106,8 +106,8 @@ def test_no_goal_lies_beyond_the_ends_of_the_counts_and_what_is_lost_is_said(arm
     of_servos[1, 1] = 0.0
     motors.sample = motors.sample._replace(of_servos=of_servos)
     sent_nm = motors.stage(np.array([0.0, sign * np.sign(motors._joints.steps[0, 1]), 0.0]))
-    ends_nm = motors._stiffness_nm_rad[1] * 2 * step_rad
-    assert abs(sent_nm[1]) == pytest.approx(ends_nm)
+    _, _, stiffness_nm_rad, _ = motors._laws[1]
+    assert abs(sent_nm[1]) == pytest.approx(stiffness_nm_rad * 2 * step_rad)
 
 
 def test_the_load_of_a_turning_motor_is_no_torque(arm):

@@ -5,7 +5,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from palpate.robot_io.drivers.feetech import protocol, tables
-from palpate.robot_io.drivers.feetech.protocol import FeetechStatus, FeetechStatusReader, decode_status
+from palpate.robot_io.drivers.feetech.protocol import FeetechStatusReader, decode_status
+from palpate.robot_io.drivers.servo.stream import ServoAnswer
 from palpate.robot_io.errors import ProtocolError
 from palpate.sim_backend.emulators import feetech
 
@@ -32,7 +33,7 @@ def test_examples_of_the_manual(packet, bytes_of_the_manual):
 def test_an_answer_of_the_manual():
     """Position 1304 of servo 1."""
     packet = decode_status(bytes.fromhex("FF FF 01 04 00 18 05 DD"))
-    assert packet == FeetechStatus(1, 0, b"\x18\x05")
+    assert packet == ServoAnswer(1, 0, b"\x18\x05")
     assert tables.PRESENT_POSITION.decode(packet.data) == 1304
 
 
@@ -78,9 +79,9 @@ def test_answers_are_found_in_any_portions(answers, draw):
 def test_an_echo_on_the_one_wire_is_no_answer(servo_id, address, size):
     """It differs from an answer in nothing but that it is what was sent."""
     request = protocol.DIALECT.read(servo_id, address, size)
-    assert isinstance(decode_status(request), FeetechStatus)
+    assert isinstance(decode_status(request), ServoAnswer)
     reader, answer = protocol.DIALECT.packet_reader(request), feetech.status(servo_id, 0, bytes(size))
-    expected = [FeetechStatus(servo_id, 0, bytes(size))]
+    expected = [ServoAnswer(servo_id, 0, bytes(size))]
     assert reader.feed(request + answer) == expected
     reader = FeetechStatusReader()
     assert reader.feed(protocol.DIALECT.sync_read(40, 26, (1, 2)) + answer) == expected
@@ -91,7 +92,7 @@ def test_an_echo_comes_once():
     """With a position sensor error, servo 1 says so of a position of 568: 38 02, as it was asked."""
     request = protocol.DIALECT.read(1, 56, 2)
     assert feetech.status(1, 2, (568).to_bytes(2, "little")) == request
-    assert protocol.DIALECT.packet_reader(request).feed(2 * request) == [FeetechStatus(1, 2, b"\x38\x02")]
+    assert protocol.DIALECT.packet_reader(request).feed(2 * request) == [ServoAnswer(1, 2, b"\x38\x02")]
 
 
 @pytest.mark.parametrize("servo_id", [-1, 0xFD, 0xFF])
