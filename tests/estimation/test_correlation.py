@@ -94,7 +94,7 @@ def recorded(begins_s, length, step_s=0.005):
 
 
 def test_a_peak_is_that_of_a_periodogram_on_the_samples():
-    time_s, run = recorded([12.3], 1500)
+    time_s, run = recorded([12.3], 800)
     signal = np.sin(2 * np.pi * 3.3 * time_s) + np.random.default_rng(0).normal(0.0, 0.5, len(time_s))
     known = np.random.default_rng(1).random(len(time_s)) < 0.7
     found_hz, share, _ = strongest_frequency(time_s, run, np.where(known, signal, np.nan), 0.005)

@@ -4,7 +4,9 @@ import json
 
 import pytest
 
+from palpate.robot_io.errors import describe_error
 from palpate.runs import session
+from palpate.sweep import runner
 from tests.built_once import built_once
 from tests.few_effects import shorten_budget, try_few_effects
 from tests.log_in_process import LogInProcess
@@ -48,6 +50,21 @@ def log_in_process(monkeypatch):
 def few_effects(monkeypatch):
     """A diagnosis tries few effects."""
     try_few_effects(monkeypatch)
+
+
+@pytest.fixture
+def one_process(monkeypatch):
+    """Batches and sweeps work in this process."""
+
+    def run_here(run_case, todo, folder, workers):
+        for address, case in todo.items():
+            try:
+                run_case(case, address, folder)
+                yield ""
+            except Exception as error:  # as a worker tells it
+                yield f"{case.label}: {describe_error(error)}"
+
+    monkeypatch.setattr(runner, "run_in_processes", run_here)
 
 
 @pytest.fixture

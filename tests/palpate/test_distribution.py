@@ -86,24 +86,6 @@ def test_what_is_imported_lazily_is_in_the_extra_that_is_named():
     assert {extra for _, extra in EXTRAS.values()} <= everything
 
 
-def test_data_are_read_fitted_diagnosed_and_reported_without_extras(tmp_path):
-    write_presses(tmp_path / "press.csv")
-    commands = [
-        ["import", "press.csv", "-o", "press.mcap"],
-        *([name, "press.mcap"] for name in ("info", "estimate", "compare")),
-        ["diagnose", "press.csv", "--apply", "--out", "out"],
-        ["report", "press.csv"],
-        ["export", "press.mcap", "--stream", "contact", "-o", "press.parquet"],
-    ]
-    told = run_without_extras(tmp_path, *commands, prepare=FEW_EFFECTS)
-    for command, (code, said) in zip(commands, told, strict=True):
-        assert code == 0, (command, said)
-        assert ("pip install 'palpate[view]'" in said) == (command[0] == "diagnose"), said
-    written = {PurePath(path).name for path in (tmp_path / "out").iterdir()}
-    assert {"diagnosis.json", "report.html"} <= written
-    assert "revisions.rrd" not in written
-
-
 NEEDS_EXTRA = {
     "sim": ["demo", "--out", "demo.mcap"],
     "view": ["inspect", "press.mcap"],
@@ -113,12 +95,26 @@ NEEDS_EXTRA = {
 }
 
 
-def test_a_missing_extra_is_said_with_the_command_that_installs_it_and_no_help_needs_one(tmp_path):
+def test_data_are_analysed_without_extras_and_what_needs_one_says_which(tmp_path):
     from palpate.commands import COMMANDS
 
     write_presses(tmp_path / "press.csv")
-    prepare, helps = ["import", "press.csv", "-o", "press.mcap"], [[name, "--help"] for name in COMMANDS]
-    _, *told = run_without_extras(tmp_path, prepare, *NEEDS_EXTRA.values(), *helps)
+    commands = [
+        ["import", "press.csv", "-o", "press.mcap"],
+        *([name, "press.mcap"] for name in ("info", "estimate", "compare")),
+        ["diagnose", "press.csv", "--apply", "--out", "out"],
+        ["report", "press.csv"],
+        ["export", "press.mcap", "--stream", "contact", "-o", "press.parquet"],
+    ]
+    helps = [[name, "--help"] for name in COMMANDS]
+    told = run_without_extras(tmp_path, *commands, *NEEDS_EXTRA.values(), *helps, prepare=FEW_EFFECTS)
+    for command, (code, said) in zip(commands, told, strict=False):
+        assert code == 0, (command, said)
+        assert ("pip install 'palpate[view]'" in said) == (command[0] == "diagnose"), said
+    written = {PurePath(path).name for path in (tmp_path / "out").iterdir()}
+    assert {"diagnosis.json", "report.html"} <= written
+    assert "revisions.rrd" not in written
+    told = told[len(commands) :]
     for extra, (code, said) in zip(NEEDS_EXTRA, told, strict=False):
         assert code == 2, said
         assert said.splitlines()[-1].startswith("palpate: ")

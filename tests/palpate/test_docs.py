@@ -23,7 +23,7 @@ EXAMPLES = [
 
 
 @pytest.mark.parametrize("code", EXAMPLES)
-def test_an_example_runs(few_effects, without_figures, probed, code, tmp_path, monkeypatch):
+def test_an_example_runs(few_effects, without_figures, one_process, probed, code, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     for name in re.findall(r'"(\w+\.mcap)"', code):
         shutil.copy(probed[0], name)

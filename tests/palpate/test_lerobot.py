@@ -135,7 +135,7 @@ def teleoperator(plugins, folder, **changed):
     return plugins[1].PalpateTeleoperator(config)
 
 
-def test_an_observation_has_all_that_is_promised_in_degrees(robot):
+def test_an_observation_has_all_that_is_promised_and_an_action_is_cut_to_what_the_guard_allows(robot):
     home_deg = np.degrees(robot._file.home_rad)
     with pytest.raises(ConnectionError):
         robot.get_observation()
@@ -153,10 +153,6 @@ def test_an_observation_has_all_that_is_promised_in_degrees(robot):
             break
         time.sleep(0.01)
     assert later > observation["time"]
-
-
-def test_an_action_is_cut_to_what_the_guard_allows_and_returned(robot):
-    robot.connect()
     sent = robot.send_action({"shoulder.pos": 45.0, "elbow.pos": -84.0, "wrist.pos": 1000.0})
     assert sent["shoulder.pos"] == pytest.approx(45.0)
     limit_deg = np.degrees(robot._file.limits.position_max_rad[2])

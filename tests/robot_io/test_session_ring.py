@@ -72,7 +72,7 @@ def test_a_record_of_the_wrong_form_leaves_no_trace():
 
 
 def test_records_are_whole_while_both_sides_are_busy():
-    memory, slots, count = bytearray(RingBuffer.size_bytes(DTYPE, 8)), 8, 1_000
+    memory, slots, count = bytearray(RingBuffer.size_bytes(DTYPE, 8)), 8, 300
     incoming, ring = (RingBuffer(memoryview(memory), DTYPE, slots) for _ in range(2))
 
     def produce():

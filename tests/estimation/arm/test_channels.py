@@ -17,6 +17,7 @@ from palpate.estimation.models import MODELS
 from palpate.estimation.shared_gains import with_shared_gains
 from tests.estimation.arm.panda import JOINTS, TIP, motion, other_bodies, panda, panda_urdf, regressor
 
+BRIEF = {"runs": 2, "seconds": 1.0}
 COULOMB = (0.4, 0.0, 0.8, 0.0, 0.3, 0.0, 0.2)  # [N m]: friction in some joints only
 
 
@@ -59,7 +60,7 @@ def test_every_joint_names_the_same_parameters():
     body = panda()
     base = base_parameters(body)
     value = dict(zip(base.names, base.grouping @ body.parameters, strict=True))
-    channels = prepared(arm_channels(body.parameters, coulomb=(0.0,) * JOINTS, noise=0.0))
+    channels = prepared(arm_channels(body.parameters, coulomb=(0.0,) * JOINTS, noise=0.0, **BRIEF))
     for joint, model in enumerate(fitted_models()):
         effect = model.effects[0]
         found = effect.columns(channels[joint], {}) @ [value[gain.name] for gain in effect.gains]
@@ -130,12 +131,13 @@ def test_what_little_motion_does_not_show_stays_near_the_urdf(bodies):
 
 
 def test_joints_that_do_not_move_are_left_as_they_are(bodies):
-    little = prepared(arm_channels(bodies, moving=(1, 3)))
+    little = prepared(arm_channels(bodies, moving=(1, 3), **BRIEF))
     shared = with_shared_gains(little, fitted_models())
     assert [data.shared is not None for data in shared] == [j in (1, 3) for j in range(JOINTS)]
 
 
 def test_what_all_joints_said_is_kept_where_one_is_asked_alone(bodies):
-    all_of_them, models = with_shared_gains(prepared(arm_channels(bodies)), fitted_models()), fitted_models()
+    models = fitted_models()
+    all_of_them = with_shared_gains(prepared(arm_channels(bodies, **BRIEF)), models)
     (alone,) = with_shared_gains(all_of_them[4:5], models[4:5])
     assert alone.shared is all_of_them[4].shared

@@ -80,7 +80,9 @@ def test_what_is_no_such_file_is_refused(content, why, tmp_path):
 
 @given(
     st.recursive(
-        st.text() | st.none() | st.floats(), lambda one: st.lists(one) | st.dictionaries(st.text(), one)
+        st.text() | st.none() | st.floats(),
+        lambda one: st.lists(one) | st.dictionaries(st.text(), one),
+        max_leaves=10,
     )
 )
 def test_cleaned_content_has_nothing_else(content):

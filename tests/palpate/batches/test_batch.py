@@ -22,7 +22,7 @@ from palpate.batches.pooling import BatchResult
 from palpate.batches.table import make_table
 from palpate.batches.works.measuring import write_measurement_report
 from palpate.estimation.study.source import NO_OPTIONS
-from palpate.robot_io.errors import InputError, describe_error
+from palpate.robot_io.errors import InputError
 from palpate.study import Study
 from palpate.sweep import ResultStore, runner
 from tests.palpate.cli import ROOT, as_json, assert_refused, done, run
@@ -55,18 +55,8 @@ def specimens(tmp_path_factory):
 
 
 @pytest.fixture(autouse=True)
-def no_worker_processes(out, monkeypatch):
+def no_worker_processes(out, one_process):
     """Batches that are started here after `out`, which real workers filled, work in this process."""
-
-    def run_here(run_case, todo, folder, workers):
-        for address, case in todo.items():
-            try:
-                run_case(case, address, folder)
-                yield ""
-            except Exception as error:  # as a worker tells it
-                yield f"{case.label}: {describe_error(error)}"
-
-    monkeypatch.setattr(runner, "run_in_processes", run_here)
 
 
 @pytest.fixture(scope="module")
@@ -418,7 +408,7 @@ def test_copies_of_a_measurement_are_mentioned(specimens, tmp_path):
 
 
 def test_a_batch_that_is_stopped_before_the_first_result_continues(specimens, tmp_path, monkeypatch):
-    monkeypatch.setattr(runner, "_JOIN_S", 1.0)
+    monkeypatch.setattr(runner, "_JOIN_S", 0.2)
     press, out = specimens / "s0_soft.csv", tmp_path / "out"
     lost = run("batch", press, "--out", out, "--scheduler", "tcp://127.0.0.1:9")
     assert_refused(lost, "tcp://127.0.0.1:9")

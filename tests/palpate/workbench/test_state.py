@@ -30,6 +30,7 @@ from palpate.workbench.startup import AppState
 from palpate.workbench.state import WorkbenchState, evidence_of, groups
 from palpate.workflows.data_options import DataArguments
 from tests.palpate.presses import write_own_effect, write_presses
+from tests.palpate.sessions import QUICK
 
 
 @pytest.fixture(scope="module")
@@ -341,11 +342,9 @@ def test_a_probing_that_the_server_leaves_is_brought_to_its_end(tmp_path):
 
     async def left():
         probing = asyncio.create_task(
-            run_command(
-                ["probe", "--realtime", "--speed-mm-s", "150", "--hold-s", "0.5", "--out", str(path)], print
-            )
+            run_command(["probe", "--realtime", "--experiment", str(QUICK), "--out", str(path)], print)
         )
-        while not path.exists() or path.stat().st_size < 200_000:
+        while not path.exists() or path.stat().st_size < 80_000:
             await asyncio.sleep(0.1)
         probing.cancel()
         with pytest.raises(asyncio.CancelledError):
