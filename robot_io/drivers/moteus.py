@@ -21,7 +21,7 @@ from palpate.robot_io.driver import DriverContext
 from palpate.robot_io.drivers.can.line import CanFrame, CanLineSettings, expect_length
 from palpate.robot_io.drivers.can.motors import ANSWER_S, AskedMotorBus, MotorMounting
 from palpate.robot_io.drivers.joint_bus import BusEncoder, BusTorque
-from palpate.robot_io.errors import DeviceError, InputError, ProtocolError
+from palpate.robot_io.errors import InputError, ProtocolError
 from palpate.robot_io.examination import Finding, fail, ok, warn
 from palpate.robot_io.files.file_model import Number
 from palpate.robot_io.guard.limits import Torque
@@ -209,7 +209,7 @@ class MoteusBus(AskedMotorBus[MoteusState]):
         super().__init__(own, own.motors, context, ids, own.watchdog_s)
         self._own, self._motors = own, own.motors
         self._shown: list[MoteusState | None] = [None] * len(ids)
-        self._question_frames = [encode_question(own.host_id, motor_id) for motor_id in ids]
+        self._state_request_frames = [encode_question(own.host_id, motor_id) for motor_id in ids]
         self._stops = [encode_stop(own.host_id, motor_id) for motor_id in ids]
 
     def configure(self) -> None:
@@ -234,7 +234,7 @@ class MoteusBus(AskedMotorBus[MoteusState]):
 
     def _report(self) -> list[Finding]:
         self._shown = [None] * self.joint_count
-        self._ask()
+        self._request_states(range(self.joint_count))
         self._wait_for(lambda: None not in self._shown, ANSWER_S)
         return [self._observe(joint, state) for joint, state in enumerate(self._shown)]
 
@@ -261,43 +261,40 @@ class MoteusBus(AskedMotorBus[MoteusState]):
         self._refuse_duplicate_ids()
         self._refuse_lost()  # it may have restarted since it was configured
         self._outlast_watchdogs()
-        self._answered(self._question_frames)
-        self._refuse_going_on([bool(enabled) for enabled in self._enabled], "is still in position mode")
+        self._exchange(self._state_request_frames)
+        self._refuse_active(map(bool, self._enabled), "is still in position mode")
         self._arm()
-        self._powered = True
-        self._command, self._commanded_s = self._zero_torque(), self._clock.now_s()
+        self._begin_commands()
 
     def _switch_off(self) -> None:
-        self._bring_to(self._stops, "torque off is not confirmed by", enabled=False)
+        self._switch_mode(self._stops, "torque off is not confirmed by", enabled=False)
 
     def _arm(self) -> None:
         """Clear faults and enter position mode at zero torque; raise `DeviceError` if one did not."""
-        self._bring_to(self._stops, "does not stop:", enabled=False)
-        self._bring_to(self._zero_torque(), "no position mode:", enabled=True)
+        self._switch_mode(self._stops, "does not stop:", enabled=False)
+        self._switch_mode(self._zero_torque(), "no position mode:", enabled=True)
 
-    def _bring_to(self, frames: list[CanFrame], problem: str, *, enabled: bool) -> None:
+    def _switch_mode(self, frames: list[CanFrame], problem: str, *, enabled: bool) -> None:
         """Send frames until answers show that all are in position mode, or stopped."""
         self._answers = [0] * self.joint_count
 
-        def others() -> list[str]:
+        def missing() -> list[str]:
             return [
                 f"{self.motor_label(joint)} ({self._error_names(error) if error else 'no such answer'})"
                 for joint, error in enumerate(self._errors)
                 if self._answers[joint] < 2 or error or self._enabled[joint] is not enabled
             ]
 
-        def done() -> bool:
-            missing = others()
-            if missing:
+        def is_done() -> bool:
+            if is_missing := bool(missing()):
                 self._send_all(frames)
-            return not missing
+            return not is_missing
 
-        if not self._wait_for(done, ANSWER_S):
-            twins = f"; {self._twins()}" if any(self._unasked) else ""
-            raise DeviceError(f"{self.line.label}: {problem} {', '.join(others())}{twins}")
+        if not self._wait_for(is_done, ANSWER_S):
+            raise self._not_confirmed(problem, missing())
 
-    def _questions(self, joint: int) -> list[CanFrame]:
-        return [self._question_frames[joint]]
+    def _state_requests(self, joint: int) -> list[CanFrame]:
+        return [self._state_request_frames[joint]]
 
     def _joint_of(self, frame: CanFrame) -> int | None:
         is_answer = frame.fd and not frame.remote and frame.can_id & 0xFF == self._own.host_id
@@ -310,7 +307,7 @@ class MoteusBus(AskedMotorBus[MoteusState]):
         self._states[joint].append((decode_state(frame), at_s))
         return True
 
-    def _motor_asked(self, frame: CanFrame) -> int | None:
+    def _answering_motor(self, frame: CanFrame) -> int | None:
         return frame.can_id & 0x7F
 
     def _condition(self, state: MoteusState) -> tuple[int, bool | None]:

@@ -17,13 +17,7 @@ from palpate.robot_io.drivers import odrive_protocol as odrive
 from palpate.robot_io.drivers.can.line import CanFrame, CanLineSettings
 from palpate.robot_io.drivers.can.motors import MotorBus, MotorMounting
 from palpate.robot_io.drivers.joint_bus import BusEncoder, BusTorque
-from palpate.robot_io.drivers.odrive_protocol import (
-    MAX_NODE_ID,
-    AxisState,
-    Firmware,
-    Heartbeat,
-    OdriveCommand,
-)
+from palpate.robot_io.drivers.odrive_protocol import AxisState, Firmware, Heartbeat, OdriveCommand
 from palpate.robot_io.errors import DeviceError
 from palpate.robot_io.examination import Finding, fail, ok, warn
 from palpate.robot_io.files.file_model import Positive, TorqueConstant
@@ -33,7 +27,7 @@ from palpate.robot_io.guard.limits import Torque
 class OdriveAxis(MotorMounting):
     """One axis."""
 
-    node_id: Annotated[int, Field(ge=0, le=MAX_NODE_ID, strict=True)]  # its CAN node id
+    node_id: Annotated[int, Field(ge=0, le=odrive.MAX_NODE_ID, strict=True)]  # its CAN node id
     max_torque_nm: Torque  # largest motor torque, from its current limit [N m]
     # Current limit for this torque [A]. If stated, each activation writes it to the axis, with a velocity
     # limit above this file's (Set_Limits); otherwise both keep their values from USB.
@@ -64,10 +58,13 @@ class OdriveBusSettings(CanLineSettings):
         return self
 
 
-_OBEYED_SHARE, _CLEAR_SHARE, _SHORT_SAMPLES = 0.8, 0.02, 5  # of what was sent, of the most; in a row
+_OBEYED_SHARE = 0.8  # a motor exerts too little below this share of the sent torque
+_CLEAR_SHARE = 0.02  # minus this share of its largest torque,
+_SHORT_SAMPLES = 5  # in so many consecutive samples
 _SPARE_SPEED = 1.5  # multiple of the robot file's limit, so that the guard stops the arm before an axis fails
 _LOST_HEARTBEATS = 3.5  # heartbeat periods without a heartbeat after which the axis is lost
-_LATENCY_ROUNDS, _LATEST_ANSWER_S = 3, 0.05
+_LATENCY_ROUNDS = 3  # measurements of an axis's answering time, of which the shortest counts
+_LATEST_ANSWER_S = 0.05  # longest wait for an answer
 _ENCODER_ERRORS = {"ENCODER_FAILED", "MISSING_ESTIMATE", "SPINOUT_DETECTED", "UNKNOWN_POSITION"}
 
 
@@ -109,8 +106,9 @@ class OdriveBus(MotorBus):
         self._send_all(self._to_every_axis(AxisState.IDLE))
         self._send_all([odrive.ask(axis.node_id, OdriveCommand.GET_VERSION) for axis in self._axes])
         self._wait_for(self._all_heard, self._heartbeat_timeout_s)
-        for joint, axis in enumerate(self._axes):
-            self._check_heard(joint, axis)
+        for joint in range(self.joint_count):
+            if problem := self._setup_problem(joint):
+                raise self._about(joint, problem)
         # Measure each axis's answering time, which corrects the times of its samples: CAN frames carry no
         # time, and a constant delay would go unnoticed. A silent axis is assumed to have no delay.
         ask = [odrive.ask(axis.node_id, OdriveCommand.BUS_VOLTAGE_CURRENT) for axis in self._axes]
@@ -136,22 +134,16 @@ class OdriveBus(MotorBus):
         self._wait_for(
             lambda: self._all_heard() and len(self._supply_v) == self.joint_count, self._heartbeat_timeout_s
         )
-        unseen = f"CAN cannot read what each axis must have: {'; '.join(self._setup_commands)}"
-        return [
-            *(self._observe(joint) for joint in range(self.joint_count)),
-            ok("set over USB", unseen),
-        ]
+        unseen = f"CAN cannot read these settings, which each axis needs: {'; '.join(self._setup_commands)}"
+        return [*map(self._observe, range(self.joint_count)), ok("set over USB", unseen)]
 
     def _observe(self, joint: int) -> Finding:
         label, beat, supply_v = self.motor_label(joint), self._heartbeats[joint], self._supply_v.get(joint)
         if beat is None:
             remedy = f"check its power, cable, node id and bit rate; {self._rate_commands[0]}"
             return fail(label, "sends no heartbeat", remedy)
-        try:
-            self._check_heard(joint, self._axes[joint])
-        except DeviceError as error:
-            said = str(error).removeprefix(f"{self.line.label}: {label}: ")
-            return fail(label, said, f"over USB: {'; '.join(self._setup_commands)}")
+        if problem := self._setup_problem(joint):
+            return fail(label, problem, f"over USB: {'; '.join(self._setup_commands)}")
         version = self._versions.get(self._axes[joint].node_id)
         firmware = f"firmware {'.'.join(map(str, version))}" if version else f"firmware {self._own.firmware}"
         supply = "supply voltage not reported" if supply_v is None else f"{supply_v:.1f} V"
@@ -171,13 +163,13 @@ class OdriveBus(MotorBus):
         self._arm()
         bit = odrive.WATCHDOG_EXPIRED[self._own.firmware]
 
-        def alive() -> list[int]:
+        def armed() -> list[int]:
             return [j for j, beat in enumerate(self._heartbeats) if not (beat and beat.axis_error & bit)]
 
         limit_s = self._own.watchdog_s + self._heartbeat_timeout_s
-        if not self._wait_for(lambda: not alive(), limit_s):
+        if not self._wait_for(lambda: not armed(), limit_s):
             raise DeviceError(
-                f"{self.line.label}: the watchdog of {', '.join(map(self.motor_label, alive()))} did not "
+                f"{self.line.label}: the watchdog of {', '.join(map(self.motor_label, armed()))} did not "
                 f"expire in {limit_s:.2g} s without commands; set {odrive.ENABLE_WATCHDOG} = True; "
                 f"{odrive.WATCHDOG_TIMEOUT} = {self._own.watchdog_s:g}"
             )
@@ -186,19 +178,15 @@ class OdriveBus(MotorBus):
 
     def _switch_off(self) -> None:
         """See `MotorBus._switch_off`; each axis must confirm by a heartbeat."""
-        told_s = self._clock.now_s()
-        self._send_all(
-            [
-                *(odrive.encode_input_torque(axis.node_id, 0.0) for axis in self._axes),
-                *self._to_every_axis(AxisState.IDLE),
-            ]
-        )
+        sent_s = self._clock.now_s()
+        zero_torque = [odrive.encode_input_torque(axis.node_id, 0.0) for axis in self._axes]
+        self._send_all([*zero_torque, *self._to_every_axis(AxisState.IDLE)])
 
         def still_on() -> list[str]:
             return [
                 self.motor_label(joint)
                 for joint, beat in enumerate(self._heartbeats)
-                if beat is None or beat.state is not AxisState.IDLE or self._heartbeat_at_s[joint] < told_s
+                if beat is None or beat.state is not AxisState.IDLE or self._heartbeat_at_s[joint] < sent_s
             ]
 
         if not self._wait_for(lambda: not still_on(), self._heartbeat_timeout_s):
@@ -255,20 +243,19 @@ class OdriveBus(MotorBus):
         command = self._rate_commands[2 if what == "torque" else 1]
         raise self._about(joint, f"does not send its {what} every {oldest_s:g} s; set {command}")
 
-    def _check_heard(self, joint: int, axis: OdriveAxis) -> None:
+    def _setup_problem(self, joint: int) -> str:
+        """Return what an axis does not send, or its wrong firmware; an empty string if its setup is right."""
         if self._heartbeats[joint] is None:
-            raise self._about(joint, f"no heartbeat in {self._heartbeat_timeout_s:.2g} s")
-        version, stated = self._versions.get(axis.node_id), self._own.firmware
+            return f"no heartbeat in {self._heartbeat_timeout_s:.2g} s"
+        version, stated = self._versions.get(self._axes[joint].node_id), self._own.firmware
         if version is None and stated is Firmware.V0_6:
-            raise self._about(joint, "does not answer Get_Version, as firmware 0.6 would")
+            return "does not answer Get_Version, as firmware 0.6 would"
         if version is not None and f"{version[0]}.{version[1]}" != stated:
-            firmware = ".".join(map(str, version))
-            raise self._about(joint, f"has firmware {firmware}, but the robot file states {stated}")
+            return f"has firmware {'.'.join(map(str, version))}, but the robot file states {stated}"
         _, encoder, torque = self._rate_commands
         if self._motion_at_s[joint] == -inf:
-            raise self._about(joint, f"sends no encoder estimates; set {encoder}")
-        if self._torque_at_s[joint] == -inf:
-            raise self._about(joint, f"sends no torques; set {torque}")
+            return f"sends no encoder estimates; set {encoder}"
+        return f"sends no torques; set {torque}" if self._torque_at_s[joint] == -inf else ""
 
     def _arm(self) -> None:
         """Clear errors and go to closed-loop torque control at zero torque."""

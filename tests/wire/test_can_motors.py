@@ -159,9 +159,8 @@ def test_damiao_motors_with_the_master_id_that_they_are_delivered_with_are_named
     arm = bench(DAMIAO)
     for motor in arm.motors:
         motor._host_id = 0
-    said = (
-        r"no answer .*; heard frames 0x000: set the master id of each motor \(0x011, 0x012, 0x013 by the rob"
-    )
+    ids = r"set the master id of each motor \(0x011, 0x012, 0x013 by the rob"
+    said = f"no answer .*; received frames with the ids 0x000: {ids}"
     with pytest.raises(DeviceError, match=said):
         arm.robot.buses["motors"].configure()
     findings = arm.robot.buses["motors"].examine()

@@ -22,10 +22,10 @@ LONG, SHORT = 111e-6, 79e-6  # CAN frames with 8 and 4 bytes of data at 1 Mbit/s
     ("path", "count", "said", "force", "wire_s"),
     [
         (ODRIVE, 3, "firmware 0.6.10, 24.0 V, IDLE", "DI-1000, counts in lb", 3 * (2 * LONG + SHORT)),
-        (CUBEMARS, 3, "answers, at .* proven at act", "serial number 123456, 100 N, 1000 s", 3 * 2 * LONG),
+        (CUBEMARS, 3, "answers, at .* tested at act", "serial number 123456, 100 N, 1000 s", 3 * 2 * LONG),
         (DAMIAO, 3, "answers, at .* set and read back at act", "nau7802, 320 samples/s", 3 * 2 * LONG),
         (
-            *(ROBSTRIDE, 3, "answers, at .* set, read back and proven at act", "nau7802, 320 samples/s"),
+            *(ROBSTRIDE, 3, "answers, at .* set, read back and tested at act", "nau7802, 320 samples/s"),
             3 * 2 * (LONG + 20e-6),
         ),
         (MOTEUS, 3, "mode 0, 24.0 V, 31 °C, position known by the output", "nau7802, 320", 3 * 200.4e-6),

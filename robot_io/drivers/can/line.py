@@ -37,8 +37,8 @@ else:
 _SPEEDS = dict(zip((10_000, 20_000, 50_000, 100_000, 125_000, 250_000, 500_000), range(7), strict=True))
 _SPEEDS[1_000_000] = 8  # 7 is 750 or 800 kbit/s, depending on the adapter's maker
 _USUAL_BAUD_RATE = 115_200  # USB adapters accept any
-_LONGEST = 32  # bytes of a line; a frame takes up to 27, and a time stamp four more
-_TAKEN = (b"", b"z", b"Z")  # replies of an adapter
+_LONGEST_LINE = 32  # bytes; a frame takes up to 27, and a time stamp four more
+_CONFIRMATIONS = (b"", b"z", b"Z")  # replies of an adapter to a command or a sent frame
 _FRAME = re.compile(
     rb"(?:(?P<short>[tr])(?P<short_id>[0-7][0-9A-Fa-f]{2})|(?P<long>[TR])(?P<long_id>[01][0-9A-Fa-f]{7}))"
     rb"(?P<size>[0-8])(?P<data>(?:[0-9A-Fa-f]{2})*)"
@@ -107,7 +107,11 @@ class SlcanBus:
         speed = b"" if bitrate is None else b"S%d\r" % _SPEEDS[bitrate]
         # Sent before the next frame: here, the commands that open the bus.
         self._lead = b"\rC\r" + speed + b"O\r"
-        self._write(b"")
+        try:
+            self._write(b"")
+        except DeviceError:
+            self._port.close()
+            raise
 
     def send(self, message: "can.Message", timeout: float | None = None) -> None:
         """Hand a frame to the adapter at once.
@@ -132,11 +136,10 @@ class SlcanBus:
             DeviceError: the port has failed.
         """
         if not self._lines:
-            come = self._rest + self._port.wait(0.0)  # detects a hang-up too
-            *lines, self._rest = re.split(rb"[\r\a]", come)
-            self._lines.extend(line for line in lines if line not in _TAKEN)
-            if len(self._rest) > _LONGEST:  # noise up to the next end of a line
-                self._rest = self._rest[-_LONGEST:]
+            received = self._rest + self._port.wait(0.0)  # detects a hang-up too
+            *lines, self._rest = re.split(rb"[\r\a]", received)
+            self._lines.extend(line for line in lines if line not in _CONFIRMATIONS)
+            self._rest = self._rest[-_LONGEST_LINE:]  # longer is noise up to the next end of a line
         return decode_line(self._lines.popleft()) if self._lines else None
 
     def shutdown(self) -> None:

@@ -6,7 +6,7 @@ open request of its motor, and gets the time of that request.
 """
 
 from abc import abstractmethod
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from math import inf
 from typing import Annotated, Generic, TypeVar
 
@@ -21,14 +21,13 @@ from palpate.robot_io.examination import Examinable, Finding, fail, warn
 from palpate.robot_io.files.file_model import FileModel, Number, ZeroAngle, between
 from palpate.robot_io.types import FloatArray, Reading, Status
 
-_SILENT_SHARE = (
-    0.5  # share of the age limit from which silence is reported, so that the cause is known at the limit
-)
+# Share of the age limit from which silence is reported, so that the cause is known at the limit.
+_SILENT_SHARE = 0.5
 _FRAME_BITS = 47  # bits of a frame with an 11 bit id and the gap after it, without its data (ISO 11898-1)
 _EXTENSION_BITS = 20  # additional bits with a 29 bit id
-_USUAL_BITRATE = 1_000_000  # if the adapter was configured before and does not report its bit rate
-_LOOK_S = 1e-3  # polling period while waiting for an answer
-_MOST_FOREIGN = 20  # largest number of listed ids
+_USUAL_BITRATE = 1_000_000  # assumed if the robot file leaves the bit rate to the adapter [bit/s]
+_POLL_PERIOD_S = 1e-3  # while waiting for an answer
+_MOST_FOREIGN = 20  # largest number of foreign ids that are listed
 
 
 class MotorMounting(FileModel):
@@ -184,11 +183,10 @@ class MotorBus(JointBus, Examinable):
         self._drain(deadline_s)
         faults = [self._fault(joint, now_s) for joint in range(self.joint_count)]
         self._publish(faults)
-        troubles = [
-            fault or self._silence(joint, now_s) or self._hint(joint) for joint, fault in enumerate(faults)
-        ]
         problems = [
-            f"{self.motor_label(joint)}: {trouble}" for joint, trouble in enumerate(troubles) if trouble
+            f"{self.motor_label(joint)}: {problem}"
+            for joint, fault in enumerate(faults)
+            if (problem := fault or self._silence(joint, now_s) or self._hint(joint))
         ]
         if problems:
             kind = DeviceError if any(faults) else DeviceTimeoutError
@@ -233,32 +231,32 @@ class MotorBus(JointBus, Examinable):
 
     def _silence(self, joint: int, now_s: float) -> str:
         """Return which data of `joint` are missing for half of the age limit, or an empty string."""
-        limits, what, age_s = self._limits, "nothing valid", now_s - self._motion_at_s[joint]
+        limits, missing, age_s = self._limits, "nothing valid", now_s - self._motion_at_s[joint]
         if age_s <= _SILENT_SHARE * limits.encoder_age_s:
-            what, age_s = "no torques", now_s - self._torque_at_s[joint]
+            missing, age_s = "no torques", now_s - self._torque_at_s[joint]
             if age_s <= _SILENT_SHARE * limits.torque_age_s:
                 return ""
-        since = "has not been heard yet" if age_s == inf else f"{what} for {age_s * 1e3:.1f} ms"
+        since = "has sent nothing yet" if age_s == inf else f"{missing} for {age_s * 1e3:.1f} ms"
         last = self._last_problem[joint]
-        return f"{since}; last was: {last}" if last else since
+        return f"{since}; last problem: {last}" if last else since
 
     def _publish(self, faults: Sequence[str]) -> None:
         motion_at_s, torque_at_s = min(self._motion_at_s), min(self._torque_at_s)
-        motion = Status.SATURATED if any(self._at_range_end) else Status.OK
-        motion = Status.FAULT if any(self._motion_is_wrong) else motion
-        motion = Status.STALE if motion_at_s == -inf else motion
-        self.position = Reading(np.array(self._position_rad), motion_at_s, motion)
-        self.velocity = Reading(np.array(self._velocity_rad_s), motion_at_s, motion)
-        torque = Status.FAULT if any(faults) else Status.OK
-        torque = Status.STALE if torque_at_s == -inf else torque
-        self.torque = Reading(np.array(self._torque_nm), torque_at_s, torque)
+        motion_status = Status.SATURATED if any(self._at_range_end) else Status.OK
+        motion_status = Status.FAULT if any(self._motion_is_wrong) else motion_status
+        motion_status = Status.STALE if motion_at_s == -inf else motion_status
+        self.position = Reading(np.array(self._position_rad), motion_at_s, motion_status)
+        self.velocity = Reading(np.array(self._velocity_rad_s), motion_at_s, motion_status)
+        torque_status = Status.FAULT if any(faults) else Status.OK
+        torque_status = Status.STALE if torque_at_s == -inf else torque_status
+        self.torque = Reading(np.array(self._torque_nm), torque_at_s, torque_status)
 
     def _send_all(self, frames: Sequence[CanFrame]) -> None:
         """Send every frame, even after a failure; raise `DeviceError` if some could not be sent."""
         failures: list[DeviceError] = []
         for frame in frames:
             try:
-                self._send(frame, self._clock.now_s() + _LOOK_S)
+                self._send(frame, self._clock.now_s() + _POLL_PERIOD_S)
             except DeviceError as error:
                 failures.append(error)
         if failures:
@@ -273,11 +271,11 @@ class MotorBus(JointBus, Examinable):
                 return True
             if self._clock.now_s() >= end_s:
                 return False
-            self._clock.sleep_until(self._clock.now_s() + _LOOK_S)
+            self._clock.sleep_until(self._clock.now_s() + _POLL_PERIOD_S)
 
 
-ANSWER_S = 0.05  # longer than any motor needs
-_TWICE_S = 2e-3  # after the last motor's answer: a second motor with the same id has answered too by then
+ANSWER_S = 0.05  # longest wait for an answer; longer than any motor needs
+_SECOND_ANSWER_S = 2e-3  # after this time, a second motor with the same id has answered too
 _LATEST_WATCHDOG = 1.5  # multiple of the watchdog's time by which it has fired
 _MARGIN_SHARE = 0.5  # variation of delays, as a share of a tick
 _TWO_MOTORS = "do two motors have this id?"
@@ -323,11 +321,11 @@ class AskedMotorBus(MotorBus, Generic[StateType]):
     # Implemented by each protocol.
 
     @abstractmethod
-    def _questions(self, joint: int) -> list[CanFrame]:
+    def _state_requests(self, joint: int) -> list[CanFrame]:
         """Return the frames that request the state of a motor without torque."""
 
     @abstractmethod
-    def _motor_asked(self, frame: CanFrame) -> int | None:
+    def _answering_motor(self, frame: CanFrame) -> int | None:
         """Return the motor that answers a frame with its state, by its id; None if none does."""
 
     @abstractmethod
@@ -359,32 +357,33 @@ class AskedMotorBus(MotorBus, Generic[StateType]):
         """
         self.line.open()
         self._unasked = [0] * self.joint_count
-        self._ask()
+        self._request_states(range(self.joint_count))
         self._wait_for(lambda: -inf not in self._motion_at_s or any(self._unasked), ANSWER_S)
-        self._wait_for(lambda: False, _TWICE_S)
+        self._wait_for(lambda: False, _SECOND_ANSWER_S)
         self._refuse_duplicate_ids()
         silent = [joint for joint, at_s in enumerate(self._motion_at_s) if at_s == -inf]
         if silent:
-            labels = ", ".join(map(self.motor_label, silent))
-            heard = (
-                f"; heard frames {self._foreign_listed}: {self._foreign_remedy}" if self._foreign_ids else ""
-            )
-            raise DeviceError(f"{self.line.label}: no answer in {ANSWER_S} s from {labels}{heard}")
+            problem = f"no answer in {ANSWER_S} s from {', '.join(map(self.motor_label, silent))}"
+            if self._foreign_ids:
+                problem += f"; received frames with the ids {self._foreign_listed}: {self._foreign_remedy}"
+            raise DeviceError(f"{self.line.label}: {problem}")
 
-    def _ask(self) -> None:
-        """Request the states of all motors, whose torque is off."""
-        self._send_all([frame for joint in range(self.joint_count) for frame in self._questions(joint)])
+    def _request_states(self, joints: Iterable[int]) -> None:
+        """Request the states of motors whose torque is off."""
+        self._send_all([frame for joint in joints for frame in self._state_requests(joint)])
 
     def _refuse_duplicate_ids(self) -> None:
         """Raise a DeviceError if a motor answers more often than it was asked."""
-        if twins := self._twins():
-            raise DeviceError(f"{self.line.label}: {twins}")
+        if duplicates := self._duplicate_ids():
+            raise DeviceError(f"{self.line.label}: {duplicates}")
 
-    def _twins(self) -> str:
+    def _duplicate_ids(self) -> str:
         """Name the motors that have answered more often than they were asked; empty if there are none."""
-        labels = [self.motor_label(joint) for joint, count in enumerate(self._unasked) if count]
-        said = f"answers more often than it is asked: {_TWO_MOTORS}"
-        return "; ".join(f"{label}: {said}" for label in labels)
+        return "; ".join(
+            f"{self.motor_label(joint)}: answers more often than it is asked: {_TWO_MOTORS}"
+            for joint, count in enumerate(self._unasked)
+            if count
+        )
 
     def poll(self, deadline_s: float) -> None:
         """See `MotorBus.poll`; without a command since the last poll, sends requests for the next poll."""
@@ -394,12 +393,10 @@ class AskedMotorBus(MotorBus, Generic[StateType]):
             if not self.line.bus_off:
                 # The motors answer the last command, which is repeated for at most the watchdog's time.
                 if not self._powered:
-                    self._send_all(
-                        [frame for joint in self._joints_to_ask() for frame in self._questions(joint)]
-                    )
+                    self._request_states(self._joints_to_ask())
                 elif not self._flushed:
-                    forgotten = self._clock.now_s() - self._commanded_s > self._watchdog_s
-                    frames = self._zero_torque() if forgotten else self._command
+                    is_expired = self._clock.now_s() - self._commanded_s > self._watchdog_s
+                    frames = self._zero_torque() if is_expired else self._command
                     self._send_all([frames[joint] for joint in self._joints_to_ask()])
             self._flushed = False
 
@@ -414,7 +411,7 @@ class AskedMotorBus(MotorBus, Generic[StateType]):
         return [joint for joint, requests in enumerate(self._requests) if not requests.omit_next()]
 
     def _send(self, frame: CanFrame, deadline_s: float) -> None:
-        motor_id = self._motor_asked(frame)
+        motor_id = self._answering_motor(frame)
         if motor_id is not None:
             self._requests[self._joint_by_id[motor_id]].ask(self._clock.now_s())
         super()._send(frame, deadline_s)
@@ -445,6 +442,11 @@ class AskedMotorBus(MotorBus, Generic[StateType]):
             return "has left motor mode; has it restarted?"
         return self._error_names(error) if error else ""
 
+    def _begin_commands(self) -> None:
+        """Expect commands from now on, starting with zero torque; the motors obey them."""
+        self._powered = True
+        self._command, self._commanded_s = self._zero_torque(), self._clock.now_s()
+
     def _zero_torque(self) -> list[CanFrame]:
         return [self._encode_torque(joint, 0.0)[0] for joint in range(self.joint_count)]
 
@@ -460,21 +462,21 @@ class AskedMotorBus(MotorBus, Generic[StateType]):
         self._send_all(frames)
 
         def missing() -> list[str]:
-            wrong = [
-                not self._error(joint) and said not in (None, enabled)
-                for joint, said in enumerate(self._enabled)
-            ]
             return [
                 self.motor_label(joint)
-                for joint, answers in enumerate(self._answers)
-                if answers < 2 or wrong[joint]
+                for joint, (answers, is_on) in enumerate(zip(self._answers, self._enabled, strict=True))
+                if answers < 2 or (not self._error(joint) and is_on not in (None, enabled))
             ]
 
         if not self._wait_for(lambda: not missing(), ANSWER_S):
-            twins = f"; {self._twins()}" if any(self._unasked) else ""
-            raise DeviceError(f"{self.line.label}: {problem} {', '.join(missing())}{twins}")
+            raise self._not_confirmed(problem, missing())
 
-    def _answered(self, frames: list[CanFrame]) -> None:
+    def _not_confirmed(self, problem: str, motors: Iterable[str]) -> DeviceError:
+        """Make the error for motors that did not confirm, with those whose ids are not unique."""
+        duplicates = f"; {self._duplicate_ids()}" if any(self._unasked) else ""
+        return DeviceError(f"{self.line.label}: {problem} {', '.join(motors)}{duplicates}")
+
+    def _exchange(self, frames: list[CanFrame]) -> None:
         """Send one frame to each motor and wait for the answers; raise `DeviceError` if a motor is silent."""
         self._answers = [0] * self.joint_count
         self._send_all(frames)
@@ -484,11 +486,10 @@ class AskedMotorBus(MotorBus, Generic[StateType]):
 
     def _refuse_errors(self, but: int | None = None) -> None:
         """Raise a DeviceError with the names of all motors that have an error other than `but`."""
-        errors = [self._error(joint) for joint in range(self.joint_count)]
         problems = [
             f"{self.motor_label(joint)}: {self._error_names(error)}"
-            for joint, error in enumerate(errors)
-            if error not in (0, but)
+            for joint in range(self.joint_count)
+            if (error := self._error(joint)) not in (0, but)
         ]
         if problems:
             raise DeviceError(f"{self.line.label}: {'; '.join(problems)}: remove the cause, then restart it")
@@ -497,11 +498,12 @@ class AskedMotorBus(MotorBus, Generic[StateType]):
         """Send nothing for longer than the motors' watchdog time."""
         self._clock.sleep_until(self._clock.now_s() + _LATEST_WATCHDOG * self._watchdog_s)
 
-    def _refuse_going_on(self, going_on: Sequence[bool], how: str) -> None:
-        """Raise a DeviceError if some motors did not stop during the silence; `how` states the evidence."""
-        if any(going_on):
-            alive = ", ".join(self.motor_label(joint) for joint, on in enumerate(going_on) if on)
+    def _refuse_active(self, is_active: Iterable[bool], evidence: str) -> None:
+        """Raise a DeviceError if some motors did not stop during the silence."""
+        labels = [self.motor_label(joint) for joint, active in enumerate(is_active) if active]
+        if labels:
+            silence_s, limit_s = _LATEST_WATCHDOG * self._watchdog_s, self._watchdog_s
             raise DeviceError(
-                f"{self.line.label}: {alive} {how} after {_LATEST_WATCHDOG * self._watchdog_s:.2g} s without "
-                f"commands; set its timeout to {self._watchdog_s:g} s"
+                f"{self.line.label}: {', '.join(labels)} {evidence} after {silence_s:.2g} s without "
+                f"commands; set its timeout to {limit_s:g} s"
             )

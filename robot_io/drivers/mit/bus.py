@@ -35,7 +35,9 @@ class MitBus(AskedMotorBus[MitState]):
         answer_ids = {motor.motor_id: own.answer_ids(motor) for motor in own.motors}
         self._frames = own.dialect.frames(own.host, answer_ids)
         self._alarms = [0] * len(own.motors)  # errors reported without a request
-        self._register_asked: tuple[int, MotorRegister] | None = None  # and its joint, while awaited
+        self._register_asked: tuple[int, MotorRegister] | None = (
+            None  # joint and register of a pending request
+        )
         self._register_values: list[float] = []
 
     def _joint_of(self, frame: CanFrame) -> int | None:
@@ -46,21 +48,20 @@ class MitBus(AskedMotorBus[MitState]):
         joint = self._joint_of(frame)
         if joint is None:
             return False
-        motor = self._motors[joint]
-        if self._frames.is_about_register(frame, motor.motor_id):
-            if self._register_asked and self._register_asked[0] == joint:
-                with suppress(ProtocolError):  # about another motor
-                    register = self._register_asked[1]
-                    value = self._frames.register_value(frame, self._motors[joint].motor_id, register)
-                    self._register_values.append(value)
+        motor_id = self._motor_ids[joint]
+        if self._frames.is_about_register(frame, motor_id):
+            asked_joint, register = self._register_asked or (None, None)
+            if register and asked_joint == joint:
+                with suppress(ProtocolError):  # it is about another register
+                    self._register_values.append(self._frames.register_value(frame, motor_id, register))
         elif (alarm := self._frames.alarm(frame)) is not None:
             self._alarms[joint] = alarm
         else:
             self._states[joint].append((self._frames.state(frame, self._ranges[joint]), at_s))
         return True
 
-    def _motor_asked(self, frame: CanFrame) -> int | None:
-        return self._frames.motor_asked(frame)
+    def _answering_motor(self, frame: CanFrame) -> int | None:
+        return self._frames.answering_motor(frame)
 
     def _condition(self, state: MitState) -> tuple[int, bool | None]:
         return state.error, state.enabled
@@ -98,11 +99,11 @@ class MitBus(AskedMotorBus[MitState]):
             self._alarms = [0] * self.joint_count
 
     def _to_every_motor(self, order: Order) -> list[CanFrame]:
-        return [self._frames.order(motor.motor_id, order) for motor in self._motors]
+        return [self._frames.order(motor_id, order) for motor_id in self._motor_ids]
 
     def _register(self, joint: int, register: MotorRegister, value: float | None = None) -> float:
         """Set a register if `value` is given, and return its value; raise `DeviceError` on no answer."""
-        motor_id = self._motors[joint].motor_id
+        motor_id = self._motor_ids[joint]
         write = [] if value is None else [self._frames.write_register(motor_id, register, value)]
         self._register_asked, self._register_values = (joint, register), []
         try:
@@ -144,31 +145,32 @@ class MitBus(AskedMotorBus[MitState]):
     def _report(self) -> list[Finding]:
         """See `MotorBus._report`; the protocol reports neither voltage nor firmware."""
         self._motion_at_s = [-inf] * self.joint_count
-        self._ask()
+        self._request_states(range(self.joint_count))
         self._wait_for(lambda: -inf not in self._motion_at_s, ANSWER_S)
-        proven = "set, read back and proven" if self._is_proven else "set and read back"
-        evidence = proven if self._dialect.set_up else "proven"
-        observations = []
+        evidence = "set and read back" if self._dialect.set_up else ""
+        if self._tests_watchdogs:
+            evidence = "set, read back and tested" if self._dialect.set_up else "tested"
+        findings = []
         for joint, motor in enumerate(self._motors):
             label, error = self.motor_label(joint), self._error(joint)
             if self._motion_at_s[joint] == -inf:
                 remedy = "check its power, cable and id, and its protocol"
-                observations.append(fail(label, "does not answer", remedy))
+                findings.append(fail(label, "does not answer", remedy))
             elif error:
                 remedy = "remove the cause, then restart it"
-                observations.append(fail(label, self._error_names(error), remedy))
+                findings.append(fail(label, self._error_names(error), remedy))
             else:
                 value = f"answers, at {self._position_rad[joint]:+.3f} rad; does not report its model, "
-                value += f"the robot file says {motor.model}; CAN timeout {self._own.watchdog_s:g} s, "
-                observations.append(ok(label, value + f"{evidence} at activation"))
-        return observations
+                value += f"the robot file states {motor.model}; CAN timeout {self._own.watchdog_s:g} s, "
+                findings.append(ok(label, value + f"{evidence} at activation"))
+        return findings
 
     def tick_wire_s(self) -> float | None:
         """See `Examinable.tick_wire_s`: a command to each motor, and its answer."""
         return 2 * self.joint_count * self._frame_s(8, extended=self._frames.extended)
 
     @property
-    def _is_proven(self) -> bool:
+    def _tests_watchdogs(self) -> bool:
         """Whether each activation lets the CAN timeouts expire; not if the timeout is an error."""
         return self._dialect.timeout_error is None
 
@@ -179,11 +181,10 @@ class MitBus(AskedMotorBus[MitState]):
         self._send_confirmed(frames, "motor mode is not confirmed by", enabled=True)
         self._refuse_duplicate_ids()
         self._refuse_errors()
-        if self._is_proven:
+        if self._tests_watchdogs:
             self._check_watchdogs()
             self._send_confirmed(frames, "motor mode is not confirmed by", enabled=True)
-        self._powered = True
-        self._command, self._commanded_s = self._zero_torque(), self._clock.now_s()
+        self._begin_commands()
 
     def _set_up(self) -> None:
         """Set mode and CAN timeout, and clear an expired timeout.
@@ -202,14 +203,14 @@ class MitBus(AskedMotorBus[MitState]):
                         joint, f"its {register.name} is {reported:g} after it was set to {setting}"
                     )
         self._switch_off()
-        fired = dialect.timeout_error
-        self._refuse_errors(but=fired)
-        has_fired = (
-            motor.motor_id
-            for motor, error in zip(self._motors, self._errors, strict=True)
-            if error and error == fired
+        self._refuse_errors(but=dialect.timeout_error)
+        self._send_all(
+            [
+                self._frames.order(motor_id, Order.CLEAR)
+                for motor_id, error in zip(self._motor_ids, self._errors, strict=True)
+                if error and error == dialect.timeout_error
+            ]
         )
-        self._send_all([self._frames.order(motor_id, Order.CLEAR) for motor_id in has_fired])
 
     def _check_watchdogs(self) -> None:
         """Test the watchdogs: send nothing for longer than a motor may keep its torque.
@@ -220,30 +221,30 @@ class MitBus(AskedMotorBus[MitState]):
         Raises:
             DeviceError: a motor keeps its torque, or shows no torque at all.
         """
-        says_mode = bool(self._dialect.set_up)
+        reports_mode = bool(self._dialect.set_up)
         trial_nm = [
             _TRIAL_SHARE * ranges.torque_nm * abs(motor.signed_ratio)
             for ranges, motor in zip(self._ranges, self._motors, strict=True)
         ]
-        if not says_mode:
+        if not reports_mode:
             trial = [self._encode_torque(joint, torque_nm)[0] for joint, torque_nm in enumerate(trial_nm)]
-            self._answered(trial)
+            self._exchange(trial)
             self._clock.sleep_until(self._clock.now_s() + _TRIAL_S)
             exerting = self._exerting(trial, trial_nm)
             if not all(exerting):
                 idle = self.motor_label(exerting.index(False))
                 raise DeviceError(f"{self.line.label}: {idle} reports no torque although one was commanded")
         self._outlast_watchdogs()
-        if says_mode:
-            self._answered(self._zero_torque())
-            going_on = [bool(enabled) for enabled in self._enabled]
+        if reports_mode:
+            self._exchange(self._zero_torque())
+            self._refuse_active(map(bool, self._enabled), "is still in motor mode")
         else:
-            going_on = self._exerting(self._to_every_motor(Order.ENTER), trial_nm)
-        self._refuse_going_on(going_on, "is still in motor mode" if says_mode else "still exerts torque")
+            exerting = self._exerting(self._to_every_motor(Order.ENTER), trial_nm)
+            self._refuse_active(exerting, "still exerts torque")
 
     def _exerting(self, frames: list[CanFrame], trial_nm: list[float]) -> list[bool]:
         """Whether the answers to `frames`, one to each motor, show at least half of torques (n) [N m]."""
-        self._answered(frames)
+        self._exchange(frames)
         return [torque >= 0.5 * trial for torque, trial in zip(self._torque_nm, trial_nm, strict=True)]
 
     def _switch_off(self) -> None:
@@ -252,8 +253,8 @@ class MitBus(AskedMotorBus[MitState]):
         frames = [*self._zero_torque(), *leave, *leave]
         self._send_confirmed(frames, "torque off is not confirmed by", enabled=False)
 
-    def _questions(self, joint: int) -> list[CanFrame]:
-        motor_id = self._motors[joint].motor_id
+    def _state_requests(self, joint: int) -> list[CanFrame]:
+        motor_id = self._motor_ids[joint]
         leave = self._frames.order(motor_id, Order.LEAVE)
         if self._own.ask_with == "exit":
             return [leave]

@@ -183,7 +183,7 @@ class MitFrames:
     """
 
     _ORDERS: ClassVar = {Order.ENTER: ENTER_MOTOR_MODE, Order.LEAVE: EXIT_MOTOR_MODE}
-    _ID_BITS, _STATUS_BESIDE_ID = 0xFF, False
+    _ID_BITS, _STATUS_BESIDE_ID, _HAS_REGISTERS = 0xFF, False, False
     extended = False
 
     def __init__(self, host_id: int, answer_ids: Mapping[int, tuple[int, ...]]) -> None:
@@ -206,8 +206,8 @@ class MitFrames:
         """
         return encode_torque(motor_id, torque_nm, ranges)
 
-    def motor_asked(self, frame: CanFrame) -> int | None:
-        """Return the id of the motor that answers a frame of the host's with its state; None if none does."""
+    def answering_motor(self, frame: CanFrame) -> int | None:
+        """Return the id of the motor that answers a frame of the host with its state; None if none does."""
         return None if frame.can_id == REGISTERS_ID else frame.can_id
 
     def sender(self, frame: CanFrame) -> int | None:
@@ -240,7 +240,9 @@ class MitFrames:
             frame: the received frame.
             motor_id: CAN id of its sender.
         """
-        return False
+        head = motor_id.to_bytes(2, "little")
+        is_register = len(frame.data) == 8 and frame.data[:2] == head and frame.data[2] in (READ, WRITE)
+        return self._HAS_REGISTERS and is_register
 
     def alarm(self, frame: CanFrame) -> int | None:
         """Return the errors that a motor reports without a request; None if the frame reports none.
@@ -252,7 +254,8 @@ class MitFrames:
 
     def read_register(self, motor_id: int, register: MotorRegister) -> CanFrame:
         """Request a register's value."""
-        return _registers(motor_id, bytes((READ, register.number, 0, 0, 0, 0)))
+        data = motor_id.to_bytes(2, "little") + bytes((READ, register.number, 0, 0, 0, 0))
+        return CanFrame(REGISTERS_ID, data)
 
     def write_register(self, motor_id: int, register: MotorRegister, value: float) -> CanFrame:
         """Set a register; the value is lost without power.
@@ -263,8 +266,8 @@ class MitFrames:
             value: value in the register's own unit.
         """
         number = int(value) if register.format == "<I" else value
-        data = bytes((WRITE, register.number)) + struct.pack(register.format, number)
-        return _registers(motor_id, data)
+        data = motor_id.to_bytes(2, "little") + bytes((WRITE, register.number))
+        return CanFrame(REGISTERS_ID, data + struct.pack(register.format, number))
 
     def register_value(self, frame: CanFrame, motor_id: int, register: MotorRegister) -> float:
         """Parse the value in an answer.
@@ -281,7 +284,7 @@ class MitFrames:
             ProtocolError: the value belongs to another register, or the register does not exist.
         """
         data = frame.data
-        if not _is_about_register(frame, motor_id) or data[2] != READ:
+        if not self.is_about_register(frame, motor_id) or data[2] != READ:
             raise ProtocolError(f"no answer of motor {motor_id} about a register: {data.hex(' ')}")
         if data[3] != register.number:
             raise ProtocolError(f"the answer is about register {data[3]} instead of {register.number}")
@@ -290,23 +293,13 @@ class MitFrames:
 
 
 class DamiaoFrames(MitFrames):
-    """Damiao's frames: an id of four bits with a status above, an additional order, and registers."""
+    """Damiao's frames: an id of four bits with a status above, an additional order, and registers.
+
+    A state with the same bytes as an answer about a register would be near the end of the position's range.
+    """
 
     _ORDERS: ClassVar = {**MitFrames._ORDERS, Order.CLEAR: CLEAR_ERROR}
-    _ID_BITS, _STATUS_BESIDE_ID = 0xF, True
-
-    def is_about_register(self, frame: CanFrame, motor_id: int) -> bool:
-        """See `MitFrames`; a state that looks so would be near the range's end."""
-        return _is_about_register(frame, motor_id)
-
-
-def _registers(motor_id: int, data: bytes) -> CanFrame:
-    return CanFrame(REGISTERS_ID, motor_id.to_bytes(2, "little") + data)
-
-
-def _is_about_register(frame: CanFrame, motor_id: int) -> bool:
-    head = motor_id.to_bytes(2, "little")
-    return len(frame.data) == 8 and frame.data[:2] == head and frame.data[2] in (READ, WRITE)
+    _ID_BITS, _STATUS_BESIDE_ID, _HAS_REGISTERS = 0xF, True, True
 
 
 RUN_MODE: Final = MotorRegister("run_mode", 0x7005, "<B3x")
@@ -339,7 +332,7 @@ class RobstrideFrames(MitFrames):
         bits = to_bits(torque_nm, -ranges.torque_nm, ranges.torque_nm, MAX_16)
         return self._frame(_CONTROL, bits, motor_id, _IDLE_GAINS), from_bits(bits, ranges.torque_nm, MAX_16)
 
-    def motor_asked(self, frame: CanFrame) -> int | None:
+    def answering_motor(self, frame: CanFrame) -> int | None:
         return None if frame.can_id >> 24 == _READ else frame.can_id & 0xFF
 
     def sender(self, frame: CanFrame) -> int | None:

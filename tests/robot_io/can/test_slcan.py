@@ -16,6 +16,7 @@ from hypothesis import strategies as st
 from palpate.robot_io.clock import MonotonicClock, SimulatedClock
 from palpate.robot_io.drivers.can.line import CanFrame, CanLine, CanLineSettings, decode_line, encode_line
 from palpate.robot_io.errors import DeviceError
+from palpate.robot_io.serial_port import SerialPort
 
 OPENING = b"\rC\rS8\rO\r"
 
@@ -195,3 +196,18 @@ def test_an_unplugged_adapter_is_a_failure():
     with pytest.raises(DeviceError, match="unplugged"):
         adapter.line.drain(0.0)
     os.close(adapter._slave)
+
+
+def test_a_port_that_takes_no_commands_can_be_opened_again(adapter, monkeypatch):
+    adapter.line.close()
+
+    def blocked(_port, data):
+        raise DeviceError(f"took 0 of {len(data)} bytes; its output is blocked")
+
+    with monkeypatch.context() as patched:
+        patched.setattr(SerialPort, "write", blocked)
+        with pytest.raises(DeviceError, match="output is blocked"):
+            adapter.line.open()
+    other = adapter.another()
+    other.open()
+    other.close()

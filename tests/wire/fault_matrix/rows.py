@@ -208,7 +208,7 @@ def _mit_mode(
     return (
         (OLD, OLD_OFF, silent),
         (OLD, BRAKED, silent),
-        (OLD, OLD_OFF, f"last was: {who} state has 3 bytes, expected {sizes}"),
+        (OLD, OLD_OFF, f"last problem: {who} state has 3 bytes, expected {sizes}"),
         GOES_ON,
         GOES_ON,
         (OLD, OLD_OFF, silent),
@@ -238,7 +238,7 @@ _MOTOR_ROWS = {
     "odrive": (
         (OLD, OLD_OFF, "joint 3 (node 2): nothing valid for"),
         (OLD, BRAKED, "joint 3 (node 2): nothing valid for"),
-        (OLD, OLD_OFF, "last was: motor torque has 3 bytes, expected 8"),
+        (OLD, OLD_OFF, "last problem: motor torque has 3 bytes, expected 8"),
         GOES_ON,
         GOES_ON,
         (OLD, OLD_OFF, "joint 3 (node 2): nothing valid for"),
