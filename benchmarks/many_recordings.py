@@ -36,7 +36,7 @@ from palpate.batches import run as batch_run
 from palpate.batches.trend import Series, find_changes
 from palpate.batches.works.measuring import measure
 from palpate.control.probing.plan import ProbingPlan
-from palpate.estimation.study.source import NO_OPTIONS
+from palpate.estimation.data.import_options import NO_OPTIONS
 from palpate.runs.probing import ProbingJob, run_probing
 from palpate.runs.robots import find_robot
 from palpate.sim_backend.scenario import load_scenario

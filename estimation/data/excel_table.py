@@ -21,10 +21,11 @@ from palpate.estimation.data.text_dialect import (
     NAMELESS,
     Block,
     Layout,
-    commas_decide,
+    decimal_mark,
     find_layouts,
     is_footer,
     is_number,
+    numbered_names,
     preamble_words,
     same_columns,
     thousands_ambiguity,
@@ -157,8 +158,8 @@ def _tables(sheet: CalamineSheet, *, nameless: bool = False) -> list[_Sheet]:
     head = [[_text(cell, decimal) for cell in rows[place]] for place in places]
     layouts = list(find_layouts(head, decimal))
     if nameless:
-        above_numbers = [f"column {number}" for number in range(1, len(head[0]) + 1 if head else 1)]
-        first = next(find_layouts([above_numbers, *head], decimal), None)
+        numbered = numbered_names(len(head[0]) if head else 0)
+        first = next(find_layouts([numbered, *head], decimal), None)
         layouts = [Layout(first.names, 0, 0)] if first and first.first == 1 else []
     if not layouts:
         return []
@@ -184,8 +185,7 @@ def _tables(sheet: CalamineSheet, *, nameless: bool = False) -> list[_Sheet]:
 
 def _decimal_mark(rows: Sequence[Sequence[Any]]) -> str:
     """Return the decimal mark of those numbers that are stored as text."""
-    text = [[cell for cell in row if isinstance(cell, str)] for row in rows[:_LOOKED_AT]]
-    return "," if commas_decide(text) else "."
+    return decimal_mark([[cell for cell in row if isinstance(cell, str)] for row in rows[:_LOOKED_AT]])
 
 
 def _text(cell: object, decimal: str) -> str:

@@ -23,7 +23,7 @@ from palpate.estimation.data.column_names import (
 )
 from palpate.estimation.data.column_units import ColumnUnits
 from palpate.estimation.data.derivatives import differentiate
-from palpate.estimation.data.import_options import ImportOptions
+from palpate.estimation.data.import_options import NO_OPTIONS, ImportOptions
 from palpate.estimation.data.import_rows import UNKNOWN_PHASE, Rows, arrange_rows, without_repeated_rows
 from palpate.estimation.data.measured_derivatives import is_difference, mistaken_scale
 from palpate.estimation.data.presses import press_phases
@@ -53,7 +53,6 @@ _OF_SPECIMENS = (
     "{1} {0} specimens, whose runs are read as runs of one object; --where {2} reads one of them, and "
     "--fresh-runs states that each run pressed a fresh one"
 )
-_DEFAULT = ImportOptions()
 _DRIVEN = frozenset({ChannelKind.REVOLUTE, ChannelKind.PRISMATIC})
 _CONTRADICTING = 0.1  # variance that a positive inertia explains, relative to a negative damping's
 _CERTAIN = 0.5  # absolute correlation of effort and velocity above which the effort's sign is certain
@@ -80,7 +79,7 @@ class Imported:
         return f"{channel} of {columns}" if columns else channel
 
 
-def import_file(path: str | os.PathLike[str], options: ImportOptions = _DEFAULT) -> Imported:
+def import_file(path: str | os.PathLike[str], options: ImportOptions = NO_OPTIONS) -> Imported:
     """Read a data file of any format that `read_table` supports.
 
     A contact needs `time_s`, `displacement_m` (positive into the object) and `force_N` (positive in
@@ -98,7 +97,7 @@ def import_file(path: str | os.PathLike[str], options: ImportOptions = _DEFAULT)
     return import_table(read_table(path, options.table), options)
 
 
-def import_table(table: Table, options: ImportOptions = _DEFAULT) -> Imported:
+def import_table(table: Table, options: ImportOptions = NO_OPTIONS) -> Imported:
     """Create channels from a table in memory; see `import_file`.
 
     Args:

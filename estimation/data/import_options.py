@@ -5,6 +5,8 @@ from dataclasses import dataclass, field
 
 from palpate.robot_io.errors import InputError
 
+_EXAMPLES = {"columns": "{'force_N': 'load'}", "units": "{'force': 'mN'}", "where": "{'specimen': 'P002'}"}
+
 
 @dataclass(frozen=True)
 class ImportOptions:
@@ -28,7 +30,7 @@ class ImportOptions:
     table: str = ""  # sheet or header line of the table to read; empty for the longest table
 
     def __post_init__(self) -> None:
-        for name, example in _PAIRS.items():
+        for name, example in _EXAMPLES.items():
             pairs = getattr(self, name)
             texts = [*pairs, *pairs.values()] if isinstance(pairs, Mapping) else [None]
             if not all(isinstance(text, str) for text in texts):
@@ -45,7 +47,7 @@ class ImportOptions:
             )
 
 
-_PAIRS = {"columns": "{'force_N': 'load'}", "units": "{'force': 'mN'}", "where": "{'specimen': 'P002'}"}
+NO_OPTIONS = ImportOptions()
 
 
 def parse_pairs(texts: Iterable[str], option: str) -> dict[str, str]:

@@ -10,7 +10,7 @@ import numpy as np
 from palpate.estimation.data.array_files import arrow_table
 from palpate.estimation.data.column_names import is_unnamed
 from palpate.estimation.data.file_columns import FileColumns, check_size
-from palpate.estimation.data.text_dialect import NAMELESS
+from palpate.estimation.data.text_dialect import NAMELESS, numbered_names
 from palpate.estimation.data.text_table import as_utf8
 from palpate.robot_io.errors import InputError
 
@@ -98,8 +98,7 @@ def _rows(rows: list[Any], names: list[list[str]]) -> Iterator[dict[str, list[An
     if width > 1 and len(rows) >= _FEWEST and all(isinstance(r, list) and len(r) == width for r in rows):
         if all(isinstance(cell, str) for cell in rows[0]):
             names, rows = [rows[0], *names], rows[1:]
-        places = [f"column {number}" for number in range(1, width + 1)]
-        header = next((row for row in names if len(set(row)) == width == len(row)), places)
+        header = next((row for row in names if len(set(row)) == width == len(row)), numbered_names(width))
         yield dict(zip(header, map(list, zip(*rows, strict=True)), strict=True))
 
 

@@ -61,98 +61,115 @@ def find_layouts(rows: Sequence[Sequence[str]], decimal: str) -> Iterator[Layout
     """
     for first in range(1, len(rows)):
         body = rows[first : first + _ALIKE]
-        few = (sum(_numbers(row, decimal)) < FEWEST_NUMBERS for row in body if any(row) or row is body[0])
-        columns = zip_longest(*body, fillvalue="")  # each contains only numbers or only words, or empty cells
-        kinds = ({is_number(cell, decimal) for cell in column if not is_missing(cell)} for column in columns)
-        if any(few) or any(len(kind) > 1 for kind in kinds):
+        if not _is_body(body, decimal):
             continue
         width = max(len(_strip_empty(row)) for row in body)
-        if "columns" in (remarks := _remarks_above(rows, first, width, decimal)):
-            pairs = zip(remarks["columns"], remarks.get("units", [""] * width), strict=True)
-            yield Layout(tuple(f"{n} [{unit}]" if unit else n for n, unit in pairs), first, first - 1)
+        # Remarks with one entry per column, such as "# columns: a b c".
+        above = [row for row in _preamble(rows, first, decimal) if len(row) == width + 1]
+        remarks = {row[0].rstrip(":").lower(): row[1:] for row in reversed(above) if row[0].endswith(":")}
+        if "columns" in remarks:
+            yield Layout(_with_units(remarks["columns"], remarks.get("units", ())), first, first - 1)
             continue
-        labels = [row[0].strip().strip('"') for row in body if row]
-        counted = [[str(begin + place) for place in range(len(labels))] for begin in (0, 1)]
-        labelled = labels in counted or not any(name == "" or is_number(name, decimal) for name in labels)
-        held = {place for row in body for place, cell in enumerate(row) if not is_missing(cell)}
-        header: list[tuple[int, list[str]]] = []
-        for place in range(first - 1, -1, -1):
-            if not any(char.isalnum() for cell in rows[place] for char in cell):
-                continue  # blank, or a line of dashes
-            # A number above an empty column numbers the tests and is not a name.
-            row = [
-                "" if column not in held and is_number(cell, decimal) else cell
-                for column, cell in enumerate(rows[place])
-            ]
-            filled = sum(map(bool, map(str.strip, row)))
-            is_remark = filled < 2 and not row[0].strip()  # such as the channel of one column
-            is_setting = (  # such as "Range,10,50,100"
-                len(_strip_empty(row)) <= len(_strip_empty(body[0]))
-                and is_number(body[0][0], decimal)
-                and (row[0].strip() and not is_number(row[0], decimal))
-                and any(_numbers(row[1:], decimal))
-            )
-            if not header and first - place <= _MOST_SETTINGS and (is_remark or is_setting):
-                continue
-            if labelled and len(_strip_empty(row)) == width - 1:  # R writes no name for the row labels
-                row = ["", *row]
-            if len(row) < width or filled < 2 or any(_numbers(row, decimal)):
-                break
-            header.append((place, row))
-            if len(header) == 2:
-                break
+        header = _header_rows(rows, first, width, decimal)
         if not header:
             continue
-        units = [_units(row, width) for _, row in header]
-        (place, names), top = header[0], header[0][0]
-        of_names = None
-        if len(header) == 2 and (units[0] is None) != (units[1] is None):
-            of_names, top = units[0] or units[1], header[1][0]
-            place, names = header[0 if units[0] is None else 1]
-        full_names = _clean_names(rows, place, names, width)
-        if of_names is not None:
-            pairs = zip(full_names, [*of_names, *[""] * len(full_names)], strict=False)
-            full_names = tuple(f"{name} [{unit}]" if unit else name for name, unit in pairs)
-        full_names = _units_above(rows[:top], full_names, decimal)
+        top, (place, names), units = header[0][0], header[0], list[str]()
+        units_by_row = [_units_in(row, width) for _, row in header]
+        if len(header) == 2 and bool(units_by_row[0]) != bool(units_by_row[1]):
+            top, units = header[1][0], units_by_row[0] or units_by_row[1]
+            place, names = header[1] if units_by_row[0] else header[0]
+        full_names = _with_units(_clean_names(rows, place, names, width), units)
         titles = tuple(" ".join(cell.split()) for cell in rows[top - 1]) if top else ()
-        yield Layout(full_names, first, top, titles)
+        yield Layout(_with_units_above(rows, top, full_names, decimal), first, top, titles)
 
 
-def _remarks_above(
+def _is_body(body: Sequence[Sequence[str]], decimal: str) -> bool:
+    """Return whether rows are the first of a table: each column has only numbers or only words."""
+    rows = [row for row in body if any(row) or row is body[0]]
+    if any(sum(_are_numbers(row, decimal)) < FEWEST_NUMBERS for row in rows):
+        return False
+    columns = zip_longest(*body, fillvalue="")
+    kinds = ({is_number(cell, decimal) for cell in column if not is_missing(cell)} for column in columns)
+    return all(len(kind) <= 1 for kind in kinds)
+
+
+def _header_rows(
     rows: Sequence[Sequence[str]], first: int, width: int, decimal: str
-) -> dict[str, Sequence[str]]:
-    """Return remarks above a table with one entry per column, such as "# columns: a b c"."""
-    remarks: dict[str, Sequence[str]] = {}
+) -> list[tuple[int, Sequence[str]]]:
+    """Return index and cells of the rows of names or units above a table, at most two, the lower one first.
+
+    Args:
+        rows: cells of the file's rows.
+        first: index of the first row of numbers.
+        width: number of columns.
+        decimal: decimal mark.
+    """
+    body = rows[first : first + _ALIKE]
+    labels = [row[0].strip().strip('"') for row in body if row]
+    counted = [[str(begin + place) for place in range(len(labels))] for begin in (0, 1)]
+    has_labels = labels in counted or not any(name == "" or is_number(name, decimal) for name in labels)
+    filled_columns = {column for row in body for column, cell in enumerate(row) if not is_missing(cell)}
+    header: list[tuple[int, Sequence[str]]] = []
     for place in range(first - 1, -1, -1):
-        row = rows[place]
-        is_remark = bool(row) and row[0].endswith(":")
-        if not is_remark and sum(_numbers(row, decimal)) >= FEWEST_NUMBERS:
-            break  # another table
-        if is_remark and len(row) == width + 1:
-            remarks.setdefault(row[0].rstrip(":").lower(), row[1:])
-    return remarks
+        if not any(char.isalnum() for cell in rows[place] for char in cell):
+            continue  # blank, or a line of dashes
+        # A number above an empty column numbers the tests and is not a name.
+        row = [
+            "" if column not in filled_columns and is_number(cell, decimal) else cell
+            for column, cell in enumerate(rows[place])
+        ]
+        filled = sum(map(bool, map(str.strip, row)))
+        is_remark = filled < 2 and not row[0].strip()  # such as the channel of one column
+        is_setting = (  # such as "Range,10,50,100"
+            len(_strip_empty(row)) <= len(_strip_empty(body[0]))
+            and is_number(body[0][0], decimal)
+            and (row[0].strip() and not is_number(row[0], decimal))
+            and any(_are_numbers(row[1:], decimal))
+        )
+        if not header and first - place <= _MOST_SETTINGS and (is_remark or is_setting):
+            continue
+        if has_labels and len(_strip_empty(row)) == width - 1:  # R writes no name for the row labels
+            row = ["", *row]
+        if len(row) < width or filled < 2 or any(_are_numbers(row, decimal)):
+            break
+        header.append((place, row))
+        if len(header) == 2:
+            break
+    return header
 
 
-def _units_above(rows: Sequence[Sequence[str]], names: Sequence[str], decimal: str) -> tuple[str, ...]:
+def _preamble(rows: Sequence[Sequence[str]], first: int, decimal: str) -> Iterator[Sequence[str]]:
+    """Yield the rows above a table, the highest last, up to the rows of numbers of another table."""
+    for place in range(first - 1, -1, -1):
+        is_remark = bool(rows[place]) and rows[place][0].endswith(":")
+        if not is_remark and sum(_are_numbers(rows[place], decimal)) >= FEWEST_NUMBERS:
+            break
+        yield rows[place]
+
+
+def _with_units(names: Sequence[str], units: Sequence[str]) -> tuple[str, ...]:
+    """Append a unit in brackets to each name that has one; missing units are at the end."""
+    pairs = zip_longest(names, units, fillvalue="")
+    return tuple(f"{name} [{unit}]" if unit else name for name, unit in pairs)
+
+
+def _with_units_above(
+    rows: Sequence[Sequence[str]], top: int, names: Sequence[str], decimal: str
+) -> tuple[str, ...]:
     """Add units from a preamble to the names, such as "Force unit: N" or "# Units: s mm N"."""
     units: dict[str, str] = {}
-    for row in reversed(rows):
-        if sum(_numbers(row, decimal)) >= FEWEST_NUMBERS:
-            break  # another table
+    for row in _preamble(rows, top, decimal):
         match = _UNITS_OF.fullmatch(" ".join(cell.strip() for cell in row if cell.strip()))
-        named_units = (
-            [normalise(word.strip(_BRACKETS)) for word in re.split(r"[\s,;]+", match[2])] if match else []
-        )
+        if not match:
+            continue
+        named_units = [normalise(word.strip(_BRACKETS)) for word in re.split(r"[\s,;]+", match[2])]
         if not all(map(dimension_of, named_units)):
             continue
-        if match and match[1] and len(named_units) == 1:
+        if match[1] and len(named_units) == 1:
             units.setdefault(match[1].lower(), named_units[0])
-        elif match and not match[1] and len(named_units) == len(names) > 1:
+        elif not match[1] and len(named_units) == len(names) > 1:
             units = dict(zip((name.lower() for name in names), named_units, strict=True)) | units
-    return tuple(
-        f"{name} [{units[name.lower()]}]" if name.lower() in units and not unit_in_name(name) else name
-        for name in names
-    )
+    return _with_units(names, ["" if unit_in_name(name) else units.get(name.lower(), "") for name in names])
 
 
 def preamble_words(lines: int) -> tuple[str, ...]:
@@ -162,6 +179,11 @@ def preamble_words(lines: int) -> tuple[str, ...]:
         lines: number of lines.
     """
     return (f"{lines} line{'s' if lines > 1 else ''} above the header",) if lines else ()
+
+
+def numbered_names(count: int) -> tuple[str, ...]:
+    """Return the names of columns without names: "column 1", "column 2" and so on."""
+    return tuple(f"column {number}" for number in range(1, count + 1))
 
 
 def is_number(cell: str, decimal: str) -> bool:
@@ -174,7 +196,7 @@ def is_number(cell: str, decimal: str) -> bool:
     return bool(NUMBER[decimal].fullmatch(cell.strip()))
 
 
-def _numbers(row: Sequence[str], decimal: str) -> list[bool]:
+def _are_numbers(row: Sequence[str], decimal: str) -> list[bool]:
     return [is_number(cell, decimal) for cell in _strip_empty(row)]
 
 
@@ -214,14 +236,14 @@ def is_missing(cell: str) -> bool:
     return cell.strip().lower() in MISSING
 
 
-def _units(row: Sequence[str], width: int) -> list[str] | None:
-    """Return the units in a row that contains only units, at least two of them known; else None."""
+def _units_in(row: Sequence[str], width: int) -> list[str]:
+    """Return the units in a row that contains only units, at least two of them known; else none."""
     units = [cell.strip().strip(_BRACKETS).strip() for cell in row[:width]]
     units = [unit if any(char.isalnum() or char in "%°" for char in unit) else "" for unit in units]
     known, filled = sum(dimension_of(normalise(unit)) is not None for unit in units), sum(map(bool, units))
     bracketed = all(not cell.strip() or cell.strip()[0] in _BRACKETS for cell in row[:width])
     like_units = 2 * known >= filled and all(not unit or _LIKE_A_UNIT.fullmatch(unit) for unit in units)
-    return units if known >= 2 and (bracketed or like_units) else None
+    return units if known >= 2 and (bracketed or like_units) else []
 
 
 def _clean_names(
@@ -234,9 +256,8 @@ def _clean_names(
     if names[0] != _LABVIEW[0]:
         return names
     rows_by_label = {row[0]: row for row in rows[:header] if row}
-    of_x = "Time [s]" if "Time" in rows_by_label.get(_LABVIEW[2], ()) else names[0]
-    units = [*rows_by_label.get(_LABVIEW[1], ()), *[""] * len(names)][: len(names)]
-    return (of_x, *(f"{name} [{u}]" if u else name for name, u in zip(names[1:], units[1:], strict=True)))
+    first = "Time [s]" if "Time" in rows_by_label.get(_LABVIEW[2], ()) else names[0]
+    return first, *_with_units(names[1:], rows_by_label.get(_LABVIEW[1], ())[1 : len(names)])
 
 
 NAMELESS = "no names of columns"
@@ -310,28 +331,35 @@ def find_dialect(content: bytes) -> TextDialect | None:
         own = TextTable(named, begin, end, (), counts)
         return replace(dialect, tables=(own, *(table for table in dialect.tables if table.head > own.head)))
     dialects = [_dialect(lines, delimiter) for delimiter in (*DELIMITERS, BLANKS)]
-    if not any(dialect.tables for dialect in dialects):
-        # For rows of numbers without names, choose the first delimiter with the fewest other cells.
-        nameless = list[tuple[int, TextDialect]]()
-        comments = next((n for n, (_, text) in enumerate(lines) if text[:1] not in _COMMENT_SIGNS), 0)
-        begin, texts = lines[comments][0], [text for _, text in lines[comments:][:_ALIKE]]
-        for delimiter in (*DELIMITERS, BLANKS):
-            rows = list(_cells(texts, delimiter))
-            decimal = "," if commas_decide(rows, in_doubt=delimiter != ",") else "."
-            columns, numbers = len(rows[0]), [sum(_numbers(row, decimal)) for row in rows]
-            if columns >= FEWEST_NUMBERS <= min(numbers) and all(len(row) == columns for row in rows):
-                words = sum(not is_missing(cell) for row in rows for cell in row) - sum(numbers)
-                names = [f"column {number}" for number in range(1, columns + 1)]
-                table = TextTable(tuple(names), begin, begin, (), True)
-                nameless.append((words, TextDialect(delimiter, decimal, (table,))))
-        return min(nameless, key=lambda option: option[0], default=(0, None))[1]
 
-    def width(dialect: TextDialect) -> int:
+    def column_count(dialect: TextDialect) -> int:
+        """Return the number of columns of the longest table."""
         heads = [*(table.head for table in dialect.tables[1:]), len(content)]
         sizes = [end - table.start for end, table in zip(heads, dialect.tables, strict=True)]
         return len(dialect.tables[sizes.index(max(sizes))].names)
 
-    return max((dialect for dialect in dialects if dialect.tables), key=width)
+    with_names = (dialect for dialect in dialects if dialect.tables)
+    return max(with_names, key=column_count, default=None) or _nameless_dialect(lines)
+
+
+def _nameless_dialect(lines: list[tuple[int, str]]) -> TextDialect | None:
+    """Return the dialect of rows of numbers without names, with the fewest other cells; None for other text.
+
+    Args:
+        lines: position and text of the first lines.
+    """
+    comments = next((n for n, (_, text) in enumerate(lines) if text[:1] not in _COMMENT_SIGNS), 0)
+    begin, texts = lines[comments][0], [text for _, text in lines[comments:][:_ALIKE]]
+    options = list[tuple[int, TextDialect]]()
+    for delimiter in (*DELIMITERS, BLANKS):
+        rows = list(_cells(texts, delimiter))
+        decimal = decimal_mark(rows, in_doubt=delimiter != ",")
+        columns, numbers = len(rows[0]), [sum(_are_numbers(row, decimal)) for row in rows]
+        if columns >= FEWEST_NUMBERS <= min(numbers) and all(len(row) == columns for row in rows):
+            words = sum(not is_missing(cell) for row in rows for cell in row) - sum(numbers)
+            table = TextTable(numbered_names(columns), begin, begin, (), True)
+            options.append((words, TextDialect(delimiter, decimal, (table,))))
+    return min(options, key=lambda option: option[0], default=(0, None))[1]
 
 
 def _sample_lines(content: bytes) -> list[tuple[int, str]]:
@@ -373,7 +401,7 @@ def blanks_as_tabs(content: bytes) -> bytes:
 def _dialect(lines: list[tuple[int, str]], delimiter: str) -> TextDialect:
     """Return the dialect for this delimiter with the tables that it gives in these lines, possibly none."""
     rows = list(_cells([text for _, text in lines], delimiter))
-    decimal = "," if commas_decide(rows, in_doubt=delimiter != ",") else "."
+    decimal = decimal_mark(rows, in_doubt=delimiter != ",")
     tables = []
     for layout in find_layouts(rows, decimal):
         # Use as many names as the rows have cells: both may end with the delimiter or a remark.
@@ -381,7 +409,7 @@ def _dialect(lines: list[tuple[int, str]], delimiter: str) -> TextDialect:
         is_remark = any(not is_unnamed(word) for word in names[width:])  # words beyond the last column
         if delimiter == BLANKS and is_remark and not _is_measurement(names):
             continue
-        names += [f"column {number}" for number in range(len(names) + 1, width + 1)]
+        names += numbered_names(width)[len(names) :]
         head, start = (lines[row][0] for row in (layout.header, layout.first))
         counts = is_number(rows[layout.first][0], decimal)
         tables.append(TextTable(tuple(names[:width]), head, start, layout.titles, counts))
@@ -427,8 +455,8 @@ def _cells(lines: list[str], delimiter: str) -> Iterator[list[str]]:
             yield [line]
 
 
-def commas_decide(rows: list[list[str]], *, in_doubt: bool = True) -> bool:
-    """Return whether numbers have decimal commas rather than decimal points.
+def decimal_mark(rows: Sequence[Sequence[str]], *, in_doubt: bool = True) -> str:
+    """Return the decimal mark of numbers, a comma or a point.
 
     "1,234" is ambiguous: it can mean 1.234 or 1234.
 
@@ -437,13 +465,12 @@ def commas_decide(rows: list[list[str]], *, in_doubt: bool = True) -> bool:
         in_doubt: whether "1,234" means 1.234 if no other number decides.
     """
     marked = [cell for row in rows for cell in map(str.strip, row) if "," in cell or "." in cell]
-    readings = [(bool(NUMBER[","].fullmatch(cell)), bool(NUMBER["."].fullmatch(cell))) for cell in marked]
+    readings = [(is_number(cell, ","), is_number(cell, ".")) for cell in marked]
     commas, points = readings.count((True, False)), readings.count((False, True))
     if commas == points == 0:
-        return in_doubt and any(
-            both == (True, True) and "," in cell for both, cell in zip(readings, marked, strict=True)
-        )
-    return commas > points
+        ambiguous = (cell for cell, both in zip(marked, readings, strict=True) if all(both))
+        return "," if in_doubt and any("," in cell for cell in ambiguous) else "."
+    return "," if commas > points else "."
 
 
 def _is_measurement(names: Sequence[str]) -> bool:

@@ -35,16 +35,10 @@ _FORCE = _with_prefixes("N", "munkM") | {
     "lbf": _POUND,
     "kip": 1e3 * _POUND,
 }
+_PRODUCTS = ("N.mm", "kN.mm", "N.cm", "gf.cm", "kgf.cm", "kgf.m", "ozf.in", "lbf.in", "lbf.ft")
 _TORQUE = _with_prefixes("Nm", "mukM") | {
-    "Nmm": 1e-3,
-    "kNmm": 1.0,
-    "Ncm": 1e-2,
-    "gfcm": 1e-5 * _STANDARD_GRAVITY,
-    "kgfcm": 1e-2 * _STANDARD_GRAVITY,
-    "kgfm": _STANDARD_GRAVITY,
-    "ozfin": _POUND / 16.0 * _INCH,
-    "lbfin": _POUND * _INCH,
-    "lbfft": _POUND * 12.0 * _INCH,
+    force + length: _FORCE[force] * _LENGTH[length]
+    for force, length in (product.split(".") for product in _PRODUCTS)
 }
 _PRESSURE = _with_prefixes("Pa", "mkM") | {"mbar": 1e2, "bar": 1e5, "psi": _POUND / _INCH**2}
 
@@ -74,52 +68,52 @@ SI: Mapping[str, Mapping[str, float]] = MappingProxyType(
 
 _FACTORS = {unit: (dimension, factor) for dimension, units in SI.items() for unit, factor in units.items()}
 
+_PREFIX_NAMES = {"p": "pico", "n": "nano", "u": "micro", "m": "milli", "c": "centi", "k": "kilo", "M": "mega"}
+_UNIT_NAMES = {  # names that may have a prefix and a plural
+    "s": "second sec",
+    "m": "meter metre",
+    "rad": "radian",
+    "N": "newton",
+    "Nm": "newtonmeter newtonmetre",
+    "A": "ampere amp",
+    "V": "volt",
+    "Pa": "pascal",
+}
 _SPELLINGS = {  # other spellings of units, in lower case
-    "s": "sec secs second seconds sek sekunde sekunden seg segundos secondes",
-    "ms": "msec msecs millisecond milliseconds",
-    "us": "usec usecs microsecond microseconds",
-    "ns": "nsec nsecs nanosecond nanoseconds",
+    "s": "sek sekunde sekunden seg segundos secondes",
     "min": "mins minute minutes minuten",
     "h": "hr hrs hour hours std stunde stunden heure heures",
-    "mm": "millimeter millimeters millimetre millimetres",
-    "cm": "centimeter centimeters centimetre centimetres",
-    "m": "meter meters metre metres",
-    "um": "micron microns micrometer micrometers micrometre micrometres",
-    "nm": "nanometer nanometers nanometre nanometres",
+    "ms": "msec msecs",
+    "us": "usec usecs",
+    "ns": "nsec nsecs",
+    "um": "micron microns",
     "in": 'inch inches "',
     "ft": "foot feet",
-    "rad": "radian radians",
     "deg": "degree degrees degs grad °",
     "rev": "revs revolution revolutions turn turns",
     "rpm": "rev_min u_min 1_min",
-    "N": "newton newtons",
-    "mN": "millinewton millinewtons",
-    "uN": "micronewton micronewtons",
-    "nN": "nanonewton nanonewtons",
-    "pN": "piconewton piconewtons",
-    "kN": "kilonewton kilonewtons",
-    "MN": "meganewton meganewtons",
     "gf": "g gram grams gramm",
     "kgf": "kg kp",
     "ozf": "oz ounce ounces",
     "lbf": "lb lbs pound pounds",
     "kip": "kips kipf klbf",
-    "Nm": "n.m n-m newton-meter newton-metre",
-    "Nmm": "n.mm n-mm",
-    "Ncm": "n.cm n-cm",
-    "gfcm": "gf.cm gf-cm gcm g.cm g-cm",
-    "kgfcm": "kgf.cm kgf-cm kgcm kg.cm kg-cm kpcm",
-    "kgfm": "kgf.m kgf-m kgm kg.m kg-m",
-    "ozfin": "ozf.in ozf-in ozin oz.in oz-in in-oz inoz",
-    "lbfin": "lbf.in lbf-in lbin lb.in lb-in in-lbf in-lb inlb",
-    "lbfft": "lbf.ft lbf-ft lbft lb.ft lb-ft ft-lbf ft-lb ftlb",
-    "A": "amp amps ampere amperes",
-    "V": "volt volts",
-    "mV": "millivolt millivolts",
-    "Pa": "pascal pascals",
+    "Nm": "n.m n-m",
+    "gfcm": "gcm",
+    "kgfcm": "kgcm kpcm",
+    "kgfm": "kgm",
+    "ozfin": "ozin inoz",
+    "lbfin": "lbin inlbf inlb",
+    "lbfft": "lbft ftlbf ftlb",
     "psi": "psig lbf_in2",
 }
-_SPELT = {spelling: unit for unit, spellings in _SPELLINGS.items() for spelling in spellings.split()}
+_SPELT = {spelling: unit for unit, spellings in _SPELLINGS.items() for spelling in spellings.split()} | {
+    f"{prefix_name}{name}{plural}": prefix + unit
+    for unit, names in _UNIT_NAMES.items()
+    for prefix, prefix_name in (("", ""), *_PREFIX_NAMES.items())
+    if prefix + unit in _FACTORS
+    for name in names.split()
+    for plural in ("", "s")
+}
 
 
 def _lower_case(unit: str) -> str:
@@ -153,10 +147,11 @@ def normalise(unit: str) -> str:
         spelt = _SPELT.get(whole.lower()) or _BY_LETTERS.get(_lower_case(whole), "")
         if dimension_of(spelt + rest):
             return spelt + rest
-    if "." in plain:  # "rad.s" is rad/s, as R writes names, and "kN.m" a product
-        per, product = (normalise(plain.replace(".", mark)) for mark in ("_", ""))
-        if dimension_of(per) or dimension_of(product) == "torque":
-            return per if dimension_of(per) else product
+    if "." in plain and dimension_of(per_second := normalise(plain.replace(".", "_"))):
+        return per_second  # "rad.s" is rad/s, as R writes names
+    if "." in plain or "-" in plain:  # products, such as "kN.m" and "ft-lbf"
+        product = normalise(re.sub("[.-]", "", plain))
+        return product if dimension_of(product) == "torque" else plain
     return plain
 
 

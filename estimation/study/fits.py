@@ -12,7 +12,7 @@ import numpy as np
 
 from palpate.estimation.base_model import Arm
 from palpate.estimation.channel import ChannelData
-from palpate.estimation.data.import_options import ImportOptions
+from palpate.estimation.data.import_options import NO_OPTIONS, ImportOptions
 from palpate.estimation.data_quality import quality_warnings, reject_reason
 from palpate.estimation.diagnosis.candidates import effect_library
 from palpate.estimation.diagnosis.extension import PackedFit, fit_extended
@@ -35,7 +35,7 @@ from palpate.estimation.study.channels import (
     usual_model,
 )
 from palpate.estimation.study.comparison import Comparison, Comparisons, compare
-from palpate.estimation.study.source import NO_OPTIONS, limit_length, open_source
+from palpate.estimation.study.source import limit_length, open_source
 from palpate.estimation.workers import release_freed_memory
 from palpate.robot_io.errors import InputError
 

@@ -20,7 +20,7 @@ from palpate.estimation.data.column_names import RUN
 from palpate.estimation.data.file_columns import is_session
 from palpate.estimation.data.import_file import Imported, import_file, import_table
 from palpate.estimation.data.import_files import data_files, import_files, joined_channels
-from palpate.estimation.data.import_options import ImportOptions
+from palpate.estimation.data.import_options import NO_OPTIONS, ImportOptions
 from palpate.estimation.data.table import table_of
 from palpate.estimation.fit.long_data import shortened
 from palpate.robot_io.errors import InputError
@@ -28,7 +28,6 @@ from palpate.robot_io.errors import InputError
 if TYPE_CHECKING:
     from palpate.robot_io.session import Session
 
-NO_OPTIONS = ImportOptions()
 IN_MEMORY = "data"  # name of measurements without a file
 _CHANNEL_NAME = re.compile(r"\w{1,64}", re.ASCII)
 

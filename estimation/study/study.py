@@ -9,7 +9,7 @@ from typing import Any
 
 from palpate.estimation.base_model import Arm
 from palpate.estimation.channel import ChannelData, ChannelKind
-from palpate.estimation.data.import_options import ImportOptions
+from palpate.estimation.data.import_options import NO_OPTIONS, ImportOptions
 from palpate.estimation.design.next_experiment import LONGEST_S, NextProbe
 from palpate.estimation.diagnosis import ChannelDiagnosis, Verdict
 from palpate.estimation.diagnosis.result import ParameterValue
@@ -35,7 +35,6 @@ from palpate.estimation.study.fits import StudyFits
 from palpate.estimation.study.results import Change, ChannelResult, RevisionTable, Stage, StudyDiagnosis
 from palpate.estimation.study.revisions import KeptParameter, Revision, Revisions
 from palpate.estimation.study.saved_diagnosis import RESULT, diagnosis_data, is_other, read_diagnosis
-from palpate.estimation.study.source import NO_OPTIONS
 from palpate.estimation.workers import release_freed_memory
 from palpate.robot_io.errors import InputError
 

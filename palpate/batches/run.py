@@ -36,10 +36,9 @@ from palpate.batches.works.measuring import write_measurement_report
 from palpate.common.console import count, plain
 from palpate.common.files import existing_file, output_folder, write_text
 from palpate.common.user_effects import load_user_effects
-from palpate.estimation.data.import_options import ImportOptions
+from palpate.estimation.data.import_options import NO_OPTIONS, ImportOptions
 from palpate.estimation.effects import EFFECTS
 from palpate.estimation.models import MODELS
-from palpate.estimation.study.source import NO_OPTIONS
 from palpate.robot_io.errors import InputError, PalpateError
 from palpate.sweep import Cluster, ResultStore, run_cases
 from palpate.sweep.case import ADDRESS

@@ -151,3 +151,10 @@ def test_a_position_beside_a_force_is_asked_for_its_length():
 def test_a_quadrature_current_is_an_effort_whose_unit_is_asked_for():
     guess = guess_column("Iq")
     assert (guess.quantity, guess.unit) == ("torque", "")
+
+
+@pytest.mark.parametrize(
+    ("unit", "name"), [("MPa", "megapascals"), ("mA", "milliamps"), ("lbfft", "ft-lbf"), ("kgfcm", "kg.cm")]
+)
+def test_names_of_units_may_have_any_prefix_and_products_any_sign(unit, name):
+    assert normalise(name) == unit

@@ -21,7 +21,7 @@ from palpate.batches.page import write_page
 from palpate.batches.pooling import BatchResult
 from palpate.batches.table import make_table
 from palpate.batches.works.measuring import write_measurement_report
-from palpate.estimation.study.source import NO_OPTIONS
+from palpate.estimation.data.import_options import NO_OPTIONS
 from palpate.robot_io.errors import InputError
 from palpate.study import Study
 from palpate.sweep import ResultStore, runner
