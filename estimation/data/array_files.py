@@ -232,8 +232,8 @@ def _lerobot_columns(table: pa.Table, path: Path) -> FileColumns:
                 unit = units.get(quantity or name, "")
                 column_names.append(f"{column}_{unit}" if unit else column)
         columns |= dict(zip(column_names, values.T, strict=True))
-    words = ("LeRobot data set", *([f"joints {', '.join(joints)}"] if joints else []))
-    return FileColumns(pa.table(columns), words=words)
+    notes = ("LeRobot data set", *([f"joints {', '.join(joints)}"] if joints else []))
+    return FileColumns(pa.table(columns), notes=notes)
 
 
 def _element_names(info: Mapping[str, Any], array: str) -> list[str]:

@@ -26,7 +26,7 @@ from palpate.estimation.data.text_dialect import (
     is_footer,
     is_number,
     numbered_names,
-    preamble_words,
+    preamble_notes,
     same_columns,
     thousands_ambiguity,
 )
@@ -41,14 +41,14 @@ _BEGINNINGS = (b"PK", bytes.fromhex("D0CF11E0A1B11AE1"))  # of .xlsx, a ZIP arch
 
 
 @dataclass(frozen=True)
-class _Sheet:
-    """Table of one sheet: names, the rows below them, and the number of lines above them."""
+class _SheetTable:
+    """Table of one sheet."""
 
-    title: str
-    names: tuple[str, ...]
-    rows: list[list[Any]]
-    skipped: int
-    titles: tuple[str, ...]
+    sheet: str  # name of the sheet
+    names: tuple[str, ...]  # column names
+    rows: list[list[Any]]  # cells below the names
+    rows_above: int  # number of filled rows above the names, if it is the first table of the sheet
+    titles: tuple[str, ...]  # cells of the row above the names
     decimal: str  # decimal mark of numbers that are stored as text
     numbers: list[int]  # row numbers in the sheet
 
@@ -63,7 +63,51 @@ def read_excel_table(path: Path, selected: str) -> FileColumns:
     Raises:
         InputError: the workbook is too large, or no sheet has column names above rows of numbers.
     """
-    # Reject files that are not workbooks: some machines write text files with the ending .xls.
+    _check_workbook(path)
+    book = CalamineWorkbook.from_path(path)
+    sheets = [book.get_sheet_by_name(name) for name in book.sheet_names[:_MOST_SHEETS]]
+    notes: list[str] = []
+    tables = [table for sheet in sheets for table in _tables(sheet)]
+    if not tables:
+        tables = [table for sheet in sheets for table in _tables(sheet, nameless=True)]
+        notes.append(NAMELESS)
+    if not tables:
+        raise InputError(f"{path}: no sheet has names of columns above rows of numbers")
+    blocks = [Block(table.sheet, table.names, len(table.rows)) for table in tables]
+    chosen, omitted = same_columns(blocks, selected, path)
+    same_tables = [tables[place] for place in chosen]
+    first = max(same_tables, key=lambda table: len(table.rows))
+    rows = list[list[Any]]()
+    for table in same_tables:
+        order = matching_places(table.names, first.names)
+        rows += [[row[n] for n in order] for row in table.rows]
+    cells_by_column = ([row[place] for row in rows] for place in range(len(first.names)))
+    columns = [
+        _column(path, name, cells, first.decimal)
+        for name, cells in zip(first.names, cells_by_column, strict=True)
+    ]
+    joined = pa.table(columns, names=list(first.names))
+    names = list(dict.fromkeys(table.sheet for table in same_tables))
+    if len(same_tables) > 1:  # each sheet, or each table of a sheet, is a run
+        parts, begin = [], 0
+        for number, table in enumerate(same_tables, 1):
+            label = table.sheet if len(names) == len(same_tables) else f"{table.sheet} {number}"
+            parts.append(with_run(joined.slice(begin, len(table.rows)), label))
+            begin += len(table.rows)
+        joined = pa.concat_tables(parts)
+    listed = ", ".join(map(repr, names[:5])) + (" ..." if len(names) > 5 else "")
+    notes += [f"sheet{'s' if len(names) > 1 else ''} {listed} of {len(book.sheet_names)}", *omitted]
+    notes += preamble_notes(first.rows_above)
+    numbers = np.array([number for table in same_tables for number in table.numbers], dtype=np.int64)
+    return FileColumns(joined, first.decimal, tuple(notes), first.titles, numbers)
+
+
+def _check_workbook(path: Path) -> None:
+    """Check that a file is a workbook of a size that fits into the memory.
+
+    Raises:
+        InputError: it is no workbook, as some machines write text files with the ending .xls, or too large.
+    """
     with path.open("rb") as file:
         if not file.read(8).startswith(_BEGINNINGS):
             raise InputError(f"{path}: is not an Excel workbook; if it is a text file, rename it to .csv")
@@ -76,54 +120,25 @@ def read_excel_table(path: Path, selected: str) -> FileColumns:
                     raise InputError(
                         f"{path}: a sheet has {height} rows and {width} columns, too many to read; split it"
                     )
-    book = CalamineWorkbook.from_path(path)
-    sheets = [book.get_sheet_by_name(name) for name in book.sheet_names[:_MOST_SHEETS]]
-    loaded = [table for sheet in sheets for table in _tables(sheet)]
-    nameless = [] if loaded else [table for sheet in sheets for table in _tables(sheet, nameless=True)]
-    loaded = loaded or nameless
-    if not loaded:
-        raise InputError(f"{path}: no sheet has names of columns above rows of numbers")
-    blocks = [Block(table.title, table.names, len(table.rows)) for table in loaded]
-    chosen, note = same_columns(blocks, selected, path)
-    same_tables = [loaded[place] for place in chosen]
-    first = max(same_tables, key=lambda table: len(table.rows))
-    rows = list[list[Any]]()
-    for sheet in same_tables:
-        order = matching_places(sheet.names, first.names)
-        rows += [[row[n] for n in order] for row in sheet.rows]
-    columns = []
-    for place in range(len(first.names)):
-        cells = [row[place] for row in rows]
-        if all(isinstance(cell, int | float) and not isinstance(cell, bool) for cell in cells):
-            columns.append(pa.array([float(cell) for cell in cells]))
-            continue
-        marked = (cell.strip() for cell in cells if isinstance(cell, str) and first.decimal in cell)
-        largest = max((abs(cell) for cell in cells if isinstance(cell, int | float)), default=0.0)
-        if ambiguity := thousands_ambiguity(marked, largest, first.decimal):
-            raise InputError(
-                f"{path}: column '{first.names[place]}': the text {ambiguity}; store all cells of the column "
-                "as numbers"
-            )
-        if any(isinstance(cell, datetime) for cell in cells):  # a date without time then means midnight
-            cells = [datetime(*cell.timetuple()[:3]) if type(cell) is date else cell for cell in cells]
-        columns.append(pa.array([_text(cell, first.decimal) for cell in cells]))
-    table = pa.table(columns, names=list(first.names))
-    titles = list(dict.fromkeys(sheet.title for sheet in same_tables))
-    if len(same_tables) > 1:  # each sheet, or each table of a sheet, is a run
-        parts, begin = [], 0
-        for number, sheet in enumerate(same_tables, 1):
-            label = sheet.title if len(titles) == len(same_tables) else f"{sheet.title} {number}"
-            parts.append(with_run(table.slice(begin, len(sheet.rows)), label))
-            begin += len(sheet.rows)
-        table = pa.concat_tables(parts)
-    listed = ", ".join(map(repr, titles[:5])) + (" ..." if len(titles) > 5 else "")
-    words = [
-        *([NAMELESS] if nameless else []),
-        f"sheet{'s' if len(titles) > 1 else ''} {listed} of {len(book.sheet_names)}",
-        *note,
-    ]
-    numbers = np.array([number for sheet in same_tables for number in sheet.numbers], dtype=np.int64)
-    return FileColumns(table, first.decimal, (*words, *preamble_words(first.skipped)), first.titles, numbers)
+
+
+def _column(path: Path, name: str, cells: list[Any], decimal: str) -> pa.Array:
+    """Convert the cells of a column to numbers if all are numbers, else to text.
+
+    Raises:
+        InputError: see `thousands_ambiguity`.
+    """
+    if all(isinstance(cell, int | float) and not isinstance(cell, bool) for cell in cells):
+        return pa.array([float(cell) for cell in cells])
+    marked = (cell.strip() for cell in cells if isinstance(cell, str) and decimal in cell)
+    largest = max((abs(cell) for cell in cells if isinstance(cell, int | float)), default=0.0)
+    if ambiguity := thousands_ambiguity(marked, largest, decimal):
+        raise InputError(
+            f"{path}: column '{name}': the text {ambiguity}; store all cells of the column as numbers"
+        )
+    if any(isinstance(cell, datetime) for cell in cells):  # a date without time then means midnight
+        cells = [datetime(*cell.timetuple()[:3]) if type(cell) is date else cell for cell in cells]
+    return pa.array([_text(cell, decimal) for cell in cells])
 
 
 def _extent(sheet: bytes) -> tuple[int, int]:
@@ -145,7 +160,7 @@ def _extent(sheet: bytes) -> tuple[int, int]:
     return last[0], last[1]
 
 
-def _tables(sheet: CalamineSheet, *, nameless: bool = False) -> list[_Sheet]:
+def _tables(sheet: CalamineSheet, *, nameless: bool = False) -> list[_SheetTable]:
     """Return the tables of a sheet in order; `nameless` also accepts a table of numbers without names."""
     rows: list[list[Any]] = sheet.to_python(skip_empty_area=True)
     decimal = _decimal_mark(rows)
@@ -164,7 +179,7 @@ def _tables(sheet: CalamineSheet, *, nameless: bool = False) -> list[_Sheet]:
     if not layouts:
         return []
     above = 1 + (sheet.start or (0, 0))[0]
-    tables: list[_Sheet] = []
+    tables: list[_SheetTable] = []
     ends = [*(places[layout.header] for layout in layouts[1:]), len(rows)]
     for layout, end in zip(layouts, ends, strict=True):
         width, counts = len(layout.names), is_number(head[layout.first][0], decimal)
@@ -176,10 +191,10 @@ def _tables(sheet: CalamineSheet, *, nameless: bool = False) -> list[_Sheet]:
                 break
             body.popitem()
         filled = list(body.values())
-        skipped = sum(any(row) for row in head[: layout.header]) if not tables else 0
+        rows_above = sum(any(row) for row in head[: layout.header]) if not tables else 0
         numbers = [above + place for place in body]
         mark = _decimal_mark(filled)
-        tables.append(_Sheet(sheet.name, layout.names, filled, skipped, layout.titles, mark, numbers))
+        tables.append(_SheetTable(sheet.name, layout.names, filled, rows_above, layout.titles, mark, numbers))
     return [table for table in tables if table.rows]
 
 

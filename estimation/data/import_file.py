@@ -147,7 +147,7 @@ def import_table(table: Table, options: ImportOptions = NO_OPTIONS) -> Imported:
     context = {signal: columns.table.numbers(name)[rows.order] for signal, name in signals.items()}
     channels = [replace(channel, context=context, recorded=frozenset(context)) for channel in channels]
     unused = tuple(n for n in columns.unused if n not in options.context and _signal_name(n) not in _TAKEN)
-    read = "; ".join(filter(None, [columns.matched, *columns.table.words]))
+    read = "; ".join(filter(None, [columns.matched, *columns.table.notes]))
     named = {
         source.name: (columns.name(source.position), columns.name(source.effort))
         for source in sources
@@ -263,7 +263,7 @@ def _channel_sources(columns: Columns) -> list[_Source]:
                     f"with a length (m, mm); {correction}"
                 )
         table, first_row = columns.table, ""
-        if NAMELESS in table.words:
+        if NAMELESS in table.notes:
             cells = ", ".join(table.labels(name)[0][0] for name in table.names[:_SHOWN_CELLS])
             more = " ..." if len(table.names) > _SHOWN_CELLS else ""
             first_row = f" (it names none; the first row is {cells}{more})"
@@ -318,7 +318,7 @@ def _remedy(columns: Columns) -> str:
         for name in table.names
         if table.varies(name)
     )
-    if not has_effort and NAMELESS not in table.words:
+    if not has_effort and NAMELESS not in table.notes:
         return (
             f"by names and units, no column seems to hold a force or torque; {needed}; if a column holds "
             "one, add --column force_N=COLUMN or --column torque_Nm=COLUMN"
@@ -337,7 +337,7 @@ def _remedy(columns: Columns) -> str:
     if TIME not in columns:
         rising = (name for name in free if (np.diff(table.numbers(name)) > 0.0).all())
         clock = next((name for name in numbers if quantity_by_name[name] == "time"), "")
-        clock = clock or (next(rising, "") if NAMELESS in table.words and len(free) > 2 else "")
+        clock = clock or (next(rising, "") if NAMELESS in table.notes and len(free) > 2 else "")
         options += [f"--column time={shlex.quote(clock)}"] if clock else []
         free = [name for name in free if name != clock]
     # Of columns with uninformative names, the smoothest one is suggested as the displacement.

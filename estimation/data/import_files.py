@@ -125,7 +125,7 @@ def joined_columns(first: Table, further: Iterable[Table]) -> Table | None:
                 return None
         files.append(table.path.name)
     word = f"{len(files)} files with the same rows are joined side by side: {', '.join(files)}"
-    return replace(first, path=first.path.parent, columns=pa.table(columns), words=(word, *first.words))
+    return replace(first, path=first.path.parent, columns=pa.table(columns), notes=(word, *first.notes))
 
 
 def joined_channels(parts: Sequence[ChannelData]) -> ChannelData:

@@ -57,9 +57,9 @@ def read_json(path: Path) -> FileColumns:
         )
     columns, other_lengths = max(tables, key=lambda table: len(next(iter(table[0].values()))))
     flat = {name: np.array(cells) for name, cells in columns.items() if not any(map(_is_nested, cells))}
-    words = [NAMELESS] if all(map(is_unnamed, flat)) else []
-    words += [f"columns of other lengths left out: {', '.join(other_lengths)}"] if other_lengths else []
-    return FileColumns(arrow_table(flat, path), words=tuple(words))
+    notes = [NAMELESS] if all(map(is_unnamed, flat)) else []
+    notes += [f"columns of other lengths left out: {', '.join(other_lengths)}"] if other_lengths else []
+    return FileColumns(arrow_table(flat, path), notes=tuple(notes))
 
 
 def _is_nested(value: object) -> TypeGuard[list[Any] | Mapping[str, Any]]:

@@ -177,8 +177,8 @@ def read_ros_table(path: Path) -> FileColumns:
     order = np.unique(columns["time_s"], return_index=True)[1]
     table = pa.table({name: values[order] for name, values in columns.items()})
     named = ", ".join(f"{i} '{name}'" for i, name in enumerate(joints[:8], 1))
-    words = (f"topic '{topic}' of {len(with_torque)}", f"joints {named}, taken as revolute")
-    return FileColumns(table, words=words)
+    notes = (f"topic '{topic}' of {len(with_torque)}", f"joints {named}, taken as revolute")
+    return FileColumns(table, notes=notes)
 
 
 def _joint_states(path: Path) -> list[_MessageGroup]:

@@ -48,7 +48,7 @@ class Table:
     columns: pa.Table  # Arrow columns; those of a text file contain text
     rows: IntArray  # number of each row in the file, as an editor or spreadsheet shows it, shape (n,)
     decimal: str = "."  # decimal mark of numbers that are text
-    words: tuple[str, ...] = ()  # notes on the format of the file
+    notes: tuple[str, ...] = ()  # notes on the format of the file
     row_word: str = "row"  # unit of `rows`: "row", or "line" of a text file
     _numbers: dict[str, FloatArray] = field(default_factory=dict, init=False, repr=False, compare=False)
 
@@ -266,7 +266,7 @@ def read_table(path: str | os.PathLike[str], selected: str = "") -> Table:
     try:
         columns = read(place, selected) if several else read(place)
         table = table_of(columns.columns, place, columns.titles, columns.decimal, columns.rows)
-        return replace(table, words=(*columns.words, *table.words), row_word=columns.row_word)
+        return replace(table, notes=(*columns.notes, *table.notes), row_word=columns.row_word)
     except InputError:
         raise
     except Exception as error:  # libraries may raise almost any exception for a broken file
@@ -295,12 +295,12 @@ def table_of(
         if name != f"column {place + 1}" or is_filled(columns.column(place)).any()
     ]
     columns = columns.select(held)
-    names, words = columns.column_names, list[str]()
+    names, notes = columns.column_names, list[str]()
     rows = np.arange(1, columns.num_rows + 1) if rows is None else rows
     if tests := find_tests(names):
         columns, places = stack_tests(columns, tests, titles, decimal)
         rows = rows[places]
-        names, words = columns.column_names, [f"{len(tests)} tests side by side, read as runs"]
+        names, notes = columns.column_names, [f"{len(tests)} tests side by side, read as runs"]
     unique: list[str] = []  # unique names: the second "GPa" becomes "GPa (2)"
     for name in names:
         number = unique.count(name) and 2
@@ -311,7 +311,7 @@ def table_of(
     if columns.num_rows == 0:
         raise InputError(f"{place}: no rows of data")
     columns, clocks = with_seconds(columns, decimal)
-    return Table(place, columns, rows, decimal, (*words, *clocks))
+    return Table(place, columns, rows, decimal, (*notes, *clocks))
 
 
 def _is_text(path: Path) -> bool:

@@ -172,7 +172,7 @@ def _with_units_above(
     return _with_units(names, ["" if unit_in_name(name) else units.get(name.lower(), "") for name in names])
 
 
-def preamble_words(lines: int) -> tuple[str, ...]:
+def preamble_notes(lines: int) -> tuple[str, ...]:
     """Describe the lines before the names, if there are any.
 
     Args:
@@ -298,8 +298,8 @@ class TextDialect:
     tables: tuple[TextTable, ...]  # tables in their order, at least one
 
     @property
-    def words(self) -> tuple[str, ...]:
-        """Differences from a plain CSV file, in words."""
+    def notes(self) -> tuple[str, ...]:
+        """Differences from a plain CSV file."""
         names = {";": "semicolons", "\t": "tabs", "|": "bars", BLANKS: "blanks"}
         parts = [f"cells separated by {names[self.delimiter]}"] if self.delimiter in names else []
         parts += [NAMELESS] if all(map(is_unnamed, self.tables[0].names)) else []
@@ -387,15 +387,6 @@ def _sample_lines(content: bytes) -> list[tuple[int, str]]:
             lines.append((end, _LEFT_OUT))
         end = take(begin, min(len(content), begin + _LOOKED_AT), _BELOW)
     return lines
-
-
-def blanks_as_tabs(content: bytes) -> bytes:
-    """Replace each stretch of blanks between cells by one tab.
-
-    Args:
-        content: content of the rows, UTF-8.
-    """
-    return re.sub(rb"(?m)^[ \t]+|[ \t]+(?=\r?$)", b"", re.sub(rb"[ \t]+", b"\t", content))
 
 
 def _dialect(lines: list[tuple[int, str]], delimiter: str) -> TextDialect:

@@ -8,7 +8,6 @@ import math
 import re
 from collections.abc import Callable, Sequence
 from contextlib import suppress
-from dataclasses import replace
 from itertools import pairwise
 from pathlib import Path
 
@@ -25,12 +24,11 @@ from palpate.estimation.data.text_dialect import (
     Block,
     TextDialect,
     TextTable,
-    blanks_as_tabs,
     find_dialect,
     is_footer,
     is_number,
     line_cells,
-    preamble_words,
+    preamble_notes,
     same_columns,
 )
 from palpate.robot_io.errors import InputError
@@ -52,18 +50,7 @@ def read_text_table(path: Path, selected: str) -> FileColumns:
     Raises:
         InputError: the file is too large, is not text, has no header, or a row has a wrong number of cells.
     """
-    open_file = gzip.open if path.name.lower().endswith(".gz") else open
-    with open_file(path, "rb") as file:
-        packed: bytes = file.read(most_bytes(path) + 1)
-    check_size(path, len(packed))
-    content, encoding = as_utf8(packed, path)
-    if not content.strip():
-        raise InputError(f"{path}: no rows of data; the file is empty")
-    if content.count(b"\r") > content.count(b"\r\n"):  # line ends of old programs
-        content = content.replace(b"\r\n", b"\n").replace(b"\r", b"\n")
-    first_lines = content.lstrip()[: _LONGEST_LINE + 1]
-    if len(first_lines) > _LONGEST_LINE and b"\n" not in first_lines:
-        raise InputError(f"{path}: its first line is longer than 1 MiB; put the names of the columns there")
+    content, encoding = _read_text(path)
     content = _labels_as_header(content)
     dialect = find_dialect(content)
     if dialect is None:  # names may have quoted line breaks, as spreadsheets write them
@@ -77,39 +64,60 @@ def read_text_table(path: Path, selected: str) -> FileColumns:
     if not content[dialect.tables[0].start :][:_LONGEST_LINE].strip():
         raise InputError(f"{path}: no rows of data")
     heads = [*(table.head for table in dialect.tables[1:]), len(content)]
-    pairs = zip(dialect.tables, heads, strict=True)
-    spans = [(table, table.start, _end_of_rows(content, table, end, dialect)) for table, end in pairs]
-    below = [line for line in content[spans[-1][2] :].splitlines() if line.strip()]
-    filled = [span for span in spans if span[2] > span[1]]
+    pairs = list(zip(dialect.tables, heads, strict=True))
+    spans = [(table, _end_of_rows(content, table, end, dialect.delimiter)) for table, end in pairs]
+    footer = [line for line in content[spans[-1][1] :].splitlines() if line.strip()]
+    filled = [(table, end) for table, end in spans if end > table.start]
     if not filled:  # the parser then reports the error in these lines
-        filled, below = [(dialect.tables[0], dialect.tables[0].start, len(content.rstrip()))], []
+        filled, footer = [(dialect.tables[0], len(content.rstrip()))], []
     blocks = []
-    for table, begin, end in filled:
-        line, rows = (1 + content.count(b"\n", *span) for span in ((0, table.head), (begin, end - 1)))
+    for table, end in filled:
+        line, rows = (1 + content.count(b"\n", *span) for span in ((0, table.head), (table.start, end - 1)))
         blocks.append(Block(str(line), table.names, rows))
     chosen, note = same_columns(blocks, selected, path)
     tests = [filled[place] for place in chosen]
     lead = sum(bool(line.strip()) for line in content[: tests[0][0].head].splitlines())
-    words = [*dialect.words, *(preamble_words(lead) if chosen[0] == 0 else []), *note]
-    words += [f"a footer of {len(below)} line{'s' if len(below) > 1 else ''}"] if below else []
-    words += [f"text in {encoding}"] if encoding else []
-    places = [f"{path}, test {n}" if len(tests) > 1 else str(path) for n in range(1, len(tests) + 1)]
-    read = [
-        _parse_rows(content, begin, end, replace(dialect, tables=(table,)), place)
-        for (table, begin, end), place in zip(tests, places, strict=True)
-    ]
-    parts, lines = [part for part, _, _ in read], [numbers for _, numbers, _ in read]
-    words += dict.fromkeys(word for _, _, remarks in read for word in remarks)
-    if len(parts) == 1:
-        return FileColumns(parts[0], dialect.decimal, tuple(words), tests[0][0].titles, lines[0], "line")
-    parts = [part.select(matching_places(part.column_names, parts[0].column_names)) for part in parts]
-    if _is_one_recording(parts, dialect.decimal):
-        words.append(f"{len(parts)} parts of one recording, whose times continue")
-    else:
+    notes = [*dialect.notes, *(preamble_notes(lead) if chosen[0] == 0 else []), *note]
+    notes += [f"a footer of {len(footer)} line{'s' if len(footer) > 1 else ''}"] if footer else []
+    notes += [f"text in {encoding}"] if encoding else []
+    parts, lines, repairs = [], [], dict[str, None]()
+    for number, (table, end) in enumerate(tests, 1):
+        place = f"{path}, test {number}" if len(tests) > 1 else str(path)
+        part, part_lines, part_repairs = _parse_rows(content, table, end, dialect, place)
+        parts.append(part.select(matching_places(table.names, tests[0][0].names)))
+        lines.append(part_lines)
+        repairs |= dict.fromkeys(part_repairs)
+    notes += repairs
+    titles = tests[0][0].titles if len(parts) == 1 else ()
+    if len(parts) > 1 and _is_one_recording(parts, dialect.decimal):
+        notes.append(f"{len(parts)} parts of one recording, whose times continue")
+    elif len(parts) > 1:
         parts = [with_run(part, str(number)) for number, part in enumerate(parts, 1)]
-        words.append(f"{len(parts)} tests one after the other, read as runs")
-    columns = pa.concat_tables(parts)
-    return FileColumns(columns, dialect.decimal, tuple(words), (), np.concatenate(lines), "line")
+        notes.append(f"{len(parts)} tests one after the other, read as runs")
+    return FileColumns(
+        pa.concat_tables(parts), dialect.decimal, tuple(notes), titles, np.concatenate(lines), "line"
+    )
+
+
+def _read_text(path: Path) -> tuple[bytes, str]:
+    """Return the text of a file as UTF-8 without old line ends, and its encoding if it was another one.
+
+    Raises:
+        InputError: the file is too large, empty or not text, or its first line is too long.
+    """
+    open_file = gzip.open if path.name.lower().endswith(".gz") else open
+    with open_file(path, "rb") as file:
+        packed: bytes = file.read(most_bytes(path) + 1)
+    check_size(path, len(packed))
+    content, encoding = as_utf8(packed, path)
+    if not content.strip():
+        raise InputError(f"{path}: no rows of data; the file is empty")
+    if content.count(b"\r") > content.count(b"\r\n"):  # line ends of old programs
+        content = content.replace(b"\r\n", b"\n").replace(b"\r", b"\n")
+    first_lines = content.lstrip()[: _LONGEST_LINE + 1]
+    if len(first_lines) > _LONGEST_LINE and b"\n" not in first_lines:
+        raise InputError(f"{path}: its first line is longer than 1 MiB; put the names of the columns there")
+    return content, encoding
 
 
 def _labels_as_header(content: bytes) -> bytes:
@@ -165,44 +173,59 @@ def _is_one_recording(parts: Sequence[pa.Table], decimal: str) -> bool:
 
 
 def _parse_rows(
-    content: bytes, begin: int, end: int, dialect: TextDialect, place: str
+    content: bytes, table: TextTable, end: int, dialect: TextDialect, place: str
 ) -> tuple[pa.Table, IntArray, list[str]]:
-    """Parse the rows between two bytes without a copy; also return the line of each row, and notes."""
-    rows = pa.py_buffer(content).slice(begin, end - begin)
-    if dialect.delimiter == BLANKS:
-        rows = pa.py_buffer(blanks_as_tabs(content[begin:end]))
+    """Parse the rows of a table without a copy; also return the line of each row, and notes on repairs.
+
+    Args:
+        content: content of the file.
+        table: names of the columns, and first byte of the rows.
+        end: index after the last byte of the rows.
+        dialect: delimiter and decimal mark.
+        place: file and table, for error messages.
+
+    Raises:
+        InputError: a row has a wrong number of cells, or is too long.
+    """
+    rows, delimiter = pa.py_buffer(content).slice(table.start, end - table.start), dialect.delimiter
+    if delimiter == BLANKS:
+        rows, delimiter = pa.py_buffer(_blanks_as_tabs(content[table.start : end])), "\t"
     try:
-        part = _parse(rows, dialect)
+        part = _parse(rows, table.names, delimiter)
     except pa.ArrowInvalid as error:
-        lines = _line_numbers(content, begin, end)
-        mended = _repair_rows(rows.to_pybytes(), lines, dialect)
+        lines = _line_numbers(content, table.start, end)
+        repaired = _repair_rows(rows.to_pybytes(), lines, table, dialect)
         with suppress(pa.ArrowInvalid):
-            if mended and len(part := _parse(pa.py_buffer(mended[0]), dialect)) == len(mended[1]):
-                return part, mended[1], mended[2]
+            if repaired and len(part := _parse(repaired[0], table.names, delimiter)) == len(repaired[1]):
+                return part, repaired[1], repaired[2]
         problem = " ".join(str(error).split())[:200]
-        wrong: list[pa_csv.InvalidRow] = []
+        invalid: list[pa_csv.InvalidRow] = []
         try:
-            _parse(rows, dialect, lambda row: wrong.append(row) or "skip")  # type: ignore[func-returns-value]
+            _parse(rows, table.names, delimiter, lambda row: invalid.append(row) or "skip")  # type: ignore[func-returns-value]
         except pa.ArrowInvalid as second:
             problem = "a line is longer than 1 MiB" if "straddl" in str(second) else problem
-        else:
-            if wrong:
-                cells = f"has {wrong[0].actual_columns} cells and the header {wrong[0].expected_columns}"
-                text = " ".join(wrong[0].text.split())[:_SHOWN]
-                problem = f"line {lines[wrong[0].number - 1]} {cells}: {text!r}"
+        if invalid:
+            cells = f"has {invalid[0].actual_columns} cells and the header {invalid[0].expected_columns}"
+            text = " ".join(invalid[0].text.split())[:_SHOWN]
+            problem = f"line {lines[invalid[0].number - 1]} {cells}: {text!r}"
         raise InputError(f"{place}: {problem}") from error
-    numbers = _line_numbers(content, begin, end, len(part))
-    _check_quotes(part, numbers, dialect, place)
-    return part, numbers, []
+    lines = _line_numbers(content, table.start, end, len(part))
+    _check_quotes(part, lines, dialect.delimiter, place)
+    return part, lines, []
 
 
-def _check_quotes(part: pa.Table, lines: IntArray, dialect: TextDialect, place: str) -> None:
+def _blanks_as_tabs(content: bytes) -> bytes:
+    """Replace each stretch of blanks between cells by one tab."""
+    return re.sub(rb"(?m)^[ \t]+|[ \t]+(?=\r?$)", b"", re.sub(rb"[ \t]+", b"\t", content))
+
+
+def _check_quotes(part: pa.Table, lines: IntArray, delimiter: str, place: str) -> None:
     """Check that no quotation mark without a second one has swallowed rows of numbers.
 
     Args:
         part: parsed columns of text.
         lines: line number in the file of each row, shape (n,).
-        dialect: dialect of the text.
+        delimiter: delimiter between cells.
         place: source of the rows, for the error message.
 
     Raises:
@@ -210,29 +233,29 @@ def _check_quotes(part: pa.Table, lines: IntArray, dialect: TextDialect, place: 
     """
     for column in part.columns:
         for row in np.flatnonzero(np.asarray(pc.match_substring(column, "\n").fill_null(False))):
-            held = str(column[int(row)]).splitlines()[1:]
-            cells = [line_cells(line, dialect.delimiter) for line in held]
-            if any(len(row) >= part.num_columns and not is_footer(row, counts=True) for row in cells):
+            inside = [line_cells(line, delimiter) for line in str(column[int(row)]).splitlines()[1:]]
+            if any(len(cells) >= part.num_columns and not is_footer(cells, counts=True) for cells in inside):
                 raise InputError(
-                    f"{place}: line {lines[row]}: a quotation mark opens a cell that holds {len(held)} more "
-                    "lines, with numbers; close or remove it"
+                    f"{place}: line {lines[row]}: a quotation mark opens a cell that holds {len(inside)} "
+                    "more lines, with numbers; close or remove it"
                 )
 
 
 def _repair_rows(
-    rows: bytes, lines: IntArray, dialect: TextDialect
-) -> tuple[bytes, IntArray, list[str]] | None:
+    rows: bytes, lines: IntArray, table: TextTable, dialect: TextDialect
+) -> tuple[pa.Buffer, IntArray, list[str]] | None:
     """Remove lines of words among the rows, and complete rows that end before the last column.
 
     Args:
         rows: text of the table.
         lines: line number in the file of each nonempty line, shape (n,).
-        dialect: dialect of the text.
+        table: names of the columns.
+        dialect: delimiter and decimal mark.
 
     Returns:
         The repaired text, the line number of each row, and notes; None if the rows cannot be repaired.
     """
-    table, delimiter = dialect.tables[0], "\t" if dialect.delimiter == BLANKS else dialect.delimiter
+    delimiter = "\t" if dialect.delimiter == BLANKS else dialect.delimiter
     texts = [line for line in rows.decode(errors="replace").splitlines() if line.strip(" ")]
     if len(texts) != len(lines):
         return None
@@ -258,7 +281,7 @@ def _repair_rows(
             f"first is in line {lines[kept[short[0]]]}"
         )
     filled = (texts[place] + delimiter * max(lack, 0) for place, lack in zip(kept, lacking, strict=True))
-    return "\n".join(filled).encode(), lines[kept], remarks
+    return pa.py_buffer("\n".join(filled).encode()), lines[kept], remarks
 
 
 def _line_numbers(content: bytes, begin: int, end: int, count: int | None = None) -> IntArray:
@@ -320,14 +343,15 @@ def _excerpt(header: str) -> str:
 
 
 def _parse(
-    rows: pa.Buffer, dialect: TextDialect, skip: Callable[[pa_csv.InvalidRow], str] | None = None
+    rows: pa.Buffer,
+    names: Sequence[str],
+    delimiter: str,
+    skip: Callable[[pa_csv.InvalidRow], str] | None = None,
 ) -> pa.Table:
-    names = list(dialect.tables[0].names)
-    delimiter = "\t" if dialect.delimiter == BLANKS else dialect.delimiter
     # Rows to skip are only numbered if the reader uses a single thread.
     return pa_csv.read_csv(
         pa.BufferReader(rows),
-        read_options=pa_csv.ReadOptions(column_names=names, use_threads=skip is None),
+        read_options=pa_csv.ReadOptions(column_names=list(names), use_threads=skip is None),
         parse_options=pa_csv.ParseOptions(delimiter=delimiter, invalid_row_handler=skip),
         convert_options=pa_csv.ConvertOptions(column_types=dict.fromkeys(names, pa.string())),
     )
@@ -341,26 +365,25 @@ _PAIR = re.compile(  # a label, its number, and possibly a unit
 _MOST_ABOVE, _FEWEST_LABELLED = 100, 5  # most lines above labeled rows; least number of such rows
 
 
-def _end_of_rows(content: bytes, table: TextTable, end: int, dialect: TextDialect) -> int:
+def _end_of_rows(content: bytes, table: TextTable, end: int, delimiter: str) -> int:
     """Return the index of the byte after the last row of a table; lines before `end` may not be rows."""
     begin = table.start
     while end > begin:
         last = content.rfind(b"\n", begin, end - 1) + 1 or begin
-        cells = line_cells(content[last:end].decode(errors="replace").strip("\r\n"), dialect.delimiter)
+        cells = line_cells(content[last:end].decode(errors="replace").strip("\r\n"), delimiter)
         if not is_footer(cells, counts=table.counts):
             break
         end = last
     return end
 
 
-_MARKS = ((codecs.BOM_UTF16_LE, "utf-16"), (codecs.BOM_UTF16_BE, "utf-16"))
 _ENCODINGS = ("cp1252", "gb18030", "cp932", "cp949", "cp1250", "cp1251")  # after UTF-8 and UTF-16
 _ONE_STEP = 2.0  # largest interval between two parts of a recording, in steps of the clock
 _WITH_UNIT = re.compile(r"(?<![\w.])[+-]?\d+(?:[.,]\d+)? ?[A-Za-zµ°%]{1,6}\b")  # a cell such as "0.5 mm"
 _FEW_ZEROS = 1e-3  # largest share of zero bytes in a text
 _CONTROLS = bytes(set(range(32)) - set(b"\t\n\r\f\x1a\x1b")) + b"\x7f\x81\x8d\x8f\x90\x9d"  # not in a text
 _LOOKED_AT = 1 << 16  # bytes
-_OTHERS = (  # first bytes of other file types, and the remedy
+_OTHER_FORMATS = (  # first bytes of other file types, and the remedy
     (b"\x89PNG", "is a picture; save the measurements themselves"),
     (b"\xff\xd8\xff", "is a picture; save the measurements themselves"),
     (b"%PDF", "is a PDF; save the measurements themselves"),
@@ -387,10 +410,8 @@ def as_utf8(content: bytes, path: Path) -> tuple[bytes, str]:
     """
     if content.startswith(codecs.BOM_UTF8):
         content = content[len(codecs.BOM_UTF8) :]
-    encoding, head = (
-        next((name for mark, name in _MARKS if content.startswith(mark)), ""),
-        content[:_LOOKED_AT],
-    )
+    head = content[:_LOOKED_AT]
+    encoding = "utf-16" if content.startswith((codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE)) else ""
     for name, zeros, letters in (("utf-16-le", head[1::2], head[::2]), ("utf-16-be", head[::2], head[1::2])):
         if len(head) >= 4 and not encoding and zeros.count(0) > 0.9 * len(zeros) and not letters.count(0):
             encoding = name
@@ -418,5 +439,5 @@ def as_utf8(content: bytes, path: Path) -> tuple[bytes, str]:
 
 
 def _no_text(content: bytes, path: Path) -> InputError:
-    formats = (words for begins, words in _OTHERS if content.startswith(begins))
+    formats = (words for begins, words in _OTHER_FORMATS if content.startswith(begins))
     return InputError(f"{path}: {next(formats, 'is not a text file; save it as CSV in UTF-8')}")

@@ -138,7 +138,7 @@ def look_as_data(path: Path, options: ImportOptions) -> dict[str, Any]:
     return {
         "file": str(path),
         "rows": len(table),
-        "written": table.words,
+        "written": table.notes,
         "columns": {name: roles.get(name) for name in table.names},
         "channels": facts(imported),
         "notes": [*imported.notes, *implausible(imported)],
@@ -175,7 +175,7 @@ def look_at(path: Path, options: ImportOptions, like: Mapping[str, str] | None =
         InputError: it cannot be read; its columns are shown before where they could be.
     """
     table, out = read_table(path, options.table), console.stdout()
-    ways = "; ".join(table.words)
+    ways = "; ".join(table.notes)
     out.print(f"[bold]{shown(path)}[/bold]: {count(len(table), 'row')}{'; ' + safe(ways) if ways else ''}")
     try:
         imported = import_table(table, options)
