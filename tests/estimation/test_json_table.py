@@ -50,7 +50,7 @@ def test_rows_that_nothing_names_are_called_by_their_places(tmp_path):
     path = tmp_path / "bare.json"
     path.write_text(json.dumps({"data": ROWS, "dt": 0.01, "time units": "s"}))
     table = read_table(path)
-    assert (table.names, table.words) == (("column 1", "column 2", "column 3"), ("no names of columns",))
+    assert (table.names, table.notes) == (("column 1", "column 2", "column 3"), ("no names of columns",))
 
 
 @pytest.mark.parametrize(
@@ -91,4 +91,4 @@ def test_lists_within_a_column_leave_the_others_readable(tmp_path):
 def test_columns_of_other_lengths_are_named_as_left_out(tmp_path):
     path = tmp_path / "a.json"
     path.write_text(json.dumps(COLUMNS | {"temperature": [20.0, 20.5, 21.0]}))
-    assert read_table(path).words == ("columns of other lengths left out: temperature",)
+    assert read_table(path).notes == ("columns of other lengths left out: temperature",)

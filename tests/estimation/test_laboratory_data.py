@@ -289,7 +289,7 @@ def test_sheets_whose_columns_stand_in_another_order_are_runs_and_others_are_nam
     table = read_table(tmp_path / "order.xlsx")
     np.testing.assert_array_equal(table.numbers("Load (N)"), 3.0 * table.numbers("Time (s)"))
     assert len(table) == 60
-    assert "tables not read because their columns differ: 'C' (30 rows); --table C selects one" in table.words
+    assert "tables not read because their columns differ: 'C' (30 rows); --table C selects one" in table.notes
 
 
 @pytest.mark.parametrize("other", ["Cycle time [s]", "Clock"])
@@ -423,7 +423,7 @@ def test_the_times_of_a_clock_are_seconds(tmp_path, cells, seconds):
     path.write_text("When;Weg [mm];Kraft [N]\n" + "".join(f"{cell};1;2\n" for cell in cells))
     table = read_table(path)
     assert table.columns.column("When").to_pylist() == list(seconds)
-    assert any(word.startswith("clock times in 'When'") for word in table.words)
+    assert any(word.startswith("clock times in 'When'") for word in table.notes)
 
 
 @pytest.mark.parametrize(
@@ -440,7 +440,7 @@ def test_month_and_day_stand_in_one_order_in_all_dates(tmp_path, dates, days, or
     path.write_text("When,Weg [mm],Kraft [N]\n" + "".join(f"{day} 10:00:00.0,1,2\n" for day in dates))
     table = read_table(path)
     np.testing.assert_allclose(np.diff(table.numbers("When")), 86400.0 * np.diff(days))
-    assert f"clock times in 'When' as {order}, as seconds" in table.words
+    assert f"clock times in 'When' as {order}, as seconds" in table.notes
 
 
 @pytest.mark.parametrize("name", ["Time", "Stamp", "Time [s]", "Time [min]", "Time [ms]", "time_ms"])

@@ -140,7 +140,7 @@ def test_lines_may_end_in_any_way(read, end, footer):
     table = read(end.join([HEAD, *ROWS, "", HEAD, *ROWS, *footer, ""]))
     np.testing.assert_array_equal(table.numbers("Load [N]"), np.tile(2.0 * np.arange(9), 2))
     assert len(table.labels("run")[0]) == 2
-    assert ("a footer of 2 lines" in table.words) is bool(footer)
+    assert ("a footer of 2 lines" in table.notes) is bool(footer)
 
 
 @pytest.mark.parametrize("behind", ["\r\n", " \n", "\t \r\n"])
