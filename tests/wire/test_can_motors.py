@@ -98,6 +98,27 @@ def test_answers_that_become_late_in_a_run_are_as_old_as_their_requests(bench, p
 
 
 @ASKED
+def test_a_frame_that_the_adapter_refuses_counts_as_no_lost_answer(bench, path, monkeypatch):
+    arm = bench(path).start()
+    arm.ticks(5, PUSH_NM)
+    line = arm.robot.buses["motors"].line
+    send, refused = line.send, []
+
+    def refuse_once(frame, deadline_s):
+        if not refused:
+            refused.append(frame)
+            raise DeviceError("the adapter's buffer is full")
+        send(frame, deadline_s)
+
+    monkeypatch.setattr(line, "send", refuse_once)
+    with pytest.raises(DeviceError, match="buffer is full"):
+        arm.tick(PUSH_NM)
+    arm.clock.sleep_until(arm.clock.now_s() + 1e-3)  # the rest of this tick
+    arm.tick(PUSH_NM)
+    assert max(age_ms(arm.tick(PUSH_NM)) for _ in range(10)) < 1.1
+
+
+@ASKED
 def test_a_lost_answer_makes_later_ones_no_older(bench, path):
     arm = bench(path).start()
     for _ in range(5):

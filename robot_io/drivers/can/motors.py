@@ -411,10 +411,10 @@ class AskedMotorBus(MotorBus, Generic[StateType]):
         return [joint for joint, requests in enumerate(self._requests) if not requests.omit_next()]
 
     def _send(self, frame: CanFrame, deadline_s: float) -> None:
-        motor_id = self._answering_motor(frame)
-        if motor_id is not None:
-            self._requests[self._joint_by_id[motor_id]].ask(self._clock.now_s())
+        motor_id, sent_s = self._answering_motor(frame), self._clock.now_s()
         super()._send(frame, deadline_s)
+        if motor_id is not None:  # a frame that the adapter refused gets no answer
+            self._requests[self._joint_by_id[motor_id]].ask(sent_s)
 
     def _drain(self, deadline_s: float) -> None:
         super()._drain(deadline_s)

@@ -206,8 +206,9 @@ def test_a_port_that_takes_no_commands_can_be_opened_again(adapter, monkeypatch)
 
     with monkeypatch.context() as patched:
         patched.setattr(SerialPort, "write", blocked)
-        with pytest.raises(DeviceError, match="output is blocked"):
+        with pytest.raises(DeviceError, match="output is blocked") as kept:
             adapter.line.open()
     other = adapter.another()
     other.open()
     other.close()
+    assert kept.value  # which holds what failed
