@@ -143,9 +143,8 @@ class CanWire(FrameWire[can.Message]):
     def send(self, now_s: float) -> None:
         unplugged = self.faults.strikes(FaultKind.UNPLUG, "bus", now_s) is not None
         if unplugged and not self._unplugged:
-            self._put(
-                can.Message(arbitration_id=_BUS_OFF_ERROR_FRAME, is_error_frame=True, data=bytes(8)), now_s
-            )
+            bus_off = can.Message(arbitration_id=_BUS_OFF_ERROR_FRAME, is_error_frame=True, data=bytes(8))
+            self._put(bus_off, now_s)
         self._unplugged = unplugged
         if unplugged:
             for node in self._nodes:
@@ -154,8 +153,7 @@ class CanWire(FrameWire[can.Message]):
         self._deliver_late(now_s)
         for node in self._nodes:
             for kind in (FaultKind.ALERT, FaultKind.REBOOT, FaultKind.STUCK):
-                fault = self.faults.strikes(kind, node.number, now_s)
-                if fault is not None:
+                if fault := self.faults.strikes(kind, node.number, now_s):
                     node.strike(fault, now_s)
             self._deliver_all(node, node.tell(now_s), now_s)
 

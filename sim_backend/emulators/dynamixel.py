@@ -49,9 +49,7 @@ def _divide(byte: int) -> int:
     remainder = byte << 8
     for _ in range(8):
         carry = remainder >> 15
-        remainder = (remainder << 1) & 0xFFFF
-        if carry:
-            remainder ^= 0x8005
+        remainder = (remainder << 1) & 0xFFFF ^ 0x8005 * carry
     return remainder
 
 
@@ -146,10 +144,7 @@ class EmulatedDynamixelLine(ServoWire[EmulatedServo]):
         baud_rate: int | None = 4_000_000,
         start_s: float = 0.0,
     ) -> None:
-        servos = {
-            mounting.id: EmulatedServo(mounting, shaft, start_s)
-            for mounting, shaft in on_shafts(mountings, plant)
-        }
+        servos = [EmulatedServo(mounting, shaft, start_s) for mounting, shaft in on_shafts(mountings, plant)]
         super().__init__(servos, DynamixelReceiver(), faults, baud_rate, start_s)
 
     def _obey(self, instruction: Instruction, servo: EmulatedServo, now_s: float) -> Answer | None:
@@ -182,9 +177,9 @@ class EmulatedDynamixelLine(ServoWire[EmulatedServo]):
         elif code == _SYNC_WRITE and len(parameters) > 4:
             step = 1 + _word(parameters[2:])
             for start in range(4, len(parameters) - step + 1, step):
-                servo = awake.get(parameters[start])
-                if servo is not None and not (servo.deaf and _word(parameters) in GOALS):
-                    servo.write(_word(parameters), parameters[start + 1 : start + step])
+                servo, address = awake.get(parameters[start]), _word(parameters)
+                if servo is not None and not (servo.deaf and address in GOALS):
+                    servo.write(address, parameters[start + 1 : start + step])
         elif code in (_SYNC_READ, _FAST_SYNC_READ) and len(parameters) > 4:
             asked = parameters[4:]
             answers = [self._read(awake[i], parameters) if i in awake else None for i in asked]
@@ -197,7 +192,7 @@ class EmulatedDynamixelLine(ServoWire[EmulatedServo]):
                 servo.reboot(now_s, REBOOT_S)
 
     def _answer_fast(self, answers: Sequence[Answer | None], size: int, now_s: float) -> None:
-        """All in one packet; it ends before the first servo that is silent."""
+        """Send all answers in one packet, which ends before the first silent servo."""
         parts: list[tuple[int, int, bytes]] = []
         speaking: list[LineServo] = []
         for answer in answers:

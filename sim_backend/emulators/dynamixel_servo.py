@@ -353,9 +353,9 @@ class EmulatedServo(LineServo):
 
     def _sample_position(self) -> None:
         """Bring the present values up to date."""
-        shown = self._shown()
+        shown = self._measured()
         if shown is None:
-            return  # it still shows the old value
+            return  # the old values remain
         counts = round(shown.position_rad * COUNTS / (2 * pi))
         if self._turn_counts is None:
             self._turn_counts = floor(counts / COUNTS) * COUNTS

@@ -87,18 +87,16 @@ class Faults:
         """
         elapsed_s = now_s - self._start_s
         for place, fault in enumerate(self._planned):
-            lasts_s = inf if fault.for_s is None else fault.for_s
-            if fault.kind is not kind or fault.device not in (None, device):
-                continue
-            if not 0.0 <= elapsed_s - fault.from_s < lasts_s:
-                continue
             struck = self._struck.get(place, 0)
-            if fault.times is not None and struck >= fault.times:
-                continue
-            if fault.probability < 1.0 and self.generator.random() >= fault.probability:
-                continue
-            self._struck[place] = struck + 1
-            return fault
+            if (
+                fault.kind is kind
+                and fault.device in (None, device)
+                and 0.0 <= elapsed_s - fault.from_s < (fault.for_s or inf)
+                and struck < (fault.times or inf)
+                and (fault.probability == 1.0 or self.generator.random() < fault.probability)
+            ):
+                self._struck[place] = struck + 1
+                return fault
         return None
 
     def lose_a_byte(self, frame: bytes) -> bytes:

@@ -55,10 +55,7 @@ def inverted_sum(content: bytes | bytearray) -> int:
     Returns:
         One byte: all bits of their sum inverted.
     """
-    total = 0
-    for byte in content:
-        total = (total + byte) % 256
-    return 255 - total
+    return 255 - sum(content) % 256
 
 
 def status(servo_id: int, error: int, data: bytes = b"") -> bytes:
@@ -218,10 +215,9 @@ class EmulatedSts(LineServo):
 
     def reboot(self, now_s: float, away_s: float) -> None:
         """See `LineServo.reboot`; values below address 40 are as last saved, the others as delivered."""
-        delivered = {address: (size, value) for address, size, value in _TABLE if address >= EPROM_END}
-        self._memory[:EPROM_END] = self._saved
-        for address, (size, value) in delivered.items():
+        for address, size, value in _TABLE:
             self.put(address, value, size)
+        self._memory[:EPROM_END] = self._saved
         self.put(48, self.get(16))
         self.error = 0
         self.awake_s = now_s + away_s
@@ -229,7 +225,7 @@ class EmulatedSts(LineServo):
         self._drive()
 
     def _sample_position(self) -> None:
-        shown = self._shown()
+        shown = self._measured()
         if shown is None:
             return
         self.put(56, round(shown.position_rad * COUNTS / (2 * pi)) % COUNTS)
@@ -290,10 +286,8 @@ class EmulatedFeetechLine(ServoWire[EmulatedSts]):
         start_s: float = 0.0,
     ) -> None:
         holding = [(FeetechMounting(id=servo_id, model=mountings[0].model), None) for servo_id in hold]
-        servos = {
-            mounting.id: EmulatedSts(mounting, shaft, start_s)
-            for mounting, shaft in (*on_shafts(mountings, plant), *holding)
-        }
+        placed = (*on_shafts(mountings, plant), *holding)
+        servos = [EmulatedSts(mounting, shaft, start_s) for mounting, shaft in placed]
         super().__init__(servos, FeetechReceiver(), faults, baud_rate, start_s)
 
     def _obey(self, instruction: Instruction, servo: EmulatedSts, now_s: float) -> Answer | None:

@@ -51,8 +51,10 @@ def to_uint(value: float, limit: float, bits: int) -> int:
     return int((value + limit) * ((1 << bits) - 1) / (2 * limit))
 
 
-def _to_float(number: int, low: float, high: float, bits: int) -> float:
-    return number * (high - low) / ((1 << bits) - 1) + low
+def _to_float(number: int, limit: float, bits: int, low: float | None = None) -> float:
+    """Decode a number from `low` (None: minus the limit) to a limit."""
+    low = -limit if low is None else low
+    return number * (limit - low) / ((1 << bits) - 1) + low
 
 
 class EmulatedMitMotor(EmulatedMotor):
@@ -101,11 +103,11 @@ class EmulatedMitMotor(EmulatedMotor):
             position, velocity, stiffness = bits >> 48, bits >> 36 & 0xFFF, bits >> 24 & 0xFFF
             damping, torque = bits >> 12 & 0xFFF, bits & 0xFFF
             self._command = (
-                _to_float(position, -self._position_limit, self._position_limit, 16),
-                _to_float(velocity, -self._velocity_limit, self._velocity_limit, 12),
-                _to_float(stiffness, 0.0, 500.0, 12),
-                _to_float(damping, 0.0, 5.0, 12),
-                _to_float(torque, -self._torque_limit, self._torque_limit, 12),
+                _to_float(position, self._position_limit, 16),
+                _to_float(velocity, self._velocity_limit, 12),
+                _to_float(stiffness, 500.0, 12, low=0.0),
+                _to_float(damping, 5.0, 12, low=0.0),
+                _to_float(torque, self._torque_limit, 12),
             )
         self._drive()
         return [self._reply()]
@@ -160,7 +162,7 @@ CUBEMARS_LIMITS = {
 }
 
 
-_LOST, _HOT = 13, 11
+_LOST, _HOT = 13, 11  # errors: lost communication, MOSFET over temperature
 _TIMEOUT, _MODE, _PMAX, _VMAX, _TMAX = 9, 10, 21, 22, 23
 _FLOATS = (_PMAX, _VMAX, _TMAX)
 DAMIAO_MIT, _STEP_S = 1, 50e-6
@@ -188,13 +190,13 @@ class EmulatedDamiao(EmulatedMitMotor):
         if message.is_extended_id:
             return []
         if message.arbitration_id == 0x7FF:
-            return self._keep(data)
+            return self._answer_about_register(data)
         if message.arbitration_id == self.number and data == b"\xff" * 7 + b"\xfb":
             self.error = 0
             return [self._reply()]
         return super()._hear(message, now_s) if self.registers[_MODE] == DAMIAO_MIT else []
 
-    def _keep(self, data: bytes) -> list[can.Message]:
+    def _answer_about_register(self, data: bytes) -> list[can.Message]:
         if len(data) != 8 or data[0] + 256 * data[1] != self.number or data[3] not in self.registers:
             return []
         layout = "<f" if data[3] in _FLOATS else "<I"
@@ -205,8 +207,8 @@ class EmulatedDamiao(EmulatedMitMotor):
         elif data[2] != 0x33:
             return []
         value = self.registers[data[3]]
-        kept = struct.pack(layout, value if data[3] in _FLOATS else int(value))
-        return [can.Message(arbitration_id=self._host_id, is_extended_id=False, data=data[:4] + kept)]
+        stored = struct.pack(layout, value if data[3] in _FLOATS else int(value))
+        return [can.Message(arbitration_id=self._host_id, is_extended_id=False, data=data[:4] + stored)]
 
     def _time_out(self) -> None:
         self._fail(_LOST)
@@ -251,12 +253,8 @@ class EmulatedRobstride(EmulatedMitMotor):
     _news: list[can.Message]  # sent without a request
 
     def _hear(self, message: can.Message, now_s: float) -> list[can.Message]:
-        kind, middle, target = (
-            message.arbitration_id >> 24,
-            message.arbitration_id >> 8 & 0xFFFF,
-            message.arbitration_id & 0xFF,
-        )
-        data = bytes(message.data)
+        number, data = message.arbitration_id, bytes(message.data)
+        kind, middle, target = number >> 24, number >> 8 & 0xFFFF, number & 0xFF
         whole = message.is_extended_id and not message.is_remote_frame and len(data) == 8
         if not whole or target != self.number:
             return []
@@ -329,8 +327,7 @@ class EmulatedRobstride(EmulatedMitMotor):
             to_uint(shown.torque_nm, self._torque_limit, 16),
             251,  # tenths of a degree Celsius
         )
-        mode = 2 if self.enabled else 0
-        return self._message(2, mode << 14 | self.error << 8 | self.number, data)
+        return self._message(2, 2 * self.enabled << 14 | self.error << 8 | self.number, data)
 
     def _message(self, kind: int, middle: int, data: bytes) -> can.Message:
         number = kind << 24 | middle << 8 | self._host_id

@@ -55,10 +55,8 @@ class EmulatedMoteus(EmulatedMotor):
         number = message.arbitration_id
         if not message.is_fd or number & 0x7F != self.number:
             return []
-        written: dict[int, float] = {}
-        # Store written registers, and return the answer.
-        data = bytes(message.data)
-        place, answer = 0, b""
+        written: dict[int, float] = {}  # values by register
+        data, place, answer = bytes(message.data), 0, b""
         while place < len(data):
             what = data[place]
             place += 1
@@ -69,8 +67,8 @@ class EmulatedMoteus(EmulatedMotor):
                 count, place = data[place], place + 1
             start, place = data[place], place + 1
             if kind == 0x10:
-                reply = 0x20 | form << 2
-                answer += bytes((reply | count, start) if count < 4 else (reply, count, start))
+                head = 0x20 | form << 2
+                answer += bytes((head | count, start) if count < 4 else (head, count, start))
                 answer += b"".join(self._packed(start + offset, form) for offset in range(count))
                 continue
             for register in range(start, start + count):
@@ -91,15 +89,14 @@ class EmulatedMoteus(EmulatedMotor):
             return []
         size = next((length for length in _LENGTHS if length >= len(answer)), 64)
         reply_id = self.number << 8 | number >> 8 & 0x7F
-        return [
-            can.Message(
-                arbitration_id=reply_id,
-                is_extended_id=reply_id > 0x7FF,
-                is_fd=True,
-                bitrate_switch=message.bitrate_switch,
-                data=answer.ljust(size, b"\x50"),
-            )
-        ]
+        reply = can.Message(
+            arbitration_id=reply_id,
+            is_extended_id=reply_id > 0x7FF,
+            is_fd=True,
+            bitrate_switch=message.bitrate_switch,
+            data=answer.ljust(size, b"\x50"),
+        )
+        return [reply]
 
     def _packed(self, register: int, form: int) -> bytes:
         shown = self.shown

@@ -97,10 +97,8 @@ class EmulatedOdrive(EmulatedMotor):
         self._drive()
 
     def _drive(self) -> None:
-        armed = self.state == CLOSED_LOOP and self._control_mode == 1
-        torque_nm = (
-            min(max(self._input_torque_nm, -self._max_torque_nm), self._max_torque_nm) if armed else 0.0
-        )
+        armed, limit_nm = self.state == CLOSED_LOOP and self._control_mode == 1, self._max_torque_nm
+        torque_nm = min(max(self._input_torque_nm, -limit_nm), limit_nm) if armed else 0.0
         if self.velocity_limiter is not None:
             limit_rev_s, gain = self.velocity_limiter
             rev_s = self.shaft.velocity_rad_s / math.tau
@@ -110,8 +108,8 @@ class EmulatedOdrive(EmulatedMotor):
     def _answer(self, command: int) -> list[can.Message]:
         match command:
             case 0x00 if self._firmware == "0.6":
-                about = bytes((2, 4, 4, 58, 0, 6, 10, 0))  # protocol 2, Pro v4.4, fw 0.6.10
-                return [self._message(0x00, about)]
+                version = bytes((2, 4, 4, 58, 0, 6, 10, 0))  # protocol 2, Pro v4.4, firmware 0.6.10
+                return [self._message(0x00, version)]
             case 0x01 if self._firmware == "0.6":
                 return [self._heartbeat()]
             case 0x09:
@@ -157,12 +155,9 @@ class EmulatedOdrive(EmulatedMotor):
         )
 
     def _heartbeat(self) -> can.Message:
-        data = bytearray(struct.pack("<IB3x", self.error, self.state))
-        if self._firmware == "0.5":
-            data[5] = 1 if self.error & ALERT_BIT["0.5"] else 0
-        else:
-            data[5] = 3 if self.error else 0  # procedure result: disarmed
-        return self._message(0x01, bytes(data))
+        # Flag of the motor's errors, or procedure result 3: disarmed.
+        code = bool(self.error & ALERT_BIT["0.5"]) if self._firmware == "0.5" else 3 * bool(self.error)
+        return self._message(0x01, struct.pack("<IBB2x", self.error, self.state, code))
 
     def _message(self, command: int, data: bytes) -> can.Message:
         return can.Message(arbitration_id=self.number << 5 | command, is_extended_id=False, data=data)

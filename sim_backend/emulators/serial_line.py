@@ -138,8 +138,7 @@ class SensorWire(FrameWire[bytes]):
         strikes, name = self.faults.strikes, self._sensor.name
         if strikes(FaultKind.UNPLUG, name, now_s):
             self.close()
-        reboot = strikes(FaultKind.REBOOT, name, now_s)
-        if reboot:
+        if reboot := strikes(FaultKind.REBOOT, name, now_s):
             self._sensor.restart(now_s, reboot.delay_s)
         self._deliver_late(now_s)
         if self._sensor.due(now_s):
@@ -198,9 +197,7 @@ class PtyLine(SensorWire):
             return
         try:
             data = os.read(self._master, 65536)
-        except BlockingIOError:
-            return
-        except OSError:  # the other end is not open
+        except OSError:  # nothing has arrived, or the other end is not open
             return
         if data and heard_at(self._master, self._baud_rate):
             answer = self._sensor.hear(data, now_s)
@@ -234,5 +231,5 @@ class PtyLine(SensorWire):
                 time.sleep(0)
 
     def _readable(self) -> int:
-        """How many bytes the driver could read."""
+        """Return the number of bytes that the driver could read."""
         return int.from_bytes(fcntl.ioctl(self._slave, termios.FIONREAD, bytes(4)), sys.byteorder)

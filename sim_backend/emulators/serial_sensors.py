@@ -6,6 +6,7 @@ interface protocol that LorenzTelegram follows: STX doubled within a telegram, s
 checksums, configuration blocks of 32 bytes, stream mode 3.
 """
 
+import itertools
 import math
 import struct
 from collections.abc import Callable
@@ -91,12 +92,12 @@ CONFIG_TIME_S = 200e-6  # the rate code counts periods of 200 us
 
 
 def _sums(content: bytes) -> bytes:
+    """Return sum and weighted sum, whose carry is added back."""
     total, weighted = 0, 0
     for byte in content:
         total = (total + byte) % 256
         weighted += total
-        if weighted > 255:
-            weighted = (weighted + 1) % 256
+        weighted = (weighted + 1) % 256 if weighted > 255 else weighted
     return bytes((total, weighted))
 
 
@@ -113,10 +114,7 @@ def telegram(command: int, to: int, parameters: bytes = b"", sender: int = ADDRE
         The telegram, with both checksums.
     """
     content = bytes((command, to, sender, len(parameters))) + parameters
-    stuffed = b"".join(
-        bytes((byte, byte)) if byte == 2 else bytes((byte,)) for byte in content + _sums(content)
-    )
-    return b"\x02" + stuffed
+    return b"\x02" + (content + _sums(content)).replace(b"\x02", b"\x02\x02")
 
 
 class EmulatedLorenz(SerialSensor):
@@ -170,11 +168,8 @@ class EmulatedLorenz(SerialSensor):
             block[4:8] = (123456).to_bytes(4, "big")
             block[8] = self._dimension_code
             block[10:12] = self._load_code.to_bytes(2, "big")
-            total = weighted = 0
-            for byte in block:
-                total = (total + byte) % 65536
-                weighted = (weighted + total) % 65536
-            rotor_header = bytes(block) + total.to_bytes(2, "big") + weighted.to_bytes(2, "big")
+            total, weighted = sum(block) % 65536, sum(itertools.accumulate(block)) % 65536
+            rotor_header = bytes(block) + struct.pack(">HH", total, weighted)
             return telegram(0x44, host, b"\x80" + rotor_header)
         if command == 0x5A and len(parameters) == 5 and parameters[0] == 3 and parameters[1] > 0:
             self._timer = StreamTimer(1.0 / (parameters[1] * CONFIG_TIME_S))
@@ -344,8 +339,7 @@ def bota_frame(status: int, values: list[float], time_us: int, temperature_c: fl
     Returns:
         The frame, with its checksum.
     """
-    data = struct.pack("<H", status) + b"".join(struct.pack("<f", value) for value in values)
-    data += struct.pack("<If", time_us % 2**32, temperature_c)
+    data = struct.pack("<H6fIf", status, *values, time_us % 2**32, temperature_c)
     return b"\xaa" + data + struct.pack("<H", bota_crc(data))
 
 

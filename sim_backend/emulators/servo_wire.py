@@ -5,7 +5,7 @@ import os
 import pty
 import tty
 from abc import ABC, abstractmethod
-from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from math import inf, isfinite, pi
 from typing import Annotated, ClassVar, Generic, NamedTuple, Self, TypeVar
@@ -18,8 +18,8 @@ from palpate.sim_backend.emulators.faults import Fault, FaultKind, Faults
 
 BROADCAST = 0xFE
 REBOOT_S = 0.3  # default duration of a servo's absence
-_SLIP_RAD = 0.1
-_HELD = JointState(0.0, 0.0, 0.0)
+_SLIP_RAD = 0.1  # slip angle of a horn
+_HELD = JointState(0.0, 0.0, 0.0)  # state of a servo that turns nothing
 
 
 class EmulatedMounting(FileModel, extra="ignore"):
@@ -87,8 +87,13 @@ class LineServo(ABC):
         self.stuck = self.deaf = False
         self._frozen: JointState | None = None
 
-    def _shown(self) -> JointState | None:
-        """What its own sensors show of its horn, with the joint's torque; None before the plant's first."""
+    def _measured(self) -> JointState | None:
+        """Return the readings of its own sensors at its horn, with the joint's torque.
+
+        Returns:
+            Angle from its position 0 [rad] and speed [rad/s] along its own direction, and torque [N m]; None
+            before the plant's first sample.
+        """
         state = self.shaft.state() if self.shaft else _HELD
         if not isfinite(state.position_rad):
             return None
@@ -191,12 +196,19 @@ class ServoFrame:
 
 
 class ServoWire(EmulatedWire, Generic[ServoType]):
-    """Servos, by id, on one line; `path` is its device file for the driver.
+    """Servos on one line.
 
-    The baud rate determines the time on the wire [bit/s]; with None, bytes take no time. The servos get power
-    at `start_s` [s]. Faults may be added at any time; devices are named by their ids.
+    Args:
+        servos: all servos of the line.
+        receiver: parser of the received bytes.
+        faults: faults of the line and its servos, which are named by their ids; None for none so far.
+        baud_rate: determines the time on the wire [bit/s]; with None, bytes take no time.
+        start_s: time from which the servos have power, bench's clock [s].
 
     Attributes:
+        servos: the servos by id.
+        path: device file for the driver.
+        faults: the faults; more can be added at any time.
         echoes: whether the adapter receives its own bytes, as some do.
     """
 
@@ -204,13 +216,13 @@ class ServoWire(EmulatedWire, Generic[ServoType]):
 
     def __init__(
         self,
-        servos: Mapping[int, ServoType],
+        servos: Iterable[ServoType],
         receiver: Receiver,
         faults: Faults | None,
         baud_rate: int | None,
         start_s: float,
     ) -> None:
-        self.servos, self._receiver = servos, receiver
+        self.servos, self._receiver = {servo.id: servo for servo in servos}, receiver
         self._master, slave = pty.openpty()
         tty.setraw(slave)
         self.path = os.ttyname(slave)
@@ -220,8 +232,9 @@ class ServoWire(EmulatedWire, Generic[ServoType]):
         self._baud_rate = baud_rate
         self._byte_s = 10.0 / baud_rate if baud_rate else 0.0
         self._outgoing: list[ServoFrame] = []
-        self._in_use = self._befell = False
-        self._quiet_s = start_s  # when the line is free again
+        self._in_use = False  # whether the driver has opened the port
+        self._had_faults = False  # whether faults were planned in the last step
+        self._free_s = start_s  # when the line is free again
 
     @abstractmethod
     def _obey(self, instruction: Instruction, servo: ServoType, now_s: float) -> Answer | None:
@@ -246,10 +259,10 @@ class ServoWire(EmulatedWire, Generic[ServoType]):
     def receive(self, now_s: float) -> None:
         planned = self.faults.planned
         for servo in self.servos.values():
-            if planned or self._befell:  # once more after the last, to release stuck devices
+            if planned or self._had_faults:  # once more after the last, to release stuck devices
                 self._apply_faults(servo, now_s)
             servo.watch(now_s)
-        self._befell = planned
+        self._had_faults = planned
         if self.faults.strikes(FaultKind.UNPLUG, "line", now_s):
             self.close()
         data = self._incoming()
@@ -259,10 +272,9 @@ class ServoWire(EmulatedWire, Generic[ServoType]):
             awake = {servo_id: servo for servo_id, servo in self.servos.items() if now_s >= servo.awake_s}
             for servo in awake.values():
                 servo.hear(now_s)
-            self._quiet_s = now_s + self._byte_s * instruction.wire_bytes
+            self._free_s = now_s + self._byte_s * instruction.wire_bytes
             if instruction.target in awake:
-                answer = self._obey(instruction, awake[instruction.target], now_s)
-                if answer:
+                if answer := self._obey(instruction, awake[instruction.target], now_s):
                     self._answer([answer], now_s)
             elif instruction.target == BROADCAST and instruction.intact:
                 self._obey_all(instruction, awake, now_s)
@@ -296,19 +308,18 @@ class ServoWire(EmulatedWire, Generic[ServoType]):
 
     def _apply_faults(self, servo: LineServo, now_s: float) -> None:
         """Apply the faults of a servo itself."""
-        strikes = self.faults.strikes
-        if strikes(FaultKind.ALERT, servo.id, now_s):
+
+        def strikes(kind: FaultKind) -> bool:
+            return self.faults.strikes(kind, servo.id, now_s) is not None
+
+        if strikes(FaultKind.ALERT):
             servo.fail()
-        reboot = strikes(FaultKind.REBOOT, servo.id, now_s)
-        if reboot:
+        if reboot := self.faults.strikes(FaultKind.REBOOT, servo.id, now_s):
             servo.reboot(now_s, reboot.delay_s or REBOOT_S)
-        servo.stuck = strikes(FaultKind.STUCK, servo.id, now_s) is not None
-        servo.deaf = strikes(FaultKind.DEAF, servo.id, now_s) is not None
-        if servo.shaft:
-            servo.shaft.limp = strikes(FaultKind.LIMP, servo.id, now_s) is not None
-            servo.shaft.backwards = strikes(FaultKind.REVERSED, servo.id, now_s) is not None
-            slipped = strikes(FaultKind.SLIPPED, servo.id, now_s) is not None
-            servo.shaft.slipped_rad = _SLIP_RAD if slipped else 0.0
+        servo.stuck, servo.deaf = strikes(FaultKind.STUCK), strikes(FaultKind.DEAF)
+        if shaft := servo.shaft:
+            shaft.limp, shaft.backwards = strikes(FaultKind.LIMP), strikes(FaultKind.REVERSED)
+            shaft.slipped_rad = _SLIP_RAD if strikes(FaultKind.SLIPPED) else 0.0
 
     def _answer(self, answers: Iterable[Answer], now_s: float) -> None:
         """Send one packet per answer, in order, subject to the faults."""
@@ -337,10 +348,10 @@ class ServoWire(EmulatedWire, Generic[ServoType]):
             packet = self.faults.lose_a_byte(packet)
         if strikes(FaultKind.DUPLICATE):
             packet += packet
-        self._quiet_s = max(self._quiet_s, now_s) + speaking[0].return_delay_s
-        self._quiet_s += self._byte_s * len(packet)
+        self._free_s = max(self._free_s, now_s) + speaking[0].return_delay_s
+        self._free_s += self._byte_s * len(packet)
         late_s = max((fault.delay_s for fault in strikes(FaultKind.DELAY)), default=0.0)
-        return ServoFrame(speaking[0].id, packet, self._quiet_s + late_s)
+        return ServoFrame(speaking[0].id, packet, self._free_s + late_s)
 
     def _sent_id(self, servo_id: int, now_s: float) -> int:
         wrong = self.faults.strikes(FaultKind.WRONG_ID, servo_id, now_s)
