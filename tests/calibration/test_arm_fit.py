@@ -118,12 +118,10 @@ class TestPath:
             np.testing.assert_allclose(path.at(time_s).velocity_rad_s, 0.0, atol=1e-9)
             np.testing.assert_allclose(path.at(time_s).position_rad, path.center_rad)
 
-    def test_is_the_same_at_many_times_at_once(self, path):
+    def test_is_the_same_at_many_times_and_for_equal_seeds(self, path):
         times = np.linspace(-1.0, path.duration_s + 1.0, 300)
         each = [path.at(time_s) for time_s in times]
         np.testing.assert_allclose(path.along(times), np.swapaxes(each, 0, 1), atol=1e-12)
-
-    def test_equal_seeds_choose_the_same(self, path):
         assert np.array_equal(chosen().at(7.0).position_rad, path.at(7.0).position_rad)
 
     def test_is_smaller_where_there_is_less_room(self):

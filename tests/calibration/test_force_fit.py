@@ -91,20 +91,17 @@ def test_what_a_calibrated_sensor_shows_is_right_over_its_range():
     assert fit.suspect is None
 
 
-def test_a_common_error_of_all_weights_is_in_the_scale():
+def test_a_common_error_of_all_weights_is_in_the_scale_and_a_wrong_one_is_pointed_at():
     plateaus = record(np.random.default_rng(3))
     one, other = fit_force(plateaus), fit_force(plateaus, reference_rel_std=0.01)
     assert other.scale.value == one.scale.value
     assert other.scale.std_err == pytest.approx(np.hypot(one.scale.std_err, 0.01 * one.scale.value))
-
-
-def test_a_wrong_weight_is_pointed_at():
     plateaus = record(np.random.default_rng(4))
     plateaus.reading[3] += 3.0
     assert fit_force(plateaus).suspect == 3
 
 
-def test_glitches_of_the_converter_do_not_count():
+def test_glitches_and_what_settles_do_not_count():
     rng = np.random.default_rng(5)
     reference = np.repeat(UP_AND_DOWN_N, 200)
     reading = reference + rng.normal(0, 0.02, len(reference))
@@ -112,9 +109,6 @@ def test_glitches_of_the_converter_do_not_count():
     plateaus = find_plateaus(reading, reference)
     assert plateaus.glitches == 3
     assert fit_force(plateaus).scale.value == pytest.approx(1.0, abs=1e-3)
-
-
-def test_what_settles_is_left_out():
     reference = np.repeat(UP_AND_DOWN_N, 100)
     settling = np.tile(np.exp(-np.arange(100) / 4.0), len(UP_AND_DOWN_N))
     marked = settling < 1e-4

@@ -51,14 +51,11 @@ def test_the_force_is_reached_and_held_within_a_second_or_the_objects_own_time(r
     assert abs(force[-1] - 10.0) < 0.2 + creep_n * math.exp(-3.0 / creeping_s)
 
 
-def test_the_admittance_is_the_differential_equation():
+def test_the_admittance_is_the_differential_equation_and_stable_however_large_the_damping():
     admittance, speed = Admittance(2.0, 50.0), 0.0
     for _ in range(round(0.04 / 1e-5)):
         speed += admittance.acceleration(10.0, speed, 1e-5) * 1e-5
     assert speed == pytest.approx(10.0 / 50.0 * (1.0 - math.exp(-1.0)), rel=1e-3)
-
-
-def test_it_is_stable_however_large_the_damping():
     admittance = Admittance(1.0, 1e5)
     speed = 1.0
     for _ in range(10):

@@ -154,11 +154,8 @@ def file_with(gains: str):
     return parse_robot_file(ROBOT_YAML + gains, "arm.yaml")
 
 
-def test_a_file_without_gains_has_the_defaults():
+def test_a_file_without_gains_or_some_of_them_has_the_defaults():
     assert gains_of(file_with("")) == Gains()
-
-
-def test_what_a_file_leaves_out_keeps_its_default():
     gains = gains_of(file_with("gains: {contact: {mass_kg: 2.5}}\n"))
     assert gains.contact.mass_kg == 2.5
     assert gains.contact.latency_s == Gains().contact.latency_s

@@ -22,13 +22,10 @@ def states(contact: ContactSwitch, forces) -> list[bool]:
     return [contact.update(force) for force in forces]
 
 
-def test_contact_needs_the_threshold_several_times_in_a_row():
+def test_contact_needs_the_threshold_several_times_and_between_the_thresholds_nothing_changes():
     contact = switch()
     assert states(contact, [2, 2, 0, 2, 2, 0, 2, 2]) == [False] * 8
     assert states(contact, [2]) == [True]
-
-
-def test_between_the_thresholds_nothing_changes():
     free, touching = switch(), switch()
     states(touching, [2, 2, 2])
     assert not any(states(free, [0.9] * 20))

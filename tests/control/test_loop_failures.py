@@ -249,7 +249,7 @@ def test_commands_that_cannot_be_sent_are_tried_each_tick_and_counted():
     assert f"{stopped} commands not sent" in result.one_line()
 
 
-def test_torque_that_could_not_be_switched_off_is_never_called_a_good_end():
+def test_why_the_arm_was_stopped_is_said_beside_a_torque_that_could_not_be_switched_off():
     arm = MockArm()
     arm.faults.refuse.add(("torque", "deactivate"))
     result, _ = run(arm, SwingTask(done_at=20))
@@ -259,9 +259,6 @@ def test_torque_that_could_not_be_switched_off_is_never_called_a_good_end():
     with pytest.raises(SafetyTripError, match="cut the power") as raised:
         result.raise_for_trip()
     assert str(raised.value).count("refuses to deactivate") == 1  # said once, though it is the cause as well
-
-
-def test_why_the_arm_was_stopped_is_said_beside_a_torque_that_is_still_on():
     arm = MockArm()
     arm.faults.refuse.add(("torque", "deactivate"))
     result, _ = run(arm, SwingTask(fail_at=20))

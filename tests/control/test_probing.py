@@ -138,7 +138,7 @@ def test_a_surface_that_is_not_there_is_an_event_and_the_next_target_is_tried():
     assert record.outputs[-1].done
 
 
-def test_an_object_too_soft_for_the_force_is_left_at_the_depth_limit():
+def test_an_object_too_soft_is_left_at_the_depth_limit_and_slow_loading_goes_on_to_the_hold():
     record, task = probe(stiffness=100.0, damping=0.0, max_depth_m=0.03)
     event = record.event("depth_limit")
     assert event.data["depth_m"] < 0.03
@@ -147,9 +147,6 @@ def test_an_object_too_soft_for_the_force_is_left_at_the_depth_limit():
     assert record.force_n.max() < 3.5
     assert task.failures == ()
     assert Phase.HOLD not in record.phase
-
-
-def test_loading_that_takes_too_long_goes_on_to_the_hold():
     record, _ = probe(stiffness=500.0, damping=0.0, speeds_m_s=(0.01,), load_time_limit_s=0.5, hold_s=1.5)
     assert record.event("load_time_limit").data["force_n"] == pytest.approx(2.5, abs=0.5)
     assert record.force_n[record.in_phase(Phase.HOLD)][-1] == pytest.approx(10.0, abs=0.1)
@@ -271,14 +268,11 @@ def test_an_object_that_is_taken_away_is_not_chased_and_not_held(ride):
     assert back_at_the_start(record)
 
 
-def test_a_force_bias_changes_nothing():
+def test_a_force_bias_changes_nothing_and_noise_raises_the_touch_threshold():
     plant = plant_above(stiffness_n_m=500.0, force_bias_n=4.0, **NOISE)
     record, _ = probe(plant=plant)
     assert record.event("free_air").data["mean_n"] == pytest.approx(4.0, abs=0.02)
     assert record.force_n[record.in_phase(Phase.HOLD)][-300:].mean() == pytest.approx(10.0, abs=0.1)
-
-
-def test_a_noisy_sensor_raises_the_touch_threshold_instead_of_touching_air():
     plant = plant_above(stiffness_n_m=500.0, force_noise_n=0.3)
     record, task = probe(plant=plant)
     assert task.failures == ()

@@ -18,20 +18,14 @@ TARGETS = ((0.4, 0.0, 0.05), (0.42, 0.0, 0.05))
 FOLLOWER = load_robot_file(ARMS / "follower" / "follower.yaml")  # trips at 60 N and 6 rad/s
 
 
-def test_every_target_gets_every_repeat_of_every_speed():
+def test_every_target_gets_every_repeat_of_every_speed_and_a_unit_direction():
     plan = ProbingPlan(speeds_m_s=(0.1, 0.05), repeats=2, targets_world_m=TARGETS)
     runs = list(plan.runs())
     assert [run.run for run in runs] == list(range(8))
     assert [run.target for run in runs] == [0] * 4 + [1] * 4
     assert [run.repeat for run in runs] == [0, 0, 1, 1] * 2
     assert [run.speed_m_s for run in runs] == [0.1, 0.05] * 4
-
-
-def test_without_targets_there_is_one():
     assert [run.target for run in ProbingPlan().runs()] == [0, 0, 0]
-
-
-def test_the_direction_becomes_a_unit_vector():
     assert ProbingPlan(press_direction_world=(0, 0, -3)).press_direction_world == (0.0, 0.0, -1.0)
 
 
@@ -168,10 +162,14 @@ def test_a_force_before_the_arm_moves_is_not_tared_away(force_n):
         task.start(plant.measure())
 
 
-def test_a_touch_force_above_the_plan_s_share_is_refused_before_the_arm_moves():
+def test_how_much_force_may_be_there_before_the_arm_moves_is_the_robot_file_s_to_say():
     task = probing_task(ProbingPlan(force_limit_n=10.0), Gains(touch=TouchGains(touch_force_n=4.0)))
     with pytest.raises(InputError, match=r"would count above 4 N.* at most 3.5 N is allowed.*touch_force_n"):
         task.start(plant_above().measure())
+    gains = Gains(touch=TouchGains(bias_share=0.8, limit_share=0.6))
+    record, task = probe(gains, force_bias_n=6.0, force_noise_n=0.7)
+    assert task.failures == ()
+    assert record.kinds()[-1] == "probing_done"
 
 
 def test_an_object_that_came_under_the_tool_is_not_tared_away_either():
@@ -183,13 +181,6 @@ def test_an_object_that_came_under_the_tool_is_not_tared_away_either():
     assert record.kinds() == ["free_air", "free_air_refused", "probing_done"]
     assert "the force in free air is 6 N" in task.failures[0]
     assert record.force_n.max() == 0.0
-
-
-def test_how_much_may_be_there_is_the_robot_file_s_to_say():
-    gains = Gains(touch=TouchGains(bias_share=0.8, limit_share=0.6))
-    record, task = probe(gains, force_bias_n=6.0, force_noise_n=0.7)
-    assert task.failures == ()
-    assert record.kinds()[-1] == "probing_done"
 
 
 def test_controller_and_estimation_share_one_rule_of_touch(monkeypatch):

@@ -48,16 +48,13 @@ def test_everything_is_put_back(policy):
     assert during != before
 
 
-def test_what_is_granted_is_on():
+def test_what_is_granted_is_on_and_put_back_after_an_exception():
     with realtime(priority=7) as report:
         policy, priority, locked, frozen, slack_ns = switches()
     assert (policy == os.SCHED_FIFO and priority == 7) == ("SCHED_FIFO" in report.granted)
     assert (int(locked.split()[1]) > 0) == ("memory lock" in report.granted)
     assert (frozen > 0) == ("frozen garbage" in report.granted)
     assert (slack_ns <= 1) == ("fine timer" in report.granted)  # 0: a FIFO thread has none
-
-
-def test_everything_is_put_back_after_an_exception():
     before = switches()
     with pytest.raises(ZeroDivisionError), realtime():
         raise ZeroDivisionError

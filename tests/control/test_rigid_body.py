@@ -143,9 +143,6 @@ def test_joint_axes_are_where_the_urdf_puts_them():
     assert [axis.name for axis in axes] == ["joint_1", "joint_2", "joint_3"]
     assert axes[2].origin_world_m == pytest.approx((0.60, 0.0, 0.0), abs=1e-12)
     assert all(axis.axis_world == pytest.approx((0.0, 1.0, 0.0), abs=1e-12) for axis in axes)
-
-
-def test_the_axis_of_an_arm_with_one_joint():
     (axis,) = RigidBody.from_urdf(PENDULUM, "tip").joint_axes()
     assert (axis.name, axis.revolute) == ("pivot", True)
     assert axis.origin_world_m == pytest.approx(np.zeros(3), abs=1e-12)

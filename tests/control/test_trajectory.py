@@ -67,12 +67,9 @@ def test_a_change_of_speed_takes_up_the_acceleration_it_finds():
     assert blend.at(blend.duration_s - 1e-9).acceleration_m_s2 == pytest.approx(0.0, abs=1e-6)
 
 
-def test_run_up_distance_is_what_the_blend_needs():
+def test_run_up_and_turning_distance_are_what_blends_and_reversals_need():
     blend = SpeedBlend(LineState(0.0), 0.15, 3.0)
     assert blend.at(blend.duration_s).travel_m == pytest.approx(blend_distance_m(0.15, 3.0))
-
-
-def test_turning_distance_is_how_far_a_reversal_still_goes_forward():
     blend = SpeedBlend(LineState(0.0, 0.15), -0.15, 3.0)
     furthest = max(blend.at(t).travel_m for t in np.linspace(0.0, blend.duration_s, 1001))
     assert furthest == pytest.approx(turning_distance_m(0.15, 3.0), rel=1e-4)
@@ -121,16 +118,13 @@ def test_a_joint_move_is_smooth_arrives_and_keeps_its_limits(start, end):
         )
 
 
-def test_a_move_uses_one_of_its_limits():
+def test_a_move_uses_one_of_its_limits_and_no_way_is_no_time():
     far = JointMove(np.zeros(3), np.array([3.0, 0.1, 0.0]), 1.0, 100.0)
     near = JointMove(np.zeros(3), np.array([0.01, 0.0, 0.0]), 1.0, 4.0)
     speed = max(np.abs(far.at(t).velocity_rad_s).max() for t in np.linspace(0, far.duration_s, 1001))
     push = max(np.abs(near.at(t).acceleration_rad_s2).max() for t in np.linspace(0, near.duration_s, 1001))
     assert speed == pytest.approx(1.0, rel=1e-4)
     assert push == pytest.approx(4.0, rel=1e-4)
-
-
-def test_no_way_is_no_time():
     move = JointMove(np.ones(3), np.ones(3), 1.0, 4.0)
     assert move.duration_s == pytest.approx(0.0, abs=0.01)
     assert move.at(0.0).position_rad == pytest.approx(np.ones(3))

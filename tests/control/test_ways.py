@@ -89,7 +89,7 @@ def test_what_is_met_on_a_swing_sends_the_arm_home():
     assert record.time_s[-1] < pushed[0] + 3.0  # by the shortest way
 
 
-def test_a_swing_beyond_what_the_joints_may_is_refused_before_anything_moves():
+def test_a_swing_beyond_the_joints_or_the_torque_is_refused_before_anything_moves():
     home = plant_above().position_rad
     narrow = home - 0.5, home + np.array((0.2, 0.5, 0.5))
     plan = {**SHORT, "search_depth_m": 0.03, "max_depth_m": 0.01}
@@ -99,9 +99,6 @@ def test_a_swing_beyond_what_the_joints_may_is_refused_before_anything_moves():
     ) as one:
         started(ProbingPlan(**plan, free_air_swing_m=0.3), limits=narrow)
     assert "\n" not in str(one.value)
-
-
-def test_a_swing_that_takes_more_torque_than_there_is_is_refused():
     plan = ProbingPlan(**SWINGING, joint_acceleration_rad_s2=4.0)
     started(plan, torque_limits_nm=np.full(3, 1e3))
     with pytest.raises(

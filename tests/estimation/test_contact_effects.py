@@ -20,15 +20,12 @@ def around_the_surface(kind=ChannelKind.CONTACT):
     return channel(np.zeros(5), x, np.full(5, 0.1), np.arange(5.0), kind=kind)
 
 
-def test_a_contact_pushes_only_while_it_is_pressed():
+def test_a_contact_pushes_only_while_it_is_pressed_and_a_held_spring_pulls_too():
     data = around_the_surface()
     for name in ("stiffness", "damping", "hunt_crossley"):
         columns = EFFECTS[name]().columns(data, {"n": 1.5})
         assert not columns[:3].any()
         assert (columns[3:] > 0).all()
-
-
-def test_a_held_spring_pulls_too():
     data = around_the_surface(ChannelKind.PRISMATIC)
     np.testing.assert_array_equal(EFFECTS["stiffness"]().columns(data, {})[:, 0], data.position)
     np.testing.assert_array_equal(EFFECTS["damping"]().columns(data, {})[:, 0], data.velocity)

@@ -77,28 +77,22 @@ def test_hunt_crossley_is_recovered(name):
     assert law.damping == pytest.approx(4000.0, rel=0.05)
 
 
-def test_logarithms_forget_the_object_before_this_one():
+def test_two_stages_come_nearer_in_time_and_logarithms_forget_the_object_before():
     soft, stiff = press(HUNT_CROSSLEY), press(ContactLaw(16000.0, 8000.0, 1.5, 1.5))
     both = tuple(map(np.concatenate, zip(soft, stiff, strict=True)))
     assert found("log_linear_ewrls", both).stiffness == pytest.approx(16000.0, rel=0.05)
     assert found("log_linear_ewrls", both, forgetting=1.0).stiffness < 14000.0
-
-
-def test_two_stages_come_nearer_in_time():
     laws = CONTACT_ESTIMATORS["double_stage_rls"]().follow(*press(HUNT_CROSSLEY, count=30_000))
     errors = [abs(laws[at].exponent - 1.5) for at in (300, 5000, 29_000)]
     assert errors[0] > errors[1] > errors[2]
 
 
-def test_the_filter_finds_a_surface_that_was_felt_too_late():
+def test_the_filter_finds_the_surface_and_the_noise():
     depth, speed, force = press(HUNT_CROSSLEY, noise_n=0.01)
     law = found("reduced_kalman", (depth - 2e-4, speed, force))
     assert law.surface_m == pytest.approx(-2e-4, abs=1e-5)
     assert law.stiffness == pytest.approx(8000.0, rel=0.02)
-
-
-def test_the_filter_learns_the_noise():
-    """A filter that holds a noise of 0.1 N for true follows 1 N as if it were a signal."""
+    # A filter that holds a noise of 0.1 N for true follows 1 N as if it were a signal.
     depth, speed, force = press(HUNT_CROSSLEY, noise_n=1.0)
     laws = CONTACT_ESTIMATORS["reduced_kalman"]().follow(depth, speed, force)
     late = np.array([law.stiffness for law in laws[-2000:]])

@@ -46,14 +46,11 @@ def test_autocorrelation_is_that_of_statsmodels(coefficient):
     np.testing.assert_allclose(ours.value[:4], coefficient ** np.arange(4), atol=0.06)
 
 
-def test_gaps_are_left_out_as_statsmodels_leaves_them_out():
+def test_both_correlations_are_those_of_statsmodels():
     x = lfilter([1.0], [1.0, -0.5], noise(2))
     x[::7] = np.nan
     theirs = acf(x, adjusted=True, nlags=LAGS, missing="conservative")
     np.testing.assert_allclose(autocorrelation(x, ONE_RUN, LAGS).value, theirs, atol=0.03)
-
-
-def test_cross_correlation_is_that_of_statsmodels_at_lags_of_either_sign():
     u, e = noise(3), noise(4)
     e[5:] += 0.5 * u[:-5]  # what is left follows the motion five samples later
     ours = cross_correlation(e, u, ONE_RUN, LAGS)
@@ -74,15 +71,12 @@ def test_99_percent_of_independent_signals_are_within_the_band(colour):
     assert np.mean(outside) == pytest.approx(0.01, abs=0.008)
 
 
-def test_runs_are_never_joined():
+def test_runs_are_never_joined_and_the_band_is_2_58_over_the_root_of_the_pairs():
     x, run = np.array([1.0, -1.0, -1.0, 1.0]), np.array([0, 0, 1, 1])
     assert autocorrelation(x, run, 1).value[1] == pytest.approx(-1.0)  # joined, they would give -1/3
     short = autocorrelation(np.arange(5.0), np.arange(5), 3)
     assert np.isnan(short.value[1:]).all()
     assert np.isnan(short.outside)
-
-
-def test_the_band_is_2_58_over_the_root_of_the_pairs():
     band = autocorrelation(noise(6), ONE_RUN, 10).band
     assert band[10] == pytest.approx(2.5758 / np.sqrt(N - 10), rel=1e-4)
     assert pytest.approx(2.5758, rel=1e-4) == SIGMAS_99

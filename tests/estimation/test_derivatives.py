@@ -108,7 +108,7 @@ def test_a_fit_knows_what_noise_does_to_it(steps):
     np.testing.assert_allclose(np.var(draws, axis=0), expected, rtol=0.12)
 
 
-def test_the_window_grows_with_the_noise():
+def test_the_window_grows_with_the_noise_and_is_far_better_than_a_difference():
     t = np.arange(3000) * 1e-3
     x = 0.01 * np.sin(15 * t)
     rng = np.random.default_rng(3)
@@ -118,9 +118,6 @@ def test_the_window_grows_with_the_noise():
     ]
     assert windows == sorted(windows)
     assert windows[0] < windows[-1]
-
-
-def test_the_chosen_window_is_far_better_than_a_difference():
     t = np.arange(3000) * 1e-3
     rng = np.random.default_rng(4)
     x = np.round((0.01 * np.sin(15 * t) + 1e-6 * rng.standard_normal(3000)) / 5e-6) * 5e-6
@@ -178,12 +175,9 @@ def test_short_pieces_get_what_they_can_say(count):
     np.testing.assert_allclose(found.acceleration, 0.0, atol=1e-6)
 
 
-def test_center_slope_is_the_slope_in_the_middle():
+def test_center_slope_is_the_slope_in_the_middle_and_pieces_end_at_runs_and_gaps():
     steps = np.arange(11.0)
     assert even_coefficients(11, 5)[1] @ (steps**2) == pytest.approx(10.0)
-
-
-def test_pieces_end_at_runs_and_gaps():
     time_s = np.array([0, 1, 2, 3, 7, 8, 0, 1, 2], float)
     run = np.array([0, 0, 0, 0, 0, 0, 1, 1, 1])
     np.testing.assert_array_equal(number_pieces(time_s, run), [0, 0, 0, 0, 1, 1, 2, 2, 2])

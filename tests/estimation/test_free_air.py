@@ -30,21 +30,15 @@ def creeping(t, x, v, run):
     return kelvin_voigt(x, v) - np.where(x > 0.004, RATE * (t - t[0]), 0.0)
 
 
-def test_bias_and_rate_are_recovered():
+def test_bias_and_rate_are_recovered_and_a_zero_that_stays_is_told():
     found = zero_in_free_air(session(1, lambda t, x, v, run: 0.4 + drifting(t, x, v, run)))
     assert found.rate == pytest.approx(RATE, abs=4.0 * found.rate_std_err)
     assert found.noise == pytest.approx(NOISE_N, rel=0.1)
     assert not found.is_zero
     assert not found.is_steady
-
-
-def test_a_zero_that_stays_is_told():
     found = zero_in_free_air(session(1))
     assert found.is_zero
     assert found.is_steady
-
-
-def test_a_joint_has_no_free_air_nor_has_a_press_that_begins_in_contact():
     assert zero_in_free_air(swings(1)) is None
     data = session(1)
     assert zero_in_free_air(data.select(data.position > 0.002)) is None

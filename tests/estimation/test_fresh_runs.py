@@ -42,14 +42,11 @@ def test_the_data_say_whether_the_object_remembered(afresh):
     assert not relaxes_afresh(on_clocks_of_their_own(data), MODEL)
 
 
-def test_fresh_runs_keep_the_times_that_were_spread_over_repeated_ones():
+def test_fresh_runs_keep_spread_times_and_what_does_not_relax_says_nothing():
     t = np.arange(400) * 0.01
     x, f = 0.004 * (1.0 - np.cos(3.0 * t)), 2.0 * (1.0 - np.cos(3.0 * t))
     coarse_s = 5.0 + 0.02 * np.repeat(np.arange(200), 2)  # a clock that advances with every second row
     table = pa.table({"time_s": coarse_s, "displacement_m": x, "force_N": f})
     (channel,) = import_table(table_of(table, Path("press")), ImportOptions(fresh=True, runs=1)).channels
     assert channel.time_s == pytest.approx(t, abs=1e-6)
-
-
-def test_what_does_not_relax_says_nothing():
     assert not relaxes_afresh(session(62), MODEL)

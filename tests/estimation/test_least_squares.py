@@ -38,16 +38,13 @@ def test_units_of_the_columns_do_not_matter(exponents):
     assert scaled.condition_number == pytest.approx(plain.condition_number, rel=1e-6)
 
 
-def test_nearly_dependent_columns_are_still_solved():
+def test_nearly_dependent_columns_are_still_solved_and_a_silent_one_gets_no_gain():
     columns, _ = columns_and_effort()
     columns[:, 2] = columns[:, 1] + 1e-8 * columns[:, 2]
     truth = np.array([1.0, 2.0, 3.0])
     found = solve(columns, columns @ truth)
     np.testing.assert_allclose(columns @ found.gains, columns @ truth, atol=1e-7)
     assert found.condition_number > 1e7
-
-
-def test_a_silent_column_gets_no_gain_and_an_infinite_condition_number():
     columns, effort = columns_and_effort()
     columns[:, 1] = 0.0
     found = solve(columns, effort)
@@ -96,15 +93,12 @@ def test_two_columns_keep_their_covariance():
     np.testing.assert_allclose(found / 2000, mix @ mix.T, atol=0.05)
 
 
-def test_runs_are_independent_of_each_other():
+def test_runs_are_independent_in_whatever_order_they_are_stored():
     rng = np.random.default_rng(2)
     terms = ar1(rng, 0.9, 3000)[:, None]
     run = np.repeat([0, 1, 2], 1000)
     parts = sum(sum_covariance(terms[run == number]).matrix[0, 0] for number in range(3))
     assert sum_covariance(terms, run).matrix[0, 0] == pytest.approx(parts, rel=0.2)
-
-
-def test_the_order_in_which_runs_are_stored_does_not_matter():
     rng = np.random.default_rng(3)
     terms, run = ar1(rng, 0.8, 900)[:, None], np.repeat([0, 1, 2], 300)
     order = np.concatenate([np.flatnonzero(run == number) for number in (2, 0, 1)])
@@ -112,15 +106,12 @@ def test_the_order_in_which_runs_are_stored_does_not_matter():
     np.testing.assert_allclose(swapped, sum_covariance(terms, run).matrix, rtol=1e-9)
 
 
-def test_effective_count_shrinks_with_correlation():
+def test_correlation_shrinks_the_effective_count_and_zero_terms_have_no_uncertainty():
     rng = np.random.default_rng(4)
     white = sum_covariance(ar1(rng, 0.0, 5000)[:, None]).effective_count
     coloured = sum_covariance(ar1(rng, 0.9, 5000)[:, None]).effective_count
     assert white > 4000
     assert coloured == pytest.approx(5000 * 0.1 / 1.9, rel=0.5)
-
-
-def test_terms_that_are_all_zero_have_no_uncertainty():
     assert not sum_covariance(np.zeros((50, 2))).matrix.any()
 
 
@@ -204,20 +195,14 @@ def test_how_far_data_determine_parameters_is_said(values, noise, grade, determi
     assert re.search(words, found.note)
 
 
-def test_a_place_near_zero_is_determined_if_its_error_does_nothing():
+def test_parameters_that_change_together_are_a_pair_and_one_near_zero_may_be_determined():
     assert assessed((500.0, 0.01), 0.02, gain_count=1).determined == (Determined.YES, Determined.YES)
-
-
-def test_parameters_that_change_together_are_named_as_a_pair():
     depth = motion()[0][:, 0]
     rng = np.random.default_rng(3)
     columns = np.column_stack([depth, 10 * depth + 0.005 * rng.standard_normal(len(depth))])
     found = assessed((300.0, 10.0), 0.4, columns)
     assert found.identifiability is not Identifiability.GOOD
     assert "changes together with" in found.note or "cannot be determined" in found.note
-
-
-def test_a_column_of_zeros_has_no_covariance():
     columns = motion()[0] * [1.0, 0.0]
     found = sandwich(columns, np.ones(len(columns)), np.ones(len(columns)))
     assert np.isnan(found.std_err).all()

@@ -53,15 +53,12 @@ def test_estimators_that_follow_changes_tell_the_stiffness_of_the_last_hold(name
     assert found["stiffness.k"].value == pytest.approx(secant, rel=0.05)
 
 
-def test_hunt_crossley_finds_the_stiffening_and_fits_better():
+def test_all_runs_of_all_specimens_are_read_and_hunt_crossley_fits_them_better():
     (channel,) = indentation(FIRST_P002).channels
     curved = fit_samples(base_model("hunt_crossley"), channel, channel.engaged)
     straight = fit_samples(base_model("kelvin_voigt"), channel, channel.engaged)
     assert 1.2 < curved.parameters["hunt_crossley.n"] < 1.5
     assert np.std(curved.residuals) < 0.75 * np.std(straight.residuals)
-
-
-def test_all_runs_of_all_specimens_are_read():
     imported = import_file(DATA / "soft_indentation" / "runs.csv.gz")
     (channel,) = imported.channels
     assert len(channel) == 15507

@@ -20,31 +20,22 @@ def test_noise_alone_is_no_misfit(seed):
     assert found.times == pytest.approx(1.0, rel=0.1)
 
 
-def test_what_is_left_over_slowly_counts_by_its_size():
+def test_what_is_left_over_slowly_counts_and_what_a_robust_method_set_aside():
     slow = 0.2 * np.sin(np.arange(3000) / 100)
     found = misfit(noise() + slow, RUN, ALL)
     assert found.noise == pytest.approx(0.02, rel=0.1)
     assert found.times == pytest.approx(0.2 * np.sin(0.45 * np.pi) / 1.645 / 0.02, rel=0.1)
-
-
-def test_samples_that_a_robust_method_set_aside_count_as_misfit_and_not_as_noise():
     left = noise()
     left[400:1000] += 0.5 + np.linspace(0, 1, 600) ** 2
     inliers = np.abs(left) < 0.1
     assert misfit(left, RUN, inliers).times > 10
 
 
-def test_a_few_samples_at_kinks_are_no_misfit():
+def test_kinks_steps_between_runs_and_nothing_to_compare_are_no_misfit():
     left = noise()
     left[::50] += 1.0
     assert misfit(left, RUN, np.abs(left) < 0.1).times < 1.5
-
-
-def test_a_step_between_runs_is_no_noise():
     left = noise(sigma=1e-3) + RUN
     assert misfit(left, RUN, ALL).noise == pytest.approx(1e-3, rel=0.1)
-
-
-def test_nothing_is_said_where_there_is_nothing_to_compare():
     assert np.isnan(misfit(np.zeros(10), np.zeros(10, dtype=int), ALL[:10]).times)
     assert np.isnan(misfit(noise()[:10], np.arange(10), ALL[:10]).times)

@@ -40,19 +40,10 @@ def test_a_soft_layer_that_may_as_well_be_none_is_none(error, layer):
     assert is_layer(823.0, -762.0, error) is layer
 
 
-def test_a_thin_soft_layer_is_one_though_less_stiff_than_the_other_is_uncertain():
-    assert is_layer(40.0, 20000.0, error=100.0)
-
-
-def test_a_spring_that_stiffens_presses_back_by_its_cubic_part_too():
-    assert is_layer(0.0, 1500.0, **{"cubic_stiffness.k3": 5e7})
-
-
-def test_nothing_is_said_of_layers_where_something_else_may_carry_the_load():
-    assert is_layer(0.0, 1500.0, **{"hunt_crossley.k": 4000.0})
-
-
-def test_a_layer_that_no_press_reached_is_none():
+def test_what_is_a_layer_goes_by_its_load_its_reach_and_the_other_s_error():
+    assert is_layer(40.0, 20000.0, error=100.0)  # less stiff than the other is uncertain
+    assert is_layer(0.0, 1500.0, **{"cubic_stiffness.k3": 5e7})  # which presses back too
+    assert is_layer(0.0, 1500.0, **{"hunt_crossley.k": 4000.0})  # which may carry the load
     beyond = {"layered_stiffness.depth": 0.05}
     assert not is_layer(800.0, 700.0, **beyond)
 

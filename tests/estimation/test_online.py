@@ -154,24 +154,18 @@ def test_a_step_is_tracked_within_100_ms(noise):
     np.testing.assert_allclose(late, 1000.0, rtol=0.05)
 
 
-def test_at_rest_it_scatters_far_less_than_the_self_perturbing_one():
+def test_cusum_rls_is_least_squares_without_a_change_and_steadier_at_rest_than_sprls():
     data = excited(np.full(CHANGE, 500.0), share=0.1)
     calm, perturbed = (np.var(follow_change(each, *data)[1500:]) for each in (CusumRls(), Sprls()))
     assert calm < 0.25 * perturbed
-
-
-def test_without_a_change_it_is_recursive_least_squares():
     data = excited(np.full(2000, 500.0), noise_n=0.02)
     np.testing.assert_allclose(follow_change(CusumRls(), *data), follow_change(ESTIMATORS["rls"](), *data))
 
 
-def test_outliers_do_not_move_the_consensus():
+def test_a_consensus_does_not_move_by_outliers_and_a_new_one_takes_over():
     data = excited(np.full(2000, 500.0), noise_n=0.02, outliers=0.3)
     assert follow_change(PreemptiveRansac(), *data)[-1] == pytest.approx(500.0, rel=0.005)
     assert abs(follow_change(ESTIMATORS["rls"](), *data)[-1] - 500.0) > 10.0
-
-
-def test_a_new_consensus_takes_over():
     data = excited(stepped(), noise_n=0.02, outliers=0.2)
     found = follow_change(PreemptiveRansac(), *data)
     assert found[CHANGE - 1] == pytest.approx(500.0, rel=0.01)

@@ -44,14 +44,11 @@ def test_intervals_hold_the_truth_though_the_surface_is_unknown():
     assert np.all(np.mean(held, axis=0) > 0.75)
 
 
-def test_hunt_crossley_is_found_with_its_surface():
+def test_hunt_crossley_is_found_with_its_surface_whose_error_widens_intervals():
     found = probed(hunt_crossley(5000.0, 8000.0, 1.4), "robust", "hunt_crossley")
     assert found["hunt_crossley.n"].value == pytest.approx(1.4, abs=0.01)
     assert found["hunt_crossley.k"].value == pytest.approx(5000.0, rel=0.03)
     assert found["hunt_crossley.b"].value == pytest.approx(8000.0, rel=0.03)
-
-
-def test_an_uncertain_surface_widens_the_interval_of_the_stiffness():
     law = kelvin_voigt(500.0, 20.0)
     (data,) = contact_channels(ticks(probe(law)), tared=True)
     errors = [estimated(data, surface_found=found)["stiffness.k"].std_err for found in (False, True)]

@@ -137,14 +137,11 @@ def test_a_coordinate_of_a_robot_counts_from_where_the_force_begins(way, from_m)
     assert not [warning for warning in quality_warnings(channel) if "deepest" in warning]
 
 
-def test_a_recording_that_stays_pressed_keeps_its_zero():
+def test_a_recording_that_stays_pressed_keeps_its_zero_and_a_number_before_the_unit_its_sign():
     x = 0.004 + 0.002 * np.sin(W * T)
     found = imported(time_s=T, displacement_m=x, force_N=500.0 * x + NOISE, run=RUN)
     np.testing.assert_allclose(found.channels[0].position, x)
     assert not found.notes
-
-
-def test_a_number_before_the_unit_keeps_the_sign():
     options = ImportOptions(units={"force": "1N"})
     (channel,) = imported(
         options, time_s=PRESS_T, run=PRESS_RUN, displacement_m=PRESS_X, force_N=-PUSH
@@ -209,16 +206,13 @@ def test_a_push_towards_larger_readings_keeps_its_way_wherever_the_reader_counts
     assert (sides.displacement, sides.force) == (1.0, -1.0)
 
 
-def test_what_softens_after_its_first_peak_is_pulled_the_way_that_it_goes():
+def test_what_softens_or_falls_from_zero_on_is_pulled_the_way_that_it_goes():
     x = np.linspace(0.0, 0.04, 400)
     force = np.where(x < 0.004, 2500.0 * x, 10.0 - 150.0 * (x - 0.004)) + np.sin(900.0 * x)
     sides = press_sides(x, force)
     assert (sides.displacement, sides.force, sides.two_sided) == (1.0, 1.0, False)
     sides = press_sides(-x, -force)
     assert (sides.displacement, sides.force) == (-1.0, -1.0)
-
-
-def test_a_way_from_zero_on_is_not_turned_though_the_force_falls():
     x = np.linspace(0.0, 0.04, 6000)
     assert press_sides(x, 0.4 - 35.0 * (x % 0.021)).displacement == 1.0
 
@@ -249,15 +243,12 @@ def test_a_way_from_about_zero_on_is_not_turned(start_m):
     assert press_sides(way, softening).displacement == 1.0
 
 
-def test_an_axis_with_a_peak_of_static_friction_is_no_press():
+def test_a_peak_of_static_friction_is_no_press_and_a_long_hold_no_beginning_of_a_force():
     way = np.concatenate([np.zeros(50), np.linspace(0.0, 0.1, 950)])
     friction = np.where(way > 0.0, 3.0 + 2.0 * np.exp(-way / 5e-4), 0.0)
     friction[50:54] = [1.0, 2.5, 4.0, 5.0]
     assert not is_pressed(way, friction)
     assert is_pressed(way, 100.0 * way)
-
-
-def test_a_long_hold_says_nothing_of_where_a_force_begins():
     way = np.concatenate([np.linspace(-22e-3, -1e-3, 100), np.full(20_000, -1e-3)])
     force = np.concatenate([200.0 * np.linspace(0.0, 21e-3, 100), np.full(20_000, 3.4)])
     assert press_sides(way, force).zero_m == pytest.approx(-22e-3, abs=5e-4)

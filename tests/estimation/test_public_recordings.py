@@ -345,13 +345,10 @@ def named(*effects: str, **more: Any) -> dict[str, Any]:
     return {"verdict": "missing", "accepted": accepted, **more}
 
 
-def test_score_takes_the_kind_with_the_largest_share() -> None:
+def test_score_takes_the_kind_with_the_largest_share_or_none():
     result = score(RECIPE, named(budget=BUDGET), 1.0)
     assert (result.kind, result.kind_right, result.form_right) == ("friction", True, True)
     assert not score(RECIPE, named(budget=BUDGET[1:]), 1.0).kind_right
-
-
-def test_score_without_a_budget_has_no_kind() -> None:
     result = score(RECIPE, named("coulomb_friction"), 1.0)
     assert (result.kind, result.kind_right, result.form_right, result.false_names) == (None, False, True, [])
 
@@ -366,14 +363,11 @@ def test_score_finds_a_false_name_but_not_one_that_cannot_be_told_from_a_right_o
     assert score(RECIPE, unsure, 1.0).false_names == []
 
 
-def test_verdict_that_the_recipe_allows_is_right_by_itself() -> None:
+def test_verdict_that_the_recipe_allows_is_right_and_a_refused_recording_wrong():
     recipe = {**RECIPE, "expected": {**RECIPE["expected"], "verdicts": ["insufficient"]}}
     fair = score(recipe, {"verdict": "insufficient"}, 1.0)
     assert (fair.kind_right, fair.form_right, fair.false_names) == (True, True, [])
     assert not score(recipe, {"verdict": "adequate"}, 1.0).kind_right
-
-
-def test_refused_recording_counts_as_wrong() -> None:
     refused = score(RECIPE, {"verdict": "refused", "reason": "no"}, 1.0)
     assert (refused.kind_right, refused.form_right) == (False, False)
     assert "refused 1" in summary([refused])

@@ -62,7 +62,7 @@ def test_stated_errors_follow_the_scatter_even_far_above_the_threshold(noise, sh
     assert np.all(stated < 3.0 * scatter)
 
 
-def test_degenerate_subsets_are_skipped_and_counted():
+def test_degenerate_subsets_are_skipped_and_none_holds_a_sample_twice():
     columns, run = motion()
     columns = columns.copy()
     columns[:450] = [0.001, 0.01]  # standing still: five of these determine one number only
@@ -70,21 +70,21 @@ def test_degenerate_subsets_are_skipped_and_counted():
     found = fit(regression, trials=500)
     np.testing.assert_allclose(values(found), TRUTH, rtol=1e-6)
     assert 1 <= found.details["skipped_subsets"] < 100
-
-
-def test_subsets_hold_no_sample_twice():
     columns, effort = np.eye(4), np.arange(4.0)
     solved = solve_subsets(columns, effort, 4, 50, np.random.default_rng(0))
     np.testing.assert_allclose(solved.gains, np.tile(effort, (50, 1)))
     assert solved.skipped == 0
 
 
-def test_says_what_to_do_if_nothing_agrees():
+def test_says_what_to_do_if_nothing_agrees_or_subsets_are_too_large():
     regression = problem(np.random.default_rng(5), noise=0.1)
     with pytest.raises(
         InputError, match=r"samples agree within 1e-09; raise the threshold .* or take 'robust'"
     ):
         fit(regression, threshold=1e-9)
+    regression = problem(np.random.default_rng(6), count=9)
+    with pytest.raises(InputError, match="subsets of 50 samples: must be between 2"):
+        fit(regression, subset=50)
 
 
 @pytest.mark.parametrize(
@@ -93,9 +93,3 @@ def test_says_what_to_do_if_nothing_agrees():
 def test_refuses_settings_that_make_no_sense(settings):
     with pytest.raises(InputError, match="ransac"):
         Ransac(**settings)
-
-
-def test_a_subset_larger_than_the_data_is_refused():
-    regression = problem(np.random.default_rng(6), count=9)
-    with pytest.raises(InputError, match="subsets of 50 samples: must be between 2"):
-        fit(regression, subset=50)

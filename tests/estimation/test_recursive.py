@@ -18,16 +18,13 @@ def feed_on(estimator, columns, effort):
     return np.array([estimator.update(row, float(value)) for row, value in zip(columns, effort, strict=True)])
 
 
-def test_rls_is_least_squares_with_a_prior():
+def test_rls_is_least_squares_with_a_prior_and_ewrls_weighs_a_sample_by_its_age():
     regression = problem(np.random.default_rng(0))
     gains = feed(Rls(variance=1e6), regression.columns, regression.effort)[-1]
     normal = regression.columns.T @ regression.columns + np.eye(2) / 1e6
     np.testing.assert_allclose(
         gains, np.linalg.solve(normal, regression.columns.T @ regression.effort), rtol=1e-6
     )
-
-
-def test_ewrls_weighs_a_sample_by_its_age():
     regression = problem(np.random.default_rng(1))
     gains = feed(Ewrls(forgetting=0.99), regression.columns, regression.effort)[-1]
     age = np.arange(len(regression.effort))[::-1]

@@ -67,15 +67,12 @@ def test_a_long_rest_that_fits_perfectly_does_not_outvote_the_motion():
     assert robust.rmse < 1.1 * plain.rmse
 
 
-def test_noise_level_finds_floor_and_share():
+def test_noise_level_finds_floor_and_share_and_even_noise_has_none():
     rng = np.random.default_rng(3)
     force = rng.uniform(0.0, 10.0, 8000)
     level = fit_noise_level(np.hypot(0.05, 0.03 * force) * rng.standard_normal(8000), force)
     assert level.floor == pytest.approx(0.05, rel=0.15)
     assert level.share == pytest.approx(0.03, rel=0.1)
-
-
-def test_even_noise_has_no_share():
     rng = np.random.default_rng(4)
     level = fit_noise_level(0.05 * rng.standard_normal(8000), rng.uniform(0.0, 10.0, 8000))
     assert level.floor == pytest.approx(0.05, rel=0.1)

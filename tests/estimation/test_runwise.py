@@ -35,21 +35,15 @@ def test_play_is_that_of_the_sample_by_sample_definition(values, half_width):
     assert played == pytest.approx(stepped_play(values, half_width))
 
 
-def test_play_forgets_between_runs_and_keeps_columns_apart():
+def test_play_forgets_between_runs_and_is_that_of_the_definition():
     two = np.column_stack([np.sin(TIME), np.cos(3 * TIME)])
     run = np.repeat([0, 1], 500)
     played = play(two, run, 0.2)
     for column in range(2):
         assert played[500:, column] == pytest.approx(stepped_play(two[500:, column], 0.2))
-
-
-def test_play_of_a_long_signal_is_that_of_the_definition():
     values = np.cumsum(np.random.default_rng(6).standard_normal(5000))
     played = play(values, np.zeros(5000, dtype=np.int64), 3.0)
     np.testing.assert_array_equal(played, stepped_play(values, 3.0))
-
-
-def test_play_of_nothing_is_nothing():
     for shape in [(0,), (0, 2), (7, 0)]:
         assert play(np.empty(shape), np.zeros(shape[0], dtype=np.int64), 0.2).shape == shape
 
@@ -66,7 +60,7 @@ def test_rates_agree_with_savitzky_and_golay_run_by_run(order):
     assert len(derivative(signal[:3], np.arange(3) * 0.01, run[:3], order)) == 3
 
 
-def test_lag_follows_a_step_and_delay_shifts():
+def test_lag_follows_a_step_delay_shifts_and_a_held_strain_relaxes():
     step = (TIME > 2.0).astype(float)
     lagged = low_pass(step, TIME, ONE_RUN, 0.5)
     assert lagged[700] == pytest.approx(1 - np.exp(-(7.0 - 2.005) / 0.5), abs=2e-3)
@@ -74,9 +68,6 @@ def test_lag_follows_a_step_and_delay_shifts():
     assert shift(slow, TIME, ONE_RUN, 0.105)[100:] == pytest.approx(
         np.sin(0.5 * (TIME - 0.105))[100:], abs=1e-5
     )
-
-
-def test_a_held_strain_relaxes_with_its_time_constant():
     held = np.where(TIME >= 1.0, 1.0, 0.0)
     left = relax(held, TIME, ONE_RUN, 2.0)
     assert left[500] / left[300] == pytest.approx(np.exp(-2.0 / 2.0), rel=1e-6)
@@ -96,14 +87,11 @@ def test_a_strain_is_not_forgotten_between_two_presses():
     assert alone[second.sum() :] == pytest.approx(whole[seen][first], abs=1e-9)  # time went back: by itself
 
 
-def test_direction_turns_over_its_path_and_stays_at_rest():
+def test_direction_turns_over_its_path_and_rates_have_their_maxima():
     x = np.where(TIME < 3, TIME, np.where(TIME < 6, 3.0, 9.0 - TIME))
     s = direction(x, ONE_RUN, 0.1)
     assert s[[250, 550, 990]] == pytest.approx([1.0, 1.0, -1.0], abs=1e-6)
     assert s[610] == pytest.approx(2 * np.exp(-1.0) - 1, abs=1e-3)
-
-
-def test_rates_and_maxima():
     assert derivative(np.sin(TIME), TIME, ONE_RUN)[5:-5] == pytest.approx(np.cos(TIME)[5:-5], abs=1e-6)
     assert derivative(np.sin(TIME), TIME, ONE_RUN, 2)[5:-5] == pytest.approx(-np.sin(TIME)[5:-5], abs=1e-4)
     assert running_max(np.sin(TIME), ONE_RUN)[-1] == pytest.approx(1.0, abs=1e-4)
@@ -215,12 +203,9 @@ def test_a_springpot_answers_a_ramp_as_its_closed_form_at_uneven_times(alpha, sc
     np.testing.assert_allclose(both[:, 1], -3.0 * both[:, 0])
 
 
-def test_bouc_and_wen_with_dahls_numbers_is_dahls_direction():
+def test_bouc_and_wen_is_dahl_s_direction_or_a_spring_that_slips():
     signal, _, run = some_runs(np.random.default_rng(5))
     np.testing.assert_allclose(bouc_wen(signal, run, 2.0, 1.0, 1.0), direction(signal, run, 2.0), atol=1e-4)
-
-
-def test_a_sharp_yield_is_an_elastic_spring_that_slips():
     signal, _, run = some_runs(np.random.default_rng(6))
     w = bouc_wen(signal, run, 1.5, 400.0, 0.0)
     stop = np.concatenate(

@@ -34,14 +34,11 @@ def test_contact_has_depth_speed_and_force():
     assert np.std(channel.velocity[rows] - truth.true_speed_m_s[rows]) < 1e-3
 
 
-def test_the_surface_is_found_within_its_error():
+def test_the_surface_is_found_within_its_error_also_of_a_soft_start():
     for seed in range(3):
         again = probe(kelvin_voigt(800.0, 40.0), surface_m=SURFACE_M, seed=seed)
         (channel,) = contact_channels(ticks(again), tared=False)
         assert abs(channel.surface.position_m - SURFACE_M) < 4 * channel.surface.std_err_m < 1e-4
-
-
-def test_the_surface_of_a_soft_start_is_not_put_deeper_than_the_first_contact():
     (channel,) = contact_channels(
         ticks(probe(hunt_crossley(5000.0, 8000.0, 1.4), surface_m=SURFACE_M)), tared=False
     )
@@ -69,7 +66,7 @@ def test_rows_in_contact_are_chosen_by_time_and_not_by_force():
         assert contact.noise_n == pytest.approx(NOISE_N, rel=0.3)
 
 
-def test_a_bounce_is_no_contact():
+def test_neither_a_bounce_nor_a_reading_that_stays_up_is_a_contact():
     force = np.concatenate([np.zeros(50), np.full(30, 5.0), np.zeros(20), np.full(100, 5.0), np.zeros(50)])
     force = force + 0.02 * np.random.default_rng(0).standard_normal(len(force))
     phase = np.where(np.arange(len(force)) < 50, Phase.FREE_AIR, Phase.LOADING)
@@ -77,17 +74,11 @@ def test_a_bounce_is_no_contact():
     assert not rows[80:100].any()
     assert rows[55:75].all()
     assert rows[105:195].all()
-
-
-def test_a_reading_that_stays_up_after_a_press_is_no_contact():
     truth = recorded()
     retracted = truth.phase == Phase.RETRACT
     held = replace(truth, force_n=np.where(retracted, np.maximum(truth.force_n, 0.3), truth.force_n))
     (channel,) = contact_channels(ticks(held), tared=False)
     assert abs(channel.surface.position_m - SURFACE_M) < 1e-4
-
-
-def test_nothing_touched_gives_no_channel():
     truth = recorded()
     air = truth.phase == Phase.FREE_AIR
     only_air = Probe(**{name: values[air] for name, values in vars(truth).items()})
@@ -105,16 +96,13 @@ def test_a_force_that_was_sampled_later_gets_the_motion_of_its_own_time():
     np.testing.assert_array_equal(channel.time_s, at)
 
 
-def test_repeated_and_faulty_samples_are_left_out():
+def test_faulty_samples_and_ticks_between_runs_are_left_out():
     truth = recorded()
     status = np.zeros(len(truth.time_s), np.int32)
     status[::2] = Status.STALE
     (channel,) = contact_channels(ticks(truth, force_status=status), tared=False)
     assert len(channel) == np.count_nonzero(status == Status.OK)
     np.testing.assert_array_equal(channel.effort, truth.force_n[1::2])
-
-
-def test_ticks_between_runs_are_left_out_of_the_contact():
     truth = recorded()
     between = truth.run.copy()
     between[truth.phase == Phase.FREE_AIR] = -1

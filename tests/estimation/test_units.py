@@ -78,14 +78,11 @@ def imported(options=None, **columns):
     return import_table(table_of(pa.table(columns), "press"), options or ImportOptions())
 
 
-def test_meganewtons_and_hours_come_out_in_si():
+def test_units_come_out_in_si_and_nm_goes_by_what_it_stands_beside():
     found = imported(**{"Time (h)": T / 3600.0, "Travel (mm)": 1e3 * X, "Load (MN)": 1e-6 * FORCE})
     (channel,) = found.channels
     np.testing.assert_allclose(channel.time_s, T, atol=1e-12)
     np.testing.assert_allclose(channel.effort, FORCE)
-
-
-def test_nm_is_a_length_beside_a_displacement_and_a_torque_beside_a_torque():
     (press,) = imported(time_s=T, displacement_nm=1e9 * X, force_N=FORCE).channels
     np.testing.assert_allclose(press.position, X)
     (joint,) = imported(time_s=T, position_rad=X, torque_nm=FORCE).channels
@@ -130,25 +127,19 @@ def test_without_a_constant_it_counts_as_it_stands_and_a_note_says_so(column, fa
     np.testing.assert_allclose(beside.channels[0].effort, FORCE)
 
 
-def test_a_unit_that_is_not_understood_is_asked_for():
+def test_a_unit_that_is_missing_or_not_understood_is_asked_for():
     with pytest.raises(InputError, match=r"'cycles' is not a known unit of time; use --unit time=s"):
         imported(**{"Time (cycles)": T, "Travel (mm)": 1e3 * X, "Load (N)": FORCE})
     with pytest.raises(
         InputError, match=r"that is known \('MM' is not\); give it, as in --unit displacement"
     ):
         imported(**{"Time (s)": T, "Travel (MM)": 1e3 * X, "Load (N)": FORCE})
-
-
-def test_a_position_beside_a_force_is_asked_for_its_length():
     with pytest.raises(InputError, match=r"--unit position=m$"):
         imported(time_s=T, position=X, force_N=FORCE)
     with pytest.raises(InputError, match=r"--unit position=mm$"):
         imported(time_s=T, position=1e3 * X, force_N=FORCE)
     with pytest.raises(InputError, match=r"--unit position=rad$"):
         imported(time_s=T, position=X, torque_Nm=FORCE)
-
-
-def test_a_quadrature_current_is_an_effort_whose_unit_is_asked_for():
     guess = guess_column("Iq")
     assert (guess.quantity, guess.unit) == ("torque", "")
 

@@ -57,11 +57,18 @@ def printed(found, width):
     return console.file.getvalue()
 
 
-def test_the_sentence_says_all_shares_of_the_error():
+def test_the_sentence_says_all_shares_or_that_all_is_noise():
     told = budget_view(diagnosis(RELAXATION, SHAPE, RUNS)).sentence
     assert told == (
         "Of the 0.144 N error: relaxation 61 %, elastic shape 25 %, differences between runs 10 %, noise 4 %."
     )
+    view = budget_view(diagnosis(verdict="adequate", noise=1.0))
+    assert view.sentence == "The whole error of 0.144 N is within the noise."
+    left = Remaining(rmse=0.144, times_floor=5.8, depends_on=[])
+    far = diagnosis(verdict="adequate", noise=1.0).model_copy(update={"remaining": left})
+    assert budget_view(far).sentence == "The whole error of 0.144 N depends on no recorded signal."
+    found = ChannelDiagnosis(channel="a", verdict="insufficient", reason="r", effort_unit="N")
+    assert budget_view(found) is None
 
 
 def test_noise_that_nothing_measured_is_an_upper_bound():
@@ -72,19 +79,6 @@ def test_noise_that_nothing_measured_is_an_upper_bound():
     assert little.endswith("noise at most 1 %.")
     measured = budget_view(diagnosis(RELAXATION, noise=0.3, unexplained=0.09)).sentence
     assert measured.endswith("relaxation 61 %, noise 30 %, unexplained 9 %.")
-
-
-def test_where_all_is_noise_the_sentence_says_so():
-    view = budget_view(diagnosis(verdict="adequate", noise=1.0))
-    assert view.sentence == "The whole error of 0.144 N is within the noise."
-    left = Remaining(rmse=0.144, times_floor=5.8, depends_on=[])
-    far = diagnosis(verdict="adequate", noise=1.0).model_copy(update={"remaining": left})
-    assert budget_view(far).sentence == "The whole error of 0.144 N depends on no recorded signal."
-
-
-def test_a_diagnosis_without_shares_has_no_budget():
-    found = ChannelDiagnosis(channel="a", verdict="insufficient", reason="r", effort_unit="N")
-    assert budget_view(found) is None
 
 
 def test_every_kind_has_a_word_and_a_colour_of_its_own():
@@ -149,13 +143,10 @@ def test_names_of_effects_never_become_markup_of_the_picture(width):
     ElementTree.fromstring(text)
 
 
-def test_an_approximate_form_is_marked_beside_its_name():
+def test_an_approximate_form_and_kinds_without_one_are_marked_beside_names():
     names = [("relaxation_spectrum", "approximate"), ("run_gain", "exact")]
     told = diagnosed(diagnosis(RELAXATION, RUNS, accepted=names)).sentence
     assert "relaxation_spectrum (approximate) and run_gain are missing from the model" in told
-
-
-def test_kinds_without_a_form_are_named_beside_effects_that_have_one():
     rest = {"rmse": 0.05, "times_floor": 1.7, "depends_on": []}
     names = [("relaxation_spectrum", "approximate")]
     told = diagnosed(diagnosis(RELAXATION, SHAPE, accepted=names, complete=False, remaining=rest)).sentence

@@ -22,7 +22,7 @@ def grown(hardening, tmp_path_factory):
     return folder, json.loads(added.stdout)["revisions"][-1]
 
 
-def test_a_hardening_object_is_missed_most_where_it_is_deep(hardening):
+def test_a_hardening_object_is_missed_most_where_it_is_deep_and_the_first_line_says_by_how_much(hardening):
     (channel,) = as_json("compare", hardening)["channels"]
     assert channel["lack_of_fit"] > 5
     assert channel["noise_floor"] < 3 * NOISE_N
@@ -30,9 +30,6 @@ def test_a_hardening_object_is_missed_most_where_it_is_deep(hardening):
     depths = channel["parts"]["depth"]
     assert depths[-1]["mean"] > 0 > depths[1]["mean"]  # a straight line through a curve that bends upwards
     assert sum(part["energy"] for part in channel["parts"]["run"]) == pytest.approx(1)
-
-
-def test_the_first_line_says_how_far_off_the_model_is(hardening):
     result = done("compare", hardening)
     said = " ".join(result.stdout.split())
     assert re.match(

@@ -43,7 +43,7 @@ def test_a_hidden_cubic_is_found_and_named_with_its_value(applied):
     assert accepted["rmse_after"] < accepted["rmse_before"] / 5
 
 
-def test_the_error_budget_comes_first_then_the_verdict_and_the_next_commands_last(applied):
+def test_the_budget_comes_first_then_the_verdict_and_no_other_base_model_is_advised(applied):
     result, _ = applied
     assert re.match(r"contact  Of the [\d.]+ N error: elastic shape \d+ %, noise", result.stdout)
     (verdict,) = [line for line in result.stdout.splitlines() if line.startswith("MISSING")]
@@ -53,10 +53,7 @@ def test_the_error_budget_comes_first_then_the_verdict_and_the_next_commands_las
         assert words in result.stdout
     assert "Next" in result.stderr
     assert "palpate export" in result.stderr
-
-
-def test_no_other_base_model_is_advised_where_none_fits_like_what_was_found(applied):
-    """A Hunt-Crossley model leaves less than half of a hardening object's error, and six times the noise."""
+    # A Hunt-Crossley model leaves less than half of a hardening object's error, and six times the noise.
     assert not [words for words in next_commands(applied[0]) if "--model" in words]
 
 

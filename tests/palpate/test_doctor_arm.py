@@ -544,11 +544,8 @@ def test_what_was_typed_is_in_what_to_type_next(tmp_path, monkeypatch):
     assert f"--as-built {other} --drivers {module} --move" in said
 
 
-def test_a_simulated_arm_is_probed_as_it_is():
+def test_a_simulated_arm_is_probed_as_it_is_and_a_failure_is_exit_code_1_also_as_json():
     assert "probe --robot follower  " in next_lines(run("doctor", "--robot", "follower"))
-
-
-def test_a_failure_is_exit_code_1_also_as_json():
     result = run("doctor", "--robot", DYNAMIXEL, "--json")  # no such port on this machine
     assert result.exit_code == 1
     found = json.loads(result.stdout)["findings"]

@@ -25,15 +25,12 @@ from tests.palpate.presses import write_presses
 BLANK = "⠀"
 
 
-def test_all_effects_are_listed_with_what_one_sees():
+def test_all_effects_are_listed_and_one_is_told_in_full_and_drawn():
     told = run("effects").stdout
     listed = as_json("effects")["effects"]
     assert {one["name"] for one in listed} == set(EFFECTS)
     assert all(one["name"] in told for one in listed)
     assert listed[0].keys() >= {"equation", "signature", "confused_with", "parameters", "physics", "source"}
-
-
-def test_one_effect_is_told_in_full_and_drawn():
     result = run("effects", "backlash")
     effect = EFFECTS["backlash"]()
     told = " ".join(result.stdout.split())
@@ -81,23 +78,17 @@ def test_lists_and_drawings_fit_the_terminal_and_break_no_name(width):
     assert set(EFFECTS) <= set(out.getvalue().split())
 
 
-def test_every_example_that_is_drawn_shows_something():
+def test_every_plain_example_is_drawn_and_shows_something():
     examples = {one.name: example for one in library() if (example := Example.plain(one, kind_of(one)))}
     for name, example in examples.items():
         share = np.abs(example.effort() - example.data.effort).max() / np.ptp(example.data.effort)
         assert share > (0.02 if name == "damping" else 0.05), name  # the damping of the plain model is small
     assert len(examples) > 35
-
-
-def test_friction_that_differs_between_directions_is_drawn_so_over_velocity():
     effect = EFFECTS["asymmetric_friction"]()
     example = Example.plain(effect, kind_of(effect))
     effort, v = example.effort() - example.data.effort, example.data.velocity
     assert effort[v > 1.0].mean() > 2.0 * -effort[v < -1.0].mean() > 0.0
     assert "over velocity [rad/s]" in next(line.plain for line in drawn(example, 120) if "over" in line.plain)
-
-
-def test_what_needs_an_arm_has_no_plain_example():
     effect = EFFECTS["rigid_body"]()
     assert Example.plain(effect, kind_of(effect)) is None
 

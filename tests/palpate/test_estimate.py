@@ -42,13 +42,10 @@ def test_the_table_shows_truth_error_and_interval(probed):
         assert words in shown
 
 
-def test_three_estimators_are_used_unless_others_are_asked_for(probed):
+def test_three_estimators_of_all_runs_are_used_unless_others_are_asked_for(probed):
     (channel,) = estimate_json(probed[0])["channels"]
     assert [estimate["estimator"] for estimate in channel["estimates"]] == ["lsq", "robust", "ransac"]
     assert_refused(run("estimate", probed[0], "--all", "--estimator", "lsq"), "--all", "--estimator lsq")
-
-
-def test_one_run_and_some_estimators_can_be_chosen(probed):
     data = estimate_json(probed[0], "--where", "run=1", "--estimator", "lsq,robust")
     (channel,) = data["channels"]
     assert channel["runs"] == 1

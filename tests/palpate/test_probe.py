@@ -25,14 +25,11 @@ from tests.palpate.cli import ROOT, assert_refused, done, run
 from tests.palpate.sessions import QUICK, QUICK_RUN
 
 
-def test_it_says_how_it_ended(probed):
+def test_it_says_how_it_ended_and_the_session_can_be_understood_alone(probed):
     path, said = probed
     assert said["session"] == str(path)
     assert (said["outcome"], said["failed_runs"], said["dropped"]) == ("finished", [], 0)
     assert said["ticks"] == pytest.approx(1000 * said["duration_s"], rel=0.01)
-
-
-def test_the_session_can_be_understood_alone(probed):
     session = Session.open(probed[0])
     metadata = session.metadata
     assert parse_robot_file(metadata.robot_file, "session").name == "follower"

@@ -41,13 +41,10 @@ def column_values(path, entity, component):
     return rows
 
 
-def test_every_tick_of_the_force_is_there(scene, recording):
+def test_forces_and_torques_of_every_tick_are_there(scene, recording):
     rows = column_values(recording, "/contact/force", "Scalars:scalars")
     assert len(rows) == len(scene.ticks["force_n"])
     np.testing.assert_allclose([row[1] for row in rows], scene.ticks["force_n"])
-
-
-def test_torques_are_measured_and_commanded(scene, recording):
     rows = np.array(column_values(recording, "/torque/joint_2", "Scalars:scalars"))
     np.testing.assert_allclose(rows[1:, 0], scene.ticks["torque_measured_nm"][1:, 1])
     assert np.isnan(rows[0, 0])  # the torque was off
@@ -114,12 +111,10 @@ class TestBlock:
     center = np.array([0.4, 0.0, 0.1])
     press = np.array([0.0, 0.0, -1.0])
 
-    def test_under_the_tip_it_is_as_deep_as_measured(self):
+    def test_it_is_as_deep_as_measured_under_the_tip_and_stays_at_its_rim(self):
         tip = self.center + 0.012 * self.press
         vertices, _ = PressedBlock(self.center, self.press).pressed(tip[None], np.array([0.012]))
         assert (self.center[2] - vertices[0, :, 2]).max() == pytest.approx(0.012, rel=1e-6)
-
-    def test_at_its_rim_it_stays_where_it_is(self):
         block = PressedBlock(self.center, self.press)
         vertices, _ = block.pressed(self.center[None], np.array([0.02]))
         rim = np.abs(vertices[0, :, 0] - self.center[0]) > 0.08

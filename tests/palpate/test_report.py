@@ -109,18 +109,12 @@ def test_names_from_files_are_only_text(page):
     assert "&lt;b&gt;hard" in page.read_text()
 
 
-def test_names_are_bold_as_words_and_everything_else_is_escaped():
+def test_words_are_bold_text_is_escaped_and_equations_are_typeset_with_their_row():
     assert bold("bias <b> biased, bias", ["bias"]) == "<b>bias</b> &lt;b&gt; biased, <b>bias</b>"
     assert bold("a<i> (or <i>)", ["<i>"]) == "a&lt;i&gt; (or <b>&lt;i&gt;</b>)"
-
-
-def test_equations_are_typeset():
     assert typeset("F = k1 x^n + b x^(n+1), tau < 1\nwith mu") == (
         "F = k<sub>1</sub> x<sup>n</sup> + b x<sup>(n+1)</sup>, τ &lt; 1<br>with μ"
     )
-
-
-def test_the_equation_of_an_arm_states_which_row_it_is():
     model = Model("rigid_body", (KnownRigidBody(),))
     assert equation_of(model) == "tau = [M(q) a + C(q, v) v + g(q)]_j\nwith j the joint"
 
@@ -221,12 +215,10 @@ class TestFigures:
         assert shown == dict(zip(names, (True, "legendonly", True), strict=True))
         assert "Force over displacement" in document(StudyView("f", (result_view(grown),)))
 
-    def test_both_maps_share_one_scale(self, result):
+    def test_both_maps_share_one_scale_and_one_figure_of_everything_is_made_for_a_notebook(self, result):
         first, last = report.map_figure(result_view(result)).data
         assert (first.zmin, first.zmax) == (last.zmin, last.zmax)
         assert np.nanstd(last.z) < 0.5 * np.nanstd(first.z)
-
-    def test_one_figure_of_everything_is_made_for_a_notebook(self, result):
         shown = report.figure(StudyView("f", (result_view(result),)))
         assert {trace.type for trace in shown.data} == {"bar", "scatter"}
         titles = [note.text for note in shown.layout.annotations]

@@ -49,14 +49,11 @@ def test_what_the_first_probe_leaves_open_a_second_decides(resolved):
     assert told == list(done.decisions)
 
 
-def test_each_decision_is_logged_beside_its_session(resolved):
+def test_all_sessions_hide_the_same_with_noise_of_their_own_and_each_decision_is_logged_beside(resolved):
     done, _ = resolved
     logged = [json.loads(line) for line in (done.folder / DECISIONS).read_text().splitlines()]
     assert logged == json.loads(json.dumps(done.as_data()["decisions"]))
     assert [one["session"] for one in logged] == [path.name for path in sorted(done.folder.glob("*.mcap"))]
-
-
-def test_all_sessions_hide_the_same_and_have_noise_of_their_own(resolved):
     first, second = (Session.open(path) for path in sorted(resolved[0].folder.glob("*.mcap"))[:2])
     assert open_answer(first).hidden == open_answer(second).hidden
     assert open_answer(first).seed == open_answer(second).seed == SEED

@@ -142,7 +142,7 @@ def test_a_gap_lets_the_link_move_by_itself_and_no_further():
     assert any("keyframes" in line for line in result.left_out)
 
 
-def test_a_torque_scale_goes_into_the_gear_of_motors_alone():
+def test_a_torque_scale_goes_into_the_gear_and_a_late_reading_into_a_late_sensor():
     scaled = TargetArm("", (TargetJoint("joint_1", "", {"gear": Value(1.25, ())}, ()),), {}, ())
     model, result = patched(scaled, by_name=False)
     assert model.actuator_gear[0, 0] == pytest.approx(3.75)
@@ -150,9 +150,6 @@ def test_a_torque_scale_goes_into_the_gear_of_motors_alone():
     model, result = patched(arm_of(gear=1.25))
     assert model.actuator_gear[1, 0] == 1.0
     assert any("<position>" in line for line in result.left_out)
-
-
-def test_a_late_reading_becomes_a_late_sensor():
     model, _ = patched(arm_of(sensor_delay_s=0.008, damping=0.0))
     data, read, true = mujoco.MjData(model), [], []
     for step in range(40):
@@ -186,14 +183,11 @@ def test_a_file_that_cannot_be_patched_is_refused(text, words):
         patch_mjcf(text, "mine.xml", arm_of(damping=1.0), LEVEL, by_name=True)
 
 
-def test_a_urdf_gets_dynamics_and_a_payload_that_mujoco_reads():
+def test_a_urdf_gets_what_mujoco_reads_and_every_effect_of_the_table_is_in_the_library():
     result = patch_urdf(URDF, "arm.urdf", arm_of({"payload_kg": 0.4}, friction=0.3, damping=0.2), LEVEL)
     before, after = (mujoco.MjModel.from_xml_string(text) for text in (URDF, result.text))
     assert (after.dof_damping[1], after.dof_frictionloss[1]) == (0.2, 0.3)
     assert np.sum(after.body_mass) - np.sum(before.body_mass) == pytest.approx(0.4)
-
-
-def test_every_effect_of_the_table_is_in_the_library():
     assert {effect for terms in TABLE.values() for effect in terms} <= set(EFFECTS)
     assert set(TABLE) == set(SimulatorFormat)
 

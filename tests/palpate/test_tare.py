@@ -30,7 +30,7 @@ def session(tmp_path_factory):
     return path
 
 
-def test_the_estimate_takes_the_zero_off(session):
+def test_the_estimate_and_the_table_take_the_zero_off_but_not_for_who_looks_for_a_bias(session):
     result = run("estimate", session, "--estimator", "lsq", "--json")
     (channel,) = json.loads(result.stdout)["channels"]
     assert [tare["effort"] for tare in channel["tare"]] == pytest.approx([BIAS_N, BIAS_N], abs=0.01)
@@ -38,14 +38,8 @@ def test_the_estimate_takes_the_zero_off(session):
     surface, stiffness = estimate["surface"], estimate["parameters"]["stiffness.k"]
     assert abs(surface["position_m"] + 0.05) < 4 * surface["std_err_m"] < 1e-4
     assert abs(stiffness["value"] - stiffness["truth"]) < 4 * stiffness["std_err"]
-
-
-def test_the_table_says_so(session):
     shown = " ".join(run("estimate", session, "--estimator", "lsq").stdout.split())
     assert re.search(r"the force in free air, 0\.(50|49)\d+ N, was subtracted", shown)
-
-
-def test_who_looks_for_a_bias_gets_the_force_as_it_was_measured(session):
     channel = open_source(session).channels[0]
     assert channel.tare is None
     assert np.mean(channel.effort[:100]) == pytest.approx(BIAS_N, abs=0.01)

@@ -166,20 +166,14 @@ def contact():
     return ChannelData("contact", ChannelKind.CONTACT, ticks["time_s"], depth, speed, acceleration, *about)
 
 
-def test_runs_are_named_by_their_speed_from_slow_to_fast(contact):
+def test_runs_are_named_by_their_speed_from_slow_to_fast_and_by_one_name_where_one_was_meant(contact):
     assert run_speeds(contact) == {2: "60 mm/s", 1: "90 mm/s", 0: "150 mm/s"}
     assert run_speeds(contact.select(contact.run == 0)) == {}
     unphased = replace(contact, phase=np.full(len(contact), -1))
     assert list(run_speeds(unphased)) == [2, 1, 0]
-
-
-def test_speeds_that_were_meant_to_be_one_have_one_name(contact):
     nearly = np.where(contact.run == 1, 0.98 * 150 / 90, 1.0) * contact.velocity
     words = run_speeds(replace(contact, velocity=nearly))
     assert words[0] == words[1] != words[2]
-
-
-def test_an_approach_that_hardly_shows_says_no_speed(contact):
     short = (contact.phase != Phase.APPROACH) | (np.arange(len(contact.run)) % 40 == 0)
     slow = contact.select(short)
     slow = replace(slow, velocity=np.where(slow.phase == Phase.APPROACH, 1e-6, slow.velocity))

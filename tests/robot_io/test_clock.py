@@ -44,15 +44,12 @@ def test_listeners_hear_of_every_advance_once_and_see_the_new_time():
     assert heard == [(0.5, 0.5), (0.75, 0.75)]
 
 
-def test_simulated_time_keeps_step_with_a_real_clock():
+def test_simulated_time_keeps_step_with_a_real_clock_and_makes_up_for_nothing_before():
     pace = WrittenClock()
     clock = SimulatedClock(pace)
     clock.sleep_until(0.25)
     clock.sleep_until(0.5)
     assert pace.waited_until == [100.25, 100.5]
-
-
-def test_time_that_passed_before_the_first_step_is_not_made_up_for():
     pace = SimulatedClock()
     clock = SimulatedClock(pace)
     pace.sleep_until(1.0)  # a world is loaded, a session opened

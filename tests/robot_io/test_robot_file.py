@@ -36,22 +36,16 @@ def test_it_says_what_the_file_says(tmp_path):
     assert robot_file.text == ROBOT_YAML
 
 
-def test_driver_settings_are_passed_on_unread():
+def test_driver_settings_are_passed_on_unread_and_the_file_cannot_be_changed():
     robot_file = parse_robot_file(
         changed(force="{driver: mock_force, bus: world, gain: 2, unit: N}"), "m.yaml"
     )
     assert robot_file.force.settings == {"gain": 2, "unit": "N"}
-
-
-def test_the_sensor_axis_is_made_a_unit_vector():
     assert parse_robot_file(changed(sensor_axis_tip="[0, 3, -4]"), "m.yaml").sensor_axis_tip == (
         0.0,
         0.6,
         -0.8,
     )
-
-
-def test_it_cannot_be_changed():
     with pytest.raises(ValueError, match="frozen"):
         mock_robot_file().name = "other"
 
@@ -111,15 +105,12 @@ def test_the_arm_may_rest_at_its_limits():
     assert robot_file.home_rad == (-2.6, 2.6, 0.0)
 
 
-def test_an_unknown_key_gets_a_hint_and_its_line():
+def test_an_unknown_key_gets_a_hint_its_line_and_how_many_more_things_are_wrong():
     with pytest.raises(InputError) as caught:
         parse_robot_file(ROBOT_YAML.replace("force_n: 30", "force_N: 30"), "m.yaml")
     assert str(caught.value).startswith(
         "m.yaml line 18, limits.force_N: is not known; did you mean 'force_n'? Valid: "
     )
-
-
-def test_it_says_how_many_more_things_are_wrong():
     with pytest.raises(InputError, match=r"\(and 2 more\)$"):
         parse_robot_file(changed(name=None, tip_frame=None, urdf=None), "m.yaml")
 

@@ -156,13 +156,10 @@ def flags(count, width=1):
     return (Column(f"flag_{i}", "1", width, "", "bool") for i in range(count))
 
 
-def test_the_largest_streams_are_taken():
+def test_a_record_has_the_columns_in_order_and_the_largest_streams_are_taken():
     assert Stream("s", (TIME, *flags(1, 16_376))).dtype.itemsize == 16_384
     assert len(Stream("s" * 64, (TIME, *flags(999)), batch=16).columns) == 1000
     assert Column("x", "1", 16_384).shape == (16_384,)
-
-
-def test_a_record_has_the_columns_in_order_without_gaps():
     assert PAIR.dtype.names == ("time_s", "tip_m", "count")
     assert PAIR.dtype.itemsize == 8 + 3 * 8 + 4
     assert PAIR.dtype["tip_m"].shape == (3,)

@@ -98,14 +98,11 @@ def test_a_tilted_uniaxial_sensor_sees_the_cosine():
     assert readings == pytest.approx([1.0, np.cos(tilt)], abs=1e-3)
 
 
-def test_a_scaled_arm_needs_scaled_torques():
+def test_a_scaled_arm_needs_scaled_torques_and_a_drive_gives_no_more_than_its_limit():
     arm = shipped_arm("leader")
     plain, heavy = make_world(arm), make_world(arm, scenario(mass_scale=1.5))
     motion = ([0.2, 0.3, 0.4], [1.0, -2.0, 0.5], [3.0, 2.0, -1.0])
     assert np.allclose(heavy.inverse_dynamics(*motion), 1.5 * plain.inverse_dynamics(*motion))
-
-
-def test_a_drive_gives_no_more_than_its_effort_limit():
     world = make_world(shipped_arm("follower"))
     world.set_torque([1000.0, -1000.0, 1.0])
     world.advance_to(0.001)

@@ -28,12 +28,17 @@ def accelerations(world, force, speed, duration_s=0.05):
     return (velocity[-1] - velocity[0]) / (duration_s - STEP_S)
 
 
-def test_viscous_friction_limits_the_fall():
+def test_viscous_and_quadratic_friction_limit_the_fall():
     world = hidden_slider(hidden("viscous_friction", joint=1, viscous_nms_rad=8.0))
     _, velocity = let_go(world, 1.0)
     assert velocity[-1] == pytest.approx(-G / 8.0, rel=1e-3)
     t = steps(1.0)
     assert velocity == pytest.approx(-G / 8.0 * (1 - np.exp(-8.0 * t)), abs=2e-3)
+    world = hidden_slider(hidden("quadratic_friction", joint=1, quadratic_nms2_rad2=4.0), height_m=9.0)
+    _, velocity = let_go(world, 1.0)
+    assert velocity[-1] == pytest.approx(-np.sqrt(G / 4.0), rel=1e-3)
+    t = steps(1.0)
+    assert velocity == pytest.approx(-np.sqrt(G / 4) * np.tanh(t * np.sqrt(G * 4)), abs=3e-3)
 
 
 def test_coulomb_friction_brakes_evenly_to_a_stop_and_holds():
@@ -80,14 +85,6 @@ def test_load_dependent_friction_takes_a_share_of_what_reaches_the_link():
     for speed, drive_per_load in ((0.0, 1.2), (1.0, 1.2), (-1.0, 0.8)):
         assert drive_per_load * accelerations(world, 5.0, speed) == pytest.approx(5.0)
     assert accelerations(world, 0.0, 1.0) == pytest.approx(0.0, abs=1e-9)
-
-
-def test_quadratic_friction_limits_the_fall_by_the_root():
-    world = hidden_slider(hidden("quadratic_friction", joint=1, quadratic_nms2_rad2=4.0), height_m=9.0)
-    _, velocity = let_go(world, 1.0)
-    assert velocity[-1] == pytest.approx(-np.sqrt(G / 4.0), rel=1e-3)
-    t = steps(1.0)
-    assert velocity == pytest.approx(-np.sqrt(G / 4) * np.tanh(t * np.sqrt(G * 4)), abs=3e-3)
 
 
 @pytest.mark.parametrize("name", sorted(FRICTIONS))

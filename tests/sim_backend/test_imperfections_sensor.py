@@ -28,15 +28,12 @@ def test_a_bias_shifts_and_a_drift_grows_from_the_first_sample_on():
     assert [transducer(100.0 + t, 2.0) for t in (0.0, 1.0, 4.0)] == pytest.approx([2.0, 2.5, 4.0])
 
 
-def test_a_lag_follows_its_differential_equation():
+def test_a_lag_follows_its_equation_and_a_ramp_by_rate_times_time():
     def follow(time_s, output):
         return (np.interp(time_s, T, SWING) - output) / 0.02
 
     expected = solve_ivp(follow, (0, T[-1]), [SWING[0]], t_eval=T, max_step=TICK_S / 2, rtol=1e-8).y[0]
     assert through(SWING, "lag", time_s=0.02) == pytest.approx(expected, abs=1e-4)
-
-
-def test_a_ramp_lags_behind_by_rate_times_time():
     assert through(2.0 * T, "lag", time_s=0.05)[-1] == pytest.approx(2.0 * (T[-1] - 0.05))
 
 
@@ -46,13 +43,10 @@ def test_a_delay_shows_the_past_under_the_time_of_now(delay_s):
     assert through(SWING, "delay", delay_s=delay_s) == pytest.approx(expected, abs=1e-12)
 
 
-def test_saturation_cuts_and_leaves_the_rest():
+def test_saturation_cuts_and_a_deadband_swallows_what_is_small():
     shown = through(SWING, "saturation", limit=2.0)
     assert (shown.min(), shown.max()) == (-2.0, 2.0)
     assert np.array_equal(shown[np.abs(SWING) < 2], SWING[np.abs(SWING) < 2])
-
-
-def test_a_deadband_swallows_what_is_small_without_a_jump():
     shown = through(SWING, "deadband", half_width=0.5)
     assert not shown[np.abs(SWING) < 0.5].any()
     assert shown.max() == pytest.approx(SWING.max() - 0.5)

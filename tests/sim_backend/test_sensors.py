@@ -154,7 +154,7 @@ def velocity_error(world, duration_s=0.5):
     return np.array([s.value[1] for s in samples]) - -9.81 * times
 
 
-def test_velocity_by_difference_lags_by_its_filter_and_half_a_sample():
+def test_velocity_by_difference_lags_and_a_tachometer_does_not():
     fine = {"counts_per_revolution": 1e12, "velocity": {"bandwidth_hz": 100.0}}
     error = velocity_error(falling(encoder=fine))
     filter_delay_s = 1 / (2 * np.pi * 100.0)
@@ -163,16 +163,11 @@ def test_velocity_by_difference_lags_by_its_filter_and_half_a_sample():
     assert settled.mean() / 9.81 == pytest.approx(filter_delay_s, abs=0.25e-3)
     assert settled.std() < 1e-3
 
-
-def test_velocity_by_difference_is_rougher_with_a_coarser_encoder():
     def roughness(counts):
         return velocity_error(falling(encoder={"counts_per_revolution": counts}))[-1000:].std()
 
     assert roughness(8192.0) > 20 * roughness(819_200.0)
     assert roughness(819_200.0) < 0.006
-
-
-def test_a_tachometer_measures_without_lag_and_with_its_own_noise():
     tachometer = {"velocity": {"source": "tachometer", "noise_std_rad_s": 0.02}}
     error = velocity_error(falling(encoder=tachometer))
     assert error.std() == pytest.approx(0.02, rel=0.1)
@@ -190,25 +185,16 @@ def all_readings(seed, **sensors):
     return np.array(rows)
 
 
-def test_equal_seeds_give_equal_measurements_and_others_do_not():
+def test_seeds_repeat_the_noise_and_sensors_have_noise_of_their_own_over_one_truth():
     first, again, other = all_readings(7), all_readings(7), all_readings(8)
     assert np.array_equal(first, again)
     assert (first[:, :4] != other[:, :4]).mean() > 0.8
-
-
-def test_one_sensor_s_settings_leave_the_noise_of_the_others_alone():
     plain, finer = all_readings(7), all_readings(7, torque={"rate_hz": 4000.0, "noise_std_nm": 0.5})
     assert np.array_equal(plain[:, 0], finer[:, 0])
     assert not np.array_equal(plain[:, 1], finer[:, 1])
-
-
-def test_noise_of_force_and_torques_is_independent():
     rows = all_readings(1, force={"resolution_n": 0.0}, torque={"resolution_nm": 0.0})[:, :4]
     off_diagonal = np.corrcoef(rows.T) - np.eye(4)
     assert np.abs(off_diagonal).max() < 0.35
-
-
-def test_the_truth_is_free_of_sensors():
     noisy = {"noise_std_n": 5.0}
     first, second = (make_world(slider(0.01), scenario(force=force)) for force in (noisy, QUIET_FORCE))
     assert np.array_equal(column(watch(first, 0.1), "force_n"), column(watch(second, 0.1), "force_n"))

@@ -190,14 +190,11 @@ def pressed(
         monitor.add(place, depth_m, measured_n, model_n_m * depth_m)
 
 
-def test_a_model_that_fits_raises_nothing():
+def test_a_model_that_fits_raises_nothing_and_a_harder_place_is_named_with_depth_and_size():
     monitor = MismatchMonitor(noise_n=0.02)
     pressed(monitor, "hold", 500.0, 500.0)
     pressed(monitor, "loading", 500.0, 490.0)
     assert monitor.mismatches() == []
-
-
-def test_a_harder_place_is_named_with_depth_and_size():
     monitor = MismatchMonitor(noise_n=0.02)
     pressed(monitor, "soft", 500.0, 500.0)
     pressed(monitor, "hard", 1000.0, 500.0)
@@ -208,13 +205,10 @@ def test_a_harder_place_is_named_with_depth_and_size():
     assert "softer" in misfit.summary()
 
 
-def test_noise_alone_is_no_disagreement():
+def test_noise_is_no_disagreement_and_the_worst_comes_first():
     monitor = MismatchMonitor(noise_n=0.5)
     pressed(monitor, "hold", 100.0, 100.0, noise_n=0.5)
     assert monitor.mismatches() == []
-
-
-def test_the_worst_comes_first_and_too_stiff_is_told_from_too_soft():
     monitor = MismatchMonitor()
     pressed(monitor, "worse", 2000.0, 500.0)
     pressed(monitor, "bad", 1000.0, 500.0)

@@ -121,14 +121,11 @@ def test_an_update_at_rest_in_contact_makes_no_jump(models):
     assert np.abs(np.diff(forces[650:])).max() <= 0.05 + moved_n + 1e-9
 
 
-def test_a_coarse_encoder_can_press():
+def test_it_pushes_along_its_normal_within_its_limit_also_with_a_coarse_encoder():
     depth = np.round(in_and_out(0.008, steps=4000) / 1e-4) * 1e-4
     virtual = VirtualObject(kelvin_voigt(3000.0, 0.0), np.zeros(3), UP)
     forces = [virtual.step(-x * UP, np.zeros(3), DT_S).force_n for x in depth]
     assert forces[4200] == pytest.approx(3000.0 * 0.0079, rel=1e-3)
-
-
-def test_it_pushes_along_its_normal_and_within_its_limit():
     normal = np.array([3.0, 0.0, 4.0])
     virtual = VirtualObject(kelvin_voigt(1e5, 0.0), np.zeros(3), normal, force_limit_n=20.0)
     for depth in np.linspace(0.0, 0.01, 50):

@@ -45,16 +45,13 @@ def test_base_parameters_give_every_torque(body):
         assert np.abs(regressor[:, base.columns][unfelt]).max(initial=0.0) < 1e-9
 
 
-def test_base_parameters_are_independent_and_known_in_number():
+def test_base_parameters_are_independent_and_say_what_pseudo_inertias_do():
     base = base_parameters(panda())
     assert (
         len(base.columns) == 43
     )  # seven joints, none parallel, first axis vertical: Khalil and Dombre, ch. 9
     assert np.linalg.matrix_rank(base.grouping) == 43
     assert len(set(base.names)) == 43 == len(base.units)
-
-
-def test_parameters_and_pseudo_inertias_say_the_same():
     phi = np.concatenate([point_masses(np.random.default_rng(seed)) for seed in range(3)])
     np.testing.assert_allclose(inertial_of(pseudo_inertias(phi)), phi, atol=1e-12)
 

@@ -79,21 +79,15 @@ def together(bodies):
     return fits(with_shared_gains(channels, models), models)
 
 
-def test_all_joints_find_one_set_of_base_parameters(together):
+def test_all_joints_find_one_set_of_base_parameters_their_friction_and_the_noise(together):
     """Each joint's fit, with what the others say, is the fit of all: they agree on what they share."""
     found = [fitted.solution.parameters for fitted in together]
     for name in found[0]:
         if name.startswith("rigid_body_fitted."):
             values = [one[name] for one in found if name in one]
             np.testing.assert_allclose(values, values[0], rtol=0.02, atol=0.02)
-
-
-def test_friction_is_found_in_the_joints_that_have_it(together):
     found = [fitted.solution.parameters["coulomb_friction.force"] for fitted in together]
     np.testing.assert_allclose(found, COULOMB, atol=0.03)
-
-
-def test_the_error_in_held_out_runs_is_the_noise(together):
     np.testing.assert_allclose([fitted.rmse for fitted in together], 0.05, rtol=0.15)
 
 

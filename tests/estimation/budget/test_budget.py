@@ -97,15 +97,12 @@ def test_a_kind_that_makes_things_worse_beside_another_takes_nothing_from_it():
     assert found.entries[0].share == pytest.approx(0.8)
 
 
-def test_what_differences_between_runs_share_with_a_law_of_the_motion_is_the_law_s():
+def test_what_differences_between_runs_share_with_a_law_of_the_motion_is_the_law_s_and_the_rest_theirs():
     """Each takes 6 of 10 alone, and both 8: a gain and a zero of each run imitate much of any law."""
     left = {frozenset(): 10.0, frozenset({MEMORY, RUNS}): 2.0}
     found = budget([MEMORY, RUNS], lambda kinds: left.get(kinds, 4.0))
     assert {entry.kind: entry.share for entry in found.entries} == pytest.approx({MEMORY: 0.6, RUNS: 0.2})
-
-
-def test_differences_between_runs_keep_what_no_law_of_the_motion_takes():
-    """Specimens that differ by a gain: a law that all runs have in common takes little of that."""
+    # Specimens that differ by a gain: a law that all runs have in common takes little of that.
     takes = {ELASTIC: 1.0, RUNS: 8.0}
     found = budget(list(takes), lambda kinds: 10.0 - sum(takes[kind] for kind in kinds))
     assert found.kinds == (RUNS, ELASTIC)

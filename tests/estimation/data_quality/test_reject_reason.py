@@ -213,6 +213,7 @@ def test_codes_for_a_missing_value_are_no_unit_and_no_saturated_sensor():
 def test_what_is_plausible_gives_no_warning():
     assert quality_warnings(DATA) == []
     assert quality_warnings(swinging(), model("pendulum")) == []
+    assert reject_reason(replace(DATA, run=0 * DATA.run)) is None
 
 
 def test_a_damper_under_a_sine_is_not_out_of_step_with_its_force():
@@ -223,10 +224,6 @@ def test_a_damper_under_a_sine_is_not_out_of_step_with_its_force():
     both_ways = replace(data, touching=np.ones(len(t), dtype=np.bool_))
     assert not [warning for warning in quality_warnings(both_ways) if "align" in warning]
     assert reject_reason(both_ways) is None
-
-
-def test_several_presses_in_one_run_are_judged_by_parts_of_it():
-    assert reject_reason(replace(DATA, run=0 * DATA.run)) is None
 
 
 def coarsely_read(step, noise=0.0):

@@ -321,13 +321,10 @@ def test_a_tool_gives_beside_an_object_that_stiffens_and_snaps_beside_one_that_s
     assert is_misnamed(model.effects[-1], found.solution, found.problem) is misnamed
 
 
-def test_what_snaps_bears_no_exact_name():
+def test_what_snaps_or_softens_beyond_its_forms_bears_no_name():
     found = decide_verdict(pulls(snapping), "tool_compliance", "cubic_stiffness", "plastic_set", "bias")
     assert not found.complete
     assert "tool_compliance" not in [effect.effect for effect in found.accepted]
-
-
-def test_a_law_that_softens_beyond_its_forms_is_not_named_by_what_needs_a_memory():
     data = pulls(lambda way, run: 1e5 * way * np.exp(-way / 5e-3))
     shapes = ("power_law_stiffness", "cubic_stiffness", "contact_offset", "bias")
     found = decide_verdict(data, *shapes, "relaxation_spectrum", "plastic_set")

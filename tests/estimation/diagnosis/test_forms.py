@@ -42,7 +42,7 @@ def incomplete():
     return search, analyse_kinds(search)
 
 
-def test_a_form_is_named_though_something_of_another_kind_has_no_name(incomplete):
+def test_a_form_is_named_beside_what_has_no_name_but_not_where_its_kind_s_law_exceeds_it(incomplete):
     search, partial = incomplete
     assert partial.kinds >= {Kind.FRICTION}
     end, tests = accept_forms(search, partial, reached(search, RUB), measured(search))
@@ -51,10 +51,7 @@ def test_a_form_is_named_though_something_of_another_kind_has_no_name(incomplete
     assert (test.effect, test.kind, test.is_known) == (RUB, Kind.FRICTION, True)
     share = test.taken / (search.start.held_out_mean_square - end.held_out_mean_square)
     assert share == pytest.approx(1.0, abs=0.2)  # what it takes beside laws and beside the base model
-
-
-def test_a_form_that_its_kind_s_law_exceeds_by_far_is_not_named(incomplete):
-    """Drag by the square of the speed is there nowhere."""
+    # Drag by the square of the speed is there nowhere.
     search, partial = incomplete
     end, tests = accept_forms(search, partial, reached(search, DRAG), measured(search))
     assert (end, tests) == (search.start, [])

@@ -205,7 +205,7 @@ def test_what_neighbouring_blocks_share_is_their_covariance(memory, chosen, shar
     assert found**2 / np.var(noise) == pytest.approx(share, abs=0.05)
 
 
-def test_blocks_of_two_runs_or_across_a_gap_are_no_neighbours():
+def test_noise_is_that_about_the_mean_of_each_run_and_between_neighbours_of_one_run():
     noise, every = np.ones(50), np.ones(50, dtype=bool)
     shared = residual_checks._shared_by_neighbors
     assert shared(noise, np.arange(50), every) == 0.0
@@ -213,9 +213,6 @@ def test_blocks_of_two_runs_or_across_a_gap_are_no_neighbours():
     assert shared(-noise, np.zeros(50), every) == 1.0
     assert shared(noise, np.zeros(50), np.arange(50) < 21) == 1.0
     assert shared(noise, np.zeros(50), np.arange(50) < 20) == 0.0  # too few pairs
-
-
-def test_noise_is_that_about_the_mean_of_each_run():
     residual, run = np.array([1.0, 3.0, 99.0, 10.0, 14.0]), np.array([0, 0, 0, 1, 1])
     found = residual_checks._about_means(residual, run, residual < 50.0)
     assert found.tolist() == [-1.0, 1.0, -2.0, 2.0]

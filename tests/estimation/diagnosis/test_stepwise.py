@@ -195,12 +195,9 @@ def test_pairs_are_tried_where_more_than_two_effects_are_needed(complete, part, 
     assert came_to(sought(world, lambda one: came_to(one) in complete, lambda one: world.at(part))) == found
 
 
-def test_what_came_out_unsound_is_not_taken():
+def test_what_is_unsound_or_needless_in_all_data_is_not_taken():
     world = SearchedModels(MISLED, unsound=["bc"])
     assert came_to(sought(world, lambda one: False, forms="bc")) == "a"
-
-
-def test_what_a_sketch_found_is_fitted_to_all_and_needless_effects_dropped_there():
     whole = SearchedModels({"": 100, "a": 50, "b": 20, "ab": 19.9})
     whole.coarse = SearchedModels({"": 100, "a": 50, "ab": 20})
     assert came_to(sought(whole, lambda one: True)) == "b"

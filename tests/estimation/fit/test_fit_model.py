@@ -122,7 +122,7 @@ def test_what_one_run_ends_with_and_the_next_begins_with_is_no_colour():
     assert noise_model.coefficients == pytest.approx([0.0] * 4, abs=0.04)
 
 
-def test_blocks_hold_whole_runs_out_and_leave_the_edge_of_contact():
+def test_blocks_are_those_of_each_run_and_leave_the_edge_of_contact():
     data = session(1)
     blocked = block_average(data)
     for fold in range(blocked.folds):
@@ -131,6 +131,10 @@ def test_blocks_hold_whole_runs_out_and_leave_the_edge_of_contact():
     assert (engaged.all(axis=1) | ~engaged.any(axis=1))[blocked.trusted].all()
     assert blocked.trusted.mean() > 0.9
     assert blocked.reduce(data.position)[7] == pytest.approx(data.position[blocked.rows[7]].mean())
+    data = session(3)
+    blocked = block_average(replace(data, run=np.arange(len(data)) % 3))
+    assert (blocked.rows % 3 == blocked.run[:, None]).all()
+    assert (np.diff(blocked.rows, axis=1) == 3).all()
 
 
 def test_a_run_that_begins_pressed_counts_once_it_has_let_go():
@@ -143,13 +147,6 @@ def test_a_run_that_begins_pressed_counts_once_it_has_let_go():
     first = blocked.rows[:, 0] < np.sum(cut.run == 0)
     assert not blocked.trusted[first & joined.engaged[blocked.rows].all(axis=1)].any()
     assert blocked.trusted[~first].mean() > 0.9
-
-
-def test_blocks_are_those_of_each_run_also_where_runs_take_turns():
-    data = session(3)
-    blocked = block_average(replace(data, run=np.arange(len(data)) % 3))
-    assert (blocked.rows % 3 == blocked.run[:, None]).all()
-    assert (np.diff(blocked.rows, axis=1) == 3).all()
 
 
 def test_the_held_out_error_of_a_run_is_that_of_a_fit_to_the_others():

@@ -89,12 +89,9 @@ def test_a_gain_that_is_held_is_taken_off_and_has_no_error(held):
     assert found.held_out == pytest.approx(rest.held_out)
 
 
-def test_what_is_held_that_the_model_lacks_changes_nothing():
+def test_held_values_that_the_model_lacks_change_nothing_and_weights_are_factors_of_residuals():
     found = problem().solve(COLUMNS, TARGET, ["a", "b", "c"], {"z": 1.0})
     assert found.gains == pytest.approx(problem().solve(COLUMNS, TARGET).gains, rel=1e-12)
-
-
-def test_weights_are_factors_of_residuals():
     weights = RNG.uniform(0.0, 2.0, COUNT)
     expected = np.linalg.lstsq(COLUMNS * weights[:, None], TARGET * weights, rcond=None)[0]
     assert problem(weights=weights).solve(COLUMNS, TARGET).gains == pytest.approx(expected, rel=1e-6)

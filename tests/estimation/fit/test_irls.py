@@ -39,13 +39,10 @@ def test_influence_has_the_slope_it_says_and_loses_little_at_gaussian_noise(infl
     assert np.sum(slope * GAUSS) ** 2 / np.sum(psi**2 * GAUSS) == pytest.approx(efficiency, abs=0.003)
 
 
-def test_beyond_the_cut_a_sample_has_no_weight():
+def test_beyond_the_cut_a_sample_has_no_weight_and_absolute_shares_find_the_median():
     found = settled_at(np.array([0.99, 1.0, -1.0]) * CUT)
     assert found.inside.tolist() == [True, False, False]
     assert (found.influence[0] != 0.0).tolist() == [True, False, False]
-
-
-def test_repeated_with_absolute_shares_least_squares_finds_the_median():
     values = np.random.default_rng(1).normal(size=101) ** 3
     middle = values.mean()
     for _ in range(200):

@@ -59,12 +59,9 @@ def recording():
     return presses()
 
 
-def test_a_short_recording_is_the_very_same(recording):
+def test_a_short_recording_is_the_very_same_and_few_samples_in_many_blocks_are_averaged(recording):
     short = recording.select(np.arange(8_000))
     assert shortened(short) == (short, "", {})
-
-
-def test_fewer_samples_in_many_blocks_are_averaged_too(recording):
     two = recording.of_runs(np.array([0, 1]))
     assert len(two) < long_data.LONG
     short, said, run_of = shortened(two)

@@ -57,15 +57,12 @@ def test_derivatives_follow_the_redrawn_position_by_their_own_window(given):
     assert one.velocity - two.velocity == pytest.approx(apart, abs=1e-9 * np.ptp(one.velocity))
 
 
-def test_the_redrawn_velocity_is_as_noisy_as_white_noise_of_the_position_makes_it():
+def test_a_velocity_is_redrawn_as_noisy_as_its_position_or_with_noise_of_its_own():
     measurement = identify_measurement_model(read(SMOOTH, noise=1e-3))
     white = np.random.default_rng(3).normal(0.0, 1e-3, len(SMOOTH))
     expected = np.std(channel_derivative(SMOOTH, white, measurement.filters[0], 1))
     one, two = (measurement.simulate(np.random.default_rng(seed)).velocity for seed in (0, 1))
     assert np.std(one - two) / np.sqrt(2.0) == pytest.approx(expected, rel=0.25)
-
-
-def test_a_measured_velocity_is_redrawn_with_noise_of_its_own():
     noisy = SMOOTH.velocity + np.random.default_rng(1).normal(0.0, 0.2, len(SMOOTH))
     data = replace(read(SMOOTH, noise=1e-3), velocity=noisy)
     measurement = identify_measurement_model(data)
@@ -142,15 +139,12 @@ def test_shuffled_noise_keeps_its_values_and_loses_its_place():
     assert np.mean(np.abs([np.corrcoef(noise, one)[0, 1] for one in made])) < 0.15
 
 
-def test_wide_windows_are_recognised_in_runs_longer_than_what_is_looked_at():
+def test_windows_are_recognised_in_long_runs_and_in_pieces_that_were_derived_by_themselves():
     data = read(swings(2, runs=3, seconds=9.0, rate_hz=500.0), step=STEP)
     made = differentiate(data.time_s, data.position, data.run)
     assert identify_measurement_model(data).filters == made.half_windows
     assert made.half_windows[1] > 14
-
-
-def test_windows_are_recognised_though_pieces_within_the_runs_were_derived_by_themselves():
-    """As a session's are, whose samples have gaps: near these the derivatives are others."""
+    # As a session's are, whose samples have gaps: near these the derivatives are others.
     noisy = read(SMOOTH, noise=1e-4)
     piece = np.arange(len(noisy)) // 150
     made = differentiate(noisy.time_s, noisy.position, piece, 10)

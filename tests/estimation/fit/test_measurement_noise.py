@@ -49,7 +49,7 @@ def test_differences_of_readings_tell_the_noise_of_a_joint_whatever_is_missing()
     assert found.value == pytest.approx(NOISE_NM, rel=0.1)
 
 
-def test_steps_of_a_motion_from_hold_to_hold_are_no_noise():
+def test_steps_from_hold_to_hold_and_a_few_jumps_are_no_noise():
     data = swings(2, lambda q, v, a: 0.0 * q)
     position = 0.01 * np.arange(len(data)) // 0.2 * 0.2  # a step every twenty readings
     cogging = 10.0 * NOISE_NM * np.sin(7.3 * position / 0.2)
@@ -57,9 +57,6 @@ def test_steps_of_a_motion_from_hold_to_hold_are_no_noise():
     found = noise_of(replace(held, effort=data.effort + cogging), SWING)
     assert found.source is NoiseSource.NEIGHBORS
     assert found.value == pytest.approx(NOISE_NM, rel=0.1)
-
-
-def test_a_few_jumps_of_the_effort_are_no_noise():
     data = swings(2, lambda q, v, a: 6.0 * q)
     effort = data.effort.copy()
     effort[len(data) // 3 :] -= 500.0 * NOISE_NM

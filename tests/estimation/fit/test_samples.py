@@ -77,12 +77,9 @@ def test_a_search_is_settled_when_nothing_moves_by_much(stiffness, damping, expo
     assert _has_converged(*solutions) is settled
 
 
-def test_least_squares_does_not_stand_outliers():
+def test_only_the_chosen_rows_count_and_least_squares_does_not_stand_outliers():
     found = fit_samples(base_model("hunt_crossley"), hunt_crossley_data(0, outliers=0.3))
     assert abs(relative_errors(found)[0]) > 0.2
-
-
-def test_only_the_chosen_rows_count():
     data = hunt_crossley_data(1)
     rows = np.arange(len(data)) % 2 == 0
     spoilt = replace(data, effort=np.where(rows, data.effort, 100.0))

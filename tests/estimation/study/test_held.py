@@ -24,16 +24,13 @@ def study() -> ModelStudy:
     return ModelStudy(presses(np.random.default_rng(1)))
 
 
-def test_a_held_gain_stays_and_the_others_make_up_for_it(study: ModelStudy) -> None:
+def test_held_parameters_stay_and_the_others_make_up_for_them(study):
     free = study.fit("contact", ["cubic_stiffness"])
     held = study.fit_held("contact", ["cubic_stiffness"], {"stiffness.k": 350.0})
     assert held.values["stiffness.k"] == 350.0
     assert held.parameters["stiffness.k"].std_err == 0.0
     assert held.values["cubic_stiffness.k3"] > free.values["cubic_stiffness.k3"]  # stiffens more instead
     assert held.rmse > free.rmse
-
-
-def test_held_where_the_fit_is_changes_nothing(study: ModelStudy) -> None:
     free = study.fit("contact", ["cubic_stiffness"])
     held = study.fit_held(
         "contact", ["cubic_stiffness"], {"damping.c": free.solution.parameters["damping.c"]}
@@ -41,15 +38,9 @@ def test_held_where_the_fit_is_changes_nothing(study: ModelStudy) -> None:
     for name in ("stiffness.k", "cubic_stiffness.k3"):
         assert held.solution.parameters[name] == pytest.approx(free.solution.parameters[name], rel=1e-6)
     assert held.parameters["stiffness.k"].std_err < 1.01 * free.parameters["stiffness.k"].std_err
-
-
-def test_a_held_inner_parameter_stays(study: ModelStudy) -> None:
     held = study.fit_held("contact", ["delay"], {"delay.time": 0.004})
     assert held.values["delay.time"] == 0.004
     assert held.rmse >= study.fit("contact", ["delay"]).rmse * 0.999
-
-
-def test_bounds_hold_only_what_would_leave_them(study: ModelStudy) -> None:
     wide = study.fit_held("contact", (), bounds={"stiffness.k": (0.0, 1e6)})
     assert wide is study.fit("contact")
     narrow = study.fit_held("contact", (), bounds={"stiffness.k": (0.0, 200.0)})
@@ -81,7 +72,7 @@ def test_fits_that_were_forgotten_come_again_the_same(monkeypatch: pytest.Monkey
     assert study.fit("contact", ["delay"]).rmse == first
 
 
-def test_comparison_says_where_a_stiffening_spring_is_missed():
+def test_comparison_says_where_a_stiffening_spring_is_missed_and_refuses_what_cannot_be_judged():
     found = compare(session(4, cubic), MODEL)
     assert found.lack_of_fit > 3.0
     assert {"run", "direction", "speed", "depth", "effort"} <= set(found.parts)
@@ -90,13 +81,12 @@ def test_comparison_says_where_a_stiffening_spring_is_missed():
     assert deepest.mean > 0.0  # the measurement is above a straight line where it is deepest
     assert "times the noise" in found.words[0]
     assert any("depth" in words or "effort" in words for words in found.words[1:])
-
-
-def test_comparison_of_a_complete_model_is_noise():
     found = compare(session(4), MODEL)
     assert found.lack_of_fit == pytest.approx(1.0, abs=0.05)
     assert "noise" in found.words[0]
     assert np.nanstd(found.fitted.residual) == pytest.approx(0.05, rel=0.1)
+    with pytest.raises(InputError, match="samples"):
+        compare(session(4).select(np.arange(20)), MODEL)
 
 
 def test_what_is_not_judged_is_said_and_counts_nowhere():
@@ -107,8 +97,3 @@ def test_what_is_not_judged_is_said_and_counts_nowhere():
     assert found.not_judged.startswith(f"{left_out:,} of {len(found.judged):,} samples (")
     assert sum(part.samples for part in found.parts["run"]) == np.count_nonzero(found.judged)
     assert found.not_judged in found._repr_html_()
-
-
-def test_comparison_refuses_what_cannot_be_judged():
-    with pytest.raises(InputError, match="samples"):
-        compare(session(4).select(np.arange(20)), MODEL)

@@ -60,16 +60,13 @@ def test_the_kind_of_what_was_left_out_comes_first(data, model, by, kind):
     assert f": {kind.word} " in compared.words[-1]
 
 
-def test_kinds_that_explain_about_as_much_are_named_beside_a_share():
+def test_kinds_that_explain_about_as_much_are_named_and_an_error_about_its_mean_at_no_speed():
     """A force that hardly grows with the speed passes for friction."""
     data = presses(lambda x, v: 500 * x + 5 * v + 0.8 * np.abs(v) ** 0.3 * np.sign(v))
     compared = ModelStudy(data, "kelvin_voigt").compare().channels[0]
     assert compared.kinds[0].replaceable_by == (Kind.FRICTION,)
     assert compared.words[-1].endswith("% (or friction).")
-
-
-def test_an_error_about_its_mean_is_no_larger_at_either_speed():
-    """2 N throughout at low speed and none at high speed: about the mean of 1 N, both are 1 N."""
+    # 2 N throughout at low speed and none at high speed: about the mean of 1 N, both are 1 N.
     parts = {"speed": (part("slow", 2.0), part("fast", 0.0))}
     assert "speed" not in [pattern.by for pattern in patterns(parts, np.sqrt(2.0))]
 

@@ -32,7 +32,7 @@ def nights(rng, truth, scatter=0.03):
     return series(truth + noise, std_errs)
 
 
-def test_a_step_of_ten_percent_in_sixty_nights_is_dated_within_three():
+def test_steps_are_dated_within_three_nights_also_two_of_them():
     rng = np.random.default_rng(1)
     dated = 0
     for _ in range(30):
@@ -40,6 +40,11 @@ def test_a_step_of_ten_percent_in_sixty_nights_is_dated_within_three():
         changes = find_changes(nights(rng, 1.0 + 0.1 * (np.arange(60) >= place)), LEVEL / 10)
         dated += any(change.kind == "step" and abs(change.first - place) <= 3 for change in changes)
     assert dated >= 27
+    truth = 1.0 + 0.2 * (np.arange(90) >= 30) - 0.3 * (np.arange(90) >= 60)
+    first, second = find_changes(nights(np.random.default_rng(3), truth), LEVEL / 10)
+    assert (first.kind, second.kind) == ("step", "step")
+    assert abs(first.first - 30) <= 1
+    assert abs(second.first - 60) <= 1
 
 
 def test_a_drift_is_no_step_and_its_size_is_known():
@@ -49,15 +54,7 @@ def test_a_drift_is_no_step_and_its_size_is_known():
     assert change.std_err < 0.03
 
 
-def test_two_steps_are_both_dated():
-    truth = 1.0 + 0.2 * (np.arange(90) >= 30) - 0.3 * (np.arange(90) >= 60)
-    first, second = find_changes(nights(np.random.default_rng(3), truth), LEVEL / 10)
-    assert (first.kind, second.kind) == ("step", "step")
-    assert abs(first.first - 30) <= 1
-    assert abs(second.first - 60) <= 1
-
-
-def test_quiet_series_do_not_change_whatever_their_distribution():
+def test_quiet_series_and_changes_within_the_standard_errors_do_not_change():
     rng = np.random.default_rng(4)
     false = [
         find_changes(series(1.0 + 0.05 * draw(60), np.zeros(60)), 0.01)
@@ -65,9 +62,6 @@ def test_quiet_series_do_not_change_whatever_their_distribution():
         for _ in range(60)
     ]
     assert sum(map(bool, false)) <= 6  # 1.8 expected
-
-
-def test_a_change_within_the_standard_errors_is_none():
     values = 1.0 + 0.01 * (np.arange(40) >= 20) + 1e-4 * np.random.default_rng(5).standard_normal(40)
     assert find_changes(series(values, np.full(40, 1e-4)), 0.001)
     assert not find_changes(series(values, np.full(40, 0.1)), 0.001)

@@ -66,15 +66,12 @@ def test_every_estimator_has_a_row_near_the_truth_and_the_bound_is_of_its_error(
     assert 0.5 < np.sqrt(np.mean(np.square(errors))) < 2.5  # of an estimator that is nearly efficient
 
 
-def test_the_bound_follows_the_noise():
+def test_the_bound_follows_the_noise_whose_draws_differ_and_repeat_for_equal_seeds():
     calm, loud = (
         probing.estimate(PARAMETERS | {"noise_percent": percent, "estimators": ["lsq"]}, 1)[0]
         for percent in (5, 10)
     )
     assert loud["bound damping.c"] == pytest.approx(2 * calm["bound damping.c"], rel=0.1)
-
-
-def test_each_draw_of_the_noise_is_another_and_equal_seeds_draw_the_same():
     noisy = PARAMETERS | {"noise_percent": 5.0, "draws": 3, "estimators": ["lsq"]}
     found, again = ([row["stiffness.k"] for row in probing.estimate(noisy, 1)] for _ in range(2))
     assert len(set(found)) == 3

@@ -85,15 +85,12 @@ def test_nothing_touched_is_no_estimate():
         first_look(probed({"object": {"surface_height_m": -0.5}}, NOTHING_NEAR), 0)
 
 
-def test_a_law_with_a_memory_is_felt_as_the_world_has_it():
+def test_a_law_with_a_memory_is_felt_as_the_world_has_it_also_from_a_session():
     scenario = {"hidden": [{"effect": "stress_relaxation", "stiffness_n_m": 300.0, "time_s": 0.1}]}
     felt = force_law(terms_of(load_scenario(scenario)))
     forces_n = [felt(0.01, 0.0, 1e-3) for _ in range(1000)]
     assert forces_n[0] == pytest.approx(500.0 * 0.01 + 300.0 * 0.01, rel=0.02)
     assert forces_n[-1] == pytest.approx(500.0 * 0.01, rel=0.01)
-
-
-def test_what_a_session_keeps_can_be_felt_again():
     sent = estimate()
     assert terms_in(felt_data(sent)) == sent.model
 

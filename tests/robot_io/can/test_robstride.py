@@ -67,15 +67,12 @@ def test_a_state_against_a_bit_packer(position, velocity, torque, mode, faults):
     assert state.torque_nm == pytest.approx(-60 + 120 * torque / 65535)
 
 
-def test_a_parameter_that_could_not_be_read_is_no_zero():
+def test_faults_have_the_manual_s_names_and_an_unread_parameter_is_no_zero():
     """Recorded from an RS03 in huggingface/lerobot#4070: index 1003, which it does not know."""
     frame = CanFrame(0x110115FD, bytes(8), extended=True)
     with pytest.raises(ProtocolError, match="110115FD"):
         FRAMES.register_value(frame, 0x15, MotorRegister("unknown", 0x1003, "<f"))
-
-
-def test_faults_have_the_manual_s_names():
-    """4.1.2, bits 16 to 21 of a state's id; 4.1.8, of a fault frame's first four bytes."""
+    # 4.1.2, bits 16 to 21 of a state's id; 4.1.8, of a fault frame's first four bytes.
     state = "under voltage, over current, over temperature, encoder fault, overload, stalled, "
     assert DIALECTS[Maker.ROBSTRIDE].error_names(0x3F) == state + "encoder not calibrated"
     alarm = FRAMES.alarm(CanFrame(0x150001FD, bytes.fromhex("0a40010000000000"), extended=True))

@@ -146,14 +146,11 @@ def test_an_answer_is_found_behind_noise(noise, servo_id, data):
     ]
 
 
-def test_a_damaged_length_does_not_swallow_what_follows():
+def test_neither_a_damaged_length_nor_an_echo_of_the_request_hides_an_answer():
     endless = packet("ff ff fd 00 01 ff ff 55 00")
     good = dynamixel.status(2, 0, b"\x07")
     assert DynamixelStatusReader().feed(endless + good) == [DynamixelStatus(2, 0, b"\x07")]
-
-
-def test_an_echo_of_the_request_is_no_answer():
-    """Some adapters hear themselves."""
+    # Some adapters hear themselves.
     answer = dynamixel.status(1, 0, packet("a6 00 00 00"))
     assert DynamixelStatusReader().feed(protocol.DIALECT.read(1, 132, 4) + answer) == [decode_status(answer)]
 

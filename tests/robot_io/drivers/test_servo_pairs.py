@@ -202,14 +202,11 @@ def test_the_wrong_sense_is_refused_as_soon_as_the_arm_is_read():
         assert bench.bus.sample is None
 
 
-def test_the_second_has_the_torque_constant_of_the_first():
+def test_the_second_has_the_torque_constant_of_the_first_and_its_change_ends_a_calibration():
     given = ONE | {"torque_constant_nm_a": 2.0, "reversed": True, "zero_rad": 1.0, "homing_offset": 5}
     (servo,) = validate(DynamixelSettings, {"port": "p", "servos": [given | {"second": {"id": 4}}]}).servos
     assert servo.second.torque_constant_nm_a == 2.0
     assert (servo.second.reversed, servo.second.zero_rad, servo.second.homing_offset) == (False, pi, None)
-
-
-def test_a_calibration_outlives_another_tolerance_and_no_other_second():
     text = DYNAMIXEL.read_text(encoding="utf-8").replace(*DYNAMIXEL_PAIR)
     bus = "    driver: dynamixel_bus\n"
     wider = text.replace(bus, bus + "    pair_tolerance_rad: 0.1\n")

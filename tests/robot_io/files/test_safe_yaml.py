@@ -10,7 +10,7 @@ from palpate.robot_io.errors import InputError
 from palpate.robot_io.files.file_model import YamlDocument, load_yaml, parse_yaml
 
 
-def test_values_are_what_they_look_like():
+def test_values_are_what_they_look_like_and_every_key_knows_its_line():
     text = """
 a: [1, -2.5, 1e3, 0x1F, true, null, ~, .inf]
 b: [yes, off, 1:30, 2024-01-01, 012x, '7', "true"]
@@ -20,9 +20,6 @@ c:
     assert document.data["a"] == [1, -2.5, 1000.0, 31, True, None, None, float("inf")]
     assert document.data["b"] == ["yes", "off", "1:30", "2024-01-01", "012x", "7", "true"]
     assert document.data["c"] is None
-
-
-def test_every_key_knows_its_line():
     document = parse_yaml("a: 1\n\n# note\nb:\n  c: 2\n  d:\n  - x: 1\n  - y\n", "f.yaml")
     assert document.line_of(("b",)) == 4
     assert document.line_of(("b", "c")) == 5

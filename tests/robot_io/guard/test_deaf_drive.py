@@ -294,14 +294,11 @@ def test_what_says_nothing_new_of_a_drive_accuses_it_of_nothing(show):
         check.sent(k * DT, [3.0, 0.0])
 
 
-def test_after_a_pause_it_begins_anew():
+def test_without_commands_nothing_is_expected_and_after_a_pause_it_begins_anew():
     """The drive's own watchdog has let go meanwhile, and it takes some time to come back."""
     check, shows = UnresponsiveDrives(LIMITS), deaf(500, until=531)
     assert ticks_until_named(check, shows, lambda k: 3.0, count=300) is None
     assert ticks_until_named(check, shows, lambda k: 3.0, first=500, count=600) is None
-
-
-def test_without_commands_nothing_is_expected():
     check = UnresponsiveDrives(LIMITS)
     for k in range(500):
         assert check.problem(measured(k * DT, [0.01 * (k % 3), 0.0])) is None

@@ -415,11 +415,9 @@ class TestWeight:
         held = [limited(guard, torque(0, 0), measured(0.025 * k), 0.025)[0] for k in (1, 2, 3)]
         assert held == pytest.approx([4.0, 4.0, 4.0 * (1.0 - 0.025 / 0.2)])
 
-    def test_an_arm_heavier_than_its_model_is_held_with_more(self):
+    def test_an_arm_heavier_than_its_model_is_held_with_more_within_the_torque_limit(self):
         sent, _ = self.stop(velocity=lambda tick: [-2.0, 0.0], ticks=200)
         assert sent[-1][0] == pytest.approx(1.25 * 4.0 + 2.0 * 2.0)
-
-    def test_the_torque_limit_holds(self):
         sent, _ = self.stop(weight=(99.0, -99.0), ticks=40)
         assert sent == pytest.approx(np.tile([10.0, -5.0], (40, 1)))
 

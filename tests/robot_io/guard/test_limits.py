@@ -44,12 +44,9 @@ def test_an_arm_has_a_joint(model, key):
         model(**(LIMITS if model is Limits else SAFE_STATE) | {key: ()})
 
 
-def test_positions_need_room_between_them():
+def test_an_arm_is_lowered_as_documented_and_positions_need_room():
     with pytest.raises(ValidationError, match="not below"):
         Limits(**LIMITS | {"position_min_rad": (1.0,)})
-
-
-def test_an_arm_is_lowered_as_documented():
     (lower_time_s,) = re.findall(r"`lower_time_s` \((\d+) s by default\)", PAGE.read_text(encoding="utf-8"))
     safe_state = SafeState(**SAFE_STATE)
     assert safe_state.lower_time_s == float(lower_time_s)

@@ -96,16 +96,13 @@ def test_a_coarse_sensor_that_alternates_on_an_edge_may_be_still_in_the_middle_o
     assert ticks_until_named(StuckForce(LIMIT_S), forces_n) is None
 
 
-def test_a_sensor_that_only_the_motion_shakes_may_be_still_while_the_arm_stands():
+def test_neither_motion_nor_a_trembling_encoder_makes_a_still_sensor_a_stuck_one():
     forces_n = held(0.0, 5.0, air_std=0.1, hold_std=0.001, step=0.02)
     speeds = np.where(np.arange(len(forces_n)) < AIR + PRESS, MOVING_RAD_S, 0.0)
     assert ticks_until_named(StuckForce(LIMIT_S), forces_n, speeds_rad_s=speeds) is None
     speeds[-1000:] = MOVING_RAD_S  # and when it moves on, it is no longer excused
     tick, _ = ticks_until_named(StuckForce(LIMIT_S), forces_n, speeds_rad_s=speeds)
     assert tick <= len(forces_n) - 1000 + 10
-
-
-def test_an_encoder_that_trembles_does_not_move():
     forces_n = held(0.0, 5.0, air_std=0.1, hold_std=0.001, step=0.02)
     trembles = np.where(np.arange(len(forces_n)) % 2, 1.5, -1.5)  # a step of 1.5 mrad, to and fro
     trembles[: AIR + PRESS] = MOVING_RAD_S
@@ -127,18 +124,12 @@ def test_a_blow_that_rings_does_not_make_a_coarse_sensor_a_noisy_one():
     assert ticks_until_named(StuckForce(LIMIT_S), forces_n) is None
 
 
-def test_the_limit_is_the_robot_file_s():
+def test_the_limit_is_the_robot_file_s_and_longer_for_a_sensor_that_repeats_itself():
     tick, _ = ticks_until_named(StuckForce(0.1), frozen(noise(4000), 2000))
     assert 2100 <= tick <= 2102
-
-
-def test_a_row_must_be_much_longer_than_any_before_it():
     forces_n = np.concatenate([noise(500), np.full(16, 1.0), noise(500, seed=1), np.full(200, 2.0)])
     tick, _ = ticks_until_named(StuckForce(LIMIT_S), forces_n)
     assert tick == 1016 + 46  # three times its 15 that were equal to the one before, and one
-
-
-def test_the_more_it_repeats_itself_the_longer_it_takes():
     lazy = noise(6000, every=4, std=0.05)
     tick, _ = ticks_until_named(StuckForce(LIMIT_S), frozen(lazy, 3000))
     assert 3000 + 60 < tick < 3000 + 100
@@ -157,22 +148,16 @@ def test_a_row_that_is_chance_in_such_a_sensor_accuses_nobody(seed, row, accused
     assert (ticks_until_named(StuckForce(5e-3), forces_n) is not None) is accused
 
 
-def test_the_first_few_equal_samples_may_be_chance():
+def test_neither_old_samples_nor_the_first_equal_ones_are_a_stuck_sensor():
     forces_n = np.concatenate([noise(150), np.full(5, 1.0), noise(10)])
     assert ticks_until_named(StuckForce(1e-3), forces_n) is None
     forces_n = np.concatenate([noise(150), np.full(300, 1.0)])
     tick, _ = ticks_until_named(StuckForce(1e-3), forces_n)
     assert 156 <= tick <= 175
-
-
-def test_old_samples_are_old_and_not_stuck():
     check = StuckForce(LIMIT_S)
     assert ticks_until_named(check, noise(1000)) is None
     old = measured(1.0, [0.0, 0.0])._replace(force_n=0.1, force_at_s=1.0)
     assert all(check.problem(old._replace(time_s=1.0 + 1e-3 * k)) is None for k in range(200))
-
-
-def test_nobody_knows_a_sensor_by_its_first_samples():
     wave = np.tile([0.0, 1.0, 0.0, 2.0], 100)
     first_99, first_100 = (ticks_until_named(StuckForce(LIMIT_S), frozen(wave, at)) for at in (98, 99))
     assert first_99 is None

@@ -75,14 +75,11 @@ def test_a_time_that_does_not_go_on_is_believed_with_the_next(times_us, taken):
     assert not stream.complaint
 
 
-def test_the_sensors_time_begins_anew_after_71_minutes():
+def test_the_sensors_time_begins_anew_after_71_minutes_and_a_restart_is_named():
     stream = BotaStream("y", 100.0)
     times_us = (2**32 - 2250, 2**32 - 1000, 250)
     assert stream.feed(b"".join(bota_frame(0, ONES, time_us) for time_us in times_us)) == [-2.0, -2.0]
     assert not stream.complaint
-
-
-def test_a_sensor_that_has_restarted_is_named():
     stream, _ = fed(*(bota_frame(0, ONES, time_us) for time_us in (10_000, 2**32 - 10_000, 2**32 - 8_750)))
     assert "has restarted" in stream.complaint
 

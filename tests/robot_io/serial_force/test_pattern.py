@@ -118,18 +118,12 @@ def test_any_portions_give_the_same_readings(values, data):
     assert stream.rejected == 0
 
 
-def test_what_was_not_seen_from_its_beginning_is_no_reading():
+def test_neither_a_cut_line_nor_one_too_large_nor_an_endless_one_is_a_reading():
     """The last digits of 123.4567 would be a fine number."""
     assert loadstar_stream(1.0, 100.0).feed(b"4567\r\n   1.0000\r\n") == [1.0]
-
-
-def test_more_than_the_sensor_can_feel_is_no_reading():
     stream = loadstar_stream(1.0, 100.0)
     assert stream.feed(b"\r\n  201.0000\r\n  199.0000\r\n") == [199.0]
     assert stream.rejected == 1
-
-
-def test_an_endless_line_takes_no_memory():
     stream = loadstar_stream(1.0, 100.0)
     for _ in range(1000):
         assert stream.feed(b"1" * 100) == []
@@ -173,15 +167,12 @@ def test_another_unit_is_no_reading_and_named_once_it_is_no_damage():
     assert stream.complaint == "the gauge says '*22 value too large'"
 
 
-def test_one_question_is_out_at_a_time():
+def test_one_question_is_out_at_a_time_and_a_late_answer_is_not_taken_for_the_next_one():
     poll = Poll(b"?", b"!")
     assert [poll.to_send(time_s) for time_s in (0.0, 0.01)] == [b"?", b""]
     assert poll.answered(0.011) == 0.0
     assert poll.answered(0.012) is None  # nobody asked for this one
     assert poll.to_send(0.02) == b"?"
-
-
-def test_an_answer_that_does_not_come_is_not_taken_for_the_next_one():
     poll = Poll(b"?", b"!")
     asked = [time_s / 1e3 for time_s in range(1000) if poll.to_send(time_s / 1e3)]
     assert asked[1] >= 0.1 + 0.25
@@ -201,22 +192,16 @@ def used_poll():
     return poll
 
 
-def test_after_a_lost_answer_the_next_question_comes_at_once_behind_a_marker():
+def test_after_a_lost_answer_the_next_question_has_a_marker_and_without_its_answer_it_waits():
     poll = used_poll()
     assert [poll.to_send(2.0 + 1e-3 * tick) for tick in range(1, 6)] == [b"", b"", b"!?", b"", b""]
     assert poll.answered(2.0045) is None  # a late answer to the question before
     poll.marked()
     assert poll.answered(2.006) == 2.003
-
-
-def test_where_the_marker_is_not_answered_either_the_gauge_is_left_alone():
     poll = used_poll()
     sent = {tick: poll.to_send(2.0 + 1e-3 * tick) for tick in range(1, 353)}
     assert [tick for tick, data in sent.items() if data] == [3, 350]
     assert poll.answered(2.352) == pytest.approx(2.35)
-
-
-def test_what_is_before_the_marker_s_answer_is_no_reading():
     poll = used_poll()
     stream = Mark10Stream("N", 100.0, "M7-50", poll)
     assert stream.feed(b"1.00 N\r\nM7-50\r\n3.00 N\r\n") == [3.0]

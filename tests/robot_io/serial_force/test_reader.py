@@ -219,17 +219,14 @@ def test_a_rate_that_is_off_is_followed_and_what_becomes_late_shows_all_the_same
     assert min(ages_s[4_000:]) > 0.009  # 0.15 % of 2 s may be the clocks
 
 
-def test_after_a_long_silence_readings_are_not_late_for_ever():
+def test_neither_a_long_silence_nor_a_late_look_makes_later_readings_late():
     own_time = OwnTime(longest_gap_s=0.8)
     own_time.goes_on(PERIOD_S)
     own_time.sampled_at_s(1.0, prompt=True)
     for arrived_s in (3.0, 3.0 + PERIOD_S):
         own_time.goes_on(PERIOD_S)
         assert own_time.sampled_at_s(arrived_s, prompt=True) == pytest.approx(arrived_s, abs=1e-5)
-
-
-def test_a_look_that_was_late_makes_no_later_reading_late():
-    """Its bytes are taken to be as old as the look before: that is no short way from the sensor."""
+    # Its bytes are taken to be as old as the look before: that is no short way from the sensor.
     late_s = [0.0] * 5 + [-0.02] + [0.0] * 5
     assert max(dated(late_s, prompt=[late == 0.0 for late in late_s])) < 1e-4
 

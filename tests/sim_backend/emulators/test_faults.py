@@ -11,23 +11,14 @@ def hits(faults, kind=FaultKind.DROP, device=1, times_s=range(10)):
     return [time_s for time_s in times_s if faults.strikes(kind, device, time_s)]
 
 
-def test_nothing_is_planned_nothing_goes_wrong():
+def test_a_fault_strikes_in_its_window_its_device_and_as_often_as_it_may():
     assert hits(Faults()) == []
-
-
-def test_a_fault_strikes_in_its_window_only_counted_from_the_start():
     faults = Faults([Fault(kind=FaultKind.DROP, from_s=2, for_s=3)], start_s=1)
     assert hits(faults) == [3, 4, 5]
-
-
-def test_a_fault_strikes_its_device_only_and_no_device_means_all():
     faults = Faults([Fault(kind=FaultKind.DROP, device=2), Fault(kind=FaultKind.STUCK)])
     assert hits(faults, device=1) == []
     assert len(hits(faults, device=2)) == 10
     assert len(hits(faults, FaultKind.STUCK, "force")) == 10
-
-
-def test_a_fault_strikes_as_often_as_it_may():
     faults = Faults([Fault(kind=FaultKind.DROP, times=3)])
     assert hits(faults) == [0, 1, 2]
     faults.add(Fault(kind=FaultKind.DROP, times=1))

@@ -82,10 +82,7 @@ def test_what_takes_longer_than_its_limit_and_two_ticks_has_a_reason():
     assert {*slow, *deaf} <= {row.label for row in ROWS if row.because}
 
 
-def test_no_row_is_there_twice():
+def test_no_row_is_there_twice_and_the_document_is_up_to_date():
     assert len({row.label for row in ROWS}) == len(ROWS)
-
-
-def test_the_document_is_up_to_date():
-    """Otherwise run `.venv/bin/python docs/make_fault_matrix.py`."""
+    # Otherwise run `.venv/bin/python docs/make_fault_matrix.py`.
     assert DOCUMENT.read_text(encoding="utf-8") == document(ROWS)
