@@ -28,6 +28,7 @@ import numpy as np
 import python_calamine
 import yaml
 from numpy.typing import NDArray
+from scipy.integrate import cumulative_trapezoid
 from scipy.io import loadmat
 
 Columns = Mapping[str, NDArray[np.float64]]
@@ -136,12 +137,14 @@ def read_workbook(content: bytes, options: Mapping[str, Any]) -> list[Columns]:
 
     Args:
         content: bytes of the file.
-        options: `sheet`: number of the sheet (default 0), or `sheets`: pattern of the names of several.
+        options: `sheet`: number of the sheet (default 0), or `sheets`: pattern of the names of several, or a
+            list of names.
     """
     book = python_calamine.CalamineWorkbook.from_filelike(io.BytesIO(content))
     chosen = book.sheet_names[options.get("sheet", 0) :][:1]
     if "sheets" in options:
-        chosen = fnmatch.filter(book.sheet_names, options["sheets"])
+        wanted = options["sheets"]
+        chosen = wanted if isinstance(wanted, list) else fnmatch.filter(book.sheet_names, wanted)
     skip = options.get("skip", 1)
     tables: list[Columns] = []
     for sheet in chosen:
@@ -156,6 +159,7 @@ def read_matlab(content: bytes, options: Mapping[str, Any]) -> list[Columns]:
     """Read vectors and columns of matrices of a MATLAB file (up to version 7.2): `x`, `x.0`, `x.1` ...
 
     A field of a structure is named after both, `s.x`; in an array of structures, `s.0.x`, `s.1.x` ...
+    An array of three dimensions holds repeated readings; the mean over its last dimension is taken.
     """
     del options
     return [_columns_of(loadmat(io.BytesIO(content)))]
@@ -179,6 +183,8 @@ def _columns_of(arrays: Mapping[str, Any]) -> Columns:
         elif isinstance(value, np.ndarray) and value.dtype.names:
             for i, item in enumerate(value.ravel()):
                 columns |= _columns_of({f"{name}.{i}.{key}": item[key] for key in value.dtype.names})
+        if isinstance(value, np.ndarray) and value.ndim == 3 and value.dtype.kind in "fiu":
+            value = value.mean(axis=2)
         if isinstance(value, np.ndarray) and value.ndim == 2 and value.dtype.kind in "fiu" and value.size > 1:
             matrix = np.asarray(value if value.shape[0] >= value.shape[1] else value.T, dtype=np.float64)
             columns |= {name: matrix[:, 0]} | {f"{name}.{i}": matrix[:, i] for i in range(matrix.shape[1])}
@@ -316,6 +322,7 @@ def _column(tables: Columns, spec: Mapping[str, Any], item: str) -> NDArray[np.f
     """One output column: factors times columns, or row numbers times `step`; less its start or mean.
 
     `item` stands for {} in the names of columns. `unwrap` is the period of an encoder that starts anew.
+    `signed_by` names the column whose sign the values take, where only their size was measured.
     """
     count = len(next(iter(tables.values())))
     values: NDArray[np.float64] = np.arange(count, dtype=np.float64) * float(spec.get("step", 0.0))
@@ -324,6 +331,8 @@ def _column(tables: Columns, spec: Mapping[str, Any], item: str) -> NDArray[np.f
     values = values + float(spec.get("offset", 0.0))
     if "unwrap" in spec:
         values = np.unwrap(values, period=float(spec["unwrap"]))
+    if "signed_by" in spec:
+        values = values * np.sign(tables[str(spec["signed_by"])])
     zero = spec.get("zero")
     if zero is None:
         return values
@@ -351,8 +360,9 @@ def _tables(recipe: Mapping[str, Any], origin: Origin) -> Iterator[tuple[str, li
     """Tables of each file, as `join`, `chain`, `each` and `restarts` make them.
 
     `join`: names under which several files make one table, whose columns are NAME.COLUMN (NAME the first).
-    `chain`: columns that are made of others, one below the other. `each`: texts that stand for {} in the
-    recipe's columns, a run each. `restarts`: the column that falls where a new run begins.
+    `backwards`: those of these files whose rows are read in reverse order. `chain`: columns that are made of
+    others, one below the other. `each`: texts that stand for {} in the recipe's columns, a run each.
+    `restarts`: the column that falls where a new run begins.
     """
     read, paths = recipe["read"], _files(recipe, origin)
     reader, joined = READERS[read["format"]], read.get("join", [])
@@ -360,7 +370,10 @@ def _tables(recipe: Mapping[str, Any], origin: Origin) -> Iterator[tuple[str, li
         tables = reader(origin.read(paths[first]), read)
         if joined:
             parts = zip(joined, paths[first : first + len(joined)], strict=True)
-            tables = [_joined({name: reader(origin.read(path), read)[0] for name, path in parts})]
+            joint = {name: reader(origin.read(path), read)[0] for name, path in parts}
+            for name in read.get("backwards", []):
+                joint[name] = {column: values[::-1] for column, values in joint[name].items()}
+            tables = [_joined(joint)]
         if chain := read.get("chain"):
             tables = [
                 {name: np.concatenate([table[key] for key in keys]) for name, keys in chain.items()}
@@ -395,7 +408,8 @@ def runs_of(recipe: Mapping[str, Any], origin: Origin) -> list[tuple[str, dict[s
         origin: the repository that it names.
 
     Returns:
-        Name of the file and the output columns of each run, decimated by block means of `every` rows.
+        Name of the file and the output columns of each run, decimated by block means of `every` rows. Runs
+        with fewer rows than `shortest` are left out.
     """
     read = recipe["read"]
     runs: list[tuple[str, dict[str, NDArray[np.float64]]]] = []
@@ -412,12 +426,16 @@ def runs_of(recipe: Mapping[str, Any], origin: Origin) -> list[tuple[str, dict[s
             for name, spec in recipe["columns"].items():
                 if "of_file" in spec:
                     columns[name] = np.full(count, float(spec["of_file"][number]))
+                if spec.get("integral"):
+                    columns[name] = cumulative_trapezoid(columns[name], columns["time_s"], initial=0.0)
             kept = np.all([np.isfinite(values) for values in columns.values()], axis=0)
             time = columns["time_s"]  # it stands still where a row was written twice
             kept &= np.concatenate([[True], time[1:] > np.maximum.accumulate(time)[:-1]])
             for name, (low, high) in read.get("within", {}).items():
                 kept &= (columns[name] >= low) & (columns[name] <= high)
             columns = {name: values[kept] for name, values in columns.items()}
+            if kept.sum() < read.get("shortest", 0):
+                continue
             if "thin" in read:
                 columns = _thin(columns, read["thin"])
             if "surface" in read:

@@ -248,6 +248,64 @@ def test_sheets_that_match_are_runs(tmp_path: Path) -> None:
     ]
 
 
+def test_sheets_of_a_list_are_runs_in_its_order(tmp_path: Path) -> None:
+    book = openpyxl.Workbook()
+    for number, name in enumerate(("slow", "fast", "notes")):
+        sheet = book.active if number == 0 else book.create_sheet()
+        assert sheet is not None
+        sheet.title = name
+        for row in (["t", "x", "F"], [0.0, number, 1.0], [1.0, number, 2.0]):
+            sheet.append(row)
+    book.save(tmp_path / "a.xlsx")
+    read = {"format": "workbook", "sheets": ["fast", "slow"], "files": ["a.xlsx"]}
+    columns = {"time_s": {"sum": {"t": 1.0}}, "x_m": {"sum": {"x": 1.0}}}
+    convert({"read": read, "columns": columns}, Origin(tmp_path, ""), tmp_path / "out")
+    assert [(row["run"], row["x_m"]) for row in rows_of(tmp_path / "out")] == [(0, 1), (0, 1), (1, 0), (1, 0)]
+
+
+def test_speed_is_integrated_and_gives_a_size_its_sign(tmp_path: Path) -> None:
+    speed = np.array([0.0, 1.0, 2.0, -1.0, -1.0])
+    np.savez(tmp_path / "a.npz", time=0.5 * np.arange(5), v=speed, current=np.arange(1.0, 6.0))
+    columns = {
+        "time_s": {"sum": {"time": 1.0}},
+        "position_rad": {"sum": {"v": 2.0}, "integral": True},
+        "torque_Nm": {"sum": {"current": 3.0}, "signed_by": "v"},
+    }
+    recipe = {"read": {"format": "numpy", "files": ["a.npz"]}, "columns": columns}
+    convert(recipe, Origin(tmp_path, ""), tmp_path / "out")
+    table = rows_of(tmp_path / "out")
+    np.testing.assert_allclose([row["position_rad"] for row in table], [0.0, 0.5, 2.0, 2.5, 1.5])
+    np.testing.assert_allclose([row["torque_Nm"] for row in table], [0.0, 6.0, 9.0, -12.0, -15.0])
+
+
+def test_joined_file_is_read_backwards_and_short_runs_are_left_out(tmp_path: Path) -> None:
+    (tmp_path / "down.txt").write_text("0;10\n1;11\n2;12\n")
+    (tmp_path / "up.txt").write_text("0;20\n1;21\n2;22\n")
+    read = {"format": "text", "delimiter": ";", "join": ["down", "up"], "backwards": ["up"]}
+    chain = {"x": ["down.0", "up.0"], "F": ["down.1", "up.1"]}
+    columns = {"time_s": {"step": 1.0}, "x_m": {"sum": {"x": 1.0}}, "force_N": {"sum": {"F": 1.0}}}
+    recipe = {"read": {**read, "chain": chain, "files": ["down.txt", "up.txt"]}, "columns": columns}
+    convert(recipe, Origin(tmp_path, ""), tmp_path / "out")
+    table = rows_of(tmp_path / "out")
+    assert [row["x_m"] for row in table] == [0, 1, 2, 2, 1, 0]
+    assert [row["force_N"] for row in table] == [10, 11, 12, 22, 21, 20]
+    (tmp_path / "clock.txt").write_text("0;1\n1;2\n2;3\n0;4\n0;5\n1;6\n2;7\n")
+    falling = {"format": "text", "delimiter": ";", "restarts": "0", "shortest": 3, "files": ["clock.txt"]}
+    columns = {"time_s": {"sum": {"0": 1.0}}, "force_N": {"sum": {"1": 1.0}}}
+    convert({"read": falling, "columns": columns}, Origin(tmp_path, ""), tmp_path / "out")
+    assert [row["run"] for row in rows_of(tmp_path / "out")] == [0, 0, 0, 1, 1, 1]
+
+
+def test_repeated_readings_of_a_matlab_array_are_averaged(tmp_path: Path) -> None:
+    readings = np.arange(24.0).reshape(2, 4, 3)  # two joints, four positions, three readings
+    savemat(tmp_path / "a.mat", {"q": readings})
+    columns = {"time_s": {"step": 1.0}, "position_rad": {"sum": {"q.1": 1.0}}}
+    recipe = {"read": {"format": "matlab", "files": ["a.mat"]}, "columns": columns}
+    convert(recipe, Origin(tmp_path, ""), tmp_path / "out")
+    table = rows_of(tmp_path / "out")
+    np.testing.assert_allclose([row["position_rad"] for row in table], readings[1].mean(axis=1))
+
+
 def test_conversion_reads_the_commit_of_a_repository_and_not_its_work_tree(tmp_path: Path) -> None:
     def git(*arguments: str) -> str:
         command = [
