@@ -14,8 +14,9 @@ from palpate.robot_io.types import Command, FloatArray, Measurement, clip
 GravityModel = Callable[[FloatArray], FloatArray]
 """Joint positions (n,) [rad] to the torques (n,) [N m] that hold the arm still there."""
 
-_MOST_SUPPORT = 1.25  # of the modeled weight: the arm may be heavier than its model, but not by more
-_FADE_SHARE, _LAST_SHARE = 0.5, 0.25  # of the lowering time
+_MOST_SUPPORT = 1.25  # multiple of the modeled weight: the arm may be heavier than its model, but not by more
+_FADE_SHARE = 0.5  # share of the lowering time in which the torque fades on a support
+_LAST_SHARE = 0.25  # share of the lowering time, at its end, in which the rest fades anywhere
 
 
 class SafeStop:
@@ -41,9 +42,8 @@ class SafeStop:
     """
 
     def __init__(self, limits: Limits, safe_state: SafeState, gravity_nm: GravityModel | None) -> None:
-        self._brakes = tuple(
-            zip(safe_state.damping_nms_rad, limits.velocity_rad_s, limits.torque_nm, strict=True)
-        )
+        damping_nms_rad = safe_state.damping_nms_rad
+        self._brakes = tuple(zip(damping_nms_rad, limits.velocity_rad_s, limits.torque_nm, strict=True))
         self._brake_time_s = safe_state.stop_time_s
         self._fade_s = _FADE_SHARE * safe_state.lower_time_s
         self._last_s = _LAST_SHARE * safe_state.lower_time_s
@@ -68,10 +68,8 @@ class SafeStop:
             stopping_s: time since the trip [s].
             dt_s: time since the last tick [s].
         """
-        velocities = [
-            velocity if known else 0.0
-            for velocity, known in zip(measurement.joint_velocity_rad_s.tolist(), trusted, strict=True)
-        ]
+        pairs = zip(measurement.joint_velocity_rad_s.tolist(), trusted, strict=True)
+        velocities = [velocity if is_trusted else 0.0 for velocity, is_trusted in pairs]
         weights_nm = self._weights_nm(measurement.joint_position_rad)
         if stopping_s > self._brake_time_s:
             # The support for this tick.
@@ -167,8 +165,8 @@ class Guard:
         self._trip: Trip | None = None
         self._stopping_s = 0.0  # sum of the time steps since the trip
         self._finished = False
-        self._previous_nm: list[float] = []  # sent torques,
-        self._previous_s = -inf  # and when
+        self._previous_nm: list[float] = []  # torques of the last command [N m]
+        self._previous_s = -inf  # time of the last command [s]
         self.torque_clips = 0
         self.rate_clips = 0
 
@@ -209,10 +207,10 @@ class Guard:
             self._tick += 1
         if self._trip is not None:
             return
-        problem = problem or self._checks.violation(measurement)
-        # Contradictions between samples that are each plausible.
+        # The last two find contradictions between samples that are each plausible.
         problem = (
             problem
+            or self._checks.violation(measurement)
             or self._unresponsive_drives.problem(measurement)
             or self._stuck_force.problem(measurement)
         )

@@ -47,21 +47,15 @@ class Limits(FileModel):
 
     @model_validator(mode="after")
     def _agree(self) -> "Limits":
-        for name in (
-            "torque_rate_nm_s",
-            "position_min_rad",
-            "position_max_rad",
-            "velocity_rad_s",
-            "tracking_rad",
-        ):
+        names = ("torque_rate_nm_s", "position_min_rad", "position_max_rad", "velocity_rad_s", "tracking_rad")
+        for name in names:
             count = len(getattr(self, name))
             if count != self.joint_count:
                 raise ValueError(
                     f"{name} has {count} values, torque_nm has {self.joint_count}: one per joint"
                 )
-        for joint, (low, high) in enumerate(
-            zip(self.position_min_rad, self.position_max_rad, strict=True), 1
-        ):
+        ranges_rad = zip(self.position_min_rad, self.position_max_rad, strict=True)
+        for joint, (low, high) in enumerate(ranges_rad, 1):
             if low >= high:
                 raise ValueError(
                     f"position_min_rad {low} is not below position_max_rad {high} of joint {joint}"
@@ -143,23 +137,22 @@ class LimitChecks:
         )
         if problem is not None:
             return problem
-        for (joint, low, high, fastest), position, velocity in zip(
-            self._motion_limits,
+        positions, velocities = (
             measurement.joint_position_rad.tolist(),
             measurement.joint_velocity_rad_s.tolist(),
-            strict=True,
+        )
+        for (joint, low, high, fastest), position, velocity in zip(
+            self._motion_limits, positions, velocities, strict=True
         ):
             if not low <= position <= high:
-                return Problem(
-                    f"joint {joint} is at {position:.4g} rad, limits {low:.4g} to {high:.4g} rad", _OUTSIDE
-                )
+                limits = f"limits {low:.4g} to {high:.4g} rad"
+                return Problem(f"joint {joint} is at {position:.4g} rad, {limits}", _OUTSIDE)
             if not -fastest <= velocity <= fastest:
-                return Problem(
-                    f"joint {joint} moves at {velocity:.4g} rad/s, limit {fastest:.4g} rad/s", _TOO_FAST
-                )
-        for torque in measurement.joint_torque_nm.tolist():
+                limit = f"limit {fastest:.4g} rad/s"
+                return Problem(f"joint {joint} moves at {velocity:.4g} rad/s, {limit}", _TOO_FAST)
+        for joint, torque in enumerate(measurement.joint_torque_nm.tolist(), 1):
             if not -inf < torque < inf:
-                return Problem(f"a measured torque is {torque} N m")
+                return Problem(f"joint {joint}: its measured torque is {torque} N m, not finite")
         force_n = measurement.force_n
         if not -self._force_n <= force_n <= self._force_n:
             return Problem(f"the contact force is {force_n:.4g} N, limit {self._force_n:.4g} N", _TOO_STRONG)
@@ -205,11 +198,9 @@ class LimitChecks:
             measurement: measurement to check.
             reference_position_rad: shape (n,) [rad].
         """
+        positions, references = measurement.joint_position_rad.tolist(), reference_position_rad.tolist()
         for (joint, limit), position, reference in zip(
-            self._tracking_limits,
-            measurement.joint_position_rad.tolist(),
-            reference_position_rad.tolist(),
-            strict=True,
+            self._tracking_limits, positions, references, strict=True
         ):
             distance = abs(position - reference)
             if not distance <= limit:

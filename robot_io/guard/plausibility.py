@@ -36,7 +36,7 @@ from math import inf, isfinite, log, nan
 from palpate.robot_io.guard.limits import Limits, Problem
 from palpate.robot_io.types import FloatArray, Measurement, Status, clip
 
-_SAMPLES = 5  # new torque samples in that time; with fewer, the drive measures more slowly than it is read
+_SAMPLES = 5  # consecutive equal samples of an encoder before it can be suspect, at any sample rate
 _STEPS = 4  # encoder steps by which the reference must have moved, and
 _TRACKING_SHARE = 0.01  # share of the tracking limit by which it must have moved; or
 _UNKNOWN_SHARE = 0.05  # this share, as long as the size of the encoder's steps is unknown
@@ -53,28 +53,20 @@ class _Joint:
     """State of one joint since its reading last changed."""
 
     __slots__ = (
-        *(
-            "before_rad",
-            "followed_rad",
-            "followed_s",
-            "force_n",
-            "least_rad",
-            "marks",
-            "position_rad",
-            "reference_rad",
-        ),
-        *("samples", "since_s", "step_rad", "still_s", "suspect", "torque_nm", "unknown_rad"),
+        *("before_rad", "followed_rad", "followed_s", "force_n", "least_rad", "marks", "position_rad"),
+        *("reference_rad", "samples", "since_s", "step_rad", "still_s", "suspect"),
+        *("torque_nm", "unknown_rad"),
     )
     marks: tuple[_Mark, _Mark]  # up to one and up to two times `still_s` ago
     position_rad: float
-    samples: int
+    samples: int  # number of equal samples so far
     suspect: bool
 
     def __init__(self, tracking_rad: float, still_s: float) -> None:
         self.still_s = still_s
         self.least_rad = _TRACKING_SHARE * tracking_rad
         self.unknown_rad = _UNKNOWN_SHARE * tracking_rad
-        self.step_rad = inf  # smallest one seen
+        self.step_rad = inf  # smallest change of the reading so far
 
     def begin(
         self, time_s: float, position_rad: float, reference_rad: float, torque_nm: float, force_n: float
@@ -83,7 +75,7 @@ class _Joint:
 
         Args:
             time_s: time of the sample, robot's clock [s].
-            position_rad: positions of the encoder [rad].
+            position_rad: position of the encoder [rad].
             reference_rad: reference position of the controller [rad].
             torque_nm: measured by its drive [N m].
             force_n: force of the force sensor [N].
@@ -98,20 +90,20 @@ class _Joint:
         self.force_n = force_n
 
     @property
-    def most_rad(self) -> float:
-        """Motion that a working encoder must show [rad]."""
+    def visible_rad(self) -> float:
+        """Motion of the reference that a working encoder must show [rad]."""
         known = isfinite(self.step_rad)
         return max(self.least_rad, _STEPS * self.step_rad) if known else self.unknown_rad
 
     def is_suspect(self, time_s: float, moved_rad: float) -> bool:
-        """Whether a sound encoder would have shown that the reference has moved so far, friction aside.
+        """Return whether a working encoder would have shown this motion of the reference, without friction.
 
         Args:
             time_s: robot's clock [s].
             moved_rad: motion of the reference [rad].
         """
         still = self.samples >= _SAMPLES and time_s - self.since_s >= self.still_s - 1e-9
-        return still and abs(moved_rad) > self.most_rad
+        return still and abs(moved_rad) > self.visible_rad
 
     def was_stopped(self, time_s: float, moved_rad: float) -> bool:
         """Return whether the joint followed its reference until it stopped, while the reference continued.
@@ -121,7 +113,7 @@ class _Joint:
             moved_rad: motion of the reference [rad].
         """
         way_rad = self.followed_rad
-        if abs(way_rad) <= self.most_rad or not _FOLLOWED[0] < self.before_rad / way_rad < _FOLLOWED[1]:
+        if abs(way_rad) <= self.visible_rad or not _FOLLOWED[0] < self.before_rad / way_rad < _FOLLOWED[1]:
             return False
         return moved_rad / way_rad > _PACE_SHARE * (time_s - self.since_s) / self.followed_s
 
@@ -272,15 +264,14 @@ class StuckForce:
             self._jump_n, self._force_n = force_n - self._force_n, force_n
             return None
         self._row += 1
-        if self._row > self._enough and sampled_at_s - self._since_s >= self._time_s - 1e-9:
-            if self._rests or not self._has_moved(measurement):
-                return None
-            return Problem(
-                f"force sensor: stuck at {force_n:.4g} N, {self._row + 1} equal samples in a row while the "
-                "arm moved",
-                _SENSOR_REMEDY,
-            )
-        return None
+        is_long = self._row > self._enough and sampled_at_s - self._since_s >= self._time_s - 1e-9
+        if not is_long or self._rests or not self._has_moved(measurement):
+            return None
+        count = self._row + 1
+        problem = (
+            f"force sensor: stuck at {force_n:.4g} N, {count} equal samples in a row while the arm moved"
+        )
+        return Problem(problem, _SENSOR_REMEDY)
 
     def _has_moved(self, measurement: Measurement) -> bool:
         """Return whether the arm has moved since the sequence began."""
@@ -380,11 +371,8 @@ class _Drive:
         self.measured_nm = measured_nm
         if jump_nm > 0.0:
             self.jumps += 1
-            if self.jumps == 1:
-                self.jump_nm = jump_nm
-            else:
-                share = max(_JUMP_SHARE, 1.0 / self.jumps)
-                self.jump_nm += (jump_nm - self.jump_nm) * share
+            mean_nm = self.jump_nm if self.jumps > 1 else 0.0
+            self.jump_nm = mean_nm + (jump_nm - mean_nm) * max(_JUMP_SHARE, 1.0 / self.jumps)
 
     @property
     def least_sent_nm(self) -> float:
@@ -420,7 +408,8 @@ class UnresponsiveDrives:
 
     def restart(self) -> None:
         """Reset all state, for example after the torque was off."""
-        self._sampled_at_s = self._sent_at_s = self._begun_s = self._stretch_s = -inf
+        # Times of the newest sample and command, of the first command, and of the present interval.
+        self._sampled_at_s = self._sent_at_s = self._begun_s = self._interval_s = -inf
         self._drives = tuple(map(_Drive, self._torques_nm))
 
     def sent(self, time_s: float, torque_nm: list[float]) -> None:
@@ -432,11 +421,11 @@ class UnresponsiveDrives:
         """
         if time_s - self._sent_at_s > _PAUSE_S:
             self.restart()
-            self._begun_s = self._stretch_s = time_s
+            self._begun_s = self._interval_s = time_s
         self._sent_at_s = time_s
-        is_next = time_s - self._stretch_s >= _LATE_S
+        is_next = time_s - self._interval_s >= _LATE_S
         if is_next:
-            self._stretch_s = time_s
+            self._interval_s = time_s
         for drive, torque in zip(self._drives, torque_nm, strict=True):
             drive.widen(torque, is_next=is_next)
 

@@ -47,15 +47,13 @@ class SessionMetadata:
             if self.created_utc:
                 datetime.fromisoformat(self.created_utc)
         except ValueError as error:
-            raise InputError(
-                f"session metadata 'created_utc': {self.created_utc!r} is not ISO 8601"
-            ) from error
+            problem = f"{self.created_utc!r} is not ISO 8601"
+            raise InputError(f"session metadata 'created_utc': {problem}") from error
 
     def to_strings(self) -> dict[str, str]:
         """Convert all fields except `extra` to text for the file's header."""
-        return {name: getattr(self, name) for name in _TEXTS} | {
-            "seed": "" if self.seed is None else str(self.seed)
-        }
+        seed = "" if self.seed is None else str(self.seed)
+        return {name: getattr(self, name) for name in _TEXTS} | {"seed": seed}
 
     @classmethod
     def from_strings(cls, strings: Mapping[str, str], extra: Mapping[str, str]) -> "SessionMetadata":

@@ -104,7 +104,7 @@ def _damaged(error: Exception) -> SessionError:
     return SessionError(f"damaged: {error}")
 
 
-class Growing:
+class GrowingFile:
     """A file that is still being written, of which each part is read once.
 
     Attributes:
@@ -113,9 +113,9 @@ class Growing:
 
     def __init__(self) -> None:
         self._scanner = _Scanner(BytesIO(), None)
-        self.read_bytes = len(MCAP0_MAGIC)  # from the beginning, that need not be given again
+        self.read_bytes = len(MCAP0_MAGIC)
 
-    def more(self, data: bytes) -> Scan:
+    def read(self, data: bytes) -> Scan:
         """Read new data.
 
         Args:
@@ -229,7 +229,7 @@ class _Scanner:
 
 
 def _records(data: bytes, at: int) -> Iterator[tuple[int, int, int]]:
-    """Opcode, start and end of each whole record from the place `at` on."""
+    """Yield opcode, start and end of each whole record from the place `at` on."""
     while at + _RECORD.size <= len(data):
         opcode, length = _RECORD.unpack_from(data, at)
         start = at + _RECORD.size
@@ -347,7 +347,7 @@ class McapFile:
 
 
 def _nanoseconds(time_s: NDArray[np.float64]) -> list[int]:
-    """Times for MCAP, which knows no negative ones; the exact time stays in the record."""
+    """Convert times for MCAP, which has no negative ones; the exact time stays in the record."""
     clipped = np.clip(np.nan_to_num(time_s, nan=0.0), 0.0, 9e9)
     nanoseconds: list[Any] = np.rint(clipped * 1e9).astype(np.uint64).tolist()
     return nanoseconds

@@ -14,7 +14,7 @@ from palpate.robot_io.session.mcap_file import (
     EXTRA_RECORD,
     FORMAT_VERSIONS,
     HEADER_RECORD,
-    Growing,
+    GrowingFile,
     Scan,
     scan,
 )
@@ -71,15 +71,16 @@ class Session:
             version = header.get("format_version", "")[:20]
             raise SessionError(f"format version '{version}'; this palpate reads {', '.join(FORMAT_VERSIONS)}")
         samples = {stream.name: _samples(stream, content) for stream in _streams(header)}
-        dropped = sum(
+        events = tuple(map(decode_event, content.messages.get(EVENT_STREAM, [])))
+        dropped = [
             _dropped(content, name, len(sample), sample.stream.batch) for name, sample in samples.items()
-        )
+        ]
         return cls(
             path=path,
             metadata=SessionMetadata.from_strings(header, content.metadata.get(EXTRA_RECORD, {})),
-            events=tuple(decode_event(message) for message in content.messages.get(EVENT_STREAM, [])),
+            events=events,
             truncated=not content.complete,
-            dropped=dropped + _dropped(content, EVENT_STREAM, len(content.messages.get(EVENT_STREAM, []))),
+            dropped=sum(dropped) + _dropped(content, EVENT_STREAM, len(events)),
             _samples=samples,
         )
 
@@ -135,7 +136,7 @@ class Follower:
 
     def __init__(self, path: Path, stream_name: str, last: int) -> None:
         self._path, self._name, self._last = path, stream_name, last
-        self._file = Growing()
+        self._file = GrowingFile()
         self._wire: WireFormat | None = None
         self._records: deque[bytes] = deque(maxlen=last)
         self.count = 0
@@ -150,7 +151,7 @@ class Follower:
         try:
             with self._path.open("rb") as file:
                 file.seek(self._file.read_bytes)
-                content = self._file.more(file.read(MAX_FILE_BYTES))
+                content = self._file.read(file.read(MAX_FILE_BYTES))
         except OSError as error:
             raise SessionError(f"{self._path}: cannot be read: {error.strerror}") from error
         new = content.messages.get(self._name, [])
@@ -198,7 +199,7 @@ def _samples(stream: Stream, content: Scan) -> Samples:
 
 
 def _dropped(content: Scan, stream_name: str, count: int, batch: int = 1) -> int:
-    """Sequence numbers without a record: in the gaps, and after the last one if the file knows its end."""
+    """Count sequence numbers without a record: in gaps, and after the last one if the file states its end."""
     numbers = content.sequence[stream_name]
     in_last = count - (len(numbers) - 1) * batch
     offered = numbers[-1] + in_last if count else 0

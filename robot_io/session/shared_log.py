@@ -21,7 +21,7 @@ from palpate.robot_io.errors import InputError, SessionError
 from palpate.robot_io.session.event import EVENT_STREAM, MAX_EVENT_BYTES
 from palpate.robot_io.session.stream import Record, RecordArray, Stream
 
-_WAIT_S, _POLL_S = 1.0, 0.01  # for a program that only checks for a lock
+_WAIT_S, _POLL_S = 1.0, 0.01  # limit and period of waiting for a program that only checks for a lock
 
 
 def lock(file: BinaryIO) -> None:

@@ -192,7 +192,9 @@ class Samples:
             stream: stream of the columns.
             columns: arrays of shape (n,) or (n, width).
         """
-        return cls(stream, _read_only(columns))
+        for array in columns.values():
+            array.setflags(write=False)
+        return cls(stream, MappingProxyType(columns))
 
     @classmethod
     def from_records(cls, stream: Stream, records: RecordArray) -> "Samples":
@@ -242,10 +244,4 @@ class Samples:
         """
         index = chosen if isinstance(chosen, slice) else np.asarray(chosen)
         kept = [name for name in self.columns if names is None or name in names]
-        return Samples(self.stream, _read_only({name: self.columns[name][index] for name in kept}))
-
-
-def _read_only(columns: dict[str, NDArray[Any]]) -> Mapping[str, NDArray[Any]]:
-    for array in columns.values():
-        array.setflags(write=False)
-    return MappingProxyType(columns)
+        return Samples.of(self.stream, {name: self.columns[name][index] for name in kept})

@@ -29,10 +29,10 @@ from palpate.robot_io.session.shared_log import (
 from palpate.robot_io.session.stream import MAX_RECORD_BYTES, TIME_COLUMN, Record, Stream, streams_to_json
 
 START_LIMIT_S = 60.0
-_AT_ONCE = 16_384  # records, to bound memory
-_MANY = 500_000  # records of a stream, beyond which a message holds several: one a message takes 6 us
+_AT_ONCE = 16_384  # records that are written at once, to bound memory
+_MANY = 500_000  # records of a stream beyond which a message holds several, because each message takes 6 us
 _BATCH = 100  # records in such a message, if they fit
-STALL_LIMIT_S = 30.0  # at close, without a single record reaching the disk
+STALL_LIMIT_S = 30.0  # longest wait without a single record reaching the disk
 _STALLED = f"the disk accepted no data for {STALL_LIMIT_S:.0f} s"
 _KILL_LIMIT_S = 2.0
 _POLL_S = 0.002
@@ -168,8 +168,7 @@ class SessionWriter:
         self._closed = True
         self._rings = {}
         self._log.request_stop()
-        finished = self._wait_until_finished()
-        if not finished:
+        if not self._wait_until_finished():
             self._process.kill()
             with suppress(subprocess.TimeoutExpired):  # nothing ends a process that a disk holds
                 self._process.wait(_KILL_LIMIT_S)
@@ -192,7 +191,7 @@ class SessionWriter:
             error.add_note(str(failure))  # the first thing that went wrong is the one to hear of
 
     def _wait_until_finished(self) -> bool:
-        """True when the writer process has ended, False when nothing has moved for too long."""
+        """Return whether the writer process has ended; False when it has written nothing for too long."""
         taken: int | None = None
         while self._process.poll() is None:
             now_taken = sum(ring.taken for ring in self._log.rings.values())
@@ -238,15 +237,15 @@ def write_session(
 ) -> Path:
     """Write a whole session at once; the file appears under its name only when it is complete.
 
-    Folders above it are made. Columns have shape (n,) or (n, width), and events are in the order in which
-    they happened. `progress` is told the share of the records that is written. Returns the path.
-
     Args:
-        path: the new session file.
-        streams: each with its columns.
+        path: the new session file; missing folders above it are made.
+        streams: each with its columns, shape (n,) or (n, width).
         metadata: origin of the session.
         events: events in the order of their times.
-        progress: called with the share that is written, 0 to 1.
+        progress: called with the share of the records that is written, 0 to 1.
+
+    Returns:
+        The path.
 
     Raises:
         InputError: the arrays do not fit their streams.
