@@ -15,16 +15,13 @@ def body():
     return RigidBody.from_urdf(URDF, "tip")
 
 
-def test_it_accelerates_as_the_urdf_says(body):
+def test_it_accelerates_and_its_tip_is_where_the_urdf_says(body):
     torque = np.array([0.7, -0.4, 0.2])
     plant = MockPlant(POSE, 1000.0, 20.0)
     plant.surface_height_m, plant.torque_nm = -9.0, torque
     plant.advance(1e-3)
     expected = forward_dynamics(body, POSE, np.zeros(3), torque)
     np.testing.assert_allclose(plant.velocity_rad_s / 1e-3, expected, rtol=1e-3)
-
-
-def test_its_tip_is_where_the_urdf_says(body):
     assert MockPlant(POSE, 1000.0, 20.0).tip_height_m == pytest.approx(body.tip_pose(POSE)[0][2], abs=1e-9)
 
 

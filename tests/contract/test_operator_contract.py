@@ -45,7 +45,7 @@ def test_calls_out_of_order_are_refused(bench):
         device.read()
 
 
-def test_it_reads_from_configure_on_and_can_be_opened_again(bench):
+def test_it_reads_from_configure_on_in_metres_upwards_and_its_button_selects(bench):
     for _ in range(2):
         with bench.device as device:
             hand = device.read()
@@ -54,18 +54,12 @@ def test_it_reads_from_configure_on_and_can_be_opened_again(bench):
             assert 0.0 <= bench.clock.now_s() - hand.sampled_at_s <= bench.oldest_s
             assert not hand.select
         device.close()
-
-
-def test_it_follows_the_operator_upwards_in_metres(bench):
     with bench.device as device:
         before = device.read()
         bench.move()
         after = device.read()
     assert 0.002 < after.position_world_m[2] - before.position_world_m[2] < 0.15
     assert after.sampled_at_s > before.sampled_at_s
-
-
-def test_its_button_selects(bench):
     with bench.device as device:
         bench.press()
         assert device.read().select

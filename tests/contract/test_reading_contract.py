@@ -33,7 +33,7 @@ def test_a_robot_knows_its_joints_and_nothing_else_before_the_first_sample(bench
             assert reading.status is Status.STALE
 
 
-def test_samples_are_fresh_and_honest(active):
+def test_samples_are_fresh_and_honest_and_a_reading_is_a_snapshot(active):
     """Fresh, finite, of the right shape, with the device's own time, in the past of the robot's clock."""
     limits = active.robot_file.limits
     oldest_s = dict.fromkeys(("position", "velocity"), limits.encoder_age_s)
@@ -52,10 +52,7 @@ def test_samples_are_fresh_and_honest(active):
     for name, sampled_at_s in times.items():
         assert (np.diff(sampled_at_s) >= 0).all(), name
         assert sampled_at_s[-1] > sampled_at_s[0], name
-
-
-def test_a_reading_is_a_snapshot(active):
-    """Reading takes no time and changes nothing, and what was read does not change later."""
+    # Reading takes no time and changes nothing, and what was read does not change later.
     active.tick()
     before_s = active.clock.now_s()
     first, again = take(active.robot), take(active.robot)

@@ -103,7 +103,7 @@ def test_factors_in_names_are_reported(tmp_path, name):
     assert f"'{name}' is ignored" in notes
 
 
-def test_an_unrelated_velocity_is_not_used(tmp_path):
+def test_an_unrelated_velocity_or_acceleration_is_not_used_and_a_constant_velocity_is(tmp_path):
     header = "time_s;displacement_m;velocity_m_s;force_N;note"
     for velocity in (np.zeros_like(TIME_S), np.sin(90.0 * TIME_S + 1.0)):
         notes = notes_of(tmp_path / "press.csv", header, TIME_S, DEPTH_M, velocity, FORCE_N)
@@ -111,9 +111,6 @@ def test_an_unrelated_velocity_is_not_used(tmp_path):
     noisy = np.gradient(DEPTH_M, TIME_S) + np.random.default_rng(1).normal(0.0, 0.05, len(TIME_S))
     notes = notes_of(tmp_path / "press.csv", header, TIME_S, DEPTH_M, noisy, FORCE_N)
     assert "does not follow" not in notes
-
-
-def test_an_unrelated_acceleration_is_not_used(tmp_path):
     header = "time_s;displacement_m;acceleration_m_s2;force_N;note"
     for acceleration in (np.zeros_like(TIME_S), np.sin(90.0 * TIME_S + 1.0)):
         notes = notes_of(tmp_path / "press.csv", header, TIME_S, DEPTH_M, acceleration, FORCE_N)
@@ -121,9 +118,6 @@ def test_an_unrelated_acceleration_is_not_used(tmp_path):
     true = 3e-3 * 2.0 * (10.0 * np.pi) ** 2 * np.cos(20.0 * np.pi * TIME_S)
     noisy = true + np.random.default_rng(1).normal(0.0, 6.0, len(TIME_S))
     assert "does not follow" not in notes_of(tmp_path / "press.csv", header, TIME_S, DEPTH_M, noisy, FORCE_N)
-
-
-def test_a_constant_velocity_is_used(tmp_path):
     header, speed = "time_s;displacement_m;velocity_m_s;force_N;note", np.full_like(TIME_S, 0.02)
     notes = notes_of(tmp_path / "press.csv", header, TIME_S, 0.02 * TIME_S, speed, 40.0 * TIME_S)
     assert "does not follow" not in notes

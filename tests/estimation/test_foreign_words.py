@@ -127,11 +127,8 @@ def test_a_unit_above_the_names_is_no_unit_of_another_column(tmp_path):
         import_file(path)
 
 
-def test_a_remark_of_one_column_may_stand_between_names_and_numbers(tmp_path):
+def test_neither_a_remark_nor_lines_between_hide_the_names_above_the_numbers(tmp_path):
     check_press(import_file(write(tmp_path, ["Time (s),Travel (mm),Load (N)", ",,Channel 2"])))
-
-
-def test_names_may_stand_far_above_the_numbers(tmp_path):
     head = ["# units: m N", "# columns: height vDeflection"]
     head += [f"# settings.segment.{number}.value: {number}" for number in range(300)]
     rows = [f"{x:.9f} {f:.6f}" for x, f in zip(WAY_M, FORCE_N, strict=True)]

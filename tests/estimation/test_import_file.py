@@ -147,18 +147,12 @@ def test_runs_of_different_names_are_different_runs(names, contact):
         assert len(only(import_file(path, ImportOptions(where={"run": name})))) == rows
 
 
-def test_derivatives_do_not_reach_across_runs(contact):
+def test_derivatives_stay_within_runs_and_given_phases_and_derivatives_are_kept(contact):
     x = np.where(np.arange(50) < 25, 0.001, 0.05)
     channel = only(import_file(contact(run=[0] * 25 + [1] * 25, displacement_m=x)))
     np.testing.assert_allclose(channel.velocity, 0.0, atol=1e-12)
-
-
-def test_phases_by_name_or_number(contact):
     channel = only(import_file(contact(phase=["loading"] * 25 + ["4"] * 25)))
     np.testing.assert_array_equal(channel.phase, [Phase.LOADING] * 25 + [Phase.HOLD] * 25)
-
-
-def test_a_given_velocity_and_acceleration_are_kept(contact):
     velocity = 0.009 * np.cos(9 * T)
     channel = only(import_file(contact(velocity_mm_s=1e3 * velocity, acceleration_m_s2=np.full(50, 0.5))))
     np.testing.assert_allclose(channel.velocity, velocity)
@@ -204,13 +198,10 @@ def test_a_session_holds_a_context_whatever_its_column_is_called(contact, tmp_pa
     np.testing.assert_allclose(after.context[signal], 20 + T)
 
 
-def test_columns_of_numbers_that_nothing_was_made_of_are_told(contact):
+def test_columns_that_nothing_was_made_of_are_told_also_an_angle_without_a_unit(contact):
     path = contact(specimen=["P1"] * 50, temperature_C=20 + T, humidity=40 + T, tool=np.full(50, 3.0))
     assert import_file(path).unused == ("temperature_C", "humidity")
     assert import_file(path, ImportOptions(context=("humidity",))).unused == ("temperature_C",)
-
-
-def test_an_angle_that_says_no_unit_may_be_of_anything(contact):
     assert import_file(contact(angle=T)).unused == ("angle",)
 
 
@@ -655,12 +646,9 @@ def test_names_say_what_is_measured_and_units_become_si(tmp_path, columns, name,
     np.testing.assert_allclose(channel.effort, F)
 
 
-def test_of_two_columns_for_one_quantity_one_can_be_chosen(contact):
+def test_of_two_columns_one_can_be_chosen_and_time_may_go_back_from_run_to_run(contact):
     chosen = ImportOptions(columns={"displacement_m": "displacement_mm"})
     np.testing.assert_allclose(only(import_file(contact(displacement_mm=2e3 * X), chosen)).position, 2 * X)
-
-
-def test_time_may_go_back_from_run_to_run_and_names_of_joints_need_not_be_used(contact):
     only(import_file(contact(time_s=BACK, run=[0] * 30 + [1] * 20)))
     assert import_file(contact(joint_velocity=20 + T)).unused == ()
 

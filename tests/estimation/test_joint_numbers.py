@@ -95,14 +95,11 @@ def test_a_column_is_of_the_joint_that_the_file_calls_so(log, place):
     assert pairs(log(*names), columns={FROM_0[place]: "strange"}) == [(0, 2, 1.0), (1, 3, 1.0)]
 
 
-def test_a_column_that_is_ambiguous_is_asked_about_by_its_number_in_the_file(log):
+def test_an_ambiguous_column_is_asked_about_by_its_number_and_the_page_takes_every_joint(log):
     path = log("q0 [rad]", "q1 [rad]", "tau0 [Nm]", "tau1 [Nm]", "torque 1 [Nm]")
     with pytest.raises(InputError, match="may hold torque_1; choose with --column torque_1='tau1"):
         pairs(path)
     assert pairs(path, columns={"torque_1": "torque 1 [Nm]"}) == [(0, 2, 1.0), (1, 4, 1.0)]
-
-
-def test_the_page_takes_every_joint(log):
     path = log(*FROM_0)
     options = options_of(guess(read_table(path)))
     assert options.columns["position_0"] == "position_0_rad"

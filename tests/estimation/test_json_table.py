@@ -76,19 +76,13 @@ def test_a_description_in_a_folder_is_no_data(tmp_path):
     assert data_files(tmp_path) == [tmp_path / "a.csv"]
 
 
-def test_the_first_row_may_name_the_columns(tmp_path):
+def test_the_first_row_may_name_the_columns_and_lists_leave_the_others_readable(tmp_path):
     path = tmp_path / "a.json"
     path.write_text(json.dumps([NAMES, *ROWS]))
     np.testing.assert_allclose(import_file(path).channels[0].effort, FORCE_N)
-
-
-def test_lists_within_a_column_leave_the_others_readable(tmp_path):
     path = tmp_path / "a.json"
     path.write_text(json.dumps(COLUMNS | {"spectrum": [0.0, *([[1.0, 2.0]] * (len(ROWS) - 1))]}))
     assert read_table(path).names == tuple(NAMES)
-
-
-def test_columns_of_other_lengths_are_named_as_left_out(tmp_path):
     path = tmp_path / "a.json"
     path.write_text(json.dumps(COLUMNS | {"temperature": [20.0, 20.5, 21.0]}))
     assert read_table(path).notes == ("columns of other lengths left out: temperature",)

@@ -452,16 +452,10 @@ def test_a_clock_counts_seconds_whatever_unit_its_name_says(press, name, options
     assert np.ptp(channel.time_s) == pytest.approx(np.ptp(presses()[0]), abs=1e-3)
 
 
-def test_a_clock_may_stand_beside_the_time_since_the_start(press):
+def test_a_clock_beside_the_time_and_a_day_that_is_none_leave_columns_as_they_are(press):
     cells = [f"09:{int(cell // 60.0):02d}:{cell % 60.0:07.4f}" for cell in presses()[0]]
     assert np.ptp(contact_of(press(Time=cells)).time_s) == pytest.approx(np.ptp(presses()[0]), abs=1e-3)
-
-
-def test_a_day_that_is_none_leaves_its_column_as_it_is(press):
     assert contact_of(press(Made=["0000-00-00 00:00:00"] * len(presses()[0]))).name == "contact"
-
-
-def test_a_cell_that_is_no_time_is_named_among_times(press):
     times = [f"0:{cell:07.4f}" for cell in presses()[0] % 60.0]
     with pytest.raises(InputError, match=r"line 9, column 'Time .s.': '0:xx' is not a finite number; remove"):
         contact_of(press(**{TIME: [*times[:7], "0:xx", *times[8:]]}))

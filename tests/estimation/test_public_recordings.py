@@ -360,16 +360,13 @@ def write_motion(path: Path, *, coulomb: float, noise: float) -> None:
                 file.write(",".join(f"{value:.9g}" for value in row) + f",{run}\n")
 
 
-def test_ladder_finds_friction_that_is_there(tmp_path: Path) -> None:
+def test_ladder_finds_friction_that_is_there_and_nothing_in_noise(tmp_path):
     write_motion(tmp_path / "a.csv", coulomb=0.5, noise=0.02)
     ladder = Ladder(load(tmp_path / "a.csv"), ["inertia", "damping"])
     errors = {name: ladder.attempt(name)[0] for name in ladder.built}
     best = min(errors, key=errors.__getitem__)
     assert TERMS[best].kind == "friction"
     assert errors[best] < 0.06 < 0.15 < ladder.error
-
-
-def test_ladder_finds_nothing_in_noise(tmp_path: Path) -> None:
     write_motion(tmp_path / "a.csv", coulomb=0.0, noise=0.02)
     ladder = Ladder(load(tmp_path / "a.csv"), ["inertia", "damping"])
     assert min(ladder.attempt(name)[0] for name in ladder.built) > 0.97 * ladder.error

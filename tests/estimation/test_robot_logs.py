@@ -131,16 +131,13 @@ def episode(tmp_path):
     return path
 
 
-def test_an_episode_s_arrays_are_joints(episode):
+def test_an_episode_s_arrays_are_joints_and_an_action_an_effort_by_the_user_s_word(episode):
     with pytest.raises(InputError, match=r"state no units.*--unit position=deg --unit torque=Nm"):
         import_file(episode)
     imported = import_file(episode, ImportOptions(units={"position": "deg", "torque": "Nm"}))
     assert imported.run_labels == {4: "4", 5: "5"}
     assert "shoulder_pan, elbow_flex" in imported.read
     assert_are_the_joints(imported.channels)
-
-
-def test_an_action_is_an_effort_only_by_the_user_s_word(episode):
     columns = {"torque_1_Nm": "action_1", "torque_2_Nm": "action_2"}
     options = ImportOptions(columns=columns, units={"position": "deg"})
     np.testing.assert_allclose(import_file(episode, options).channels[0].effort, np.degrees(Q + 0.01)[:, 0])

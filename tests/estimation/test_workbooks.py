@@ -106,14 +106,11 @@ def test_times_of_cells_go_on_past_midnight(book, start):
     np.testing.assert_allclose(table.numbers("Time") - 86399.0, 0.25 * np.arange(12), atol=1e-6)
 
 
-def test_formulas_without_saved_results_are_an_empty_column(book):
+def test_formulas_without_saved_results_are_an_empty_column_and_dates_alone_stay_dates(book):
     names = ("time_s", "displacement_m", "force_N")
     path = book(S=[names, *([t, 4e-3 * t, "=B2*2"] for t in T.tolist())])
     with pytest.raises(InputError, match=r"column 'force_N' is empty; .*--column; if it holds formulas"):
         import_file(path)
-
-
-def test_dates_alone_stay_dates(book):
     rows = [[date(2024, 3, 2), t, 2 * t, 3 * t] for t in T]
     assert set(read_table(book(S=[("Made", *NAMES), *rows])).labels("Made")[0]) == {"2024-03-02"}
 

@@ -62,15 +62,12 @@ def test_bad_options_are_refused(hardening, options, words):
     assert_refused(run("compare", hardening, *options), *words)
 
 
-def test_a_single_press_is_judged_by_its_parts_and_a_warning_says_so(tmp_path):
+def test_a_single_press_is_judged_by_its_parts_with_a_warning_and_few_samples_are_not(tmp_path):
     press = write_presses(tmp_path / "press.csv", speeds_m_s=(0.02,), cubic=0.0)
     result = done("compare", press, "--json")
     assert "only one run, which goes through its motion once" in " ".join(result.stderr.split())
     (channel,) = json.loads(result.stdout)["channels"]
     assert channel["rmse"] == pytest.approx(NOISE_N, rel=0.1)
-
-
-def test_few_samples_cannot_be_judged(tmp_path):
     press = write_presses(tmp_path / "press.csv", speeds_m_s=(0.02,))
     press.write_text("\n".join(press.read_text().splitlines()[:61]) + "\n")
     assert_refused(run("compare", press), "only 60 samples")

@@ -94,7 +94,7 @@ def test_a_stop_of_the_guard_is_raised_and_stays(tmp_path):
     assert Session.open(tmp_path / "arm.mcap").samples("tick")["guard_tripped"][-1]
 
 
-def test_an_arm_whose_program_has_died_ends_by_itself_where_it_began(tmp_path):
+def test_a_program_that_has_died_ends_the_arm_and_what_cannot_be_run_is_said_by_the_start(tmp_path):
     arm = FollowingArm(job(tmp_path))
     home = arm.start().joint_position_rad
     arm_near(home + 0.05, arm)
@@ -102,9 +102,6 @@ def test_an_arm_whose_program_has_died_ends_by_itself_where_it_began(tmp_path):
     assert arm._process.wait(60.0) == 0
     samples = Session.open(tmp_path / "arm.mcap").samples("tick")
     assert np.abs(samples["joint_position_rad"][-1] - home).max() < 2e-3
-
-
-def test_what_cannot_be_run_is_said_by_the_start(tmp_path):
     (tmp_path / "arm.mcap").write_bytes(b"somebody else's")
     arm = FollowingArm(job(tmp_path))
     with pytest.raises(InputError, match=r"arm\.mcap"):

@@ -38,14 +38,13 @@ def test_a_file_becomes_a_session(good, tmp_path):
     assert session.samples("contact")["force_n"][19] == pytest.approx(1.9)
 
 
-def test_the_command_that_a_session_keeps_can_be_typed_again(good, tmp_path, monkeypatch):
+def test_the_command_that_a_session_keeps_can_be_typed_again_and_without_a_name_goes_to_sessions(
+    good, tmp_path, monkeypatch
+):
     monkeypatch.setattr("sys.argv", ["palpate", "import", "good.csv", "--context", "room temp"])
     run("import", good, "-o", tmp_path / "good.mcap")
     kept = Session.open(tmp_path / "good.mcap").metadata.command_line
     assert shlex.split(kept) == ["palpate", "import", "good.csv", "--context", "room temp"]
-
-
-def test_without_a_name_it_goes_to_the_sessions(good, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     result = done("import", good)
     assert [words[0] for words in next_commands(result)] == ["estimate", "compare", "diagnose", "info"]

@@ -49,14 +49,11 @@ def test_no_text_of_a_file_commands_the_terminal(name, asked, tmp_path):
     assert shown.stdout.count("[bold]:smile:") >= 5
 
 
-def test_a_session_cut_short_is_said_to_be(session, tmp_path):
+def test_a_session_cut_short_or_whose_program_was_killed_is_not_called_whole(session, tmp_path):
     cut = tmp_path / "cut.mcap"
     cut.write_bytes(session.read_bytes()[:-20_000])
     assert as_json("info", cut)["truncated"] is True
     assert "the end is missing" in run("info", cut).stdout
-
-
-def test_a_session_whose_program_was_killed_is_not_called_whole(session, tmp_path):
     path = tmp_path / "killed.mcap"
     write_session(path, [], SessionMetadata(), [Event(0.0, "start", "it begins", None), unclosed(1.0)])
     assert "no: the program was killed before it closed the file" in run("info", path).stdout

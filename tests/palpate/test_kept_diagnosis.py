@@ -50,14 +50,11 @@ def test_a_channel_with_an_effect_of_ones_own_is_not_silently_told_without_it(tm
     assert "contact is shown without its added effects" in words_of(page)
 
 
-def test_without_a_diagnosis_the_report_tells_how_the_last_stage_fits(tmp_path):
+def test_without_a_diagnosis_the_report_tells_how_the_last_stage_fits_and_a_damaged_one_is_named(tmp_path):
     data = write_presses(tmp_path / "hard.csv")
     assert run("add", data, "cubic_stiffness", "--out", tmp_path / "out").exit_code == 0
     report = words_of(tmp_path / "out" / "report.html")
     assert "kelvin_voigt + cubic_stiffness fits contact" in report
-
-
-def test_a_damaged_diagnosis_is_named(tmp_path):
     data = write_presses(tmp_path / "hard.csv")
     (tmp_path / RESULT).write_text("{}")
     result = run("add", data, "bias", "--out", tmp_path, "--force")

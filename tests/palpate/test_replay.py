@@ -105,7 +105,9 @@ def test_an_imported_session_has_no_motion_of_an_arm(hardening, tmp_path):
     )
 
 
-def test_a_session_that_was_cut_off_is_repeated_to_where_the_arm_last_stood(recorded, tmp_path):
+def test_a_cut_session_is_repeated_to_where_the_arm_last_stood_and_without_a_whole_run_not(
+    recorded, tmp_path
+):
     whole = probing.references_of(Session.open(recorded))
     part = probing.references_of(Session.open(cut(recorded, tmp_path / "part.mcap", 0.7)))
     for one in (whole, part):
@@ -113,9 +115,6 @@ def test_a_session_that_was_cut_off_is_repeated_to_where_the_arm_last_stood(reco
         assert np.abs(one.velocity_rad_s[-1]).max() < 1e-3
     assert set(part.run) < set(whole.run)
     assert 0 in part.run
-
-
-def test_without_a_whole_run_nothing_is_repeated(recorded, tmp_path):
     short = cut(recorded, tmp_path / "short.mcap", 0.1)
     assert_refused(run("replay", short, "-o", tmp_path / "t.mcap"), "no complete run")
 

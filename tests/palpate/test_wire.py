@@ -75,13 +75,10 @@ def test_an_arm_without_torque_mode_tells_a_stiffness(tmp_path):
         assert found["damping.c"] == pytest.approx(10.0, rel=0.06)
 
 
-def test_a_robot_without_wires_is_refused(tmp_path):
+def test_neither_a_robot_without_wires_nor_a_scenario_for_real_devices_is_taken(tmp_path):
     path = tmp_path / "no.mcap"
     assert_refused(run("probe", "--wire", "-o", path), "follower", "without wires")
     assert not path.exists()
-
-
-def test_a_scenario_for_real_devices_is_refused_with_the_way_out(tmp_path):
     path = tmp_path / "no.mcap"
     robot = ROOT / "robots/odrive_3dof.yaml"
     assert_refused(run("probe", "--robot", robot, "--scenario", "stiff", "-o", path), "--wire")

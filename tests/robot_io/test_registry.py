@@ -51,14 +51,11 @@ def package(tmp_path, monkeypatch):
         del sys.modules[name]
 
 
-def test_it_finds_concrete_members_by_name_in_order(package):
+def test_members_are_found_by_name_in_order_also_of_several_packages(package):
     registry = Registry("shape", Shape, package("shapes_a", two="square", one="circle"))
     assert list(registry) == ["circle", "square"]
     assert len(registry) == 2
     assert registry["circle"]().area() == 3.0
-
-
-def test_members_of_several_packages_and_of_single_modules(package):
     package("shapes_c", one="circle")
     registry = Registry("shape", Shape, package("shapes_d", one="square"), "shapes_c.one")
     assert set(registry) == {"circle", "square"}

@@ -47,12 +47,12 @@ def steps(bus, step):
 
 
 class TestReading:
-    def test_every_bus_is_polled_once_a_tick(self, active, bus):
+    def test_every_bus_is_polled_once_a_tick_and_times_and_statuses_are_those_of_the_devices(
+        self, active, bus
+    ):
         before = bus.polls
         tick(active)
         assert bus.polls == before + 1
-
-    def test_times_and_statuses_are_those_of_the_devices(self, active, bus):
         bus.faults.status["force"] = Status.SATURATED
         measurement = tick(active)
         now_s = active.clock.now_s()

@@ -79,7 +79,7 @@ def test_the_whole_vocabulary_is_there():
 
 @pytest.mark.parametrize("name", ALL)
 class TestEveryEffect:
-    def test_says_what_its_parameters_are(self, name):
+    def test_is_documented_and_takes_its_typical_values(self, name):
         kind = IMPERFECTIONS[name]
         source = inspect.getsource(kind)
         for parameter in kind.parameters():
@@ -89,22 +89,16 @@ class TestEveryEffect:
         assert {parameter.name for parameter in kind.parameters()} == (
             kind.model_fields.keys() - {"joint", "channel"}
         )
-
-    def test_is_in_the_documentation_with_its_parameters(self, name):
         pages = (Path(__file__).parents[2] / "docs" / "reference" / "effects.md").read_text()
         (row,) = [line for line in pages.splitlines() if line.startswith(f"| `{name}` |")]
         for parameter in IMPERFECTIONS[name].parameters():
             assert f"`{parameter.name}` [{parameter.unit}] {parameter.low:g} to {parameter.high:g}" in row
-
-    def test_takes_its_typical_values(self, name):
         kind = IMPERFECTIONS[name]
         place = {"joint": 2} if "joint" in kind.model_fields else {}
         place |= {"channel": "joint_1"} if "channel" in kind.model_fields else {}
         for bound in ("low", "high"):
             values = {parameter.name: getattr(parameter, bound) for parameter in kind.parameters()}
             assert kind(**place, **values).effects(3)
-
-    def test_is_described_and_parsed_alike(self, name):
         entry = at_strength(name, 10.0)
         assert parse_imperfection(describe_imperfection(entry)) == entry
         world = Scenario().with_hidden([entry])

@@ -125,17 +125,13 @@ def test_every_law_has_an_example_here():
 
 @pytest.mark.parametrize("name", sorted(LAWS))
 class TestEveryLaw:
-    def test_says_what_it_is(self, name):
+    def test_says_what_it_is_and_is_described_and_parsed_alike(self, name):
         law_type = CONTACT_LAWS[name]
         assert issubclass(law_type, FileModel)
         source = inspect.getsource(law_type)
         assert all(re.search(rf"    {field}: .*#", source) for field in law_type.model_fields)
-
-    def test_is_described_and_parsed_alike(self, name):
         law = parse_contact_law({"name": name, **LAWS[name]})
         assert parse_contact_law(describe_contact_law(law)) == law
-
-    def test_does_nothing_above_the_surface(self, name):
         law = parse_contact_law({"name": name, **LAWS[name]})
         assert [law.force_n(depth, rate) for depth in (-0.01, 0.0) for rate in (-1.0, 1.0)] == [0.0] * 4
 

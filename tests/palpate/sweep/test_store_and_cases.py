@@ -104,16 +104,13 @@ def test_a_pack_that_was_killed_before_it_removed_what_is_in_it_counts_each_resu
     assert [row["number"] for row in store.rows("ab")] == [1, 2]
 
 
-def test_what_was_killed_while_it_was_written_is_no_result(tmp_path):
+def test_what_was_killed_while_it_was_written_is_no_result_and_a_damaged_one_is_named(tmp_path):
     store = ResultStore(tmp_path)
     store.land("a", [{"number": 1}])
     half = (tmp_path / "a.parquet").read_bytes()[:50]
     (tmp_path / ".123.b.parquet").write_bytes(half)
     assert store.finished() == {"a"}
     assert len(store.rows("ab")) == 1
-
-
-def test_a_damaged_result_is_named_with_its_remedy(tmp_path):
     (tmp_path / "a.parquet").write_bytes(b"PAR1 nothing PAR1")
     with pytest.raises(InputError, match=r"a\.parquet.*delete it"):
         ResultStore(tmp_path).rows("a")

@@ -500,11 +500,9 @@ class TestRearm:
         guard.rearm(measured(0.05))  # nobody went on commanding; the time is over all the same
         assert guard.tripped is None
 
-    def test_an_old_measurement_does_not_do(self, stopped):
+    def test_it_starts_from_the_measured_state_and_not_with_an_old_measurement(self, stopped):
         with pytest.raises(SafetyTripError, match="time went from"):
             stopped.rearm(measured(0.03))
-
-    def test_afterwards_it_starts_from_the_measured_state(self, stopped):
         stopped.rearm(measured(1.0, joint_torque_nm=[2.0, 0.0]))
         assert stopped.tripped is None
         assert not stopped.finished

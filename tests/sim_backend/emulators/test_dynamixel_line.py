@@ -118,14 +118,11 @@ def test_published_requests_are_understood():
     assert understood.parameters == request[8:-2]
 
 
-def test_a_ping_is_answered_with_model_and_firmware(client):
+def test_a_ping_is_answered_with_model_and_firmware_and_a_damaged_request_with_a_crc_error(client):
     assert client.say("ff ff fd 00 02 03 00 01") == status(2, 0, 0xFC, 0x03, 46)  # 1020
     everybody = client.say("ff ff fd 00 fe 03 00 01")
     assert everybody == b"".join(status(servo_id, 0, 0xFC, 0x03, 46) for servo_id in (1, 2, 3))
     assert client.say("ff ff fd 00 09 03 00 01") == b""
-
-
-def test_a_damaged_request_is_answered_with_a_crc_error(client):
     client.port.write(bytes.fromhex("ff ff fd 00 01 03 00 01 19 4f"))
     assert client.listen(0.01) == status(1, 3)
 
@@ -147,15 +144,12 @@ def test_what_may_not_be_written_is_refused(client, address, data, error):
     assert client.write(1, address, *data) == error
 
 
-def test_eeprom_is_locked_while_the_torque_is_on(client):
+def test_eeprom_is_locked_while_the_torque_is_on_and_unknown_requests_are_errors(client):
     assert client.write(1, 11, 0) == 0
     assert client.write(1, 64, 1) == 0
     assert client.write(1, 11, 3) == 7
     assert client.write(1, 64, 0) == 0
     assert client.write(1, 11, 3) == 0
-
-
-def test_an_unknown_instruction_and_reading_beyond_the_table_are_errors(client):
     assert client.say("ff ff fd 00 01 03 00 77") == status(1, 2)
     assert client.read(1, 250, 10) == (7, b"")
 
