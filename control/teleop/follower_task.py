@@ -21,8 +21,6 @@ from palpate.robot_io.errors import InputError
 from palpate.robot_io.link.messages import MOST_TARGETS, Intent, Target, TargetState, short_number
 from palpate.robot_io.types import FloatArray, Measurement
 
-_OVER = (TargetState.DONE, TargetState.REFUSED, TargetState.CANCELLED, TargetState.FAILED)
-
 
 class TargetQueue:
     """Thread-safe queue that the link fills and the task empties.
@@ -53,7 +51,7 @@ class TargetQueue:
             for target in intent.targets:
                 if target.number > self._newest:
                     if len(self._states) >= MOST_TARGETS:  # forget the oldest finished target
-                        over = next((n for n, state in self._states.items() if state in _OVER), None)
+                        over = next((n for n, state in self._states.items() if state.is_over), None)
                         if over is None:
                             break
                         del self._states[over], self._targets[over]
@@ -114,7 +112,7 @@ class TargetQueue:
     def done(self) -> bool:
         """Whether the leader has ended, and no target is open."""
         with self._lock:
-            return self._ended and set(self._states.values()) <= set(_OVER)
+            return self._ended and all(state.is_over for state in self._states.values())
 
     def states(self) -> dict[int, TargetState]:
         """Copy the states of all remembered targets, by number."""

@@ -34,7 +34,7 @@ from palpate.teleop.virtual_object import terms_of
 
 _MODELS = ("kelvin_voigt", "hunt_crossley")
 _ESTIMATORS = "weighted,lsq"
-Look = Callable[[Samples, int], ObjectEstimate]
+EstimateFunction = Callable[[Samples, int], ObjectEstimate]
 _SURE = 1.96  # standard errors on either side: 95 %
 _NICE = 5  # niceness of the diagnosis, below the control loop
 _ENOUGH = 1.3  # multiple of the noise; below it no second law is fitted
@@ -60,7 +60,7 @@ def sample_stream(joint_count: int) -> Stream:
     )
 
 
-def first_look(samples: Samples, target: int) -> ObjectEstimate:
+def estimate_object(samples: Samples, target: int) -> ObjectEstimate:
     """Fit two contact laws to a target's runs so far, and return the better one.
 
     Args:
@@ -73,7 +73,7 @@ def first_look(samples: Samples, target: int) -> ObjectEstimate:
     return _better(_contact(samples), target)[1]
 
 
-def second_look(samples: Samples, target: int) -> ObjectEstimate:
+def diagnose_object(samples: Samples, target: int) -> ObjectEstimate:
     """Fit and diagnose a target: the better law with accepted effects, and the verdict.
 
     The verdict names accepted effects that the simulator cannot render.
@@ -83,7 +83,7 @@ def second_look(samples: Samples, target: int) -> ObjectEstimate:
         target: number of the target.
 
     Raises:
-        InputError: as for `first_look`.
+        InputError: as for `estimate_object`.
     """
     contact = _contact(samples)
     model, made = _better(contact, target)
@@ -106,15 +106,15 @@ class ObjectEstimator:
     """
 
     def __init__(self, *, diagnose: bool) -> None:
-        looks = [(first_look, 0), *([(second_look, _NICE)] if diagnose else [])]
-        self._workers = [_EstimatorProcess(look, nice) for look, nice in looks]
+        functions = [(estimate_object, 0), *([(diagnose_object, _NICE)] if diagnose else [])]
+        self._workers = [_EstimatorProcess(function, nice) for function, nice in functions]
 
     @property
     def busy(self) -> bool:
         """Whether an answer is pending."""
         return any(worker.busy for worker in self._workers)
 
-    def look(self, samples: Samples, target: int, *, last: bool) -> None:
+    def request(self, samples: Samples, target: int, *, last: bool) -> None:
         """Request an estimate for a target's samples, and after the last run a diagnosis."""
         for worker in self._workers[: 2 if last else 1]:
             worker.take(samples, target)
@@ -133,8 +133,8 @@ class ObjectEstimator:
 class _EstimatorProcess:
     """A process for one kind of estimate. It gets new work only when idle, so no pipe fills up."""
 
-    def __init__(self, look: Look, nice: int) -> None:
-        self.process, self._pipe = start_worker(_serve, look, nice)
+    def __init__(self, estimate: EstimateFunction, nice: int) -> None:
+        self.process, self._pipe = start_worker(_serve, estimate, nice)
         self._waiting: dict[int, Samples] = {}
         self._ready = False
 
@@ -162,7 +162,7 @@ class _EstimatorProcess:
         return results
 
 
-def _serve(pipe: Connection, look: Look, nice: int) -> None:
+def _serve(pipe: Connection, estimate: EstimateFunction, nice: int) -> None:
     """Estimate all received samples at low priority; exit with the parent, which handles Ctrl-C."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     os.nice(nice)
@@ -170,7 +170,7 @@ def _serve(pipe: Connection, look: Look, nice: int) -> None:
     pipe.send(None)  # ready: all modules are imported
     while True:
         try:
-            pipe.send(look(*pipe.recv()))
+            pipe.send(estimate(*pipe.recv()))
         except EOFError:
             return
         except InputError as error:

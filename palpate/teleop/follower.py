@@ -52,14 +52,14 @@ from palpate.teleop.virtual_object import summarize_estimate
 
 _MESSAGE_PERIOD_S = 0.02  # period of reports
 _RESEND_S = 0.2  # period of sending an unconfirmed estimate [s]
-_SETTLE_S = 25.0  # that the arm holds still for estimates and verdicts when all targets are over,
-_SEEN_S = 3.0  # and for the newest to be seen
-_FAREWELLS = 25  # number of repeats of the last report
+_SETTLE_S = 25.0  # longest wait for estimates and verdicts when all targets are over
+_SEEN_S = 3.0  # longest wait for the leader to confirm the newest estimate
+_END_REPORTS = 25  # number of repeats of the last report
 ESTIMATE = "estimate"  # kind of an estimate's event
 Say = Callable[[str], None]
 
 
-class ReportedState(NamedTuple):
+class ArmState(NamedTuple):
     """State of the arm at one time, for a report."""
 
     phase: Phase
@@ -74,7 +74,7 @@ class FollowerMessaging(threading.Thread):
 
     Attributes:
         queue: queue of targets, filled by this thread.
-        moment: state of the arm and measured force; the loop replaces it in every tick.
+        arm_state: state of the arm and measured force; the loop replaces it in every tick.
         notes: entries for the session, (kind, text, data), which the loop logs.
         estimates: number of estimates made.
         error: reason why the exchange ended; empty while it continues.
@@ -83,16 +83,16 @@ class FollowerMessaging(threading.Thread):
     def __init__(self, line: Line, clock: Clock, say: Say, *, diagnose: bool) -> None:
         super().__init__(daemon=True)
         self.queue = TargetQueue()
-        self.moment = ReportedState(Phase.IDLE, (0.0, 0.0, 0.0), 0.0, (0.0, 0.0, -1.0), 0.0)
-        self.notes: deque[tuple[str, str, dict[str, object]]] = deque()
+        self.arm_state = ArmState(Phase.IDLE, (0.0, 0.0, 0.0), 0.0, (0.0, 0.0, -1.0), 0.0)
+        self.notes = deque[tuple[str, str, dict[str, object]]]()
         self.estimates, self.error = 0, ""
         self._clock, self._say, self._over = clock, say, threading.Event()
-        self._work: deque[tuple[Stream, RecordArray, int, bool]] = deque()
-        self._quiet = True  # whether no estimate was pending at the thread's last check
+        self._samples: deque[tuple[Stream, RecordArray, int, bool]] = deque()
+        self._is_idle = True  # whether no estimate was pending at the thread's last check
         self._estimator = ObjectEstimator(diagnose=diagnose)
         self._newest: dict[int, ObjectEstimate] = {}  # newest estimate by target
         self._seen: tuple[int, ...] = ()  # revisions that the leader has received
-        self._resend_s, self._asked_s, self._made_s = 0.0, math.nan, -math.inf
+        self._resend_s, self._settling_since_s, self._newest_s = 0.0, math.nan, -math.inf
 
         def take(message: Message, _sent_s: float) -> None:
             if isinstance(message, Intent):
@@ -112,13 +112,13 @@ class FollowerMessaging(threading.Thread):
         Pending estimates are awaited for `_SETTLE_S` from the first call, the last one for `_SEEN_S`.
         """
         now_s = self._clock.now_s()
-        if math.isnan(self._asked_s):
-            self._asked_s = now_s
-        waiting = bool(self._work) or not self._quiet
-        unseen = self.queue.linked and bool(self._unseen()) and now_s < self._made_s + _SEEN_S
-        return bool(self.error) or not ((waiting and now_s < self._asked_s + _SETTLE_S) or unseen)
+        if math.isnan(self._settling_since_s):
+            self._settling_since_s = now_s
+        waiting = bool(self._samples) or not self._is_idle
+        unseen = self.queue.linked and bool(self._unseen()) and now_s < self._newest_s + _SEEN_S
+        return bool(self.error) or not ((waiting and now_s < self._settling_since_s + _SETTLE_S) or unseen)
 
-    def look(self, stream: Stream, records: RecordArray, target: int, *, last: bool) -> None:
+    def request_estimate(self, stream: Stream, records: RecordArray, target: int, *, last: bool) -> None:
         """Request an estimate for a target's samples; returns at once.
 
         Args:
@@ -127,7 +127,7 @@ class FollowerMessaging(threading.Thread):
             target: number of the target.
             last: whether its last run is over.
         """
-        self._work.append((stream, records, target, last))
+        self._samples.append((stream, records, target, last))
 
     def run(self) -> None:
         """See `threading.Thread.run`."""
@@ -140,7 +140,7 @@ class FollowerMessaging(threading.Thread):
         finally:
             self.queue.linked = False
 
-    def farewell(self, cause: str) -> None:
+    def report_end(self, cause: str) -> None:
         """Report that the arm has ended, and the reason if it was stopped.
 
         Args:
@@ -148,7 +148,7 @@ class FollowerMessaging(threading.Thread):
         """
         self.close()
         with suppress(Exception):  # errors no longer matter
-            for _ in range(_FAREWELLS):
+            for _ in range(_END_REPORTS):
                 self._messaging.send(replace(self._report(), remark=cause[:MOST_TEXT], ended=True))
                 time.sleep(_MESSAGE_PERIOD_S)
 
@@ -184,30 +184,28 @@ class FollowerMessaging(threading.Thread):
             self._resend_s = now_s + _RESEND_S
             for estimate in self._unseen():
                 self._messaging.send(estimate)
-        self._quiet = not self._estimator.busy  # set last, after all new estimates are stored
+        self._is_idle = not self._estimator.busy  # set last, after all new estimates are stored
 
     def _exchange_estimates(self) -> None:
         """Give samples to the estimator, and collect its answers."""
-        while self._work:
-            self._quiet = False
-            stream, records, target, last = self._work[0]
+        while self._samples:
+            self._is_idle = False
+            stream, records, target, last = self._samples[0]
             columns = {column.name: records[column.name].copy() for column in stream.columns}
-            self._estimator.look(Samples(stream, columns), target, last=last)
-            self._work.popleft()
+            self._estimator.request(Samples(stream, columns), target, last=last)
+            self._samples.popleft()
         for answer in self._estimator.answers():
             if isinstance(answer, str):
                 self.notes.append(("no_estimate", answer, {}))
                 self._say(answer)
                 continue
             kept = self._newest.pop(answer.target, None)
-            if kept is not None and _rank(kept) > _rank(
-                answer
-            ):  # keep the better estimate if a worse one arrives late
+            if kept is not None and _rank(kept) > _rank(answer):  # a worse one arrives late
                 self._newest[answer.target] = kept
                 continue
             self._newest[answer.target] = replace(answer, revision=self.estimates)
             self.estimates += 1
-            self._made_s = self._clock.now_s()
+            self._newest_s = self._clock.now_s()
             text = f"target {short_number(answer.target)}: {summarize_estimate(answer)}"
             self.notes.append((ESTIMATE, text, {"target": answer.target, "verdict": answer.verdict}))
             self._say(text)
@@ -218,14 +216,14 @@ class FollowerMessaging(threading.Thread):
         return [made for made in list(self._newest.values()) if made.revision not in self._seen]
 
     def _report(self) -> Report:
-        moment, states = self.moment, self.queue.states()
+        arm, states = self.arm_state, self.queue.states()
         return Report(
-            phase=int(moment.phase),
+            phase=int(arm.phase),
             target=self.queue.current,
-            tip_world_m=moment.tip_world_m,
-            speed_m_s=moment.speed_m_s,
-            direction_world=moment.direction_world,
-            force_n=moment.force_n,
+            tip_world_m=arm.tip_world_m,
+            speed_m_s=arm.speed_m_s,
+            direction_world=arm.direction_world,
+            force_n=arm.force_n,
             targets=tuple(states),
             states=tuple(int(state) for state in states.values()),
             remark=self.queue.remark[:MOST_TEXT],
@@ -234,6 +232,7 @@ class FollowerMessaging(threading.Thread):
 
 
 def _rank(estimate: ObjectEstimate) -> tuple[int, bool]:
+    """Rank an estimate by its number of runs, then by whether it was diagnosed."""
     return estimate.runs, bool(estimate.verdict)
 
 
@@ -263,11 +262,10 @@ class Observer:
         speed_m_s = float(output.tip_velocity_world_m_s.dot(output.press_direction_world))
         tip, direction = output.tip_position_world_m.tolist(), output.press_direction_world.tolist()
         force_n = measurement.force_n - self._air.mean
-        self._messaging.moment = ReportedState(output.phase, tuple(tip), speed_m_s, tuple(direction), force_n)
+        self._messaging.arm_state = ArmState(output.phase, tuple(tip), speed_m_s, tuple(direction), force_n)
         if measurement.time_s >= self._record_s:
             self._record_s = measurement.time_s + _LINK_RECORD_S
-            record = self._messaging.record(measurement.time_s)
-            self._log.append(LINK_STREAM.name, record)
+            self._log.append(LINK_STREAM.name, self._messaging.record(measurement.time_s))
         while self._messaging.notes:
             self._log.event(measurement.time_s, *self._messaging.notes.popleft())
         return NO_ESTIMATE
@@ -276,7 +274,9 @@ class Observer:
         """Collect the current target's samples, and request an estimate after each run."""
         if self._run not in {NO_RUN, output.run}:
             last = self._run - self._first_run + 1 == self._runs
-            self._messaging.look(self._stream, self._records[: self._count].copy(), self._target, last=last)
+            self._messaging.request_estimate(
+                self._stream, self._records[: self._count].copy(), self._target, last=last
+            )
         self._run = output.run
         if output.run == NO_RUN:
             return
@@ -356,6 +356,6 @@ def run_follower(job: FollowerJob, say: Say) -> FollowerOutcome:
             say("no --key: any program on this machine can command the arm; other machines cannot connect")
         say("waiting for a leader; Ctrl-C brings the arm to rest")
         result = arm.run(task, guard, rate_hz, observer.observe)
-        messaging.farewell(result.cause)
+        messaging.report_end(result.cause)
     states = {short_number(number): state for number, state in messaging.queue.states().items()}
     return FollowerOutcome(result, states, messaging.estimates, messaging.error)

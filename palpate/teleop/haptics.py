@@ -29,12 +29,12 @@ from palpate.robot_io.robot_file import RobotFile
 from palpate.robot_io.session import Column, SessionMetadata, SessionWriter, Stream
 from palpate.runs.robots import find_robot
 from palpate.sim_backend.scenario import Scenario
-from palpate.teleop.virtual_object import felt_data, force_law, summarize_estimate, terms_of
+from palpate.teleop.virtual_object import estimate_data, force_law, summarize_estimate, terms_of
 
 _DOWN = np.array((0.0, 0.0, -1.0))  # press direction of the scene's object
 GUESS = -1  # revision of the scene's own object, before anything was probed
 _PERIOD_S = 1e-3
-_TELL_TICKS = 20
+_REPORT_TICKS = 20
 _SPIN_S = 1e-4  # the loop polls the clock for this time before a tick, because waking up takes 50 us
 _MOST_UNREAD = 50  # largest number of unread reports; the loop never waits for the main process
 STREAM_NAME, FEEL = "haptic", "feel"
@@ -175,14 +175,14 @@ class _Haptics:
         """
         grid = TickGrid(clock.now_s() + _PERIOD_S, _PERIOD_S)
         periods, busy_s = 1, 0.0
-        late_s = np.zeros(_TELL_TICKS)
+        late_s = np.zeros(_REPORT_TICKS)
         while not self._end:
             clock.sleep_until(grid.due_s - _SPIN_S)
             while (now_s := clock.now_s()) < grid.due_s:
                 pass
-            late_s[grid.index % _TELL_TICKS] = now_s - grid.due_s
+            late_s[grid.index % _REPORT_TICKS] = now_s - grid.due_s
             self._tick(now_s, now_s - grid.due_s, busy_s, periods * _PERIOD_S)
-            if grid.index % _TELL_TICKS == _TELL_TICKS - 1:
+            if grid.index % _REPORT_TICKS == _REPORT_TICKS - 1:
                 lateness.add(late_s)
             ended_s = clock.now_s()
             busy_s = ended_s - now_s
@@ -216,14 +216,14 @@ class _Haptics:
             ),
         )
         while self._pipe.poll():
-            orders = self._pipe.recv()
-            self._read, self._end = orders.read, self._end or orders.end
-            for kind, text in orders.notes:
+            commands = self._pipe.recv()
+            self._read, self._end = commands.read, self._end or commands.end
+            for kind, text in commands.notes:
                 self._log.event(now_s, kind, text)
-            if orders.link is not None:
-                self._log.append(LINK_STREAM.name, orders.link)
-            if orders.render is not None:
-                estimate = orders.render
+            if commands.link is not None:
+                self._log.append(LINK_STREAM.name, commands.link)
+            if commands.render is not None:
+                estimate = commands.render
                 try:
                     self._object.update(force_law(estimate.model), np.array(estimate.surface_world_m))
                 except InputError as error:  # the current target continues
@@ -232,9 +232,9 @@ class _Haptics:
                 self._revision = estimate.revision
                 target, summary = short_number(estimate.target), summarize_estimate(estimate)
                 text = f"estimate {estimate.revision}, target {target}: {summary}"
-                self._log.event(now_s, FEEL, text, felt_data(estimate))
+                self._log.event(now_s, FEEL, text, estimate_data(estimate))
         self._ticks += 1
-        if self._ticks % _TELL_TICKS == 0 and self._sent - self._read < _MOST_UNREAD:
+        if self._ticks % _REPORT_TICKS == 0 and self._sent - self._read < _MOST_UNREAD:
             tip = tuple(hand.position_world_m.tolist())
             finished = getattr(self._device, "finished", False)
             chosen, refused = tuple(self._selected), tuple(self._refused)

@@ -41,7 +41,6 @@ _LINK_RECORD_S, _SHOW_S = 0.1, 0.5
 _FAREWELL_S = 45.0  # time limit for a follower to finish the queued targets
 _SAME_PLACE_M = 0.005  # places closer than this are the same target
 _START_S = 30.0  # time limit for the haptic process's first message
-_OVER = (TargetState.DONE, TargetState.REFUSED, TargetState.CANCELLED, TargetState.FAILED)
 Say = Callable[[str], None]
 
 
@@ -127,11 +126,11 @@ class _Leader:
         self._say, self._show = say, show
         self._target_states = TargetStates(job.haptics.scene)
 
-        def forget_follower() -> None:
+        def drop_follower() -> None:
             self._target_states.on_new_peer()
             self._note("link", "another follower has started")
 
-        self._messaging = Messaging(line, clock, take=self._take, on_new_peer=forget_follower)
+        self._messaging = Messaging(line, clock, take=self._take, on_new_peer=drop_follower)
         self._sender = line.sender
         self._targets: dict[int, Target] = {}
         self._cancelled: list[int] = []
@@ -139,7 +138,7 @@ class _Leader:
         self._remark = ""
         self._read = 0
         self._notes: list[tuple[str, str]] = []
-        self._telling: HapticReport | None = None
+        self._report: HapticReport | None = None
         self._ending_s = self._link_s = self._show_s = nan
         self._over = False
         self._lateness: SectionTiming | None = None
@@ -149,26 +148,26 @@ class _Leader:
         begun_s = self._clock.now_s()
         while not self._over:
             now_s = self._clock.now_s()
-            self._hear_operator()
-            if self._telling is None and now_s - begun_s > _START_S:
+            self._receive_reports()
+            if self._report is None and now_s - begun_s > _START_S:
                 raise PalpateError(f"the haptic process did not respond within {_START_S:g} s")
             self._exchange()
             # Render the estimate of the nearest probed place.
-            chosen = self._target_states.choose(self._telling.tip_world_m) if self._telling else None
+            chosen = self._target_states.choose(self._report.tip_world_m) if self._report else None
             if chosen is not None:
                 self._send(HapticCommands(self._read, render=chosen))
-            # send session entries to the process that writes the session
-            if self._telling is not None and (self._notes or not now_s < self._link_s + _LINK_RECORD_S):
+            # Send entries to the process that writes the session.
+            if self._report is not None and (self._notes or not now_s < self._link_s + _LINK_RECORD_S):
                 self._link_s, notes = now_s, tuple(self._notes)
                 self._send(HapticCommands(self._read, notes=notes, link=self._messaging.record(now_s)))
                 self._notes.clear()
             if not now_s < self._show_s + _SHOW_S:
                 self._show_s, status, felt = now_s, "starting", self._target_states.felt
-                if self._telling is not None:  # reliability of the virtual object
+                if self._report is not None:  # reliability of the virtual object
                     age_s = nan if felt is None else self._messaging.peer.since_s(felt.measured_s, now_s)
-                    trust = self._target_states.summary(self._telling.tip_world_m, age_s)
+                    trust = self._target_states.summary(self._report.tip_world_m, age_s)
                     link = "linked" if self._messaging.linked else "NO LINK"
-                    status = f"{self._telling.force_n:5.2f} N felt; {trust}; {link}"
+                    status = f"{self._report.force_n:5.2f} N felt; {trust}; {link}"
                 self._show(status)
             if now_s > self._ending_s + _FAREWELL_S or (self._ending and not self._messaging.linked):
                 self._over = True
@@ -177,7 +176,7 @@ class _Leader:
         if self._lateness is None:
             self._send(HapticCommands(self._read, notes=tuple(self._notes), end=True))
         while self._lateness is None:
-            self._hear_operator()
+            self._receive_reports()
             self._clock.sleep_until(self._clock.now_s() + MESSAGE_PERIOD_S)
 
     def end(self) -> str:
@@ -198,7 +197,7 @@ class _Leader:
         heard = self._messaging.peer.offset is not None
         return LeaderOutcome(states, self._target_states.received, heard, self._lateness)
 
-    def _hear_operator(self) -> None:
+    def _receive_reports(self) -> None:
         try:
             while self._pipe.poll():
                 report: HapticReport = self._pipe.recv()
@@ -210,7 +209,7 @@ class _Leader:
                         raise PalpateError(f"the haptic loop has ended: {report.failure}")
                     self._over = True
                     continue
-                self._telling, self._read = report, self._read + 1
+                self._report, self._read = report, self._read + 1
                 for place in report.selected:
                     self._select(place)
                 for text in report.refused:
@@ -222,7 +221,9 @@ class _Leader:
 
     def _select(self, place: tuple[float, ...]) -> None:
         """Add a target or, if a target at this place is waiting or being probed, cancel that target."""
-        waiting = [each for each in self._queued() if dist(each.position_world_m, place) < _SAME_PLACE_M]
+        waiting = [
+            target for target in self._queued() if dist(target.position_world_m, place) < _SAME_PLACE_M
+        ]
         for target in waiting:
             self._cancelled.append(target.number)
             self._note("target", f"target {short_number(target.number)} canceled")
@@ -272,12 +273,13 @@ class _Leader:
         return [
             target
             for target in self._targets.values()
-            if self._states.get(target.number) not in _OVER and target.number not in self._cancelled
+            if not self._states.get(target.number, TargetState.QUEUED).is_over
+            and target.number not in self._cancelled
         ]
 
-    def _send(self, orders: HapticCommands) -> None:
+    def _send(self, commands: HapticCommands) -> None:
         try:
-            self._pipe.send(orders)
+            self._pipe.send(commands)
         except OSError as error:
             raise self._lost() from error
 

@@ -157,7 +157,7 @@ class MergedSessions:
         theirs_s = np.maximum.accumulate(time_s + offset_s)
         return np.asarray(follower_s - np.interp(follower_s, theirs_s, offset_s))
 
-    def feels(self) -> list[tuple[Event, Mapping[str, Any]]]:
+    def rendered_models(self) -> list[tuple[Event, Mapping[str, Any]]]:
         """Return the events of the rendered models, with their data."""
         return [(event, event.data or {}) for event in self.leader.events if event.kind == FEEL]
 
@@ -182,12 +182,12 @@ class MergedSessions:
         step_s[:1] = 1e-3
         real_n = _along(law, depth_m, rate_m_s, step_s)
         touching = haptic["force_n"] > 0.0
-        # start of each touch, and number of the newest touch, 0 before the first
+        # Start of each touch, and number of the newest touch, 0 before the first.
         begins = touching & ~np.concatenate([[False], touching[:-1]])
         number = np.cumsum(begins)
         knew = np.concatenate([[False], (haptic["revision"] != GUESS)[begins]])
         counted = touching & knew[number] & (real_n > _LEAST_N)
-        # touches that began less than `TOUCH_S` before a missed tick
+        # Touches that began less than `TOUCH_S` before a missed tick.
         missed = haptic["lateness_s"] > np.median(step_s)
         first = np.convolve(begins, np.ones(round(TOUCH_S / _TICK_S)))[: len(begins)] > 0.0
         late = np.zeros(number[-1] + 1, bool)
@@ -198,14 +198,14 @@ class MergedSessions:
     def modeled_and_measured(self) -> ForceComparison:
         """Compare each target's newest model with the measured forces, on the follower's presses."""
         ticks, parts = self.ticks, [(np.zeros(0),) * 3]
-        newest = {data["target"]: data for _, data in self.feels()}
+        newest = {data["target"]: data for _, data in self.rendered_models()}
         pressed = np.isin(ticks["phase"], _PRESSED) & (ticks["run"] >= 0)
         begun = [
             (event.time_s, event.data["target"])
             for event in self.follower.events
             if event.kind == "target" and event.data and "state" not in event.data
         ]
-        # number of the probed target; -1 before the first
+        # Number of the probed target; -1 before the first.
         targets = np.full(len(ticks), -1.0)
         if begun:
             starts_s, numbers = np.array(begun).T

@@ -87,7 +87,7 @@ def record_both(merged: MergedSessions, path: Path) -> float:
 def _log_parameters(recording: rr.RecordingStream, merged: MergedSessions, start_s: float) -> None:
     """Log each rendered parameter as a constant with its interval, from estimate to estimate."""
     end_s = float(merged.haptic["time_s"][-1])
-    feels = merged.feels()
+    feels = merged.rendered_models()
     for name in _parameters(merged):
         having = [(event.time_s, data) for event, data in feels if name in data["parameters"]]
         times = [time_s for time_s, _ in having]
@@ -103,7 +103,7 @@ def _log_parameters(recording: rr.RecordingStream, merged: MergedSessions, start
 
 
 def _parameters(merged: MergedSessions) -> list[str]:
-    names = dict.fromkeys(name for _, data in merged.feels() for name in data["parameters"])
+    names = dict.fromkeys(name for _, data in merged.rendered_models() for name in data["parameters"])
     return [name for name in names if name not in GEOMETRY]
 
 
@@ -159,7 +159,7 @@ def draw(path: Path, merged: MergedSessions, felt: ForceComparison, modeled: For
     look = {"color": palette.TRUTH, "lw": 1.0, "ls": (0, (4, 2))}
     over_time.plot(hand_s, real_n, label="the real object, pressed by the same hand", **look)
     note = {"xycoords": ("data", "axes fraction"), "fontsize": 7, "rotation": 40, "color": palette.BASE}
-    for event, data in merged.feels():
+    for event, data in merged.rendered_models():
         over_time.axvline(event.time_s - start_s, color=palette.BASE, lw=0.8)
         verdict = f", {data['verdict']}" if data["verdict"] else ""
         over_time.annotate(f"estimate {data['revision']}{verdict}", (event.time_s - start_s, 1.01), **note)

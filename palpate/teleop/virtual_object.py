@@ -64,7 +64,7 @@ def force_law(terms: Sequence[ContactModel]) -> ForceLaw:
     return force_n
 
 
-def felt_data(estimate: ObjectEstimate) -> dict[str, object]:
+def estimate_data(estimate: ObjectEstimate) -> dict[str, object]:
     """Convert an estimate to an event's data, from which it can be rendered again."""
     return {
         "revision": estimate.revision,
@@ -80,7 +80,7 @@ def felt_data(estimate: ObjectEstimate) -> dict[str, object]:
 
 
 def terms_in(data: Mapping[str, Any]) -> tuple[ContactModel, ...]:
-    """Read the object's model from data of `felt_data`; raise `InputError` if they are invalid.
+    """Read the object's model from data of `estimate_data`; raise `InputError` if they are invalid.
 
     Args:
         data: data of the session's event.

@@ -180,6 +180,11 @@ class TargetState(IntEnum):
     CANCELLED = 4
     FAILED = 5  # tried without obtaining data
 
+    @property
+    def is_over(self) -> bool:
+        """Whether the target needs no further work."""
+        return self not in {TargetState.QUEUED, TargetState.PROBING}
+
 
 _STATES = frozenset(TargetState)
 

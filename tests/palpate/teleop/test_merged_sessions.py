@@ -6,7 +6,7 @@ import pytest
 from palpate.sim_backend.scenario import Scenario
 from palpate.teleop.demo import TeleopDemo
 from palpate.teleop.merged_sessions import TOUCH_S, ForceComparison, MergedSessions
-from palpate.teleop.virtual_object import felt_data, force_law, terms_of
+from palpate.teleop.virtual_object import estimate_data, force_law, terms_of
 from tests.robot_io.link.link_parts import estimate
 
 TICK_S = 1e-3
@@ -115,4 +115,4 @@ def test_a_machine_that_is_too_slow_is_called_so_with_its_figures():
 
 
 def test_what_is_felt_keeps_which_target_it_is_of():
-    assert felt_data(estimate(target=2**40))["target"] == 2**40
+    assert estimate_data(estimate(target=2**40))["target"] == 2**40

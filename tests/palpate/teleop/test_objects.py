@@ -9,9 +9,9 @@ from palpate.robot_io.errors import InputError
 from palpate.robot_io.link.messages import ContactModel
 from palpate.robot_io.session import Samples
 from palpate.sim_backend.scenario import load_scenario
-from palpate.teleop.estimating import first_look, second_look
+from palpate.teleop.estimating import diagnose_object, estimate_object
 from palpate.teleop.virtual_object import (
-    felt_data,
+    estimate_data,
     force_law,
     summarize_estimate,
     summarize_trust,
@@ -50,7 +50,7 @@ def probed(scenario: dict, plan: ProbingPlan = FAST) -> Samples:
     ids=["kelvin_voigt", "hunt_crossley"],
 )
 def test_the_first_look_is_the_object(scenario):
-    found, world = first_look(probed(scenario), 4), load_scenario(scenario)
+    found, world = estimate_object(probed(scenario), 4), load_scenario(scenario)
     assert found.model[0].name == world.object.law.name
     assert (found.target, found.runs) == (4, 1)
     assert found.surface_world_m[2] == pytest.approx(0.05, abs=1e-4)
@@ -66,13 +66,13 @@ def test_a_law_that_fits_better_and_cannot_be_felt_is_not_offered():
     """Relaxation draws Hunt-Crossley's exponent below 1, where the simulator has no such law."""
     law = {"name": "kelvin_voigt", "stiffness_n_m": 2000.0, "damping_n_s_m": 20.0}
     relaxing = {"effect": "stress_relaxation", "stiffness_n_m": 1500.0, "time_s": 0.2}
-    found = first_look(probed({"object": {"law": law}, "hidden": [relaxing]}), 0)
+    found = estimate_object(probed({"object": {"law": law}, "hidden": [relaxing]}), 0)
     assert [term.name for term in found.model] == ["kelvin_voigt"]
     force_law(found.model)
 
 
 def test_an_established_effect_is_felt(few_effects):
-    found = second_look(probed(CUBIC, TWO_SPEEDS), 0)
+    found = diagnose_object(probed(CUBIC, TWO_SPEEDS), 0)
     assert found.verdict == "missing"
     assert [term.name for term in found.model] == ["kelvin_voigt", "cubic_stiffness"]
     felt, real = force_law(found.model), force_law(terms_of(load_scenario(CUBIC)))
@@ -82,7 +82,7 @@ def test_an_established_effect_is_felt(few_effects):
 
 def test_nothing_touched_is_no_estimate():
     with pytest.raises(InputError, match="nothing was touched"):
-        first_look(probed({"object": {"surface_height_m": -0.5}}, NOTHING_NEAR), 0)
+        estimate_object(probed({"object": {"surface_height_m": -0.5}}, NOTHING_NEAR), 0)
 
 
 def test_a_law_with_a_memory_is_felt_as_the_world_has_it_also_from_a_session():
@@ -92,7 +92,7 @@ def test_a_law_with_a_memory_is_felt_as_the_world_has_it_also_from_a_session():
     assert forces_n[0] == pytest.approx(500.0 * 0.01 + 300.0 * 0.01, rel=0.02)
     assert forces_n[-1] == pytest.approx(500.0 * 0.01, rel=0.01)
     sent = estimate()
-    assert terms_in(felt_data(sent)) == sent.model
+    assert terms_in(estimate_data(sent)) == sent.model
 
 
 @pytest.mark.parametrize(

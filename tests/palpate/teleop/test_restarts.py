@@ -162,7 +162,7 @@ def test_the_arm_waits_for_what_is_being_estimated_at_every_moment(followed, lin
     messaging, answers = followed
     asked, estimator = [], messaging._estimator
 
-    def look(samples, target, *, last):
+    def request(samples, target, *, last):
         asked.append(messaging.settled())
         answers.append(estimate(target=target))
 
@@ -170,10 +170,10 @@ def test_the_arm_waits_for_what_is_being_estimated_at_every_moment(followed, lin
         asked.append(messaging.settled())
         return [answers.pop(0)] if answers else []
 
-    estimator.look, estimator.answers = look, answer
+    estimator.request, estimator.answers = request, answer
     assert messaging.settled()
     stream = sample_stream(3)
-    messaging.look(stream, np.zeros(2, stream.dtype), 0, last=True)
+    messaging.request_estimate(stream, np.zeros(2, stream.dtype), 0, last=True)
     assert not messaging.settled()
     messaging._exchange()
     assert asked == [False, False]
