@@ -133,8 +133,7 @@ def arrow_table(arrays: Mapping[str, NDArray[Any]], place: Path) -> pa.Table:
 
     Raises:
         InputError: the arrays have different lengths, are not one-dimensional, or contain neither real
-        numbers
-            nor text.
+            numbers nor text.
     """
     for name, array in arrays.items():
         if array.ndim != 1:
@@ -161,7 +160,7 @@ def arrow_table(arrays: Mapping[str, NDArray[Any]], place: Path) -> pa.Table:
 
 _MOST_BYTES = 8  # of a number
 _TIME, _EPISODE, _STATE = "timestamp", "episode_index", "observation.state"
-_CALLED = {  # quantity of each array; an action is a command and belongs to no channel
+_QUANTITY_BY_ARRAY = {  # quantity of each array; an action is a command and belongs to no channel
     _STATE: "position",
     "observation.position": "position",
     "observation.velocity": "velocity",
@@ -170,7 +169,7 @@ _CALLED = {  # quantity of each array; an action is a command and belongs to no 
     "observation.current": "current",
     "action": "action",
 }
-_QUANTITIES = {  # quantity by the ending of LeRobot's element names
+_QUANTITY_BY_ENDING = {  # quantity by the ending of LeRobot's element names
     "pos": "position",
     "vel": "velocity",
     "torque": "torque",
@@ -218,16 +217,16 @@ def _lerobot_columns(table: pa.Table, path: Path) -> FileColumns:
         if len(widths) != 1 or widths[0] is None or not 0 < widths[0] <= _MOST_JOINTS:
             continue
         values = np.asarray(rows.flatten()).reshape(-1, widths[0])
-        called, elements = _CALLED.get(array, array), _element_names(info, array)
+        quantity_of_array, elements = _QUANTITY_BY_ARRAY.get(array, array), _element_names(info, array)
         of_array = [name.removesuffix(".pos") for name in elements if name.endswith(".pos")]
-        column_names = [f"{called}_{joint + 1}" for joint in range(widths[0])]
+        column_names = [f"{quantity_of_array}_{joint + 1}" for joint in range(widths[0])]
         if len(elements) == widths[0] and of_array:  # such as shoulder.pos, shoulder.vel and force
             column_names = []
             for name in elements:
                 joint, _, ending = name.rpartition(".")
-                column, quantity = name, _QUANTITIES.get(ending, "")
+                column, quantity = name, _QUANTITY_BY_ENDING.get(ending, "")
                 if joint in of_array and quantity:
-                    quantity = called if quantity == "position" else quantity
+                    quantity = quantity_of_array if quantity == "position" else quantity
                     column = f"{quantity}_{of_array.index(joint) + 1}"
                 unit = units.get(quantity or name, "")
                 column_names.append(f"{column}_{unit}" if unit else column)

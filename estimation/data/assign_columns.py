@@ -35,7 +35,7 @@ from palpate.estimation.data.column_names import (
 )
 from palpate.estimation.data.column_units import Assigned, Chosen, ColumnUnits
 from palpate.estimation.data.import_options import ImportOptions
-from palpate.estimation.data.presses import FEWEST_ROWS, press_sides
+from palpate.estimation.data.presses import MIN_RUN_ROWS, press_sides
 from palpate.estimation.data.table import Table
 from palpate.estimation.data.units import describe_fault, dimension_of, invalid_rows
 from palpate.robot_io.errors import InputError
@@ -84,6 +84,14 @@ class Columns:
         """
         return self.assigned[key].column
 
+    def role(self, key: Key) -> Role:
+        """Return a quantity as a role without a unit, whose name in options has the joint number of the file.
+
+        Args:
+            key: key of any quantity.
+        """
+        return Role(*key, "", self.shift)
+
     @property
     def used(self) -> frozenset[str | None]:
         """Names of the columns with a quantity, a run or a phase."""
@@ -114,7 +122,7 @@ class Columns:
     def roles(self) -> dict[str, str]:
         """Quantity and unit of each column in use, by the column's name."""
         roles = {
-            source.column: f"{Role(*key, '', self.shift).numbered} in {source.unit.replace('_', '/')}"
+            source.column: f"{self.role(key).numbered} in {source.unit.replace('_', '/')}"
             for key, source in self.assigned.items()
         }
         return roles | {name: what for name, what in ((self.run, RUN), (self.phase, PHASE)) if name}
@@ -125,7 +133,7 @@ class Columns:
         if all(_own_name(source.column) for source in self.assigned.values()):
             return ""
         words = [
-            f"{Role(*key, '', self.shift).numbered} '{source.column}'"
+            f"{self.role(key).numbered} '{source.column}'"
             + ("" if unit_in_name(source.column) == source.unit else f" in {source.unit.replace('_', '/')}")
             for key, source in self.assigned.items()
         ]
@@ -141,7 +149,7 @@ def in_blocks(values: FloatArray) -> bool:
     if np.any(values != np.round(values)):
         return False
     blocks = 1 + np.count_nonzero(np.diff(values))
-    return bool(blocks == len(np.unique(values)) and blocks * FEWEST_ROWS <= len(values))
+    return bool(blocks == len(np.unique(values)) and blocks * MIN_RUN_ROWS <= len(values))
 
 
 def assign_columns(table: Table, options: ImportOptions) -> Columns:

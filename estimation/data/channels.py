@@ -10,15 +10,20 @@ from numpy.typing import ArrayLike
 from palpate.control.loop.tick_record import STREAM_NAME
 from palpate.estimation.channel import ChannelData, ChannelKind
 from palpate.estimation.data.import_file import Imported, with_arm
-from palpate.estimation.data.tick_channels import checked_ticks, contact_channels, joined, joint_channels
-from palpate.estimation.data.units import FINEST_S, describe_fault, invalid_rows
+from palpate.estimation.data.tick_channels import (
+    checked_ticks,
+    contact_channels,
+    joined_ticks,
+    joint_channels,
+)
+from palpate.estimation.data.units import MIN_STEP_S, describe_fault, invalid_rows
 from palpate.estimation.signals.runwise import sample_time
 from palpate.robot_io.errors import InputError, SessionError
 from palpate.robot_io.session import Column, Samples, Session, Stream
 from palpate.robot_io.session.event import RUN_LABELS
 
 _NUMBER = re.compile("[0-9]{1,18}$")
-_HELD = "touching"  # column that marks samples in contact at any depth
+_TOUCHING = "touching"  # column that marks samples in contact at any depth
 _CONTEXT = "context_"  # prefix of the names of context signals
 
 _COLUMNS = {
@@ -55,8 +60,8 @@ def import_streams(imported: Imported) -> list[tuple[Stream, Mapping[str, ArrayL
         for name, unit, values in zip(_COLUMNS[channel.kind], units, motion, strict=True):
             columns.append((Column(name, unit, 1, _DOCS.get(name, "")), values))
         if channel.touching is not None:
-            held = Column(_HELD, "1", 1, "1 where the object pulls as well as pushes", "int32")
-            columns.append((held, channel.touching.astype(np.int32)))
+            touching = Column(_TOUCHING, "1", 1, "1 where the object pulls as well as pushes", "int32")
+            columns.append((touching, channel.touching.astype(np.int32)))
         for name in sorted(channel.recorded):
             columns.append((Column(_CONTEXT + name, "1", 1, "as in the data file"), channel.context[name]))
         stream = Stream(channel.name, tuple(column for column, _ in columns))
@@ -92,15 +97,15 @@ def _imported_channel(name: str, samples: Samples) -> ChannelData:
     if not kinds:
         raise SessionError(f"stream '{name}' is not a channel: its columns are {', '.join(samples)}")
     _check(name, samples, ("time_s", "run", "phase", *_COLUMNS[kinds[0]]))
-    late = np.diff(samples["time_s"]) < FINEST_S  # the same limit as in the import
+    late = np.diff(samples["time_s"]) < MIN_STEP_S  # the same limit as in the import
     if (late & (np.diff(samples["run"]) == 0)).any():
         raise InputError(f"stream '{name}', column 'time_s': times must increase within a run")
     position, velocity, acceleration, effort = (samples[column] for column in _COLUMNS[kinds[0]])
     context = {
         column.removeprefix(_CONTEXT): samples[column] for column in samples if column.startswith(_CONTEXT)
     }
-    if _HELD in samples:
-        _check(name, samples, (_HELD,))
+    if _TOUCHING in samples:
+        _check(name, samples, (_TOUCHING,))
     return ChannelData(
         name,
         kinds[0],
@@ -113,7 +118,7 @@ def _imported_channel(name: str, samples: Samples) -> ChannelData:
         samples["phase"].astype(np.int64),
         context,
         recorded=frozenset(context),
-        touching=samples[_HELD] != 0 if _HELD in samples else None,
+        touching=samples[_TOUCHING] != 0 if _TOUCHING in samples else None,
     )
 
 
@@ -146,7 +151,7 @@ def session_channels(
         joints: whether to return the joints of a probing session, which need most of the memory.
 
     Raises:
-        InputError: the session has no channels, or the sessions cannot be joined.
+        InputError: the session has no channels, or the sessions cannot be joined_ticks.
     """
     names = [name for name in session.stream_names if name == "contact" or name.startswith("joint_")]
     try:
@@ -161,7 +166,7 @@ def session_channels(
             if probing.metadata.urdf != session.metadata.urdf:
                 by = f"was recorded with another arm than {session.path} (their URDFs differ)"
                 raise InputError(f"{probing.path}: {by}")
-        ticks = joined([checked_ticks(probing) for probing in (session, *more)])
+        ticks = joined_ticks([checked_ticks(probing) for probing in (session, *more)])
         channels = (*contact_channels(ticks, tared=tared), *(joint_channels(ticks) if joints else ()))
     if not channels:
         streams = ", ".join(session.stream_names) or "none"

@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 
 from palpate.estimation.data.column_names import (
-    OF_JOINTS,
+    JOINT_QUANTITIES,
     TIME,
     Guess,
     Key,
@@ -26,9 +26,9 @@ from palpate.robot_io.types import FloatArray
 
 EFFORTS = ("force", "torque")
 _DERIVABLE = frozenset({"velocity", "acceleration"})
-_OTHER_SIGN = 0.2  # largest force of opposite sign in a press, relative to the largest force
-_GOES_WITH = 0.3  # least correlation of position and force in a press
-_BEGINNING = 0.05  # first share of the travel, in which a linear axis already needs its force
+_MAX_OPPOSITE_FORCE = 0.2  # largest force of opposite sign in a press, relative to the largest force
+_PRESS_CORRELATION = 0.3  # least correlation of position and force in a press
+_START_SHARE = 0.05  # first share of the travel, in which a linear axis already needs its force
 
 
 def choose_columns(
@@ -51,12 +51,13 @@ def choose_columns(
     table = units.table
     guessed = guess_columns(table.names, clocks_of(table.columns))
     numbered = [
-        replace(g, joint=g.joint + shift) if g.joint is not None and g.quantity in OF_JOINTS else g
+        replace(g, joint=g.joint + shift) if g.joint is not None and g.quantity in JOINT_QUANTITIES else g
         for g in guessed
     ]
     named = [g for g in numbered if g.quantity and g.column not in reserved and g.key not in known]
-    if any(quantity in OF_JOINTS and joint == 0 for quantity, joint in known):  # the user named one joint
-        named = [guess for guess in named if guess.quantity not in OF_JOINTS or not guess.joint]
+    is_single_joint = any(quantity in JOINT_QUANTITIES and joint == 0 for quantity, joint in known)
+    if is_single_joint:  # the user named it
+        named = [guess for guess in named if guess.quantity not in JOINT_QUANTITIES or not guess.joint]
     free = [guess for guess in named if table.is_mostly_numeric(guess.column)]
     available = {*known, *(guess.key for guess in free)}
     if not (keys_of_channels(available) and TIME in available):
@@ -104,15 +105,15 @@ def is_pressed(position: FloatArray, force: FloatArray) -> bool:
     """
     low, high = np.quantile(force, [0.005, 0.995])
     largest = max(abs(low), abs(high))
-    if min(abs(low), abs(high)) >= _OTHER_SIGN * largest:
+    if min(abs(low), abs(high)) >= _MAX_OPPOSITE_FORCE * largest:
         return False
     moved = np.abs(position - position[0])
-    begins = slice(int(np.argmax(moved > 0.0)), int(np.argmax(moved > _BEGINNING * np.ptp(position))))
+    begins = slice(int(np.argmax(moved > 0.0)), int(np.argmax(moved > _START_SHARE * np.ptp(position))))
     peak = int(np.argmax(np.abs(force))) + 1  # after the peak an object may tear; an axis may start with it
     parts = [slice(begins.start, end) for end in (len(force), peak) if end > begins.stop]
-    if any(abs(correlation_coefficient(position[part], force[part])) > _GOES_WITH for part in parts):
+    if any(abs(correlation_coefficient(position[part], force[part])) > _PRESS_CORRELATION for part in parts):
         return True
-    return bool(force[begins].size and abs(np.median(force[begins])) < _OTHER_SIGN * largest)
+    return bool(force[begins].size and abs(np.median(force[begins])) < _MAX_OPPOSITE_FORCE * largest)
 
 
 def _best_matches(table: Table, key: Key, guesses: list[Guess]) -> list[Guess]:
@@ -190,7 +191,7 @@ def joint_shift(table: Table, columns: Mapping[str, str]) -> int:
 def _numbered(names: Iterable[str]) -> Numbered:
     numbered: Numbered = {}
     for guess in map(guess_column, names):
-        if guess.quantity in OF_JOINTS and guess.joint is not None:
+        if guess.quantity in JOINT_QUANTITIES and guess.joint is not None:
             numbered.setdefault(guess.quantity, {})[guess.joint] = guess.column
     if "position" not in numbered:  # the forces then belong to presses
         numbered.pop("force", None)

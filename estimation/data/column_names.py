@@ -26,9 +26,9 @@ QUANTITIES: Mapping[str, tuple[str, ...]] = MappingProxyType(
         "goal": ("angle",),
     }
 )
-"""Dimensions that each quantity may have; see `STANDS_FOR`."""
+"""Dimensions that each quantity may have; see `EFFORT_PROXIES`."""
 
-STANDS_FOR: Mapping[str, tuple[str, str, str]] = MappingProxyType(
+EFFORT_PROXIES: Mapping[str, tuple[str, str, str]] = MappingProxyType(
     {
         "current": ("N m", "torque constant", "0.5Nm/A"),
         "voltage": ("N", "sensor's constant", "20N/V"),
@@ -37,17 +37,17 @@ STANDS_FOR: Mapping[str, tuple[str, str, str]] = MappingProxyType(
 )
 """Dimensions that may represent an effort: unit of the effort, name of the constant, and example of it."""
 
-OF_JOINTS = frozenset({"position", "velocity", "acceleration", "torque", "force", "goal"})
+JOINT_QUANTITIES = frozenset({"position", "velocity", "acceleration", "torque", "force", "goal"})
 
-_ALSO = {"depth": "displacement", "angle": "position"}
-_NAME = re.compile(rf"({'|'.join([*QUANTITIES, *_ALSO])})(?:_(\d+))?(?:_(.+))?", re.IGNORECASE)
+_SYNONYMS = {"depth": "displacement", "angle": "position"}
+_NAME = re.compile(rf"({'|'.join([*QUANTITIES, *_SYNONYMS])})(?:_(\d+))?(?:_(.+))?", re.IGNORECASE)
 _BRACKETED = re.compile(r"\s*[\[({<]\s*(?!\d+\s*\])([^\])}>]*?)\s*[\])}>]\s*$")  # excludes indices
-_BEHIND_THE_UNIT = re.compile(  # as in "Force (N) Run #1"
+_RUN_AFTER_UNIT = re.compile(  # as in "Force (N) Run #1"
     r"(?<=[])}]) (?:run|test|trial|specimen) ?#? ?\d+$", re.IGNORECASE
 )
-_DOTTED = re.compile(r"(.*\w)\.{1,2}([^\W\d_][\w.]*)\.")  # brackets as R writes them: "force..N."
-_STUCK = re.compile(r"([A-Za-z]*[a-z])(?:\.|(?=[A-Z]))([A-Za-z]+)")  # "ForceN", "Load.N"
-_AFTER = re.compile(r"\s*(?:/|,|:|\||\bin\b)\s*([^\s/,:|]+)\s*$")
+_DOTTED_UNIT = re.compile(r"(.*\w)\.{1,2}([^\W\d_][\w.]*)\.")  # brackets as R writes them: "force..N."
+_JOINED_UNIT = re.compile(r"([A-Za-z]*[a-z])(?:\.|(?=[A-Z]))([A-Za-z]+)")  # "ForceN", "Load.N"
+_UNIT_AFTER_SIGN = re.compile(r"\s*(?:/|,|:|\||\bin\b)\s*([^\s/,:|]+)\s*$")
 
 
 @dataclass(frozen=True)
@@ -81,8 +81,8 @@ def parse_role(name: str, shift: int = 0) -> Role | None:
     if not match:
         return None
     named, number, ending = match.group(1).lower(), match.group(2), match.group(3) or ""
-    quantity = _ALSO.get(named, named)
-    joint = int(number or 0) + shift * (number is not None and quantity in OF_JOINTS)
+    quantity = _SYNONYMS.get(named, named)
+    joint = int(number or 0) + shift * (number is not None and quantity in JOINT_QUANTITIES)
     unit = read_as(normalise(ending), QUANTITIES[quantity])
     if unit and dimension_of(unit) not in QUANTITIES[quantity]:
         return None
@@ -123,7 +123,7 @@ def split_unit(name: str) -> tuple[str, str]:
         return joined
     if not match and stem and "/" in last and dimension_of(unit := normalise(last)):
         return stem.removesuffix(" in"), unit
-    match = match or _AFTER.search(name)
+    match = match or _UNIT_AFTER_SIGN.search(name)
     if match and dimension_of(unit := normalise(match[1])):
         return name[: match.start()], unit
     if match and match.re is _BRACKETED:
@@ -145,20 +145,22 @@ def without_run(name: str) -> str:
     Args:
         name: name of a column.
     """
-    return _BEHIND_THE_UNIT.sub("", name)
+    return _RUN_AFTER_UNIT.sub("", name)
 
 
 def _joined_unit(name: str) -> tuple[str, str] | None:
     """Split names whose unit follows without brackets or blanks, such as "force..N." and "ForceN"."""
-    if dotted := _DOTTED.fullmatch(name):
+    if dotted := _DOTTED_UNIT.fullmatch(name):
         for written in (dotted[2], dotted[2].replace(".", "/")):
             if dimension_of(unit := normalise(written)):
                 return dotted[1], unit
-    if stuck := _STUCK.fullmatch(name):
+    if stuck := _JOINED_UNIT.fullmatch(name):
         known = {quantity for quantity, words in WORDS.items() if plain(stuck[1]) in words} - {RUN}
         for written in (stuck[2], stuck[2][0].lower() + stuck[2][1:]):
             dimension = dimension_of(unit := normalise(written))
-            if dimension not in STANDS_FOR and any(dimension in QUANTITIES[quantity] for quantity in known):
+            if dimension not in EFFORT_PROXIES and any(
+                dimension in QUANTITIES[quantity] for quantity in known
+            ):
                 return stuck[1], unit
     return None
 
@@ -187,7 +189,7 @@ def si_unit(dimension: str) -> str:
     return next(unit for unit, factor in SI[dimension].items() if factor == 1.0)
 
 
-_SAYS_NOTHING = frozenset(
+_UNINFORMATIVE = frozenset(
     ["actual", "measured", "feedback", "present", "ist", "joint", "joints", "state", "states", "j"]
 )
 _NOT_MEASURED = frozenset(
@@ -211,9 +213,9 @@ _ARTICLE = re.compile(
     rf"(?i:\b({'|'.join(word for words in WORDS.values() for word in sorted(words) if len(word) > 2)})) des "
     r"(?=[A-Z][a-z]{3}|(?!joint|axis|pos|vel|angle|torque|force)[a-z]{3})"
 )
-_AGAIN = re.compile(r"(.+) \((\d+)\)")  # a repeated name
+_REPEATED_NAME = re.compile(r"(.+) \((\d+)\)")  # a repeated name
 _UNNAMED = re.compile(r"column \d+")
-_JOINTLY = ("position", "velocity", "torque")  # quantities that a file may have for each joint
+_MOTION_OR_TORQUE = ("position", "velocity", "torque")  # quantities that a file may have for each joint
 _RADIANS = {"position": "rad", "velocity": "rad_s"}
 _INTERFACES = (  # names whose units are specified: ROS (REP 103), RTDE, libfranka, Arduino
     (re.compile(r"joint_states\W"), _RADIANS | {"torque": "Nm"}),
@@ -244,7 +246,7 @@ class Guess:
     @property
     def fit(self) -> tuple[bool, int, bool]:
         """Sort key for columns of one quantity: units that represent an effort come last."""
-        return dimension_of(self.unit) not in STANDS_FOR, self.rank, bool(self.unit)
+        return dimension_of(self.unit) not in EFFORT_PROXIES, self.rank, bool(self.unit)
 
 
 def guess_columns(names: Sequence[str], clocks: Collection[str] = ()) -> list[Guess]:
@@ -259,7 +261,7 @@ def guess_columns(names: Sequence[str], clocks: Collection[str] = ()) -> list[Gu
     units_only = sum(map(bool, map(dimension_of, units.values()))) >= max(2.0, 0.6 * len(units))
     guesses = [
         Guess(name, "")
-        if (again := _AGAIN.fullmatch(name)) and again[1] in names
+        if (again := _REPEATED_NAME.fullmatch(name)) and again[1] in names
         else replace(guess_column(f"{split_unit(name)[0]} [s]"), column=name)
         if name in clocks
         else Guess(name, quantity, None, units[name], _BY_UNIT, "by its unit")
@@ -272,7 +274,7 @@ def guess_columns(names: Sequence[str], clocks: Collection[str] = ()) -> list[Gu
     loose = [
         guess
         for guess in guesses
-        if guess.quantity in _JOINTLY and guess.joint is None and guess.rank < OWN_NAME
+        if guess.quantity in _MOTION_OR_TORQUE and guess.joint is None and guess.rank < OWN_NAME
     ]
     has = {
         of: {guess.quantity for guess in loose if guess.of == of}
@@ -360,20 +362,20 @@ def guess_column(name: str) -> Guess:
     numbers = [int(word) for word in words if word.isdecimal() and len(word) < 4]
     letters = [plain(word) for word in words if not word.isdecimal()]
     joint = numbers[0] if len(numbers) == 1 else None
-    is_goal = _GOAL & set(letters) and not {*letters} - _GOAL - _SAYS_NOTHING - WORDS["position"]
+    is_goal = _GOAL & set(letters) and not {*letters} - _GOAL - _UNINFORMATIVE - WORDS["position"]
     if is_goal and dimension_of(unit) in {None, "angle"}:
         return Guess(name, "goal", joint, unit, _BY_WORD, "by a word in its name")
     if _NOT_MEASURED & set(letters):
         return Guess(name, "")
-    letters = [word for word in letters if word not in _SAYS_NOTHING]
+    letters = [word for word in letters if word not in _UNINFORMATIVE]
     if not WORDS["torque"].isdisjoint(letters):
         unit = read_as(unit, QUANTITIES["torque"])
     quantity, rank = _match_words("".join(letters), letters, unit) if letters else ("", 0)
     if not quantity:
         return Guess(name, "")
-    if quantity not in _JOINTLY:
+    if quantity not in _MOTION_OR_TORQUE:
         joint = None
-    uninformative = WORDS.get(quantity, frozenset()) | _SAYS_NOTHING  # `WORDS` has none for acceleration
+    uninformative = WORDS.get(quantity, frozenset()) | _UNINFORMATIVE  # `WORDS` has none for acceleration
     of = tuple(word.lower() for word in words if plain(word) not in uninformative)
     why = ("by its name and others'", "by its unit", "by a word in its name", "by its name")[rank]
     specified = next((units.get(quantity, "") for pattern, units in _INTERFACES if pattern.search(name)), "")
@@ -393,7 +395,7 @@ def _match_words(whole: str, words: Sequence[str], unit: str) -> tuple[str, int]
             return quantity, _BY_WORD
     is_effort = dimension not in {"voltage", "pressure"}  # these alone may belong to any quantity
     by_unit = next((quantity for quantity in QUANTITIES if is_effort and _fits(quantity, unit)), "")
-    by_pair = next((quantity for quantity in _JOINTLY if words[-1] in WORDS[quantity]), "")
+    by_pair = next((quantity for quantity in _MOTION_OR_TORQUE if words[-1] in WORDS[quantity]), "")
     return (by_unit, _BY_UNIT) if by_unit else (by_pair, _BY_PAIR)
 
 

@@ -9,9 +9,9 @@ import numpy as np
 
 from palpate.estimation.data.column_names import (
     DISPLACEMENT,
+    EFFORT_PROXIES,
     POSITION,
     QUANTITIES,
-    STANDS_FOR,
     Key,
     Role,
     guess_column,
@@ -38,7 +38,7 @@ from palpate.robot_io.errors import InputError
 
 Chosen = dict[Key, tuple[Role, str]]  # role and column of each quantity
 
-_LARGE = {  # largest plausible range in SI, and the likely unit of a larger range
+_LARGEST_RANGE = {  # largest plausible range in SI, and the likely unit of a larger range
     "displacement": (0.2, "mm"),
     "position": (4.0 * np.pi, "deg"),
     "goal": (4.0 * np.pi, "deg"),
@@ -148,8 +148,8 @@ class ColumnUnits:
                 f"the factor '{factor_named[0].strip()}' in the name of column '{column}' is ignored: it is "
                 f"read in {unit}; if that is wrong, give its unit, such as --unit {role.numbered}=1000{unit}"
             )
-        if dimension in STANDS_FOR:
-            effort, constant, example = STANDS_FOR[dimension]
+        if dimension in EFFORT_PROXIES:
+            effort, constant, example = EFFORT_PROXIES[dimension]
             note = (
                 f"column '{column}' is a {dimension} that stands for the {role.quantity}: "
                 f"1 {si_unit(dimension)} counts as 1 {effort}; give the {constant}, as in "
@@ -241,7 +241,7 @@ class ColumnUnits:
             step = float(np.median(np.diff(values))) if len(values) > 1 else 0.0
             return likely_time_unit(step, span if step > 0.0 else np.inf)
         if linear and role.quantity == "position":
-            most, otherwise = _LARGE["displacement"]
+            most, otherwise = _LARGEST_RANGE["displacement"]
             return otherwise if span > most else "m"
-        most, otherwise = _LARGE.get(role.quantity, (np.inf, ""))
+        most, otherwise = _LARGEST_RANGE.get(role.quantity, (np.inf, ""))
         return otherwise if span > most else si_unit(QUANTITIES[role.quantity][0])

@@ -13,8 +13,8 @@ from palpate.estimation.statistics.noise import sum_covariance
 from palpate.estimation.statistics.uncertainty import common_error_covariance, sandwich
 from palpate.robot_io.types import BoolArray, FloatArray, IntArray
 
-_LASTING = 3  # least number of consecutive samples of a contact
-_FREE = (Phase.FREE_AIR, Phase.APPROACH)  # the first of these phases in a run determines its noise
+_MIN_SAMPLES = 3  # least number of consecutive samples of a contact
+_FREE_PHASES = (Phase.FREE_AIR, Phase.APPROACH)  # the first of these phases in a run determines its noise
 
 
 @dataclass(frozen=True)
@@ -52,26 +52,26 @@ def find_contacts(force_n: FloatArray, run: IntArray, phase: IntArray) -> tuple[
     for number in np.unique(run):
         rows = np.flatnonzero(run == number)
         force, phase_in_run = force_n[rows], phase[rows]
-        free = force[:_LASTING]
-        for before in _FREE:  # without a phase in free air, the first half of the approach is used
+        free = force[:_MIN_SAMPLES]
+        for before in _FREE_PHASES:  # without a phase in free air, the first half of the approach is used
             samples: FloatArray = force[phase_in_run == before]
-            if len(samples) > 2 * _LASTING:
+            if len(samples) > 2 * _MIN_SAMPLES:
                 free = samples if before is Phase.FREE_AIR else samples[: len(samples) // 2]
                 break
         baseline_n, noise_n = float(np.mean(free)), float(np.std(free))
         highest_n, retracted = baseline_n, force[phase_in_run == Phase.RETRACT]
-        if len(retracted) > 2 * _LASTING:  # the end of the retraction is also in free air
+        if len(retracted) > 2 * _MIN_SAMPLES:  # the end of the retraction is also in free air
             highest_n = max(baseline_n, float(np.mean(retracted[len(retracted) // 2 :])))
         touching = _drop_short_stretches(force > highest_n + touch_force_n(noise_n))
         inside = np.flatnonzero(touching)[1:-1]
-        beside = list[int]()
+        neighbors = list[int]()
         if len(inside):  # a bounce is not a contact; a single low sample within a contact is noise
-            beside = [at for at in (inside[0] - 2, inside[-1] + 2) if 0 <= at < len(rows)]
+            neighbors = [at for at in (inside[0] - 2, inside[-1] + 2) if 0 <= at < len(rows)]
             lifted = _drop_short_stretches(~touching[inside[0] : inside[-1] + 1])
             inside = inside[0] + np.flatnonzero(~lifted)
         deviation = free - np.mean(free)
         std_err_n = float(np.sqrt(sum_covariance(deviation[:, None]).matrix[0, 0])) / len(free)
-        around = rows[np.array(beside, dtype=np.int64)]
+        around = rows[np.array(neighbors, dtype=np.int64)]
         contacts.append(Contact(int(number), rows[inside], around, baseline_n, std_err_n, noise_n))
     return tuple(contacts)
 
@@ -91,9 +91,9 @@ def contact_rows(force_n: FloatArray, run: IntArray, phase: IntArray) -> BoolArr
 
 
 def _drop_short_stretches(mask: BoolArray) -> BoolArray:
-    """Keep only true samples in stretches of at least `_LASTING` samples."""
+    """Keep only true samples in stretches of at least `_MIN_SAMPLES` samples."""
     _, row = block_index(mask)
-    return np.asarray(mask & (np.bincount(row)[row] >= _LASTING))
+    return np.asarray(mask & (np.bincount(row)[row] >= _MIN_SAMPLES))
 
 
 _SOFTEST_START = 3.0  # largest assumed power of the depth in the force law near the surface
@@ -124,7 +124,12 @@ class Touch:
 
 
 def find_surface(  # noqa: PLR0917
-    along_m: FloatArray, speed_m_s: FloatArray, force_n: FloatArray, run: IntArray, tare: Tare, touch: Touch
+    tip_m: FloatArray,
+    speed_m_s: FloatArray,
+    force_n: FloatArray,
+    run: IntArray,
+    tare: Tare,
+    touch: Touch,
 ) -> Surface:
     """Estimate the common surface of runs at one place: the zero of a fit of a spring and a damper.
 
@@ -133,16 +138,16 @@ def find_surface(  # noqa: PLR0917
     a few encoder steps, the contact alone determines the surface.
 
     Args:
-        along_m: position of the tip along the press direction, samples in contact only, shape (n,) [m].
+        tip_m: position of the tip along the press direction, samples in contact only, shape (n,) [m].
         speed_m_s: derivative of that position, shape (n,) [m/s].
         force_n: force above that in free air, positive in compression, shape (n,) [N].
         run: run number of each sample, shape (n,).
         tare: offset subtracted from the force.
         touch: result of `touch_of`.
     """
-    if np.ptp(along_m) < MIN_STEPS * touch.step_m:
+    if np.ptp(tip_m) < MIN_STEPS * touch.step_m:
         return touch.alone()
-    columns = np.column_stack([along_m - touch.first_m, speed_m_s, np.ones(len(along_m))])
+    columns = np.column_stack([tip_m - touch.first_m, speed_m_s, np.ones(len(tip_m))])
     stiffness, _, offset_n = gains = solve(columns, force_n).gains
     if stiffness <= 0.0:
         return Surface(touch.first_m, float("nan"), touch.highest_m, touch.deepest_m)
@@ -152,28 +157,28 @@ def find_surface(  # noqa: PLR0917
     slope = np.array([-deeper_m, 0.0, -1.0]) / stiffness  # derivative of deeper_m by the gains
     matrix = covariance.matrix + common_error_covariance(columns, tare.index(run), tare.std_err)
     std_err_m = float(np.sqrt(slope @ matrix @ slope))
-    position_m = max(touch.first_m + min(deeper_m, 0.0), touch.highest_m)
-    return Surface(position_m, std_err_m, touch.highest_m, touch.deepest_m)
+    surface_m = max(touch.first_m + min(deeper_m, 0.0), touch.highest_m)
+    return Surface(surface_m, std_err_m, touch.highest_m, touch.deepest_m)
 
 
-def touch_of(along_m: FloatArray, force_n: FloatArray, contacts: list[Contact], step_m: float) -> Touch:
+def touch_of(tip_m: FloatArray, force_n: FloatArray, contacts: list[Contact], step_m: float) -> Touch:
     """Bound the surface by the samples around the contacts at one place.
 
     If the force of an object grows with a power p of the depth, the last sample in free air has the share
     (x_air / x_max)^p of the largest force. This force is below the threshold of contact.
 
     Args:
-        along_m: position of the tip along the press direction, all samples, shape (n,) [m].
+        tip_m: position of the tip along the press direction, all samples, shape (n,) [m].
         force_n: force above that in free air, positive in compression, shape (n,) [N].
         contacts: contacts at one place.
         step_m: quantization step of the coordinates; 0 if there is none [m].
     """
     rows = np.concatenate([contact.rows for contact in contacts])
     free = np.concatenate([contact.free for contact in contacts])
-    first_m, last_m = float(along_m[rows].min()), float(along_m[rows].max())
+    first_m, last_m = float(tip_m[rows].min()), float(tip_m[rows].max())
     if not len(free):
         return Touch(float("-inf"), first_m, first_m, step_m)
-    air_m = min(float(along_m[free].min()), first_m)
+    air_m = min(float(tip_m[free].min()), first_m)
     touch_n = touch_force_n(max(contact.noise_n for contact in contacts))
     share = min(touch_n / float(force_n[rows].max()), 0.5) ** (1 / _SOFTEST_START)
     return Touch(air_m - share / (1 - share) * (last_m - air_m) - step_m / 2, air_m, first_m, step_m)

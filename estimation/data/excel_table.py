@@ -14,7 +14,7 @@ import numpy as np
 import pyarrow as pa
 from python_calamine import CalamineSheet, CalamineWorkbook
 
-from palpate.estimation.data.file_columns import FileColumns, check_size
+from palpate.estimation.data.file_columns import FileColumns, check_size, list_first
 from palpate.estimation.data.table_layout import matching_places, with_run
 from palpate.estimation.data.text_dialect import (
     FEWEST_NUMBERS,
@@ -95,7 +95,7 @@ def read_excel_table(path: Path, selected: str) -> FileColumns:
             parts.append(with_run(joined.slice(begin, len(table.rows)), label))
             begin += len(table.rows)
         joined = pa.concat_tables(parts)
-    listed = ", ".join(map(repr, names[:5])) + (" ..." if len(names) > 5 else "")
+    listed = list_first([repr(name) for name in names], 5)
     notes += [f"sheet{'s' if len(names) > 1 else ''} {listed} of {len(book.sheet_names)}", *omitted]
     notes += preamble_notes(first.rows_above)
     numbers = np.array([number for table in same_tables for number in table.numbers], dtype=np.int64)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+from collections.abc import Sequence
 from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
@@ -27,6 +28,16 @@ class FileColumns:
     # Number of each row in the file, as an editor or spreadsheet shows it, shape (n,); None to count from 1.
     rows: IntArray | None = None
     row_word: str = "row"  # unit of these numbers: "row" or "line"
+
+
+def list_first(items: Sequence[str], most: int) -> str:
+    """Join items by commas for a message; " ..." stands for those beyond the first ones.
+
+    Args:
+        items: the items, as text.
+        most: largest number of items that are shown.
+    """
+    return ", ".join(items[:most]) + (" ..." if len(items) > most else "")
 
 
 def is_bag(path: Path) -> bool:

@@ -11,51 +11,43 @@ import scipy
 
 from palpate.estimation.channel import ChannelData, ChannelKind
 from palpate.estimation.data.assign_columns import Columns, assign_columns, in_blocks
-from palpate.estimation.data.choose_columns import EFFORTS
+from palpate.estimation.data.channel_sources import ChannelSource, channel_sources, check_options_are_used
 from palpate.estimation.data.column_names import (
-    QUANTITIES,
     TIME,
     Key,
-    Role,
-    guess_columns,
-    quantity_in,
-    unit_in_name,
 )
 from palpate.estimation.data.column_units import ColumnUnits
 from palpate.estimation.data.derivatives import differentiate
+from palpate.estimation.data.file_columns import list_first
 from palpate.estimation.data.import_options import NO_OPTIONS, ImportOptions
 from palpate.estimation.data.import_rows import UNKNOWN_PHASE, Rows, arrange_rows, without_repeated_rows
 from palpate.estimation.data.measured_derivatives import is_difference, mistaken_scale
 from palpate.estimation.data.presses import press_phases
 from palpate.estimation.data.table import Table, read_table
-from palpate.estimation.data.text_dialect import NAMELESS
-from palpate.estimation.data.units import SLOWEST_S, dimension_of, likely_time_unit
+from palpate.estimation.data.units import LONGEST_STEP_S, likely_time_unit
 from palpate.estimation.signals.blocks import blocks, number_pieces
 from palpate.estimation.signals.runwise import sample_time
 from palpate.estimation.statistics.correlation import correlation_coefficient
 from palpate.robot_io.errors import InputError
 from palpate.robot_io.types import FloatArray
 
-OF_THE_ARM = ("joint_position", "joint_velocity", "joint_acceleration")
+ARM_MOTION = ("joint_position", "joint_velocity", "joint_acceleration")
 # Derived signals of a joint; a column with such a name would be mistaken for the signal that a model needs.
-DERIVED = ("load", "rigid_body_torque", "rigid_body_regressor", "payload_effort_per_kg")
+DERIVED_SIGNALS = ("load", "rigid_body_torque", "rigid_body_regressor", "payload_effort_per_kg")
 _LONGEST_SIGNAL = 50  # characters; a session allows 64 including a prefix
-_TAKEN = frozenset({*OF_THE_ARM, *DERIVED})
-_QUICKEST_S = 1e-5  # smallest plausible step between samples; a step below it or above `SLOWEST_S` is noted
-# Quantities of columns that cannot be a torque.
-_NO_EFFORT = {"time", "position", "velocity", "acceleration", "run", "phase", "goal", "none"}
-_SHOWN_CELLS = 12  # cells of a row that an error message shows
+_RESERVED_SIGNALS = frozenset({*ARM_MOTION, *DERIVED_SIGNALS})
+_SHORTEST_STEP_S = 1e-5  # steps between samples below it, or above `LONGEST_STEP_S`, are noted
 _SPECIMEN = re.compile(
     r"specimen|sample|probek?(?!\w)|prüfling|éprouvette|échantillon|probeta|试样|試料", re.IGNORECASE
 )
-_FEWEST_SPECIMENS = 2
-_OF_SPECIMENS = (
+_MIN_SPECIMENS = 2
+_SPECIMENS_NOTE = (
     "{1} {0} specimens, whose runs are read as runs of one object; --where {2} reads one of them, and "
     "--fresh-runs states that each run pressed a fresh one"
 )
-_DRIVEN = frozenset({ChannelKind.REVOLUTE, ChannelKind.PRISMATIC})
-_CONTRADICTING = 0.1  # variance that a positive inertia explains, relative to a negative damping's
-_CERTAIN = 0.5  # absolute correlation of effort and velocity above which the effort's sign is certain
+_JOINT_KINDS = frozenset({ChannelKind.REVOLUTE, ChannelKind.PRISMATIC})
+_CONTRADICTING_INERTIA = 0.1  # variance that a positive inertia explains, relative to a negative damping's
+_CERTAIN_SIGN = 0.5  # absolute correlation of effort and velocity above which the effort's sign is certain
 
 
 @dataclass(frozen=True)
@@ -112,8 +104,8 @@ def import_table(table: Table, options: ImportOptions = NO_OPTIONS) -> Imported:
         chosen = chosen_texts(name, given, texts, str(table.path))
         table = table.select(np.isin(index, [texts.index(text) for text in chosen]))
     columns = without_repeated_rows(assign_columns(table, options))
-    sources = _channel_sources(columns)
-    _check_options_are_used(columns, sources, options)
+    sources = channel_sources(columns)
+    check_options_are_used(columns, sources, options)
     rows = arrange_rows(columns, fresh=options.fresh, count=options.runs)
     signals: dict[str, str] = {}  # additional columns by their signal names
     for column in options.context:
@@ -121,7 +113,7 @@ def import_table(table: Table, options: ImportOptions = NO_OPTIONS) -> Imported:
             listed = ", ".join(columns.unused) or "none"
             raise InputError(f"--context {column}: this column is already used. Unused columns: {listed}")
         name = _signal_name(column)
-        if name in _TAKEN:
+        if name in _RESERVED_SIGNALS:
             raise InputError(f"--context {column}: a joint signal has this name; rename the column")
         earlier = signals.setdefault(name, column)
         if earlier != column:
@@ -135,7 +127,7 @@ def import_table(table: Table, options: ImportOptions = NO_OPTIONS) -> Imported:
             "torque divided by the servo's position gain (model position_servo)"
         )
     step_s = sample_time(rows.time_s, rows.run)
-    if TIME in columns and not _QUICKEST_S <= step_s <= SLOWEST_S:  # the unit of time may be wrong
+    if TIME in columns and not _SHORTEST_STEP_S <= step_s <= LONGEST_STEP_S:  # the unit of time may be wrong
         time = columns.assigned[TIME]
         notes.append(
             f"column '{time.column}': samples are {step_s:.3g} s apart; if this unit is wrong, give "
@@ -143,17 +135,18 @@ def import_table(table: Table, options: ImportOptions = NO_OPTIONS) -> Imported:
         )
     notes += [*_note_pauses(columns, rows), *_note_specimens(columns, rows, options)]
     channels = [_make_channel(source, columns, rows, notes) for source in sources]
-    channels = _turn_reactions(channels, sources, columns, ColumnUnits(table, options), notes)
+    channels = _reverse_reactions(channels, sources, columns, ColumnUnits(table, options), notes)
     context = {signal: columns.table.numbers(name)[rows.order] for signal, name in signals.items()}
     channels = [replace(channel, context=context, recorded=frozenset(context)) for channel in channels]
-    unused = tuple(n for n in columns.unused if n not in options.context and _signal_name(n) not in _TAKEN)
+    free = (name for name in columns.unused if name not in options.context)
+    unused = tuple(name for name in free if _signal_name(name) not in _RESERVED_SIGNALS)
     read = "; ".join(filter(None, [columns.matched, *columns.table.notes]))
-    named = {
+    joint_columns = {
         source.name: (columns.name(source.position), columns.name(source.effort))
         for source in sources
         if source.kind is not ChannelKind.CONTACT and columns.matched
     }
-    return Imported(with_arm(channels), rows.labels, tuple(notes), unused, read, columns.roles, named)
+    return Imported(with_arm(channels), rows.labels, tuple(notes), unused, read, columns.roles, joint_columns)
 
 
 def _signal_name(column: str) -> str:
@@ -176,100 +169,9 @@ def chosen_texts(name: str, given: str, texts: Collection[str], place: str) -> l
     text = " ".join(given.split())
     parts = [text] if text in texts else [part.strip() for part in text.split(",")]
     if not set(parts) <= set(texts):
-        examples = ", ".join(sorted(texts)[:8]) + (" ..." if len(texts) > 8 else "")
+        examples = list_first([text or "empty cells" for text in sorted(texts)], 8)
         raise InputError(f"--where {name}={text}: {place} has no such row. There are: {examples}")
     return parts
-
-
-@dataclass(frozen=True)
-class _Source:
-    """Origin of a channel: its name, kind, and the columns of position and effort."""
-
-    name: str
-    kind: ChannelKind
-    position: Key  # key of the position, or of the velocity that is integrated to a position
-    effort: Key
-
-    @property
-    def joint(self) -> int:
-        """Number of the joint, 0 for a contact or an unnumbered joint."""
-        return self.position[1]
-
-    @property
-    def keys(self) -> tuple[Key, ...]:
-        """All columns that the channel uses if the file has them."""
-        return self.position, self.effort, ("velocity", self.joint), ("acceleration", self.joint)
-
-
-def _check_options_are_used(columns: Columns, sources: Collection[_Source], options: ImportOptions) -> None:
-    """Check that each quantity named in the options is used, since others would be ignored silently.
-
-    Raises:
-        InputError: no channel uses a quantity that the user named.
-    """
-    used = {TIME, *(key for source in sources for key in source.keys)}
-    for key, assigned in columns.assigned.items():
-        if key in used:
-            continue
-        role = Role(*key, "", columns.shift)
-        texts = [f"--column {name}={c}" for name, c in options.columns.items() if c == assigned.column]
-        of_units = ColumnUnits(columns.table, options).option_names(role, assigned.column)
-        texts += [f"--unit {name}={options.units[name]}" for name in of_units]
-        if texts:
-            channels = "; ".join(
-                f"{source.name} of '{columns.name(source.position)}', '{columns.name(source.effort)}'"
-                for source in sources
-            )
-            raise InputError(
-                f"{columns.table.path}: {' '.join(texts)}: no channel uses it as {role.numbered}. "
-                f"Channels: {channels}"
-            )
-
-
-def _channel_sources(columns: Columns) -> list[_Source]:
-    """Return the channels for which there are columns."""
-    sources = []
-    if ("displacement", 0) in columns and ("force", 0) in columns:
-        sources.append(_Source("contact", ChannelKind.CONTACT, ("displacement", 0), ("force", 0)))
-    used_efforts = {source.effort for source in sources}
-    for quantity, joint in sorted(columns.assigned):
-        if quantity == "position" or (quantity == "velocity" and ("position", joint) not in columns):
-            revolute = columns.assigned[quantity, joint].dimension in {"angle", "angle_rate"}
-            kind = ChannelKind.REVOLUTE if revolute else ChannelKind.PRISMATIC
-            effort = ("torque" if revolute else "force", joint)
-            if effort in columns and effort not in used_efforts:
-                sources.append(_Source(f"joint_{max(joint, 1)}", kind, (quantity, joint), effort))
-    if not sources:
-        for quantity, joint in sorted(columns.assigned):
-            is_angle = columns.assigned[quantity, joint].dimension == "angle"
-            if quantity == "position" and is_angle and ("goal", joint) in columns:
-                keys = (quantity, joint), ("goal", joint)
-                sources.append(_Source(f"joint_{max(joint, 1)}", ChannelKind.SERVO, *keys))
-    if not sources:
-        for (quantity, joint), position in columns.assigned.items():
-            remedy = "force" if position.dimension == "angle" else "torque"
-            pushing = columns.assigned.get((remedy, joint))
-            if quantity == "position" and pushing is not None:
-                correction = "correct one with --unit or --column"
-                if pushing.dimension == "current":
-                    force = Role("force", joint, "", columns.shift).numbered
-                    correction = (
-                        "if it is the current of a linear motor with 20 N/A, add "
-                        f"--column {force}={shlex.quote(pushing.column)} --unit {force}=20N/A"
-                    )
-                raise InputError(
-                    f"{columns.table.path}: column '{position.column}' is in {position.unit} and "
-                    f"'{pushing.column}' in {pushing.unit}: a torque goes with an angle (rad, deg), a force "
-                    f"with a length (m, mm); {correction}"
-                )
-        table, first_row = columns.table, ""
-        if NAMELESS in table.notes:
-            cells = ", ".join(table.labels(name)[0][0] for name in table.names[:_SHOWN_CELLS])
-            more = " ..." if len(table.names) > _SHOWN_CELLS else ""
-            first_row = f" (it names none; the first row is {cells}{more})"
-        reason = f"no channel can be made of columns {table.listed_names}{first_row}"
-        raise InputError(f"{table.path}: {reason}; {_remedy(columns)}")
-    return sources
 
 
 def _note_pauses(columns: Columns, rows: Rows) -> list[str]:
@@ -288,77 +190,21 @@ def _note_pauses(columns: Columns, rows: Rows) -> list[str]:
 
 def _note_specimens(columns: Columns, rows: Rows, options: ImportOptions) -> list[str]:
     """Return a note if run labels or an unused column show that the runs belong to several specimens."""
-    if options.fresh or options.where or len(rows.labels) < _FEWEST_SPECIMENS:
+    if options.fresh or options.where or len(rows.labels) < _MIN_SPECIMENS:
         return []
     if columns.run is not None and all(map(_SPECIMEN.search, rows.labels.values())):
         first = shlex.quote(f"run={rows.labels[min(rows.labels)]}")
-        return [_OF_SPECIMENS.format(len(rows.labels), "run names", first)]
+        return [_SPECIMENS_NOTE.format(len(rows.labels), "run names", first)]
     for name in columns.table.names:
         if _SPECIMEN.search(name) and name not in columns.used:
             texts, index = columns.table.labels(name)
-            if _FEWEST_SPECIMENS <= len(texts) <= len(rows.labels) and in_blocks(index.astype(np.float64)):
+            if _MIN_SPECIMENS <= len(texts) <= len(rows.labels) and in_blocks(index.astype(np.float64)):
                 first = shlex.quote(f"{name}={texts[0]}")
-                return [_OF_SPECIMENS.format(len(texts), f"column '{name}' names", first)]
+                return [_SPECIMENS_NOTE.format(len(texts), f"column '{name}' names", first)]
     return []
 
 
-def _remedy(columns: Columns) -> str:
-    """Describe the columns that channels need, and options for a column that probably is an effort."""
-    table = columns.table
-    guesses = {guess.column: guess for guess in guess_columns(table.names)}
-    quantity_by_name = {name: guesses[name].quantity or quantity_in(name) for name in table.names}
-    needed = (
-        "a contact needs time_s, displacement_m, force_N, a joint time_s, position_rad, torque_Nm "
-        "(or position_m, force_N)"
-    )
-    efforts = {dimension for quantity in EFFORTS for dimension in QUANTITIES[quantity]}
-    has_effort = any(quantity in EFFORTS for quantity, _ in columns.assigned) or any(
-        quantity_by_name[name] in EFFORTS
-        or (not quantity_by_name[name] and dimension_of(unit_in_name(name)) in efforts)
-        for name in table.names
-        if table.varies(name)
-    )
-    if not has_effort and NAMELESS not in table.notes:
-        return (
-            f"by names and units, no column seems to hold a force or torque; {needed}; if a column holds "
-            "one, add --column force_N=COLUMN or --column torque_Nm=COLUMN"
-        )
-    joints = [g.joint for g in guesses.values() if g.quantity == "position" and g.joint is not None]
-    torque = columns.assigned.get(("torque", 0))
-    if torque is not None and joints:
-        return f"{needed}; state the joint, as in --column torque_{joints[0]}={shlex.quote(torque.column)}"
-    numbers = [name for name in table.names if table.varies(name)]
-    free = [name for name in numbers if name not in columns.used and quantity_by_name[name] not in _NO_EFFORT]
-    angle = next((name for name in numbers if quantity_by_name[name] == "position"), None)
-    if angle is not None and free and dimension_of(unit_in_name(angle)) == "angle":
-        effort = next((name for name in free if quantity_by_name[name] in EFFORTS), free[0])
-        return f"{needed}; name the columns, as in --column torque={shlex.quote(effort)} --unit torque=1Nm"
-    options = []
-    if TIME not in columns:
-        rising = (name for name in free if (np.diff(table.numbers(name)) > 0.0).all())
-        clock = next((name for name in numbers if quantity_by_name[name] == "time"), "")
-        clock = clock or (next(rising, "") if NAMELESS in table.notes and len(free) > 2 else "")
-        options += [f"--column time={shlex.quote(clock)}"] if clock else []
-        free = [name for name in free if name != clock]
-    # Of columns with uninformative names, the smoothest one is suggested as the displacement.
-    free.sort(key=table.roughness)
-    for quantity, unit, last in (("displacement", "mm", 0), ("force", "N", -1)):
-        if (quantity, 0) in columns:
-            continue
-        if not free:
-            options = ["--column displacement_mm=COLUMN --column force_N=COLUMN"]
-            break
-        fitting = [name for name in free if dimension_of(unit_in_name(name)) in QUANTITIES[quantity]]
-        named = [name for name in free if quantity_by_name[name] == quantity]
-        silent = [name for name in free if not quantity_by_name[name]]
-        column = (fitting or named or silent or free)[0 if fitting or named else last]
-        free.remove(column)
-        options.append(f"--column {quantity}={shlex.quote(column)}")
-        options += [] if fitting else [f"--unit {quantity}={unit}"]
-    return f"{needed}; name the columns, as in {' '.join(options)}"
-
-
-def _make_channel(source: _Source, columns: Columns, rows: Rows, notes: list[str]) -> ChannelData:
+def _make_channel(source: ChannelSource, columns: Columns, rows: Rows, notes: list[str]) -> ChannelData:
     """Create one channel and append its notes to `notes`."""
     velocity_key, acceleration_key = (("velocity", source.joint), ("acceleration", source.joint))
     position, pieces = columns.values(source.position)[rows.order], number_pieces(rows.time_s, rows.run)
@@ -401,7 +247,7 @@ def _make_channel(source: _Source, columns: Columns, rows: Rows, notes: list[str
 def _measured_derivative(  # noqa: PLR0917
     columns: Columns,
     key: Key,
-    source: _Source,
+    source: ChannelSource,
     rows: Rows,
     signal: tuple[str, FloatArray, FloatArray],
     notes: list[str],
@@ -420,10 +266,10 @@ def _measured_derivative(  # noqa: PLR0917
     if key not in columns:
         return None
     signal_name, values, derived = signal
-    of_position, of_column = columns.assigned[source.position].dimension, columns.assigned[key].dimension
-    if not of_column.startswith(of_position):
+    position = columns.assigned[source.position]
+    if not columns.assigned[key].dimension.startswith(position.dimension):
         problem = (
-            f"is not used: its unit does not match that of '{columns.name(source.position)}', from which the "
+            f"is not used: its unit does not match that of '{position.column}', from which the "
             f"{key[0]} is derived; if a unit is wrong, correct it with --unit"
         )
     else:
@@ -438,7 +284,7 @@ def _measured_derivative(  # noqa: PLR0917
                 "samples"
             )
         else:
-            number = Role(*key, "", columns.shift).numbered
+            number = columns.role(key).numbered
             follows, remedy = f"is {ratio:.3g} times", "a unit is wrong: correct it with --unit"
             if np.isnan(ratio):
                 follows, remedy = "does not follow", f"if another column does, add --column {number}=COLUMN"
@@ -451,9 +297,9 @@ def _measured_derivative(  # noqa: PLR0917
     return None
 
 
-def _turn_reactions(
+def _reverse_reactions(
     channels: Sequence[ChannelData],
-    sources: Sequence[_Source],
+    sources: Sequence[ChannelSource],
     columns: Columns,
     units: ColumnUnits,
     notes: list[str],
@@ -466,27 +312,28 @@ def _turn_reactions(
     power = {
         channel.name: _passive_power(channel.position, channel.velocity, channel.acceleration, channel.effort)
         for channel in channels
-        if channel.kind in _DRIVEN
+        if channel.kind in _JOINT_KINDS
     }
-    if min(power.values(), default=0.0) > -_CERTAIN:
+    if min(power.values(), default=0.0) > -_CERTAIN_SIGN:
         return list(channels)
-    is_mixed = max(power.values()) > _CERTAIN
-    turned = {
+    is_mixed = max(power.values()) > _CERTAIN_SIGN
+    reversed_efforts = {
         source.name: columns.assigned[source.effort]
         for source in sources
         if source.name in power
-        and (not is_mixed or power[source.name] < -_CERTAIN)
-        and not units.is_scaled_by_user(Role(*source.effort, "", columns.shift), columns.name(source.effort))
+        and (not is_mixed or power[source.name] < -_CERTAIN_SIGN)
+        and not units.is_scaled_by_user(columns.role(source.effort), columns.name(source.effort))
     }
-    if turned:
-        names = ", ".join(f"'{effort.column}'" for effort in turned.values())
-        options = (f"--unit {s.effort[0]}=1{turned[s.name].unit}" for s in sources if s.name in turned)
-        opposes, signs = ("opposes", "its sign is") if len(turned) == 1 else ("oppose", "their signs are")
+    if reversed_efforts:
+        names = ", ".join(f"'{effort.column}'" for effort in reversed_efforts.values())
+        chosen = (source for source in sources if source.name in reversed_efforts)
+        options = [f"--unit {s.effort[0]}=1{reversed_efforts[s.name].unit}" for s in chosen]
+        opposes, signs = ("opposes", "its sign is") if len(options) == 1 else ("oppose", "their signs are")
         notes.append(
             f"{names} {opposes} the velocity, as the reaction to a drive does: {signs} reversed; "
             f"{' '.join(dict.fromkeys(options))} prevents this"
         )
-    return [replace(c, effort=-c.effort) if c.name in turned else c for c in channels]
+    return [replace(c, effort=-c.effort) if c.name in reversed_efforts else c for c in channels]
 
 
 def _passive_power(
@@ -517,7 +364,7 @@ def _passive_power(
     effort, velocity, acceleration = (signals - columns @ np.linalg.lstsq(columns, signals, rcond=None)[0]).T
     motion = np.column_stack([velocity, acceleration])
     damping, inertia = np.linalg.lstsq(motion, effort, rcond=None)[0] * motion.std(axis=0)
-    if damping < 0.0 < inertia and inertia**2 > _CONTRADICTING * damping**2:
+    if damping < 0.0 < inertia and inertia**2 > _CONTRADICTING_INERTIA * damping**2:
         return 0.0
     beside = effort - inertia / (acceleration.std() or 1.0) * acceleration
     return correlation_coefficient(velocity, beside)
@@ -533,7 +380,7 @@ def with_arm(channels: Sequence[ChannelData]) -> tuple[ChannelData, ...]:
     if not joints:
         return tuple(channels)
     motions = ((joint.position, joint.velocity, joint.acceleration) for joint in joints)
-    arm = dict(zip(OF_THE_ARM, map(np.column_stack, zip(*motions, strict=True)), strict=True))
+    arm = dict(zip(ARM_MOTION, map(np.column_stack, zip(*motions, strict=True)), strict=True))
     return tuple(
         channel
         if channel.kind is ChannelKind.CONTACT

@@ -8,9 +8,9 @@ import numpy as np
 from palpate.control.loop.task import Phase
 from palpate.estimation.data.assign_columns import Columns, in_blocks
 from palpate.estimation.data.column_names import DISPLACEMENT, FORCE, RUN, TIME, guess_columns
-from palpate.estimation.data.presses import FEWEST_ROWS, MOST_RUNS, cut_into, cut_presses, restarts
+from palpate.estimation.data.presses import MAX_RUNS, MIN_RUN_ROWS, cut_into, cut_presses, number_recordings
 from palpate.estimation.data.table import Table
-from palpate.estimation.data.units import FINEST_S
+from palpate.estimation.data.units import MIN_STEP_S
 from palpate.estimation.signals.blocks import blocks, time_in_run
 from palpate.robot_io.errors import InputError
 from palpate.robot_io.types import FloatArray, IntArray
@@ -22,12 +22,12 @@ _GAP, _QUICK = 1.5, 0.75  # least step of a gap and largest step in a burst, rel
 _FEW_GAPS, _LONGEST_BURST = 0.05, 50  # largest share of gaps; most steps of a gap and its burst
 _CYCLE_RANGE = 0.3  # least share of the position's range that a cycle covers
 _CYCLE_SHARE = 0.8  # least share of the stretches between clock restarts that must be cycles
-_FEWEST = 5  # least number of samples in a run; with fewer the acceleration is meaningless
-_REPEATED = (  # note with the number of rows and the column
+_MIN_ROWS = 5  # least number of samples in a run; with fewer the acceleration is meaningless
+_REPEATED_NOTE = (  # note with the number of rows and the column
     "repeats its times: {0} rows get times spaced evenly up to the next one; if it is not the time of each "
     "row, leave it out with --context {1}"
 )
-_LATE = "stamps {0} rows late, in bursts after gaps: their times are spaced evenly over gap and burst"
+_LATE_NOTE = "stamps {0} rows late, in bursts after gaps: their times are spaced evenly over gap and burst"
 
 
 @dataclass(frozen=True)
@@ -53,22 +53,15 @@ def arrange_rows(columns: Columns, *, fresh: bool, count: int | None) -> Rows:
     Raises:
         InputError: times do not increase within a run, a run is too short, or a phase is unknown.
     """
-    table, notes = columns.table, list[str]()
+    table = columns.table
     if columns.run is None:
-        run, note = _detect_runs(columns, _times(columns), count)
-        notes += [note] if note else []
+        run, notes = _detect_runs(columns, _times(columns), count)
         labels = {number: str(number) for number in np.unique(run).tolist()}
+    elif count is None:
+        run, labels = _numbered_runs(table, columns.run)
+        notes = []
     else:
-        if count is not None:
-            raise InputError(f"--runs {count}: column '{columns.run}' already gives the runs")
-        # Run numbers are those of the file if they are distinct whole numbers, else in order of appearance.
-        names, index = table.labels(columns.run)
-        numbers = list(range(len(names)))
-        if all(name.isdecimal() and len(name) <= _LONGEST_NUMBER for name in names):
-            own = [int(name) for name in names]
-            numbers = own if len(set(own)) == len(own) else numbers  # "1" and "01" are two runs
-        run = np.array(numbers, dtype=np.int64)[index]
-        labels = dict(sorted(zip(numbers, names, strict=True)))
+        raise InputError(f"--runs {count}: column '{columns.run}' already gives the runs")
     order = np.argsort(run, kind="stable")
     time_s = _times(columns)[order]
     if TIME not in columns:
@@ -76,33 +69,47 @@ def arrange_rows(columns: Columns, *, fresh: bool, count: int | None) -> Rows:
             "no column holds a time: rows count as 1 s apart, so speeds, damping, inertia and relaxation "
             "times are not in seconds; if a column does, add --column time=COLUMN"
         )
-    same = np.abs(np.diff(time_s, prepend=-np.inf)) < FINEST_S
-    same[1:] &= np.diff(run[order]) == 0
-    if 0 < np.sum(same) < _MOST_REPEATED * len(order):
-        notes.append(table.note_left_out(order[same], "they repeat the previous time"))
-        order, time_s = order[~same], time_s[~same]
-    counts = np.bincount(run[order]) if columns.run is None else np.array([_FEWEST])
-    if counts.min() < _FEWEST <= counts.max():  # these runs were only detected, so they can be dropped
-        short = counts[run[order]] < _FEWEST
-        notes.append(table.note_left_out(order[short], f"their run has fewer than {_FEWEST}"))
-        order, time_s = order[~short], time_s[~short]
+    is_repeated = np.abs(np.diff(time_s, prepend=-np.inf)) < MIN_STEP_S
+    is_repeated[1:] &= np.diff(run[order]) == 0
+    if 0 < np.sum(is_repeated) < _MOST_REPEATED * len(order):
+        notes.append(table.note_left_out(order[is_repeated], "they repeat the previous time"))
+        order, time_s = order[~is_repeated], time_s[~is_repeated]
+    counts = np.bincount(run[order]) if columns.run is None else np.array([_MIN_ROWS])
+    if counts.min() < _MIN_ROWS <= counts.max():  # these runs were only detected, so they can be dropped
+        is_short = counts[run[order]] < _MIN_ROWS
+        notes.append(table.note_left_out(order[is_short], f"their run has fewer than {_MIN_ROWS}"))
+        order, time_s = order[~is_short], time_s[~is_short]
         labels = {number: labels[number] for number in np.unique(run[order]).tolist()}
     run = run[order]
-    for spread, words in ((_spread_repeated_times, _REPEATED), (_spread_late_stamps, _LATE)):
+    for spread, note in ((_spread_repeated_times, _REPEATED_NOTE), (_spread_late_stamps, _LATE_NOTE)):
         before_s, time_s = time_s, spread(time_s, run)
         if moved := int(np.sum(time_s != before_s)):
             name = columns.name(TIME)
-            notes.append(f"'{name}' {words.format(f'{moved} of {len(order)}', shlex.quote(name))}")
+            notes.append(f"'{name}' {note.format(f'{moved} of {len(order)}', shlex.quote(name))}")
     rows = Rows(order, time_s, run, _phases(table, columns.phase)[order], labels, tuple(notes))
     _check_times(columns, rows)
     runs, counts = np.unique(run, return_counts=True)
-    if counts.min() < _FEWEST:
+    if counts.min() < _MIN_ROWS:
         rows_in = "1 row" if counts.min() == 1 else f"{counts.min()} rows"
         raise InputError(
             f"{table.path}: run '{labels[int(runs[np.argmin(counts)])]}' has {rows_in}, at least "
-            f"{_FEWEST} are needed; leave it out with --where, or check the column that names the runs"
+            f"{_MIN_ROWS} are needed; leave it out with --where, or check the column that names the runs"
         )
     return replace(rows, time_s=time_in_run(time_s, run)) if fresh else rows
+
+
+def _numbered_runs(table: Table, column: str) -> tuple[IntArray, dict[int, str]]:
+    """Return the run number of each row, shape (n,), and the name of each run, from the column of runs.
+
+    The numbers are those of the file if they are distinct whole numbers, else in order of appearance.
+    """
+    names, index = table.labels(column)
+    numbers = list(range(len(names)))
+    if all(name.isdecimal() and len(name) <= _LONGEST_NUMBER for name in names):
+        numbers_in_file = [int(name) for name in names]
+        if len(set(numbers_in_file)) == len(names):  # "1" and "01" are two runs
+            numbers = numbers_in_file
+    return np.array(numbers, dtype=np.int64)[index], dict(sorted(zip(numbers, names, strict=True)))
 
 
 def without_repeated_rows(columns: Columns) -> Columns:
@@ -135,37 +142,47 @@ def _times(columns: Columns) -> FloatArray:
     return columns.values(TIME) if TIME in columns else np.arange(len(columns.table), dtype=np.float64)
 
 
-def _detect_runs(columns: Columns, time_s: FloatArray, count: int | None) -> tuple[IntArray, str]:
+def _detect_runs(columns: Columns, time_s: FloatArray, count: int | None) -> tuple[IntArray, list[str]]:
     """Detect the run of each row if no column states it, and return a note on the method.
 
     A restart of the clock begins a run; presses of a contact are separated in free air.
+
+    Args:
+        columns: columns of the table.
+        time_s: time of each row, shape (n,) [s].
+        count: number of presses stated by the user; None if unknown.
+
+    Raises:
+        InputError: the number of presses contradicts the data.
     """
-    place = columns.table.path
-    contact = DISPLACEMENT in columns and FORCE in columns and not columns.two_sided
-    piece = restarts(time_s)
-    if not piece[-1] and count is None:
+    place = f"{columns.table.path}: --runs {count}"
+    is_contact = DISPLACEMENT in columns and FORCE in columns and not columns.two_sided
+    recording = number_recordings(time_s)
+    restarts = int(recording[-1])
+    if not restarts and count is None:
         cycle, clock = _cycles(columns)
         if clock:
-            return cycle, (
+            return cycle, [
                 f"'{clock}' restarts: cut into {cycle[-1] + 1} runs, one for each cycle; if that is "
-                f"wrong, add --column {RUN}=COLUMN" + (" or --runs N" if contact else "")
-            )
-    if not contact and count is not None:
-        raise InputError(f"{place}: --runs {count}: there is no contact to be cut into presses")
-    run, presses = piece, 1
-    if contact and count is None:
-        run, presses = cut_presses(columns.values(FORCE), columns.values(DISPLACEMENT), piece)
-    elif contact and count is not None and count > 1:
-        motion = columns.values(FORCE), columns.values(DISPLACEMENT)
-        run = cut_into(*motion, piece, count, f"{place}: --runs {count}")
+                f"wrong, add --column {RUN}=COLUMN" + (" or --runs N" if is_contact else "")
+            ]
+    run, presses = recording, 1
+    if count is not None and not is_contact:
+        raise InputError(f"{place}: there is no contact to be cut into presses")
+    if count is not None and restarts >= count:
+        times = "once" if restarts == 1 else f"{restarts} times"
+        raise InputError(f"{place}: the clock restarts {times}, so there are at least {restarts + 1} runs")
+    if is_contact and count is None:
+        run, presses = cut_presses(columns.values(FORCE), columns.values(DISPLACEMENT), recording)
+    elif is_contact and count is not None and count > 1:
+        run = cut_into(columns.values(FORCE), columns.values(DISPLACEMENT), recording, count, place)
     number = int(run[-1]) + 1
     if number == 1:
-        return run, ""
-    anew = "the clock restarts: " if piece[-1] else ""
-    which = f"one for {'each press' if presses == 1 else f'{presses} presses'}; " if contact else ""
-    return run, f"{anew}cut into {number} runs, {which}if that is wrong, " + (
-        "add --runs N" if contact else "name the column that numbers them, --column run=COLUMN"
-    )
+        return run, []
+    reason = "the clock restarts: " if restarts else ""
+    which = f"one for {'each press' if presses == 1 else f'{presses} presses'}; " if is_contact else ""
+    remedy = "add --runs N" if is_contact else "name the column that numbers them, --column run=COLUMN"
+    return run, [f"{reason}cut into {number} runs, {which}if that is wrong, {remedy}"]
 
 
 def _cycles(columns: Columns) -> tuple[IntArray, str]:
@@ -177,15 +194,15 @@ def _cycles(columns: Columns) -> tuple[IntArray, str]:
     moved = next((key for key in columns.assigned if key[0] in {"displacement", "position"}), None)
     for guess in guess_columns(columns.unused):
         if guess.key == TIME and moved is not None:
-            cycle, position = restarts(columns.table.numbers(guess.column)), columns.values(moved)
-            if not 0 < cycle[-1] < MOST_RUNS or np.bincount(cycle).min() < FEWEST_ROWS:
+            cycle, position = number_recordings(columns.table.numbers(guess.column)), columns.values(moved)
+            if not 0 < cycle[-1] < MAX_RUNS or np.bincount(cycle).min() < MIN_RUN_ROWS:
                 continue
-            ways = [position[rows] for rows in blocks(cycle)]
-            leads_back = [
-                np.ptp(way) > _CYCLE_RANGE * np.ptp(position) and abs(way[-1] - way[0]) < 0.5 * np.ptp(way)
-                for way in ways
+            returns = [
+                np.ptp(path) > _CYCLE_RANGE * np.ptp(position)
+                and abs(path[-1] - path[0]) < 0.5 * np.ptp(path)
+                for path in (position[rows] for rows in blocks(cycle))
             ]
-            if np.mean(leads_back) > _CYCLE_SHARE:
+            if np.mean(returns) > _CYCLE_SHARE:
                 return cycle, guess.column
     return np.zeros(len(columns.table), dtype=np.int64), ""
 
@@ -199,7 +216,7 @@ def _spread_repeated_times(time_s: FloatArray, run: IntArray) -> FloatArray:
     for rows in blocks(run):
         read = time_s[rows]
         steps = np.diff(read)
-        first = np.flatnonzero(np.append(True, steps > FINEST_S))  # rows at which the clock advances
+        first = np.flatnonzero(np.append(True, steps > MIN_STEP_S))  # rows at which the clock advances
         if (steps < 0.0).any() or len(first) in {1, len(read)}:
             continue
         usual_s = (read[first[-1]] - read[0]) / first[-1]
@@ -217,7 +234,7 @@ def _spread_late_stamps(time_s: FloatArray, run: IntArray) -> FloatArray:
     spread_s = time_s.copy()
     for rows in blocks(run):
         steps = np.diff(time_s[rows])
-        if len(steps) < _FEWEST or (steps <= 0.0).any():
+        if len(steps) < _MIN_ROWS or (steps <= 0.0).any():
             continue
         step_s = float(np.median(steps))
         gaps = np.flatnonzero(steps > _GAP * step_s)
@@ -247,7 +264,7 @@ def _phases(table: Table, column: str | None) -> IntArray:
 
 
 def _check_times(columns: Columns, rows: Rows) -> None:
-    late = np.flatnonzero((np.diff(rows.time_s) < FINEST_S) & (np.diff(rows.run) == 0))
+    late = np.flatnonzero((np.diff(rows.time_s) < MIN_STEP_S) & (np.diff(rows.run) == 0))
     if not len(late):
         return
     table, name = columns.table, columns.name(TIME)

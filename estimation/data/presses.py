@@ -12,18 +12,18 @@ from palpate.estimation.statistics.correlation import correlation_coefficient
 from palpate.robot_io.errors import InputError
 from palpate.robot_io.types import BoolArray, FloatArray, IntArray
 
-FEWEST_ROWS = 20  # least number of rows of a detected run (a press or a block of equal numbers)
-MOST_RUNS = 500  # most runs into which a recording is cut; with more presses, several form one run
+MIN_RUN_ROWS = 20  # least number of rows of a detected run (a press or a block of equal numbers)
+MAX_RUNS = 500  # most runs into which a recording is cut; with more presses, several form one run
 # Thresholds relative to the range of the force: a press rises from below `_RELEASED` to above `_PRESSED`.
 _PRESSED, _RELEASED = 0.1, 0.05
 _SIGMAS = (8.0, 4.0)  # the same thresholds in standard deviations of the noise; the larger ones apply
 _TO_SIGMA = 1.4826 / np.sqrt(2.0)  # converts the median step between samples to sigma of normal noise
-_FEW = 0.02  # least share of samples in free air that determine a baseline
-_AIR = 0.1  # largest rise of the force in free air between two presses, relative to the lower press
+_MIN_AIR_SHARE = 0.02  # least share of samples in free air that determine a baseline
+_MAX_AIR_RISE = 0.1  # largest rise of the force in free air between two presses, relative to the lower press
 
 
 @dataclass(frozen=True)
-class Levels:
+class ForceLevels:
     """Force levels [N] that separate a press from free air."""
 
     pressed: float  # force above which the tool is in contact
@@ -31,7 +31,7 @@ class Levels:
     free: float  # force in free air
 
 
-def force_levels(force: FloatArray, displacement: FloatArray) -> Levels:
+def force_levels(force: FloatArray, displacement: FloatArray) -> ForceLevels:
     """Estimate the force levels of a contact.
 
     Args:
@@ -39,31 +39,27 @@ def force_levels(force: FloatArray, displacement: FloatArray) -> Levels:
         displacement: displacement, positive into the object, shape (n,) [m].
     """
     outside = displacement <= 0.0
-    free = force[outside] if np.mean(outside) > _FEW else force
-    base = float(np.median(free) if free is not force else np.quantile(force, _FEW))
+    free = force[outside] if np.mean(outside) > _MIN_AIR_SHARE else force
+    base = float(np.median(free) if free is not force else np.quantile(force, _MIN_AIR_SHARE))
     span = float(np.quantile(force, 0.98)) - base
     noise = _TO_SIGMA * float(np.median(np.abs(np.diff(force)))) if len(force) > 1 else 0.0
-    return Levels(
+    return ForceLevels(
         base + max(_PRESSED * span, min(_SIGMAS[0] * noise, 0.5 * span)),
         base + max(_RELEASED * span, min(_SIGMAS[1] * noise, 0.25 * span)),
         base,
     )
 
 
-def restarts(time_s: FloatArray) -> IntArray:
+def number_recordings(time_s: FloatArray) -> IntArray:
     """Number the recordings that begin at restarts of a clock, shape (n,); all 0 without a restart.
 
     Args:
         time_s: times in the order of the file, shape (n,) [s].
     """
-    back = np.flatnonzero(np.diff(time_s) < 0.0) + 1
-    if not len(back):
-        return np.zeros(len(time_s), dtype=np.int64)
-    step_s = float(np.median(np.diff(time_s)))
-    anew = np.abs(time_s[back] - time_s[0]) <= 2.0 * max(step_s, 0.0)
-    number = np.zeros(len(time_s), dtype=np.int64)
-    number[back] = 1
-    return np.cumsum(number) if anew.all() else np.zeros(len(time_s), dtype=np.int64)
+    goes_back = np.diff(time_s, prepend=time_s[:1]) < 0.0
+    step_s = float(np.median(np.diff(time_s))) if len(time_s) > 1 else 0.0
+    returns_to_start = np.abs(time_s[goes_back] - time_s[0]) <= 2.0 * max(step_s, 0.0)
+    return np.cumsum(goes_back & bool(returns_to_start.all()))
 
 
 def cut_presses(force: FloatArray, displacement: FloatArray, piece: IntArray) -> tuple[IntArray, int]:
@@ -86,13 +82,13 @@ def cut_presses(force: FloatArray, displacement: FloatArray, piece: IntArray) ->
             begins = rows.start + decided[is_rise]
             ends = np.append(begins, rows.stop)[1:]
             peaks += [a + int(np.argmax(force[a:b])) for a, b in zip(begins, ends, strict=True)]
-    tops = peaks[:1]
+    press_peaks = peaks[:1]
     for peak in peaks[1:]:  # require that the displacement returned: a force may rise twice in one press
-        back = displacement[tops[-1]] - displacement[tops[-1] : peak].min(initial=np.inf)
-        if back > _RELEASED * np.ptp(displacement):
-            tops.append(peak)
-    presses = max(1, -(-len(tops) // MOST_RUNS))
-    return _cut_between(force, piece, np.array(tops, dtype=np.int64), FEWEST_ROWS, presses), presses
+        since_peak = displacement[press_peaks[-1] : peak]
+        if since_peak[0] - since_peak.min() > _RELEASED * np.ptp(displacement):
+            press_peaks.append(peak)
+    presses = max(1, -(-len(press_peaks) // MAX_RUNS))
+    return _cut_between(force, piece, np.array(press_peaks, dtype=np.int64), MIN_RUN_ROWS, presses), presses
 
 
 def cut_into(
@@ -121,8 +117,8 @@ def cut_into(
         > force_levels(force, displacement).released
     )
     is_press = pressed & (way > _RELEASED * np.ptp(depth))
-    tops = np.sort(peaks[is_press][np.argsort(way[is_press])[::-1][:count]]) - 1
-    run = _cut_between(force, piece, tops, 1) if len(tops) else piece
+    press_peaks = np.sort(peaks[is_press][np.argsort(way[is_press])[::-1][:count]]) - 1
+    run = _cut_between(force, piece, press_peaks, 1) if len(press_peaks) else piece
     if run[-1] + 1 != count:
         presses = f"{run[-1] + 1} press{'es' if run[-1] else ''}"
         raise InputError(f"{where}: {presses} can be separated at most")
@@ -130,27 +126,29 @@ def cut_into(
 
 
 def _cut_between(
-    force: FloatArray, piece: IntArray, tops: IntArray, fewest: int, presses: int = 1
+    force: FloatArray, piece: IntArray, press_peaks: IntArray, fewest: int, presses: int = 1
 ) -> IntArray:
     border = np.zeros(len(force), dtype=np.int64)
     border[1:] = np.diff(piece) != 0
-    for first, second in list(pairwise(tops.tolist()))[presses - 1 :: presses]:
+    for first, second in list(pairwise(press_peaks.tolist()))[presses - 1 :: presses]:
         if piece[first] == piece[second]:  # cut in the middle of the free air between two presses
             stretch = force[first:second]
             low = float(stretch.min())
-            free = np.flatnonzero(stretch <= low + _AIR * max(min(force[first], force[second]) - low, 0.0))
+            free = np.flatnonzero(
+                stretch <= low + _MAX_AIR_RISE * max(min(force[first], force[second]) - low, 0.0)
+            )
             border[first + int(free[0] + free[-1] + 1) // 2] = 1
     run = np.cumsum(border)
     counts = np.bincount(run)
     return run if counts.min() >= fewest else piece
 
 
-_SLOW = 0.05  # largest speed of a hold, relative to the usual speed
-_TURNS = 0.3  # least median speed within a reversal, relative to the speed around it (0.5 for a sine)
+_HOLD_SPEED = 0.05  # largest speed of a hold, relative to the usual speed
+_REVERSAL_SPEED = 0.3  # least median speed in a reversal, relative to the speed around it (0.5 for a sine)
 _FEWEST_RESTING = 3  # least number of samples at rest; a reversal of a triangle wave has fewer
-_EDGE = 0.5  # smoothed velocity at the start of a motion, relative to the usual speed
+_EDGE_SPEED = 0.5  # smoothed velocity at the start of a motion, relative to the usual speed
 _SPRINGY = 0.5  # correlation of position and force above which the force follows the position
-_LASTING = 9  # samples that determine a phase jointly, so that noise does not create phases
+_PHASE_SAMPLES = 9  # samples that determine a phase jointly, so that noise does not create phases
 _PHASES = np.array(  # phase by contact (rows: free air, pressed) and direction of motion (columns)
     [[Phase.RETRACT, Phase.FREE_AIR, Phase.APPROACH], [Phase.UNLOADING, Phase.HOLD, Phase.LOADING]],
     dtype=np.int64,
@@ -183,30 +181,32 @@ def press_phases(
         if correlation_coefficient(position[~pressed], force[~pressed]) > _SPRINGY:
             pressed = np.ones(len(position), dtype=np.bool_)
     usual = _typical_size(velocity)
-    moves = np.abs(velocity) > _SLOW * usual
+    moves = np.abs(velocity) > _HOLD_SPEED * usual
     # A velocity that was derived over many samples starts before the motion and ends after it.
-    change, half = np.empty(len(position)), _LASTING // 2
+    change, half = np.empty(len(position)), _PHASE_SAMPLES // 2
     for rows in blocks(run):  # smaller of the displacements over some samples before and after each sample
         displacement = position[rows]
         padded = np.pad(displacement, half, mode="reflect", reflect_type="odd")  # extrapolates the motion
         before, after = displacement - padded[: -2 * half], padded[2 * half :] - displacement
         change[rows] = np.minimum(np.abs(before), np.abs(after))
-    moves &= (np.abs(velocity) > _EDGE * usual) | (change > _SLOW * _typical_size(change))
+    moves &= (np.abs(velocity) > _EDGE_SPEED * usual) | (change > _HOLD_SPEED * _typical_size(change))
     way = np.sign(velocity).astype(np.int8) * moves
     phase = np.empty(len(position), dtype=np.int64)
     for rows in blocks(run):
         of_run = np.asarray(
-            scipy.ndimage.median_filter(way[rows], min(_LASTING, rows.stop - rows.start), mode="nearest")
+            scipy.ndimage.median_filter(
+                way[rows], min(_PHASE_SAMPLES, rows.stop - rows.start), mode="nearest"
+            )
         )
         parts, speed = list(blocks(of_run)), np.abs(velocity[rows])
         # A mere reversal is not a hold: a sine decelerates evenly.
         for left, rest, right in zip(parts, parts[1:], parts[2:], strict=False):
             lasts = rest.stop - rest.start
-            moves_on = min(left.stop - left.start, right.stop - right.start) >= max(2 * lasts, _LASTING)
+            moves_on = min(left.stop - left.start, right.stop - right.start) >= max(2 * lasts, _PHASE_SAMPLES)
             if of_run[rest.start] or not moves_on or of_run[left.start] == of_run[right.start]:
                 continue
             at_ends = min(speed[rest.start - 1], speed[rest.stop])
-            if lasts < _FEWEST_RESTING or np.median(speed[rest]) > _TURNS * at_ends:
+            if lasts < _FEWEST_RESTING or np.median(speed[rest]) > _REVERSAL_SPEED * at_ends:
                 of_run[rest] = np.sign(velocity[rows][rest])
         touching = np.asarray(scipy.ndimage.median_filter(pressed[rows].astype(np.int8), 3, mode="nearest"))
         phase[rows] = _PHASES[touching, of_run + 1]
@@ -220,21 +220,21 @@ def _typical_size(signal: FloatArray) -> float:
 
 
 _TAILS = (0.005, 0.995)  # quantiles that define the range of a signal
-_FAR = 3.0  # least ratio of the larger to the smaller side of a one-sided signal
-_GOES_WITH = 0.3  # least correlation of displacement and force in a press, with much free air
-_DRAGGED = -0.3  # correlation of velocity and force below which the force has the opposite sign
-_OTHER_SIDE = 0.2  # least range on the smaller side, relative to the larger
-_MOVES = 0.3  # least standard deviation of the force on one side, relative to the other
-_FARTHER = 0.5  # least displacement that counts as far out, relative to the extreme
-_FARTHEST = 0.9  # least displacement that counts as farthest out, relative to the extreme
-_RESTS = 0.2  # largest force at rest farthest out, relative to its deviation on that side
-_RESTLESS = 0.5  # least relative deviation of a force that does not rest farthest out
-_FEWEST = 20  # least number of samples far out, or near a level of the force
+_ONE_SIDED_RATIO = 3.0  # least ratio of the larger to the smaller side of a one-sided signal
+_PRESS_CORRELATION = 0.3  # least correlation of displacement and force in a press, with much free air
+_OPPOSED_CORRELATION = -0.3  # correlation of velocity and force below which the force has the opposite sign
+_MIN_OTHER_SIDE = 0.2  # least range on the smaller side, relative to the larger
+_MIN_FORCE_CHANGE = 0.3  # least standard deviation of the force on one side, relative to the other
+_FAR_OUT = 0.5  # least displacement that counts as far out, relative to the extreme
+_FARTHEST_OUT = 0.9  # least displacement that counts as farthest out, relative to the extreme
+_MAX_REST = 0.2  # largest force at rest farthest out, relative to its deviation on that side
+_MIN_CHANGING_FORCE = 0.5  # least relative deviation of a force that does not rest farthest out
+_MIN_SAMPLES = 20  # least number of samples far out, or near a level of the force
 _SHALLOW = 0.02  # quantile of pressed depths; the force begins at most there
-_PULLS = 0.5  # least force of the weaker sign, relative to the stronger
-_NOT_NOISE = 0.5  # least correlation of consecutive readings that are not only noise
-_FINE, _MOSTLY_HELD = 1e-3, 0.5  # least relative step of a move; share of moves below which holds dominate
-_OF_AIR = 0.1  # share of the displacement's range that free air must span
+_MIN_PULL = 0.5  # least force of the weaker sign, relative to the stronger
+_MIN_AUTOCORRELATION = 0.5  # least correlation of consecutive readings that are not only noise
+_MIN_MOVE, _MIN_MOVES = 1e-3, 0.5  # least relative step of a move; share of moves below which holds dominate
+_MIN_AIR_RANGE = 0.1  # share of the displacement's range that free air must span
 
 
 @dataclass(frozen=True)
@@ -264,16 +264,16 @@ def press_sides(displacement: FloatArray, force: FloatArray) -> PressSides:
     # In free air a force is at rest: consecutive readings differ as much as any others. A force that changes
     # smoothly farthest outside the object belongs to an element that is attached at both ends.
     depth = sides.displacement * displacement - sides.zero_m
-    farthest = force[depth <= _FARTHEST * min(depth.min(), 0.0)]
-    is_held = len(farthest) >= _FEWEST and bool(np.std(farthest) > _RESTLESS * np.std(force))
-    is_held = is_held and correlation_coefficient(farthest[1:], farthest[:-1]) > _NOT_NOISE
+    farthest = force[depth <= _FARTHEST_OUT * min(depth.min(), 0.0)]
+    is_held = len(farthest) >= _MIN_SAMPLES and bool(np.std(farthest) > _MIN_CHANGING_FORCE * np.std(force))
+    is_held = is_held and correlation_coefficient(farthest[1:], farthest[:-1]) > _MIN_AUTOCORRELATION
     if is_two_sided or is_held:
         correlation = correlation_coefficient(displacement, force)
         if is_held and abs(np.mean(displacement)) > np.ptp(displacement):  # includes the element's length
             correlation = np.sign(np.mean(displacement) * np.mean(force))
         if abs(correlation) > _SPRINGY:
             return PressSides(force=float(np.sign(correlation)), two_sided=True, never_free=is_held)
-        against = correlation_coefficient(np.gradient(displacement), force) < _DRAGGED
+        against = correlation_coefficient(np.gradient(displacement), force) < _OPPOSED_CORRELATION
         way = -1.0 if against else 1.0
         return PressSides(force=way, two_sided=True, springy=not is_two_sided, never_free=is_held)
     return sides
@@ -283,14 +283,14 @@ def _sides_of_object(displacement: FloatArray, force: FloatArray) -> PressSides:
     """Determine signs and zero of displacement and force (n,) of an object that can only push."""
     correlation = correlation_coefficient(displacement, force)
     until = int(np.argmax(np.abs(force))) + 1  # afterwards the object may soften or tear
-    before = correlation_coefficient(displacement[:until], force[:until]) if until >= _FEWEST else 0.0
-    if abs(before) > _GOES_WITH > correlation * np.sign(before):
+    before = correlation_coefficient(displacement[:until], force[:until]) if until >= _MIN_SAMPLES else 0.0
+    if abs(before) > _PRESS_CORRELATION > correlation * np.sign(before):
         displacement, force = displacement[:until], force[:until]
         correlation = before
     way, push = 1.0, 1.0
-    if correlation > _GOES_WITH and _is_negative(force):  # the zero of the displacement is arbitrary
+    if correlation > _PRESS_CORRELATION and _is_negative(force):  # the zero of the displacement is arbitrary
         way = push = -1.0
-    elif correlation < -_GOES_WITH:
+    elif correlation < -_PRESS_CORRELATION:
         way, push = (1.0, -1.0) if _is_negative(force) else (-1.0, 1.0)
     zero_m = _find_zero(way * displacement, push * force)
     near = _SHALLOW * float(np.ptp(displacement))
@@ -302,7 +302,7 @@ def _sides_of_object(displacement: FloatArray, force: FloatArray) -> PressSides:
 def _is_negative(signal: FloatArray) -> bool:
     """Return whether a signal (n,) is mostly below zero."""
     low, high = np.quantile(signal, _TAILS)
-    return bool(-low > _FAR * max(high, 0.0) and low < high)
+    return bool(-low > _ONE_SIDED_RATIO * max(high, 0.0) and low < high)
 
 
 def _find_zero(displacement: FloatArray, force: FloatArray) -> float:
@@ -313,20 +313,21 @@ def _find_zero(displacement: FloatArray, force: FloatArray) -> float:
     crosses zero. A hold counts as one sample, since it may last longer than all motion.
     """
     moved = (
-        np.diff(np.floor(displacement / (_FINE * float(np.ptp(displacement)) or 1.0)), prepend=np.inf) != 0
+        np.diff(np.floor(displacement / (_MIN_MOVE * float(np.ptp(displacement)) or 1.0)), prepend=np.inf)
+        != 0
     )
-    if np.mean(moved) < _MOSTLY_HELD:
+    if np.mean(moved) < _MIN_MOVES:
         displacement, force = displacement[moved], force[moved]
-    if correlation_coefficient(displacement, force) < _GOES_WITH:
+    if correlation_coefficient(displacement, force) < _PRESS_CORRELATION:
         return 0.0  # there is no evidence of a press
     low, high = np.quantile(displacement, _TAILS)
     levels = force_levels(force, displacement if low < 0.0 < high else np.ones_like(displacement))
     free = displacement[force <= levels.released]
-    in_air = len(free) >= _FEWEST and np.ptp(free) > _OF_AIR * (high - low)
+    in_air = len(free) >= _MIN_SAMPLES and np.ptp(free) > _MIN_AIR_RANGE * (high - low)
     if high > 0.0 and not (low > high - low and in_air):
         return 0.0
     pressed = force > levels.pressed
-    if not in_air or np.sum(pressed) < _FEWEST:
+    if not in_air or np.sum(pressed) < _MIN_SAMPLES:
         return float(low)
     columns = np.column_stack([displacement, np.gradient(displacement), np.ones(len(force))])
     stiffness, _, offset = np.linalg.lstsq(columns[pressed], force[pressed] - levels.free, rcond=None)[0]
@@ -344,19 +345,19 @@ def _is_two_sided(displacement: FloatArray, force: FloatArray) -> bool:
     - Displacement and force are both positive and negative, and the force is not zero at the most negative
       displacements. A sticking object detaches there, and its force is then zero.
     """
-    if len(force) > 1 and correlation_coefficient(force[1:], force[:-1]) >= _NOT_NOISE:
+    if len(force) > 1 and correlation_coefficient(force[1:], force[:-1]) >= _MIN_AUTOCORRELATION:
         extreme = displacement[np.argmax(np.abs(displacement))]
-        deep = force[displacement * np.sign(extreme) > _FARTHER * abs(extreme)]
-        low, high = np.quantile(deep, [0.1, 0.9]) if len(deep) >= _FEWEST else (0.0, 0.0)
-        if min(-low, high) > _PULLS * max(-low, high) > _PULLS * _PULLS * np.abs(force).max():
+        deep = force[displacement * np.sign(extreme) > _FAR_OUT * abs(extreme)]
+        low, high = np.quantile(deep, [0.1, 0.9]) if len(deep) >= _MIN_SAMPLES else (0.0, 0.0)
+        if min(-low, high) > _MIN_PULL * max(-low, high) > _MIN_PULL * _MIN_PULL * np.abs(force).max():
             return True
     ends = [np.quantile(signal, _TAILS) for signal in (displacement, force)]
-    if any(min(-low, high) <= _OTHER_SIDE * max(-low, high) for low, high in ends):
+    if any(min(-low, high) <= _MIN_OTHER_SIDE * max(-low, high) for low, high in ends):
         return False
-    far, pushing = displacement < _FARTHER * ends[0][0], displacement > _FARTHER * ends[0][1]
-    enough = min(np.sum(far), np.sum(pushing)) >= _FEWEST
-    if not enough or np.std(force[far]) <= _MOVES * np.std(force[pushing]):
+    far, pushing = displacement < _FAR_OUT * ends[0][0], displacement > _FAR_OUT * ends[0][1]
+    enough = min(np.sum(far), np.sum(pushing)) >= _MIN_SAMPLES
+    if not enough or np.std(force[far]) <= _MIN_FORCE_CHANGE * np.std(force[pushing]):
         return False
-    farthest = force[displacement < _FARTHEST * ends[0][0]]
-    rests = np.sqrt(np.mean(farthest**2)) < _RESTS * np.std(force[far])
-    return not (len(farthest) >= _FEWEST and rests)
+    farthest = force[displacement < _FARTHEST_OUT * ends[0][0]]
+    rests = np.sqrt(np.mean(farthest**2)) < _MAX_REST * np.std(force[far])
+    return not (len(farthest) >= _MIN_SAMPLES and rests)

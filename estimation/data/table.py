@@ -137,7 +137,7 @@ class Table:
         marked = np.asarray(pc.match_substring(trimmed, self.decimal).fill_null(False))
         unmarked = np.where(marked, 0.0, np.abs(values))
         texts = (str(trimmed[row]) for row in np.flatnonzero(marked).tolist())
-        if ambiguity := thousands_ambiguity(texts, float(unmarked.max()), self.decimal):
+        if ambiguity := thousands_ambiguity(texts, float(unmarked.max(initial=0.0)), self.decimal):
             whole = trimmed[int(np.argmax(unmarked >= LEAST_UNMARKED))]
             raise InputError(
                 f"{self.place(np.argmax(marked), name)}: {ambiguity}, since numbers such as '{whole}' have "

@@ -16,6 +16,7 @@ from palpate.estimation.data.column_names import (
     parse_role,
     unit_in_name,
 )
+from palpate.estimation.data.file_columns import list_first
 from palpate.estimation.data.units import dimension_of, normalise
 from palpate.robot_io.errors import InputError
 
@@ -503,10 +504,9 @@ def same_columns(blocks: Sequence[Block], selected: str, place: Path) -> tuple[l
     omitted = [block for number, block in enumerate(blocks) if number not in chosen]
     if not omitted:
         return chosen, []
-    sizes = (f"'{block.title}' ({block.rows:,} row{'s' * (block.rows != 1)})" for block in omitted[:5])
-    listed = ", ".join(sizes) + (" ..." if len(omitted) > 5 else "")
+    sizes = [f"'{block.title}' ({block.rows:,} row{'s' * (block.rows != 1)})" for block in omitted]
     option = f"--table {shlex.quote(omitted[0].title)}"
-    note = f"tables not read because their columns differ: {listed}; {option} selects one"
+    note = f"tables not read because their columns differ: {list_first(sizes, 5)}; {option} selects one"
     # A line of words among the rows, such as a remark with as many cells, looks like column names.
     alike = (block for block in omitted if len(block.names) == len(longest.names))
     doubtful = next((block.title for block in alike if not _is_measurement(block.names)), "")

@@ -18,21 +18,21 @@ from palpate.robot_io.errors import InputError, SessionError
 from palpate.robot_io.session import Samples, Session
 from palpate.robot_io.types import BoolArray, FloatArray, IntArray, Status
 
-USELESS = (Phase.IDLE, Phase.STOPPED)
+UNUSED_PHASES = (Phase.IDLE, Phase.STOPPED)
 _MOST_JOINTS = 100
 _FAR_S = 60.0  # time between a tick and a sample in it that exceeds any age limit
-MAY_LACK = {  # columns that no computation uses
+OPTIONAL_COLUMNS = {  # columns that no computation uses
     "tick",
     "guard_tripped",
     *("joint_velocity_rad_s", "reference_velocity_rad_s", "tip_velocity_world_m_s", "torque_commanded_nm"),
     *("read_s", "control_s", "guard_s", "write_s", "observer_s", "log_s", "lateness_s"),
 }
-_BY_DEVICE = {
+_COLUMNS_BY_STATUS = {
     "encoder_status": ("joint_position_rad", "encoder_at_s"),
     "torque_status": ("torque_measured_nm", "torque_at_s"),
     "force_status": ("force_n", "force_at_s"),
 }
-_OF_A_RUN = ("tip_position_world_m", "press_direction_world")
+_RUN_COLUMNS = ("tip_position_world_m", "press_direction_world")
 
 
 def checked_ticks(session: Session) -> Samples:
@@ -59,7 +59,7 @@ def checked_ticks(session: Session) -> Samples:
         raise SessionError(f"{place}, column 'joint_position_rad': {joints} joints, at most {_MOST_JOINTS}")
     for column in tick_stream(joints).columns:
         own = columns.get(column.name)
-        if own is None and column.name in MAY_LACK:
+        if own is None and column.name in OPTIONAL_COLUMNS:
             continue
         if own is None:
             raise SessionError(f"{place}: no column '{column.name}'")
@@ -78,8 +78,8 @@ def checked_ticks(session: Session) -> Samples:
             f"{session.path}: tick {late[0] + 2}, column 'time_s': is {-late_s[late[0]]:.3g} s "
             "earlier than the previous tick; the program that wrote this file reordered its messages"
         )
-    good = {status: ticks[status] == Status.OK for status in _BY_DEVICE}
-    for status, names in _BY_DEVICE.items():
+    good = {status: ticks[status] == Status.OK for status in _COLUMNS_BY_STATUS}
+    for status, names in _COLUMNS_BY_STATUS.items():
         for name in names:
             _check_values(session, ticks, name, good[status])
         # Sample times must be close to the tick time.
@@ -90,8 +90,8 @@ def checked_ticks(session: Session) -> Samples:
                 f"{session.path}: tick {far[0] + 1}, column '{names[1]}': {sampled_s:g} s is far from the "
                 f"tick's own time, {own_s:g} s"
             )
-    in_run = good["encoder_status"] & (ticks["run"] != NO_RUN) & ~np.isin(ticks["phase"], USELESS)
-    for name in _OF_A_RUN:
+    in_run = good["encoder_status"] & (ticks["run"] != NO_RUN) & ~np.isin(ticks["phase"], UNUSED_PHASES)
+    for name in _RUN_COLUMNS:
         _check_values(session, ticks, name, in_run)
     return ticks
 
@@ -111,17 +111,17 @@ def _check_values(session: Session, ticks: Samples, name: str, rows: BoolArray) 
 
 DIRECTION = "press_direction_world"
 # Columns that the channels need; loading only these saves memory in a long session.
-_OF_BOTH = {"run", "phase", "joint_position_rad", "encoder_at_s", "force_n", "force_at_s", DIRECTION}
-_OF_CONTACTS = {*_OF_BOTH, "tip_position_world_m"}
-_OF_JOINTS = {*_OF_BOTH, "torque_measured_nm", "torque_at_s", "force_status"}
-NEEDED = {*_OF_CONTACTS, *_OF_JOINTS, *_BY_DEVICE, "time_s"}
+_SHARED_COLUMNS = {"run", "phase", "joint_position_rad", "encoder_at_s", "force_n", "force_at_s", DIRECTION}
+_CONTACT_COLUMNS = {*_SHARED_COLUMNS, "tip_position_world_m"}
+_JOINT_COLUMNS = {*_SHARED_COLUMNS, "torque_measured_nm", "torque_at_s", "force_status"}
+USED_COLUMNS = {*_CONTACT_COLUMNS, *_JOINT_COLUMNS, *_COLUMNS_BY_STATUS, "time_s"}
 _SAME_PLACE_M = 0.005  # largest distance across the press direction between contacts at one place
 _SAME_DIRECTION = np.cos(np.radians(2.0))
-_BESIDE_S = 0.05  # time before and after a certain contact in which there may also be contact
-_FEWEST = 20  # least number of samples in contact for an estimate
+_CONTACT_MARGIN_S = 0.05  # time before and after a certain contact in which there may also be contact
+_MIN_CONTACT_SAMPLES = 20  # least number of samples in contact for an estimate
 
 
-def joined(ticks: Sequence[Samples]) -> Samples:
+def joined_ticks(ticks: Sequence[Samples]) -> Samples:
     """Concatenate the ticks of several sessions of one arm; runs are renumbered.
 
     Times are unchanged. If one clock continues through all sessions, effects with memory persist across them.
@@ -161,11 +161,11 @@ def contact_channels(ticks: Samples, *, tared: bool) -> tuple[ChannelData, ...]:
         contact.
     """
     good = _valid_ticks(ticks, "encoder_status", "force_status") & (ticks["run"] != NO_RUN)
-    chosen = ticks.select(good, _OF_CONTACTS)
+    chosen = ticks.select(good, _CONTACT_COLUMNS)
     contacts = find_contacts(chosen["force_n"], chosen["run"], chosen["phase"])
     places: list[tuple[FloatArray, list[Contact]]] = []  # center of each place, and the contacts there
     for contact in contacts:
-        if len(contact.rows) < _FEWEST:
+        if len(contact.rows) < _MIN_CONTACT_SAMPLES:
             continue
         first = contact.rows[0]
         direction, tip = chosen[DIRECTION][first], chosen["tip_position_world_m"][first]
@@ -197,8 +197,8 @@ def joint_channels(ticks: Samples, known: FloatArray | None = None) -> tuple[Cha
         ticks: ticks of one or several probing sessions.
         known: direction of the first press, shape (3,); None to use that of these ticks.
     """
-    useful = ~np.isin(ticks["phase"], USELESS)
-    chosen = ticks.select(_valid_ticks(ticks, "encoder_status", "torque_status") & useful, _OF_JOINTS)
+    useful = ~np.isin(ticks["phase"], UNUSED_PHASES)
+    chosen = ticks.select(_valid_ticks(ticks, "encoder_status", "torque_status") & useful, _JOINT_COLUMNS)
     if len(chosen) == 0:
         return ()
     time_s, in_run = chosen["torque_at_s"], chosen["run"] != NO_RUN
@@ -237,7 +237,7 @@ def joint_channels(ticks: Samples, known: FloatArray | None = None) -> tuple[Cha
     for contact in contacts:
         if len(rows := contact.rows) and directions[rows[0]] @ first < _SAME_DIRECTION:
             begun_s, ended_s = time_s[rows[[0, -1]]]
-            near = (time_s > begun_s - _BESIDE_S) & (time_s < ended_s + _BESIDE_S)
+            near = (time_s > begun_s - _CONTACT_MARGIN_S) & (time_s < ended_s + _CONTACT_MARGIN_S)
             valid &= ~(near & (chosen["run"] == contact.run))
     phase, names = chosen["phase"].astype(np.int64), [f"joint_{n}" for n in range(1, len(motions) + 1)]
     channels = (

@@ -9,7 +9,7 @@ from typing import Annotated
 from pydantic import BaseModel, ConfigDict, Field
 
 from palpate.estimation.base_model import ModelContext
-from palpate.estimation.data.units import LARGEST
+from palpate.estimation.data.units import LARGEST_NUMBER
 from palpate.estimation.diagnosis.result import ParameterValue
 from palpate.estimation.effects import EFFECTS
 from palpate.estimation.models import MODELS
@@ -19,8 +19,8 @@ from palpate.robot_io.files.whole_file import whole_file
 
 FOLDER = "revisions"
 MOST = 999_999  # largest number that palpate creates
-Sized = Annotated[float, Field(ge=-LARGEST, le=LARGEST)]
-SizedError = Annotated[float, Field(ge=0.0, le=LARGEST)]
+Sized = Annotated[float, Field(ge=-LARGEST_NUMBER, le=LARGEST_NUMBER)]
+SizedError = Annotated[float, Field(ge=0.0, le=LARGEST_NUMBER)]
 
 
 class KeptParameter(ParameterValue):

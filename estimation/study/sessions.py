@@ -11,7 +11,7 @@ from palpate.estimation.channel import ChannelData
 from palpate.estimation.data.channels import run_labels, session_channels
 from palpate.estimation.data.column_names import RUN
 from palpate.estimation.data.import_file import chosen_texts
-from palpate.estimation.data.tick_channels import NEEDED
+from palpate.estimation.data.tick_channels import USED_COLUMNS
 from palpate.robot_io.calibration.applied import parse_calibrations
 from palpate.robot_io.errors import InputError
 from palpate.robot_io.robot_file import parse_robot_file
@@ -87,7 +87,7 @@ def with_ticks(session: Session) -> Session:
 
 def _open(path: Path) -> Session:
     """Open a session without tick columns that no study needs, which halves its memory."""
-    return Session.open(path).only_columns(STREAM_NAME, NEEDED)
+    return Session.open(path).only_columns(STREAM_NAME, USED_COLUMNS)
 
 
 def arm_of(session: Session) -> Arm:

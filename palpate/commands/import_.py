@@ -17,7 +17,7 @@ from palpate.common.files import existing_file, open_session, output_session
 from palpate.common.options import takes
 from palpate.control.loop.task import Phase
 from palpate.estimation.data.channels import import_extra, import_streams
-from palpate.estimation.data.file_columns import is_session
+from palpate.estimation.data.file_columns import is_session, list_first
 from palpate.estimation.data.import_file import Imported, import_table
 from palpate.estimation.data.import_files import data_files, import_files
 from palpate.estimation.data.import_options import ImportOptions
@@ -83,8 +83,7 @@ def import_command(
         return
     stem = files[0].name.removesuffix(".gz").rpartition(".")[0] or files[0].stem
     session = output_session(out or Path("sessions") / f"{stem}.mcap")
-    more = " ..." if len(tables) > _MOST_NAMES else ""
-    names = ", ".join(file.name for file in tables[:_MOST_NAMES]) + more
+    names = list_first([file.name for file in tables], _MOST_NAMES)
     with import_progress() as progress:
         imported = import_files(tables, options.options, lambda what, share: progress(what, _READ * share))
         write_session(

@@ -17,7 +17,7 @@ import numpy as np
 
 from palpate.common.files import existing_file
 from palpate.estimation.channel import ChannelData, ChannelKind
-from palpate.estimation.data.units import LARGEST
+from palpate.estimation.data.units import LARGEST_NUMBER
 from palpate.estimation.effect import (
     AdditiveEffect,
     Effect,
@@ -336,8 +336,8 @@ def _flaw(effect: Effect, method: str, args: tuple[Any, ...], made: Any) -> str 
             wrong = f"an array of shape {np.shape(array)}, expected {shape}"
         elif not np.isfinite(array).all():
             wrong = "values that are not finite"
-        elif np.any(np.abs(array) > LARGEST):
-            wrong = f"values beyond {LARGEST:g}"
+        elif np.any(np.abs(array) > LARGEST_NUMBER):
+            wrong = f"values beyond {LARGEST_NUMBER:g}"
         if wrong:
             return f"{what} gives {wrong}"
     return None

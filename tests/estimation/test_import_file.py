@@ -674,3 +674,10 @@ def test_a_joint_without_an_effort_is_asked_for_the_column_that_stands_for_it(co
     assert "--column torque='voltage (V)' --unit torque=1Nm" in refusal(path)
     options = {"columns": {"torque": "voltage (V)"}, "units": {"torque": "1Nm"}}
     assert only(import_file(path, ImportOptions(**options))).effort == pytest.approx(F)
+
+
+def test_a_stated_number_of_presses_that_restarts_of_the_clock_contradict_is_refused(contact):
+    twice = np.tile(np.arange(50), 2)
+    path = contact(time_s=T[twice], displacement_m=X[twice], force_N=F[twice])
+    with pytest.raises(InputError, match="--runs 1: the clock restarts once, so there are at least 2 runs"):
+        import_file(path, ImportOptions(runs=1))

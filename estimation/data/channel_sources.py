@@ -1,0 +1,201 @@
+"""Decide which channels the columns of a data file form, or explain why they form none."""
+
+import shlex
+from collections.abc import Collection
+from dataclasses import dataclass
+
+import numpy as np
+
+from palpate.estimation.channel import ChannelKind
+from palpate.estimation.data.assign_columns import Columns
+from palpate.estimation.data.choose_columns import EFFORTS
+from palpate.estimation.data.column_names import (
+    DISPLACEMENT,
+    FORCE,
+    QUANTITIES,
+    TIME,
+    Key,
+    guess_columns,
+    quantity_in,
+    unit_in_name,
+)
+from palpate.estimation.data.column_units import ColumnUnits
+from palpate.estimation.data.file_columns import list_first
+from palpate.estimation.data.import_options import ImportOptions
+from palpate.estimation.data.text_dialect import NAMELESS
+from palpate.estimation.data.units import dimension_of
+from palpate.robot_io.errors import InputError
+
+# Quantities of columns that cannot be an effort.
+_NO_EFFORT = {"time", "position", "velocity", "acceleration", "run", "phase", "goal", "none"}
+_SHOWN_CELLS = 12  # cells of a row that an error message shows
+
+
+@dataclass(frozen=True)
+class ChannelSource:
+    """Origin of a channel: its name, kind, and the columns of position and effort."""
+
+    name: str  # "contact" or "joint_1", "joint_2" ...
+    kind: ChannelKind
+    position: Key  # key of the position, or of the velocity that is integrated to a position
+    effort: Key
+
+    @property
+    def joint(self) -> int:
+        """Number of the joint, 0 for a contact or an unnumbered joint."""
+        return self.position[1]
+
+    @property
+    def keys(self) -> tuple[Key, ...]:
+        """All columns that the channel uses if the file has them."""
+        return self.position, self.effort, ("velocity", self.joint), ("acceleration", self.joint)
+
+
+def channel_sources(columns: Columns) -> list[ChannelSource]:
+    """Return the channels for which there are columns, at least one.
+
+    Args:
+        columns: columns of the file.
+
+    Raises:
+        InputError: no channel can be made; the message suggests options.
+    """
+    sources = []
+    if DISPLACEMENT in columns and FORCE in columns:
+        sources.append(ChannelSource("contact", ChannelKind.CONTACT, DISPLACEMENT, FORCE))
+    joint_keys = sorted(key for key in columns.assigned if key[0] in {"position", "velocity"})
+    for quantity, joint in joint_keys:
+        if quantity == "position" or ("position", joint) not in columns:
+            is_revolute = columns.assigned[quantity, joint].dimension in {"angle", "angle_rate"}
+            kind = ChannelKind.REVOLUTE if is_revolute else ChannelKind.PRISMATIC
+            effort = ("torque" if is_revolute else "force", joint)
+            if effort in columns and not (sources and effort == sources[0].effort):
+                sources.append(ChannelSource(f"joint_{max(joint, 1)}", kind, (quantity, joint), effort))
+    if not sources:
+        sources = [
+            ChannelSource(f"joint_{max(joint, 1)}", ChannelKind.SERVO, (quantity, joint), ("goal", joint))
+            for quantity, joint in joint_keys
+            if quantity == "position"
+            and columns.assigned[quantity, joint].dimension == "angle"
+            and ("goal", joint) in columns
+        ]
+    if sources:
+        return sources
+    _check_dimensions(columns)
+    table, first_row = columns.table, ""
+    if NAMELESS in table.notes:
+        cells = list_first([table.labels(name)[0][0] for name in table.names], _SHOWN_CELLS)
+        first_row = f" (it names none; the first row is {cells})"
+    reason = f"no channel can be made of columns {table.listed_names}{first_row}"
+    raise InputError(f"{table.path}: {reason}; {_suggest_columns(columns)}")
+
+
+def check_options_are_used(
+    columns: Columns, sources: Collection[ChannelSource], options: ImportOptions
+) -> None:
+    """Check that each quantity named in the options is used, since others would be ignored silently.
+
+    Args:
+        columns: columns of the file.
+        sources: the channels of the file.
+        options: options for columns and units.
+
+    Raises:
+        InputError: no channel uses a quantity that the user named.
+    """
+    used = {TIME, *(key for source in sources for key in source.keys)}
+    for key, assigned in columns.assigned.items():
+        if key in used:
+            continue
+        texts = [f"--column {name}={c}" for name, c in options.columns.items() if c == assigned.column]
+        names = ColumnUnits(columns.table, options).option_names(columns.role(key), assigned.column)
+        texts += [f"--unit {name}={options.units[name]}" for name in names]
+        if texts:
+            channels = "; ".join(
+                f"{source.name} of '{columns.name(source.position)}', '{columns.name(source.effort)}'"
+                for source in sources
+            )
+            raise InputError(
+                f"{columns.table.path}: {' '.join(texts)}: no channel uses it as "
+                f"{columns.role(key).numbered}. Channels: {channels}"
+            )
+
+
+def _check_dimensions(columns: Columns) -> None:
+    """Check that no joint has an angle with a force, or a length with a torque.
+
+    Raises:
+        InputError: the dimensions of position and effort do not match.
+    """
+    for (quantity, joint), position in columns.assigned.items():
+        other_effort = ("force" if position.dimension == "angle" else "torque", joint)
+        if quantity != "position" or other_effort not in columns:
+            continue
+        effort, correction = columns.assigned[other_effort], "correct one with --unit or --column"
+        if effort.dimension == "current":
+            force = columns.role(("force", joint)).numbered
+            correction = (
+                "if it is the current of a linear motor with 20 N/A, add "
+                f"--column {force}={shlex.quote(effort.column)} --unit {force}=20N/A"
+            )
+        raise InputError(
+            f"{columns.table.path}: column '{position.column}' is in {position.unit} and "
+            f"'{effort.column}' in {effort.unit}: a torque goes with an angle (rad, deg), a force with a "
+            f"length (m, mm); {correction}"
+        )
+
+
+def _suggest_columns(columns: Columns) -> str:
+    """Describe the columns that channels need, and options for a column that probably is an effort."""
+    table = columns.table
+    guesses = {guess.column: guess for guess in guess_columns(table.names)}
+    quantity_by_name = {name: guesses[name].quantity or quantity_in(name) for name in table.names}
+    needed = (
+        "a contact needs time_s, displacement_m, force_N, a joint time_s, position_rad, torque_Nm "
+        "(or position_m, force_N)"
+    )
+    efforts = {dimension for quantity in EFFORTS for dimension in QUANTITIES[quantity]}
+    has_effort = any(quantity in EFFORTS for quantity, _ in columns.assigned) or any(
+        quantity_by_name[name] in EFFORTS
+        or (not quantity_by_name[name] and dimension_of(unit_in_name(name)) in efforts)
+        for name in table.names
+        if table.varies(name)
+    )
+    if not has_effort and NAMELESS not in table.notes:
+        return (
+            f"by names and units, no column seems to hold a force or torque; {needed}; if a column holds "
+            "one, add --column force_N=COLUMN or --column torque_Nm=COLUMN"
+        )
+    joints = [g.joint for g in guesses.values() if g.quantity == "position" and g.joint is not None]
+    torque = columns.assigned.get(("torque", 0))
+    if torque is not None and joints:
+        return f"{needed}; state the joint, as in --column torque_{joints[0]}={shlex.quote(torque.column)}"
+    numbers = [name for name in table.names if table.varies(name)]
+    free = [name for name in numbers if name not in columns.used and quantity_by_name[name] not in _NO_EFFORT]
+    angle = next((name for name in numbers if quantity_by_name[name] == "position"), None)
+    if angle is not None and free and dimension_of(unit_in_name(angle)) == "angle":
+        effort = next((name for name in free if quantity_by_name[name] in EFFORTS), free[0])
+        return f"{needed}; name the columns, as in --column torque={shlex.quote(effort)} --unit torque=1Nm"
+    options = []
+    if TIME not in columns:
+        rising = (name for name in free if (np.diff(table.numbers(name)) > 0.0).all())
+        clock = next((name for name in numbers if quantity_by_name[name] == "time"), "")
+        clock = clock or (next(rising, "") if NAMELESS in table.notes and len(free) > 2 else "")
+        options += [f"--column time={shlex.quote(clock)}"] if clock else []
+        free = [name for name in free if name != clock]
+    # Of columns with uninformative names, the smoothest one is suggested as the displacement.
+    free.sort(key=table.roughness)
+    for quantity, unit, last in (("displacement", "mm", 0), ("force", "N", -1)):
+        if (quantity, 0) in columns:
+            continue
+        if not free:
+            options = ["--column displacement_mm=COLUMN --column force_N=COLUMN"]
+            break
+        fitting = [name for name in free if dimension_of(unit_in_name(name)) in QUANTITIES[quantity]]
+        named = [name for name in free if quantity_by_name[name] == quantity]
+        silent = [name for name in free if not quantity_by_name[name]]
+        column = (fitting or named or silent or free)[0 if fitting or named else last]
+        free.remove(column)
+        options.append(f"--column {quantity}={shlex.quote(column)}")
+        options += [] if fitting else [f"--unit {quantity}={unit}"]
+    return f"{needed}; name the columns, as in {' '.join(options)}"
