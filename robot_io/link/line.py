@@ -15,12 +15,13 @@ from dataclasses import dataclass
 from ipaddress import ip_address
 from itertools import chain
 from pathlib import Path
-from typing import Any, Literal, Self
+from typing import TYPE_CHECKING, Literal, Self
 
 import numpy as np
 
 from palpate.robot_io.clock import Clock
 from palpate.robot_io.errors import InputError
+from palpate.robot_io.extras import LazyModule
 from palpate.robot_io.link.frame import (
     CHECKSUM,
     MOST_BYTES,
@@ -33,6 +34,11 @@ from palpate.robot_io.link.frame import (
     load_seal,
 )
 from palpate.robot_io.link.messages import Message
+
+if TYPE_CHECKING:
+    import zenoh
+else:
+    zenoh = LazyModule("zenoh")
 
 
 @dataclass(frozen=True)
@@ -61,7 +67,7 @@ class BadNetwork:
     """
 
     def __init__(self, impairment: Impairment) -> None:
-        self._is, self._rng = impairment, np.random.default_rng(impairment.seed)
+        self._impairment, self._generator = impairment, np.random.default_rng(impairment.seed)
         self._held: list[tuple[float, int, bytes]] = []
         self._count = 0
 
@@ -73,8 +79,9 @@ class BadNetwork:
             now_s: time [s].
         """
         self._count += 1
-        if self._rng.random() >= self._is.loss:
-            delay_s = max(0.0, self._rng.normal(self._is.delay_s, self._is.jitter_s))
+        impairment = self._impairment
+        if self._generator.random() >= impairment.loss:
+            delay_s = max(0.0, self._generator.normal(impairment.delay_s, impairment.jitter_s))
             heapq.heappush(self._held, (now_s + delay_s, self._count, data))
 
     def due(self, now_s: float) -> list[bytes]:
@@ -91,7 +98,7 @@ class BadNetwork:
 
 Role = Literal["leader", "follower"]
 _TLS, _LISTEN, _MULTICAST = "transport/link/tls", "listen/endpoints", "scouting/multicast/enabled"
-_OTHER: dict[Role, Role] = {"leader": "follower", "follower": "leader"}
+_OTHER_ROLE: dict[Role, Role] = {"leader": "follower", "follower": "leader"}
 _WAITING = 512  # received frames that are kept until `receive`; then the oldest are dropped
 _LOOPBACK = "tcp/127.0.0.1"
 _RETRY = {"period_init_ms": 100, "period_max_ms": 500, "period_increase_factor": 1.5}
@@ -144,30 +151,26 @@ class Line:
     """
 
     def __init__(self, role: Role, settings: LineSettings, clock: Clock) -> None:
-        import zenoh  # noqa: PLC0415, slow to import
-
         self.sender = secrets.randbits(62)
         self.malformed, self.refused = 0, ""
         self.role, self._settings, self._clock = role, settings, clock
         self._sequence, self._heard = 0, Heard()
         self._waiting: deque[tuple[float, bytes]] = deque(maxlen=_WAITING)
         self._network = BadNetwork(settings.impairment) if settings.impairment else None
-        config = _config(zenoh, role, settings)
+        config = _config(role, settings)
         self.is_open_here = role == "follower" and settings.key is None and not _certified(config)
         if self.is_open_here:
-            _keep_to_this_machine(zenoh, config, settings)
+            _keep_to_this_machine(config, settings)
         self._over_udp = any("udp/" in config.get_json(f"{way}/endpoints") for way in ("listen", "connect"))
-        said, heard = (f"palpate/{settings.name}/{side}" for side in (role, _OTHER[role]))
-        secret = settings.key
-        self._mine, self._theirs = (
-            load_seal(secret, topic) if secret else CHECKSUM for topic in (said, heard)
-        )
+        topics = [f"palpate/{settings.name}/{side}" for side in (role, _OTHER_ROLE[role])]
+        own_topic, self._peer_topic = topics
+        key = settings.key
+        self._own_seal, self._peer_seal = (load_seal(key, topic) if key else CHECKSUM for topic in topics)
         try:
             self._session = zenoh.open(config)
-            self._subscribed = heard
-            self._subscriber = self._session.declare_subscriber(self._subscribed, self._arrived)
+            self._subscriber = self._session.declare_subscriber(self._peer_topic, self._arrived)
             self._publisher = self._session.declare_publisher(
-                said, congestion_control=zenoh.CongestionControl.DROP, express=True
+                own_topic, congestion_control=zenoh.CongestionControl.DROP, express=True
             )
         except zenoh.ZError as error:
             where, why = settings.config or f"{_LOOPBACK}:{settings.port}", cause(error)
@@ -182,7 +185,7 @@ class Line:
             message: the content.
         """
         now_s = self._clock.now_s()
-        data = encode(self.sender, self._sequence, now_s, self._heard, message, self._mine)
+        data = encode(self.sender, self._sequence, now_s, self._heard, message, self._own_seal)
         self._sequence += 1
         if self._network is None:
             self._put(data)
@@ -198,7 +201,7 @@ class Line:
         for _ in range(len(self._waiting)):
             at_s, data = self._waiting.popleft()
             try:
-                arrived.append((at_s, decode(data, self._theirs)))
+                arrived.append((at_s, decode(data, self._peer_seal)))
             except FrameError as error:
                 self.refuse(str(error))
         return arrived
@@ -206,7 +209,7 @@ class Line:
     def resubscribe(self) -> None:
         """Repeat the subscription, because zenoh announces it only once, which may be lost over UDP."""
         self._subscriber.undeclare()  # type: ignore[no-untyped-call]
-        self._subscriber = self._session.declare_subscriber(self._subscribed, self._arrived)
+        self._subscriber = self._session.declare_subscriber(self._peer_topic, self._arrived)
 
     def refuse(self, why: str) -> None:
         """Count received bytes that are not a valid frame or message.
@@ -220,11 +223,11 @@ class Line:
     def advice(self) -> str:
         """Return suggestions if nothing is received from the other side."""
         same = "--port" if self._settings.config is None else "a --link that reaches this side"
-        words = f"does a {_OTHER[self.role]} run with the same --name and --key, and {same}?"
+        advice = f"does a {_OTHER_ROLE[self.role]} run with the same --name and --key, and {same}?"
         if not self._over_udp:
-            return words
+            return advice
         return (
-            f"{words} Over UDP, each packet lost while connecting costs 10 s "
+            f"{advice} Over UDP, each packet lost while connecting costs 10 s "
             "(transport.unicast.open_timeout); tcp and tls send it again"
         )
 
@@ -247,7 +250,7 @@ class Line:
     def __exit__(self, *_: object) -> None:
         self.close()
 
-    def _arrived(self, sample: Any) -> None:  # noqa: ANN401, zenoh's own
+    def _arrived(self, sample: "zenoh.Sample") -> None:
         if len(sample.payload) > MOST_BYTES:  # not a frame, so not stored
             self.refuse(f"more than {MOST_BYTES} bytes")
             return
@@ -259,7 +262,8 @@ class Line:
                 self._put(data)
 
 
-def _config(zenoh: Any, role: Role, settings: LineSettings) -> Any:  # noqa: ANN401
+def _config(role: Role, settings: LineSettings) -> "zenoh.Config":
+    """Read zenoh's configuration, or make that of a pair on this machine."""
     if settings.config is not None:
         try:
             config = zenoh.Config.from_file(str(settings.config))
@@ -275,26 +279,27 @@ def _config(zenoh: Any, role: Role, settings: LineSettings) -> Any:  # noqa: ANN
                 if name.endswith("_private_key"):
                     check_secret(Path(file), where)
         return config
-    endpoint = f"{_LOOPBACK}:{settings.port}"
-    way = "listen" if role == "follower" else "connect"
+    endpoints = [f"{_LOOPBACK}:{settings.port}"]
     config = zenoh.Config()
-    config.insert_json5("mode", '"peer"')
-    config.insert_json5(_MULTICAST, "false")
-    config.insert_json5(_LISTEN, json.dumps([endpoint] if way == "listen" else []))
-    config.insert_json5("connect/endpoints", json.dumps([endpoint] if way == "connect" else []))
-    config.insert_json5("connect/retry", json.dumps(_RETRY))
-    config.insert_json5("connect/exit_on_failure", "false")
+    for key, value in {
+        "mode": "peer",
+        _MULTICAST: False,
+        _LISTEN: endpoints if role == "follower" else [],
+        "connect/endpoints": endpoints if role == "leader" else [],
+        "connect/retry": _RETRY,
+        "connect/exit_on_failure": False,
+    }.items():
+        config.insert_json5(key, json.dumps(value))
     return config
 
 
-def _certified(config: Any) -> bool:  # noqa: ANN401, zenoh's own
+def _certified(config: "zenoh.Config") -> bool:
     """Return whether both sides need a certificate."""
-    endpoints = [*_endpoints(config, "listen"), *_endpoints(config, "connect")]
-    mutual = json.loads(config.get_json(_TLS))["enable_mtls"]
-    return bool(mutual) and all(endpoint.startswith(("tls/", "quic/")) for endpoint in endpoints)
+    is_mutual = bool(json.loads(config.get_json(_TLS))["enable_mtls"])
+    return is_mutual and all(endpoint.startswith(("tls/", "quic/")) for endpoint in _endpoints(config))
 
 
-def _keep_to_this_machine(zenoh: Any, config: Any, settings: LineSettings) -> None:  # noqa: ANN401
+def _keep_to_this_machine(config: "zenoh.Config", settings: LineSettings) -> None:
     """Disable zenoh's default listeners, and reject endpoints on other machines.
 
     Raises:
@@ -302,8 +307,7 @@ def _keep_to_this_machine(zenoh: Any, config: Any, settings: LineSettings) -> No
     """
     if config.get_json(_LISTEN) == zenoh.Config().get_json(_LISTEN):
         config.insert_json5(_LISTEN, json.dumps([f"{_LOOPBACK}:{settings.port}"]))
-    used = [*_endpoints(config, "listen"), *_endpoints(config, "connect")]
-    open_to = [endpoint for endpoint in used if not _is_local(endpoint)]
+    open_to = [endpoint for endpoint in _endpoints(config) if not _is_local(endpoint)]
     if json.loads(config.get_json(_MULTICAST)):
         open_to.append(_MULTICAST.replace("/", "."))
     config.insert_json5(_MULTICAST, "false")
@@ -314,11 +318,15 @@ def _keep_to_this_machine(zenoh: Any, config: Any, settings: LineSettings) -> No
         )
 
 
-def _endpoints(config: Any, way: str) -> list[str]:  # noqa: ANN401, zenoh's own
-    endpoints = json.loads(config.get_json(f"{way}/endpoints"))
-    if isinstance(endpoints, dict):  # by the mode of this side
-        endpoints = chain.from_iterable(endpoints.values())
-    return list(map(str, endpoints))
+def _endpoints(config: "zenoh.Config") -> list[str]:
+    """List all endpoints on which zenoh listens, or to which it connects."""
+    found: list[str] = []
+    for way in ("listen", "connect"):
+        endpoints = json.loads(config.get_json(f"{way}/endpoints"))
+        if isinstance(endpoints, dict):  # by the mode of this side
+            endpoints = chain.from_iterable(endpoints.values())
+        found += map(str, endpoints)
+    return found
 
 
 def _is_local(endpoint: str) -> bool:

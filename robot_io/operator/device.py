@@ -129,7 +129,7 @@ class OperatorDevice(Opened):
 
     @abstractmethod
     def _hand(self) -> HandState:
-        """Read it."""
+        """Read the state of the tip."""
 
     @abstractmethod
     def _power(self, *, on: bool) -> None:
@@ -150,9 +150,9 @@ _STEP_S = 1e-3  # of the integration, at most
 class HandSettings(FileModel):
     """Mass, stiffness and damping of the modeled hand."""
 
-    mass_kg: Positive = 0.15  # of the device and what of the hand moves with it
-    stiffness_n_m: Positive = 600.0
-    damping_n_s_m: NotNegative = 15.0
+    mass_kg: Positive = 0.15  # of the device and the part of the hand that moves with it [kg]
+    stiffness_n_m: Positive = 600.0  # K, between hand and goal [N/m]
+    damping_n_s_m: NotNegative = 15.0  # B, between hand and goal [N s/m]
 
 
 class ModelledHand(OperatorDevice):
@@ -167,7 +167,14 @@ class ModelledHand(OperatorDevice):
 
     @abstractmethod
     def _goal(self, now_s: float) -> tuple[FloatArray, FloatArray, bool]:
-        """Goal (3,) [m], its velocity (3,) [m/s], and whether the button is held; called in order of time."""
+        """Compute the goal at a time; called in the order of time.
+
+        Args:
+            now_s: on the device's clock [s].
+
+        Returns:
+            Position (3,) [m] and velocity (3,) [m/s] in world axes, and whether the button is held.
+        """
 
     def _hand(self) -> HandState:
         now_s = self.clock.now_s()
@@ -178,8 +185,7 @@ class ModelledHand(OperatorDevice):
         for _ in range(steps):
             self._time_s += dt_s
             goal, velocity, select = self._goal(self._time_s)
-            # Implicit Euler: stable for any hand. The new position (3,) [m].
-            hand = self.settings
+            hand = self.settings  # implicit Euler is stable for any hand
             push = hand.stiffness_n_m * (goal - self._position) + hand.damping_n_s_m * velocity + self._force
             inertia_kg = hand.mass_kg + dt_s * (hand.damping_n_s_m + dt_s * hand.stiffness_n_m)
             self._velocity = (hand.mass_kg * self._velocity + dt_s * push) / inertia_kg
@@ -201,8 +207,8 @@ class Waypoint(FileModel):
     """Goal of the hand at a time, and whether it holds the button from there on."""
 
     time_s: NotNegative  # since the device was activated [s]
-    position_world_m: tuple[Number, Number, Number]
-    select: bool = False
+    position_world_m: tuple[Number, Number, Number]  # [m]
+    select: bool = False  # whether the button is held from this time on
 
 
 class ScriptedSettings(HandSettings):

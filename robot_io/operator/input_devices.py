@@ -61,17 +61,17 @@ class RecordFile:
             DeviceError: the device has disappeared.
         """
         try:
-            come = os.read(self.file, _MOST_BYTES)
+            received = os.read(self.file, _MOST_BYTES)
         except BlockingIOError:
             return []
         except OSError as error:
             raise DeviceError(f"{self.path}: the device has disappeared ({error.strerror})") from error
-        if not come:
+        if not received:
             raise DeviceError(f"{self.path}: the device has disappeared (end of file)")
-        come = self._rest + come
-        whole = len(come) - len(come) % self._size
-        self._rest = come[whole:]
-        return [come[start : start + self._size] for start in range(0, whole, self._size)]
+        received = self._rest + received
+        whole = len(received) - len(received) % self._size
+        self._rest = received[whole:]
+        return [received[start : start + self._size] for start in range(0, whole, self._size)]
 
     def close(self) -> None:
         """Close it."""
@@ -81,7 +81,7 @@ class RecordFile:
 class RecordSettings(HandSettings):
     """Initial position of the hand."""
 
-    start_world_m: tuple[Number, Number, Number] = (0.4, 0.0, 0.15)
+    start_world_m: tuple[Number, Number, Number] = (0.4, 0.0, 0.15)  # world position [m]
 
 
 class RecordHand(ModelledHand):
@@ -105,25 +105,22 @@ class RecordHand(ModelledHand):
             self._file = None
 
 
-_WAYS = {
-    b"w": (1, 0, 0),
-    b"s": (-1, 0, 0),
-    b"a": (0, 1, 0),
-    b"d": (0, -1, 0),
-    b"r": (0, 0, 1),
-    b"f": (0, 0, -1),
+# Direction of each key, world axes.
+_DIRECTIONS = {
+    **{b"w": (1, 0, 0), b"s": (-1, 0, 0), b"a": (0, 1, 0), b"d": (0, -1, 0)},
+    **{b"r": (0, 0, 1), b"f": (0, 0, -1)},
 }
 
 
 class KeyboardSettings(RecordSettings):
     """Settings of a keyboard, with the step of a key press."""
 
-    step_m: Positive = 0.001
-    terminal: str = "/dev/tty"
+    step_m: Positive = 0.001  # motion of the goal for one key press [m]
+    terminal: str = "/dev/tty"  # device file of the terminal
 
 
 class Keyboard(RecordHand):
-    """Reads keys as they are pressed, unechoed; the terminal is put back as it was."""
+    """Reads keys as they are pressed, without echo; restores the terminal's settings at the end."""
 
     name = "keyboard"
     Settings = KeyboardSettings
@@ -143,7 +140,7 @@ class Keyboard(RecordHand):
 
     def _goal(self, now_s: float) -> tuple[FloatArray, FloatArray, bool]:
         for key in self._records():
-            self._goal_m += self.settings.step_m * np.array(_WAYS.get(key.lower(), (0, 0, 0)))
+            self._goal_m += self.settings.step_m * np.array(_DIRECTIONS.get(key.lower(), (0, 0, 0)))
             self._select ^= key == b" "
         return self._goal_m, np.zeros(3), self._select
 
@@ -160,9 +157,9 @@ _LEFT, _X_NEGATIVE, _Y_NEGATIVE = 0x01, 0x10, 0x20
 class MouseSettings(RecordSettings):
     """Settings of a mouse, with the motion of the hand per count."""
 
-    port: str = "/dev/input/mice"
-    count_m: Positive = 5e-5
-    # Unit vectors that the mouse's way to the right and its way ahead stand for.
+    port: str = "/dev/input/mice"  # device file
+    count_m: Positive = 5e-5  # motion of the goal for one count of the mouse [m]
+    # World directions of the mouse's motion to the right and ahead, unit vectors.
     right_world: tuple[Number, Number, Number] = (1.0, 0.0, 0.0)
     ahead_world: tuple[Number, Number, Number] = (0.0, 0.0, 1.0)
 
@@ -176,12 +173,12 @@ class Mouse(RecordHand):
 
     def _open(self) -> None:
         self._open_file(self.settings.port, 3)
-        self._ways = np.array([self.settings.right_world, self.settings.ahead_world])
+        self._directions = np.array([self.settings.right_world, self.settings.ahead_world])
 
     def _goal(self, now_s: float) -> tuple[FloatArray, FloatArray, bool]:
         for buttons, right, ahead in self._records():
             counts = (right - 256 * bool(buttons & _X_NEGATIVE), ahead - 256 * bool(buttons & _Y_NEGATIVE))
-            self._goal_m += self.settings.count_m * np.array(counts) @ self._ways
+            self._goal_m += self.settings.count_m * np.array(counts) @ self._directions
             self._select = bool(buttons & _LEFT)
         return self._goal_m, np.zeros(3), self._select
 
@@ -196,12 +193,12 @@ AxisNumber = Annotated[int, Field(ge=0, le=63)]
 class GamepadSettings(RecordSettings):
     """Axes of the sticks; the defaults suit most pads, whose sticks return -1 when pushed away."""
 
-    port: str = "/dev/input/js0"
-    axes: tuple[AxisNumber, AxisNumber, AxisNumber] = (1, 0, 4)  # for x, y and z
-    signs: tuple[Number, Number, Number] = (-1.0, -1.0, -1.0)
-    speed_m_s: Positive = 0.05  # at full deflection
-    dead_zone: Annotated[Number, Field(ge=0.0, lt=1.0)] = 0.1
-    select_button: AxisNumber = 0
+    port: str = "/dev/input/js0"  # device file
+    axes: tuple[AxisNumber, AxisNumber, AxisNumber] = (1, 0, 4)  # numbers of the axes for world x, y and z
+    signs: tuple[Number, Number, Number] = (-1.0, -1.0, -1.0)  # signs of these axes along x, y and z
+    speed_m_s: Positive = 0.05  # speed of the goal at full deflection [m/s]
+    dead_zone: Annotated[Number, Field(ge=0.0, lt=1.0)] = 0.1  # share of the deflection that is ignored
+    select_button: AxisNumber = 0  # number of the button
 
 
 class Gamepad(RecordHand):
@@ -253,13 +250,17 @@ class _ErrorInfo(ctypes.Structure):
 class TouchSettings(FileModel):
     """The device, and the place of its work space in the world."""
 
-    device: str | None = None  # its name in the vendor's setup program; None: the default one
-    library: str = "libHD.so"
-    origin_world_m: tuple[Number, Number, Number] = (0.4, 0.0, 0.15)  # of the device's own origin
+    device: str | None = None  # name in the vendor's setup program; None for the default device
+    library: str = "libHD.so"  # file of OpenHaptics
+    origin_world_m: tuple[Number, Number, Number] = (
+        0.4,
+        0.0,
+        0.15,
+    )  # world position of the device's origin [m]
     scale: Positive = 1.0  # world meters for each meter of the stylus
-    watchdog_s: Positive = 0.02
-    oldest_s: Positive = 0.1  # longest time without a sample, after which the device has disappeared
-    select_button: Annotated[int, Field(ge=1, le=4)] = 1
+    watchdog_s: Positive = 0.02  # time without a new force after which none is rendered [s]
+    oldest_s: Positive = 0.1  # longest time without a sample, after which the device has disappeared [s]
+    select_button: Annotated[int, Field(ge=1, le=4)] = 1  # number of the button
 
 
 class TouchDevice(OperatorDevice):
