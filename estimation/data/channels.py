@@ -13,7 +13,7 @@ from palpate.estimation.data.import_file import Imported, with_arm
 from palpate.estimation.data.tick_channels import (
     checked_ticks,
     contact_channels,
-    joined_ticks,
+    join_ticks,
     joint_channels,
 )
 from palpate.estimation.data.units import MIN_STEP_S, describe_fault, invalid_rows
@@ -151,7 +151,7 @@ def session_channels(
         joints: whether to return the joints of a probing session, which need most of the memory.
 
     Raises:
-        InputError: the session has no channels, or the sessions cannot be joined_ticks.
+        InputError: the session has no channels, or the sessions cannot be joined.
     """
     names = [name for name in session.stream_names if name == "contact" or name.startswith("joint_")]
     try:
@@ -166,7 +166,7 @@ def session_channels(
             if probing.metadata.urdf != session.metadata.urdf:
                 by = f"was recorded with another arm than {session.path} (their URDFs differ)"
                 raise InputError(f"{probing.path}: {by}")
-        ticks = joined_ticks([checked_ticks(probing) for probing in (session, *more)])
+        ticks = join_ticks([checked_ticks(probing) for probing in (session, *more)])
         channels = (*contact_channels(ticks, tared=tared), *(joint_channels(ticks) if joints else ()))
     if not channels:
         streams = ", ".join(session.stream_names) or "none"

@@ -121,7 +121,7 @@ _CONTACT_MARGIN_S = 0.05  # time before and after a certain contact in which the
 _MIN_CONTACT_SAMPLES = 20  # least number of samples in contact for an estimate
 
 
-def joined_ticks(ticks: Sequence[Samples]) -> Samples:
+def join_ticks(ticks: Sequence[Samples]) -> Samples:
     """Concatenate the ticks of several sessions of one arm; runs are renumbered.
 
     Times are unchanged. If one clock continues through all sessions, effects with memory persist across them.

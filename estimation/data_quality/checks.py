@@ -164,18 +164,12 @@ def _warnings(data: ChannelData, model: Model | None) -> Iterator[tuple[str, str
     good = data.select(usable(data))
     if len(good) < MIN_SAMPLES:
         return
-    for kind, check in _IMPLAUSIBLE:
-        if warning := check(good):
-            yield kind, warning
-    if (model is None or model.gains or model.inner) and (warning := saturated(good)):
-        yield "saturation", warning
-    if warning := angle_in_degrees(good, model):
-        yield "units", warning
-    if warning := time_offset(good, model):
-        yield "sync", warning
+    found = [(kind, check(good)) for kind, check in _IMPLAUSIBLE]
+    found += [(kind, check(good, model)) for kind, check in _IMPLAUSIBLE_WITH_MODEL]
+    yield from ((kind, warning) for kind, warning in found if warning)
 
 
-def _median_distance(signal: FloatArray, run: IntArray) -> tuple[FloatArray, float]:
+def _distance_from_median(signal: FloatArray, run: IntArray) -> tuple[FloatArray, float]:
     """Return the distances (n,) of readings from their running medians, and the range of the medians."""
     smooth = apply_per_run(lambda values: np.asarray(scipy.ndimage.median_filter(values, 5)), signal, run)
     return np.abs(signal - smooth), float(np.ptp(smooth))
@@ -183,7 +177,7 @@ def _median_distance(signal: FloatArray, run: IntArray) -> tuple[FloatArray, flo
 
 def _glitches(signal: FloatArray, run: IntArray) -> BoolArray:
     """Return the mask (n,) of single readings that are far from both neighbors."""
-    distance, extent = _median_distance(signal, run)
+    distance, extent = _distance_from_median(signal, run)
     typical = float(np.median(distance[distance > 0.0])) if (distance > 0.0).any() else 0.0
     return np.asarray(distance > max(_GLITCH_RATIO * typical, _MIN_SPIKE * extent))
 
@@ -193,20 +187,19 @@ def _corrupted(data: ChannelData) -> str | None:
     if len(data) < MIN_SAMPLES:
         return None
     for name, signal in (("position", data.position), ("effort", data.effort)):
-        distance, extent = _median_distance(signal, data.run)
+        distance, extent = _distance_from_median(signal, data.run)
         is_code = distance > _CODE * extent
         is_bad = is_code.any() if name == "position" else np.mean(is_code) > _MAX_GLITCHES
         if extent > 0.0 and (is_bad or (distance > _HUGE * extent).any()):
-            return f"{_describe(data, name, is_code)}; remove such rows, or leave their cells empty"
+            return f"{_describe_outliers(data, name, is_code)}; remove such rows, or leave their cells empty"
     return None
 
 
-def _describe(data: ChannelData, name: str, rows: BoolArray) -> str:
+def _describe_outliers(data: ChannelData, name: str, rows: BoolArray) -> str:
     """Count the readings that are far from their neighbors, and describe the first one."""
     first, number = int(np.argmax(rows)), int(np.count_nonzero(rows))
-    signal, unit = data.position, data.kind.position_unit
-    if name == "effort":
-        signal, unit = data.effort, data.kind.effort_unit
+    unit = data.kind.effort_unit if name == "effort" else data.kind.position_unit
+    signal = data.effort if name == "effort" else data.position
     count = f"1 reading of the {name} is" if number == 1 else f"{number} readings of the {name} are"
     example = f"{signal[first]:.6g} {unit} at {data.time_s[first]:.6g} s"
     return f"{count} far from {'its' if number == 1 else 'their'} neighbors, such as {example}"
@@ -217,14 +210,17 @@ def _warn_of_outliers(data: ChannelData) -> Iterator[tuple[str, str]]:
     for name, signal in (("position", data.position), ("effort", data.effort)):
         far = _glitches(signal, data.run)
         if np.mean(far) > _MAX_GLITCHES:
-            yield "readings", f"{_describe(data, name, far)}; if they are lost readings, remove such rows"
+            yield (
+                "readings",
+                f"{_describe_outliers(data, name, far)}; if they are lost readings, remove such rows",
+            )
     glitches = _glitches(data.effort, data.run)
     if glitches.any() and np.mean(glitches) <= _MAX_GLITCHES:
         size, regular = np.abs(data.effort), data.effort[~glitches]
         # Outliers within the usual range, such as dropouts to zero, cause no warning.
         beyond = glitches & (size > np.abs(regular).max() + np.ptp(regular))
         if beyond.any():
-            reason = _describe(data, "effort", beyond)
+            reason = _describe_outliers(data, "effort", beyond)
             yield "enough", f"{reason}; diagnosis and comparison exclude such readings"
 
 
@@ -254,7 +250,7 @@ def _check_blocks(data: ChannelData, good: BoolArray) -> str | None:
     return None
 
 
-_Check = Callable[[ChannelData], str | None]
+_Check = Callable[[ChannelData], str | None]  # returns the reason or warning; None if the data pass
 _REJECTED: tuple[tuple[str, _Check], ...] = (  # kind and check, in the order used by `reject_reason`
     ("enough", wrong_size),
     ("excitation", unchanging),
@@ -273,6 +269,11 @@ _IMPLAUSIBLE: tuple[tuple[str, _Check], ...] = (
     ("excitation", single_speed),
     ("excitation", unrelated),
     ("excitation", late_touch),
+)
+_IMPLAUSIBLE_WITH_MODEL: tuple[tuple[str, Callable[[ChannelData, Model | None], str | None]], ...] = (
+    ("saturation", saturated),
+    ("units", angle_in_degrees),
+    ("sync", time_offset),
 )
 
 

@@ -82,9 +82,7 @@ def mistaken_times(data: ChannelData) -> str | None:
     if data.averaged > 1 and not is_even(data.time_s, data.run):
         return None
     ratio = mistaken_scale(data.time_s, data.position, data.velocity, data.run)
-    if ratio is None:
-        return None
-    if np.isnan(ratio) and not data.velocity.any():
+    if ratio is None or (np.isnan(ratio) and not data.velocity.any()):
         return None
     if np.isnan(ratio):
         return "the velocity does not follow the position; check times and the choice of columns"

@@ -5,6 +5,7 @@ from collections.abc import Mapping
 import numpy as np
 
 from palpate.estimation.channel import ChannelData, ChannelKind
+from palpate.estimation.model import Model
 from palpate.estimation.signals.blocks import rows_of_runs
 from palpate.estimation.signals.cache_by_array import cache_by_channel_arrays
 from palpate.estimation.signals.runwise import apply_per_run
@@ -55,10 +56,17 @@ def too_coarse(data: ChannelData) -> str | None:
     return None
 
 
-def saturated(data: ChannelData) -> str | None:
-    """Report a sensor that saturates; None if it does not."""
-    if len(np.unique(data.effort)) < _COARSE_LEVELS:
-        return None  # a coarse sensor often reads its extreme value
+def saturated(data: ChannelData, model: Model | None = None) -> str | None:
+    """Report a sensor that saturates; None if it does not.
+
+    Args:
+        data: the channel.
+        model: the base model; without free parameters it predicts the effort beyond the sensor's range, so
+            that saturation is no fault.
+    """
+    is_fixed = model is not None and not (model.gains or model.inner)
+    if is_fixed or len(np.unique(data.effort)) < _COARSE_LEVELS:  # it often reads its extreme value
+        return None
     size = np.abs(data.effort)
     loaded = size > _LOADED * size.max()
     for extreme in (data.effort.max(), data.effort.min()):

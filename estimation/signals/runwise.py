@@ -208,28 +208,55 @@ def smooth_jitter(position: FloatArray, time_s: FloatArray, run: IntArray) -> Fl
         time_s: times, shape (n,) [s].
         run: run number of each sample, shape (n,).
     """
-    half = int(0.5 * _JITTER_WINDOW_S / sample_time(time_s, run))
-    window, smoothed = 2 * half + 1, np.array(position, dtype=np.float64)
+    window = 2 * int(0.5 * _JITTER_WINDOW_S / sample_time(time_s, run)) + 1
+    position = np.array(position, dtype=np.float64)
     if not 3 < window <= len(position):
-        return smoothed
-    weights = _cubic_fit(window)
-    smoothed[half:-half] = np.convolve(position, weights[half, ::-1], mode="valid")
+        return position
+    return _apply_local_fit(_local_fit(window, 3, 0), position, run, position)
+
+
+def _apply_local_fit(weights: FloatArray, signal: FloatArray, run: IntArray, short: FloatArray) -> FloatArray:
+    """Apply a fit to the window of samples around each sample, or to the first or last window of its run.
+
+    Args:
+        weights: result of `_local_fit`, shape (window, window).
+        signal: signal, shape (n,).
+        run: run number of each sample, shape (n,).
+        short: result in runs that are shorter than the window, shape (n,).
+    """
+    result, window = short.copy(), len(weights)
+    half = window // 2
+    if len(signal) < window:
+        return result
+    result[half : len(signal) - half] = np.convolve(signal, weights[half, ::-1], mode="valid")
     for rows in blocks(run):
-        values, smooth = position[rows], smoothed[rows]
+        values, fitted = signal[rows], result[rows]
         if len(values) < window:
-            smooth[:] = values
+            fitted[:] = short[rows]
         else:
-            smooth[:half] = weights[:half] @ values[:window]
-            smooth[-half:] = weights[-half:] @ values[-window:]
-    return smoothed
+            fitted[:half], fitted[-half:] = (
+                weights[:half] @ values[:window],
+                weights[-half:] @ values[-window:],
+            )
+    return result
 
 
 @cache
-def _cubic_fit(window: int) -> FloatArray:
-    """Return the matrix (window, window) that maps the samples of a window to their cubic fit."""
+def _local_fit(window: int, degree: int, order: int) -> FloatArray:
+    """Return the matrix (window, window) that maps a window to a derivative of its polynomial fit.
+
+    Args:
+        window: odd number of evenly spaced samples.
+        degree: degree of the polynomial.
+        order: order of the derivative by the index of the sample, 0 for the fit itself.
+    """
+    half = window // 2
     place = np.linspace(-1.0, 1.0, window)
-    power = place[:, None] ** np.arange(4.0)
-    return np.asarray(power @ np.linalg.pinv(power))
+    power = np.arange(degree + 1)
+    fitted = np.linalg.pinv(place[:, None] ** power.astype(np.float64))
+    factors = np.array([float(perm(int(k), order)) for k in power]) / half**order
+    derived: FloatArray = factors * place[:, None] ** np.maximum(power - order, 0.0)
+    return derived @ fitted
 
 
 def direction(
@@ -282,29 +309,8 @@ def derivative(signal: FloatArray, time_s: FloatArray, run: IntArray, order: int
     Returns:
         Derivative, shape (n,) [unit of the signal / s^order].
     """
-    weights = _derivative_weights(order) / sample_time(time_s, run) ** order
-    result = np.zeros(len(signal))
-    if len(signal) < _WINDOW:
-        return result
-    result[2:-2] = sum(w * signal[i : len(signal) - 4 + i] for i, w in enumerate(weights[2]))
-    for rows in blocks(run):
-        values, slopes = signal[rows], result[rows]
-        if len(values) < _WINDOW:
-            slopes[:] = 0.0
-        else:
-            slopes[:2], slopes[-2:] = weights[:2] @ values[:_WINDOW], weights[-2:] @ values[-_WINDOW:]
-    return result
-
-
-@cache
-def _derivative_weights(order: int) -> FloatArray:
-    """Return the matrix (5, 5) that maps five samples to the derivative of their cubic or quartic fit."""
-    place = np.arange(_WINDOW) - _WINDOW // 2
-    power = np.arange(4 if order == 1 else 5)
-    fitted = np.linalg.pinv(place[:, None] ** power.astype(np.float64))
-    factors = np.array([float(perm(int(k), order)) for k in power])
-    derived: FloatArray = factors * place[:, None] ** np.maximum(power - order, 0.0)
-    return derived @ fitted
+    weights = _local_fit(_WINDOW, 3 if order == 1 else 4, order) / sample_time(time_s, run) ** order
+    return _apply_local_fit(weights, signal, run, np.zeros(len(signal)))
 
 
 _MAX_LOG = 36.0  # -log(1 - w) at which w equals 1 in double precision

@@ -16,7 +16,7 @@ from palpate.common.console import as_command, count, shown, significant, typed
 from palpate.common.files import existing_file, open_session, output_session
 from palpate.estimation.channel import ChannelData, ChannelKind
 from palpate.estimation.data.channels import session_channels
-from palpate.estimation.data.tick_channels import joined_ticks
+from palpate.estimation.data.tick_channels import join_ticks
 from palpate.estimation.effects import EFFECTS
 from palpate.robot_io.errors import InputError
 from palpate.robot_io.session import Session, SessionMetadata, Stream, write_session
@@ -112,7 +112,7 @@ def merged_streams(sessions: Sequence[Session]) -> list[Merged]:
     for name in sessions[0].stream_names:
         parts = [session.samples(name) for session in sessions]
         if RUN in parts[0]:
-            parts = [joined_ticks(parts)]
+            parts = [join_ticks(parts)]
         columns = {column: np.concatenate([part[column] for part in parts]) for column in parts[0]}
         merged.append((parts[0].stream, columns))
     return merged

@@ -9,7 +9,7 @@ import pytest
 from palpate.control.loop.task import Phase
 from palpate.estimation.channel import ChannelKind
 from palpate.estimation.data.contact import contact_rows, find_contacts
-from palpate.estimation.data.tick_channels import contact_channels, joined_ticks, joint_channels
+from palpate.estimation.data.tick_channels import contact_channels, join_ticks, joint_channels
 from palpate.estimation.estimate_channel import fitting_rows
 from palpate.estimation.study.estimates import estimate_with
 from palpate.render.estimates import remarks
@@ -179,7 +179,7 @@ def test_a_joint_is_not_asked_what_a_press_in_another_direction_is_like():
     """The surface answers along its normal; only one of two directions can be that."""
     straight, tilted = ticks(recorded()), [-0.64, 0.0, -0.77]
     turned = ticks(recorded(), press_direction_world=np.tile(tilted, (len(straight), 1)))
-    whole, of_both = joint_channels(straight)[0], joint_channels(joined_ticks([straight, turned]))[0]
+    whole, of_both = joint_channels(straight)[0], joint_channels(join_ticks([straight, turned]))[0]
     first, second = (of_both.select(chosen) for chosen in _halves(of_both, len(whole)))
     np.testing.assert_array_equal(first.effort, whole.effort)
     assert not second.context["touching"].any()
